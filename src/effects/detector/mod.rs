@@ -1,0 +1,1 @@
+//! In the detector: from light on a pixel to a count.

@@ -1,0 +1,20 @@
+//! The physics: every effect is one file, and one line in a registry.
+//!
+//! - A **displacement** moves a star's image. It is one generic body ([`Displacement`]) over numbers: with `f64` it is
+//!   rendered, with dual numbers the same body gives the columns that the calibrator fits.
+//! - A **pixel effect** works on the frame. It is a CPU twin and a WGSL shader of the same name; see [`crate::imaging`].
+//!
+//! The folder says where the light meets the effect: [`sky`], [`optics`], [`motion`] or [`detector`].
+//! The documentation of an effect's module is its page.
+
+pub mod detector;
+pub mod motion;
+pub mod optics;
+pub mod sky;
+
+mod displacement;
+
+pub use displacement::{
+    AnyDisplacement, Context, DISPLACEMENTS, Displacement, Light, Observation, ParameterSpec, ReferenceValue, RefractionConstants, Segment,
+    StarState, displacement,
+};

@@ -1,0 +1,1 @@
+//! In the sky: between the star and the camera.

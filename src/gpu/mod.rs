@@ -1,0 +1,1 @@
+//! Everything that knows wgpu, and nothing else does; it knows no physics.

@@ -1,0 +1,21 @@
+//! boresight
+
+pub mod calibrate;
+pub mod camera;
+pub mod catalog;
+pub mod coordinates;
+pub mod detect;
+pub mod dual;
+pub mod effects;
+pub mod frame;
+pub mod gpu;
+pub mod identify;
+pub mod imaging;
+pub mod provenance;
+pub mod recording;
+pub mod render;
+pub mod report;
+pub mod rng;
+pub mod scene;
+pub mod statistics;
+pub mod units;

@@ -1,0 +1,2 @@
+//! The integration tests, one binary.
+#![allow(clippy::print_stdout, clippy::print_stderr, reason = "tests report what they ran")]
