@@ -29,10 +29,13 @@ pub trait Real:
     /// The value without its derivatives.
     fn value(self) -> f64;
     /// Square root.
+    #[must_use]
     fn sqrt(self) -> Self;
     /// Sine of an angle in radians.
+    #[must_use]
     fn sin(self) -> Self;
     /// Cosine of an angle in radians.
+    #[must_use]
     fn cos(self) -> Self;
 }
 

@@ -15,6 +15,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::coordinates::{CameraAxes, Direction, PixelPoint};
 use crate::dual::{Dual, Real};
+use crate::effects::optics::{brown_conrady, pinhole};
+
+mod chain;
+mod observer;
+
+pub use chain::{Physics, PhysicsError, SkyChain};
+pub use observer::{GroundSite, ObserverError, observation};
 
 /// The number of parameters of the reference model.
 pub const PARAMETER_COUNT: usize = 6;
@@ -44,19 +51,14 @@ pub struct Camera {
 
 /// The measured pixel → direction in camera axes, for any kind of number. `parameters` in the order of [`PARAMETER_NAMES`].
 pub fn direction_from_pixel<T: Real>(parameters: &[T; PARAMETER_COUNT], point: PixelPoint<T>) -> Direction<CameraAxes, T> {
-    let [x, y] = undistorted_px(parameters, point);
-    Direction::along([x, y, parameters[2]])
+    let zero = T::constant(0.0);
+    Direction::along(pinhole::ray([zero, zero, parameters[2]], undistorted_px(parameters, point)))
 }
 
 /// The measured pixel → the ideal point relative to the principal point, px: the distortion is taken away.
 pub fn undistorted_px<T: Real>(parameters: &[T; PARAMETER_COUNT], point: PixelPoint<T>) -> [T; 2] {
     let [x0, y0, _, k1, p1, p2] = *parameters;
-    let (x, y) = (point.x_px - x0, point.y_px - y0);
-    let (xx, yy, xy) = (x * x, y * y, x * y);
-    let radial = k1 * (xx + yy);
-    let dx = radial * x + p1 * (xx * 3.0 + yy) + p2 * xy * 2.0;
-    let dy = radial * y + p2 * (yy * 3.0 + xx) + p1 * xy * 2.0;
-    [x - dx, y - dy]
+    brown_conrady::ideal_from_measured([k1, p1, p2], [point.x_px - x0, point.y_px - y0])
 }
 
 /// Direction in camera axes → measured pixel, for any kind of number; `None` where the direction has no image (behind the

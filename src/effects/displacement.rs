@@ -1,6 +1,8 @@
 //! What a displacement is, and the registry of all of them.
 
 use crate::dual::{Jet, Real};
+use crate::effects::optics::{brown_conrady, pinhole};
+use crate::effects::sky::{parallax, proper_motion, refraction, stellar_aberration};
 
 /// A parameter of an effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,6 +23,8 @@ pub struct ParameterSpec {
 pub enum Segment {
     /// On the direction, in ICRS axes, before the camera's attitude. `displace` takes the direction before to the direction after.
     Sky,
+    /// The joint of the two: from a direction in camera axes to a point on the ideal focal plane, px from the corner.
+    Projection,
     /// On the focal plane, as a correction: `displace` takes the MEASURED point to the point before the effect. The renderer inverts it.
     Focal,
 }
@@ -28,14 +32,14 @@ pub enum Segment {
 /// A star's light along the chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Light<T> {
-    /// Unit vector; ICRS axes in [`Segment::Sky`].
+    /// Unit vector: ICRS axes in [`Segment::Sky`], camera axes from [`Segment::Projection`] on.
     pub direction: [T; 3],
     /// Point on the focal plane in px relative to the principal point; used in [`Segment::Focal`].
     pub point_px: [T; 2],
 }
 
 /// What is known of the star whose light it is.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StarState {
     /// Catalogue direction at the catalogue's epoch, ICRS unit vector.
     pub direction: [f64; 3],
@@ -62,7 +66,7 @@ pub struct Observation {
     pub velocity_km_s: Option<[f64; 3]>,
     /// Unit vector to the zenith, ICRS axes.
     pub zenith: Option<[f64; 3]>,
-    /// Refraction at 45° zenith distance that the site's air has by theory, rad, and the ratio B/A of its two terms.
+    /// Refraction of the site's air.
     pub refraction: Option<RefractionConstants>,
 }
 
@@ -82,25 +86,47 @@ pub struct Context {
     pub star: StarState,
     /// The exposure.
     pub observation: Observation,
-    /// A length that makes focal-plane parameters dimensionless where their definition asks for it: the focal length in px.
-    pub focal_length_px: f64,
+}
+
+impl Context {
+    /// Star and exposure together.
+    #[must_use]
+    pub fn new(star: StarState, observation: Observation) -> Self {
+        Self { star, observation }
+    }
 }
 
 /// A value from outside (SOFA, astropy, a paper) that an effect must reproduce.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct ReferenceValue {
     /// Which tool and version, or which publication, and how the value was made.
     pub source: &'static str,
     /// The case.
     pub context: Context,
     /// The effect's parameters.
-    pub parameters: &'static [f64],
+    pub parameters: Vec<f64>,
     /// The light that goes in.
     pub before: Light<f64>,
     /// The light that must come out.
     pub after: Light<f64>,
     /// The largest difference allowed: rad for a direction, px for a point.
     pub tolerance: f64,
+}
+
+impl ReferenceValue {
+    /// A case of an effect on directions.
+    #[must_use]
+    pub fn of_direction(
+        source: &'static str,
+        context: Context,
+        parameters: Vec<f64>,
+        before: [f64; 3],
+        after: [f64; 3],
+        tolerance: f64,
+    ) -> Self {
+        let light = |direction| Light { direction, point_px: [0.0; 2] };
+        Self { source, context, parameters, before: light(before), after: light(after), tolerance }
+    }
 }
 
 /// What the author of a displacement writes.
@@ -118,8 +144,8 @@ pub trait Displacement: Sync {
     /// Why the effect cannot be computed for this exposure, or `None` if it can.
     fn missing(observation: &Observation) -> Option<&'static str>;
 
-    /// Parameters with which the effect does nothing at all in this context.
-    fn identity(context: &Context) -> Vec<f64>;
+    /// Parameters with which the effect does nothing at all in this context; `None` for a projection, which always does something.
+    fn identity(context: &Context) -> Option<Vec<f64>>;
 
     /// Parameters of the effect at its known size, where the recording's own metadata tells it; `None` where they must be fitted.
     fn known(observation: &Observation) -> Option<Vec<f64>>;
@@ -143,7 +169,7 @@ pub trait AnyDisplacement: Sync {
     /// See [`Displacement::missing`].
     fn missing(&self, observation: &Observation) -> Option<&'static str>;
     /// See [`Displacement::identity`].
-    fn identity(&self, context: &Context) -> Vec<f64>;
+    fn identity(&self, context: &Context) -> Option<Vec<f64>>;
     /// See [`Displacement::known`].
     fn known(&self, observation: &Observation) -> Option<Vec<f64>>;
     /// See [`Displacement::reference_values`].
@@ -169,7 +195,7 @@ impl<D: Displacement> AnyDisplacement for D {
     fn missing(&self, observation: &Observation) -> Option<&'static str> {
         D::missing(observation)
     }
-    fn identity(&self, context: &Context) -> Vec<f64> {
+    fn identity(&self, context: &Context) -> Option<Vec<f64>> {
         D::identity(context)
     }
     fn known(&self, observation: &Observation) -> Option<Vec<f64>> {
@@ -181,7 +207,14 @@ impl<D: Displacement> AnyDisplacement for D {
 }
 
 /// Every displacement, in the order in which the light meets them.
-pub static DISPLACEMENTS: &[&dyn AnyDisplacement] = &[];
+pub static DISPLACEMENTS: &[&dyn AnyDisplacement] = &[
+    &proper_motion::ProperMotion,
+    &parallax::Parallax,
+    &stellar_aberration::StellarAberration,
+    &refraction::Refraction,
+    &pinhole::Pinhole,
+    &brown_conrady::BrownConrady,
+];
 
 /// The displacement with this id.
 #[must_use]

@@ -1,2 +1,4 @@
 //! The integration tests, one binary.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "tests report what they ran")]
+mod camera;
+mod displacements;

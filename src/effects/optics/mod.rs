@@ -1,1 +1,4 @@
 //! In the optics: from the camera's ray to light on the pixels.
+
+pub mod brown_conrady;
+pub mod pinhole;

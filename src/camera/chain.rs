@@ -1,0 +1,195 @@
+//! The chain of displacements from a catalogue star to the direction from which its light arrives, and the physics in use.
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::catalog::{Catalog, Star};
+use crate::coordinates::{Apparent, Direction, Icrs};
+use crate::effects::{Context, DISPLACEMENTS, Light, Observation, Segment, StarState, displacement};
+
+/// Which effects of known size a model contains: the argument of `--physics`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Physics {
+    /// None: stars stay where the catalogue has them.
+    None,
+    /// All whose size follows from the recording's own metadata.
+    Known,
+    /// These; each must be computable for every frame.
+    List(Vec<String>),
+}
+
+/// What is wrong with a choice of physics.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum PhysicsError {
+    /// No effect has this id.
+    #[error("--physics {given}: there is no effect of this name; {suggestion}")]
+    Unknown {
+        /// The word given.
+        given: String,
+        /// What to do.
+        suggestion: String,
+    },
+    /// The effect was asked for by name, and cannot be computed.
+    #[error(
+        "--physics {id}: the effect cannot be computed, because {reason}; leave it out of the list or add what is missing to the recording"
+    )]
+    NotComputable {
+        /// The effect.
+        id: String,
+        /// Why not.
+        reason: String,
+    },
+}
+
+impl std::str::FromStr for Physics {
+    type Err = PhysicsError;
+
+    fn from_str(text: &str) -> Result<Self, PhysicsError> {
+        match text.trim() {
+            "none" => Ok(Self::None),
+            "known" => Ok(Self::Known),
+            list => {
+                let ids: Vec<String> = list.split(',').map(|id| id.trim().to_owned()).collect();
+                for id in &ids {
+                    if displacement(id).is_none() {
+                        return Err(PhysicsError::Unknown { given: id.clone(), suggestion: suggestion(id) });
+                    }
+                }
+                Ok(Self::List(ids))
+            }
+        }
+    }
+}
+
+/// Says which words would have been understood, the most similar first.
+fn suggestion(given: &str) -> String {
+    let mut ids: Vec<&str> = DISPLACEMENTS.iter().map(|effect| effect.id()).chain(["known", "none"]).collect();
+    ids.sort_by_key(|id| strsim::damerau_levenshtein(given, id));
+    if strsim::damerau_levenshtein(given, ids[0]) <= 3 {
+        format!("did you mean {}?", ids[0])
+    } else {
+        format!("choose known, none, or a list from: {}", DISPLACEMENTS.iter().map(|effect| effect.id()).collect::<Vec<_>>().join(", "))
+    }
+}
+
+/// The displacements in force during one exposure, with their parameters.
+#[derive(Clone, Debug, Default)]
+pub struct SkyChain {
+    observation: Observation,
+    links: Vec<(usize, Vec<f64>)>,
+}
+
+impl SkyChain {
+    /// The chain for an exposure.
+    pub fn new(physics: &Physics, observation: Observation) -> Result<Self, PhysicsError> {
+        let mut links = Vec::new();
+        for (index, effect) in DISPLACEMENTS.iter().enumerate().filter(|(_, effect)| effect.segment() == Segment::Sky) {
+            let wanted = match physics {
+                Physics::None => false,
+                Physics::Known => true,
+                Physics::List(ids) => ids.iter().any(|id| id == effect.id()),
+            };
+            if !wanted {
+                continue;
+            }
+            match (effect.known(&observation), physics) {
+                (Some(parameters), _) => links.push((index, parameters)),
+                (None, Physics::List(_)) => {
+                    let reason = effect.missing(&observation).unwrap_or("its size must be fitted").to_owned();
+                    return Err(PhysicsError::NotComputable { id: effect.id().to_owned(), reason });
+                }
+                (None, _) => {}
+            }
+        }
+        Ok(Self { observation, links })
+    }
+
+    /// The chain of a simulated exposure: effects with the parameters that the scene gives them, in the order of the registry.
+    #[must_use]
+    pub fn with_parameters(observation: Observation, effects: &[(&str, Vec<f64>)]) -> Self {
+        let links = DISPLACEMENTS
+            .iter()
+            .enumerate()
+            .filter(|(_, effect)| effect.segment() == Segment::Sky)
+            .filter_map(|(index, effect)| {
+                effects.iter().find(|(id, _)| *id == effect.id()).map(|(_, parameters)| (index, parameters.clone()))
+            })
+            .collect();
+        Self { observation, links }
+    }
+
+    /// Ids of the effects in force, in the order in which the light meets them.
+    #[must_use]
+    pub fn ids(&self) -> Vec<&'static str> {
+        self.links.iter().map(|(index, _)| DISPLACEMENTS[*index].id()).collect()
+    }
+
+    /// The effects in force with their parameters.
+    #[must_use]
+    pub fn effects(&self) -> Vec<(&'static str, &[f64])> {
+        self.links.iter().map(|(index, parameters)| (DISPLACEMENTS[*index].id(), parameters.as_slice())).collect()
+    }
+
+    /// What is known of the exposure.
+    #[must_use]
+    pub fn observation(&self) -> &Observation {
+        &self.observation
+    }
+
+    /// The direction from which a catalogue star's light arrives.
+    #[must_use]
+    pub fn apparent(&self, star: &Star, epoch_yr: f64) -> Direction<Apparent> {
+        self.apply(&StarState::of(star, epoch_yr))
+    }
+
+    /// The directions of all stars of a catalogue, in its order.
+    #[must_use]
+    pub fn apparent_all(&self, catalog: &Catalog) -> Vec<Direction<Apparent>> {
+        catalog.stars.iter().map(|star| self.apparent(star, catalog.epoch_yr)).collect()
+    }
+
+    /// The direction that a star without proper motion and parallax, seen in this apparent direction, has in the ICRS: what has
+    /// been done to the light by the effects in force is taken out.
+    #[must_use]
+    pub fn icrs_from_apparent(&self, apparent: &Direction<Apparent>) -> Direction<Icrs> {
+        // The displacements are small and smooth, so the fixed point is reached within a few steps: each shrinks the error
+        // by the effect's own derivative (1e-4 for aberration, 1e-2 for refraction at 5° altitude).
+        const STEPS: usize = 20;
+        let mut guess = apparent.xyz;
+        for _ in 0..STEPS {
+            let star = StarState { direction: guess, epoch_yr: self.observation.epoch_yr.unwrap_or_default(), ..StarState::default() };
+            let reached = self.apply(&star).xyz;
+            let error = [0, 1, 2].map(|axis| apparent.xyz[axis] - reached[axis]);
+            guess = Direction::<Icrs>::along([0, 1, 2].map(|axis| guess[axis] + error[axis])).xyz;
+            if error.iter().all(|component| component.abs() < 1e-15) {
+                break;
+            }
+        }
+        Direction::along(guess)
+    }
+
+    fn apply(&self, star: &StarState) -> Direction<Apparent> {
+        let context = Context::new(*star, self.observation);
+        let mut light = Light { direction: star.direction, point_px: [0.0; 2] };
+        for (index, parameters) in &self.links {
+            light = DISPLACEMENTS[*index].displace(parameters, light, &context);
+        }
+        Direction::from_unit(light.direction)
+    }
+}
+
+impl StarState {
+    /// What a catalogue says of a star.
+    #[must_use]
+    pub fn of(star: &Star, epoch_yr: f64) -> Self {
+        Self {
+            direction: star.direction.xyz,
+            epoch_yr,
+            proper_motion_rad_yr: star.proper_motion_rad_yr.unwrap_or_default(),
+            parallax_rad: star.parallax_rad,
+            magnitude: star.magnitude,
+            colour: star.colour,
+        }
+    }
+}

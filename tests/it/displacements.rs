@@ -1,0 +1,150 @@
+//! Walks the registry of displacements: derivatives, identity, reference values, documentation.
+
+use boresight::dual::{Dual, Jet, PARTIALS, Real};
+use boresight::effects::{Context, DISPLACEMENTS, Light, Observation, RefractionConstants, Segment, StarState};
+
+/// A star and an exposure in which every effect has something to do.
+fn context() -> Context {
+    let star = StarState {
+        direction: [0.6, 0.48, 0.64],
+        epoch_yr: 1991.25,
+        proper_motion_rad_yr: [3e-6, -5e-6],
+        parallax_rad: 3e-6,
+        magnitude: 4.0,
+        colour: Some(0.9),
+    };
+    let observation = Observation {
+        epoch_yr: Some(2026.25),
+        position_au: Some([0.3, -0.8, -0.35]),
+        velocity_km_s: Some([25.0, 9.0, -4.0]),
+        zenith: Some([0.36, 0.8, -0.48]),
+        refraction: Some(RefractionConstants { a_rad: 2.8e-4, b_rad: -3.2e-7 }),
+    };
+    Context::new(star, observation)
+}
+
+fn coordinates<T: Copy>(light: &Light<T>) -> [T; 5] {
+    let ([x, y, z], [u, v]) = (light.direction, light.point_px);
+    [x, y, z, u, v]
+}
+
+fn incoming(segment: Segment) -> Light<f64> {
+    match segment {
+        Segment::Sky => Light { direction: context().star.direction, point_px: [0.0; 2] },
+        Segment::Projection => Light { direction: [0.1, -0.2, 0.974_679_434_480_896_3], point_px: [0.0; 2] },
+        Segment::Focal => Light { direction: [0.0, 0.0, 1.0], point_px: [310.0, -220.0] },
+    }
+}
+
+#[test]
+fn derivatives_agree_with_central_differences() {
+    for effect in DISPLACEMENTS {
+        let count = effect.parameters().len();
+        assert!(count <= PARTIALS, "{}: {count} parameters need more than one pass", effect.id());
+        let before = incoming(effect.segment());
+        let at: Vec<f64> = effect
+            .parameters()
+            .iter()
+            .map(|parameter| 0.7 * parameter.typical + if parameter.typical == 0.0 { 0.05 } else { 0.0 })
+            .collect();
+        let jets: Vec<Jet> = at.iter().enumerate().map(|(index, value)| Dual::variable(*value, index)).collect();
+        let lifted = Light { direction: before.direction.map(Jet::constant), point_px: before.point_px.map(Jet::constant) };
+        let after = coordinates(&effect.displace_jet(&jets, lifted, &context()));
+        let plain = coordinates(&effect.displace(&at, before, &context()));
+        let mut largest = 0.0_f64;
+        for index in 0..count {
+            let step = 1e-3 * at[index].abs();
+            let shifted = |sign: f64| {
+                let mut parameters = at.clone();
+                parameters[index] += sign * step;
+                coordinates(&effect.displace(&parameters, before, &context()))
+            };
+            let (high, low) = (shifted(1.0), shifted(-1.0));
+            let slopes: Vec<f64> = (0..5).map(|axis| after[axis].partials[index]).collect();
+            let size = slopes.iter().fold(0.0_f64, |most, slope| most.max(slope.abs()));
+            assert!(size > 0.0, "{} does not depend on {}", effect.id(), effect.parameters()[index].name);
+            for axis in 0..5 {
+                let difference = (high[axis] - low[axis]) / (2.0 * step);
+                largest = largest.max((difference - slopes[axis]).abs() / (size + 1e-13 / step));
+                assert_eq!(plain[axis].to_bits(), after[axis].value.to_bits(), "{}: value of the dual body", effect.id());
+            }
+        }
+        assert!(largest < 1e-4, "{}: derivatives differ from central differences by {largest:.1e}", effect.id());
+    }
+}
+
+#[test]
+fn identity_parameters_do_nothing() {
+    for effect in DISPLACEMENTS {
+        let before = incoming(effect.segment());
+        let Some(off) = effect.identity(&context()) else {
+            assert_eq!(effect.segment(), Segment::Projection, "{}: only a projection cannot be switched off", effect.id());
+            continue;
+        };
+        let after = coordinates(&effect.displace(&off, before, &context()));
+        for (after, before) in after.into_iter().zip(coordinates(&before)) {
+            assert!((after - before).abs() < 1e-15 * before.abs().max(1.0), "{} with {off:?}", effect.id());
+        }
+        let Some(known) = effect.known(&context().observation) else {
+            assert_ne!(effect.segment(), Segment::Sky, "{}: the context knows everything", effect.id());
+            continue;
+        };
+        let moved = coordinates(&effect.displace(&known, before, &context()));
+        assert!(
+            moved.iter().zip(coordinates(&before)).any(|(after, before)| (after - before).abs() > 1e-8),
+            "{} at its known size moves nothing",
+            effect.id()
+        );
+    }
+}
+
+#[test]
+fn reference_values_are_reproduced() {
+    for effect in DISPLACEMENTS {
+        let cases = effect.reference_values();
+        assert!(!cases.is_empty(), "{} has no reference value from outside", effect.id());
+        for case in cases {
+            let after = coordinates(&effect.displace(&case.parameters, case.before, &case.context));
+            for (got, want) in after.into_iter().zip(coordinates(&case.after)) {
+                assert!((got - want).abs() <= case.tolerance, "{} against {}: {got} ≠ {want}", effect.id(), case.source);
+            }
+            // Negative control: the comparison sees a change of the size of a thousandth of the effect.
+            let changed: Vec<f64> = case.parameters.iter().map(|value| value * 1.001 + f64::from(*value == 0.0) * 0.05).collect();
+            let moved = coordinates(&effect.displace(&changed, case.before, &case.context));
+            let seen = moved.into_iter().zip(coordinates(&case.after)).any(|(got, want)| (got - want).abs() > case.tolerance);
+            assert!(seen, "{}: the reference value would not notice a wrong parameter", effect.id());
+        }
+    }
+}
+
+#[test]
+fn what_is_missing_is_said() {
+    for effect in DISPLACEMENTS {
+        let nothing = Observation::default();
+        assert_eq!(effect.known(&nothing).is_none(), effect.missing(&nothing).is_some(), "{}", effect.id());
+        let before = incoming(effect.segment());
+        let parameters: Vec<f64> = effect.parameters().iter().map(|parameter| parameter.typical).collect();
+        let after = effect.displace(&parameters, before, &Context::new(context().star, nothing));
+        assert!(coordinates(&after).iter().all(|value| value.is_finite()), "{} without knowledge", effect.id());
+    }
+}
+
+#[test]
+fn every_id_is_unique_and_has_its_file() {
+    let mut ids: Vec<&str> = DISPLACEMENTS.iter().map(|effect| effect.id()).collect();
+    ids.sort_unstable();
+    ids.dedup();
+    assert_eq!(ids.len(), DISPLACEMENTS.len());
+    for id in ids {
+        let stem = id.replace('-', "_");
+        let found = ["sky", "optics", "motion", "detector"]
+            .iter()
+            .find_map(|place| std::fs::read_to_string(format!("{}/src/effects/{place}/{stem}.rs", env!("CARGO_MANIFEST_DIR"))).ok());
+        let text = found.unwrap_or_else(|| panic!("{id} has no file of its own name"));
+        for part in
+            ["**What it is.**", "**Equation.**", "**Parameter", "**What it leaves", "**Confused with.**", "**Neglected.**", "**Source.**"]
+        {
+            assert!(text.contains(part), "the page of {id} lacks {part}");
+        }
+    }
+}
