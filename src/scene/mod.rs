@@ -1,1 +1,224 @@
-//! What is simulated.
+//! What is simulated: a camera, its sky and its exposures, read from a TOML file.
+//!
+//! A scene keeps two cameras apart: `[camera]` is the truth, which is rendered; `[nominal]` is what the maker said of it, which
+//! the recording declares and which may be wrong.
+
+mod file;
+mod pointing;
+
+use hifitime::Epoch;
+use thiserror::Error;
+
+pub use file::{DEMO_TOML, DetectorTable, FrameTable, NominalTable, SceneFile, SeriesTable, SiteTable, SkyTable, TrueCameraTable};
+
+use crate::camera::{Camera, GroundSite, ObserverError, Physics, PhysicsError, SkyChain, observation};
+use crate::catalog::Catalog;
+use crate::coordinates::{Attitude, PixelPoint};
+use crate::effects::Observation;
+use crate::units::DEG_RAD;
+
+/// What is wrong with a scene.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum SceneError {
+    /// The file cannot be read.
+    #[error("{path}: the scene cannot be read ({source})")]
+    Read {
+        /// The file.
+        path: String,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// The file is no TOML, or has a key or a type that a scene does not know.
+    #[error("{path}: {message}")]
+    Parse {
+        /// The file.
+        path: String,
+        /// Line, key and remedy.
+        message: String,
+    },
+    /// A value lies outside its range.
+    #[error("{path}: {key} = {value} {remedy}")]
+    Value {
+        /// The file.
+        path: String,
+        /// The key.
+        key: String,
+        /// The value given.
+        value: String,
+        /// What is allowed.
+        remedy: &'static str,
+    },
+    /// An effect named in `physics` is unknown or cannot be computed.
+    #[error("{path}: sky.physics: {source}")]
+    Physics {
+        /// The file.
+        path: String,
+        /// What is wrong with it.
+        source: PhysicsError,
+    },
+    /// A time outside the range of the Earth's ephemeris.
+    #[error("{path}: {source}")]
+    Time {
+        /// The file.
+        path: String,
+        /// The time.
+        source: ObserverError,
+    },
+}
+
+/// A scene ready to be rendered.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// Everything by chance hangs on this number.
+    pub seed: u64,
+    /// The true camera.
+    pub camera: Camera,
+    /// The camera as the recording declares it.
+    pub nominal: Camera,
+    /// The true detector and PSF.
+    pub detector: DetectorTable,
+    /// The true sky.
+    pub sky: SkyTable,
+    /// The place on the ground, if any.
+    pub site: Option<SiteTable>,
+    /// The exposures in order of time.
+    pub exposures: Vec<Exposure>,
+}
+
+/// One exposure of a scene.
+#[derive(Clone, Debug)]
+pub struct Exposure {
+    /// Middle of the exposure.
+    pub time: Option<Epoch>,
+    /// Its length.
+    pub exposure_s: f64,
+    /// How the camera is turned, all the time.
+    pub attitude: Attitude,
+    /// The displacements in force.
+    pub sky: SkyChain,
+    /// Camera velocity as the scene gives it.
+    pub velocity_km_s: Option<[f64; 3]>,
+}
+
+/// Where and how bright a star is imaged: the truth of one star in one frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StarImage {
+    /// Catalogue number.
+    pub hip: u32,
+    /// Where the light lands: the mean over the exposure, which for a camera at rest is also the position at its middle.
+    pub position: PixelPoint,
+    /// Electrons that the star sends during the exposure.
+    pub electrons: f64,
+    /// V magnitude.
+    pub magnitude: f64,
+}
+
+impl Scene {
+    /// Reads and checks a scene file.
+    pub fn open(path: &std::path::Path) -> Result<Self, SceneError> {
+        let name = path.display().to_string();
+        let text = std::fs::read_to_string(path).map_err(|source| SceneError::Read { path: name.clone(), source })?;
+        Self::parse(&name, &text)
+    }
+
+    /// The scene of `boresight demo`.
+    pub fn demo() -> Result<Self, SceneError> {
+        Self::parse("the demo scene", DEMO_TOML)
+    }
+
+    /// Reads and checks the text of a scene; `path` is used in messages.
+    pub fn parse(path: &str, text: &str) -> Result<Self, SceneError> {
+        file::parse(path, text)?.build(path)
+    }
+
+    /// The same scene with another seed: other noise and, in a series, other pointings.
+    pub fn parse_with_seed(path: &str, text: &str, seed: u64) -> Result<Self, SceneError> {
+        let mut file = file::parse(path, text)?;
+        file.seed = seed;
+        file.build(path)
+    }
+
+    /// The star images of frame number `index` that reach the frame, brightest first.
+    ///
+    /// `margin_px`: how far outside the frame a star's centre may lie and still be listed (the PSF's radius).
+    ///
+    /// # Panics
+    /// If `index` is not below the number of exposures.
+    #[must_use]
+    pub fn star_images(&self, catalog: &Catalog, index: usize, margin_px: f64) -> Vec<StarImage> {
+        let exposure = &self.exposures[index];
+        let boresight = exposure.attitude.rows()[2];
+        let cos_radius = self.cos_field_radius(margin_px);
+        let reach = |centre: f64, length: usize| -0.5 - margin_px <= centre && centre <= length as f64 - 0.5 + margin_px;
+        catalog
+            .stars
+            .iter()
+            .take_while(|star| star.magnitude <= self.sky.faintest_magnitude)
+            .filter(|star| crate::dual::dot(star.direction.xyz, boresight) > cos_radius)
+            .filter_map(|star| {
+                let apparent = exposure.sky.apparent(star, catalog.epoch_yr);
+                let position = self.camera.pixel(&exposure.attitude.camera_from_apparent(&apparent))?;
+                let electrons = self.detector.zero_point_e_per_s * 10.0_f64.powf(-0.4 * star.magnitude) * exposure.exposure_s;
+                (reach(position.x_px, self.camera.width_px) && reach(position.y_px, self.camera.height_px)).then_some(StarImage {
+                    hip: star.hip,
+                    position,
+                    electrons,
+                    magnitude: star.magnitude,
+                })
+            })
+            .collect()
+    }
+
+    /// Cosine of an angle from the boresight beyond which no star reaches the frame.
+    fn cos_field_radius(&self, margin_px: f64) -> f64 {
+        // What the sky chain moves (refraction and aberration, under 1.5°) and the proper motions of a century.
+        const SLACK_RAD: f64 = 1.5 * DEG_RAD;
+        let (right, bottom) = (self.camera.width_px as f64 - 0.5 + margin_px, self.camera.height_px as f64 - 0.5 + margin_px);
+        let farthest = [-0.5 - margin_px, right]
+            .into_iter()
+            .flat_map(|x_px| [-0.5 - margin_px, bottom].map(|y_px| self.camera.direction(PixelPoint { x_px, y_px }).xyz[2]))
+            .fold(1.0_f64, f64::min);
+        (farthest.clamp(-1.0, 1.0).acos() + SLACK_RAD).min(std::f64::consts::PI).cos()
+    }
+}
+
+impl SceneFile {
+    /// Checks every value and works out the exposures.
+    fn build(self, path: &str) -> Result<Scene, SceneError> {
+        file::check(path, &self)?;
+        let camera = self.camera.camera();
+        let nominal = self.nominal.camera(&camera);
+        let physics: Physics = self.sky.physics.parse().map_err(|source| SceneError::Physics { path: path.to_owned(), source })?;
+        let site = self.site.as_ref().map(SiteTable::ground_site);
+        let circumstances = |time: Option<Epoch>, velocity| -> Result<Observation, SceneError> {
+            observation(time, site.as_ref(), velocity).map_err(|source| SceneError::Time { path: path.to_owned(), source })
+        };
+        let mut exposures = Vec::new();
+        for plan in pointing::plan(path, &self, &circumstances)? {
+            let observation = circumstances(plan.time, plan.velocity_km_s)?;
+            let sky = SkyChain::new(&physics, observation).map_err(|source| SceneError::Physics { path: path.to_owned(), source })?;
+            exposures.push(Exposure {
+                time: plan.time,
+                exposure_s: plan.exposure_s,
+                attitude: plan.attitude,
+                sky,
+                velocity_km_s: plan.velocity_km_s,
+            });
+        }
+        Ok(Scene { seed: self.seed, camera, nominal, detector: self.detector, sky: self.sky, site: self.site, exposures })
+    }
+}
+
+impl SiteTable {
+    /// The site in the units of the ephemeris.
+    #[must_use]
+    pub fn ground_site(&self) -> GroundSite {
+        GroundSite {
+            pressure_hpa: self.pressure_hpa,
+            temperature_c: self.temperature_c,
+            relative_humidity: self.relative_humidity,
+            ..GroundSite::from_degrees(self.latitude_deg, self.longitude_deg, self.height_m)
+        }
+    }
+}

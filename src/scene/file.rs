@@ -1,0 +1,314 @@
+//! The scene file: its tables, their defaults and their ranges.
+
+use serde::{Deserialize, Serialize};
+
+use super::SceneError;
+use crate::camera::Camera;
+
+/// The scene that `boresight demo` renders.
+pub const DEMO_TOML: &str = include_str!("demo.toml");
+
+/// A scene as written.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneFile {
+    /// Always `boresight-scene/1`.
+    pub format: String,
+    /// Everything by chance hangs on this number.
+    #[serde(default)]
+    pub seed: u64,
+    /// The true camera.
+    pub camera: TrueCameraTable,
+    /// What the recording declares instead of the truth.
+    #[serde(default)]
+    pub nominal: NominalTable,
+    /// The true detector and PSF.
+    #[serde(default)]
+    pub detector: DetectorTable,
+    /// The true sky.
+    #[serde(default)]
+    pub sky: SkyTable,
+    /// The place on the ground.
+    pub site: Option<SiteTable>,
+    /// Exposures at regular times, pointed by chance.
+    pub series: Option<SeriesTable>,
+    /// Exposures one by one.
+    #[serde(default)]
+    pub frames: Vec<FrameTable>,
+}
+
+/// `[camera]`: the truth, in the units of the reference model.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrueCameraTable {
+    /// Columns.
+    pub width_px: usize,
+    /// Rows.
+    pub height_px: usize,
+    /// Focal length.
+    pub focal_length_px: f64,
+    /// Principal point; the middle of the frame if absent.
+    pub principal_point_px: Option<[f64; 2]>,
+    /// Radial distortion, px⁻².
+    #[serde(default)]
+    pub k1: f64,
+    /// Decentring distortion, px⁻¹.
+    #[serde(default)]
+    pub p1: f64,
+    /// Decentring distortion, px⁻¹.
+    #[serde(default)]
+    pub p2: f64,
+}
+
+/// `[nominal]`: what the recording says of the camera. What is absent is said truly, but for the distortion and the principal point, of
+/// which a maker says nothing: they are 0 and the middle of the frame.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NominalTable {
+    /// Focal length.
+    pub focal_length_px: Option<f64>,
+    /// Principal point.
+    pub principal_point_px: Option<[f64; 2]>,
+    /// Radial distortion, px⁻².
+    pub k1: Option<f64>,
+    /// Decentring distortion, px⁻¹.
+    pub p1: Option<f64>,
+    /// Decentring distortion, px⁻¹.
+    pub p2: Option<f64>,
+}
+
+/// `[detector]`: PSF and detector.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DetectorTable {
+    /// Gaussian σ of the PSF.
+    pub psf_sigma_px: f64,
+    /// Electrons per second of a star of V = 0.
+    pub zero_point_e_per_s: f64,
+    /// Electrons per count.
+    pub gain_e_per_dn: f64,
+    /// Count of an empty pixel.
+    pub bias_dn: f64,
+    /// Read noise (standard deviation).
+    pub read_noise_e: f64,
+    /// Count at which the converter or the pixel is full.
+    pub saturation_dn: f64,
+}
+
+impl Default for DetectorTable {
+    fn default() -> Self {
+        Self {
+            psf_sigma_px: 1.2,
+            zero_point_e_per_s: 5.0e6,
+            gain_e_per_dn: 2.0,
+            bias_dn: 200.0,
+            read_noise_e: 5.0,
+            saturation_dn: 65_535.0,
+        }
+    }
+}
+
+/// `[sky]`: background, depth and physics.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SkyTable {
+    /// Sky background.
+    pub background_e_per_px_s: f64,
+    /// Faintest V magnitude rendered.
+    pub faintest_magnitude: f64,
+    /// Which displacements act at their full, known size: `known`, `none` or a list of effects.
+    pub physics: String,
+}
+
+impl Default for SkyTable {
+    fn default() -> Self {
+        Self { background_e_per_px_s: 50.0, faintest_magnitude: 9.0, physics: "known".into() }
+    }
+}
+
+/// `[site]`: as in a recording.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SiteTable {
+    /// Geodetic latitude.
+    pub latitude_deg: f64,
+    /// Longitude, east positive.
+    pub longitude_deg: f64,
+    /// Height.
+    #[serde(default)]
+    pub height_m: f64,
+    /// Air pressure.
+    pub pressure_hpa: Option<f64>,
+    /// Air temperature.
+    pub temperature_c: Option<f64>,
+    /// Relative humidity, 0…1.
+    pub relative_humidity: Option<f64>,
+}
+
+/// `[series]`: exposures at regular times, pointed by chance (from the seed) all over the sky, or with a site over the sky above
+/// `lowest_altitude_deg`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SeriesTable {
+    /// How many.
+    pub count: usize,
+    /// Middle of the first exposure, UTC.
+    pub start_utc: Option<String>,
+    /// From middle to middle.
+    #[serde(default)]
+    pub interval_s: f64,
+    /// Length of each.
+    pub exposure_s: f64,
+    /// With a site: the lowest altitude of the boresight.
+    #[serde(default = "default_altitude")]
+    pub lowest_altitude_deg: f64,
+}
+
+fn default_altitude() -> f64 {
+    30.0
+}
+
+/// `[[frames]]`: one exposure.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FrameTable {
+    /// Middle of the exposure, UTC.
+    pub time_utc: Option<String>,
+    /// Its length.
+    pub exposure_s: f64,
+    /// Where the boresight points, ICRS axes.
+    pub boresight_radec_deg: [f64; 2],
+    /// Position angle of the frame's upward direction, north through east.
+    #[serde(default)]
+    pub roll_deg: f64,
+    /// Camera velocity, barycentric, ICRS axes.
+    pub velocity_km_s: Option<[f64; 3]>,
+}
+
+impl TrueCameraTable {
+    /// The true camera.
+    pub(super) fn camera(&self) -> Camera {
+        let mut camera = Camera::pinhole(self.width_px, self.height_px, self.focal_length_px);
+        camera.principal_point_px = self.principal_point_px.unwrap_or(camera.principal_point_px);
+        Camera { k1: self.k1, p1: self.p1, p2: self.p2, ..camera }
+    }
+}
+
+impl NominalTable {
+    /// The declared camera.
+    pub(super) fn camera(&self, truth: &Camera) -> Camera {
+        let f = self.focal_length_px.unwrap_or(truth.focal_length_px);
+        let mut camera = Camera::pinhole(truth.width_px, truth.height_px, f);
+        camera.principal_point_px = self.principal_point_px.unwrap_or(camera.principal_point_px);
+        Camera { k1: self.k1.unwrap_or(0.0), p1: self.p1.unwrap_or(0.0), p2: self.p2.unwrap_or(0.0), ..camera }
+    }
+}
+
+/// Reads the tables.
+pub(super) fn parse(path: &str, text: &str) -> Result<SceneFile, SceneError> {
+    toml::from_str(text).map_err(|error| {
+        let line = error.span().map_or(1, |span| text[..span.start.min(text.len())].matches('\n').count() + 1);
+        let message = format!("line {line}: {}", with_suggestion(error.message()));
+        SceneError::Parse { path: path.to_owned(), message }
+    })
+}
+
+/// Turns serde's "unknown field `x`, expected one of `a`, `b`" into a sentence with a suggestion.
+fn with_suggestion(message: &str) -> String {
+    let mut quoted = message.split('`').skip(1).step_by(2);
+    let Some(given) = quoted.next().filter(|_| message.starts_with("unknown field")) else {
+        return message.replace('\n', " ");
+    };
+    let nearest = quoted.min_by_key(|known| strsim::damerau_levenshtein(given, known));
+    match nearest {
+        Some(known) if strsim::damerau_levenshtein(given, known) <= 3 => format!("unknown key {given}; did you mean {known}?"),
+        _ => message.replacen("unknown field", "unknown key", 1),
+    }
+}
+
+/// Checks every number against its range.
+pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
+    let refuse = |key: &str, value: String, remedy: &'static str| -> Result<(), SceneError> {
+        Err(SceneError::Value { path: path.to_owned(), key: key.to_owned(), value, remedy })
+    };
+    let positive = |key: &str, value: f64| {
+        if value.is_finite() && value > 0.0 { Ok(()) } else { refuse(key, value.to_string(), "must be a number above 0") }
+    };
+    let not_negative = |key: &str, value: f64| {
+        if value.is_finite() && value >= 0.0 { Ok(()) } else { refuse(key, value.to_string(), "must be a number not below 0") }
+    };
+    if file.format != "boresight-scene/1" {
+        return refuse("format", format!("{:?}", file.format), "must be \"boresight-scene/1\"");
+    }
+    let camera = &file.camera;
+    for (key, size) in [("camera.width_px", camera.width_px), ("camera.height_px", camera.height_px)] {
+        if !(16..=16_384).contains(&size) {
+            return refuse(key, size.to_string(), "must lie between 16 and 16384");
+        }
+    }
+    positive("camera.focal_length_px", camera.focal_length_px)?;
+    for (key, value) in [("camera.k1", camera.k1), ("camera.p1", camera.p1), ("camera.p2", camera.p2)] {
+        if !value.is_finite() {
+            return refuse(key, value.to_string(), "must be a finite number");
+        }
+    }
+    if let Some(f) = file.nominal.focal_length_px {
+        positive("nominal.focal_length_px", f)?;
+    }
+    let detector = &file.detector;
+    positive("detector.psf_sigma_px", detector.psf_sigma_px)?;
+    if !(0.2..=20.0).contains(&detector.psf_sigma_px) {
+        return refuse("detector.psf_sigma_px", detector.psf_sigma_px.to_string(), "must lie between 0.2 and 20");
+    }
+    positive("detector.zero_point_e_per_s", detector.zero_point_e_per_s)?;
+    positive("detector.gain_e_per_dn", detector.gain_e_per_dn)?;
+    not_negative("detector.bias_dn", detector.bias_dn)?;
+    not_negative("detector.read_noise_e", detector.read_noise_e)?;
+    positive("detector.saturation_dn", detector.saturation_dn)?;
+    if detector.saturation_dn > 65_535.0 || detector.saturation_dn <= detector.bias_dn {
+        let remedy = "must lie above detector.bias_dn and not above 65535, the end of 16 bits";
+        return refuse("detector.saturation_dn", detector.saturation_dn.to_string(), remedy);
+    }
+    not_negative("sky.background_e_per_px_s", file.sky.background_e_per_px_s)?;
+    if !file.sky.faintest_magnitude.is_finite() {
+        return refuse("sky.faintest_magnitude", file.sky.faintest_magnitude.to_string(), "must be a finite number");
+    }
+    if let Some(site) = &file.site {
+        if !(-90.0..=90.0).contains(&site.latitude_deg) {
+            return refuse("site.latitude_deg", site.latitude_deg.to_string(), "must lie between -90 and 90");
+        }
+        if !(-360.0..=360.0).contains(&site.longitude_deg) {
+            return refuse("site.longitude_deg", site.longitude_deg.to_string(), "must lie between -360 and 360");
+        }
+        if !(-500.0..=20_000.0).contains(&site.height_m) {
+            return refuse("site.height_m", site.height_m.to_string(), "must lie between -500 and 20000");
+        }
+    }
+    match (&file.series, file.frames.is_empty()) {
+        (None, true) => return refuse("frames", "none".into(), "exist: add a [series] or one [[frames]] for each exposure"),
+        (Some(_), false) => return refuse("series", "given".into(), "stands beside [[frames]]: keep one of the two"),
+        _ => {}
+    }
+    if let Some(series) = &file.series {
+        if !(1..=1_000_000).contains(&series.count) {
+            return refuse("series.count", series.count.to_string(), "must lie between 1 and 1000000");
+        }
+        positive("series.exposure_s", series.exposure_s)?;
+        not_negative("series.interval_s", series.interval_s)?;
+        if !(-90.0..=85.0).contains(&series.lowest_altitude_deg) {
+            return refuse("series.lowest_altitude_deg", series.lowest_altitude_deg.to_string(), "must lie between -90 and 85");
+        }
+    }
+    for (index, frame) in file.frames.iter().enumerate() {
+        positive(&format!("frames[{index}].exposure_s"), frame.exposure_s)?;
+        let [ra, dec] = frame.boresight_radec_deg;
+        if !ra.is_finite() || !(-90.0..=90.0).contains(&dec) {
+            let remedy = "must be right ascension and declination in degrees, the latter between -90 and 90";
+            return refuse(&format!("frames[{index}].boresight_radec_deg"), format!("[{ra}, {dec}]"), remedy);
+        }
+        if !frame.roll_deg.is_finite() {
+            return refuse(&format!("frames[{index}].roll_deg"), frame.roll_deg.to_string(), "must be a finite number");
+        }
+    }
+    Ok(())
+}
