@@ -2,5 +2,6 @@
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "tests report what they ran")]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test that meets the unexpected must fail")]
 mod camera;
+mod catalog;
 mod displacements;
 mod scene;
