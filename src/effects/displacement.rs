@@ -152,6 +152,9 @@ pub trait Displacement: Sync {
 
     /// Cases from outside.
     fn reference_values() -> Vec<ReferenceValue>;
+
+    /// The source file of the effect, whose module documentation is its page.
+    fn source() -> &'static str;
 }
 
 /// A displacement as the registry holds it.
@@ -174,6 +177,8 @@ pub trait AnyDisplacement: Sync {
     fn known(&self, observation: &Observation) -> Option<Vec<f64>>;
     /// See [`Displacement::reference_values`].
     fn reference_values(&self) -> Vec<ReferenceValue>;
+    /// The effect's page of documentation, Markdown.
+    fn page(&self) -> String;
 }
 
 impl<D: Displacement> AnyDisplacement for D {
@@ -204,6 +209,16 @@ impl<D: Displacement> AnyDisplacement for D {
     fn reference_values(&self) -> Vec<ReferenceValue> {
         D::reference_values()
     }
+    fn page(&self) -> String {
+        page_of(D::source())
+    }
+}
+
+/// The module documentation (`//!` lines) of a source file, as Markdown.
+#[must_use]
+pub fn page_of(source: &str) -> String {
+    let lines = source.lines().map_while(|line| line.strip_prefix("//!"));
+    lines.map(|line| line.strip_prefix(' ').unwrap_or(line).to_owned() + "\n").collect()
 }
 
 /// Every displacement, in the order in which the light meets them.

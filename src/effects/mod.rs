@@ -16,5 +16,5 @@ mod displacement;
 
 pub use displacement::{
     AnyDisplacement, Context, DISPLACEMENTS, Displacement, Light, Observation, ParameterSpec, ReferenceValue, RefractionConstants, Segment,
-    StarState, displacement,
+    StarState, displacement, page_of,
 };

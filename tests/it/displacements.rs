@@ -135,16 +135,18 @@ fn every_id_is_unique_and_has_its_file() {
     ids.sort_unstable();
     ids.dedup();
     assert_eq!(ids.len(), DISPLACEMENTS.len());
-    for id in ids {
-        let stem = id.replace('-', "_");
-        let found = ["sky", "optics", "motion", "detector"]
+    for effect in DISPLACEMENTS {
+        let (id, stem) = (effect.id(), effect.id().replace('-', "_"));
+        let text = ["sky", "optics", "motion", "detector"]
             .iter()
             .find_map(|place| std::fs::read_to_string(format!("{}/src/effects/{place}/{stem}.rs", env!("CARGO_MANIFEST_DIR"))).ok());
-        let text = found.unwrap_or_else(|| panic!("{id} has no file of its own name"));
+        let text = text.unwrap_or_else(|| panic!("{id} has no file of its own name"));
+        let page = effect.page();
+        assert_eq!(page, boresight::effects::page_of(&text), "{id} shows the page of another");
         for part in
             ["**What it is.**", "**Equation.**", "**Parameter", "**What it leaves", "**Confused with.**", "**Neglected.**", "**Source.**"]
         {
-            assert!(text.contains(part), "the page of {id} lacks {part}");
+            assert!(page.contains(part), "the page of {id} lacks {part}");
         }
     }
 }

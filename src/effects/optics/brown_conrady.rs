@@ -75,4 +75,8 @@ impl Displacement for BrownConrady {
             tolerance: 1e-10,
         }]
     }
+
+    fn source() -> &'static str {
+        include_str!("brown_conrady.rs")
+    }
 }

@@ -70,4 +70,8 @@ impl Displacement for Pinhole {
             tolerance: 1e-10,
         }]
     }
+
+    fn source() -> &'static str {
+        include_str!("pinhole.rs")
+    }
 }

@@ -57,4 +57,8 @@ impl Displacement for Parallax {
         let after = [-0.374_266_112_451_725_36, -0.312_937_212_804_454_9, -0.872_923_351_682_409_5];
         vec![ReferenceValue::of_direction("pyerfa 2.0.1.5, pmpx", Context::new(star, observation), vec![1.0], before, after, 1e-14)]
     }
+
+    fn source() -> &'static str {
+        include_str!("parallax.rs")
+    }
 }

@@ -75,4 +75,8 @@ impl Displacement for ProperMotion {
         let after = [0.568_047_204_606_438, -0.533_861_804_730_610_5, 0.626_349_700_078_628];
         vec![ReferenceValue::of_direction("pyerfa 2.0.1.5, pmpx", Context::new(star, observation), vec![0.0], before, after, 1e-14)]
     }
+
+    fn source() -> &'static str {
+        include_str!("proper_motion.rs")
+    }
 }

@@ -94,4 +94,8 @@ impl Displacement for Refraction {
         .map(|(before, after)| ReferenceValue::of_direction("pyerfa 2.0.1.5, refco and atioq", context, full.clone(), before, after, 1e-13))
         .collect()
     }
+
+    fn source() -> &'static str {
+        include_str!("refraction.rs")
+    }
 }

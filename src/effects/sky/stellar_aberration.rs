@@ -58,4 +58,8 @@ impl Displacement for StellarAberration {
         let context = Context::new(StarState::default(), observation);
         vec![ReferenceValue::of_direction("pyerfa 2.0.1.5, ab", context, vec![1.0], before, after, 1e-14)]
     }
+
+    fn source() -> &'static str {
+        include_str!("stellar_aberration.rs")
+    }
 }
