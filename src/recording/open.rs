@@ -1,0 +1,248 @@
+//! From paths to a recording: which form it is, and the check of every frame before any is read.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::error::{FrameProblem, RecordingError, Size};
+use super::fits::FitsMetadata;
+use super::image_file::{self, FITS_ENDINGS, IMAGE_ENDINGS, Probe};
+use super::manifest::{self, Manifest};
+use super::{CameraInfo, Form, FrameEntry, OpenOptions, Recording, Site, SkippedFrame, time};
+
+pub(super) fn open(paths: &[&Path], options: OpenOptions) -> Result<Recording, RecordingError> {
+    let Some(first) = paths.first() else {
+        return Err(RecordingError::Empty { path: PathBuf::from("."), hint: "give a recording or images".to_owned() });
+    };
+    for path in paths {
+        if let Err(error) = fs::metadata(path) {
+            let path = path.to_path_buf();
+            return Err(match error.kind() {
+                std::io::ErrorKind::NotFound | std::io::ErrorKind::NotADirectory => RecordingError::Missing { path },
+                _ => RecordingError::Read { path, source: error },
+            });
+        }
+    }
+    if let [path] = paths {
+        if path.is_dir() {
+            let manifest = path.join(manifest::FILE_NAME);
+            return if manifest.is_file() { from_manifest(&manifest, options) } else { from_folder(path, options) };
+        }
+        if is_toml(path) {
+            return from_manifest(path, options);
+        }
+    } else if let Some(path) = paths.iter().find(|path| path.is_dir() || is_toml(path)) {
+        let problem = "a recording is given alone; give one recording, or images only".to_owned();
+        return Err(RecordingError::Inputs { path: path.to_path_buf(), problem });
+    }
+    if let Some(path) = paths.iter().find(|path| ending(path).is_some_and(|ending| ending == "csv" || ending == "parquet")) {
+        let problem = "a star list is given through a recording.toml with stars = \"FILE\" and the frames it belongs to".to_owned();
+        return Err(RecordingError::Inputs { path: path.to_path_buf(), problem });
+    }
+    let files: Vec<PathBuf> = paths.iter().map(|path| path.to_path_buf()).collect();
+    from_images(PathBuf::new(), &files, Form::Images, first, options)
+}
+
+fn ending(path: &Path) -> Option<String> {
+    path.extension().map(|ending| ending.to_string_lossy().to_lowercase())
+}
+
+fn is_toml(path: &Path) -> bool {
+    ending(path).as_deref() == Some("toml")
+}
+
+/// Form B, or form C in order of name.
+fn from_folder(directory: &Path, options: OpenOptions) -> Result<Recording, RecordingError> {
+    let read = |source| RecordingError::Read { path: directory.to_owned(), source };
+    let mut files = Vec::new();
+    for entry in fs::read_dir(directory).map_err(read)? {
+        let path = entry.map_err(read)?.path();
+        let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+        if !hidden && path.is_file() {
+            files.extend(path.file_name().map(PathBuf::from));
+        }
+    }
+    files.sort();
+    let of_kind = |endings: &[&str]| -> Vec<PathBuf> {
+        files.iter().filter(|file| ending(file).is_some_and(|ending| endings.contains(&ending.as_str()))).cloned().collect()
+    };
+    let (fits, images) = (of_kind(&FITS_ENDINGS), of_kind(&IMAGE_ENDINGS));
+    match (fits.as_slice(), images.as_slice()) {
+        ([], []) => Err(RecordingError::Empty {
+            path: directory.to_owned(),
+            hint: format!("it holds neither {} nor files ending in {} or {}", manifest::FILE_NAME, FITS_ENDINGS.join(", "), IMAGE_ENDINGS.join(", ")),
+        }),
+        (fits, []) => from_images(directory.to_owned(), fits, Form::FitsFolder, directory, options),
+        ([], images) => from_images(directory.to_owned(), images, Form::Images, directory, options),
+        ([fits, ..], [image, ..]) => Err(RecordingError::Inputs {
+            path: directory.to_owned(),
+            problem: format!("it holds FITS files ({}) and other images ({}); give the frames one by one", fits.display(), image.display()),
+        }),
+    }
+}
+
+/// Forms B and C: `files` relative to `directory`.
+fn from_images(directory: PathBuf, files: &[PathBuf], form: Form, given: &Path, options: OpenOptions) -> Result<Recording, RecordingError> {
+    let of_one_camera = !directory.as_os_str().is_empty();
+    let mut kept: Vec<(FrameEntry, FitsMetadata)> = Vec::new();
+    let mut skipped = Vec::new();
+    for (number, file) in files.iter().enumerate() {
+        let path = directory.join(file);
+        let first = kept.first().and_then(|(entry, _)| Some((entry.name(), entry.size?))).filter(|_| of_one_camera);
+        match examine(&path, file, number, first) {
+            Ok(frame) => kept.push(frame),
+            Err(problem) => {
+                let error = RecordingError::Frame { file: path, problem, place: None };
+                skip_or_fail(error, file.display().to_string(), number, options, &mut skipped)?;
+            }
+        }
+    }
+    if kept.is_empty() {
+        return Err(RecordingError::Empty { path: given.to_owned(), hint: all_skipped(&skipped) });
+    }
+    if form == Form::FitsFolder && kept.iter().all(|(entry, _)| entry.time_utc.is_some()) {
+        kept.sort_by_key(|(entry, _)| entry.time_utc);
+    }
+    let mut notes = Vec::new();
+    let (camera, site) = shared(&kept, &mut notes);
+    for (entry, metadata) in &kept {
+        notes.extend(metadata.notes.iter().map(|note| format!("{}: {note}", entry.name())));
+    }
+    let frames: Vec<FrameEntry> = kept.into_iter().map(|(entry, _)| entry).collect();
+    note_flips(&frames, &mut notes);
+    let keep_going = options.keep_going;
+    Ok(Recording { camera, mount: None, site, frames, directory, form, manifest: None, skipped, notes, keep_going })
+}
+
+/// One image of forms B and C.
+fn examine(path: &Path, file: &Path, number: usize, first: Option<(String, Size)>) -> Result<(FrameEntry, FitsMetadata), FrameProblem> {
+    let probe = image_file::probe(path)?;
+    if let Some((name, expected)) = first.filter(|(_, expected)| *expected != probe.size) {
+        return Err(FrameProblem::WrongSize { found: probe.size, expected, expected_from: format!("{name} is") });
+    }
+    let metadata = probe.fits.as_ref().map_or_else(|| Ok(FitsMetadata::default()), |header| header.metadata())?;
+    let mut entry = FrameEntry {
+        file: Some(file.to_owned()),
+        number,
+        time_utc: metadata.time_utc,
+        exposure_s: metadata.exposure_s,
+        temperature_c: metadata.temperature_c,
+        ..FrameEntry::default()
+    };
+    if let Some(gain) = metadata.gain_setting {
+        entry.covariates.insert("gain_setting".to_owned(), gain);
+    }
+    describe(&mut entry, &probe);
+    Ok((entry, metadata))
+}
+
+fn describe(entry: &mut FrameEntry, probe: &Probe) {
+    entry.size = Some(probe.size);
+    entry.rows_flipped = probe.fits.as_ref().is_some_and(|header| header.bottom_up);
+}
+
+/// Camera and site, as far as all headers that speak of them agree.
+fn shared(kept: &[(FrameEntry, FitsMetadata)], notes: &mut Vec<String>) -> (CameraInfo, Option<Site>) {
+    let size = kept.first().and_then(|(entry, _)| entry.size).unwrap_or(Size { width_px: 0, height_px: 0 });
+    let mut agreed = |keyword: &str, get: &dyn Fn(&FitsMetadata) -> Option<f64>| {
+        let mut values = kept.iter().filter_map(|(entry, metadata)| Some((entry, get(metadata)?)));
+        let (_, first) = values.next()?;
+        if let Some((entry, other)) = values.find(|(_, value)| (value - first).abs() > 1e-4 * first.abs().max(1e-3)) {
+            notes.push(format!("{}: {keyword} is {other}, but {first} in the first frame that has it; it is not used", entry.name()));
+            return None;
+        }
+        Some(first)
+    };
+    let pitch = [
+        agreed("XPIXSZ", &|metadata| metadata.pixel_pitch_um.map(|[x, _]| x)),
+        agreed("YPIXSZ", &|metadata| metadata.pixel_pitch_um.map(|[_, y]| y)),
+    ];
+    let camera = CameraInfo {
+        width_px: size.width_px,
+        height_px: size.height_px,
+        pixel_pitch_um: pitch[0].zip(pitch[1]).map(|(x, y)| [x, y]),
+        focal_length_mm: agreed("FOCALLEN", &|metadata| metadata.focal_length_mm),
+        gain_e_per_dn: agreed("EGAIN or GAIN", &|metadata| metadata.gain_e_per_dn),
+        ..CameraInfo::default()
+    };
+    let latitude_deg = agreed("SITELAT", &|metadata| metadata.latitude_deg);
+    let longitude_deg = agreed("SITELONG", &|metadata| metadata.longitude_deg);
+    let height_m = agreed("SITEELEV", &|metadata| metadata.height_m).unwrap_or(0.0);
+    let site = latitude_deg.zip(longitude_deg).map(|(latitude_deg, longitude_deg)| Site {
+        latitude_deg,
+        longitude_deg,
+        height_m,
+        pressure_hpa: None,
+        temperature_c: None,
+        relative_humidity: None,
+    });
+    (camera, site)
+}
+
+/// Form A.
+fn from_manifest(path: &Path, options: OpenOptions) -> Result<Recording, RecordingError> {
+    let Manifest { path, camera, width_line, mount, site, stars: _, frames: listed } = manifest::read(path)?;
+    if listed.is_empty() {
+        let hint = "it has no [[frames]]; list every frame with its file".to_owned();
+        return Err(RecordingError::Empty { path, hint });
+    }
+    let directory = path.parent().map(Path::to_owned).unwrap_or_default();
+    let camera_size = Size { width_px: camera.width_px, height_px: camera.height_px };
+    let (mut frames, mut skipped): (Vec<FrameEntry>, Vec<SkippedFrame>) = (Vec::new(), Vec::new());
+    for (number, (name, entry)) in listed.into_iter().enumerate() {
+        let previous = frames.iter().rev().find_map(|frame| frame.time_utc);
+        let checked = entry.and_then(|mut entry| {
+            let file = entry.file.as_ref().map_or_else(PathBuf::new, |file| directory.join(file));
+            let fault = |problem| RecordingError::Frame { file: file.clone(), problem, place: entry.place.clone() };
+            if let (Some(time), Some(previous)) = (entry.time_utc, previous.filter(|previous| entry.time_utc.is_some_and(|time| time < *previous))) {
+                let (time, previous) = (time::format_utc(time), time::format_utc(previous));
+                return Err(fault(FrameProblem::TimeBackwards { time, previous }));
+            }
+            let probe = image_file::probe(&file).map_err(fault)?;
+            if probe.size != camera_size {
+                let expected_from = format!("the camera ({}, line {width_line}, width_px and height_px) is", path.display());
+                return Err(fault(FrameProblem::WrongSize { found: probe.size, expected: camera_size, expected_from }));
+            }
+            describe(&mut entry, &probe);
+            Ok(entry)
+        });
+        match checked {
+            Ok(entry) => frames.push(entry),
+            Err(error) => skip_or_fail(error, name, number, options, &mut skipped)?,
+        }
+    }
+    if frames.is_empty() {
+        return Err(RecordingError::Empty { path, hint: all_skipped(&skipped) });
+    }
+    let mut notes = Vec::new();
+    note_flips(&frames, &mut notes);
+    let keep_going = options.keep_going;
+    Ok(Recording { camera, mount, site, frames, directory, form: Form::Manifest, manifest: Some(path), skipped, notes, keep_going })
+}
+
+fn skip_or_fail(
+    error: RecordingError,
+    file: String,
+    number: usize,
+    options: OpenOptions,
+    skipped: &mut Vec<SkippedFrame>,
+) -> Result<(), RecordingError> {
+    if !options.keep_going {
+        return Err(error);
+    }
+    skipped.push(SkippedFrame { file, number, reason: error.to_string() });
+    Ok(())
+}
+
+fn all_skipped(skipped: &[SkippedFrame]) -> String {
+    skipped.first().map_or_else(
+        || "give images".to_owned(),
+        |first| format!("every one of its {} frames was skipped, the first because {}", skipped.len(), first.reason),
+    )
+}
+
+fn note_flips(frames: &[FrameEntry], notes: &mut Vec<String>) {
+    let flipped: Vec<String> = frames.iter().filter(|frame| frame.rows_flipped).map(FrameEntry::name).collect();
+    if let Some(first) = flipped.first() {
+        notes.push(format!("{} of {} frames say ROWORDER = BOTTOM-UP and were turned over on reading: {first} …", flipped.len(), frames.len()));
+    }
+}
