@@ -48,6 +48,22 @@ pub enum RecordingError {
         /// What is wrong, and the remedy.
         problem: String,
     },
+    /// A star list of a kind that is not read.
+    #[error("{}: Parquet star lists are not supported yet; convert to CSV ({place})", path.display())]
+    Parquet {
+        /// The star list.
+        path: PathBuf,
+        /// Where the manifest names it.
+        place: Place,
+    },
+    /// A star list that is not there.
+    #[error("{}: no such star list ({place})", path.display())]
+    MissingStarList {
+        /// The star list.
+        path: PathBuf,
+        /// Where the manifest names it.
+        place: Place,
+    },
     /// A folder or a manifest without frames.
     #[error("no frames found in {}: {hint}", path.display())]
     Empty {
@@ -70,7 +86,7 @@ pub enum RecordingError {
         /// The frame's file.
         file: PathBuf,
         /// What is wrong with it.
-        problem: FrameProblem,
+        problem: Box<FrameProblem>,
         /// Where the manifest speaks of it.
         place: Option<Place>,
     },

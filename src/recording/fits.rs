@@ -211,7 +211,8 @@ impl FitsHeader {
             // Observatories write electrons per count here, capture programs the number on the camera's dial.
             let comment = self.cards.iter().find(|card| card.keyword_str() == "GAIN").and_then(|card| card.comment.as_deref());
             let comment = comment.unwrap_or("").to_lowercase();
-            let electrons = comment.contains("e-/") || comment.contains("electron") || comment.contains("e/adu") || comment.contains("e/dn");
+            let electrons =
+                comment.contains("e-/") || comment.contains("electron") || comment.contains("e/adu") || comment.contains("e/dn");
             if electrons && gain > 0.0 {
                 metadata.gain_e_per_dn = metadata.gain_e_per_dn.or(Some(gain));
             } else {

@@ -158,10 +158,8 @@ fn decode_image(bytes: &[u8], format: ImageFormat, kind: &'static str) -> Result
     let size = Size { width_px: width as usize, height_px: height as usize };
     check_size(size)?;
     let image = DynamicImage::from_decoder(decoder).map_err(|error| decode_problem(kind, &error))?;
-    let (pixels_dn, saturation_dn) = luminance(&image).ok_or_else(|| FrameProblem::Decode {
-        kind,
-        message: format!("its pixels are {:?}; 8 or 16 bits are read", image.color()),
-    })?;
+    let (pixels_dn, saturation_dn) = luminance(&image)
+        .ok_or_else(|| FrameProblem::Decode { kind, message: format!("its pixels are {:?}; 8 or 16 bits are read", image.color()) })?;
     Ok(Frame { width_px: size.width_px, height_px: size.height_px, pixels_dn, saturation_dn })
 }
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use super::error::RecordingError;
+use super::error::{Place, RecordingError};
 use super::image_file::{MAXIMUM_PIXELS, MINIMUM_PX};
 use super::toml_table::{Document, Table};
 use super::{CameraInfo, FirstRow, FrameEntry, Mount, Shutter, Site, time};
@@ -74,8 +74,8 @@ pub(super) struct Manifest {
     pub(super) width_line: usize,
     pub(super) mount: Option<Mount>,
     pub(super) site: Option<Site>,
-    /// The star list, and the line that names it.
-    pub(super) stars: Option<(String, usize)>,
+    /// The star list, and where it is named.
+    pub(super) stars: Option<(PathBuf, Place)>,
     /// Each frame, or what is wrong with it, with the name it goes by.
     pub(super) frames: Vec<(String, Result<FrameEntry, RecordingError>)>,
 }
@@ -100,8 +100,8 @@ pub(super) fn read(path: &Path) -> Result<Manifest, RecordingError> {
         }
         None => return Err(top.fault("format", format!("\"format\" is missing; write format = {FORMAT:?} on the first line"))),
     }
-    let stars_line = top.place("stars").line;
-    let stars = top.text("stars")?.map(|stars| (stars, stars_line));
+    let stars_place = top.place("stars");
+    let stars = top.text("stars")?.map(|stars| (PathBuf::from(stars), stars_place));
     let Some(mut camera_table) = top.table("camera", CAMERA_KEYS)? else {
         return Err(top.fault("camera", "[camera] is missing; write at least its width_px and height_px".to_owned()));
     };
@@ -131,7 +131,9 @@ pub(super) fn read(path: &Path) -> Result<Manifest, RecordingError> {
 
 fn camera(table: &mut Table<'_>) -> Result<CameraInfo, RecordingError> {
     let mut side = |key| {
-        table.count(key, 1, MAXIMUM_SIDE_PX)?.ok_or_else(|| table.fault("", format!("{key:?} is missing in [camera]; write the frames' size in pixels")))
+        table
+            .count(key, 1, MAXIMUM_SIDE_PX)?
+            .ok_or_else(|| table.fault("", format!("{key:?} is missing in [camera]; write the frames' size in pixels")))
     };
     let (width_px, height_px) = (side("width_px")?, side("height_px")?);
     if width_px < MINIMUM_PX || height_px < MINIMUM_PX || width_px * height_px > MAXIMUM_PIXELS {
@@ -190,7 +192,15 @@ fn frame(mut table: Table<'_>, number: usize, is_star_list: bool) -> (String, Re
     match (&file, is_star_list) {
         (None, false) => return (name, Err(table.fault("file", "\"file\" is missing in [[frames]]; name the frame's image".to_owned()))),
         (Some(file), false) if file.is_empty() => {
-            return (name, Err(RecordingError::Manifest { path: place.path, line: place.line, key: "file".to_owned(), problem: "\"file\" is empty; name the frame's image".to_owned() }));
+            return (
+                name,
+                Err(RecordingError::Manifest {
+                    path: place.path,
+                    line: place.line,
+                    key: "file".to_owned(),
+                    problem: "\"file\" is empty; name the frame's image".to_owned(),
+                }),
+            );
         }
         (Some(_), true) => {
             let problem = "\"file\" and a star list (\"stars\") exclude each other; leave one of them out".to_owned();
@@ -207,8 +217,14 @@ fn telemetry(table: &mut Table<'_>, entry: &mut FrameEntry) -> Result<(), Record
     let three = "three numbers [x, y, z]";
     let time_place = table.place("time_utc");
     if let Some(text) = table.time_text("time_utc")? {
-        let fault = |problem| RecordingError::Manifest { path: time_place.path, line: time_place.line, key: "time_utc".to_owned(), problem };
-        entry.time_utc = Some(time::parse_utc(&text).map_err(|problem| fault(format!("\"time_utc\" {problem}")))?);
+        let fault = |problem| RecordingError::Manifest {
+            path: time_place.path.clone(),
+            line: time_place.line,
+            key: "time_utc".to_owned(),
+            problem: format!("\"time_utc\" {problem}"),
+        };
+        entry.time_utc = Some(time::parse_utc(&text).map_err(fault)?);
+        entry.time_place = Some(time_place);
     }
     entry.exposure_s = table.positive("exposure_s")?;
     entry.temperature_c = table.number_within("temperature_c", -273.15, 1000.0)?;
@@ -227,9 +243,10 @@ fn telemetry(table: &mut Table<'_>, entry: &mut FrameEntry) -> Result<(), Record
         table.numbers("boresight_radec_deg", "[right ascension, declination], from 0 to 360 and -90 to 90", |&[ra, dec]| {
             (-180.0..=360.0).contains(&ra) && (-90.0..=90.0).contains(&dec)
         })?;
-    entry.altitude_azimuth_deg = table.numbers("altitude_azimuth_deg", "[altitude, azimuth], from -90 to 90 and -180 to 360", |&[altitude, azimuth]| {
-        (-90.0..=90.0).contains(&altitude) && (-180.0..=360.0).contains(&azimuth)
-    })?;
+    entry.altitude_azimuth_deg =
+        table.numbers("altitude_azimuth_deg", "[altitude, azimuth], from -90 to 90 and -180 to 360", |&[altitude, azimuth]| {
+            (-90.0..=90.0).contains(&altitude) && (-180.0..=360.0).contains(&azimuth)
+        })?;
     for left in table.left() {
         let near = || FRAME_KEYS.iter().any(|known| strsim::levenshtein(&left.key, known) <= TYPING_ERROR_EDITS);
         match left.number {

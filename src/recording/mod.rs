@@ -16,6 +16,7 @@ mod fits;
 mod image_file;
 mod manifest;
 mod open;
+mod star_list;
 mod time;
 mod toml_table;
 
@@ -30,6 +31,7 @@ use crate::coordinates::Attitude;
 use crate::frame::Frame;
 
 pub use error::{FrameProblem, Place, RecordingError, Size};
+pub use star_list::{ListedStar, StarList};
 
 /// What a real camera left behind, or the simulator in its place.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,12 +44,16 @@ pub struct Recording {
     pub site: Option<Site>,
     /// The frames, in order.
     pub frames: Vec<FrameEntry>,
+    /// The stars of the frames, where the recording holds these and no pixels.
+    pub stars: Option<StarList>,
     /// The folder that the frames' files are relative to.
     pub directory: PathBuf,
     /// The form it came in.
     pub form: Form,
     /// The manifest, where there is one.
     pub manifest: Option<PathBuf>,
+    /// The star list's file, where there is one.
+    pub star_file: Option<PathBuf>,
     /// Frames that were left out (only with [`OpenOptions::keep_going`]), each with its reason.
     pub skipped: Vec<SkippedFrame>,
     /// What was done or not used on reading, one sentence each.
@@ -191,6 +197,8 @@ pub struct FrameEntry {
     pub covariates: BTreeMap<String, f64>,
     /// Where the manifest speaks of the file.
     pub(crate) place: Option<Place>,
+    /// Where it speaks of the time.
+    pub(crate) time_place: Option<Place>,
 }
 
 /// A frame that was left out.
@@ -240,11 +248,10 @@ impl Recording {
     pub fn load_frame(&self, frame: usize) -> Result<Frame, RecordingError> {
         let no_such_frame = || RecordingError::NoSuchFrame { frame, frames: self.frames.len() };
         let entry = self.frames.get(frame).ok_or_else(no_such_frame)?;
-        let path = self.frame_path(frame).ok_or_else(|| RecordingError::NoPixels {
-            path: self.manifest.clone().unwrap_or_else(|| self.directory.clone()),
-            frame,
-        })?;
-        let fault = |problem| RecordingError::Frame { file: path.clone(), problem, place: entry.place.clone() };
+        let path = self
+            .frame_path(frame)
+            .ok_or_else(|| RecordingError::NoPixels { path: self.manifest.clone().unwrap_or_else(|| self.directory.clone()), frame })?;
+        let fault = |problem| RecordingError::Frame { file: path.clone(), problem: Box::new(problem), place: entry.place.clone() };
         let mut loaded = image_file::load(&path).map_err(fault)?;
         let found = Size { width_px: loaded.width_px, height_px: loaded.height_px };
         if let Some(expected) = entry.size.filter(|expected| *expected != found) {
@@ -260,11 +267,9 @@ impl Recording {
     pub fn load_frame_or_skip(&self, frame: usize) -> Result<Result<Frame, SkippedFrame>, RecordingError> {
         match self.load_frame(frame) {
             Ok(loaded) => Ok(Ok(loaded)),
-            Err(error) if self.keep_going && frame < self.frames.len() => Ok(Err(SkippedFrame {
-                file: self.frame_name(frame),
-                number: self.frames[frame].number,
-                reason: error.to_string(),
-            })),
+            Err(error) if self.keep_going && frame < self.frames.len() => {
+                Ok(Err(SkippedFrame { file: self.frame_name(frame), number: self.frames[frame].number, reason: error.to_string() }))
+            }
             Err(error) => Err(error),
         }
     }
@@ -290,11 +295,11 @@ impl Recording {
         self.camera.nominal()
     }
 
-    /// Every file that the recording is made of, in order: the manifest, then the frames.
+    /// Every file that the recording is made of, in order: the manifest, the star list, the frames.
     #[must_use]
     pub fn input_files(&self) -> Vec<PathBuf> {
         let frames = (0..self.frames.len()).filter_map(|frame| self.frame_path(frame));
-        self.manifest.iter().cloned().chain(frames).collect()
+        self.manifest.iter().chain(&self.star_file).cloned().chain(frames).collect()
     }
 }
 

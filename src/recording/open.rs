@@ -3,11 +3,11 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::error::{FrameProblem, RecordingError, Size};
-use super::fits::FitsMetadata;
+use super::error::{FrameProblem, Place, RecordingError, Size};
+use super::fits::{FitsHeader, FitsMetadata};
 use super::image_file::{self, FITS_ENDINGS, IMAGE_ENDINGS, Probe};
 use super::manifest::{self, Manifest};
-use super::{CameraInfo, Form, FrameEntry, OpenOptions, Recording, Site, SkippedFrame, time};
+use super::{CameraInfo, Form, FrameEntry, OpenOptions, Recording, Site, SkippedFrame, StarList, star_list, time};
 
 pub(super) fn open(paths: &[&Path], options: OpenOptions) -> Result<Recording, RecordingError> {
     let Some(first) = paths.first() else {
@@ -69,7 +69,12 @@ fn from_folder(directory: &Path, options: OpenOptions) -> Result<Recording, Reco
     match (fits.as_slice(), images.as_slice()) {
         ([], []) => Err(RecordingError::Empty {
             path: directory.to_owned(),
-            hint: format!("it holds neither {} nor files ending in {} or {}", manifest::FILE_NAME, FITS_ENDINGS.join(", "), IMAGE_ENDINGS.join(", ")),
+            hint: format!(
+                "it holds neither {} nor files ending in {} or {}",
+                manifest::FILE_NAME,
+                FITS_ENDINGS.join(", "),
+                IMAGE_ENDINGS.join(", ")
+            ),
         }),
         (fits, []) => from_images(directory.to_owned(), fits, Form::FitsFolder, directory, options),
         ([], images) => from_images(directory.to_owned(), images, Form::Images, directory, options),
@@ -91,7 +96,7 @@ fn from_images(directory: PathBuf, files: &[PathBuf], form: Form, given: &Path, 
         match examine(&path, file, number, first) {
             Ok(frame) => kept.push(frame),
             Err(problem) => {
-                let error = RecordingError::Frame { file: path, problem, place: None };
+                let error = RecordingError::Frame { file: path, problem: Box::new(problem), place: None };
                 skip_or_fail(error, file.display().to_string(), number, options, &mut skipped)?;
             }
         }
@@ -109,8 +114,20 @@ fn from_images(directory: PathBuf, files: &[PathBuf], form: Form, given: &Path, 
     }
     let frames: Vec<FrameEntry> = kept.into_iter().map(|(entry, _)| entry).collect();
     note_flips(&frames, &mut notes);
-    let keep_going = options.keep_going;
-    Ok(Recording { camera, mount: None, site, frames, directory, form, manifest: None, skipped, notes, keep_going })
+    Ok(Recording {
+        camera,
+        mount: None,
+        site,
+        frames,
+        stars: None,
+        directory,
+        form,
+        manifest: None,
+        star_file: None,
+        skipped,
+        notes,
+        keep_going: options.keep_going,
+    })
 }
 
 /// One image of forms B and C.
@@ -119,7 +136,7 @@ fn examine(path: &Path, file: &Path, number: usize, first: Option<(String, Size)
     if let Some((name, expected)) = first.filter(|(_, expected)| *expected != probe.size) {
         return Err(FrameProblem::WrongSize { found: probe.size, expected, expected_from: format!("{name} is") });
     }
-    let metadata = probe.fits.as_ref().map_or_else(|| Ok(FitsMetadata::default()), |header| header.metadata())?;
+    let metadata = probe.fits.as_ref().map_or_else(|| Ok(FitsMetadata::default()), FitsHeader::metadata)?;
     let mut entry = FrameEntry {
         file: Some(file.to_owned()),
         number,
@@ -178,24 +195,37 @@ fn shared(kept: &[(FrameEntry, FitsMetadata)], notes: &mut Vec<String>) -> (Came
     (camera, site)
 }
 
-/// Form A.
+/// Forms A and D.
 fn from_manifest(path: &Path, options: OpenOptions) -> Result<Recording, RecordingError> {
-    let Manifest { path, camera, width_line, mount, site, stars: _, frames: listed } = manifest::read(path)?;
+    let Manifest { path, camera, width_line, mount, site, stars: named, frames: listed } = manifest::read(path)?;
     if listed.is_empty() {
-        let hint = "it has no [[frames]]; list every frame with its file".to_owned();
+        let hint = "it has no [[frames]]; list every frame (an image's file, or the telemetry of a star list)".to_owned();
         return Err(RecordingError::Empty { path, hint });
     }
     let directory = path.parent().map(Path::to_owned).unwrap_or_default();
     let camera_size = Size { width_px: camera.width_px, height_px: camera.height_px };
+    let (star_file, mut listed_stars) = match named {
+        Some((file, place)) => {
+            let file = directory.join(file);
+            let stars = read_stars(&file, place, listed.len(), camera_size)?;
+            (Some(file), Some(stars))
+        }
+        None => (None, None),
+    };
     let (mut frames, mut skipped): (Vec<FrameEntry>, Vec<SkippedFrame>) = (Vec::new(), Vec::new());
     for (number, (name, entry)) in listed.into_iter().enumerate() {
         let previous = frames.iter().rev().find_map(|frame| frame.time_utc);
         let checked = entry.and_then(|mut entry| {
-            let file = entry.file.as_ref().map_or_else(PathBuf::new, |file| directory.join(file));
-            let fault = |problem| RecordingError::Frame { file: file.clone(), problem, place: entry.place.clone() };
-            if let (Some(time), Some(previous)) = (entry.time_utc, previous.filter(|previous| entry.time_utc.is_some_and(|time| time < *previous))) {
+            let file = entry.file.as_ref().map_or_else(|| PathBuf::from(&name), |file| directory.join(file));
+            let fault = |problem| RecordingError::Frame { file: file.clone(), problem: Box::new(problem), place: entry.place.clone() };
+            if let Some((time, previous)) = entry.time_utc.zip(previous).filter(|(time, previous)| time < previous) {
                 let (time, previous) = (time::format_utc(time), time::format_utc(previous));
-                return Err(fault(FrameProblem::TimeBackwards { time, previous }));
+                let place = entry.time_place.clone();
+                return Err(RecordingError::Frame { file, problem: Box::new(FrameProblem::TimeBackwards { time, previous }), place });
+            }
+            if let Some(listed_stars) = &mut listed_stars {
+                entry.size = Some(camera_size);
+                return listed_stars.faults.remove(&number).map_or(Ok(entry), Err);
             }
             let probe = image_file::probe(&file).map_err(fault)?;
             if probe.size != camera_size {
@@ -215,8 +245,32 @@ fn from_manifest(path: &Path, options: OpenOptions) -> Result<Recording, Recordi
     }
     let mut notes = Vec::new();
     note_flips(&frames, &mut notes);
-    let keep_going = options.keep_going;
-    Ok(Recording { camera, mount, site, frames, directory, form: Form::Manifest, manifest: Some(path), skipped, notes, keep_going })
+    let stars = listed_stars
+        .map(|mut listed| StarList { frames: frames.iter().map(|frame| std::mem::take(&mut listed.stars[frame.number])).collect() });
+    Ok(Recording {
+        camera,
+        mount,
+        site,
+        frames,
+        form: if stars.is_some() { Form::StarList } else { Form::Manifest },
+        stars,
+        directory,
+        manifest: Some(path),
+        star_file,
+        skipped,
+        notes,
+        keep_going: options.keep_going,
+    })
+}
+
+fn read_stars(file: &Path, place: Place, frames: usize, size: Size) -> Result<star_list::Listed, RecordingError> {
+    if ending(file).as_deref() == Some("parquet") {
+        return Err(RecordingError::Parquet { path: file.to_owned(), place });
+    }
+    if !file.is_file() {
+        return Err(RecordingError::MissingStarList { path: file.to_owned(), place });
+    }
+    star_list::read(file, frames, size)
 }
 
 fn skip_or_fail(
@@ -243,6 +297,10 @@ fn all_skipped(skipped: &[SkippedFrame]) -> String {
 fn note_flips(frames: &[FrameEntry], notes: &mut Vec<String>) {
     let flipped: Vec<String> = frames.iter().filter(|frame| frame.rows_flipped).map(FrameEntry::name).collect();
     if let Some(first) = flipped.first() {
-        notes.push(format!("{} of {} frames say ROWORDER = BOTTOM-UP and were turned over on reading: {first} …", flipped.len(), frames.len()));
+        notes.push(format!(
+            "{} of {} frames say ROWORDER = BOTTOM-UP and were turned over on reading: {first} …",
+            flipped.len(),
+            frames.len()
+        ));
     }
 }

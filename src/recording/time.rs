@@ -23,7 +23,8 @@ pub(super) fn parse_in(text: &str, scale: TimeScale) -> Result<Epoch, String> {
     let [hour, minute, second] = fields(clock, ':').ok_or_else(fault)?;
     let (second, fraction) = second.split_once('.').unwrap_or((second, ""));
     let nanoseconds = nanoseconds(fraction).ok_or_else(fault)?;
-    let year: i32 = digits(year, 4).and_then(|year| i32::try_from(year).ok()).filter(|year| (1900..=2200).contains(year)).ok_or_else(fault)?;
+    let year: i32 =
+        digits(year, 4).and_then(|year| i32::try_from(year).ok()).filter(|year| (1900..=2200).contains(year)).ok_or_else(fault)?;
     let [month, day, hour, minute, second] = [month, day, hour, minute, second].map(|field| digits(field, 2).map(|number| number as u8));
     let (Some(month), Some(day), Some(hour), Some(minute), Some(second)) = (month, day, hour, minute, second) else {
         return Err(fault());
@@ -102,7 +103,9 @@ mod tests {
 
     #[test]
     fn refuses_what_is_no_time() {
-        for text in ["", "yesterday", "2019-07-29", "2019-13-29T20:47:26Z", "2019-02-30T20:47:26Z", "2019-07-29T24:47:26Z", "29.07.2019 20:47"] {
+        for text in
+            ["", "yesterday", "2019-07-29", "2019-13-29T20:47:26Z", "2019-02-30T20:47:26Z", "2019-07-29T24:47:26Z", "29.07.2019 20:47"]
+        {
             assert!(parse_utc(text).unwrap_err().contains("is no time"), "{text}");
         }
     }

@@ -60,11 +60,6 @@ impl<'s> Table<'s> {
         Self { document, name: name.to_owned(), known, start: span.start, entries }
     }
 
-    /// Line of the table's head.
-    pub(super) fn line(&self) -> usize {
-        self.document.line(self.start)
-    }
-
     /// Where a key stands; the table's head if it is absent.
     pub(super) fn place(&self, key: &'static str) -> Place {
         let at = self.entries.get(key).map_or(self.start, |(span, _)| span.start);
@@ -75,10 +70,6 @@ impl<'s> Table<'s> {
     pub(super) fn fault(&self, key: &str, problem: String) -> RecordingError {
         let at = self.entries.get(key).map_or(self.start, |(span, _)| span.start);
         self.document.fault(at, key, problem)
-    }
-
-    pub(super) fn has(&self, key: &str) -> bool {
-        self.entries.contains_key(key)
     }
 
     /// The value of a key through `read`, which says what it expected if it cannot.
@@ -98,7 +89,12 @@ impl<'s> Table<'s> {
     }
 
     /// A number that `accept` accepts.
-    pub(super) fn number_where(&mut self, key: &'static str, what: &str, accept: impl Fn(f64) -> bool) -> Result<Option<f64>, RecordingError> {
+    pub(super) fn number_where(
+        &mut self,
+        key: &'static str,
+        what: &str,
+        accept: impl Fn(f64) -> bool,
+    ) -> Result<Option<f64>, RecordingError> {
         self.take(key, |value| number(value).filter(|&number| accept(number)).ok_or_else(|| format!("must be {what}")))
     }
 
@@ -168,7 +164,9 @@ impl<'s> Table<'s> {
         };
         match value.into_inner() {
             DeValue::Table(table) => Ok(Some(Self::new(self.document, &format!("[{key}]"), known, span, table))),
-            other => Err(self.document.fault(span.start, key, format!("{key:?} must be a table [{key}], but it is a {}", other.type_str()))),
+            other => {
+                Err(self.document.fault(span.start, key, format!("{key:?} must be a table [{key}], but it is a {}", other.type_str())))
+            }
         }
     }
 

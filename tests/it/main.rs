@@ -3,5 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test that meets the unexpected must fail")]
 mod camera;
 mod catalog;
+mod common;
 mod displacements;
+mod recording;
 mod scene;

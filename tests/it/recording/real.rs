@@ -39,11 +39,11 @@ fn bare_images_of_several_cameras_are_read_one_by_one() {
     let paths = ["cedar/e050ms.jpg", "creusot_16mm/darks/000.png", "granasat/cisne_02sec.jpg"].map(|path| recordings.join(path));
     let recording = Recording::open(&paths).unwrap();
     assert_eq!(recording.form, Form::Images);
-    for frame in 0..3 {
+    for (frame, path) in paths.iter().enumerate() {
         let loaded = recording.load_frame(frame).unwrap();
         let size = recording.frames[frame].size.unwrap();
         assert_eq!((loaded.width_px, loaded.height_px), (size.width_px, size.height_px));
-        assert_eq!(recording.frame_path(frame).unwrap(), paths[frame]);
+        assert_eq!(recording.frame_path(frame).unwrap(), *path);
     }
     let sentence = recording.common_size().unwrap_err().to_string();
     assert!(sentence.contains("000.png is 808 × 608 px") && sentence.contains("1280 × 960 px"), "{sentence}");
