@@ -1,6 +1,90 @@
 //! Frame → Detections: finds stars and measures them.
+//!
+//! 1. `background`: level and noise on a mesh, offsets of rows; never zero noise, since counts come in steps.
+//! 2. `defects`: full and hot pixels are set aside.
+//! 3. `filter`: matched filter; its threshold follows from the number of false stars allowed.
+//! 4. `shape`: the frame's own stars tell width and elongation, and the filter is run again with it.
+//! 5. `fit`: maximum likelihood for position, flux, background and width; neighbours are taken off each other.
+
+mod background;
+mod defects;
+mod filter;
+mod fit;
+mod measure;
+mod psf;
+mod shape;
+
+pub use measure::detect;
 
 use serde::{Deserialize, Serialize};
+
+/// How to look for stars. The default suits any camera.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DetectOptions {
+    /// Expected number of false stars that noise makes in one frame.
+    pub false_alarms_per_frame: f64,
+    /// Width (Gaussian σ before the pixel integrates it) of the star images where it is known; else the frame's stars tell it.
+    pub psf_sigma_px: Option<f64>,
+    /// Electrons per count where known; else estimated from the scatter of bright stars.
+    pub gain_e_per_dn: Option<f64>,
+    /// Read noise where known: a lower limit of the noise that the frame itself shows. Needs the gain.
+    pub read_noise_e: Option<f64>,
+    /// At most so many stars are returned, the brightest.
+    pub max_stars: usize,
+}
+
+impl Default for DetectOptions {
+    fn default() -> Self {
+        Self { false_alarms_per_frame: 1.0, psf_sigma_px: None, gain_e_per_dn: None, read_noise_e: None, max_stars: 5000 }
+    }
+}
+
+/// Why a frame or an option cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum DetectError {
+    /// Too few pixels.
+    #[error("the frame is {width_px} × {height_px} pixels; finding stars needs at least {least_px} pixels on each side")]
+    TooSmall {
+        /// Columns.
+        width_px: usize,
+        /// Rows.
+        height_px: usize,
+        /// Least number on each side.
+        least_px: usize,
+    },
+    /// The number of pixels does not fit the size.
+    #[error("the frame says {width_px} × {height_px} pixels but holds {found} counts; its file was read wrongly or cut short")]
+    SizeMismatch {
+        /// Columns.
+        width_px: usize,
+        /// Rows.
+        height_px: usize,
+        /// Counts held.
+        found: usize,
+    },
+    /// A count is no number.
+    #[error("the count at column {x}, row {y} is {value}; replace such pixels by a number before finding stars")]
+    NotFinite {
+        /// Column.
+        x: usize,
+        /// Row.
+        y: usize,
+        /// The count.
+        value: f32,
+    },
+    /// An option is out of range.
+    #[error("the option {name} is {value}; it must be {range}")]
+    Option {
+        /// Its name.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it may be.
+        range: &'static str,
+    },
+}
 
 /// What is special about a detection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,1 +1,5 @@
 //! Noise model, robust location and scale, weights, tests: one place for all of them.
+
+pub mod robust;
+
+pub use robust::{Clipped, clipped, mad_sigma, median, median_in_place};

@@ -1,0 +1,419 @@
+//! Position, flux, background and width of one star image by maximum likelihood.
+//!
+//! Weights are those of the model, not of the data: variance = noise² + signal / gain. The equations solved are then the
+//! score of Poisson plus read noise (quasi-likelihood: McCullagh & Nelder 1989, chapter 9), so the estimate is unbiased and
+//! efficient where weights from the data would pull it to low counts. Levenberg–Marquardt steps; covariance from the Fisher matrix.
+
+use super::background::Background;
+use super::psf::{PROFILE_PARAMETERS, Profile, Shape, Window};
+use crate::frame::Frame;
+
+/// Flux, offset of the background, x, y, and up to three numbers of shape.
+const MOST_PARAMETERS: usize = 2 + PROFILE_PARAMETERS;
+const MOST_ITERATIONS: usize = 40;
+/// Residuals of a single pixel beyond this many σ are no noise: a hot pixel, a cosmic ray, another star.
+const OUTLIER_SIGMA: f64 = 6.0;
+/// How far a real star's image may differ from the Gaussian at any pixel: share of the model there, and of its peak.
+const MODEL_SLACK: (f64, f64) = (0.1, 0.02);
+
+/// Which numbers of the shape are free.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Freedom {
+    /// The shape is known.
+    Fixed,
+    /// Round, of free width.
+    Width,
+    /// Any ellipse.
+    Ellipse,
+}
+
+/// A star as modelled.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Model {
+    pub(super) x: f64,
+    pub(super) y: f64,
+    pub(super) flux_dn: f64,
+    pub(super) shape: Shape,
+    /// Half the side of its window, px.
+    pub(super) radius: usize,
+}
+
+/// A fitted star.
+#[derive(Clone, Debug)]
+pub(super) struct Fit {
+    pub(super) model: Model,
+    pub(super) offset_dn: f64,
+    pub(super) covariance_px2: [f64; 3],
+    pub(super) flux_sigma_dn: f64,
+    pub(super) chi2: f64,
+    pub(super) dof: usize,
+    pub(super) peak_dn: f64,
+    pub(super) gradient_dn: [f64; 2],
+    pub(super) edge: bool,
+    /// χ² of a lone bright pixel in place of the star, less that of the star; at or below zero the pixel explains more.
+    pub(super) lone_pixel_excess: f64,
+    /// Σ(residual² − noise²)·signal / Σ signal²: the counts' variance per count, as this star tells it.
+    pub(super) variance_per_dn: f64,
+}
+
+/// What fits read.
+pub(super) struct Scene<'a> {
+    pub(super) frame: &'a Frame,
+    pub(super) background: &'a Background,
+    /// Pixels that say nothing: hot or saturated.
+    pub(super) masked: &'a [bool],
+    /// Variance of the counts per count of signal: 1 / gain.
+    pub(super) variance_per_dn: f64,
+    /// Smallest noise of a pixel, DN, as declared.
+    pub(super) noise_floor_dn: f64,
+}
+
+/// The pixels of one star.
+struct Stamp {
+    window: Window,
+    /// Counts less the mesh background and the neighbours.
+    data: Vec<f64>,
+    /// Noise² without the star.
+    variance: Vec<f64>,
+    used: Vec<bool>,
+    edge: bool,
+    peak_dn: f64,
+}
+
+struct Normal {
+    matrix: [[f64; MOST_PARAMETERS]; MOST_PARAMETERS],
+    vector: [f64; MOST_PARAMETERS],
+    chi2: f64,
+}
+
+/// Half the side of the window for a shape.
+pub(super) fn radius_px(shape: Shape) -> usize {
+    ((4.0 * shape.axes_px().0 + 1.0).ceil() as usize).clamp(4, 32)
+}
+
+/// The window of a star, and whether the edge of the frame cuts it.
+fn window(frame: &Frame, x: f64, y: f64, radius: usize) -> (Window, bool) {
+    let span = |at: f64, length: usize| {
+        let at = at.round().clamp(0.0, (length - 1) as f64) as usize;
+        let (low, high) = (at.saturating_sub(radius), (at + radius + 1).min(length));
+        (low, high - low, high - low < 2 * radius + 1)
+    };
+    let ((x0, columns, cut_x), (y0, rows, cut_y)) = (span(x, frame.width_px), span(y, frame.height_px));
+    (Window { x0, y0, columns, rows }, cut_x || cut_y)
+}
+
+impl Scene<'_> {
+    fn stamp(&self, start: Model, neighbours: &[Model], profile: &mut Profile) -> Stamp {
+        let (window, edge) = window(self.frame, start.x, start.y, start.radius);
+        let pixels = window.columns * window.rows;
+        let mut stamp = Stamp {
+            window,
+            data: Vec::with_capacity(pixels),
+            variance: Vec::with_capacity(pixels),
+            used: Vec::with_capacity(pixels),
+            edge,
+            peak_dn: f64::NEG_INFINITY,
+        };
+        for y in window.y0..window.y0 + window.rows {
+            for x in window.x0..window.x0 + window.columns {
+                let count = f64::from(self.frame.at(x, y));
+                stamp.peak_dn = stamp.peak_dn.max(count);
+                stamp.data.push(count - self.background.level_dn(x, y));
+                let noise = self.background.noise_dn(x, y).max(self.noise_floor_dn);
+                stamp.variance.push(noise * noise);
+                stamp.used.push(!self.masked[y * self.frame.width_px + x]);
+            }
+        }
+        for other in neighbours {
+            profile.fill(window, other.x, other.y, other.shape, !other.shape.is_round());
+            for ((data, variance), share) in stamp.data.iter_mut().zip(&mut stamp.variance).zip(&profile.value) {
+                let light = (other.flux_dn * share).max(0.0);
+                *data -= light;
+                *variance += light * self.variance_per_dn;
+            }
+        }
+        stamp
+    }
+
+    /// Fits one star; `None` where no star can be fitted.
+    pub(super) fn fit(&self, start: Model, freedom: Freedom, neighbours: &[Model]) -> Option<Fit> {
+        let mut profile = Profile::new();
+        let mut stamp = self.stamp(start, neighbours, &mut profile);
+        let mut fit = self.climb(&stamp, start, freedom, &mut profile)?;
+        for _ in 0..3 {
+            if !self.drop_outliers(&mut stamp, &fit, &mut profile) {
+                break;
+            }
+            fit = self.climb(&stamp, fit.0, freedom, &mut profile)?;
+        }
+        self.finish(&stamp, start, fit, freedom, &mut profile)
+    }
+
+    /// Leaves out pixels far off the model; says whether there were any.
+    fn drop_outliers(&self, stamp: &mut Stamp, (model, offset): &(Model, f64), profile: &mut Profile) -> bool {
+        profile.fill(stamp.window, model.x, model.y, model.shape, !model.shape.is_round());
+        let top = profile.value.iter().copied().fold(0.0, f64::max) * model.flux_dn;
+        let mut worst: Vec<(f64, usize)> = Vec::new();
+        for i in 0..stamp.data.len() {
+            let signal = model.flux_dn * profile.value[i];
+            let slack = MODEL_SLACK.0 * signal + MODEL_SLACK.1 * top;
+            let sigma = (stamp.variance[i] + signal.max(0.0) * self.variance_per_dn + slack * slack).sqrt();
+            let excess = (stamp.data[i] - signal - offset).abs() / sigma;
+            if stamp.used[i] && excess > OUTLIER_SIGMA {
+                worst.push((excess, i));
+            }
+        }
+        worst.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        worst.truncate(stamp.data.len() / 30 + 1);
+        for (_, i) in &worst {
+            stamp.used[*i] = false;
+        }
+        !worst.is_empty()
+    }
+
+    fn normal(&self, stamp: &Stamp, profile: &Profile, flux: f64, offset: f64, count: usize) -> Normal {
+        let mut n = Normal { matrix: [[0.0; MOST_PARAMETERS]; MOST_PARAMETERS], vector: [0.0; MOST_PARAMETERS], chi2: 0.0 };
+        for i in 0..stamp.data.len() {
+            if !stamp.used[i] {
+                continue;
+            }
+            let signal = flux * profile.value[i];
+            let weight = 1.0 / (stamp.variance[i] + signal.max(0.0) * self.variance_per_dn);
+            let residual = stamp.data[i] - signal - offset;
+            let d = &profile.derivatives[i];
+            let row = [profile.value[i], 1.0, flux * d[0], flux * d[1], flux * d[2], flux * d[3], flux * d[4]];
+            n.chi2 += weight * residual * residual;
+            for (a, weighted) in row[..count].iter().map(|r| r * weight).enumerate() {
+                n.vector[a] += weighted * residual;
+                for (cell, r) in n.matrix[a][..=a].iter_mut().zip(&row) {
+                    *cell += weighted * r;
+                }
+            }
+        }
+        n
+    }
+
+    /// χ² of a trial with the weights of `weights_from` (flux, shares): steps are compared under equal weights.
+    fn chi2(&self, stamp: &Stamp, profile: &Profile, flux: f64, offset: f64, weights: &[f64]) -> f64 {
+        let pixels = stamp.data.iter().zip(&profile.value).zip(weights).zip(&stamp.used);
+        pixels.filter(|(_, used)| **used).map(|(((data, share), w), _)| w * (data - flux * share - offset).powi(2)).sum()
+    }
+
+    /// The best model and its offset.
+    fn climb(&self, stamp: &Stamp, start: Model, freedom: Freedom, profile: &mut Profile) -> Option<(Model, f64)> {
+        let count = parameters(freedom);
+        if stamp.used.iter().filter(|u| **u).count() < count + 2 {
+            return None;
+        }
+        let elliptical = freedom == Freedom::Ellipse || !start.shape.is_round();
+        let reach = (1.5 + start.shape.axes_px().0).max(start.radius as f64 / 4.0);
+        let (mut model, mut offset, mut damping) = (start, 0.0, 0.0_f64);
+        profile.fill(stamp.window, model.x, model.y, model.shape, elliptical);
+        (model.flux_dn, offset) = self.linear(stamp, profile, model.flux_dn, offset)?;
+        let mut trial_profile = Profile::new();
+        let mut weights = vec![0.0; stamp.data.len()];
+        for _ in 0..MOST_ITERATIONS {
+            let normal = self.normal(stamp, profile, model.flux_dn, offset, count);
+            for (w, (v, share)) in weights.iter_mut().zip(stamp.variance.iter().zip(&profile.value)) {
+                *w = 1.0 / (v + (model.flux_dn * share).max(0.0) * self.variance_per_dn);
+            }
+            loop {
+                let Some(step) = solve(&normal.matrix, &normal.vector, count, damping) else {
+                    damping = (damping * 10.0).max(1e-3);
+                    if damping > 1e8 {
+                        return None;
+                    }
+                    continue;
+                };
+                let (next, next_offset) = advanced(model, offset, &step, freedom);
+                let valid = (next.x - start.x).abs() <= reach && (next.y - start.y).abs() <= reach && plausible(next.shape, stamp);
+                if valid {
+                    trial_profile.fill(stamp.window, next.x, next.y, next.shape, elliptical);
+                }
+                let gain: f64 = (0..count).map(|i| step[i] * normal.vector[i]).sum();
+                if valid && self.chi2(stamp, &trial_profile, next.flux_dn, next_offset, &weights) <= normal.chi2 * (1.0 + 1e-12) {
+                    std::mem::swap(profile, &mut trial_profile);
+                    (model, offset) = (next, next_offset);
+                    damping = if damping < 1e-4 { 0.0 } else { damping / 10.0 };
+                    // the step is worth less than a thousandth of a standard error
+                    if gain < 1e-6 {
+                        return Some((model, offset));
+                    }
+                    break;
+                }
+                if gain < 1e-6 {
+                    return Some((model, offset));
+                }
+                damping = (damping * 10.0).max(1e-3);
+                if damping > 1e8 {
+                    return None;
+                }
+            }
+        }
+        None
+    }
+
+    /// Best flux and offset at a given position and shape.
+    fn linear(&self, stamp: &Stamp, profile: &Profile, flux: f64, offset: f64) -> Option<(f64, f64)> {
+        let (mut flux, mut offset) = (flux, offset);
+        for _ in 0..2 {
+            let normal = self.normal(stamp, profile, flux, offset, 2);
+            let step = solve(&normal.matrix, &normal.vector, 2, 0.0)?;
+            (flux, offset) = (flux + step[0], offset + step[1]);
+        }
+        (flux > 0.0).then_some((flux, offset))
+    }
+
+    fn finish(&self, stamp: &Stamp, start: Model, fit: (Model, f64), freedom: Freedom, profile: &mut Profile) -> Option<Fit> {
+        let (model, offset) = fit;
+        let count = parameters(freedom);
+        let elliptical = freedom == Freedom::Ellipse || !start.shape.is_round();
+        profile.fill(stamp.window, model.x, model.y, model.shape, elliptical);
+        let normal = self.normal(stamp, profile, model.flux_dn, offset, count);
+        let covariance = inverse(&normal.matrix, count)?;
+        let used = stamp.used.iter().filter(|u| **u).count();
+        let flux_sigma_dn = covariance[0][0].sqrt();
+        if !(model.flux_dn > 0.0 && flux_sigma_dn.is_finite() && model.x.is_finite() && model.y.is_finite()) {
+            return None;
+        }
+        let (gradient, lone_pixel_excess, variance_per_dn) = self.leftovers(stamp, profile, model, offset);
+        let (x, y) = (model.x.round().max(0.0) as usize, model.y.round().max(0.0) as usize);
+        let mesh = self.background.slope_dn(x.min(self.frame.width_px - 1), y.min(self.frame.height_px - 1));
+        Some(Fit {
+            model,
+            offset_dn: offset,
+            covariance_px2: [covariance[2][2], covariance[3][2], covariance[3][3]],
+            flux_sigma_dn,
+            chi2: normal.chi2,
+            dof: used.saturating_sub(count).max(1),
+            peak_dn: stamp.peak_dn,
+            gradient_dn: [gradient[0] + mesh[0], gradient[1] + mesh[1]],
+            edge: stamp.edge,
+            lone_pixel_excess,
+            variance_per_dn,
+        })
+    }
+
+    /// What the residuals tell: slope of the background, whether one pixel would do, and the variance that comes with signal.
+    fn leftovers(&self, stamp: &Stamp, profile: &Profile, model: Model, offset: f64) -> ([f64; 2], f64, f64) {
+        let (mut slope, mut square) = ([0.0; 2], [0.0; 2]);
+        let (mut excess, mut signal_square) = (0.0, 0.0);
+        let mut chi2_star = 0.0;
+        let (mut sum, mut sum_square, mut sum_weight) = (0.0, 0.0, 0.0);
+        let mut brightest: Option<(f64, f64)> = None;
+        for i in 0..stamp.data.len() {
+            if !stamp.used[i] {
+                continue;
+            }
+            let x = (stamp.window.x0 + i % stamp.window.columns) as f64 - model.x;
+            let y = (stamp.window.y0 + i / stamp.window.columns) as f64 - model.y;
+            let (data, variance) = (stamp.data[i], stamp.variance[i]);
+            let signal = model.flux_dn * profile.value[i];
+            let residual = data - signal - offset;
+            let weight = 1.0 / (variance + signal.max(0.0) * self.variance_per_dn);
+            for (k, d) in [x, y].into_iter().enumerate() {
+                slope[k] += weight * residual * d;
+                square[k] += weight * d * d;
+            }
+            excess += (residual * residual - variance) * signal;
+            signal_square += signal * signal;
+            chi2_star += residual * residual / variance;
+            sum += data / variance;
+            sum_square += data * data / variance;
+            sum_weight += 1.0 / variance;
+            if x * x + y * y < 4.0 && brightest.is_none_or(|(most, _)| data > most) {
+                brightest = Some((data, 1.0 / variance));
+            }
+        }
+        let lone = brightest.map_or(f64::INFINITY, |(data, w)| {
+            let (s, q, n) = (sum - data * w, sum_square - data * data * w, sum_weight - w);
+            q - s * s / n.max(f64::MIN_POSITIVE) - chi2_star
+        });
+        ([slope[0] / square[0].max(1e-300), slope[1] / square[1].max(1e-300)], lone, excess / signal_square.max(1e-300))
+    }
+}
+
+fn parameters(freedom: Freedom) -> usize {
+    match freedom {
+        Freedom::Fixed => 4,
+        Freedom::Width => 5,
+        Freedom::Ellipse => 7,
+    }
+}
+
+fn advanced(model: Model, offset: f64, step: &[f64; MOST_PARAMETERS], freedom: Freedom) -> (Model, f64) {
+    let shape = match freedom {
+        Freedom::Fixed => model.shape,
+        Freedom::Width => Shape::round(model.shape.sigma_px() + step[4]),
+        Freedom::Ellipse => Shape { xx: model.shape.xx + step[4], xy: model.shape.xy + step[5], yy: model.shape.yy + step[6] },
+    };
+    (Model { x: model.x + step[2], y: model.y + step[3], flux_dn: model.flux_dn + step[0], shape, radius: model.radius }, offset + step[1])
+}
+
+/// Narrower than this a star image cannot be told from a lone pixel, px.
+const NARROWEST_PX: f64 = 0.1;
+
+fn plausible(shape: Shape, stamp: &Stamp) -> bool {
+    let (long, short) = shape.axes_px();
+    let room = stamp.window.columns.max(stamp.window.rows) as f64 / 2.0;
+    short.is_finite() && short >= NARROWEST_PX && long <= room && shape.determinant() > 0.0 && shape.xx > 0.0
+}
+
+/// Cholesky factor of the leading block, the diagonal raised by `damping`.
+fn factor(
+    matrix: &[[f64; MOST_PARAMETERS]; MOST_PARAMETERS],
+    count: usize,
+    damping: f64,
+) -> Option<[[f64; MOST_PARAMETERS]; MOST_PARAMETERS]> {
+    let mut l = [[0.0; MOST_PARAMETERS]; MOST_PARAMETERS];
+    for i in 0..count {
+        for j in 0..=i {
+            let raised = if i == j { matrix[i][i] * (1.0 + damping) } else { matrix[i][j] };
+            let rest = raised - (0..j).map(|k| l[i][k] * l[j][k]).sum::<f64>();
+            if i == j {
+                if rest.is_nan() || rest <= 1e-13 * matrix[i][i] {
+                    return None;
+                }
+                l[i][i] = rest.sqrt();
+            } else {
+                l[i][j] = rest / l[j][j];
+            }
+        }
+    }
+    Some(l)
+}
+
+fn solve(
+    matrix: &[[f64; MOST_PARAMETERS]; MOST_PARAMETERS],
+    vector: &[f64; MOST_PARAMETERS],
+    count: usize,
+    damping: f64,
+) -> Option<[f64; MOST_PARAMETERS]> {
+    let l = factor(matrix, count, damping)?;
+    let mut x = *vector;
+    for i in 0..count {
+        let known: f64 = (0..i).map(|k| l[i][k] * x[k]).sum();
+        x[i] = (x[i] - known) / l[i][i];
+    }
+    for i in (0..count).rev() {
+        let known: f64 = (i + 1..count).map(|k| l[k][i] * x[k]).sum();
+        x[i] = (x[i] - known) / l[i][i];
+    }
+    x[..count].iter().all(|v| v.is_finite()).then_some(x)
+}
+
+fn inverse(
+    matrix: &[[f64; MOST_PARAMETERS]; MOST_PARAMETERS],
+    count: usize,
+) -> Option<[[f64; MOST_PARAMETERS]; MOST_PARAMETERS]> {
+    let mut out = [[0.0; MOST_PARAMETERS]; MOST_PARAMETERS];
+    for column in 0..count {
+        let mut unit = [0.0; MOST_PARAMETERS];
+        unit[column] = 1.0;
+        let solved = solve(matrix, &unit, count, 0.0)?;
+        for row in 0..count {
+            out[row][column] = solved[row];
+        }
+    }
+    Some(out)
+}
