@@ -131,9 +131,7 @@ impl Background {
                 cells.iter().map(|values| clipped(values, least).map(|c| c.sigma.max(self.floor_dn) as f32)).collect()
             })
             .collect();
-        let raw: Vec<(f32, f32)> =
-            bands.into_iter().flatten().zip(&self.noise).map(|(new, &old)| (0.0, new.map_or(old, |new| new.min(old)))).collect();
-        self.noise = (0..raw.len()).map(|cell| self.tamed(&raw, cell).1).collect();
+        self.noise = bands.into_iter().flatten().zip(&self.noise).map(|(new, &old)| new.map_or(old, |new| new.min(old))).collect();
     }
 
     fn measure_cells(&mut self, frame: &Frame, masked: &[bool], x_edges: &[usize], y_edges: &[usize], least: f64) {
@@ -172,20 +170,18 @@ impl Background {
         self.noise = smooth.iter().map(|c| c.1).collect();
     }
 
-    /// The cell's values, replaced by the median of its neighbours where a bright star or an object has lifted it.
+    /// The cell's values, the level replaced by the median of its neighbours where a bright star or an object has lifted it.
     fn tamed(&self, raw: &[(f32, f32)], cell: usize) -> (f32, f32) {
-        let (cx, cy) = ((cell % self.cells_x) as isize, (cell / self.cells_x) as isize);
-        let cells_y = (raw.len() / self.cells_x) as isize;
+        let (cx, cy) = (cell % self.cells_x, cell / self.cells_x);
+        let cells_y = raw.len() / self.cells_x;
+        let around = |c: usize, n: usize| c.saturating_sub(1)..(c + 2).min(n);
         let mut levels = Vec::with_capacity(8);
         let mut noises = Vec::with_capacity(8);
-        for dy in -1..=1 {
-            for dx in -1..=1 {
-                let (x, y) = (cx + dx, cy + dy);
-                if (dx, dy) != (0, 0) && x >= 0 && y >= 0 && x < self.cells_x as isize && y < cells_y {
-                    let (level, noise) = raw[y as usize * self.cells_x + x as usize];
-                    levels.push(f64::from(level));
-                    noises.push(f64::from(noise));
-                }
+        for y in around(cy, cells_y) {
+            for x in around(cx, self.cells_x).filter(|&x| (x, y) != (cx, cy)) {
+                let (level, noise) = raw[y * self.cells_x + x];
+                levels.push(f64::from(level));
+                noises.push(f64::from(noise));
             }
         }
         let own = raw[cell];
@@ -195,8 +191,7 @@ impl Background {
         let mut deviations: Vec<f64> = levels.iter().map(|v| (v - level).abs()).collect();
         let spread = median_in_place(&mut deviations).unwrap_or(0.0) * crate::statistics::robust::SIGMA_PER_MAD;
         let lifted = f64::from(own.0) > level + 4.0 * spread + 0.3 * noise;
-        let noisy = f64::from(own.1) > 1.5 * noise;
-        (if lifted { level as f32 } else { own.0 }, if noisy || lifted { (f64::from(own.1)).min(noise) as f32 } else { own.1 })
+        (if lifted { level as f32 } else { own.0 }, own.1)
     }
 
     /// Measures offsets of rows from the mesh; keeps them, and says so, where they scatter more than the noise makes them.

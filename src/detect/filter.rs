@@ -201,7 +201,11 @@ pub(super) fn peaks(filtered: &[f32], width: usize, threshold: f64) -> Vec<Peak>
         .into_par_iter()
         .flat_map_iter(|y| {
             let row = &filtered[y * width..(y + 1) * width];
-            row.iter().enumerate().filter(move |(x, v)| **v > limit && is_maximum(*x, y)).map(move |(x, v)| Peak { x, y, snr: f64::from(*v) })
+            row.iter().enumerate().filter(move |(x, v)| **v > limit && is_maximum(*x, y)).map(move |(x, v)| Peak {
+                x,
+                y,
+                snr: f64::from(*v),
+            })
         })
         .collect();
     found.sort_by(|a, b| b.snr.total_cmp(&a.snr).then((a.y, a.x).cmp(&(b.y, b.x))));
@@ -215,13 +219,14 @@ mod tests {
     /// Sum over the kernel at every pixel, as the definition says.
     fn plain(kernel: &Kernel, data: &[f32], width: usize) -> Vec<f32> {
         let height = data.len() / width;
-        let (r, m) = (kernel.radius as isize, kernel.mean_radius as isize);
+        let (r, m) = (kernel.radius.cast_signed(), kernel.mean_radius.cast_signed());
+        let (columns, rows) = (width.cast_signed(), height.cast_signed());
         let get = |x: isize, y: isize| {
-            if x < 0 || y < 0 || x >= width as isize || y >= height as isize { 0.0 } else { data[y as usize * width + x as usize] }
+            if x < 0 || y < 0 || x >= columns || y >= rows { 0.0 } else { data[(y * columns + x) as usize] }
         };
-        (0..data.len() as isize)
+        (0..columns * rows)
             .map(|i| {
-                let (x, y) = (i % width as isize, i / width as isize);
+                let (x, y) = (i % columns, i / columns);
                 let mut sum = 0.0;
                 for dy in -r..=r {
                     for dx in -r..=r {

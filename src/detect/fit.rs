@@ -193,12 +193,6 @@ impl Scene<'_> {
         n
     }
 
-    /// χ² of a trial with the weights of `weights_from` (flux, shares): steps are compared under equal weights.
-    fn chi2(&self, stamp: &Stamp, profile: &Profile, flux: f64, offset: f64, weights: &[f64]) -> f64 {
-        let pixels = stamp.data.iter().zip(&profile.value).zip(weights).zip(&stamp.used);
-        pixels.filter(|(_, used)| **used).map(|(((data, share), w), _)| w * (data - flux * share - offset).powi(2)).sum()
-    }
-
     /// The best model and its offset.
     fn climb(&self, stamp: &Stamp, start: Model, freedom: Freedom, profile: &mut Profile) -> Option<(Model, f64)> {
         let count = parameters(freedom);
@@ -231,7 +225,7 @@ impl Scene<'_> {
                     trial_profile.fill(stamp.window, next.x, next.y, next.shape, elliptical);
                 }
                 let gain: f64 = (0..count).map(|i| step[i] * normal.vector[i]).sum();
-                if valid && self.chi2(stamp, &trial_profile, next.flux_dn, next_offset, &weights) <= normal.chi2 * (1.0 + 1e-12) {
+                if valid && trial_chi2(stamp, &trial_profile, next.flux_dn, next_offset, &weights) <= normal.chi2 * (1.0 + 1e-12) {
                     std::mem::swap(profile, &mut trial_profile);
                     (model, offset) = (next, next_offset);
                     damping = if damping < 1e-4 { 0.0 } else { damping / 10.0 };
@@ -333,6 +327,12 @@ impl Scene<'_> {
     }
 }
 
+/// χ² of a trial under given weights: a step is judged by those it started with.
+fn trial_chi2(stamp: &Stamp, profile: &Profile, flux: f64, offset: f64, weights: &[f64]) -> f64 {
+    let pixels = stamp.data.iter().zip(&profile.value).zip(weights).zip(&stamp.used);
+    pixels.filter(|(_, used)| **used).map(|(((data, share), w), _)| w * (data - flux * share - offset).powi(2)).sum()
+}
+
 fn parameters(freedom: Freedom) -> usize {
     match freedom {
         Freedom::Fixed => 4,
@@ -402,10 +402,7 @@ fn solve(
     x[..count].iter().all(|v| v.is_finite()).then_some(x)
 }
 
-fn inverse(
-    matrix: &[[f64; MOST_PARAMETERS]; MOST_PARAMETERS],
-    count: usize,
-) -> Option<[[f64; MOST_PARAMETERS]; MOST_PARAMETERS]> {
+fn inverse(matrix: &[[f64; MOST_PARAMETERS]; MOST_PARAMETERS], count: usize) -> Option<[[f64; MOST_PARAMETERS]; MOST_PARAMETERS]> {
     let mut out = [[0.0; MOST_PARAMETERS]; MOST_PARAMETERS];
     for column in 0..count {
         let mut unit = [0.0; MOST_PARAMETERS];

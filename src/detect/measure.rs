@@ -19,6 +19,8 @@ const FIRST_SIGMA_PX: f64 = 1.2;
 const WIDE_SIGMA_PX: f64 = 3.5;
 /// Stars from this signal-to-noise ratio on have their own width fitted.
 const SNR_FOR_WIDTH: f64 = 30.0;
+/// Fits narrower than this along the short axis are lone pixels or cosmic rays where the frame's own stars do not tell, px.
+const SHARPEST_PX: f64 = 0.45;
 /// Peaks that are fitted, at most.
 const MOST_PEAKS: usize = 20_000;
 
@@ -49,12 +51,16 @@ pub fn detect(frame: &Frame, options: &DetectOptions) -> Result<Detections, Dete
     }
     let masked: Vec<bool> = hot.iter().zip(&full).map(|(h, f)| *h || *f).collect();
 
-    let search = Search::run(frame, options, &residual, &normalised, &masked);
+    let mut search = Search::run(frame, options, &residual, &normalised, &masked);
     let blobs = full_blobs(frame.width_px, &full, &hot);
-    let candidates = candidates(frame, &background, &search, &blobs);
+    let mut candidates = candidates(frame, &background, &search, &blobs);
     let variance_per_dn = options.gain_e_per_dn.map(|g| 1.0 / g);
     let noise_floor_dn = options.read_noise_e.zip(options.gain_e_per_dn).map_or(0.0, |(e, g)| e / g);
-    let mut scene = Scene { frame, background: &background, masked: &masked, variance_per_dn: variance_per_dn.unwrap_or(0.0), noise_floor_dn };
+    let mut scene =
+        Scene { frame, background: &background, masked: &masked, variance_per_dn: variance_per_dn.unwrap_or(0.0), noise_floor_dn };
+    if options.psf_sigma_px.is_none() {
+        refine_shape(&scene, &mut search, &mut candidates);
+    }
     let freedom = |c: &Candidate| free_shape(options, &search, c);
 
     // each star alone, the guessed light of its neighbours taken off; then with the neighbours as fitted
@@ -128,6 +134,8 @@ struct Search {
     shape_known: bool,
     /// Scatter of the filtered noise over that of white noise, at least 1.
     scatter: f64,
+    /// Signal-to-noise ratio from which on peaks count.
+    threshold: f64,
     peaks: Vec<Peak>,
     kernel: Kernel,
 }
@@ -142,7 +150,7 @@ impl Search {
             let threshold = scatter * kernel.threshold(normalised.len(), options.false_alarms_per_frame);
             let mut peaks = filter::peaks(&filtered, width, threshold);
             peaks.truncate(MOST_PEAKS);
-            Self { shape, shape_known, scatter, peaks, kernel }
+            Self { shape, shape_known, scatter, threshold, peaks, kernel }
         };
         if let Some(sigma) = options.psf_sigma_px {
             return at_shape(Shape::round(sigma), true);
@@ -152,7 +160,8 @@ impl Search {
         if typical.as_ref().is_none_or(|t| t.stars < 5) {
             let wide = at_shape(Shape::round(WIDE_SIGMA_PX), false);
             let other = shape::typical(residual, width, masked, &wide.peaks);
-            if other.as_ref().map_or(0, |t| t.stars) > typical.as_ref().map_or(0, |t| t.stars) {
+            // glow and nebulae are wide too, but no two alike
+            if other.as_ref().is_some_and(|o| o.stars >= 5 && o.spread < 0.25 && o.stars > typical.as_ref().map_or(0, |t| t.stars)) {
                 typical = other;
             }
         }
@@ -283,6 +292,24 @@ impl Grid {
     }
 }
 
+/// Fits bright lone stars with free shape, and gives all candidates the middle of what comes out: moments of images of a pixel's
+/// width are not those of the light before the pixels summed it.
+fn refine_shape(scene: &Scene<'_>, search: &mut Search, candidates: &mut [Candidate]) {
+    const MOST_STARS: usize = 48;
+    const FEWEST_STARS: usize = 3;
+    let freedom = if search.shape.is_round() { Freedom::Width } else { Freedom::Ellipse };
+    let bright: Vec<&Candidate> = candidates.iter().filter(|c| c.snr > SNR_FOR_WIDTH && c.full_radius_px == 0.0).take(MOST_STARS).collect();
+    let fits: Vec<Option<Fit>> = bright.par_iter().map(|c| scene.fit(c.start, freedom, &[])).collect();
+    let good = |f: &Fit| f.lone_pixel_excess > 0.0 && f.model.shape.axes_px().1 > SHARPEST_PX && !f.edge;
+    let shapes: Vec<Shape> = fits.into_iter().flatten().filter(good).map(|f| f.model.shape).collect();
+    let Some(typical) = shape::middle(&shapes).filter(|t| t.stars >= FEWEST_STARS) else { return };
+    // the choice between round and elongated was made on more stars
+    search.shape = if search.shape.is_round() { Shape::round(typical.shape.sigma_px()) } else { typical.shape };
+    for c in candidates.iter_mut().filter(|c| c.full_radius_px == 0.0) {
+        (c.start.shape, c.start.radius) = (search.shape, radius_px(search.shape));
+    }
+}
+
 /// For every star those whose light reaches into its window.
 fn neighbours(models: &[Model]) -> Vec<Vec<usize>> {
     let extent = |pick: fn(&Model) -> f64| models.iter().map(pick).fold(0.0, f64::max) as usize + 1;
@@ -348,8 +375,10 @@ fn free_shape(options: &DetectOptions, search: &Search, candidate: &Candidate) -
 /// misfit of the Gaussian weighs more than the photons); 0 where nothing tells.
 fn estimate_variance_per_dn(candidates: &[Candidate], fits: &[Option<Fit>]) -> f64 {
     let pairs = candidates.iter().zip(fits).filter_map(|(c, f)| f.as_ref().map(|f| (c, f)));
-    let clean: Vec<(f64, f64)> =
-        pairs.filter(|(c, f)| c.full_radius_px == 0.0 && !f.edge).map(|(_, f)| (f.model.flux_dn / f.flux_sigma_dn, f.variance_per_dn)).collect();
+    let clean: Vec<(f64, f64)> = pairs
+        .filter(|(c, f)| c.full_radius_px == 0.0 && !f.edge)
+        .map(|(_, f)| (f.model.flux_dn / f.flux_sigma_dn, f.variance_per_dn))
+        .collect();
     let told = |low: f64, high: f64| -> Vec<f64> { clean.iter().filter(|(snr, _)| *snr > low && *snr < high).map(|(_, v)| *v).collect() };
     let middle = told(20.0, 120.0);
     let value = if middle.len() >= 8 { median(&middle) } else { told(20.0, f64::INFINITY).into_iter().min_by(f64::total_cmp) };
@@ -360,15 +389,17 @@ fn estimate_variance_per_dn(candidates: &[Candidate], fits: &[Option<Fit>]) -> f
 fn is_star(candidate: &Candidate, fit: &Fit, search: &Search) -> bool {
     /// Fits of σ below this share of the frame's width are hot pixels in groups, or cosmic rays.
     const SHARP: f64 = 0.5;
+    /// A fit may find so much less than the filter; if less, the peak was a ripple on other light.
+    const LEAST_SHARE: f64 = 0.6;
     let snr = fit.model.flux_dn / fit.flux_sigma_dn;
-    if snr < 3.0 {
+    if snr < LEAST_SHARE * search.threshold {
         return false;
     }
     if candidate.full_radius_px > 0.0 {
         return true;
     }
     let (_, short) = fit.model.shape.axes_px();
-    let sharp = short < 0.3 || (search.shape_known && short < SHARP * search.shape.axes_px().1);
+    let sharp = short < if search.shape_known { 0.3_f64.max(SHARP * search.shape.axes_px().1) } else { SHARPEST_PX };
     fit.lone_pixel_excess > 0.0 && !sharp
 }
 

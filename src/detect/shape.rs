@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::filter::Peak;
 use super::psf::Shape;
-use crate::statistics::median;
+use crate::statistics::{mad_sigma, median};
 
 /// The pixel widens the image by the variance of a box of side 1.
 const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
@@ -24,6 +24,19 @@ const ROUND_RATIO: f64 = 1.15;
 pub(super) struct Typical {
     pub(super) shape: Shape,
     pub(super) stars: usize,
+    /// Scatter of the stars' widths over the typical one.
+    pub(super) spread: f64,
+}
+
+/// The middle of shapes; round unless they say otherwise. `None` of none.
+pub(super) fn middle(shapes: &[Shape]) -> Option<Typical> {
+    let middle = |pick: fn(&Shape) -> f64| median(&shapes.iter().map(pick).collect::<Vec<_>>());
+    let shape = Shape { xx: middle(|s| s.xx)?, xy: middle(|s| s.xy)?, yy: middle(|s| s.yy)? };
+    let (long, short) = shape.axes_px();
+    let round = shapes.len() < 3 || long < ROUND_RATIO * short;
+    let widths: Vec<f64> = shapes.iter().map(|s| s.sigma_px()).collect();
+    let spread = mad_sigma(&widths)? / shape.sigma_px();
+    Some(Typical { shape: if round { Shape::round(shape.sigma_px()) } else { shape }, stars: shapes.len(), spread })
 }
 
 /// Measures the typical shape; `None` where no bright star is.
@@ -40,11 +53,7 @@ pub(super) fn typical(residual: &[f32], width: usize, unusable: &[bool], peaks: 
         .flatten()
         .filter(|s| s.axes_px().1 > SHARPEST_PX)
         .collect();
-    let middle = |pick: fn(&Shape) -> f64| median(&shapes.iter().map(pick).collect::<Vec<_>>());
-    let shape = Shape { xx: middle(|s| s.xx)?, xy: middle(|s| s.xy)?, yy: middle(|s| s.yy)? };
-    let (long, short) = shape.axes_px();
-    let round = shapes.len() < 3 || long < ROUND_RATIO * short;
-    Some(Typical { shape: if round { Shape::round(shape.sigma_px()) } else { shape }, stars: shapes.len() })
+    middle(&shapes)
 }
 
 /// Shape of one star, the pixel's own width taken off; `None` where the moments do not settle.
@@ -129,7 +138,8 @@ mod tests {
             let image: Vec<f32> = p.value.iter().map(|v| (1e4 * v) as f32).collect();
             let got = adaptive_moments(&image, 80, &vec![false; 6400], &Peak { x: 40, y: 40, snr: 1e3 }).unwrap();
             for (a, b) in [(got.xx, shape.xx), (got.xy, shape.xy), (got.yy, shape.yy)] {
-                assert!((a - b).abs() < 0.02 * (shape.xx + shape.yy), "{got:?} for {shape:?}");
+                // images of a pixel's width depend on where in the pixel they lie
+                assert!((a - b).abs() < 0.05 * (shape.xx + shape.yy), "{got:?} for {shape:?}");
             }
         }
     }
