@@ -29,3 +29,9 @@ pub(crate) fn log(line: &str) {
     let mut file = OpenOptions::new().create(true).append(true).open(&path).expect("BORESIGHT_TEST_LOG names a file that can be written");
     file.write_all(format!("{line}\n").as_bytes()).expect("BORESIGHT_TEST_LOG can be written");
 }
+
+/// Says that a test ran on the GPU: call it after the work on the adapter is done.
+#[allow(dead_code, reason = "called by the tests of the renderer")]
+pub(crate) fn log_gpu_test(test: &str, adapter: &str) {
+    log(&format!("gpu-test {test} {adapter}"));
+}

@@ -5,5 +5,7 @@ mod camera;
 mod catalog;
 mod common;
 mod displacements;
+mod house;
+mod layering;
 mod recording;
 mod scene;

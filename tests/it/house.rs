@@ -1,0 +1,160 @@
+//! The house rules that no compiler checks: sizes, documentation, one place for every statement.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// The root of the repository.
+pub(crate) fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// A path as seen from a folder.
+pub(crate) fn relative(folder: &Path, path: &Path) -> PathBuf {
+    path.strip_prefix(folder).expect("the path lies below the folder").to_owned()
+}
+
+/// Every file below a folder whose name ends in `.extension` (any, if empty), in order of path. What builds and runs leave
+/// behind is left out.
+pub(crate) fn source_files(folder: &Path, extension: &str) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let Ok(entries) = std::fs::read_dir(folder) else { return found };
+    for entry in entries {
+        let path = entry.expect("a folder is listed").path();
+        let made_by_runs = [".git", "target", "outputs"].iter().any(|name| path.file_name().is_some_and(|last| last == *name));
+        if path.is_dir() && !made_by_runs {
+            found.extend(source_files(&path, extension));
+        } else if path.is_file() && !made_by_runs && (extension.is_empty() || path.extension().is_some_and(|e| e == extension)) {
+            found.push(path);
+        }
+    }
+    found.sort();
+    found
+}
+
+fn read(name: &str) -> String {
+    std::fs::read_to_string(root().join(name)).unwrap_or_else(|error| panic!("{name} is not readable: {error}"))
+}
+
+/// The Rust version that Cargo.toml states.
+fn stated_rust_version() -> String {
+    let manifest: toml::Table = read("Cargo.toml").parse().expect("Cargo.toml is TOML");
+    manifest["package"]["rust-version"].as_str().expect("rust-version is a string").to_owned()
+}
+
+fn numbers(version: &str) -> Vec<u32> {
+    version.split('.').map(|part| part.parse().unwrap_or(0)).chain(std::iter::repeat(0)).take(3).collect()
+}
+
+#[test]
+fn no_source_file_is_longer_than_600_lines() {
+    let files: Vec<PathBuf> = [("src", "rs"), ("tests", "rs"), ("shaders", "wgsl")]
+        .iter()
+        .flat_map(|(folder, ext)| source_files(&root().join(folder), ext))
+        .collect();
+    assert!(files.len() > 20, "only {} source files were found", files.len());
+    for path in files {
+        let lines = std::fs::read_to_string(&path).expect("a source file is read").lines().count();
+        assert!(lines <= 600, "{} has {lines} lines: split it, 300 is the aim and 600 the end", relative(&root(), &path).display());
+    }
+}
+
+#[test]
+fn every_module_begins_with_its_documentation() {
+    for path in source_files(&root().join("src"), "rs") {
+        if path.ends_with("main.rs") {
+            continue; // documented by --help
+        }
+        let text = std::fs::read_to_string(&path).expect("a source file is read");
+        let first = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
+        assert!(first.starts_with("//! "), "{} does not begin with //! and what it is", relative(&root(), &path).display());
+    }
+}
+
+#[test]
+fn no_file_names_a_place_on_one_persons_machine() {
+    // The parts are joined here so that this file does not name them.
+    let places = ["home", "root", "Users", "work", "tmp"].map(|folder| format!("/{folder}/"));
+    for path in source_files(&root(), "") {
+        let Ok(text) = std::fs::read_to_string(&path) else { continue }; // pictures and catalogues
+        for (number, line) in text.lines().enumerate() {
+            for place in &places {
+                // A relative path such as target/tmp/ may hold the same letters.
+                let absolute = line
+                    .match_indices(place.as_str())
+                    .any(|(at, _)| !line[..at].ends_with(|c: char| c.is_alphanumeric() || "._)}".contains(c)));
+                assert!(
+                    !absolute,
+                    "{}:{}: names {place}…, which others do not have: {line}",
+                    relative(&root(), &path).display(),
+                    number + 1
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn no_file_is_too_large_for_a_repository() {
+    const MIB: u64 = 1 << 20;
+    for path in source_files(&root(), "") {
+        let limit = if path.starts_with(root().join("catalogs")) { 1_300_000 } else { MIB };
+        let size = std::fs::metadata(&path).expect("a file has a size").len();
+        assert!(size <= limit, "{} has {size} bytes, more than {limit}", relative(&root(), &path).display());
+    }
+}
+
+#[test]
+fn the_readme_and_the_continuous_integration_run_the_same_tests() {
+    let command = "make test";
+    let (readme, makefile) = (read("README.md"), read("Makefile"));
+    assert!(
+        readme.lines().any(|line| line.split('#').next().unwrap_or_default().trim_end() == command),
+        "README.md does not give the line `{command}`"
+    );
+    assert!(makefile.lines().any(|line| line.starts_with("test:")), "the Makefile has no target `test`");
+    // .ci/run takes the command out of the README; this is what it finds there.
+    let script = read(".ci/run");
+    let filter =
+        script.lines().find_map(|line| line.trim().strip_prefix("command=$(")).expect(".ci/run takes the test command from somewhere");
+    let output = Command::new("bash").current_dir(root()).args(["-c", filter.trim_end_matches(')')]).output().expect("bash runs");
+    assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), command);
+    assert!(script.contains("-c \"$command\""), ".ci/run does not run the command that it took from the README");
+    let workflow = read(".github/workflows/ci.yml");
+    assert!(workflow.contains(&format!("run: {command}")), "the workflow does not run `{command}`");
+}
+
+#[test]
+fn the_rust_version_is_stated_once_and_repeated_truly() {
+    let stated = stated_rust_version();
+    let readme = read("README.md");
+    let mention =
+        readme.split("Rust ").skip(1).find(|rest| rest.starts_with(|c: char| c.is_ascii_digit())).expect("README.md states a Rust version");
+    assert!(mention.starts_with(&stated), "README.md states Rust {}, Cargo.toml {stated}", mention.split(' ').next().unwrap_or_default());
+    assert!(
+        !read(".github/workflows/ci.yml").contains(&stated),
+        "the workflow repeats the Rust version instead of reading it from Cargo.toml"
+    );
+}
+
+#[test]
+fn no_dependency_needs_a_newer_rust_than_stated() {
+    let stated = stated_rust_version();
+    let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
+    let output = Command::new(env!("CARGO"))
+        .current_dir(root())
+        .args(["metadata", "--format-version", "1", "--locked", "--offline", "--filter-platform", &platform])
+        .output()
+        .expect("cargo runs");
+    assert!(output.status.success(), "cargo metadata failed: {}", String::from_utf8_lossy(&output.stderr));
+    let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).expect("cargo metadata is JSON");
+    let packages = metadata["packages"].as_array().expect("packages");
+    assert!(packages.len() > 100, "only {} packages were found", packages.len());
+    let mut stating = 0;
+    for package in packages {
+        let Some(needed) = package["rust_version"].as_str() else { continue };
+        stating += 1;
+        assert!(numbers(needed) <= numbers(&stated), "{} needs Rust {needed}, Cargo.toml states {stated}", package["id"]);
+    }
+    assert!(stating > 50, "only {stating} packages state a Rust version");
+    assert!(numbers("1.100") > numbers("1.89") && numbers("1.89.0") <= numbers("1.89"), "versions are compared as numbers");
+}
