@@ -1,1 +1,5 @@
 //! Tables and pictures for people.
+
+mod table;
+
+pub use table::table;
