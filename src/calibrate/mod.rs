@@ -1,1 +1,264 @@
-//! ControlPoints → Calibration.
+//! ControlPoints → Calibration: the camera from star images whose stars are known.
+//!
+//! Two methods on pairs of stars, which need no attitude: the published [`Method::VariableWeights`] and, for comparison,
+//! [`Method::LeastSquares`]. What a solution is worth is found at the level of stars, with one free attitude for each frame:
+//! residuals, held-out residuals and covariance (pairs share stars and give no valid covariance).
+//!
+//! A new method is a file with a function from frames of stars to a camera and weights, and a line in [`Method`];
+//! everything after it (residuals, covariance, held-out frames, the result) is shared.
+
+mod calibration;
+mod geometry;
+mod held_out;
+mod least_squares;
+mod map;
+mod pairs;
+mod select;
+mod star_level;
+mod summary;
+mod uncertainty;
+mod variable_weights;
+
+use serde::{Deserialize, Serialize};
+
+pub use calibration::{
+    AttitudeSigma, Calibration, FORMAT, FrameResult, Iteration, LeftOut, MapSigma, Method, ParameterEstimate, PointResult, Status,
+};
+pub use map::{Comparison, Map, MapPoint, MappingError, ParameterDifference, compare, map, mapping_error_px};
+pub use select::LeftOutReason;
+
+use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES};
+use crate::identify::ControlPoints;
+use geometry::Scaling;
+use pairs::FrameStars;
+use variable_weights::{Limits, PairSolution};
+
+/// How to calibrate. The defaults are those of the reference method.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CalibrateOptions {
+    /// The method.
+    pub method: Method,
+    /// F: pairs whose T = u²/(σ̂0²·l) is above it are weighted down. 10.83 is χ² of one degree of freedom at 0.1 %.
+    pub f_threshold: f64,
+    /// The iteration ends at a step below this, px of mapping over the frame.
+    pub epsilon_px: f64,
+    /// The most solutions of the normal equations.
+    pub max_iterations: usize,
+    /// Names of the parameters to solve; the others keep their ground values.
+    pub solve: Vec<String>,
+    /// Leave out points whose predicted error makes an equally weighted solution worse.
+    pub leave_out_imprecise: bool,
+    /// Leave out points whose predicted error (per axis) is above this.
+    pub max_position_sigma_px: Option<f64>,
+    /// Leave out stars whose proper motion is not known.
+    pub proper_motion_only: bool,
+    /// Solve again without each frame (or tenth of the frames) for the held-out rms.
+    pub held_out: bool,
+    /// Ids of the effects that the star directions contain; only recorded here.
+    pub physics: Vec<String>,
+}
+
+impl Default for CalibrateOptions {
+    fn default() -> Self {
+        Self {
+            method: Method::VariableWeights,
+            f_threshold: 10.83,
+            epsilon_px: 1e-6,
+            max_iterations: 100,
+            solve: PARAMETER_NAMES.map(str::to_owned).to_vec(),
+            leave_out_imprecise: true,
+            max_position_sigma_px: None,
+            proper_motion_only: false,
+            held_out: true,
+            physics: Vec::new(),
+        }
+    }
+}
+
+/// Why there is no calibration.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CalibrateError {
+    /// Nothing to work with.
+    #[error(
+        "{usable} of {offered} control points are usable, in {frames} frames: at least one frame with three identified stars is needed, ten frames with ten stars each for a good calibration"
+    )]
+    TooFewPoints {
+        /// Points offered.
+        offered: usize,
+        /// Points left after selection.
+        usable: usize,
+        /// Frames left.
+        frames: usize,
+    },
+    /// As many unknowns as equations.
+    #[error(
+        "{pairs} pairs of stars cannot determine {parameters} camera parameters: add frames or identify more stars, or solve for fewer parameters"
+    )]
+    TooFewPairs {
+        /// Pairs.
+        pairs: usize,
+        /// Parameters.
+        parameters: usize,
+    },
+    /// Residuals without degrees of freedom.
+    #[error(
+        "{stars} star images in {frames} frames leave no degree of freedom after {frames} attitudes and {parameters} camera parameters: add frames or identify more stars"
+    )]
+    NoDegreesOfFreedom {
+        /// Star images used.
+        stars: usize,
+        /// Frames.
+        frames: usize,
+        /// Parameters.
+        parameters: usize,
+    },
+    /// A control point is not a number.
+    #[error(
+        "control point {index} (frame {frame}, HIP {hip}) holds a number that is not finite in {field}: remove the point or measure it again"
+    )]
+    NotFinite {
+        /// Index of the point.
+        index: usize,
+        /// Its frame.
+        frame: usize,
+        /// Its star.
+        hip: u32,
+        /// Which of its values.
+        field: &'static str,
+    },
+    /// The starting camera makes no sense.
+    #[error(
+        "the ground value {name} = {value} of the camera cannot be used to start from: give a finite value (frame sizes and focal length above 0)"
+    )]
+    BadNominal {
+        /// The parameter.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// The starting camera has no map over its frame.
+    #[error("the distortion of the ground values folds over inside the frame: start from k1 = p1 = p2 = 0 instead")]
+    NominalFolds,
+    /// An option is out of range.
+    #[error("{name} = {value} is out of range: {allowed}")]
+    BadOption {
+        /// The option.
+        name: &'static str,
+        /// Its value.
+        value: String,
+        /// What is allowed.
+        allowed: &'static str,
+    },
+    /// The stars leave the map open.
+    #[error(
+        "the star images do not determine the camera: a change of its mapping by 1 px (rms over the frame) in {combination} moves them by only {share:.5} px; take frames with stars all over the image, not in a line or in one corner"
+    )]
+    Uncovered {
+        /// The parameters in question.
+        combination: String,
+        /// Movement of the star images for 1 px.
+        share: f64,
+    },
+    /// The normal equations have no solution.
+    #[error(
+        "the pairs of stars cannot tell {combination} apart: the normal equations are singular; add frames or hold one of these parameters at its ground value"
+    )]
+    Singular {
+        /// The parameters in question.
+        combination: String,
+    },
+    /// The iteration ran away.
+    #[error(
+        "the iteration ran away (focal length {focal_length_px} px at step {iteration}): too many identifications are wrong, or the ground values are too far off"
+    )]
+    Diverged {
+        /// At which solution.
+        iteration: usize,
+        /// The focal length there.
+        focal_length_px: f64,
+    },
+    /// Frames of different size.
+    #[error("the two calibrations are of frames of {first:?} and {second:?} pixels: only calibrations of the same frame can be compared")]
+    DifferentFrames {
+        /// Width and height of the first.
+        first: [usize; 2],
+        /// Of the second.
+        second: [usize; 2],
+    },
+    /// Maps with nothing in common.
+    #[error(
+        "the two cameras see different parts of the sky at the same pixels (one of them folds over inside the frame): there is no rotation to compare them by"
+    )]
+    NotComparable,
+}
+
+/// Calibrates a camera.
+pub fn calibrate(control_points: &ControlPoints, options: &CalibrateOptions) -> Result<Calibration, CalibrateError> {
+    let free = check(control_points, options)?;
+    let nominal = control_points.nominal;
+    let selection = select::select(control_points, options);
+    let usable: usize = selection.frames.iter().map(|frame| frame.stars.len()).sum();
+    if usable == 0 {
+        return Err(CalibrateError::TooFewPoints { offered: control_points.points.len(), usable, frames: selection.frames.len() });
+    }
+    let scaling = Scaling::of(&nominal, free);
+    let coverage = uncertainty::Coverage::of(&selection.frames, &nominal, &scaling)?.checked()?;
+    let solution = solve_pairs(&selection.frames, &nominal, &scaling, options)?;
+    summary::summarise(control_points, options, &selection, &scaling, &coverage, &solution)
+}
+
+/// The solver of the method.
+fn solve_pairs(
+    frames: &[FrameStars],
+    nominal: &Camera,
+    scaling: &Scaling,
+    options: &CalibrateOptions,
+) -> Result<PairSolution, CalibrateError> {
+    let limits = Limits { f_threshold: Some(options.f_threshold), epsilon_px: options.epsilon_px, max_iterations: options.max_iterations };
+    match options.method {
+        Method::VariableWeights => variable_weights::solve(frames, nominal, scaling, &limits),
+        Method::LeastSquares => least_squares::solve(frames, nominal, scaling, &limits),
+    }
+}
+
+/// Checks what was given and says which parameters are solved.
+fn check(control_points: &ControlPoints, options: &CalibrateOptions) -> Result<[bool; PARAMETER_COUNT], CalibrateError> {
+    let camera = &control_points.nominal;
+    let sizes = [("width_px", camera.width_px as f64), ("height_px", camera.height_px as f64), ("f", camera.focal_length_px)];
+    if let Some((name, value)) = sizes.into_iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
+        return Err(CalibrateError::BadNominal { name, value });
+    }
+    if let Some((name, value)) = PARAMETER_NAMES.into_iter().zip(camera.parameters()).find(|(_, value)| !value.is_finite()) {
+        return Err(CalibrateError::BadNominal { name, value });
+    }
+    for (index, point) in control_points.points.iter().enumerate() {
+        let fields: [(&[f64], &'static str); 5] = [
+            (&[point.x_px], "x_px"),
+            (&[point.y_px], "y_px"),
+            (&point.direction.xyz, "direction"),
+            (&point.covariance_px2, "covariance_px2"),
+            (&[point.catalog_sigma_rad], "catalog_sigma_rad"),
+        ];
+        if let Some((_, field)) = fields.into_iter().find(|(values, _)| values.iter().any(|value| !value.is_finite())) {
+            return Err(CalibrateError::NotFinite { index, frame: point.frame, hip: point.hip, field });
+        }
+    }
+    let positive = [("f_threshold", options.f_threshold), ("epsilon_px", options.epsilon_px)];
+    if let Some((name, value)) = positive.into_iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
+        return Err(CalibrateError::BadOption { name, value: value.to_string(), allowed: "a finite number above 0" });
+    }
+    if options.max_iterations == 0 {
+        return Err(CalibrateError::BadOption { name: "max_iterations", value: "0".to_owned(), allowed: "1 or more" });
+    }
+    let mut free = [false; PARAMETER_COUNT];
+    for name in &options.solve {
+        let unknown = || CalibrateError::BadOption { name: "solve", value: name.clone(), allowed: "x0, y0, f, k1, p1, p2" };
+        free[PARAMETER_NAMES.iter().position(|known| known == name).ok_or_else(unknown)?] = true;
+    }
+    if !free.contains(&true) {
+        return Err(CalibrateError::BadOption { name: "solve", value: "nothing".to_owned(), allowed: "x0, y0, f, k1, p1, p2" });
+    }
+    Ok(free)
+}

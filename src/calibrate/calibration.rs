@@ -1,0 +1,210 @@
+//! The result of a calibration, as it stands in files.
+
+use serde::{Deserialize, Serialize};
+
+use super::{CalibrateOptions, LeftOutReason};
+use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES};
+use crate::coordinates::Attitude;
+use crate::identify::ControlPoints;
+use crate::provenance::Provenance;
+
+/// The name of the file format.
+pub const FORMAT: &str = "boresight-calibrate/1";
+
+/// How the camera is solved. A joint adjustment of camera and attitudes (bundle) will stand beside these.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Method {
+    /// The reference method: pairs of stars, iterated with variable weights.
+    VariableWeights,
+    /// Pairs of stars, all weights one.
+    LeastSquares,
+}
+
+impl Method {
+    /// Its name in files and on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::VariableWeights => "variable-weights",
+            Self::LeastSquares => "least-squares",
+        }
+    }
+}
+
+/// How the iteration ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Status {
+    /// The last step was below ε.
+    Converged,
+    /// It was not, after the most iterations allowed: the camera is where the iteration stood, and no result.
+    NotConverged,
+}
+
+/// A solved parameter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ParameterEstimate {
+    /// Its name.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+    /// Standard error of the value.
+    pub sigma: f64,
+    /// The standard error that a joint adjustment with the same stars and noise would reach.
+    pub sigma_joint: f64,
+    /// Unit of the three.
+    pub unit: String,
+}
+
+/// One solution of the normal equations.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Iteration {
+    /// Length of the step, px of mapping over the frame.
+    pub step_px: f64,
+    /// σ̂0 of the pairs: weighted rms of the cosines' residuals (rad, about), not calibrated as a statistic.
+    pub pair_sigma_rad: f64,
+    /// Pairs with a weight other than one in this solution.
+    pub pairs_down_weighted: usize,
+}
+
+/// What became of one control point.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PointResult {
+    /// Index of the frame in its recording.
+    pub frame: usize,
+    /// Catalogue number.
+    pub hip: u32,
+    /// Measured column.
+    pub x_px: f64,
+    /// Measured row.
+    pub y_px: f64,
+    /// Median of the weights of its pairs at the last iteration; ≤ 0.5 = rejected; 0 if it was left out beforehand.
+    pub weight: f64,
+    /// Measured minus predicted position with the frame's own attitude; absent where the camera has no image of the star, or
+    /// the frame's attitude is open, or the point was left out.
+    pub residual_px: Option<[f64; 2]>,
+    /// Why the point did not enter, if it did not.
+    pub left_out: Option<LeftOutReason>,
+}
+
+/// One frame at the solution.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameResult {
+    /// Index of the frame in its recording.
+    pub frame: usize,
+    /// Its attitude; absent if the stars used leave it open.
+    pub camera_from_icrs: Option<Attitude>,
+    /// Star images offered.
+    pub stars_offered: usize,
+    /// Star images used.
+    pub stars: usize,
+    /// 2-D rms of those used, px.
+    pub rms_px: Option<f64>,
+}
+
+/// Standard error of a frame's attitude, camera held.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AttitudeSigma {
+    /// Of the boresight's direction, per axis, arcsec; median over the frames.
+    pub across: f64,
+    /// Of the rotation about the boresight, arcsec; median over the frames.
+    pub about: f64,
+}
+
+/// Standard error (2-D) of the pixel → direction map over the frame, the best rotation taken out.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MapSigma {
+    /// Median over the frame.
+    pub median: f64,
+    /// Largest, mostly in a corner.
+    pub max: f64,
+}
+
+/// A number of control points left out for one reason.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LeftOut {
+    /// The reason.
+    pub reason: LeftOutReason,
+    /// How many.
+    pub points: usize,
+}
+
+/// A calibrated camera with everything needed to judge it and to solve it again.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Calibration {
+    /// [`FORMAT`].
+    pub format: String,
+    /// The method.
+    pub method: Method,
+    /// How the iteration ended.
+    pub status: Status,
+    /// Ids of the effects that the star directions contain.
+    pub physics: Vec<String>,
+    /// Names of the parameters solved.
+    pub model: Vec<String>,
+    /// The parameters solved.
+    pub parameters: Vec<ParameterEstimate>,
+    /// The camera.
+    pub camera: Camera,
+    /// 2-D rms of the star images used, in sample.
+    pub rms_px: Option<f64>,
+    /// The same as an angle on the sky.
+    pub rms_arcsec: Option<f64>,
+    /// 2-D rms with each frame's camera solved from other frames (k-fold; leave-one-out below 16 frames); the frame's attitude is free.
+    pub held_out_rms_px: Option<f64>,
+    /// Star images used (weight > 0.5).
+    pub stars: usize,
+    /// Star images offered.
+    pub stars_offered: usize,
+    /// Different stars among those used.
+    pub distinct_stars: usize,
+    /// Frames used.
+    pub frames: usize,
+    /// Pairs of star images solved.
+    pub pairs: usize,
+    /// rms difference of angles between stars, measured and catalogue, over the pairs of star images used.
+    pub interstar_angle_rms_arcsec: Option<f64>,
+    /// Standard error of a frame's attitude.
+    pub attitude_sigma_arcsec: Option<AttitudeSigma>,
+    /// Points that entered and were rejected (weight ≤ 0.5).
+    pub rejected: Vec<PointResult>,
+    /// Points that did not enter, by reason.
+    pub left_out: Vec<LeftOut>,
+    /// What to mind, one sentence each.
+    pub warnings: Vec<String>,
+    /// Standard error of the map.
+    pub map_sigma_px: Option<MapSigma>,
+    /// Standard deviation of a star image's position per axis, from the residuals (degrees of freedom taken into account).
+    pub unit_weight_sigma_px: f64,
+    /// The same as predicted by the points' own covariances (rms over the star images used).
+    pub predicted_sigma_px: f64,
+    /// Degrees of freedom of the residuals.
+    pub degrees_of_freedom: usize,
+    /// Covariance of x0, y0, f, k1, p1, p2 in the units of the parameters; zero for parameters that were held.
+    pub covariance: [[f64; PARAMETER_COUNT]; PARAMETER_COUNT],
+    /// The iterations.
+    pub iterations: Vec<Iteration>,
+    /// Every frame used.
+    pub per_frame: Vec<FrameResult>,
+    /// Every control point, in the order given.
+    pub points: Vec<PointResult>,
+    /// How it was solved.
+    pub options: CalibrateOptions,
+    /// What it was solved from.
+    pub control_points: ControlPoints,
+    /// How the file came about; filled by who writes it.
+    pub provenance: Option<Provenance>,
+}
+
+impl Calibration {
+    /// Correlation of two parameters by name; `None` if either was not solved.
+    #[must_use]
+    pub fn correlation(&self, a: &str, b: &str) -> Option<f64> {
+        let index = |name: &str| PARAMETER_NAMES.iter().position(|known| *known == name);
+        let (i, j) = (index(a)?, index(b)?);
+        let scale = (self.covariance[i][i] * self.covariance[j][j]).sqrt();
+        (scale > 0.0).then(|| self.covariance[i][j] / scale)
+    }
+}

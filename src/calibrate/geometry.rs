@@ -1,0 +1,180 @@
+//! How a star image answers to the camera and to its attitude: one linearisation, used by every solver here.
+//!
+//! All columns are scaled to pixels of mapping over the frame ([`Scaling`]): a unit step in any parameter moves the mapping
+//! by 1 px rms, so that k1 (about 1e-9 px⁻²) and f (about 1e3 px) can stand in one matrix.
+
+use nalgebra::{Matrix3, SMatrix, SVector};
+
+use crate::camera::{Camera, PARAMETER_COUNT, direction_from_pixel};
+use crate::coordinates::PixelPoint;
+use crate::dual::{Jet, Real};
+
+/// A square matrix over the camera's parameters.
+pub(super) type Matrix6 = SMatrix<f64, PARAMETER_COUNT, PARAMETER_COUNT>;
+/// A vector over the camera's parameters.
+pub(super) type Vector6 = SVector<f64, PARAMETER_COUNT>;
+/// Columns of a star image with respect to the camera's scaled parameters.
+pub(super) type CameraColumns = SMatrix<f64, 2, PARAMETER_COUNT>;
+/// Columns of a star image with respect to a small rotation in camera axes, px/rad.
+pub(super) type RotationColumns = SMatrix<f64, 2, 3>;
+
+/// Points along each side of the grid that stands for the frame.
+pub(super) const GRID: usize = 25;
+
+/// A measured pixel as a direction, with its derivatives.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LocalDirection {
+    /// Unit vector in camera axes.
+    pub(super) direction: [f64; 3],
+    /// d(direction)/d(scaled parameter), component by parameter; zero for parameters that are held.
+    pub(super) by_parameter: [[f64; PARAMETER_COUNT]; 3],
+    /// d(direction)/d(column, row), 1/px.
+    pub(super) by_pixel: [[f64; 2]; 3],
+}
+
+/// Units in which the parameters are solved, and which of them are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Scaling {
+    /// Pixels of mapping (rms over the frame) that one unit of the parameter makes.
+    pub(super) px_per_unit: [f64; PARAMETER_COUNT],
+    /// Which parameters are solved; the others keep their ground values.
+    pub(super) free: [bool; PARAMETER_COUNT],
+}
+
+impl Scaling {
+    /// The scaling of a camera.
+    pub(super) fn of(camera: &Camera, free: [bool; PARAMETER_COUNT]) -> Self {
+        let unscaled = Self { px_per_unit: [1.0; PARAMETER_COUNT], free: [true; PARAMETER_COUNT] };
+        let grid = frame_grid(camera, GRID);
+        let mut square = [0.0; PARAMETER_COUNT];
+        for point in &grid {
+            let local = unscaled.local_direction(camera, *point);
+            for (k, sum) in square.iter_mut().enumerate() {
+                *sum += local.by_parameter.iter().map(|row| row[k] * row[k]).sum::<f64>();
+            }
+        }
+        let px_per_unit = square.map(|sum| camera.focal_length_px * (sum / grid.len() as f64).sqrt());
+        Self { px_per_unit, free }
+    }
+
+    /// The number of parameters that are solved.
+    pub(super) fn free_count(&self) -> usize {
+        self.free.iter().filter(|free| **free).count()
+    }
+
+    /// The camera after a step in scaled parameters.
+    pub(super) fn moved(&self, camera: &Camera, step: &Vector6) -> Camera {
+        let mut parameters = camera.parameters();
+        for (k, value) in parameters.iter_mut().enumerate() {
+            if self.free[k] {
+                *value += step[k] / self.px_per_unit[k];
+            }
+        }
+        camera.with_parameters(parameters)
+    }
+
+    /// Gives parameters that are held an equation of their own (step = 0), so that the matrix can be inverted.
+    pub(super) fn pin_held(&self, normal: &mut Matrix6) {
+        for (k, free) in self.free.iter().enumerate() {
+            if !free {
+                normal[(k, k)] = 1.0;
+            }
+        }
+    }
+
+    /// A covariance of scaled parameters in the parameters' own units; zero for parameters that are held.
+    pub(super) fn covariance_in_units(&self, scaled: &Matrix6) -> [[f64; PARAMETER_COUNT]; PARAMETER_COUNT] {
+        std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                if self.free[i] && self.free[j] { scaled[(i, j)] / (self.px_per_unit[i] * self.px_per_unit[j]) } else { 0.0 }
+            })
+        })
+    }
+
+    /// The direction of a measured pixel and its derivatives, all from the camera's one body.
+    pub(super) fn local_direction(&self, camera: &Camera, point: PixelPoint) -> LocalDirection {
+        let parameters = camera.parameters();
+        let variables = std::array::from_fn(|k| Jet::variable(parameters[k], k));
+        let pixel = PixelPoint { x_px: Jet::variable(point.x_px, PARAMETER_COUNT), y_px: Jet::variable(point.y_px, PARAMETER_COUNT + 1) };
+        let jets = direction_from_pixel(&variables, pixel).xyz;
+        LocalDirection {
+            direction: jets.map(Real::value),
+            by_parameter: jets.map(|jet| std::array::from_fn(|k| if self.free[k] { jet.partials[k] / self.px_per_unit[k] } else { 0.0 })),
+            by_pixel: jets.map(|jet| [jet.partials[PARAMETER_COUNT], jet.partials[PARAMETER_COUNT + 1]]),
+        }
+    }
+}
+
+impl LocalDirection {
+    /// How the PREDICTED pixel of a star seen here moves with the camera's scaled parameters and with a small rotation φ of
+    /// its direction (d → d + φ × d). From direction(X, pixel) = R·v:
+    /// ∂d/∂pixel · δpixel = φ × d − ∂d/∂X · δX.
+    ///
+    /// `None` where the pixel → direction map is flat (the distortion folds over just here).
+    pub(super) fn pixel_columns(&self) -> Option<(CameraColumns, RotationColumns)> {
+        let by_pixel = SMatrix::<f64, 3, 2>::from_fn(|i, j| self.by_pixel[i][j]);
+        let gram = by_pixel.transpose() * by_pixel;
+        // Both columns are tangential, so the least-squares inverse is the exact one.
+        let inverse = gram.try_inverse()? * by_pixel.transpose();
+        let by_parameter = SMatrix::<f64, 3, PARAMETER_COUNT>::from_fn(|i, k| self.by_parameter[i][k]);
+        let [x, y, z] = self.direction;
+        let by_rotation = Matrix3::new(0.0, z, -y, -z, 0.0, x, y, -x, 0.0);
+        let (camera, rotation) = (-(inverse * by_parameter), inverse * by_rotation);
+        (camera.iter().all(|c| c.is_finite()) && rotation.iter().all(|c| c.is_finite())).then_some((camera, rotation))
+    }
+}
+
+/// `side` × `side` pixels, evenly from edge to edge: centre of the first pixel to centre of the last one. Row by row.
+pub(super) fn frame_grid(camera: &Camera, side: usize) -> Vec<PixelPoint> {
+    let along = |index: usize, length: usize| {
+        let last = length as f64 - 1.0;
+        if side > 1 { last * index as f64 / (side as f64 - 1.0) } else { last / 2.0 }
+    };
+    (0..side)
+        .flat_map(|row| {
+            (0..side).map(move |column| PixelPoint { x_px: along(column, camera.width_px), y_px: along(row, camera.height_px) })
+        })
+        .collect()
+}
+
+/// The normal matrices of star images that share one attitude: camera × camera, camera × rotation, rotation × rotation.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FrameNormal {
+    /// ΣCᵀC.
+    pub(super) camera: Matrix6,
+    /// ΣCᵀD.
+    pub(super) cross: SMatrix<f64, PARAMETER_COUNT, 3>,
+    /// ΣDᵀD.
+    pub(super) rotation: Matrix3<f64>,
+    /// How many star images are in it.
+    pub(super) stars: usize,
+}
+
+impl FrameNormal {
+    /// Of the given star images.
+    pub(super) fn of<'a>(locals: impl IntoIterator<Item = &'a LocalDirection>) -> Self {
+        let mut normal = Self { camera: Matrix6::zeros(), cross: SMatrix::zeros(), rotation: Matrix3::zeros(), stars: 0 };
+        for (c, d) in locals.into_iter().filter_map(LocalDirection::pixel_columns) {
+            normal.camera += c.transpose() * c;
+            normal.cross += c.transpose() * d;
+            normal.rotation += d.transpose() * d;
+            normal.stars += 1;
+        }
+        normal
+    }
+
+    /// The camera's normal matrix with the attitude eliminated (Schur complement), and the matrix that takes a change of the
+    /// camera to the rotation that follows it. `None` if the stars leave the attitude open.
+    pub(super) fn without_attitude(&self) -> Option<(Matrix6, SMatrix<f64, 3, PARAMETER_COUNT>)> {
+        let gain = self.rotation.cholesky()?.solve(&self.cross.transpose());
+        Some((self.camera - self.cross * gain, gain))
+    }
+}
+
+/// How the map over the frame answers to the scaled parameters once the best rotation is taken out: a column block for each
+/// point of the grid. `None` if the camera has no usable map there.
+pub(super) fn rotation_free_map(camera: &Camera, scaling: &Scaling) -> Option<Vec<CameraColumns>> {
+    let locals: Vec<_> = frame_grid(camera, GRID).into_iter().map(|point| scaling.local_direction(camera, point)).collect();
+    let (_, gain) = FrameNormal::of(&locals).without_attitude()?;
+    locals.iter().map(|local| local.pixel_columns().map(|(c, d)| c - d * gain)).collect()
+}

@@ -1,0 +1,145 @@
+//! Which control points enter.
+//!
+//! The reference method weighs all points alike, so a point that is known to be much worse than the others does harm: it adds
+//! more noise than information. The rules, in this order:
+//!
+//! 1. A star named twice in one frame, or one image given to two stars: at least one is wrong and nothing says which; all are left out.
+//! 2. Stars without proper motion, if the caller asks for it ([`super::CalibrateOptions::proper_motion_only`]).
+//! 3. Points whose predicted error (centroid and catalogue together, per axis) is above an absolute limit, if one is given.
+//! 4. Points that would make an equally weighted solution worse. Sorted by predicted variance σ², the first n points give an
+//!    estimate whose variance goes as Σσ²/n²; it falls as long as the next point has less than about twice the mean variance
+//!    of those before it. The n with the smallest value is taken. A floor stands for what centroids of real cameras leave beyond
+//!    their photon noise, so that very bright stars do not expel the others. Saturated and blended images fall here too,
+//!    as their stated covariance is large.
+//! 5. Frames that are left with fewer than three points: they say nothing that can be checked.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::CalibrateOptions;
+use super::pairs::{FrameStars, Star};
+use crate::coordinates::PixelPoint;
+use crate::identify::{ControlPoint, ControlPoints};
+
+/// Error per axis that real centroids have beyond their photon noise (pixel phase, PSF mismatch), px.
+const CENTROID_FLOOR_PX: f64 = 0.05;
+/// A frame with fewer points is left out.
+pub(super) const FEWEST_STARS: usize = 3;
+
+/// Why a control point did not enter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum LeftOutReason {
+    /// Its star is named twice in the frame, or its image is given to two stars.
+    Duplicate,
+    /// The catalogue does not know the star's proper motion.
+    NoProperMotion,
+    /// Its predicted error is above the limit that was asked for.
+    AboveLimit,
+    /// Its predicted error is so much larger than the others' that it would make an equally weighted solution worse.
+    Imprecise,
+    /// Its frame has fewer than three points.
+    FewInFrame,
+}
+
+impl LeftOutReason {
+    /// For a sentence: "… left out because …".
+    pub(super) fn text(self) -> &'static str {
+        match self {
+            Self::Duplicate => "their star is named twice in the frame or their image is given to two stars",
+            Self::NoProperMotion => "their star's proper motion is not known",
+            Self::AboveLimit => "their predicted error is above the limit",
+            Self::Imprecise => "their predicted error is so much larger than the others' that an equally weighted solution would get worse",
+            Self::FewInFrame => "their frame has fewer than three usable points",
+        }
+    }
+}
+
+/// The points that enter and those that do not.
+#[derive(Clone, Debug)]
+pub(super) struct Selection {
+    /// By frame, in order of the frames' numbers.
+    pub(super) frames: Vec<FrameStars>,
+    /// The rest: index of the point and why, in order of index.
+    pub(super) left_out: Vec<(usize, LeftOutReason)>,
+}
+
+/// Standard error per axis that the point's own figures predict, px.
+pub(super) fn predicted_sigma_px(point: &ControlPoint, focal_length_px: f64) -> f64 {
+    let [xx, _, yy] = point.covariance_px2;
+    let catalog = point.catalog_sigma_rad * focal_length_px;
+    (f64::midpoint(xx, yy).max(0.0) + catalog * catalog).sqrt()
+}
+
+/// Applies the rules.
+pub(super) fn select(control_points: &ControlPoints, options: &CalibrateOptions) -> Selection {
+    let points = &control_points.points;
+    let mut reasons: Vec<Option<LeftOutReason>> = vec![None; points.len()];
+    mark_duplicates(points, &mut reasons);
+    let sigma: Vec<f64> = points.iter().map(|point| predicted_sigma_px(point, control_points.nominal.focal_length_px)).collect();
+    for (i, point) in points.iter().enumerate().filter(|(i, _)| reasons[*i].is_none()).collect::<Vec<_>>() {
+        if options.proper_motion_only && !point.has_proper_motion {
+            reasons[i] = Some(LeftOutReason::NoProperMotion);
+        } else if options.max_position_sigma_px.is_some_and(|limit| sigma[i] > limit) {
+            reasons[i] = Some(LeftOutReason::AboveLimit);
+        }
+    }
+    if options.leave_out_imprecise {
+        let candidates: Vec<usize> = (0..points.len()).filter(|i| reasons[*i].is_none()).collect();
+        for i in imprecise(&candidates, &sigma) {
+            reasons[i] = Some(LeftOutReason::Imprecise);
+        }
+    }
+    let mut by_frame: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for i in (0..points.len()).filter(|i| reasons[*i].is_none()) {
+        by_frame.entry(points[i].frame).or_default().push(i);
+    }
+    let mut frames = Vec::new();
+    for (frame, indices) in by_frame {
+        if indices.len() < FEWEST_STARS {
+            for i in indices {
+                reasons[i] = Some(LeftOutReason::FewInFrame);
+            }
+            continue;
+        }
+        let star = |&i: &usize| Star {
+            point: i,
+            pixel: PixelPoint { x_px: points[i].x_px, y_px: points[i].y_px },
+            direction: points[i].direction.xyz,
+        };
+        frames.push(FrameStars { frame, stars: indices.iter().map(star).collect() });
+    }
+    let left_out = reasons.iter().enumerate().filter_map(|(i, reason)| reason.map(|reason| (i, reason))).collect();
+    Selection { frames, left_out }
+}
+
+/// Rule 1.
+fn mark_duplicates(points: &[ControlPoint], reasons: &mut [Option<LeftOutReason>]) {
+    let mut stars: BTreeMap<(usize, u32), Vec<usize>> = BTreeMap::new();
+    let mut images: BTreeMap<(usize, u64, u64), Vec<usize>> = BTreeMap::new();
+    for (i, point) in points.iter().enumerate() {
+        stars.entry((point.frame, point.hip)).or_default().push(i);
+        images.entry((point.frame, point.x_px.to_bits(), point.y_px.to_bits())).or_default().push(i);
+    }
+    for i in stars.into_values().chain(images.into_values()).filter(|same| same.len() > 1).flatten() {
+        reasons[i] = Some(LeftOutReason::Duplicate);
+    }
+}
+
+/// Rule 4: those of the candidates that do more harm than good.
+fn imprecise(candidates: &[usize], sigma: &[f64]) -> Vec<usize> {
+    let mut sorted = candidates.to_vec();
+    sorted.sort_by(|a, b| sigma[*a].total_cmp(&sigma[*b]).then(a.cmp(b)));
+    let (mut sum, mut best, mut best_value) = (0.0, 0, f64::INFINITY);
+    for (n, &i) in (1_u32..).zip(&sorted) {
+        sum += sigma[i] * sigma[i] + CENTROID_FLOOR_PX * CENTROID_FLOOR_PX;
+        let value = sum / (f64::from(n) * f64::from(n));
+        // Equal to rounding is taken in: the more points, the better wrong ones are found.
+        if value <= best_value * (1.0 + 1e-9) {
+            (best, best_value) = (n as usize, value);
+        }
+    }
+    sorted.split_off(best)
+}

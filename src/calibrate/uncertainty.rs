@@ -1,0 +1,156 @@
+//! What the solution is worth: covariance of the parameters and of the map, coverage of the frame, degeneracies.
+//!
+//! # Covariance
+//! The noise belongs to stars, not to pairs. With n_i the error of star image i (unit-weight variance σ² per axis, from the
+//! star-level residuals with free attitudes), the error of a pair's equation is e_ij = −(∂g/∂pixel_i·n_i + ∂g/∂pixel_j·n_j), the
+//! right side of the normal equations moves by Σ_i G_i·n_i with G_i = −Σ_j p_ij·a_ij·(∂g_ij/∂pixel_i)ᵀ, and so
+//!
+//! ```text
+//! cov(X̂) = σ²·H⁻¹·(Σ_i G_i·G_iᵀ)·H⁻ᵀ
+//! ```
+//! (the "sandwich"; Huber 1967). H is AᵀPA with the slope of the weighted residual in place of the weight: p·u has the slope 1
+//! where p = 1, and −p where p = σ̂0²·l/u². The bound that a joint adjustment of camera and attitudes would reach,
+//! σ²·(Σ_h C_hᵀC_h − C_hᵀD_h(D_hᵀD_h)⁻¹D_hᵀC_h)⁻¹, is computed beside it.
+
+use super::CalibrateError;
+use super::geometry::{FrameNormal, Matrix6, Scaling, Vector6, rotation_free_map};
+use super::pairs::{FrameStars, Pairs, cosine_columns};
+use super::variable_weights::combination;
+use crate::camera::{Camera, PARAMETER_COUNT};
+
+/// Below this share of a map change that the star images see (rms at the stars over rms over the frame), the map is not
+/// determined: errors of the positions themselves would drive the solution.
+const BLIND_SHARE: f64 = 0.01;
+/// Below this share the map is determined badly enough to be said.
+const WEAK_SHARE: f64 = 0.15;
+/// Combinations of parameters that move the map less than this (relative to the strongest, squared) count as having no effect on it.
+const NO_EFFECT: f64 = 1e-10;
+
+/// AᵀPA-side of the covariance, without σ².
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cofactors {
+    /// Of the estimate from pairs: the covariance of the scaled parameters for σ = 1 px.
+    pub(super) pairs: Matrix6,
+    /// Of a joint adjustment with the same stars: the lower bound.
+    pub(super) joint: Matrix6,
+}
+
+/// Both cofactor matrices at the solution. `used` = stars in the joint bound.
+pub(super) fn cofactors(pairs: &Pairs, weights: &[f64], used: &[Vec<bool>], scaling: &Scaling) -> Option<Cofactors> {
+    let mut plain = Matrix6::zeros();
+    let mut slope = Matrix6::zeros();
+    let mut influence: Vec<Vec<[[f64; 2]; PARAMETER_COUNT]>> =
+        used.iter().map(|stars| vec![[[0.0; 2]; PARAMETER_COUNT]; stars.len()]).collect();
+    pairs.for_each(weights, |frame, i, j, p| {
+        let (a, b) = (&pairs.stars(frame)[i].local, &pairs.stars(frame)[j].local);
+        let row = cosine_columns(a, b);
+        let outer = Vector6::from(row) * Vector6::from(row).transpose();
+        plain += p * outer;
+        slope += if p < 1.0 { -p } else { p } * outer;
+        for (star, local, other) in [(i, a, b), (j, b, a)] {
+            let by_pixel: [f64; 2] = std::array::from_fn(|axis| (0..3).map(|c| local.by_pixel[c][axis] * other.direction[c]).sum());
+            for (own, a) in influence[frame][star].iter_mut().zip(row) {
+                own[0] += p * a * by_pixel[0];
+                own[1] += p * a * by_pixel[1];
+            }
+        }
+    });
+    let mut middle = Matrix6::zeros();
+    for g in influence.iter().flatten() {
+        middle += Matrix6::from_fn(|k, l| g[k][0] * g[l][0] + g[k][1] * g[l][1]);
+    }
+    let bread = inverse(&slope, scaling).filter(is_covariance).or_else(|| inverse(&plain, scaling))?;
+    let joint = inverse(&information(pairs, used), scaling).filter(is_covariance)?;
+    Some(Cofactors { pairs: bread * middle * bread.transpose(), joint })
+}
+
+/// Normal matrix of the camera at star level, all attitudes eliminated, for σ = 1 px.
+fn information(pairs: &Pairs, used: &[Vec<bool>]) -> Matrix6 {
+    let mut sum = Matrix6::zeros();
+    for (frame, used) in used.iter().enumerate() {
+        let stars = pairs.stars(frame).iter().zip(used).filter(|(_, used)| **used).map(|(star, _)| &star.local);
+        if let Some((normal, _)) = FrameNormal::of(stars).without_attitude() {
+            sum += normal;
+        }
+    }
+    sum
+}
+
+/// The inverse, by way of a unit diagonal; zero in the rows and columns of parameters that are held.
+fn inverse(matrix: &Matrix6, scaling: &Scaling) -> Option<Matrix6> {
+    let mut matrix = *matrix;
+    scaling.pin_held(&mut matrix);
+    let root = matrix.diagonal().map(|d| d.abs().sqrt());
+    if root.iter().any(|r| r.is_nan() || *r <= 0.0) {
+        return None;
+    }
+    let equilibrated = Matrix6::from_fn(|k, l| matrix[(k, l)] / (root[k] * root[l]));
+    let inverse = equilibrated.try_inverse()?;
+    Some(Matrix6::from_fn(|k, l| if scaling.free[k] && scaling.free[l] { inverse[(k, l)] / (root[k] * root[l]) } else { 0.0 }))
+}
+
+fn is_covariance(matrix: &Matrix6) -> bool {
+    matrix.iter().all(|c| c.is_finite()) && matrix.diagonal().iter().all(|d| *d >= 0.0)
+}
+
+/// Standard error of the map (2-D, px) at each point of the grid, after the best rotation.
+pub(super) fn map_sigma_px(camera: &Camera, scaling: &Scaling, covariance: &Matrix6) -> Option<Vec<f64>> {
+    let map = rotation_free_map(camera, scaling)?;
+    Some(map.iter().map(|columns| (columns * covariance * columns.transpose()).trace().max(0.0).sqrt()).collect())
+}
+
+/// How well star images cover the frame: of a change of the map by 1 px (rms over the frame, rotation removed), how much do
+/// the stars see at least (rms, attitudes free)? With the parameters that make up that least visible change.
+#[derive(Clone, Debug)]
+pub(super) struct Coverage {
+    /// The least share seen.
+    pub(super) share: f64,
+    /// Names of the parameters in it.
+    pub(super) combination: String,
+}
+
+impl Coverage {
+    /// Of star images at their measured places; it depends on no identification.
+    pub(super) fn of(frames: &[FrameStars], camera: &Camera, scaling: &Scaling) -> Result<Self, CalibrateError> {
+        let pairs = Pairs::at(frames, camera, scaling);
+        let used: Vec<Vec<bool>> = frames.iter().map(|frame| vec![true; frame.stars.len()]).collect();
+        let stars: usize = frames.iter().map(|frame| frame.stars.len()).sum();
+        let seen = information(&pairs, &used) / stars as f64;
+        let map = rotation_free_map(camera, scaling).ok_or(CalibrateError::NominalFolds)?;
+        let mut gram = Matrix6::zeros();
+        for columns in &map {
+            gram += columns.transpose() * columns / map.len() as f64;
+        }
+        // Generalised eigenvalues of (seen, gram) on the combinations that do something to the map.
+        let eigen = gram.symmetric_eigen();
+        let smallest = NO_EFFECT * eigen.eigenvalues.max();
+        let kept: Vec<usize> = (0..PARAMETER_COUNT).filter(|k| eigen.eigenvalues[*k] > smallest).collect();
+        let basis = nalgebra::DMatrix::from_fn(PARAMETER_COUNT, kept.len(), |row, column| {
+            eigen.eigenvectors[(row, kept[column])] / eigen.eigenvalues[kept[column]].sqrt()
+        });
+        let dynamic = nalgebra::DMatrix::from_fn(PARAMETER_COUNT, PARAMETER_COUNT, |k, l| seen[(k, l)]);
+        let reduced = (basis.transpose() * dynamic * &basis).symmetric_eigen();
+        let (weakest, value) = reduced.eigenvalues.argmin();
+        let direction = &basis * reduced.eigenvectors.column(weakest);
+        Ok(Self { share: value.max(0.0).sqrt(), combination: combination(&Vector6::from_fn(|k, _| direction[k])) })
+    }
+
+    /// Refuses stars that leave the map open.
+    pub(super) fn checked(self) -> Result<Self, CalibrateError> {
+        if self.share.is_nan() || self.share < BLIND_SHARE {
+            return Err(CalibrateError::Uncovered { combination: self.combination, share: self.share });
+        }
+        Ok(self)
+    }
+
+    /// A sentence if the coverage is weak.
+    pub(super) fn warning(&self) -> Option<String> {
+        (self.share < WEAK_SHARE).then(|| {
+            format!(
+                "the star images cover the frame badly: a change of the mapping by 1 px (rms over the frame) in {} moves them by only {:.3} px; \
+                 the mapping is uncertain where no stars are",
+                self.combination, self.share
+            )
+        })
+    }
+}
