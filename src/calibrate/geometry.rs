@@ -137,6 +137,14 @@ pub(super) fn frame_grid(camera: &Camera, side: usize) -> Vec<PixelPoint> {
         .collect()
 }
 
+/// Whether the distortion folds over inside the frame: some pixel of the grid is not the image of its own direction.
+pub(super) fn folds_over(camera: &Camera) -> bool {
+    const SAME_PX: f64 = 1e-6;
+    !frame_grid(camera, GRID).into_iter().all(|point| {
+        camera.pixel(&camera.direction(point)).is_some_and(|image| (image.x_px - point.x_px).hypot(image.y_px - point.y_px) < SAME_PX)
+    })
+}
+
 /// The normal matrices of star images that share one attitude: camera × camera, camera × rotation, rotation × rotation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FrameNormal {
@@ -177,4 +185,77 @@ pub(super) fn rotation_free_map(camera: &Camera, scaling: &Scaling) -> Option<Ve
     let locals: Vec<_> = frame_grid(camera, GRID).into_iter().map(|point| scaling.local_direction(camera, point)).collect();
     let (_, gain) = FrameNormal::of(&locals).without_attitude()?;
     locals.iter().map(|local| local.pixel_columns().map(|(c, d)| c - d * gain)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    use super::*;
+    use crate::coordinates::{CameraAxes, Direction};
+
+    const CAMERA: Camera = Camera {
+        width_px: 1024,
+        height_px: 768,
+        principal_point_px: [520.0, 390.0],
+        focal_length_px: 1500.0,
+        k1: 2e-8,
+        p1: 3e-7,
+        p2: -2e-7,
+    };
+
+    #[test]
+    fn pixel_columns_agree_with_central_differences() {
+        let scaling = Scaling::of(&CAMERA, [true; PARAMETER_COUNT]);
+        for point in frame_grid(&CAMERA, 5) {
+            let direction = CAMERA.direction(point);
+            let (by_camera, by_rotation) = scaling.local_direction(&CAMERA, point).pixel_columns().unwrap();
+            let compare = |high: PixelPoint, low: PixelPoint, width: f64, column: [f64; 2]| {
+                let difference = [(high.x_px - low.x_px) / width, (high.y_px - low.y_px) / width];
+                let error = (difference[0] - column[0]).hypot(difference[1] - column[1]);
+                assert!(error < 1e-6 * (1.0 + column[0].hypot(column[1])), "{point:?}: {difference:?} {column:?}");
+            };
+            for k in 0..PARAMETER_COUNT {
+                let image = |sign: f64| {
+                    let mut step = Vector6::zeros();
+                    step[k] = 0.01 * sign;
+                    scaling.moved(&CAMERA, &step).pixel(&direction).unwrap()
+                };
+                compare(image(1.0), image(-1.0), 0.02, [by_camera[(0, k)], by_camera[(1, k)]]);
+            }
+            for axis in 0..3 {
+                let image = |sign: f64| {
+                    let mut angle = Vector3::zeros();
+                    angle[axis] = 1e-6 * sign;
+                    let turned = UnitQuaternion::from_scaled_axis(angle) * Vector3::from(direction.xyz);
+                    CAMERA.pixel(&Direction::<CameraAxes>::along(turned.into())).unwrap()
+                };
+                compare(image(1.0), image(-1.0), 2e-6, [by_rotation[(0, axis)], by_rotation[(1, axis)]]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_scaled_unit_moves_the_map_by_one_pixel() {
+        let camera = Camera::pinhole(1024, 1024, 2800.0);
+        let scaling = Scaling::of(&camera, [true; PARAMETER_COUNT]);
+        for k in 0..PARAMETER_COUNT {
+            let mut step = Vector6::zeros();
+            step[k] = 1e-3;
+            let moved = scaling.moved(&camera, &step);
+            let grid = frame_grid(&camera, GRID);
+            let square: f64 =
+                grid.iter().map(|point| (camera.direction(*point).angle_rad(&moved.direction(*point)) * 2800.0).powi(2)).sum();
+            let rms = (square / grid.len() as f64).sqrt();
+            assert!((rms / 1e-3 - 1.0).abs() < 1e-3, "{k}: {rms}");
+        }
+    }
+
+    #[test]
+    fn a_fold_is_seen() {
+        let camera = Camera::pinhole(1024, 1024, 2800.0);
+        assert!(!folds_over(&camera) && !folds_over(&CAMERA));
+        // d(r − k1·r³)/dr = 0 at r = 1/√(3·k1) = 577 px, inside the corner.
+        assert!(folds_over(&Camera { k1: 1e-6, ..camera }));
+    }
 }

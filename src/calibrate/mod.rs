@@ -233,6 +233,9 @@ fn check(control_points: &ControlPoints, options: &CalibrateOptions) -> Result<[
     if let Some((name, value)) = PARAMETER_NAMES.into_iter().zip(camera.parameters()).find(|(_, value)| !value.is_finite()) {
         return Err(CalibrateError::BadNominal { name, value });
     }
+    if geometry::folds_over(camera) {
+        return Err(CalibrateError::NominalFolds);
+    }
     for (index, point) in control_points.points.iter().enumerate() {
         let fields: [(&[f64], &'static str); 5] = [
             (&[point.x_px], "x_px"),

@@ -181,7 +181,7 @@ impl Pairs {
         });
     }
 
-    /// The weights of each star's pairs, star by star of one frame, given the weights of that frame's pairs.
+    /// The weights of each star's pairs, frame by frame and star by star.
     pub(super) fn weights_by_star(&self, weights: &[f64]) -> Vec<Vec<Vec<f64>>> {
         let mut by_star: Vec<Vec<Vec<f64>>> = self.frames.iter().map(|stars| vec![Vec::new(); stars.len()]).collect();
         for (chunk, weights) in self.with_weights(weights) {
@@ -269,4 +269,85 @@ pub(super) fn cosine_residual(a: &PairStar, b: &PairStar) -> f64 {
 
 fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::geometry::frame_grid;
+    use super::*;
+
+    const CAMERA: Camera = Camera {
+        width_px: 1024,
+        height_px: 768,
+        principal_point_px: [520.0, 390.0],
+        focal_length_px: 1500.0,
+        k1: 2e-8,
+        p1: 3e-7,
+        p2: -2e-7,
+    };
+
+    /// Stars on a grid, turned by nothing, seen by a camera a little different.
+    fn frames() -> Vec<FrameStars> {
+        let true_camera = Camera { focal_length_px: 1502.0, ..CAMERA };
+        let star = |(point, pixel)| Star { point, pixel, direction: true_camera.direction(pixel).xyz };
+        let grid = frame_grid(&CAMERA, 12);
+        vec![
+            FrameStars { frame: 0, stars: grid.iter().copied().enumerate().map(star).collect() },
+            FrameStars { frame: 1, stars: grid.iter().copied().enumerate().step_by(7).map(star).collect() },
+        ]
+    }
+
+    #[test]
+    fn rows_agree_with_central_differences() {
+        let scaling = Scaling::of(&CAMERA, [true; PARAMETER_COUNT]);
+        let (a, b) = (PixelPoint { x_px: 13.0, y_px: 700.0 }, PixelPoint { x_px: 981.5, y_px: 40.25 });
+        let row = cosine_columns(&scaling.local_direction(&CAMERA, a), &scaling.local_direction(&CAMERA, b));
+        for (k, slope) in row.into_iter().enumerate() {
+            let cosine = |sign: f64| {
+                let mut step = Vector6::zeros();
+                step[k] = 0.01 * sign;
+                let camera = scaling.moved(&CAMERA, &step);
+                dot(&camera.direction(a).xyz, &camera.direction(b).xyz)
+            };
+            let difference = (cosine(1.0) - cosine(-1.0)) / 0.02;
+            assert!((difference - slope).abs() < 1e-6 * slope.abs() + 1e-12, "{k}: {difference} {slope}");
+        }
+    }
+
+    #[test]
+    fn every_pair_is_met_once_and_chunks_change_nothing() {
+        let scaling = Scaling::of(&CAMERA, [true; PARAMETER_COUNT]);
+        let pairs = Pairs::at(&frames(), &CAMERA, &scaling);
+        assert_eq!(pairs.count(), 144 * 143 / 2 + 21 * 20 / 2);
+        assert!(pairs.chunks.len() > 2, "the case must be cut");
+        let weights: Vec<f64> = (0..pairs.count()).map(|t| 1.0 / (1.0 + (t % 5) as f64)).collect();
+        let (mut direct, mut met) = (Matrix6::zeros(), 0);
+        pairs.for_each(&weights, |frame, i, j, weight| {
+            assert_eq!(weight, weights[met]);
+            met += 1;
+            let row = Vector6::from(cosine_columns(&pairs.stars(frame)[i].local, &pairs.stars(frame)[j].local));
+            direct += row * row.transpose() * weight;
+        });
+        assert_eq!(met, pairs.count());
+        let difference = (pairs.normal_equations(&weights).matrix - direct).amax();
+        assert!(difference < 1e-12 * direct.amax(), "{difference}");
+    }
+
+    #[test]
+    fn leverages_sum_to_the_number_of_parameters() {
+        // Σ l_t = L is Σ p_t·aᵀN⁻¹a = 6.
+        let scaling = Scaling::of(&CAMERA, [true; PARAMETER_COUNT]);
+        let pairs = Pairs::at(&frames(), &CAMERA, &scaling);
+        let weights: Vec<f64> = (0..pairs.count()).map(|t| 1.0 / (1.0 + (t % 3) as f64)).collect();
+        let normal = pairs.normal_equations(&weights).matrix;
+        let whitening = normal.cholesky().unwrap().l().try_inverse().unwrap();
+        let mut shares = weights.clone();
+        pairs.reweigh(&mut shares, &Vector6::zeros(), &whitening, |p, _, leverage| p * leverage);
+        let sum: f64 = shares.iter().sum();
+        assert!((sum - 6.0).abs() < 1e-6, "{sum}");
+        // UᵀPU with no step is RᵀPR.
+        let mut direct = 0.0;
+        pairs.for_each(&weights, |frame, i, j, p| direct += p * cosine_residual(&pairs.stars(frame)[i], &pairs.stars(frame)[j]).powi(2));
+        assert!((pairs.weighted_square_sum(&weights, &Vector6::zeros()) / direct - 1.0).abs() < 1e-12);
+    }
 }

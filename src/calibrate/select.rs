@@ -8,7 +8,8 @@
 //! 3. Points whose predicted error (centroid and catalogue together, per axis) is above an absolute limit, if one is given.
 //! 4. Points that would make an equally weighted solution worse. Sorted by predicted variance σ², the first n points give an
 //!    estimate whose variance goes as Σσ²/n²; it falls as long as the next point has less than about twice the mean variance
-//!    of those before it. The n with the smallest value is taken. A floor stands for what centroids of real cameras leave beyond
+//!    of those before it. The largest n whose value is within a tenth of the
+//!    smallest is taken (5 % in the standard errors: more points find wrong ones better and cover the frame better). A floor stands for what centroids of real cameras leave beyond
 //!    their photon noise, so that very bright stars do not expel the others. Saturated and blended images fall here too,
 //!    as their stated covariance is large.
 //! 5. Frames that are left with fewer than three points: they say nothing that can be checked.
@@ -23,7 +24,9 @@ use crate::coordinates::PixelPoint;
 use crate::identify::{ControlPoint, ControlPoints};
 
 /// Error per axis that real centroids have beyond their photon noise (pixel phase, PSF mismatch), px.
-const CENTROID_FLOOR_PX: f64 = 0.05;
+pub(super) const CENTROID_FLOOR_PX: f64 = 0.05;
+/// How much larger than the smallest the variance may get for the sake of more points.
+const TOLERATED_LOSS: f64 = 0.1;
 /// A frame with fewer points is left out.
 pub(super) const FEWEST_STARS: usize = 3;
 
@@ -132,14 +135,15 @@ fn mark_duplicates(points: &[ControlPoint], reasons: &mut [Option<LeftOutReason>
 fn imprecise(candidates: &[usize], sigma: &[f64]) -> Vec<usize> {
     let mut sorted = candidates.to_vec();
     sorted.sort_by(|a, b| sigma[*a].total_cmp(&sigma[*b]).then(a.cmp(b)));
-    let (mut sum, mut best, mut best_value) = (0.0, 0, f64::INFINITY);
-    for (n, &i) in (1_u32..).zip(&sorted) {
-        sum += sigma[i] * sigma[i] + CENTROID_FLOOR_PX * CENTROID_FLOOR_PX;
-        let value = sum / (f64::from(n) * f64::from(n));
-        // Equal to rounding is taken in: the more points, the better wrong ones are found.
-        if value <= best_value * (1.0 + 1e-9) {
-            (best, best_value) = (n as usize, value);
-        }
-    }
-    sorted.split_off(best)
+    let mut sum = 0.0;
+    let values: Vec<f64> = (1_u32..)
+        .zip(&sorted)
+        .map(|(n, &i)| {
+            sum += sigma[i] * sigma[i] + CENTROID_FLOOR_PX * CENTROID_FLOOR_PX;
+            sum / (f64::from(n) * f64::from(n))
+        })
+        .collect();
+    let smallest = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let last = values.iter().rposition(|value| *value <= (1.0 + TOLERATED_LOSS) * smallest);
+    sorted.split_off(last.map_or(0, |last| last + 1))
 }

@@ -126,3 +126,56 @@ impl ResidualSums {
         (2 * self.stars).checked_sub(3 * self.frames + camera_parameters).filter(|degrees| *degrees > 0)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::coordinates::PixelPoint;
+
+    #[test]
+    fn the_attitude_is_the_minimum_in_pixels() {
+        let camera = Camera { k1: 3e-8, ..Camera::pinhole(1024, 1024, 1800.0) };
+        let true_attitude = Attitude::from_pointing(1.0, -0.4, 2.0);
+        // Deterministic "noise" of up to half a pixel.
+        let stars: Vec<Star> = (0..15_u32)
+            .map(|i| {
+                let place = PixelPoint { x_px: f64::from(i * 397 % 1024), y_px: f64::from(i * 613 % 1024) };
+                let direction = true_attitude.apparent_from_camera(&camera.direction(place)).xyz;
+                let noise = |k: u32| f64::from((i * k) % 11) / 10.0 - 0.5;
+                Star { point: 0, pixel: PixelPoint { x_px: place.x_px + noise(7), y_px: place.y_px + noise(3) }, direction }
+            })
+            .collect();
+        let mut used = vec![true; 15];
+        used[4] = false;
+        let fit = fit_attitude(&camera, &stars, &used).unwrap();
+        let square = |attitude: &Attitude| -> f64 {
+            let residuals =
+                stars.iter().zip(&used).filter(|(_, used)| **used).map(|(star, _)| residual_px(&camera, attitude, star).unwrap());
+            residuals.map(|[x, y]| x * x + y * y).sum()
+        };
+        let least = square(&fit.attitude);
+        for axis in 0..3 {
+            for angle in [-1e-4, 1e-4] {
+                let mut turn = Vector3::zeros();
+                turn[axis] = angle;
+                let other = Attitude::new(UnitQuaternion::from_scaled_axis(turn) * fit.attitude.camera_from_icrs);
+                // Near the minimum the sum rises with the normal matrix: measured at the stars, so to the size of the residuals.
+                let rise = angle * angle * fit.rotation_normal[(axis, axis)];
+                assert!(((square(&other) - least) / rise - 1.0).abs() < 0.02, "{axis} {angle}");
+            }
+        }
+    }
+
+    #[test]
+    fn one_star_leaves_the_attitude_open() {
+        let camera = Camera::pinhole(1024, 1024, 1800.0);
+        let star = |x_px: f64| {
+            let pixel = PixelPoint { x_px, y_px: 300.0 };
+            Star { point: 0, pixel, direction: camera.direction(pixel).xyz }
+        };
+        assert!(fit_attitude(&camera, &[star(100.0)], &[true]).is_none());
+        assert!(fit_attitude(&camera, &[star(100.0), star(100.0)], &[true, true]).is_none());
+        assert!(fit_attitude(&camera, &[star(100.0), star(500.0)], &[true, true]).is_some());
+        assert!(fit_attitude(&camera, &[star(100.0), star(500.0)], &[true, false]).is_none());
+    }
+}

@@ -5,12 +5,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::Vector3;
 
 use super::calibration::{AttitudeSigma, Calibration, FORMAT, FrameResult, LeftOut, MapSigma, ParameterEstimate, PointResult, Status};
-use super::geometry::Scaling;
+use super::geometry::{Scaling, folds_over};
 use super::map::attitude_sigma_rad;
 use super::pairs::{FrameStars, Pairs};
-use super::select::{Selection, predicted_sigma_px};
+use super::select::{CENTROID_FLOOR_PX, FEWEST_STARS, Selection, predicted_sigma_px};
 use super::star_level::{FrameFit, ResidualSums, fit_frames};
-use super::uncertainty::{Coverage, cofactors, map_sigma_px};
+use super::uncertainty::{Coverage, covariances, map_sigma_px};
 use super::variable_weights::PairSolution;
 use super::{CalibrateError, CalibrateOptions, held_out};
 use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES, PARAMETER_UNITS};
@@ -26,6 +26,9 @@ const STRONG_CORRELATION: f64 = 0.95;
 /// A principal point less certain than this is said to be so, px.
 const UNCERTAIN_CENTRE_PX: f64 = 5.0;
 
+/// Residuals this many times larger than predicted are said to be so.
+const TOO_LARGE_RESIDUALS: f64 = 3.0;
+
 /// Makes the result.
 pub(super) fn summarise(
     control_points: &ControlPoints,
@@ -37,8 +40,9 @@ pub(super) fn summarise(
 ) -> Result<Calibration, CalibrateError> {
     let (frames, camera) = (&selection.frames, &solution.camera);
     let pairs = Pairs::at(frames, camera, scaling);
-    let star_weights: Vec<Vec<f64>> =
-        pairs.weights_by_star(&solution.weights).into_iter().map(|stars| stars.into_iter().map(median).collect()).collect();
+    let by_frame: Vec<(Vec<f64>, bool)> = pairs.weights_by_star(&solution.weights).into_iter().map(star_weights).collect();
+    let by_quartile = by_frame.iter().filter(|(_, quartile)| *quartile).count();
+    let star_weights: Vec<Vec<f64>> = by_frame.into_iter().map(|(weights, _)| weights).collect();
     let used: Vec<Vec<bool>> = star_weights.iter().map(|stars| stars.iter().map(|w| *w > REJECTED_WEIGHT).collect()).collect();
     let fits = fit_frames(camera, frames, &used);
     let sums = ResidualSums::of(&fits, &used);
@@ -49,16 +53,21 @@ pub(super) fn summarise(
         parameters,
     })?;
     let variance = sums.square_px2 / dof as f64;
-    let cofactors =
-        cofactors(&pairs, &solution.weights, &used, scaling).ok_or(CalibrateError::Singular { combination: options.solve.join(", ") })?;
-    let covariance = scaling.covariance_in_units(&(cofactors.pairs * variance));
-    let joint = scaling.covariance_in_units(&(cofactors.joint * variance));
-    let map_sigma = map_sigma_px(camera, scaling, &(cofactors.pairs * variance)).map(|mut sigma| {
+    let covariances = covariances(&pairs, &solution.weights, &used, variance, scaling)
+        .ok_or(CalibrateError::Singular { combination: options.solve.join(", ") })?;
+    let covariance = scaling.covariance_in_units(&covariances.pairs);
+    let joint = scaling.covariance_in_units(&covariances.joint);
+    let map_sigma = map_sigma_px(camera, scaling, &covariances.pairs).map(|mut sigma| {
         sigma.sort_by(f64::total_cmp);
         MapSigma { median: sigma[sigma.len() / 2], max: sigma[sigma.len() - 1] }
     });
 
     let mut warnings = Vec::new();
+    if by_quartile > 0 {
+        warnings.push(format!(
+            "in {by_quartile} frames the median of the pairs' weights keeps fewer than three stars, so their upper quartile decides there: more than half of the identifications may be wrong"
+        ));
+    }
     let held_out_rms_px = if options.held_out {
         held_out::rms_px(frames, &used, &control_points.nominal, scaling, options).unwrap_or_else(|error| {
             warnings.push(format!("no held-out rms: without one part of the frames, {error}"));
@@ -123,6 +132,22 @@ pub(super) fn summarise(
     warnings.extend(general_warnings(&result, &fits, coverage));
     warnings.extend(degeneracy_warnings(&result));
     Ok(Calibration { warnings, ..result })
+}
+
+/// The weights of one frame's stars from the weights of their pairs: the median. Where more than half of a frame's stars are
+/// wrong, more than half of a right star's pairs are wrong too, and the median would reject them all; if it leaves fewer than
+/// three, the upper quartile is taken instead (true), which right stars pass down to a share of a quarter. A wrong star agrees
+/// with another one only by chance.
+fn star_weights(pair_weights: Vec<Vec<f64>>) -> (Vec<f64>, bool) {
+    let medians: Vec<f64> = pair_weights.iter().cloned().map(median).collect();
+    if medians.iter().filter(|weight| **weight > REJECTED_WEIGHT).count() >= FEWEST_STARS {
+        return (medians, false);
+    }
+    let upper_quartile = |mut values: Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        values.get(3 * values.len() / 4).copied().unwrap_or(1.0)
+    };
+    (pair_weights.into_iter().map(upper_quartile).collect(), true)
 }
 
 /// The middle value; the mean of the two middle ones of an even number. 1 for a star without pairs.
@@ -258,10 +283,25 @@ fn general_warnings(result: &Calibration, fits: &[Option<FrameFit>], coverage: &
     if lost > 0 {
         warnings.push(format!("{lost} frames have no attitude: too few of their star images are left; they stand in no rms"));
     }
+    if folds_over(&result.camera) {
+        warnings.push(
+            "the solved distortion folds over inside the frame: two pixels see the same direction there, and the camera cannot be trusted"
+                .to_owned(),
+        );
+    }
     let used_without_image = entered - result.rejected.len() - result.stars;
     if used_without_image > 0 && lost == 0 {
-        warnings
-            .push(format!("the solved camera has no image of the stars of {used_without_image} star images (its distortion folds over)"));
+        warnings.push(format!(
+            "the solved camera has no image of the stars of {used_without_image} of the star images used; they stand in no rms"
+        ));
+    }
+    let predicted_px = result.predicted_sigma_px.hypot(CENTROID_FLOOR_PX);
+    if result.unit_weight_sigma_px > TOO_LARGE_RESIDUALS * predicted_px {
+        warnings.push(format!(
+            "the residuals ({:.3} px per axis) are {:.0} times what the measurements' own errors predict ({predicted_px:.3} px): identifications are wrong, or the model lacks something",
+            result.unit_weight_sigma_px,
+            result.unit_weight_sigma_px / predicted_px
+        ));
     }
     warnings.extend(coverage.warning());
     warnings

@@ -1,0 +1,198 @@
+//! Bad input gets a sentence or a stated degeneracy, never a wrong camera with small error bars.
+
+use boresight::calibrate::{CalibrateError, CalibrateOptions, Calibration, LeftOutReason, Method, calibrate, mapping_error_px};
+use boresight::camera::Camera;
+use boresight::coordinates::{Attitude, PixelPoint};
+use boresight::identify::ControlPoints;
+
+use super::{Night, options};
+
+fn solve(points: &ControlPoints) -> Result<Calibration, CalibrateError> {
+    calibrate(points, &options(Method::VariableWeights))
+}
+
+/// Moves every star image, with its direction, to where `place` says.
+fn moved(night: &Night, seed: u64, place: impl Fn(f64, f64) -> (f64, f64)) -> ControlPoints {
+    let (mut points, _) = night.observe(seed);
+    for point in &mut points.points {
+        let attitude: Attitude = points.attitudes[point.frame].unwrap();
+        let true_pixel = night.truth.pixel(&attitude.camera_from_apparent(&point.direction)).unwrap();
+        let noise = (point.x_px - true_pixel.x_px, point.y_px - true_pixel.y_px);
+        let (x_px, y_px) = place(true_pixel.x_px, true_pixel.y_px);
+        point.direction = attitude.apparent_from_camera(&night.truth.direction(PixelPoint { x_px, y_px }));
+        (point.x_px, point.y_px) = (x_px + noise.0, y_px + noise.1);
+    }
+    points
+}
+
+#[test]
+fn nothing_is_an_error() {
+    let (mut points, _) = Night::published().observe(1);
+    points.points.clear();
+    assert!(matches!(solve(&points), Err(CalibrateError::TooFewPoints { offered: 0, .. })));
+}
+
+#[test]
+fn two_stars_a_frame_are_an_error() {
+    let (points, _) = Night { stars: 2, frames: 40, ..Night::published() }.observe(1);
+    assert!(matches!(solve(&points), Err(CalibrateError::TooFewPoints { offered: 80, usable: 0, frames: 0 })));
+}
+
+#[test]
+fn frames_with_few_stars_are_left_out_and_counted() {
+    let (mut points, _) = Night::published().observe(1);
+    let mut seen = 0;
+    points.points.retain(|point| {
+        point.frame != 3 || {
+            seen += 1;
+            seen <= 2
+        }
+    });
+    let result = solve(&points).unwrap();
+    assert_eq!(result.frames, 11);
+    assert_eq!((result.left_out[0].reason, result.left_out[0].points), (LeftOutReason::FewInFrame, 2));
+    assert!(result.warnings.iter().any(|warning| warning.starts_with("2 control points were left out")), "{:?}", result.warnings);
+}
+
+#[test]
+fn one_frame_says_so_or_has_large_errors() {
+    let night = Night { frames: 1, stars: 40, ..Night::published() };
+    let (points, _) = night.observe(2);
+    let result = calibrate(&points, &CalibrateOptions::default()).unwrap();
+    assert!(result.warnings.iter().any(|warning| warning.contains("1 frames are fewer")), "{:?}", result.warnings);
+    assert_eq!(result.held_out_rms_px, None);
+    let error = mapping_error_px(&night.truth, &result.camera).unwrap();
+    let sigma = result.map_sigma_px.unwrap();
+    assert!(error.rms_px < 4.0 * sigma.max, "{error:?} {sigma:?}");
+}
+
+#[test]
+fn too_few_stars_for_the_parameters_are_an_error() {
+    let (points, _) = Night { frames: 2, stars: 3, ..Night::published() }.observe(2);
+    let error = solve(&points).unwrap_err();
+    assert!(matches!(error, CalibrateError::TooFewPairs { .. } | CalibrateError::Uncovered { .. }), "{error}");
+}
+
+#[test]
+fn stars_in_a_line_are_refused() {
+    // Along a row, along a diagonal, and along a row far from the middle.
+    type Line = fn(f64, f64) -> (f64, f64);
+    let lines: [Line; 3] = [|x, _| (x, 512.0), |x, _| (x, 0.7 * x + 90.0), |x, _| (x, 100.0)];
+    for (case, line) in lines.into_iter().enumerate() {
+        for seed in 0..5 {
+            let points = moved(&Night::published(), seed, line);
+            let error = solve(&points).unwrap_err();
+            if seed == 0 {
+                println!("{error}");
+            }
+            assert!(matches!(error, CalibrateError::Uncovered { .. }), "line {case}: {error}");
+        }
+    }
+}
+
+#[test]
+fn stars_in_one_corner_are_refused_or_their_uncertainty_is_large() {
+    let night = Night::published();
+    for (size, seed) in [(0.02, 1), (0.1, 2), (0.25, 3), (0.4, 4)] {
+        let points = moved(&night, seed, |x, y| (size * x, size * y));
+        match solve(&points) {
+            Err(error) => println!("corner of {size}: {error}"),
+            Ok(result) => {
+                let error = mapping_error_px(&night.truth, &result.camera);
+                let sigma = result.map_sigma_px.unwrap();
+                println!("corner of {size}: {error:?}, {sigma:?}");
+                assert!(error.is_some_and(|error| error.max_px < 4.0 * sigma.max), "{error:?} {sigma:?} {:?}", result.warnings);
+                assert!(result.warnings.iter().any(|warning| warning.contains("cover the frame badly")), "{size}: {:?}", result.warnings);
+            }
+        }
+    }
+}
+
+#[test]
+fn duplicated_identifications_are_left_out() {
+    let night = Night::published();
+    let (mut points, _) = night.observe(4);
+    // Every fifth star is named as its neighbour is.
+    for i in (0..points.points.len()).step_by(5) {
+        points.points[i].hip = points.points[i + 1].hip;
+        points.points[i].direction = points.points[i + 1].direction;
+    }
+    let result = solve(&points).unwrap();
+    assert_eq!((result.left_out[0].reason, result.left_out[0].points), (LeftOutReason::Duplicate, 120));
+    assert!(mapping_error_px(&night.truth, &result.camera).unwrap().rms_px < 0.06);
+    // One image given to two stars.
+    let (mut points, _) = night.observe(4);
+    (points.points[1].x_px, points.points[1].y_px) = (points.points[0].x_px, points.points[0].y_px);
+    assert_eq!(solve(&points).unwrap().left_out[0].points, 2);
+}
+
+#[test]
+fn what_is_no_number_is_named() {
+    let (points, _) = Night::published().observe(4);
+    for (spoil, field) in [
+        ((|p| p.points[7].x_px = f64::NAN) as fn(&mut ControlPoints), "x_px"),
+        (|p| p.points[7].covariance_px2[2] = f64::INFINITY, "covariance_px2"),
+        (|p| p.points[7].direction.xyz[1] = f64::NAN, "direction"),
+    ] {
+        let mut points = points.clone();
+        spoil(&mut points);
+        let message = solve(&points).unwrap_err().to_string();
+        assert!(message.contains("control point 7 (frame 0, HIP 8)") && message.contains(field), "{message}");
+    }
+    let mut bad = points.clone();
+    bad.nominal.focal_length_px = 0.0;
+    assert!(matches!(solve(&bad), Err(CalibrateError::BadNominal { name: "f", .. })));
+    bad.nominal = Camera { k1: 1e-5, ..points.nominal };
+    println!("{}", solve(&bad).unwrap_err());
+}
+
+#[test]
+fn options_out_of_range_are_refused() {
+    let (points, _) = Night::published().observe(4);
+    for bad in [
+        CalibrateOptions { f_threshold: f64::NAN, ..CalibrateOptions::default() },
+        CalibrateOptions { epsilon_px: 0.0, ..CalibrateOptions::default() },
+        CalibrateOptions { max_iterations: 0, ..CalibrateOptions::default() },
+        CalibrateOptions { solve: vec!["k9".to_owned()], ..CalibrateOptions::default() },
+        CalibrateOptions { solve: Vec::new(), ..CalibrateOptions::default() },
+    ] {
+        assert!(matches!(calibrate(&points, &bad), Err(CalibrateError::BadOption { .. })), "{bad:?}");
+    }
+}
+
+#[test]
+fn parameters_that_are_held_stay_and_have_no_error_bar() {
+    let night = Night::published();
+    let truth = Camera { p1: 0.0, p2: 0.0, ..night.truth };
+    let (points, _) = Night { truth, ..night }.observe(4);
+    let solve = ["x0", "y0", "f", "k1"].map(str::to_owned).to_vec();
+    let result = calibrate(&points, &CalibrateOptions { solve: solve.clone(), ..CalibrateOptions::default() }).unwrap();
+    assert_eq!(result.model, solve);
+    assert_eq!((result.camera.p1, result.camera.p2), (0.0, 0.0));
+    assert_eq!(result.correlation("x0", "p1"), None);
+    assert!(mapping_error_px(&truth, &result.camera).unwrap().rms_px < 0.05);
+    let all = calibrate(&points, &CalibrateOptions::default()).unwrap();
+    assert!(result.parameters[0].sigma < 0.5 * all.parameters[0].sigma, "p1 held must tell the centre");
+}
+
+#[test]
+fn a_narrow_field_says_that_its_centre_is_uncertain() {
+    // 5.8° across: centre and decentring do the same to the images.
+    let truth = Camera { focal_length_px: 10_000.0, k1: 1e-9, p1: 0.0, p2: 0.0, ..Night::published().truth };
+    for seed in 0..6 {
+        let night = Night { truth, nominal: Camera::pinhole(1024, 1024, 10_040.0), ..Night::published() };
+        let (points, _) = night.observe(seed);
+        let result = solve(&points).unwrap();
+        let error = mapping_error_px(&truth, &result.camera).unwrap();
+        println!(
+            "{:?}: x0 {:.1} ± {:.1}, {error:?}, {} iterations",
+            result.status,
+            result.parameters[0].value,
+            result.parameters[0].sigma,
+            result.iterations.len()
+        );
+        assert!(result.warnings.iter().any(|warning| warning.contains("centre's uncertainty is large")), "{:?}", result.warnings);
+        assert!((result.parameters[0].value - truth.principal_point_px[0]).abs() < 4.0 * result.parameters[0].sigma);
+        assert!(error.rms_px < 0.06, "{error:?}");
+    }
+}
