@@ -76,8 +76,17 @@ pub(super) struct Manifest {
     pub(super) site: Option<Site>,
     /// The star list, and where it is named.
     pub(super) stars: Option<(PathBuf, Place)>,
-    /// Each frame, or what is wrong with it, with the name it goes by.
-    pub(super) frames: Vec<(String, Result<FrameEntry, RecordingError>)>,
+    pub(super) frames: Vec<ListedFrame>,
+}
+
+/// A frame as a manifest lists it.
+pub(super) struct ListedFrame {
+    /// The name it goes by.
+    pub(super) name: String,
+    /// Where its time stands.
+    pub(super) time_place: Place,
+    /// The frame, or what is wrong with it.
+    pub(super) entry: Result<FrameEntry, RecordingError>,
 }
 
 /// Reads a manifest. Faults outside `[[frames]]` are errors at once, a frame's fault stays with the frame.
@@ -91,6 +100,11 @@ pub(super) fn read(path: &Path) -> Result<Manifest, RecordingError> {
             return Err(RecordingError::Manifest { path: path.to_owned(), line, key: String::new(), problem });
         }
     };
+    parse(path, source)
+}
+
+/// Reads the text of a manifest that lies, or will lie, at `path`.
+pub(super) fn parse(path: &Path, source: &str) -> Result<Manifest, RecordingError> {
     let document = Document { path, source };
     let mut top = document.parse(TOP_KEYS)?;
     match top.text("format")? {
@@ -181,50 +195,41 @@ fn site(mut table: Table<'_>) -> Result<Site, RecordingError> {
     Ok(site)
 }
 
-fn frame(mut table: Table<'_>, number: usize, is_star_list: bool) -> (String, Result<FrameEntry, RecordingError>) {
-    let place = table.place("file");
-    let unnamed = format!("frame {number}");
-    let file = match table.text("file") {
-        Ok(file) => file,
-        Err(error) => return (unnamed, Err(error)),
-    };
-    let name = file.clone().unwrap_or(unnamed);
-    match (&file, is_star_list) {
-        (None, false) => return (name, Err(table.fault("file", "\"file\" is missing in [[frames]]; name the frame's image".to_owned()))),
-        (Some(file), false) if file.is_empty() => {
-            return (
-                name,
-                Err(RecordingError::Manifest {
-                    path: place.path,
-                    line: place.line,
-                    key: "file".to_owned(),
-                    problem: "\"file\" is empty; name the frame's image".to_owned(),
-                }),
-            );
+fn frame(mut table: Table<'_>, number: usize, is_star_list: bool) -> ListedFrame {
+    let (place, time_place) = (table.place("file"), table.place("time_utc"));
+    let mut name = format!("frame {number}");
+    let entry = file(&mut table, &place, is_star_list).and_then(|file| {
+        if let Some(file) = &file {
+            name.clone_from(file);
         }
-        (Some(_), true) => {
-            let problem = "\"file\" and a star list (\"stars\") exclude each other; leave one of them out".to_owned();
-            return (name, Err(RecordingError::Manifest { path: place.path, line: place.line, key: "file".to_owned(), problem }));
-        }
-        _ => {}
-    }
-    let mut entry = FrameEntry { file: file.map(PathBuf::from), number, place: Some(place), ..FrameEntry::default() };
-    let outcome = telemetry(&mut table, &mut entry);
-    (name, outcome.map(|()| entry))
+        let mut entry = FrameEntry { file: file.map(PathBuf::from), number, place: Some(place), ..FrameEntry::default() };
+        telemetry(&mut table, &mut entry, &time_place)?;
+        Ok(entry)
+    });
+    ListedFrame { name, time_place, entry }
 }
 
-fn telemetry(table: &mut Table<'_>, entry: &mut FrameEntry) -> Result<(), RecordingError> {
+/// The frame's file; a star list has none.
+fn file(table: &mut Table<'_>, place: &Place, is_star_list: bool) -> Result<Option<String>, RecordingError> {
+    let file = table.text("file")?;
+    let problem = match (file.as_deref(), is_star_list) {
+        (None, false) => "\"file\" is missing in [[frames]]; name the frame's image",
+        (Some(""), false) => "\"file\" is empty; name the frame's image",
+        (Some(_), true) => "\"file\" and a star list (\"stars\" at the top) exclude each other; leave one of them out",
+        _ => return Ok(file),
+    };
+    Err(at(place, problem.to_owned()))
+}
+
+fn at(place: &Place, problem: String) -> RecordingError {
+    RecordingError::Manifest { path: place.path.clone(), line: place.line, key: place.key.to_owned(), problem }
+}
+
+fn telemetry(table: &mut Table<'_>, entry: &mut FrameEntry, time_place: &Place) -> Result<(), RecordingError> {
     let three = "three numbers [x, y, z]";
-    let time_place = table.place("time_utc");
     if let Some(text) = table.time_text("time_utc")? {
-        let fault = |problem| RecordingError::Manifest {
-            path: time_place.path.clone(),
-            line: time_place.line,
-            key: "time_utc".to_owned(),
-            problem: format!("\"time_utc\" {problem}"),
-        };
-        entry.time_utc = Some(time::parse_utc(&text).map_err(fault)?);
-        entry.time_place = Some(time_place);
+        let time = time::parse_utc(&text).map_err(|problem| at(time_place, format!("\"time_utc\" {problem}")))?;
+        entry.time_utc = Some(time);
     }
     entry.exposure_s = table.positive("exposure_s")?;
     entry.temperature_c = table.number_within("temperature_c", -273.15, 1000.0)?;

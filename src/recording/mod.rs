@@ -16,9 +16,11 @@ mod fits;
 mod image_file;
 mod manifest;
 mod open;
+mod output;
 mod star_list;
 mod time;
 mod toml_table;
+mod write;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -31,7 +33,9 @@ use crate::coordinates::Attitude;
 use crate::frame::Frame;
 
 pub use error::{FrameProblem, Place, RecordingError, Size};
+pub use output::{OutputDirectory, OutputError, write_file};
 pub use star_list::{ListedStar, StarList};
+pub use write::{FitsHeaders, manifest_text, star_list_text, write_fits_u16, write_manifest, write_png_u16};
 
 /// What a real camera left behind, or the simulator in its place.
 #[derive(Clone, Debug, PartialEq)]
@@ -195,10 +199,8 @@ pub struct FrameEntry {
     pub altitude_azimuth_deg: Option<[f64; 2]>,
     /// Any other number by its name.
     pub covariates: BTreeMap<String, f64>,
-    /// Where the manifest speaks of the file.
-    pub(crate) place: Option<Place>,
-    /// Where it speaks of the time.
-    pub(crate) time_place: Option<Place>,
+    /// Where the manifest speaks of the file, for messages.
+    pub place: Option<Place>,
 }
 
 /// A frame that was left out.
@@ -220,6 +222,25 @@ pub struct OpenOptions {
 }
 
 impl Recording {
+    /// A recording to be written: its frames' files are relative to the folder it will stand in.
+    #[must_use]
+    pub fn new(camera: CameraInfo) -> Self {
+        Self {
+            camera,
+            mount: None,
+            site: None,
+            frames: Vec::new(),
+            stars: None,
+            directory: PathBuf::new(),
+            form: Form::Manifest,
+            manifest: None,
+            star_file: None,
+            skipped: Vec::new(),
+            notes: Vec::new(),
+            keep_going: false,
+        }
+    }
+
     /// Opens a recording; a bad frame is an error. `paths` is one recording (a folder or a manifest) or one image or more.
     pub fn open<P: AsRef<Path>>(paths: &[P]) -> Result<Self, RecordingError> {
         Self::open_with(paths, OpenOptions::default())

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::error::{FrameProblem, Place, RecordingError, Size};
 use super::fits::{FitsHeader, FitsMetadata};
 use super::image_file::{self, FITS_ENDINGS, IMAGE_ENDINGS, Probe};
-use super::manifest::{self, Manifest};
+use super::manifest::{self, ListedFrame, Manifest};
 use super::{CameraInfo, Form, FrameEntry, OpenOptions, Recording, Site, SkippedFrame, StarList, star_list, time};
 
 pub(super) fn open(paths: &[&Path], options: OpenOptions) -> Result<Recording, RecordingError> {
@@ -213,14 +213,14 @@ fn from_manifest(path: &Path, options: OpenOptions) -> Result<Recording, Recordi
         None => (None, None),
     };
     let (mut frames, mut skipped): (Vec<FrameEntry>, Vec<SkippedFrame>) = (Vec::new(), Vec::new());
-    for (number, (name, entry)) in listed.into_iter().enumerate() {
+    for (number, ListedFrame { name, time_place, entry }) in listed.into_iter().enumerate() {
         let previous = frames.iter().rev().find_map(|frame| frame.time_utc);
         let checked = entry.and_then(|mut entry| {
             let file = entry.file.as_ref().map_or_else(|| PathBuf::from(&name), |file| directory.join(file));
             let fault = |problem| RecordingError::Frame { file: file.clone(), problem: Box::new(problem), place: entry.place.clone() };
             if let Some((time, previous)) = entry.time_utc.zip(previous).filter(|(time, previous)| time < previous) {
                 let (time, previous) = (time::format_utc(time), time::format_utc(previous));
-                let place = entry.time_place.clone();
+                let place = Some(time_place);
                 return Err(RecordingError::Frame { file, problem: Box::new(FrameProblem::TimeBackwards { time, previous }), place });
             }
             if let Some(listed_stars) = &mut listed_stars {

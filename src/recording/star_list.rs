@@ -11,6 +11,9 @@ const COLUMNS: [&str; 11] =
 /// Columns that must be there.
 const REQUIRED: [&str; 3] = ["frame", "x_px", "y_px"];
 
+/// A correlation this near to ±1 leaves a covariance that cannot be inverted.
+const SINGULAR_MARGIN: f64 = 1e-6;
+
 /// A star image as a flight unit measured it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ListedStar {
@@ -144,7 +147,7 @@ impl Row<'_> {
         let covariance_px2 = match (sigma("sigma_x_px")?, sigma("sigma_y_px")?) {
             (Some(x), Some(y)) => {
                 let xy = covariance.unwrap_or(0.0);
-                if xy.abs() >= x * y {
+                if xy.abs() >= (1.0 - SINGULAR_MARGIN) * x * y {
                     return Err(format!("cov_xy_px2 is {xy}; its size must be below sigma_x_px · sigma_y_px = {}", x * y));
                 }
                 Some([x * x, xy, y * y])

@@ -33,6 +33,8 @@ pub(super) fn parse_in(text: &str, scale: TimeScale) -> Result<Epoch, String> {
         return Err(fault());
     }
     let epoch = Epoch::maybe_from_gregorian(year, month, day, hour, minute, second, nanoseconds, scale).map_err(|_| fault())?;
+    // hifitime takes second 60 for a second second 59; TAI can tell them apart
+    let epoch = if second == 60 { epoch.to_time_scale(TimeScale::TAI) + Duration::from_seconds(1.0) } else { epoch };
     Ok(epoch - Duration::from_seconds(offset_s as f64))
 }
 
@@ -93,12 +95,18 @@ mod tests {
             ("2026-03-01T22:15:07.250Z", "2026-03-01T22:15:07.25"),
             ("2026-03-01 22:15:07.000000001", "2026-03-01T22:15:07.000000001"),
             ("2026-03-01T00:15:07+02:00", "2026-02-28T22:15:07"),
-            ("2016-12-31T23:59:60Z", "2016-12-31T23:59:60"),
         ] {
             let epoch = parse_utc(text).unwrap();
             assert_eq!(format_utc(epoch), written);
             assert_eq!(parse_utc(&format_utc(epoch)).unwrap(), epoch);
         }
+    }
+
+    #[test]
+    fn a_leap_second_lies_between_its_neighbours() {
+        let tai_s = |text| parse_utc(text).unwrap().to_tai_duration().to_seconds();
+        let [before, leap, after] = ["2016-12-31T23:59:59Z", "2016-12-31T23:59:60Z", "2017-01-01T00:00:00Z"].map(tai_s);
+        assert_eq!((leap - before, after - leap), (1.0, 1.0));
     }
 
     #[test]

@@ -1,3 +1,9 @@
 //! Recordings: every form, every fault with its sentence, and the way there and back.
 
+mod faults;
+mod forms;
+mod fuzz;
+mod made;
+mod output;
 mod real;
+mod round_trip;

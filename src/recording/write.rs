@@ -1,0 +1,293 @@
+//! Writing recordings in the form with a manifest: what is written here is what the readers beside it read.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use fitsio_pure::BLOCK_SIZE;
+use fitsio_pure::header::{Card, serialize_header};
+use fitsio_pure::value::Value;
+use hifitime::{Duration, Epoch};
+use image::{ExtendedColorType, ImageEncoder};
+
+use super::output::{OutputError, write_file};
+use super::{CameraInfo, FirstRow, FrameEntry, Mount, Recording, Shutter, Site, StarList, manifest, time};
+
+/// The file of a star list beside its manifest.
+const STAR_FILE: &str = "stars.csv";
+
+/// What the header of a FITS image says beside its size. Absent values are left out.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FitsHeaders {
+    /// Middle of the exposure; written as its start (`DATE-OBS`) where the length is known.
+    pub time_utc: Option<Epoch>,
+    /// `EXPTIME`.
+    pub exposure_s: Option<f64>,
+    /// `CCD-TEMP`.
+    pub temperature_c: Option<f64>,
+    /// `SITELAT`, `SITELONG`, `SITEELEV`.
+    pub site: Option<Site>,
+    /// `FOCALLEN`.
+    pub focal_length_mm: Option<f64>,
+    /// `XPIXSZ`, `YPIXSZ`.
+    pub pixel_pitch_um: Option<[f64; 2]>,
+    /// `EGAIN`.
+    pub gain_e_per_dn: Option<f64>,
+}
+
+impl FitsHeaders {
+    /// What a manifest says of the same frame.
+    #[must_use]
+    pub fn new(camera: &CameraInfo, site: Option<&Site>, frame: &FrameEntry) -> Self {
+        Self {
+            time_utc: frame.time_utc,
+            exposure_s: frame.exposure_s,
+            temperature_c: frame.temperature_c,
+            site: site.copied(),
+            focal_length_mm: camera.focal_length_mm,
+            pixel_pitch_um: camera.pixel_pitch_um,
+            gain_e_per_dn: camera.gain_e_per_dn,
+        }
+    }
+
+    fn cards(&self) -> Vec<(&'static str, Value, &'static str)> {
+        let mut cards = Vec::new();
+        if let Some(middle) = self.time_utc {
+            let start = middle - Duration::from_seconds(self.exposure_s.unwrap_or(0.0) / 2.0);
+            let comment = if self.exposure_s.is_some() { "UTC, start of the exposure" } else { "UTC" };
+            cards.push(("DATE-OBS", Value::String(time::format_utc(start)), comment));
+            cards.push(("TIMESYS", Value::String("UTC".to_owned()), ""));
+        }
+        let mut number = |keyword, value: Option<f64>, comment| cards.extend(value.map(|value| (keyword, Value::Float(value), comment)));
+        number("EXPTIME", self.exposure_s, "[s]");
+        number("CCD-TEMP", self.temperature_c, "[C]");
+        number("SITELAT", self.site.map(|site| site.latitude_deg), "[deg]");
+        number("SITELONG", self.site.map(|site| site.longitude_deg), "[deg] east positive");
+        number("SITEELEV", self.site.map(|site| site.height_m), "[m]");
+        number("FOCALLEN", self.focal_length_mm, "[mm]");
+        number("XPIXSZ", self.pixel_pitch_um.map(|[x, _]| x), "[um]");
+        number("YPIXSZ", self.pixel_pitch_um.map(|[_, y]| y), "[um]");
+        number("EGAIN", self.gain_e_per_dn, "electrons per count");
+        cards
+    }
+}
+
+/// Writes a 16-bit FITS image, first row on top (`ROWORDER` TOP-DOWN).
+///
+/// FITS knows signed integers only; the counts are stored less 32768 and `BZERO` says so (FITS Standard 4.0, section 5.2.5).
+pub fn write_fits_u16(path: &Path, width_px: usize, height_px: usize, pixels_dn: &[u16], headers: &FitsHeaders) -> Result<(), OutputError> {
+    check_count(path, width_px, height_px, pixels_dn.len())?;
+    let encode = |error: fitsio_pure::Error| OutputError::Encode { path: path.to_owned(), message: error.to_string() };
+    let side = |length: usize| i64::try_from(length).map(Value::Integer).map_err(|_| encode(fitsio_pure::Error::InvalidValue));
+    let mandatory = [
+        ("SIMPLE", Value::Logical(true), "conforms to FITS standard"),
+        ("BITPIX", Value::Integer(16), "16-bit integers"),
+        ("NAXIS", Value::Integer(2), ""),
+        ("NAXIS1", side(width_px)?, "columns"),
+        ("NAXIS2", side(height_px)?, "rows"),
+        ("BZERO", Value::Float(32768.0), "counts are unsigned"),
+        ("BSCALE", Value::Float(1.0), ""),
+        ("ROWORDER", Value::String("TOP-DOWN".to_owned()), "the first row stored is the top one"),
+    ];
+    let creator = ("CREATOR", Value::String(concat!("boresight ", env!("CARGO_PKG_VERSION")).to_owned()), "");
+    let mut cards = Vec::new();
+    for (keyword, value, comment) in mandatory.into_iter().chain(headers.cards()).chain([creator]) {
+        let mut card = Card::new(keyword, value).map_err(encode)?;
+        card.comment = Some(comment.to_owned()).filter(|comment| !comment.is_empty());
+        cards.push(card);
+    }
+    let mut bytes = serialize_header(&cards).map_err(encode)?;
+    bytes.reserve(pixels_dn.len() * 2 + BLOCK_SIZE);
+    for pixel in pixels_dn {
+        bytes.extend_from_slice(&(pixel ^ 0x8000).to_be_bytes()); // less 32768, as a signed number
+    }
+    bytes.resize(bytes.len().next_multiple_of(BLOCK_SIZE), 0);
+    write_file(path, &bytes)
+}
+
+/// Writes a 16-bit grey PNG image.
+pub fn write_png_u16(path: &Path, width_px: usize, height_px: usize, pixels_dn: &[u16]) -> Result<(), OutputError> {
+    check_count(path, width_px, height_px, pixels_dn.len())?;
+    let fault = |message: String| OutputError::Encode { path: path.to_owned(), message };
+    let side = |length: usize| u32::try_from(length).map_err(|_| fault(format!("{length} px are too many")));
+    let mut bytes = Vec::new();
+    image::codecs::png::PngEncoder::new(&mut bytes)
+        .write_image(bytemuck::cast_slice(pixels_dn), side(width_px)?, side(height_px)?, ExtendedColorType::L16)
+        .map_err(|error| fault(error.to_string()))?;
+    write_file(path, &bytes)
+}
+
+fn check_count(path: &Path, width_px: usize, height_px: usize, pixels: usize) -> Result<(), OutputError> {
+    if width_px.checked_mul(height_px) == Some(pixels) {
+        return Ok(());
+    }
+    Err(OutputError::PixelCount { path: path.to_owned(), width_px, height_px, pixels })
+}
+
+/// Writes `recording.toml`, and `stars.csv` if the recording is a star list, into a folder. The frames' files are written apart.
+///
+/// The text is read back before it is written: a number that is not finite, a negative exposure and the like are refused here.
+pub fn write_manifest(directory: &Path, recording: &Recording) -> Result<PathBuf, OutputError> {
+    let path = directory.join(manifest::FILE_NAME);
+    let text = manifest_text(recording);
+    let read_back = manifest::parse(&path, &text).map_err(Box::new)?;
+    for frame in read_back.frames {
+        frame.entry.map_err(Box::new)?;
+    }
+    if let Some(stars) = &recording.stars {
+        write_file(&directory.join(STAR_FILE), star_list_text(stars).as_bytes())?;
+    }
+    write_file(&path, text.as_bytes())?;
+    Ok(path)
+}
+
+/// The text of `recording.toml`.
+#[must_use]
+pub fn manifest_text(recording: &Recording) -> String {
+    let mut text = Lines::default();
+    text.quoted("format", Some(manifest::FORMAT));
+    text.quoted("stars", recording.stars.as_ref().map(|_| STAR_FILE));
+    text.head("[camera]");
+    let camera = &recording.camera;
+    text.raw("width_px", Some(camera.width_px));
+    text.raw("height_px", Some(camera.height_px));
+    text.numbers("pixel_pitch_um", camera.pixel_pitch_um);
+    text.number("focal_length_mm", camera.focal_length_mm);
+    text.number("focal_length_px", camera.focal_length_px);
+    text.numbers("principal_point_px", camera.principal_point_px);
+    text.number("k1", camera.k1);
+    text.number("p1", camera.p1);
+    text.number("p2", camera.p2);
+    text.number("gain_e_per_dn", camera.gain_e_per_dn);
+    text.number("bias_dn", camera.bias_dn);
+    text.number("read_noise_e", camera.read_noise_e);
+    text.number("saturation_dn", camera.saturation_dn);
+    text.number("zero_point_e_per_s", camera.zero_point_e_per_s);
+    let shutter = |shutter| if shutter == Shutter::Global { "global" } else { "rolling" };
+    text.quoted("shutter", camera.shutter.map(shutter));
+    text.number("line_time_us", camera.line_time_us);
+    text.quoted("first_row", camera.first_row.map(|row| if row == FirstRow::Top { "top" } else { "bottom" }));
+    text.quoted("passband", camera.passband.as_deref());
+    if let Some(mount) = recording.mount {
+        text.head("[mount]");
+        text.quoted("kind", Some(if mount == Mount::Free { "free" } else { "fixed" }));
+    }
+    if let Some(site) = recording.site {
+        text.head("[site]");
+        text.number("latitude_deg", Some(site.latitude_deg));
+        text.number("longitude_deg", Some(site.longitude_deg));
+        text.number("height_m", Some(site.height_m));
+        text.number("pressure_hpa", site.pressure_hpa);
+        text.number("temperature_c", site.temperature_c);
+        text.number("relative_humidity", site.relative_humidity);
+    }
+    for frame in &recording.frames {
+        text.head("[[frames]]");
+        text.quoted("file", frame.file.as_ref().map(|file| file.to_string_lossy()).as_deref());
+        text.quoted("time_utc", frame.time_utc.map(|epoch| format!("{}Z", time::format_utc(epoch))).as_deref());
+        text.number("exposure_s", frame.exposure_s);
+        text.number("temperature_c", frame.temperature_c);
+        text.numbers("velocity_km_s", frame.velocity_km_s);
+        text.numbers("rate_deg_s", frame.rate_deg_s);
+        text.numbers("camera_from_icrs", frame.camera_from_icrs.map(<[f64; 4]>::from));
+        text.number("attitude_sigma_arcsec", frame.attitude_sigma_arcsec);
+        text.numbers("boresight_radec_deg", frame.boresight_radec_deg);
+        text.numbers("altitude_azimuth_deg", frame.altitude_azimuth_deg);
+        for (name, value) in &frame.covariates {
+            text.number(&key(name), Some(*value));
+        }
+    }
+    text.0
+}
+
+/// The text of a star list: the columns that any star uses.
+#[must_use]
+pub fn star_list_text(stars: &StarList) -> String {
+    let all = || stars.frames.iter().flatten();
+    let flux = all().any(|star| star.flux_e.is_some());
+    let magnitude = all().any(|star| star.magnitude.is_some());
+    let covariance = all().any(|star| star.covariance_px2.is_some());
+    let hip = all().any(|star| star.hip.is_some());
+    let radec = all().any(|star| star.radec_deg.is_some());
+    let mut text = "frame,x_px,y_px".to_owned();
+    for (used, columns) in [
+        (flux, ",flux_e"),
+        (magnitude, ",magnitude"),
+        (covariance, ",sigma_x_px,sigma_y_px,cov_xy_px2"),
+        (hip, ",hip"),
+        (radec, ",ra_deg,dec_deg"),
+    ] {
+        text.push_str(if used { columns } else { "" });
+    }
+    text.push('\n');
+    for (frame, list) in stars.frames.iter().enumerate() {
+        for star in list {
+            let mut fields = vec![frame.to_string(), format!("{:?}", star.x_px), format!("{:?}", star.y_px)];
+            let mut field = |used: bool, value: Option<f64>| {
+                if used {
+                    fields.push(value.map_or_else(String::new, |value| format!("{value:?}")));
+                }
+            };
+            field(flux, star.flux_e);
+            field(magnitude, star.magnitude);
+            field(covariance, star.covariance_px2.map(|[xx, ..]| xx.sqrt()));
+            field(covariance, star.covariance_px2.map(|[.., yy]| yy.sqrt()));
+            field(covariance, star.covariance_px2.map(|[_, xy, _]| xy));
+            if hip {
+                fields.push(star.hip.map_or_else(String::new, |hip| hip.to_string()));
+            }
+            let mut field = |value: Option<f64>| {
+                if radec {
+                    fields.push(value.map_or_else(String::new, |value| format!("{value:?}")));
+                }
+            };
+            field(star.radec_deg.map(|[ra, _]| ra));
+            field(star.radec_deg.map(|[_, dec]| dec));
+            text.push_str(&fields.join(","));
+            text.push('\n');
+        }
+    }
+    text
+}
+
+/// A TOML text, line by line.
+#[derive(Default)]
+struct Lines(String);
+
+impl Lines {
+    fn head(&mut self, head: &str) {
+        let _ = writeln!(self.0, "\n{head}"); // writing to a String cannot fail
+    }
+
+    fn raw(&mut self, key: &str, value: Option<impl std::fmt::Display>) {
+        if let Some(value) = value {
+            let _ = writeln!(self.0, "{key} = {value}");
+        }
+    }
+
+    fn number(&mut self, key: &str, value: Option<f64>) {
+        self.raw(key, value.map(digits));
+    }
+
+    fn numbers<const N: usize>(&mut self, key: &str, values: Option<[f64; N]>) {
+        self.raw(key, values.map(|values| format!("[{}]", values.map(digits).join(", "))));
+    }
+
+    fn quoted(&mut self, key: &str, value: Option<&str>) {
+        self.raw(key, value.map(quote));
+    }
+}
+
+/// With as many digits as bring the same number back; TOML writes what is no number in lower case.
+fn digits(number: f64) -> String {
+    format!("{number:?}").to_lowercase()
+}
+
+fn quote(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
+}
+
+/// A key, in quotes where it must be.
+fn key(name: &str) -> String {
+    let bare = !name.is_empty() && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-');
+    if bare { name.to_owned() } else { quote(name) }
+}
