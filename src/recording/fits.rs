@@ -110,6 +110,11 @@ impl FitsHeader {
         self.data_start as u64 + pixels * (self.bitpix.unsigned_abs() / 8)
     }
 
+    /// Where the next header-data unit begins, if there is one.
+    pub(super) fn next_unit(&self) -> u64 {
+        self.end().next_multiple_of(BLOCK_SIZE as u64)
+    }
+
     /// Refuses a file that ends before its last pixel.
     pub(super) fn check_length(&self, found_bytes: u64) -> Result<(), FrameProblem> {
         let expected_bytes = self.end();

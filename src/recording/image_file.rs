@@ -1,7 +1,7 @@
 //! One image file → pixels in DN, whatever its kind: the content decides, not the name.
 
 use std::fs;
-use std::io::{Cursor, Read};
+use std::io::{BufReader, Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits};
@@ -29,6 +29,8 @@ pub(super) struct Probe {
     pub(super) size: Size,
     /// `None` for anything but FITS.
     pub(super) fits: Option<FitsHeader>,
+    /// Whether the file holds further images, which are not read.
+    pub(super) more_images: bool,
 }
 
 /// The kind of a file by its first bytes.
@@ -73,14 +75,16 @@ pub(super) fn probe(path: &Path) -> Result<Probe, FrameProblem> {
             };
             let header = header.ok_or_else(|| FrameProblem::Fits("it holds no image".to_owned()))?;
             header.check_length(length)?;
-            Probe { size: header.size, fits: Some(header) }
+            let mut next = [0; 19];
+            let more_images = read_at(path, header.next_unit(), &mut next) && &next == b"XTENSION= 'IMAGE   ";
+            Probe { size: header.size, fits: Some(header), more_images }
         }
         Kind::Image(format, name) => {
-            let file = open(path)?;
-            let mut reader = ImageReader::with_format(std::io::BufReader::new(file), format);
+            let mut reader = ImageReader::with_format(BufReader::new(open(path)?), format);
             reader.limits(limits());
             let (width, height) = reader.into_dimensions().map_err(|error| decode_problem(name, &error))?;
-            Probe { size: Size { width_px: width as usize, height_px: height as usize }, fits: None }
+            let more_images = format == ImageFormat::Tiff && tiff_has_more(path, &head);
+            Probe { size: Size { width_px: width as usize, height_px: height as usize }, fits: None, more_images }
         }
     };
     check_size(probe.size)?;
@@ -98,6 +102,34 @@ pub(super) fn load(path: &Path) -> Result<Frame, FrameProblem> {
     };
     check_finite(&frame)?;
     Ok(frame)
+}
+
+/// Fills `bytes` from a place in a file, if it reaches so far.
+fn read_at(path: &Path, at: u64, bytes: &mut [u8]) -> bool {
+    let read = fs::File::open(path).and_then(|mut file| {
+        file.seek(SeekFrom::Start(at))?;
+        file.read_exact(bytes)
+    });
+    read.is_ok()
+}
+
+/// Whether the first directory of a TIFF file (not BigTIFF) names a second (TIFF 6.0, section 2).
+fn tiff_has_more(path: &Path, head: &[u8]) -> bool {
+    let little = head.starts_with(b"II\x2A\0");
+    if !little && !head.starts_with(b"MM\0\x2A") {
+        return false;
+    }
+    let number = |bytes: [u8; 4]| u64::from(if little { u32::from_le_bytes(bytes) } else { u32::from_be_bytes(bytes) });
+    let Some(&[a, b, c, d]) = head.get(4..8) else {
+        return false;
+    };
+    let first = number([a, b, c, d]);
+    let (mut count, mut next) = ([0; 2], [0; 4]);
+    if !read_at(path, first, &mut count) {
+        return false;
+    }
+    let entries = u64::from(if little { u16::from_le_bytes(count) } else { u16::from_be_bytes(count) });
+    read_at(path, first + 2 + 12 * entries, &mut next) && number(next) != 0
 }
 
 fn open(path: &Path) -> Result<fs::File, FrameProblem> {

@@ -88,11 +88,11 @@ fn from_folder(directory: &Path, options: OpenOptions) -> Result<Recording, Reco
 /// Forms B and C: `files` relative to `directory`.
 fn from_images(directory: PathBuf, files: &[PathBuf], form: Form, given: &Path, options: OpenOptions) -> Result<Recording, RecordingError> {
     let of_one_camera = !directory.as_os_str().is_empty();
-    let mut kept: Vec<(FrameEntry, FitsMetadata)> = Vec::new();
+    let mut kept: Vec<(FrameEntry, FitsMetadata, bool)> = Vec::new();
     let mut skipped = Vec::new();
     for (number, file) in files.iter().enumerate() {
         let path = directory.join(file);
-        let first = kept.first().and_then(|(entry, _)| Some((entry.name(), entry.size?))).filter(|_| of_one_camera);
+        let first = kept.first().and_then(|(entry, ..)| Some((entry.name(), entry.size?))).filter(|_| of_one_camera);
         match examine(&path, file, number, first) {
             Ok(frame) => kept.push(frame),
             Err(problem) => {
@@ -104,10 +104,11 @@ fn from_images(directory: PathBuf, files: &[PathBuf], form: Form, given: &Path, 
     if kept.is_empty() {
         return Err(RecordingError::Empty { path: given.to_owned(), hint: all_skipped(&skipped) });
     }
-    if form == Form::FitsFolder && kept.iter().all(|(entry, _)| entry.time_utc.is_some()) {
-        kept.sort_by_key(|(entry, _)| entry.time_utc);
+    if form == Form::FitsFolder && kept.iter().all(|(entry, ..)| entry.time_utc.is_some()) {
+        kept.sort_by_key(|(entry, ..)| entry.time_utc);
     }
-    let mut notes = Vec::new();
+    let mut notes: Vec<String> = kept.iter().filter(|(_, _, more)| *more).map(|(entry, ..)| more_images(entry)).collect();
+    let kept: Vec<_> = kept.into_iter().map(|(entry, metadata, _)| (entry, metadata)).collect();
     let (camera, site) = shared(&kept, &mut notes);
     for (entry, metadata) in &kept {
         notes.extend(metadata.notes.iter().map(|note| format!("{}: {note}", entry.name())));
@@ -130,8 +131,13 @@ fn from_images(directory: PathBuf, files: &[PathBuf], form: Form, given: &Path, 
     })
 }
 
-/// One image of forms B and C.
-fn examine(path: &Path, file: &Path, number: usize, first: Option<(String, Size)>) -> Result<(FrameEntry, FitsMetadata), FrameProblem> {
+/// One image of forms B and C, and whether its file holds more.
+fn examine(
+    path: &Path,
+    file: &Path,
+    number: usize,
+    first: Option<(String, Size)>,
+) -> Result<(FrameEntry, FitsMetadata, bool), FrameProblem> {
     let probe = image_file::probe(path)?;
     if let Some((name, expected)) = first.filter(|(_, expected)| *expected != probe.size) {
         return Err(FrameProblem::WrongSize { found: probe.size, expected, expected_from: format!("{name} is") });
@@ -149,7 +155,7 @@ fn examine(path: &Path, file: &Path, number: usize, first: Option<(String, Size)
         entry.covariates.insert("gain_setting".to_owned(), gain);
     }
     describe(&mut entry, &probe);
-    Ok((entry, metadata))
+    Ok((entry, metadata, probe.more_images))
 }
 
 fn describe(entry: &mut FrameEntry, probe: &Probe) {
@@ -212,6 +218,7 @@ fn from_manifest(path: &Path, options: OpenOptions) -> Result<Recording, Recordi
         }
         None => (None, None),
     };
+    let mut notes = Vec::new();
     let (mut frames, mut skipped): (Vec<FrameEntry>, Vec<SkippedFrame>) = (Vec::new(), Vec::new());
     for (number, ListedFrame { name, time_place, entry }) in listed.into_iter().enumerate() {
         let previous = frames.iter().rev().find_map(|frame| frame.time_utc);
@@ -233,6 +240,7 @@ fn from_manifest(path: &Path, options: OpenOptions) -> Result<Recording, Recordi
                 return Err(fault(FrameProblem::WrongSize { found: probe.size, expected: camera_size, expected_from }));
             }
             describe(&mut entry, &probe);
+            notes.extend(probe.more_images.then(|| more_images(&entry)));
             Ok(entry)
         });
         match checked {
@@ -243,7 +251,7 @@ fn from_manifest(path: &Path, options: OpenOptions) -> Result<Recording, Recordi
     if frames.is_empty() {
         return Err(RecordingError::Empty { path, hint: all_skipped(&skipped) });
     }
-    let mut notes = Vec::new();
+    note_focal_length(&camera, &mut notes);
     note_flips(&frames, &mut notes);
     let stars = listed_stars
         .map(|mut listed| StarList { frames: frames.iter().map(|frame| std::mem::take(&mut listed.stars[frame.number])).collect() });
@@ -292,6 +300,19 @@ fn all_skipped(skipped: &[SkippedFrame]) -> String {
         || "give images".to_owned(),
         |first| format!("every one of its {} frames was skipped, the first because {}", skipped.len(), first.reason),
     )
+}
+
+fn more_images(entry: &FrameEntry) -> String {
+    format!("{}: the file holds more than one image; the first is read, the others are not", entry.name())
+}
+
+/// Says which focal length is used where the manifest gives two.
+fn note_focal_length(camera: &CameraInfo, notes: &mut Vec<String>) {
+    let from_mm = CameraInfo { focal_length_px: None, ..camera.clone() }.nominal_focal_length_px();
+    if let Some((px, from_mm)) = camera.focal_length_px.zip(from_mm).filter(|(px, from_mm)| (px / from_mm - 1.0).abs() > 0.01) {
+        notes
+            .push(format!("focal_length_px is {px}, but focal_length_mm and pixel_pitch_um make it {from_mm:.1}; focal_length_px is used"));
+    }
 }
 
 fn note_flips(frames: &[FrameEntry], notes: &mut Vec<String>) {

@@ -64,6 +64,7 @@ fn a_manifest_is_read_key_by_key() {
     assert_eq!(recording, Recording::open(&[folder.path("recording.toml")]).unwrap());
     let camera = recording.nominal_camera().unwrap();
     assert_eq!(camera.parameters(), [5.5, 4.25, 6363.6, 1e-9, 2e-8, -3.0]);
+    assert!(recording.notes.is_empty());
     let info = &recording.camera;
     assert_eq!((info.shutter, info.first_row, info.line_time_us), (Some(Shutter::Global), Some(FirstRow::Bottom), Some(12.0)));
     assert_eq!((info.gain_e_per_dn, info.bias_dn, info.read_noise_e), (Some(2.0), Some(100.0), Some(5.0)));
@@ -99,6 +100,10 @@ fn focal_length_comes_from_millimetres_and_pitch() {
     assert_eq!(camera.principal_point_px, [5.5, 4.5]);
     let folder = Folder::with_manifest(&format!("focal_length_mm = 16\n{frame}"), &[("a.png", &png(12, 10))]);
     assert_eq!(folder.open().nominal_camera(), None);
+    let text = format!("focal_length_mm = 16\npixel_pitch_um = [4, 4]\nfocal_length_px = 3000\n{frame}");
+    let recording = Folder::with_manifest(&text, &[("a.png", &png(12, 10))]).open();
+    assert_eq!(recording.nominal_camera().unwrap().focal_length_px, 3000.0);
+    assert!(recording.notes[0].contains("focal_length_px is 3000") && recording.notes[0].contains("4000.0"), "{:?}", recording.notes);
 }
 
 #[test]
@@ -160,7 +165,13 @@ fn fits_images_in_an_extension_and_in_three_colours_are_read() {
         1,
     );
     extension.extend_from_slice(image.as_bytes());
-    assert_eq!(Folder::with(&[("a.fits", &extension)]).open().load_frame(0).unwrap().at(1, 1), 13.0);
+    let recording = Folder::with(&[("a.fits", &extension)]);
+    assert_eq!(recording.open().load_frame(0).unwrap().at(1, 1), 13.0);
+    assert!(recording.open().notes.is_empty());
+    // a second image is not lost without a word
+    extension.extend_from_slice(image.as_bytes());
+    let notes = Folder::with(&[("a.fits", &extension)]).open().notes;
+    assert!(notes[0].contains("a.fits: the file holds more than one image"), "{notes:?}");
 
     let planes: Vec<u8> = [counts(), counts(), counts()].concat();
     let colour = fits(&["NAXIS   = 3", "NAXIS3  = 3"], &planes);
@@ -221,6 +232,26 @@ fn colours_become_luminance_and_alpha_is_ignored() {
     let recording = folder.open();
     assert_abs_diff_eq!(recording.load_frame(0).unwrap().at(4, 4), 200.0 * 0.2126, epsilon = 1e-4);
     assert!(recording.load_frame(1).unwrap().pixels_dn.iter().all(|&pixel| pixel == 77.0));
+}
+
+#[test]
+fn a_tiff_file_of_two_pages_says_so() {
+    let grey = DynamicImage::ImageLuma8(GrayImage::from_pixel(12, 10, Luma([7])));
+    let mut bytes = encoded(&grey, ImageFormat::Tiff);
+    let folder = Folder::with(&[("a.tif", &bytes)]);
+    assert!(folder.open().notes.is_empty());
+    // a copy of the first directory behind the end as the second
+    let at = u32::from_le_bytes(bytes[4..8].try_into().unwrap()) as usize;
+    let entries = usize::from(u16::from_le_bytes(bytes[at..at + 2].try_into().unwrap()));
+    let next = at + 2 + 12 * entries;
+    let directory = bytes[at..next + 4].to_vec();
+    let second = u32::try_from(bytes.len()).unwrap().to_le_bytes();
+    bytes[next..next + 4].copy_from_slice(&second);
+    bytes.extend_from_slice(&directory);
+    folder.add("a.tif", &bytes);
+    let recording = folder.open();
+    assert!(recording.notes[0].contains("a.tif: the file holds more than one image"), "{:?}", recording.notes);
+    assert_eq!(recording.load_frame(0).unwrap().at(0, 0), 7.0);
 }
 
 #[test]
