@@ -171,7 +171,7 @@ pub enum CalibrateError {
     },
     /// The iteration ran away.
     #[error(
-        "the iteration ran away (focal length {focal_length_px} px at step {iteration}): too many identifications are wrong, or the ground values are too far off"
+        "the iteration ran away (focal length {focal_length_px} px at step {iteration}): too many identifications are wrong, the ground values are too far off, or the field is too narrow for all parameters (then solve f and k1 only)"
     )]
     Diverged {
         /// At which solution.
@@ -218,7 +218,12 @@ fn solve_pairs(
 ) -> Result<PairSolution, CalibrateError> {
     let limits = Limits { f_threshold: Some(options.f_threshold), epsilon_px: options.epsilon_px, max_iterations: options.max_iterations };
     match options.method {
-        Method::VariableWeights => variable_weights::solve(frames, nominal, scaling, &limits),
+        Method::VariableWeights => variable_weights::solve(frames, nominal, scaling, &limits).or_else(|error| match error {
+            CalibrateError::Diverged { .. } | CalibrateError::Singular { .. } => {
+                variable_weights::solve_in_stages(frames, nominal, scaling, &limits).unwrap_or(Err(error))
+            }
+            _ => Err(error),
+        }),
         Method::LeastSquares => least_squares::solve(frames, nominal, scaling, &limits),
     }
 }

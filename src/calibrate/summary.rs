@@ -68,6 +68,11 @@ pub(super) fn summarise(
             "in {by_quartile} frames the median of the pairs' weights keeps fewer than three stars, so their upper quartile decides there: more than half of the identifications may be wrong"
         ));
     }
+    if solution.in_stages {
+        warnings.push(
+            "the iteration as published ran away, so f and k1 were solved first and all parameters from there: the rest is determined weakly".to_owned(),
+        );
+    }
     let held_out_rms_px = if options.held_out {
         held_out::rms_px(frames, &used, &control_points.nominal, scaling, options).unwrap_or_else(|error| {
             warnings.push(format!("no held-out rms: without one part of the frames, {error}"));

@@ -47,6 +47,8 @@ pub(super) struct PairSolution {
     pub(super) iterations: Vec<Iteration>,
     /// The weight of each pair in the last solution.
     pub(super) weights: Vec<f64>,
+    /// Whether it took [`solve_in_stages`] to get there.
+    pub(super) in_stages: bool,
 }
 
 /// What stops an iteration.
@@ -60,12 +62,47 @@ pub(super) struct Limits {
     pub(super) max_iterations: usize,
 }
 
-/// Solves with variable weights.
+/// Solves with variable weights, as published.
 pub(super) fn solve(frames: &[FrameStars], start: &Camera, scaling: &Scaling, limits: &Limits) -> Result<PairSolution, CalibrateError> {
+    solve_from(frames, start, None, scaling, limits)
+}
+
+/// The way out where the published iteration runs away: in a narrow field the centre and the decentring distortion are all but
+/// the same, and while wrong identifications still have weight they drive this combination out of the range in which the
+/// linear equations hold. So the focal length and the radial distortion are solved first, which finds the weights; the
+/// iteration with all parameters starts from there. `None` where that would be the same iteration again.
+pub(super) fn solve_in_stages(
+    frames: &[FrameStars],
+    start: &Camera,
+    scaling: &Scaling,
+    limits: &Limits,
+) -> Option<Result<PairSolution, CalibrateError>> {
+    let first = Scaling { free: std::array::from_fn(|k| scaling.free[k] && matches!(PARAMETER_NAMES[k], "f" | "k1")), ..*scaling };
+    if first.free == scaling.free || first.free_count() == 0 {
+        return None;
+    }
+    let staged = || {
+        let weights = solve_from(frames, start, None, &first, limits)?;
+        let mut solution = solve_from(frames, &weights.camera, Some(weights.weights), scaling, limits)?;
+        solution.iterations.splice(0..0, weights.iterations);
+        Ok(PairSolution { in_stages: true, ..solution })
+    };
+    Some(staged())
+}
+
+/// The iteration, from the weights given, or from P = I: then the first solution only finds weights.
+fn solve_from(
+    frames: &[FrameStars],
+    start: &Camera,
+    weights: Option<Vec<f64>>,
+    scaling: &Scaling,
+    limits: &Limits,
+) -> Result<PairSolution, CalibrateError> {
     let mut camera = *start;
     let mut pairs = Pairs::at(frames, &camera, scaling);
     let redundancy = redundancy(pairs.count(), scaling)?;
-    let mut weights = vec![1.0; pairs.count()];
+    let moves_at_once = weights.is_some() || limits.f_threshold.is_none();
+    let mut weights = weights.unwrap_or_else(|| vec![1.0; pairs.count()]);
     let mut iterations = Vec::new();
     for k in 0..limits.max_iterations {
         let (step, whitening) = normal_solution(&pairs, &weights, scaling)?;
@@ -73,18 +110,18 @@ pub(super) fn solve(frames: &[FrameStars], start: &Camera, scaling: &Scaling, li
         let down_weighted = weights.iter().filter(|p| **p != 1.0).count();
         iterations.push(Iteration { step_px: step.norm(), pair_sigma_rad: variance.sqrt(), pairs_down_weighted: down_weighted });
         let converged = step.norm() <= limits.epsilon_px;
-        if converged || k > 0 || limits.f_threshold.is_none() {
+        if converged || k > 0 || moves_at_once {
             camera = checked(scaling.moved(&camera, &step), k + 1)?;
         }
         if converged {
-            return Ok(PairSolution { camera, status: Status::Converged, iterations, weights });
+            return Ok(PairSolution { camera, status: Status::Converged, iterations, weights, in_stages: false });
         }
         if let Some(f) = limits.f_threshold {
             pairs.reweigh(&mut weights, &step, &whitening, |p, u_squared, leverage| new_weight(f, variance, p, u_squared, leverage));
         }
         pairs = Pairs::at(frames, &camera, scaling);
     }
-    Ok(PairSolution { camera, status: Status::NotConverged, iterations, weights })
+    Ok(PairSolution { camera, status: Status::NotConverged, iterations, weights, in_stages: false })
 }
 
 /// p ← 1 if T < F, else σ̂0²·l/u². `leverage` = aᵀ(AᵀPA)⁻¹a, so that l = p·(1/p − leverage).

@@ -196,3 +196,38 @@ fn a_narrow_field_says_that_its_centre_is_uncertain() {
         assert!(error.rms_px < 0.06, "{error:?}");
     }
 }
+
+#[test]
+fn a_narrow_field_with_wrong_stars_is_solved_in_stages() {
+    // 2.9° across: while wrong stars still have weight, the published iteration throws the centre out of the linear range.
+    let truth = Camera { focal_length_px: 20_000.0, k1: 2.5e-10, p1: 0.0, p2: 0.0, ..Night::published().truth };
+    for seed in 0..4 {
+        let night = Night { truth, nominal: Camera::pinhole(1024, 1024, 20_060.0), misidentified: 0.1, ..Night::published() };
+        let (points, _) = night.observe(seed);
+        let result = calibrate(&points, &CalibrateOptions::default()).unwrap();
+        let (error, sigma) = (mapping_error_px(&truth, &result.camera).unwrap(), result.map_sigma_px.unwrap());
+        println!("{:?}: {error:?}, {sigma:?}, {} iterations", result.status, result.iterations.len());
+        assert!(error.rms_px < 3.0 * sigma.median, "{error:?} {sigma:?}");
+        assert!((result.parameters[0].value - truth.principal_point_px[0]).abs() < 4.0 * result.parameters[0].sigma);
+        assert!(result.warnings.iter().any(|warning| warning.contains("centre's uncertainty is large")), "{:?}", result.warnings);
+    }
+}
+
+#[test]
+fn a_field_too_narrow_for_all_parameters_says_so_and_its_remedy_works() {
+    let truth = Camera::pinhole(1024, 1024, 500_000.0);
+    let night = Night { truth, nominal: Camera::pinhole(1024, 1024, 501_500.0), ..Night::published() };
+    for seed in 0..3 {
+        let (points, _) = night.observe(seed);
+        match solve(&points) {
+            Err(error) => assert!(error.to_string().contains("solve f and k1 only") || error.to_string().contains("hold one"), "{error}"),
+            Ok(result) => {
+                assert!(result.warnings.iter().any(|warning| warning.contains("centre's uncertainty is large")), "{:?}", result.warnings)
+            }
+        }
+        let few =
+            calibrate(&points, &CalibrateOptions { solve: vec!["f".to_owned(), "k1".to_owned()], ..CalibrateOptions::default() }).unwrap();
+        let error = mapping_error_px(&truth, &few.camera).unwrap();
+        assert!(error.rms_px < 0.05, "{error:?}");
+    }
+}

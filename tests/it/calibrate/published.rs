@@ -45,6 +45,33 @@ fn the_published_table_is_reproduced() {
     }
 }
 
+/// Wrong stars as identification makes them: near where the camera before calibration would see this image (within 3 px), so
+/// that they agree with its errors.
+fn naturally_misidentified(share: f64, seed: u64) -> (Night, boresight::identify::ControlPoints) {
+    let night = Night::published();
+    let (mut points, _) = night.observe(seed);
+    for (i, point) in points.points.iter_mut().enumerate().filter(|(i, _)| ((i % 25) as f64) < share * 25.0) {
+        let attitude = points.attitudes[point.frame].unwrap();
+        let beside = |k: usize| ((i * k) % 13) as f64 / 2.0 - 3.0;
+        let place = boresight::coordinates::PixelPoint { x_px: point.x_px + beside(5), y_px: point.y_px + beside(3) };
+        point.direction = attitude.apparent_from_camera(&night.nominal.direction(place));
+    }
+    (night, points)
+}
+
+#[test]
+fn wrong_stars_that_agree_with_a_wrong_camera_do_little_harm_up_to_a_fifth() {
+    for (share, limit) in [(0.12, 0.03), (0.2, 0.04)] {
+        let errors = (0..12).map(|seed| {
+            let (night, points) = naturally_misidentified(share, 300 + seed);
+            mapping_error_px(&night.truth, &calibrate(&points, &weights(10.83)).unwrap().camera).unwrap().rms_px
+        });
+        let error = median(errors.collect());
+        println!("{:.0} % misidentified through the camera before calibration: {error:.3} px", 100.0 * share);
+        assert!(error < limit, "{error}");
+    }
+}
+
 #[test]
 fn more_than_half_wrong_is_said() {
     let night = Night { misidentified: 0.5, ..Night::published() };
