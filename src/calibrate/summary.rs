@@ -3,11 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 use super::calibration::{AttitudeSigma, Calibration, FORMAT, FrameResult, LeftOut, MapSigma, ParameterEstimate, PointResult, Status};
 use super::geometry::{Scaling, folds_over};
 use super::map::attitude_sigma_rad;
-use super::pairs::{FrameStars, Pairs};
+use super::pairs::{FrameStars, PairStar, Pairs};
 use super::select::{CENTROID_FLOOR_PX, FEWEST_STARS, Selection, predicted_sigma_px};
 use super::star_level::{FrameFit, ResidualSums, fit_frames};
 use super::uncertainty::{Coverage, covariances, map_sigma_px};
@@ -233,16 +234,18 @@ fn rms_arcsec(camera: &Camera, frames: &[FrameStars], fits: &[Option<FrameFit>],
 }
 
 fn interstar_angle_rms_arcsec(pairs: &Pairs, used: &[Vec<bool>]) -> Option<f64> {
+    // A sum for each star, added in order: the same at any number of threads.
+    let of_star = |stars: &[&PairStar], i: usize| -> f64 {
+        let a = stars[i];
+        let difference = |b: &&PairStar| angle_rad(&a.local.direction, &b.local.direction) - angle_rad(&a.v, &b.v);
+        stars[i + 1..].iter().map(difference).map(|difference| difference * difference).sum()
+    };
     let (mut sum, mut count) = (0.0, 0_usize);
     for (frame, used) in used.iter().enumerate() {
         let stars: Vec<_> = pairs.stars(frame).iter().zip(used).filter(|(_, used)| **used).map(|(star, _)| star).collect();
-        for (i, a) in stars.iter().enumerate() {
-            for b in &stars[i + 1..] {
-                let difference = angle_rad(&a.local.direction, &b.local.direction) - angle_rad(&a.v, &b.v);
-                sum += difference * difference;
-                count += 1;
-            }
-        }
+        let sums: Vec<f64> = (0..stars.len()).into_par_iter().map(|i| of_star(&stars, i)).collect();
+        sum += sums.iter().sum::<f64>();
+        count += stars.len() * stars.len().saturating_sub(1) / 2;
     }
     (count > 0).then(|| (sum / count as f64).sqrt() / ARCSEC_RAD)
 }

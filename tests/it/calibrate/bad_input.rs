@@ -222,7 +222,7 @@ fn a_field_too_narrow_for_all_parameters_says_so_and_its_remedy_works() {
         match solve(&points) {
             Err(error) => assert!(error.to_string().contains("solve f and k1 only") || error.to_string().contains("hold one"), "{error}"),
             Ok(result) => {
-                assert!(result.warnings.iter().any(|warning| warning.contains("centre's uncertainty is large")), "{:?}", result.warnings)
+                assert!(result.warnings.iter().any(|warning| warning.contains("centre's uncertainty is large")), "{:?}", result.warnings);
             }
         }
         let few =
