@@ -1,5 +1,15 @@
 //! Tables and pictures for people.
+//!
+//! Pictures are PNG files with the same letters on every machine; each appears whole or not at all.
 
+mod canvas;
+mod frame_picture;
+mod plot;
 mod table;
+mod vectors;
 
+pub use canvas::ReportError;
+pub use frame_picture::{Mark, MarkKind, frame_picture};
+pub use plot::{Plot, Series, SeriesStyle};
 pub use table::table;
+pub use vectors::{Vector, VectorPanel, residual_vectors};

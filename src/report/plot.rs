@@ -1,0 +1,167 @@
+//! Curves and clouds of points with axes.
+
+use std::ops::Range;
+use std::path::Path;
+
+use plotters::chart::{ChartBuilder, SeriesLabelPosition};
+use plotters::element::{Circle, PathElement};
+use plotters::style::text_anchor::{HPos, VPos};
+use plotters::style::{Color, RGBColor, TextStyle};
+
+use super::canvas::{BLUE, Drawn, GREEN, INK, ORANGE, PALE, PAPER, PURPLE, ReportError, SKY, Sheet, VERMILION, font, picture, short};
+
+/// How a series is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SeriesStyle {
+    /// A dot for each point.
+    Points,
+    /// A line through the points, in their order.
+    Line,
+}
+
+/// Points that belong together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Series {
+    /// Its name in the legend; empty: none.
+    pub label: String,
+    /// How it is drawn.
+    pub style: SeriesStyle,
+    /// The points, in the units of the axes; those that are not finite are left out.
+    pub points: Vec<[f64; 2]>,
+}
+
+/// A plot.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Plot {
+    /// What it shows.
+    pub title: String,
+    /// Name and unit of the horizontal axis.
+    pub x_label: String,
+    /// Name and unit of the vertical axis.
+    pub y_label: String,
+    /// The series; the first ones lie below.
+    pub series: Vec<Series>,
+}
+
+const SIZE: (usize, usize) = (960, 600);
+const COLOURS: [RGBColor; 6] = [BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY];
+
+impl Plot {
+    /// Writes the plot as PNG.
+    pub fn write(&self, path: &Path) -> Result<(), ReportError> {
+        let points = || self.series.iter().flat_map(|series| finite(&series.points));
+        let empty = || ReportError::Empty { path: path.to_owned(), what: "no point is finite" };
+        let across = span(points().map(|[x, _]| x)).ok_or_else(empty)?;
+        let along = span(points().map(|[_, y]| y)).ok_or_else(empty)?;
+        picture(path, SIZE, PAPER, |sheet| self.draw(sheet, across, along))
+    }
+
+    fn draw(&self, sheet: &Sheet, across: Range<f64>, along: Range<f64>) -> Drawn {
+        let (area, factor) = sheet.raw();
+        let scaled = |length: f64| (length * factor) as i32;
+        let style = |size: f64| -> Result<TextStyle<'static>, Box<dyn std::error::Error>> {
+            Ok(TextStyle::from((font()?, size * factor)).color(&INK))
+        };
+        sheet.text(&self.title, (28.0, 12.0), 21.0, &INK, HPos::Left, VPos::Top)?;
+        let mut chart = ChartBuilder::on(area)
+            .margin_top(scaled(52.0))
+            .margin_right(scaled(28.0))
+            .margin_bottom(scaled(8.0))
+            .margin_left(scaled(8.0))
+            .x_label_area_size(scaled(52.0))
+            .y_label_area_size(scaled(84.0))
+            .build_cartesian_2d(across, along)?;
+        let digits = |number: &f64| short(*number);
+        chart
+            .configure_mesh()
+            .light_line_style(PAPER)
+            .bold_line_style(PALE.stroke_width(factor as u32))
+            .axis_style(INK.stroke_width(factor as u32))
+            .label_style(style(14.0)?)
+            .axis_desc_style(style(16.0)?)
+            .x_labels(9)
+            .y_labels(8)
+            .x_label_formatter(&digits)
+            .y_label_formatter(&digits)
+            .x_desc(&self.x_label)
+            .y_desc(&self.y_label)
+            .draw()?;
+        for (index, series) in self.series.iter().enumerate() {
+            let colour = COLOURS[index % COLOURS.len()];
+            let points = finite(&series.points).map(|[x, y]| (x, y));
+            let line = colour.stroke_width((2.0 * factor) as u32);
+            let drawn = match series.style {
+                SeriesStyle::Line => chart.draw_series([PathElement::new(points.collect::<Vec<_>>(), line)])?,
+                SeriesStyle::Points => {
+                    let radius = scaled(if series.points.len() > 500 { 1.5 } else { 3.0 });
+                    chart.draw_series(points.map(|point| Circle::new(point, radius, colour.mix(0.75).filled())))?
+                }
+            };
+            if !series.label.is_empty() {
+                let (reach, is_line) = (scaled(22.0), series.style == SeriesStyle::Line);
+                drawn.label(series.label.as_str()).legend(move |(x, y)| {
+                    let (start, line) = if is_line { (x, line) } else { (x + reach / 2 - 6, colour.stroke_width(12)) };
+                    PathElement::new(vec![(start, y), (if is_line { x + reach } else { start + 12 }, y)], line)
+                });
+            }
+        }
+        if self.series.iter().any(|series| !series.label.is_empty()) {
+            chart
+                .configure_series_labels()
+                .position(SeriesLabelPosition::UpperRight)
+                .margin(scaled(10.0))
+                .legend_area_size(scaled(30.0))
+                .label_font(style(15.0)?)
+                .background_style(PAPER.mix(0.85))
+                .border_style(PALE)
+                .draw()?;
+        }
+        Ok(())
+    }
+}
+
+fn finite(points: &[[f64; 2]]) -> impl Iterator<Item = [f64; 2]> {
+    points.iter().copied().filter(|[x, y]| x.is_finite() && y.is_finite())
+}
+
+/// From the least to the greatest value with some air; `None` of nothing.
+fn span(values: impl Iterator<Item = f64>) -> Option<Range<f64>> {
+    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+    if low > high {
+        return None;
+    }
+    // A single value gets an axis as well, one on which it can be told from its neighbours.
+    let air = if high > low { 0.05 * (high - low) } else { (0.1 * high.abs()).max(1e-3) };
+    Some(low - air..high + air)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn plot(points: Vec<[f64; 2]>) -> Plot {
+        let series = vec![Series { label: "σ".into(), style: SeriesStyle::Points, points }];
+        Plot { title: "a plot".into(), x_label: "x / px".into(), y_label: "y / px".into(), series }
+    }
+
+    #[test]
+    fn points_that_are_not_finite_are_left_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("plot.png");
+        plot(vec![[1.0, f64::NAN], [2.0, 2.0], [f64::INFINITY, 1.0]]).write(&path).unwrap();
+        let read = image::open(&path).unwrap().to_rgb8();
+        let blue = read.pixels().filter(|pixel| pixel[2] > 150 && pixel[0] < 120).count();
+        assert!((10..200).contains(&blue), "{blue} blue pixels: one dot and its entry in the legend");
+        assert!(matches!(plot(vec![[f64::NAN; 2]]).write(&path), Err(ReportError::Empty { .. })));
+        assert!(matches!(plot(vec![]).write(&path), Err(ReportError::Empty { .. })));
+    }
+
+    #[test]
+    fn spans_hold_their_values() {
+        assert_eq!(span([].into_iter()), None);
+        for values in [vec![3.0], vec![0.0, 0.0], vec![-1.0, 5.0], vec![1e-9, 2e-9], vec![-7e6]] {
+            let range = span(values.iter().copied()).unwrap();
+            assert!(values.iter().all(|value| range.contains(value)) && range.end > range.start, "{values:?} in {range:?}");
+        }
+    }
+}
