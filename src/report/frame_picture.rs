@@ -101,6 +101,7 @@ fn shrunk(frame: &Frame, factor: usize) -> Frame {
 }
 
 /// Counts → brightness: linear near the background, logarithmic above.
+#[allow(clippy::struct_field_names, reason = "the unit is part of every name")]
 struct Stretch {
     black_dn: f64,
     soft_dn: f64,
@@ -133,14 +134,15 @@ impl Stretch {
 
 fn pixels(sheet: &Sheet, frame: &Frame, stretch: &Stretch, enlarge: usize) -> Drawn {
     let (area, factor) = sheet.raw();
-    let side = enlarge * factor as usize;
-    let (left, top) = (MARGIN.0 * factor as usize, MARGIN.1 * factor as usize);
-    for (index, &value) in frame.pixels_dn.iter().enumerate() {
-        let grey = stretch.grey(value);
-        let colour = RGBColor(grey, grey, grey);
-        let (x, y) = (left + index % frame.width_px * side, top + index / frame.width_px * side);
-        for place in 0..side * side {
-            area.draw_pixel(((x + place % side) as i32, (y + place / side) as i32), &colour)?;
+    let side = (enlarge as f64 * factor) as i32;
+    let (left, top) = ((MARGIN.0 as f64 * factor) as i32, (MARGIN.1 as f64 * factor) as i32);
+    for (row, values) in (0..).zip(frame.pixels_dn.chunks(frame.width_px)) {
+        for (column, &value) in (0..).zip(values) {
+            let grey = stretch.grey(value);
+            for place in 0..side * side {
+                let (x, y) = (left + column * side + place % side, top + row * side + place / side);
+                area.draw_pixel((x, y), &RGBColor(grey, grey, grey))?;
+            }
         }
     }
     Ok(())

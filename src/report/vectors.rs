@@ -77,12 +77,9 @@ fn draw(sheet: &Sheet, frame_box: &FrameBox, panel: &VectorPanel) -> Drawn {
     let rms = (kept.iter().map(|length| length * length).sum::<f64>() / kept.len().max(1) as f64).sqrt();
 
     sheet.text(&panel.title, (left, top - 58.0), 18.0, &INK, HPos::Left, VPos::Top)?;
-    let mut summary =
-        if kept.is_empty() { "no stars kept".to_owned() } else { format!("rms {} px, {} stars", significant(rms), kept.len()) };
+    let summary = if kept.is_empty() { "no stars kept".to_owned() } else { format!("rms {} px, {} stars", significant(rms), kept.len()) };
     let lost = panel.vectors.len() - vectors.len();
-    if lost > 0 {
-        summary += &format!(", {lost} without a finite residual");
-    }
+    let summary = if lost > 0 { format!("{summary}, {lost} without a finite residual") } else { summary };
     sheet.text(&summary, (left, top - 30.0), 15.0, &BLUE, HPos::Left, VPos::Top)?;
     frame_box.axes(sheet, INK)?;
 
@@ -185,7 +182,7 @@ mod tests {
 
     #[test]
     fn numbers_keep_three_digits() {
-        assert_eq!([0.0512, 3.14159, 41.27, 0.0, 0.000_02, 1234.4].map(significant), ["0.0512", "3.14", "41.3", "0", "2e−5", "1234"]);
+        assert_eq!([0.0512, 3.1376, 41.27, 0.0, 0.000_02, 1234.4].map(significant), ["0.0512", "3.14", "41.3", "0", "2e−5", "1234"]);
     }
 
     #[test]
