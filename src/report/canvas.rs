@@ -1,6 +1,6 @@
 //! What the pictures share: the sheet, its letters, ticks, and the way into a file.
 
-use std::io::{Cursor, Write};
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
@@ -11,6 +11,8 @@ use plotters::drawing::{DrawingArea, IntoDrawingArea};
 use plotters::element::PathElement;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{Color, FontDesc, FontStyle, FontTransform, RGBColor, TextStyle, register_font};
+
+use crate::recording::{OutputError, write_file};
 
 /// Why a picture could not be made.
 #[derive(Debug, thiserror::Error)]
@@ -25,13 +27,8 @@ pub enum ReportError {
         reason: String,
     },
     /// The file system refused.
-    #[error("the picture {} cannot be written: {source}; choose a folder that exists and may be written to", path.display())]
-    Write {
-        /// The picture.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    Write(#[from] OutputError),
     /// There is nothing finite to draw.
     #[error("the picture {} would show nothing: {what}", path.display())]
     Empty {
@@ -182,7 +179,7 @@ pub(super) fn picture(
     // Noise takes most of the bytes: no filter can predict it, and without one equal steps of grey look alike.
     let encoder = PngEncoder::new_with_quality(&mut bytes, CompressionType::Best, FilterType::NoFilter);
     small.write_with_encoder(encoder).map_err(|error| refused(error.to_string()))?;
-    write(path, bytes.get_ref()).map_err(|source| ReportError::Write { path: path.to_owned(), source })
+    Ok(write_file(path, bytes.get_ref())?)
 }
 
 /// The mean of the oversampled pixels of one pixel.
@@ -197,23 +194,6 @@ fn averaged(large: &[u8], wide: usize, x: usize, y: usize) -> image::Rgb<u8> {
         let parts = (OVERSAMPLING * OVERSAMPLING) as u32;
         ((sum + parts / 2) / parts) as u8
     }))
-}
-
-/// Writes beside the place first, so that a file of this name is never half a picture.
-fn write(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".picture");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        // What the user's mask leaves of it, as for any other file; the default for temporary files is the owner alone.
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.tempfile_in(folder)?;
-    file.write_all(bytes)?;
-    file.persist(path)?;
-    Ok(())
 }
 
 /// The step between ticks: 1, 2 or 5 times a power of ten, so that about `count` of them fit into a length.
@@ -319,7 +299,7 @@ mod tests {
         let read = image::open(&path).unwrap().to_rgb8();
         assert_eq!((read.width(), read.height()), (20, 10));
         assert_eq!((read.get_pixel(2, 5).0, read.get_pixel(15, 5).0), ([35, 35, 40], [255, 255, 255]));
-        let missing = folder.path().join("missing/a.png");
-        assert!(matches!(picture(&missing, (20, 10), PAPER, |_| Ok(())), Err(ReportError::Write { .. })));
+        let impossible = path.join("b.png"); // a folder that is a file
+        assert!(matches!(picture(&impossible, (20, 10), PAPER, |_| Ok(())), Err(ReportError::Write(_))));
     }
 }

@@ -7,7 +7,7 @@ use plotters::style::text_anchor::{HPos, VPos};
 
 use super::canvas::{Drawn, FrameBox, ORANGE, Place, ReportError, Sheet, picture};
 use crate::frame::Frame;
-use crate::statistics::{mad_sigma, median};
+use crate::statistics::mad_sigma;
 
 /// What a mark says of its star image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -111,17 +111,20 @@ struct Stretch {
 impl Stretch {
     fn of(frame: &Frame) -> Self {
         let step = (frame.pixels_dn.len() / 200_000).max(1);
-        let mut sample: Vec<f64> = frame.pixels_dn.iter().step_by(step).map(|&value| f64::from(value)).collect();
-        let background = median(&sample).unwrap_or(0.0);
-        let noise = mad_sigma(&sample).unwrap_or(0.0);
+        let value = |index: usize| f64::from(frame.pixels_dn[index]);
+        let mut sample: Vec<f64> = (0..frame.pixels_dn.len()).step_by(step).map(value).collect();
+        // Noise from neighbours, which share their background: vignetting and glow do not enter it.
+        let differences: Vec<f64> = (1..frame.pixels_dn.len()).step_by(step).map(|index| value(index) - value(index - 1)).collect();
+        let noise = mad_sigma(&differences).unwrap_or(0.0) / std::f64::consts::SQRT_2;
         sample.sort_by(f64::total_cmp);
-        let high = sample[((sample.len() - 1) as f64 * 0.9995) as usize];
-        let brightest = frame.pixels_dn.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let share = |share: f64| sample[((sample.len() - 1) as f64 * share) as usize];
+        let brightest = f64::from(frame.pixels_dn.iter().copied().fold(f32::NEG_INFINITY, f32::max));
         // On a background without noise the steps of the converter stand in for it, or what there is above it.
-        let soft_dn = if noise > 0.0 { 5.0 * noise } else { ((f64::from(brightest) - background) / 50.0).max(1.0) };
-        let white_dn = high.max(background + 12.0 * soft_dn);
-        // The night is to look dark: of the noise only the upper part shows.
-        Self { black_dn: background - 0.1 * soft_dn, soft_dn, white_dn }
+        let soft_dn = if noise > 0.0 { 5.0 * noise } else { ((brightest - share(0.5)) / 50.0).max(1.0) };
+        // The darkest part of the background is black: the 2nd percentile lies 2σ below it.
+        let black_dn = share(0.02) + 2.0 * noise;
+        let white_dn = share(0.9995).max(share(0.5) + 12.0 * soft_dn);
+        Self { black_dn, soft_dn, white_dn }
     }
 
     /// In forty steps: the eye sees no fewer on a noisy frame, and the file becomes a third.
