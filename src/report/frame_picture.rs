@@ -121,8 +121,8 @@ impl Stretch {
         let brightest = f64::from(frame.pixels_dn.iter().copied().fold(f32::NEG_INFINITY, f32::max));
         // On a background without noise the steps of the converter stand in for it, or what there is above it.
         let soft_dn = if noise > 0.0 { 5.0 * noise } else { ((brightest - share(0.5)) / 50.0).max(1.0) };
-        // The darkest part of the background is black: the 2nd percentile lies 2σ below it.
-        let black_dn = share(0.02) + 2.0 * noise;
+        // The darkest part of the background is black: the 2nd percentile lies 2σ below it, unless the converter cut it off.
+        let black_dn = (share(0.02) + 2.0 * noise).min(share(0.5));
         let white_dn = share(0.9995).max(share(0.5) + 12.0 * soft_dn);
         Self { black_dn, soft_dn, white_dn }
     }
