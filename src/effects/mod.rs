@@ -2,7 +2,8 @@
 //!
 //! - A **displacement** moves a star's image. It is one generic body ([`Displacement`]) over numbers: with `f64` it is
 //!   rendered, with dual numbers the same body gives the columns that the calibrator fits.
-//! - A **pixel effect** works on the frame. It is a CPU twin and a WGSL shader of the same name; see [`crate::imaging`].
+//! - A **pixel effect** works on the frame. It is a CPU twin and a WGSL shader of the same name; see [`pixel`] and, for the engine that runs
+//!   them, the module `imaging`.
 //!
 //! The folder says where the light meets the effect: [`sky`], [`optics`], [`motion`] or [`detector`].
 //! The documentation of an effect's module is its page.
@@ -10,6 +11,7 @@
 pub mod detector;
 pub mod motion;
 pub mod optics;
+pub mod pixel;
 pub mod sky;
 
 mod displacement;

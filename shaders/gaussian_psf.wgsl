@@ -1,0 +1,21 @@
+// Gaussian point spread, integrated over the pixel. Twin and page: src/effects/optics/gaussian_psf.rs
+
+const DENSITY_AT_CENTRE = 0.39894228;
+const WIDE_BELOW = 0.4;
+
+fn pixel_share(d: f32, h: f32) -> f32 {
+    let near = (abs(d) - 0.5) * h;
+    let far = (abs(d) + 0.5) * h;
+    let tail_near = normal_upper_tail(abs(near));
+    let tail_far = normal_upper_tail(far);
+    let narrow = select(1.0 - tail_near - tail_far, tail_near - tail_far, near > 0.0);
+    let z2 = min(d * h * (d * h), 150.0);
+    let h2 = h * h;
+    let correction = 1.0 + h2 * ((z2 - 1.0) * (1.0 / 24.0) + h2 * ((z2 - 6.0) * z2 + 3.0) * (1.0 / 1920.0));
+    let wide = h * DENSITY_AT_CENTRE * poly_exp(-0.5 * z2) * correction;
+    return select(narrow, wide, h < WIDE_BELOW);
+}
+
+fn gaussian_psf(star: Star, x: i32, y: i32) -> f32 {
+    return pixel_share(f32(x) - star.fraction_x, star.inverse_sigma) * pixel_share(f32(y) - star.fraction_y, star.inverse_sigma);
+}

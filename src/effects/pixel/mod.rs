@@ -1,0 +1,201 @@
+//! What works on pixels: point spreads, which turn a star into light, and pixel effects, which change what a pixel holds.
+//!
+//! Each is one file here and one shader of the same name: a CPU twin written to be fast, and a WGSL function. The renderer joins the
+//! shaders of what is switched on into one program ([`crate::imaging`]); what is off is not in it. A new one needs its two files and one
+//! line in [`PIXEL_EFFECTS`] or [`POINT_SPREADS`]; the tests that walk the registries then compare its twins, its uniforms and its page.
+//!
+//! A pixel effect sees one pixel. What moves charge between pixels (blooming, charge transfer) will be a pass over the whole frame between
+//! two [`Stage`]s, each of which ends with the frame in one buffer of electrons; no such effect exists yet.
+
+pub mod math;
+
+use bytemuck::{Pod, Zeroable};
+
+use super::{ParameterSpec, detector, optics, sky};
+use crate::rng::StageKey;
+
+/// Where along the way from light to count a pixel effect acts. The order of the variants is the order of the stages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Stage {
+    /// On the expected electrons of the exposure, before any chance.
+    Light,
+    /// From expected to collected electrons.
+    Charge,
+    /// On the way from the pixel to the converter, in electrons.
+    Readout,
+    /// From electrons to counts.
+    Digital,
+}
+
+/// A star's image as the GPU and the twins read it: integer pixel plus fraction, so that f32 does not blur its place.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Star {
+    /// Column of the pixel whose centre is nearest.
+    pub column: i32,
+    /// Its row.
+    pub row: i32,
+    /// Offset from that centre to the right, px, in [−0.5, 0.5].
+    pub fraction_x: f32,
+    /// Offset downwards.
+    pub fraction_y: f32,
+    /// Expected electrons over the exposure.
+    pub electrons: f32,
+    /// 1/σ of the image, px⁻¹.
+    pub inverse_sigma: f32,
+    /// Half the side of the square of pixels that receive light, not counting the middle one.
+    pub reach: i32,
+    /// Keeps the size a multiple of 16 bytes.
+    pub unused: u32,
+}
+
+/// A run of whole rows of a frame, in electrons.
+#[derive(Debug)]
+pub struct Rows<'a> {
+    /// Columns of the frame.
+    pub width: usize,
+    /// The first of the rows.
+    pub first_row: usize,
+    /// Electrons, row by row.
+    pub electrons: &'a mut [f32],
+    /// Space for a twin's own use, kept between calls.
+    pub scratch: &'a mut Vec<f32>,
+}
+
+/// How the light of a star is spread.
+pub trait PointSpread: Sync {
+    /// Its id in files, and the name of its twin and of its WGSL function
+    /// `fn id(star: Star, x: i32, y: i32) -> f32`: the share of the star's light in the pixel `x` right of and `y` below the nearest one.
+    fn id(&self) -> &'static str;
+    /// Its parameters, which each star carries.
+    fn parameters(&self) -> &'static [ParameterSpec];
+    /// The text of its shader.
+    fn wgsl(&self) -> &'static str;
+    /// The text of its source file, whose head is its page.
+    fn source(&self) -> &'static str;
+    /// [`Star::reach`] for a star of so many electrons and this σ.
+    fn reach(&self, electrons: f64, sigma_px: f64) -> i32;
+    /// The CPU twin: adds the star's light to the rows.
+    fn add(&self, star: &Star, rows: &mut Rows<'_>);
+}
+
+/// Everything of an exposure that an effect may need besides its parameters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ExposureContext {
+    /// Exposure time.
+    pub exposure_s: f64,
+}
+
+/// What the author of a pixel effect writes.
+pub trait PixelEffect: Sync {
+    /// Its id in files, and the name of its twin and of its WGSL function `fn id(electrons: f32, pixel: Pixel) -> f32`.
+    const ID: &'static str;
+    /// Where it acts.
+    const STAGE: Stage;
+    /// Its parameters.
+    const PARAMETERS: &'static [ParameterSpec];
+    /// The key of its random numbers, different from that of every other effect; 0 if it draws none.
+    /// The shader has it as the constant `ID_STAGE` (the id in capitals).
+    const RNG_STAGE: u32;
+    /// The text of its shader.
+    const WGSL: &'static str;
+    /// The text of its source file, whose head is its page.
+    const SOURCE: &'static str;
+    /// What the parameters become on their way to the pixels: 4-byte numbers, `#[repr(C)]`. The shader has the same struct under the
+    /// name `IdUniforms` (the id in camel case) and finds it in `effects.id`; `()` if there is none.
+    type Uniforms: Pod;
+    /// Name and offset in bytes of each member of [`Self::Uniforms`].
+    const FIELDS: &'static [(&'static str, usize)];
+
+    /// Uniforms from parameters in the order of [`Self::PARAMETERS`].
+    fn uniforms(parameters: &[f64], exposure: &ExposureContext) -> Self::Uniforms;
+    /// The CPU twin: changes a run of pixels, of which the first has the index `first_pixel` in the frame.
+    fn apply(uniforms: &Self::Uniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]);
+    /// Parameters with which it changes nothing, if there are any.
+    fn identity() -> Option<Vec<f64>>;
+}
+
+/// A pixel effect as the registry holds it.
+pub trait AnyPixelEffect: Sync {
+    /// See [`PixelEffect::ID`].
+    fn id(&self) -> &'static str;
+    /// See [`PixelEffect::STAGE`].
+    fn stage(&self) -> Stage;
+    /// See [`PixelEffect::PARAMETERS`].
+    fn parameters(&self) -> &'static [ParameterSpec];
+    /// See [`PixelEffect::RNG_STAGE`].
+    fn rng_stage(&self) -> u32;
+    /// See [`PixelEffect::WGSL`].
+    fn wgsl(&self) -> &'static str;
+    /// See [`PixelEffect::SOURCE`].
+    fn source(&self) -> &'static str;
+    /// See [`PixelEffect::FIELDS`].
+    fn fields(&self) -> &'static [(&'static str, usize)];
+    /// The bytes of [`PixelEffect::uniforms`].
+    fn uniforms(&self, parameters: &[f64], exposure: &ExposureContext) -> Vec<u8>;
+    /// The CPU twin with the bytes of its uniforms, see [`PixelEffect::apply`].
+    ///
+    /// # Panics
+    /// If the bytes are not those that [`Self::uniforms`] gave.
+    fn apply(&self, uniforms: &[u8], key: StageKey, first_pixel: u32, pixels: &mut [f32]);
+    /// See [`PixelEffect::identity`].
+    fn identity(&self) -> Option<Vec<f64>>;
+}
+
+impl<E: PixelEffect> AnyPixelEffect for E {
+    fn id(&self) -> &'static str {
+        E::ID
+    }
+    fn stage(&self) -> Stage {
+        E::STAGE
+    }
+    fn parameters(&self) -> &'static [ParameterSpec] {
+        E::PARAMETERS
+    }
+    fn rng_stage(&self) -> u32 {
+        E::RNG_STAGE
+    }
+    fn wgsl(&self) -> &'static str {
+        E::WGSL
+    }
+    fn source(&self) -> &'static str {
+        E::SOURCE
+    }
+    fn fields(&self) -> &'static [(&'static str, usize)] {
+        E::FIELDS
+    }
+    fn uniforms(&self, parameters: &[f64], exposure: &ExposureContext) -> Vec<u8> {
+        bytemuck::bytes_of(&E::uniforms(parameters, exposure)).to_vec()
+    }
+    fn apply(&self, uniforms: &[u8], key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
+        E::apply(&bytemuck::pod_read_unaligned(uniforms), key, first_pixel, pixels);
+    }
+    fn identity(&self) -> Option<Vec<f64>> {
+        E::identity()
+    }
+}
+
+/// Names and offsets of the members of a `#[repr(C)]` struct.
+macro_rules! uniform_fields {
+    ($uniforms:ty { $($field:ident),+ }) => { &[$((stringify!($field), core::mem::offset_of!($uniforms, $field))),+] };
+}
+pub(crate) use uniform_fields;
+
+/// Every pixel effect, in the order in which they act.
+pub static PIXEL_EFFECTS: &[&dyn AnyPixelEffect] =
+    &[&sky::background::Background, &detector::photon_noise::PhotonNoise, &detector::read_noise::ReadNoise, &detector::adc::Adc];
+
+/// Every point spread.
+pub static POINT_SPREADS: &[&dyn PointSpread] = &[&optics::gaussian_psf::GaussianPsf];
+
+/// The pixel effect with this id.
+#[must_use]
+pub fn pixel_effect(id: &str) -> Option<&'static dyn AnyPixelEffect> {
+    PIXEL_EFFECTS.iter().copied().find(|effect| effect.id() == id)
+}
+
+/// The point spread with this id.
+#[must_use]
+pub fn point_spread(id: &str) -> Option<&'static dyn PointSpread> {
+    POINT_SPREADS.iter().copied().find(|spread| spread.id() == id)
+}
