@@ -1,6 +1,6 @@
 // Gaussian point spread, integrated over the pixel. Twin and page: src/effects/optics/gaussian_psf.rs
 
-const DENSITY_AT_CENTRE = 0.39894228;
+const DENSITY_AT_CENTRE = 0.3989423;
 const WIDE_BELOW = 0.4;
 
 fn pixel_share(d: f32, h: f32) -> f32 {

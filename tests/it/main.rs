@@ -10,3 +10,4 @@ mod house;
 mod layering;
 mod recording;
 mod scene;
+mod twins;

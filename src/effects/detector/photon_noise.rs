@@ -191,7 +191,10 @@ mod tests {
             }
             let rest = (rest_seen - rest_expected).powi(2) / rest_expected.max(1.0);
             let limit = classes + 5.0 * f64::sqrt(2.0 * classes);
-            assert!(chi2 + rest.min(25.0) < limit + 12.0, "λ {lambda}: χ² {chi2:.1} of {classes} classes, rest {rest_seen} for {rest_expected:.1}");
+            assert!(
+                chi2 + rest.min(25.0) < limit + 12.0,
+                "λ {lambda}: χ² {chi2:.1} of {classes} classes, rest {rest_seen} for {rest_expected:.1}"
+            );
         }
     }
 

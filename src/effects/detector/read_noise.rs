@@ -34,7 +34,7 @@ pub struct ReadNoiseUniforms {
 }
 
 /// The twin.
-fn read_noise(uniforms: &ReadNoiseUniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
+fn read_noise(uniforms: ReadNoiseUniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
     for (i, electrons) in pixels.iter_mut().enumerate() {
         let words = key.words(first_pixel.wrapping_add(i as u32), 0);
         *electrons += uniforms.sigma_e * standard_normal(words[0], words[1]);
@@ -55,7 +55,7 @@ impl PixelEffect for ReadNoise {
         ReadNoiseUniforms { sigma_e: parameters[0] as f32 }
     }
     fn apply(uniforms: &ReadNoiseUniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
-        read_noise(uniforms, key, first_pixel, pixels);
+        read_noise(*uniforms, key, first_pixel, pixels);
     }
     fn identity() -> Option<Vec<f64>> {
         Some(vec![0.0])
@@ -68,7 +68,7 @@ mod tests {
 
     fn drawn(frame: u32, stage: u32) -> Vec<f64> {
         let mut pixels = vec![0.0; 400_000];
-        read_noise(&ReadNoiseUniforms { sigma_e: 1.0 }, StageKey { seed: 5, frame, stage }, 0, &mut pixels);
+        read_noise(ReadNoiseUniforms { sigma_e: 1.0 }, StageKey { seed: 5, frame, stage }, 0, &mut pixels);
         pixels.iter().map(|w| f64::from(*w)).collect()
     }
 

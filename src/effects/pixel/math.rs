@@ -14,7 +14,7 @@ pub fn poly_ln(x: f32) -> f32 {
     let m0 = f32::from_bits((bits & 0x007f_ffff) | 0x3f00_0000); // in [1/2, 1)
     let small = m0 < std::f32::consts::FRAC_1_SQRT_2;
     let m = if small { m0 + m0 - 1.0 } else { m0 - 1.0 };
-    let e = ((bits >> 23) as i32 - 126) as f32 - if small { 1.0 } else { 0.0 };
+    let e = ((bits >> 23).cast_signed() - 126) as f32 - if small { 1.0 } else { 0.0 };
     let z = m * m;
     let mut p = 7.0376836292e-2;
     p = p * m - 1.1514610310e-1;
@@ -49,7 +49,7 @@ pub fn poly_exp(x: f32) -> f32 {
 #[must_use]
 pub fn cos_turn(turn: u32) -> f32 {
     let quadrant = turn.wrapping_add(0x2000_0000) >> 30;
-    let x = turn.wrapping_sub(quadrant << 30) as i32 as f32 * 1.46291807926715968e-9; // (π/2) / 2³⁰; in [−π/4, π/4]
+    let x = turn.wrapping_sub(quadrant << 30).cast_signed() as f32 * 1.46291807926715968e-9; // (π/2) / 2³⁰; in [−π/4, π/4]
     let z = x * x;
     let sine = ((-1.9515295891e-4 * z + 8.3321608736e-3) * z - 1.6666654611e-1) * z * x + x;
     let cosine = ((2.443315711809948e-5 * z - 1.388731625493765e-3) * z + 4.166664568298827e-2) * (z * z) - 0.5 * z + 1.0;
@@ -61,7 +61,7 @@ pub fn cos_turn(turn: u32) -> f32 {
 #[inline(always)]
 #[must_use]
 pub fn unit_interval(word: u32) -> f32 {
-    ((word >> 1) as i32 as f32 + 0.5) * 4.656612873077393e-10
+    ((word >> 1).cast_signed() as f32 + 0.5) * 4.656612873077393e-10
 }
 
 /// A standard normal number from two words (Box and Muller 1958). Its largest size is 6.7.

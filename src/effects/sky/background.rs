@@ -32,7 +32,7 @@ pub struct BackgroundUniforms {
 }
 
 /// The twin.
-fn background(uniforms: &BackgroundUniforms, pixels: &mut [f32]) {
+fn background(uniforms: BackgroundUniforms, pixels: &mut [f32]) {
     for electrons in pixels {
         *electrons += uniforms.electrons_per_px;
     }
@@ -53,7 +53,7 @@ impl PixelEffect for Background {
         BackgroundUniforms { electrons_per_px: (parameters[0] * exposure.exposure_s) as f32 }
     }
     fn apply(uniforms: &BackgroundUniforms, _key: StageKey, _first_pixel: u32, pixels: &mut [f32]) {
-        background(uniforms, pixels);
+        background(*uniforms, pixels);
     }
     fn identity() -> Option<Vec<f64>> {
         Some(vec![0.0])

@@ -1,0 +1,69 @@
+//! Joins shaders into one program that holds what is switched on and nothing else: some drivers run both sides of every branch.
+
+use std::fmt::Write;
+
+use crate::effects::pixel::{AnyPixelEffect, PointSpread};
+
+const FRAME: &str = include_str!("../../shaders/lib/frame.wgsl");
+const MATH: &str = include_str!("../../shaders/lib/math.wgsl");
+const RNG: &str = include_str!("../../shaders/lib/rng.wgsl");
+const COLLECT: &str = include_str!("../../shaders/lib/collect.wgsl");
+const TO_COUNTS: &str = include_str!("../../shaders/lib/to_counts.wgsl");
+const TO_ELECTRONS: &str = include_str!("../../shaders/lib/to_electrons.wgsl");
+
+/// Uniforms of effects begin at multiples of this many bytes: WGSL asks it of a struct inside a uniform struct.
+pub(super) const UNIFORM_ALIGNMENT: usize = 16;
+
+/// What the last program of a frame writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// Electrons as f32.
+    Electrons,
+    /// Counts as u16, two in a word.
+    Counts,
+}
+
+/// The program that collects the stars' light; its entry point is `collect`.
+#[must_use]
+pub fn collect_program(spread: &dyn PointSpread) -> String {
+    [FRAME, MATH, spread.wgsl(), &COLLECT.replace("POINT_SPREAD(star, x, y)", &format!("{}(star, x, y)", spread.id()))].join("\n")
+}
+
+/// The program that sends every pixel through the effects in their order; its entry point is `finish`.
+#[must_use]
+pub fn chain_program(effects: &[&dyn AnyPixelEffect], output: Output) -> String {
+    let mut head = String::from("@group(0) @binding(2) var<storage, read_write> electrons: array<f32>;\n");
+    let mut members = String::new();
+    let mut calls = String::new();
+    for effect in effects {
+        let id = effect.id();
+        if effect.rng_stage() != 0 {
+            let _ = writeln!(head, "const {}_STAGE = {}u;", id.to_uppercase(), effect.rng_stage());
+        }
+        if !effect.fields().is_empty() {
+            let _ = writeln!(members, "    @align({UNIFORM_ALIGNMENT}) {id}: {},", uniforms_name(id));
+        }
+        let _ = writeln!(calls, "    value = {id}(value, pixel);");
+    }
+    if !members.is_empty() {
+        let _ = writeln!(head, "struct Effects {{\n{members}}}\n@group(0) @binding(1) var<uniform> effects: Effects;");
+    }
+    let chain = format!(
+        "fn chain(electrons_before: f32, pixel: Pixel) -> f32 {{\n    var value = electrons_before;\n{calls}    return value;\n}}\n"
+    );
+    let mut parts = vec![FRAME, MATH, RNG, &head];
+    parts.extend(effects.iter().map(|effect| effect.wgsl()));
+    parts.push(&chain);
+    parts.push(match output {
+        Output::Electrons => TO_ELECTRONS,
+        Output::Counts => TO_COUNTS,
+    });
+    parts.join("\n")
+}
+
+/// The name of an effect's uniforms in WGSL: `read_noise` → `ReadNoiseUniforms`.
+#[must_use]
+pub fn uniforms_name(id: &str) -> String {
+    let words = id.split('_').map(|word| word[..1].to_uppercase() + &word[1..]);
+    words.collect::<String>() + "Uniforms"
+}

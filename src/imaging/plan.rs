@@ -1,0 +1,142 @@
+//! A configuration that was checked: which effects act, in which order, with which parameters.
+
+use super::tiles;
+use super::{Exposure, ImagingConfig, ImagingError};
+use crate::effects::detector::adc::full_pixel_dn;
+use crate::effects::pixel::{
+    AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, PointSpread, Stage, Star, pixel_effect, point_spread,
+};
+use crate::rng::StageKey;
+
+/// A pixel effect that is switched on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EffectSetting {
+    /// Its id.
+    pub id: String,
+    /// Its parameters by name, every one of them, in any order.
+    pub parameters: Vec<(String, f64)>,
+}
+
+impl EffectSetting {
+    /// An effect with its parameters by name.
+    #[must_use]
+    pub fn new(id: &str, parameters: &[(&str, f64)]) -> Self {
+        Self { id: id.to_owned(), parameters: parameters.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect() }
+    }
+}
+
+/// An effect with its parameters in order.
+#[derive(Clone)]
+pub(super) struct Enabled {
+    pub(super) effect: &'static dyn AnyPixelEffect,
+    parameters: Vec<f64>,
+}
+
+impl std::fmt::Debug for Enabled {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}{:?}", self.effect.id(), self.parameters)
+    }
+}
+
+impl Enabled {
+    fn new(setting: &EffectSetting) -> Result<Self, ImagingError> {
+        let known = || PIXEL_EFFECTS.iter().map(|effect| effect.id()).collect::<Vec<_>>().join(", ");
+        let effect = pixel_effect(&setting.id).ok_or_else(|| ImagingError::UnknownEffect {
+            kind: "pixel effect",
+            id: setting.id.clone(),
+            known: known(),
+        })?;
+        let (id, specs) = (effect.id(), effect.parameters());
+        let bad_name = |problem, parameter: &str| ImagingError::BadParameterName {
+            id,
+            problem,
+            parameter: parameter.to_owned(),
+            known: specs.iter().map(|spec| spec.name).collect::<Vec<_>>().join(", "),
+        };
+        if let Some((stranger, _)) = setting.parameters.iter().find(|(name, _)| specs.iter().all(|spec| spec.name != name)) {
+            return Err(bad_name("does not have", stranger));
+        }
+        let mut parameters = Vec::with_capacity(specs.len());
+        for spec in specs {
+            let (_, value) = setting.parameters.iter().find(|(name, _)| name == spec.name).ok_or_else(|| bad_name("needs", spec.name))?;
+            let (low, high) = spec.range;
+            if !(low..=high).contains(value) {
+                return Err(ImagingError::OutOfRange { id, parameter: spec.name, value: *value, low, high });
+            }
+            parameters.push(*value);
+        }
+        Ok(Self { effect, parameters })
+    }
+
+    pub(super) fn uniforms(&self, exposure: &Exposure<'_>) -> Vec<u8> {
+        self.effect.uniforms(&self.parameters, &ExposureContext { exposure_s: exposure.exposure_s })
+    }
+}
+
+/// The checked configuration.
+pub(super) struct Plan {
+    pub(super) width_px: usize,
+    pub(super) height_px: usize,
+    seed: u64,
+    pub(super) spread: &'static dyn PointSpread,
+    /// In the order in which they act.
+    effects: Vec<Enabled>,
+}
+
+impl std::fmt::Debug for Plan {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} × {} px, seed {}, {}, {:?}", self.width_px, self.height_px, self.seed, self.spread.id(), self.effects)
+    }
+}
+
+impl Plan {
+    pub(super) fn new(config: &ImagingConfig) -> Result<Self, ImagingError> {
+        let &ImagingConfig { width_px, height_px, seed, .. } = config;
+        if !(1..=65_535).contains(&width_px) || !(1..=65_535).contains(&height_px) {
+            return Err(ImagingError::BadSize { width_px, height_px });
+        }
+        let spread = point_spread(&config.point_spread).ok_or_else(|| ImagingError::UnknownEffect {
+            kind: "point spread",
+            id: config.point_spread.clone(),
+            known: POINT_SPREADS.iter().map(|spread| spread.id()).collect::<Vec<_>>().join(", "),
+        })?;
+        let mut effects = config.effects.iter().map(Enabled::new).collect::<Result<Vec<_>, _>>()?;
+        effects.sort_by_key(|enabled| PIXEL_EFFECTS.iter().position(|effect| effect.id() == enabled.effect.id()));
+        if let Some(pair) = effects.windows(2).find(|pair| pair[0].effect.id() == pair[1].effect.id()) {
+            return Err(ImagingError::EffectTwice { id: pair[0].effect.id() });
+        }
+        Ok(Self { width_px, height_px, seed, spread, effects })
+    }
+
+    /// The effects up to and with a stage.
+    pub(super) fn effects_up_to(&self, stage: Option<Stage>) -> &[Enabled] {
+        let count = self.effects.iter().take_while(|enabled| Some(enabled.effect.stage()) <= stage).count();
+        &self.effects[..count]
+    }
+
+    pub(super) fn has_converter(&self) -> bool {
+        self.effects.iter().any(|enabled| enabled.effect.stage() == Stage::Digital)
+    }
+
+    pub(super) fn saturation_dn(&self) -> Option<f32> {
+        self.effects.iter().find(|enabled| enabled.effect.id() == "adc").map(|enabled| full_pixel_dn(&enabled.parameters))
+    }
+
+    /// The words of the seed, low first.
+    pub(super) fn seed_words(&self) -> [u32; 2] {
+        [self.seed as u32, (self.seed >> 32) as u32]
+    }
+
+    pub(super) fn key(&self, effect: &dyn AnyPixelEffect, exposure: &Exposure<'_>) -> StageKey {
+        StageKey { seed: self.seed, frame: exposure.frame_index, stage: effect.rng_stage() }
+    }
+
+    /// The stars of an exposure as they go to the pixels.
+    pub(super) fn stars(&self, exposure: &Exposure<'_>) -> Result<Vec<Star>, ImagingError> {
+        let exposure_s = exposure.exposure_s;
+        if !exposure_s.is_finite() || exposure_s < 0.0 {
+            return Err(ImagingError::BadExposure { exposure_s });
+        }
+        tiles::prepare(exposure.stars, self.spread, self.width_px, self.height_px)
+    }
+}
