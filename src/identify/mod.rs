@@ -1,9 +1,38 @@
 //! Detections → ControlPoints: which catalogue star is which detection, lost in space.
+//!
+//! [`identify`] needs no attitude, and a focal length only to be faster:
+//! 1. Triangles of the brightest detections are looked up among the triangles of an [`Index`] by shape and size, for focal
+//!    lengths around the nominal one or, without one (or if that fails), for all fields 3° to 90° wide, and for some amounts of
+//!    radial distortion. Either handedness is accepted: images may be mirrored.
+//! 2. Each pair of triangles is a hypothesis about attitude and focal length; it must bring further bright detections to stars.
+//! 3. What survives is fitted to all detections (attitude, focal length, k1) with a shrinking radius.
+//! 4. A hypothesis is accepted if the probability that detections which have nothing to do with the stars would match as well
+//!    is below a limit, everything that was tried included; else the frame is not identified, and a sentence says why.
 
+mod control;
+mod index;
+mod misidentify;
+mod odds;
+mod refine;
+mod search;
+mod sky;
+mod solution;
+
+use std::time::Duration;
+
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
+use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Attitude, Direction};
+use crate::detect::Detections;
+use crate::units::DEG_RAD;
+
+pub use control::control_points;
+pub use index::{Index, IndexSize};
+pub use misidentify::{Misidentification, MisidentificationKind, misidentify};
+pub use solution::catalog_directions;
 
 /// A detection with its catalogue star.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,6 +74,95 @@ pub struct Solution {
     pub false_match_probability: f64,
 }
 
+/// How to identify.
+#[derive(Clone, Debug, PartialEq)]
+pub struct IdentifyOptions {
+    /// Focal length in pixels as far as it is known; `None` searches all widths of field.
+    pub nominal_focal_length_px: Option<f64>,
+    /// The focal length is first searched within this factor (0.25: from nominal/1.25 to nominal·1.25).
+    pub focal_length_tolerance: f64,
+    /// Whether all widths of field are searched if the nominal focal length leads to nothing.
+    pub search_beyond_tolerance: bool,
+    /// The widths of field that are searched without a nominal focal length, radians: least and greatest.
+    pub field_width_range_rad: [f64; 2],
+    /// −1: the image is mirrored, +1: it is not; `None`: either.
+    pub parity: Option<i8>,
+    /// A match is accepted only if detections without these stars would match as well with less than this probability.
+    pub max_false_match_probability: f64,
+    /// Give up after this time. Without a limit the answer is the same on every machine.
+    pub time_limit: Option<Duration>,
+}
+
+impl Default for IdentifyOptions {
+    fn default() -> Self {
+        Self {
+            nominal_focal_length_px: None,
+            focal_length_tolerance: 0.25,
+            search_beyond_tolerance: true,
+            field_width_range_rad: [3.0 * DEG_RAD, 90.0 * DEG_RAD],
+            parity: None,
+            max_false_match_probability: 1e-6,
+            time_limit: None,
+        }
+    }
+}
+
+/// The fewest star images of which a frame can be identified.
+const FEWEST_DETECTIONS: usize = 4;
+/// More detections than these, the brightest, are not looked at in the search.
+const MOST_DETECTIONS: usize = 400;
+
+/// Identifies the stars of one frame.
+///
+/// `directions` gives for every star of the catalogue the direction in which its light arrives in this frame; an empty slice
+/// stands for the catalogue's own directions. `index` must have been made of the same catalogue.
+#[must_use]
+pub fn identify(
+    detections: &Detections,
+    catalog: &Catalog,
+    index: &Index,
+    directions: &[Direction<Apparent>],
+    options: &IdentifyOptions,
+) -> Identification {
+    let not = |reason: String| Identification::NotIdentified { reason };
+    let stars = catalog.stars.len();
+    if index.star_count() != stars {
+        return not(format!("The index was made of a catalogue of {} stars, but this one has {stars}: make it of this one.", index.star_count()));
+    }
+    if !directions.is_empty() && directions.len() != stars {
+        return not(format!("There are {} directions for {stars} catalogue stars: give one for each, or none.", directions.len()));
+    }
+    if let Some(fault) = solution::fault_in(options) {
+        return not(fault);
+    }
+    let points = solution::usable_points(detections);
+    let usable = points.centred_px.len();
+    if usable < FEWEST_DETECTIONS {
+        return not(format!(
+            "{usable} usable star image{} of {} detected: fewer than the {FEWEST_DETECTIONS} that a match needs; expose longer or lower the detection threshold.",
+            if usable == 1 { "" } else { "s" },
+            detections.stars.len()
+        ));
+    }
+    let apparent: Vec<Vector3<f64>>;
+    let apparent = if directions.is_empty() {
+        &index.vectors
+    } else {
+        apparent = directions.iter().map(|d| Vector3::from(d.xyz)).collect();
+        &apparent
+    };
+    match search::Search::new(&points, index, apparent, options).run() {
+        Ok(found) => solution::solve(detections, &points, catalog, index, apparent, &found),
+        Err(search::Failure::TimeLimit { limit }) => {
+            not(format!("No match within the time limit of {:.3} s, with {usable} star images: allow more time or give the focal length.", limit.as_secs_f64()))
+        }
+        Err(search::Failure::Exhausted { hypotheses, best_probability }) => not(format!(
+            "None of {hypotheses} hypotheses brings the {usable} star images together with the catalogue better than chance would (the best by chance with probability {best_probability:.1e}, below {:.0e} is asked).",
+            options.max_false_match_probability
+        )),
+    }
+}
+
 /// A measured star image with the direction of the star it is held to be: all that the calibrator sees.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ControlPoint {
@@ -80,6 +198,13 @@ pub struct ControlPoints {
     pub attitudes: Vec<Option<Attitude>>,
     /// The points, in order of frame.
     pub points: Vec<ControlPoint>,
+    /// −1 if the images are mirrored. The points keep the coordinates of the file; see [`ControlPoints::unmirrored`].
+    #[serde(default = "not_mirrored")]
+    pub parity: i8,
+}
+
+fn not_mirrored() -> i8 {
+    1
 }
 
 mod direction_as_array {

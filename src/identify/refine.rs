@@ -1,0 +1,280 @@
+//! From a first guess of attitude and focal length to the best camera that one frame gives, and to what it is worth.
+
+use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
+
+use super::odds;
+
+/// Parameters of the fit: three small rotations, ln f and κ.
+const FREE: usize = 5;
+
+/// Detections ready to be matched: centred on the middle of the frame, brightest first.
+#[derive(Debug)]
+pub(super) struct Points {
+    /// Position relative to the middle of the frame, px (not un-mirrored).
+    pub(super) centred_px: Vec<[f64; 2]>,
+    /// Index into the detections.
+    pub(super) detection: Vec<usize>,
+    /// Half the width and half the height, px.
+    pub(super) half_px: [f64; 2],
+    /// √(width·height), px: the size of the frame in which lengths are measured.
+    pub(super) size_px: f64,
+    /// Half the diagonal, px: the unit of radius for κ.
+    pub(super) corner_px: f64,
+}
+
+/// A hypothesis about how the camera is turned and what it is like.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pose {
+    /// camera_from_icrs.
+    pub(super) rotation: Matrix3<f64>,
+    /// Focal length, px.
+    pub(super) focal_px: f64,
+    /// Relative displacement at the corner: the point at radius r belongs at r·(1 − κ·(r/corner)²); κ = k1·corner².
+    pub(super) kappa: f64,
+    /// −1 if mirrored.
+    pub(super) parity: f64,
+}
+
+impl Pose {
+    /// Where a direction (ICRS axes) appears, relative to the middle of the un-mirrored frame, px.
+    pub(super) fn project(&self, direction: &Vector3<f64>, corner_px: f64) -> Option<[f64; 2]> {
+        let v = self.rotation * direction;
+        if v.z <= 0.05 {
+            return None;
+        }
+        let ideal = [self.focal_px * v.x / v.z, self.focal_px * v.y / v.z];
+        // r_ideal = r (1 − κ r²): Newton's method in the one radius, in units of the corner.
+        let target = ideal[0].hypot(ideal[1]) / corner_px;
+        if target > 3.0 {
+            return None;
+        }
+        if self.kappa == 0.0 || target == 0.0 {
+            return Some(ideal);
+        }
+        let mut r = target;
+        for _ in 0..8 {
+            let slope = 1.0 - 3.0 * self.kappa * r * r;
+            if slope < 0.05 {
+                return None; // beyond the fold
+            }
+            let step = (target - r * (1.0 - self.kappa * r * r)) / slope;
+            r += step;
+            if step.abs() < 1e-12 {
+                break;
+            }
+        }
+        (r > 0.0 && r.is_finite()).then(|| ideal.map(|c| c * r / target))
+    }
+}
+
+/// A matched pair: index into the points, index into the catalogue.
+pub(super) type Pair = (usize, u32);
+
+/// The catalogue stars laid over a frame.
+struct Overlay {
+    /// Position relative to the middle, px, and index into the catalogue; brightest first.
+    stars: Vec<([f64; 2], u32)>,
+}
+
+impl Overlay {
+    fn new(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], candidates: &[u32], limit: usize) -> Self {
+        let mut stars = Vec::with_capacity(limit);
+        for &star in candidates {
+            if let Some(at) = pose.project(&vectors[star as usize], points.corner_px)
+                && at[0].abs() <= points.half_px[0]
+                && at[1].abs() <= points.half_px[1]
+            {
+                stars.push((at, star));
+                if stars.len() == limit {
+                    break;
+                }
+            }
+        }
+        Self { stars }
+    }
+
+    /// Unique nearest pairs within `radius_px` among the first `points_used` points and the first `stars_used` stars.
+    fn pairs(&self, pose: &Pose, points: &Points, points_used: usize, stars_used: usize, radius_px: f64) -> Vec<Pair> {
+        let stars = &self.stars[..stars_used.min(self.stars.len())];
+        let mut by_y: Vec<(f64, f64, u32)> = stars.iter().map(|&([x, y], star)| (y, x, star)).collect();
+        by_y.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.2.cmp(&b.2)));
+        let mut all: Vec<(f64, usize, u32)> = Vec::new();
+        for (point, &[x, y]) in points.centred_px.iter().take(points_used).enumerate() {
+            let x = x * pose.parity;
+            let start = by_y.partition_point(|s| s.0 < y - radius_px);
+            for &(star_y, star_x, star) in by_y[start..].iter().take_while(|s| s.0 <= y + radius_px) {
+                let distance2 = (star_x - x).powi(2) + (star_y - y).powi(2);
+                if distance2 <= radius_px * radius_px {
+                    all.push((distance2, point, star));
+                }
+            }
+        }
+        all.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+        let (mut points_taken, mut stars_taken) = (vec![false; points_used], Vec::new());
+        let mut pairs = Vec::new();
+        for (_, point, star) in all {
+            if !points_taken[point] && !stars_taken.contains(&star) {
+                points_taken[point] = true;
+                stars_taken.push(star);
+                pairs.push((point, star));
+            }
+        }
+        pairs.sort_unstable();
+        pairs
+    }
+
+    /// Mean number of chance matches: the sum over the points of the local density of stars times the area of the circle.
+    fn chance_matches(&self, pose: &Pose, points: &Points, points_used: usize, stars_used: usize, radius_px: f64) -> f64 {
+        let stars = &self.stars[..stars_used.min(self.stars.len())];
+        let area = 4.0 * points.half_px[0] * points.half_px[1];
+        let everywhere = stars.len() as f64 / area;
+        // Around each point the density is taken from a circle that holds four stars on average, if it is higher there.
+        let reach2 = 4.0 / (std::f64::consts::PI * everywhere.max(1e-300));
+        let used = points_used.min(points.centred_px.len());
+        let total: f64 = points
+            .centred_px
+            .iter()
+            .take(used)
+            .map(|&[x, y]| {
+                let near = stars.iter().filter(|([sx, sy], _)| (sx - x * pose.parity).powi(2) + (sy - y).powi(2) <= reach2).count();
+                everywhere * (near as f64 / 4.0).max(1.0)
+            })
+            .sum();
+        total * std::f64::consts::PI * radius_px * radius_px
+    }
+}
+
+/// The rotation nearest to a matrix that has drifted from one.
+fn orthonormal(m: &Matrix3<f64>) -> Matrix3<f64> {
+    *UnitQuaternion::from_matrix(m).to_rotation_matrix().matrix()
+}
+
+/// One Gauss–Newton step of attitude, ln f and (if `fit_kappa`) κ on the pairs; residuals beyond a few times their median
+/// count less (Cauchy). `None` if the pairs do not determine it.
+fn step(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], pairs: &[Pair], fit_kappa: bool) -> Option<(Pose, f64)> {
+    let mut rows: Vec<([[f64; FREE]; 2], [f64; 2])> = Vec::with_capacity(pairs.len());
+    let f = pose.focal_px;
+    for &(point, star) in pairs {
+        let [x, y] = points.centred_px[point];
+        let x = x * pose.parity;
+        let v = pose.rotation * vectors[star as usize];
+        if v.z <= 0.05 {
+            continue;
+        }
+        let (u, w) = (v.x / v.z, v.y / v.z);
+        let rr = (x * x + y * y) / (points.corner_px * points.corner_px);
+        let shrink = 1.0 - pose.kappa * rr;
+        // residual = undistorted measured point − ideal point; columns are its derivatives, turned so that the step is added
+        // to the pose. Rotation: v → v + ω × v, with f·ω as the parameter so that all columns are px per px.
+        let residual = [x * shrink - f * u, y * shrink - f * w];
+        let columns = [[-u * w, 1.0 + u * u, -w, f * u, x * rr], [-(1.0 + w * w), u * w, u, f * w, y * rr]];
+        rows.push((columns, residual));
+    }
+    if rows.len() < 3 {
+        return None;
+    }
+    let mut lengths: Vec<f64> = rows.iter().map(|(_, [a, b])| a.hypot(*b)).collect();
+    lengths.sort_unstable_by(f64::total_cmp);
+    let scale = (2.0 * lengths[lengths.len() / 2]).max(0.05);
+    let mut normal = SMatrix::<f64, FREE, FREE>::zeros();
+    let mut right = SVector::<f64, FREE>::zeros();
+    for (columns, residual) in &rows {
+        let weight = 1.0 / (1.0 + (residual[0] * residual[0] + residual[1] * residual[1]) / (scale * scale));
+        for (row, r) in columns.iter().zip(residual) {
+            let row = SVector::<f64, FREE>::from(*row);
+            normal += row * row.transpose() * weight;
+            right += row * (weight * r);
+        }
+    }
+    if !fit_kappa {
+        normal[(4, 4)] = f64::MAX.sqrt();
+        right[4] = 0.0;
+    } else {
+        // Worth one measurement of 1 px if κ were wrong by 0.1: keeps a field of a few central stars from inventing distortion.
+        normal[(4, 4)] += 100.0;
+    }
+    let delta = normal.cholesky()?.solve(&right);
+    if !delta.iter().all(|d| d.is_finite()) {
+        return None;
+    }
+    let turn = Rotation3::new(Vector3::new(delta[0], delta[1], delta[2]) / f);
+    let pose = Pose {
+        rotation: orthonormal(&(turn.matrix() * pose.rotation)),
+        focal_px: f * delta[3].clamp(-0.2, 0.2).exp(),
+        kappa: (pose.kappa + delta[4]).clamp(-0.6, 0.3),
+        ..*pose
+    };
+    let moved = delta[0].abs().max(delta[1].abs()).max(delta[2].abs()).max((delta[3] * f).abs());
+    Some((pose, moved))
+}
+
+/// Repeats [`step`] until it no longer moves.
+pub(super) fn fit(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], pairs: &[Pair], fit_kappa: bool) -> Option<Pose> {
+    let mut pose = *pose;
+    for _ in 0..8 {
+        let (next, moved) = step(&pose, points, vectors, pairs, fit_kappa)?;
+        pose = next;
+        if moved < 1e-4 {
+            break;
+        }
+    }
+    Some(pose)
+}
+
+/// A pose that the detections support, with ln of the probability that one hypothesis gets as much support by chance.
+#[derive(Clone, Debug)]
+pub(super) struct Supported {
+    pub(super) pose: Pose,
+    pub(super) ln_probability: f64,
+}
+
+/// How many of the brightest detections speak about a hypothesis.
+const POINTS_USED: usize = 100;
+/// Radii, in frame sizes, within which matches are counted: from half a pixel in a thousand to several.
+const RADII: [f64; 5] = [0.000_7, 0.001_5, 0.003, 0.006, 0.012];
+/// Catalogue stars laid over for one detection.
+const DEPTHS: [f64; 2] = [1.0, 2.0];
+
+/// Refines a hypothesis and weighs it; `None` as soon as it is plain that it is no better than chance.
+///
+/// `vectors` are the directions as they appear in this frame, `near` the catalogue stars (brightest first) that may be in it.
+pub(super) fn refine(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], near: &[u32]) -> Option<Supported> {
+    let used = points.centred_px.len().min(POINTS_USED);
+    let most = ((used as f64 * DEPTHS[1]) as usize).max(8);
+    let wide = RADII[4] * points.size_px;
+    // A first look at few bright stars costs little and dismisses nearly all.
+    let few = used.min(40);
+    let overlay = Overlay::new(pose, points, vectors, near, most);
+    let pairs = overlay.pairs(pose, points, few, few.max(8), wide);
+    let by_chance = overlay.chance_matches(pose, points, few, few.max(8), wide);
+    if pairs.len() < 4 || odds::ln_poisson_tail(by_chance, pairs.len() - 3) > -1.0 {
+        return None;
+    }
+    let mut pose = fit(pose, points, vectors, &pairs, false)?;
+    let mut fitted_kappa = false;
+    for radius in [1.0, 1.0, 0.6, 0.4, 0.3, 0.3] {
+        let overlay = Overlay::new(&pose, points, vectors, near, most);
+        let pairs = overlay.pairs(&pose, points, used, most, radius * wide);
+        if pairs.len() < 4 {
+            return None;
+        }
+        fitted_kappa |= pairs.len() >= 8;
+        pose = fit(&pose, points, vectors, &pairs, pairs.len() >= 8)?;
+    }
+    let spent = 3 + usize::from(fitted_kappa);
+    let overlay = Overlay::new(&pose, points, vectors, near, most);
+    let mut best = 0.0_f64;
+    for depth in DEPTHS {
+        let stars_used = ((used as f64 * depth) as usize).max(8);
+        for radius in RADII {
+            let radius_px = radius * points.size_px;
+            let matched = overlay.pairs(&pose, points, used, stars_used, radius_px).len();
+            if matched > spent {
+                let by_chance = overlay.chance_matches(&pose, points, used, stars_used, radius_px);
+                best = best.min(odds::ln_poisson_tail(by_chance, matched - spent));
+            }
+        }
+    }
+    let tried = ((RADII.len() * DEPTHS.len()) as f64).ln();
+    Some(Supported { pose, ln_probability: best + tried })
+}
