@@ -11,7 +11,6 @@ use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 use super::sky::{NearTable, Zones};
 use crate::catalog::Catalog;
@@ -20,7 +19,7 @@ use crate::units::DEG_RAD;
 /// A star is in a level's triangles if fewer than this many brighter ones stand in the disc of area w² around it.
 const INDEX_STARS: usize = 18;
 /// The same for the denser set against which further detections are checked.
-const CHECK_STARS: usize = 48;
+pub(super) const CHECK_STARS: usize = 48;
 /// Longest side of a triangle over the width of the level: from, to.
 const LONGEST: [f64; 2] = [0.12, 0.60];
 /// Least ratio of the shortest side to the longest.
@@ -125,9 +124,9 @@ impl Index {
 
     /// Builds every level now (otherwise each is built when first needed) and says how large they are.
     pub fn build(&self) -> IndexSize {
-        (0..LEVELS).into_par_iter().for_each(|number| {
+        for number in 0..LEVELS {
             self.level(number);
-        });
+        }
         self.size()
     }
 
@@ -149,10 +148,9 @@ impl Index {
     }
 
     /// The level whose width is nearest to `width_rad`, `coarser` steps up (for fields with few stars).
-    pub(super) fn level_for(&self, width_rad: f64, coarser: usize) -> (usize, &Level) {
+    pub(super) fn level_for(&self, width_rad: f64, coarser: usize) -> &Level {
         let number = (2.0 * (width_rad / FIRST_WIDTH_RAD).log2()).round().clamp(0.0, (LEVELS - 1) as f64) as usize;
-        let number = (number + coarser).min(LEVELS - 1);
-        (number, self.level(number))
+        self.level((number + coarser).min(LEVELS - 1))
     }
 
     fn level(&self, number: usize) -> &Level {
@@ -193,14 +191,20 @@ impl Level {
     fn build(vectors: &[Vector3<f64>], width_rad: f64) -> Self {
         let start = Instant::now();
         let (index_stars, check_stars) = select(vectors, width_rad);
-        let mut triangles = triangles_of(vectors, &index_stars, width_rad);
+        let unsorted = triangles_of(vectors, &index_stars, width_rad);
         let mut offsets = vec![0_u32; LOG_BINS * MIDDLE_BINS * SHORT_BINS + 1];
-        triangles.par_sort_by_key(Triangle::cell);
-        for triangle in &triangles {
+        for triangle in &unsorted {
             offsets[triangle.cell() + 1] += 1;
         }
         for cell in 1..offsets.len() {
             offsets[cell] += offsets[cell - 1];
+        }
+        let mut places = offsets.clone();
+        let mut triangles = vec![Triangle { stars: [0; 3], features: [0; 3] }; unsorted.len()];
+        for triangle in unsorted {
+            let place = &mut places[triangle.cell()];
+            triangles[*place as usize] = triangle;
+            *place += 1;
         }
         let near = NearTable::new(vectors, &check_stars, MAX_CHECK_RADIUS * width_rad, 0.1 * width_rad);
         Self { width_rad, near, triangles, offsets, build_time: start.elapsed() }
@@ -272,14 +276,16 @@ fn select(vectors: &[Vector3<f64>], width_rad: f64) -> (Vec<u32>, Vec<u32>) {
     let enough = 4.0 * CHECK_STARS as f64 * 4.0 * std::f64::consts::PI / (width_rad * width_rad);
     let count = vectors.len().min(enough as usize + 100);
     let zones = Zones::new(vectors, 0..count as u32, radius_rad.min(0.5));
-    let brighter: Vec<usize> = (0..count as u32)
-        .into_par_iter()
-        .map_init(Vec::new, |near, star| {
+    let all: Vec<u32> = (0..count as u32).collect();
+    let brighter: Vec<usize> = in_threads(&all, |stars| {
+        let mut near = Vec::new();
+        let count = |&star: &u32| {
             near.clear();
-            zones.within(vectors, &vectors[star as usize], radius_rad, near);
+            zones.within(vectors, &vectors[star as usize], radius_rad, &mut near);
             near.iter().filter(|&&other| other < star).count()
-        })
-        .collect();
+        };
+        stars.iter().map(count).collect()
+    });
     let among = |limit: usize| (0..count as u32).filter(|&star| brighter[star as usize] < limit).collect();
     (among(INDEX_STARS), among(CHECK_STARS))
 }
@@ -289,14 +295,13 @@ fn triangles_of(vectors: &[Vector3<f64>], stars: &[u32], width_rad: f64) -> Vec<
     let (least, most) = (LONGEST[0] * width_rad, LONGEST[1] * width_rad);
     let reach_rad = 2.0 * (most / 2.0).min(1.0).asin();
     let zones = Zones::new(vectors, stars.iter().copied(), reach_rad.min(0.5));
-    stars
-        .par_iter()
-        .flat_map_iter(|&first| {
-            let mut near = Vec::new();
+    in_threads(stars, |firsts| {
+        let (mut near, mut triangles) = (Vec::new(), Vec::new());
+        for &first in firsts {
+            near.clear();
             zones.within(vectors, &vectors[first as usize], reach_rad, &mut near);
             near.retain(|&other| other > first);
             near.sort_unstable();
-            let mut triangles = Vec::new();
             let a = vectors[first as usize];
             for (position, &second) in near.iter().enumerate() {
                 let b = vectors[second as usize];
@@ -315,7 +320,39 @@ fn triangles_of(vectors: &[Vector3<f64>], stars: &[u32], width_rad: f64) -> Vec<
                     }
                 }
             }
-            triangles
-        })
-        .collect()
+        }
+        triangles
+    })
+}
+
+/// Gives chunks of `items` to `work` on several threads; the results stand in the order of the items.
+///
+/// Threads of its own, not rayon's: a level is built inside a lock that only one thread may hold, and a rayon worker that
+/// waits here would steal another frame's identification, which waits for the same lock.
+fn in_threads<T: Send>(items: &[u32], work: impl Fn(&[u32]) -> Vec<T> + Sync) -> Vec<T> {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(16);
+    let chunk = items.len().div_ceil(threads * 4).max(64);
+    let chunks: Vec<&[u32]> = items.chunks(chunk).collect();
+    let next = std::sync::atomic::AtomicUsize::new(0);
+    let mut done: Vec<(usize, Vec<T>)> = std::thread::scope(|scope| {
+        let run = || {
+            let mut mine = Vec::new();
+            loop {
+                let number = next.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+                let Some(part) = chunks.get(number) else { return mine };
+                mine.push((number, work(part)));
+            }
+        };
+        let others: Vec<_> = (1..threads).map(|_| scope.spawn(run)).collect();
+        let mut all = run();
+        for other in others {
+            match other.join() {
+                Ok(part) => all.extend(part),
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
+        }
+        all
+    });
+    done.sort_by_key(|(number, _)| *number);
+    done.into_iter().flat_map(|(_, part)| part).collect()
 }

@@ -29,7 +29,7 @@ use crate::coordinates::{Apparent, Attitude, Direction};
 use crate::detect::Detections;
 use crate::units::DEG_RAD;
 
-pub use control::control_points;
+pub use control::{IdentifiedFrame, control_points};
 pub use index::{Index, IndexSize};
 pub use misidentify::{Misidentification, MisidentificationKind, misidentify};
 pub use solution::catalog_directions;
@@ -132,8 +132,11 @@ pub fn identify(
     if !directions.is_empty() && directions.len() != stars {
         return not(format!("There are {} directions for {stars} catalogue stars: give one for each, or none.", directions.len()));
     }
-    if let Some(fault) = solution::fault_in(options) {
+    if let Some(fault) = solution::fault_in(options, detections) {
         return not(fault);
+    }
+    if detections.width_px == 0 || detections.height_px == 0 {
+        return not(format!("The frame has {}×{} pixels: there is nothing in it.", detections.width_px, detections.height_px));
     }
     let points = solution::usable_points(detections);
     let usable = points.centred_px.len();

@@ -228,49 +228,55 @@ pub(super) struct Supported {
     pub(super) ln_probability: f64,
 }
 
-/// How many of the brightest detections speak about a hypothesis.
-const POINTS_USED: usize = 100;
 /// Radii, in frame sizes, within which matches are counted: from half a pixel in a thousand to several.
 const RADII: [f64; 5] = [0.000_7, 0.001_5, 0.003, 0.006, 0.012];
 /// Catalogue stars laid over for one detection.
-const DEPTHS: [f64; 2] = [1.0, 2.0];
+const DEPTHS: [f64; 3] = [0.4, 1.0, 2.0];
+/// In the fit only so many stars are laid over that their circles cover this part of the frame: more would match by chance.
+const COVERED: f64 = 0.04;
+/// ln of the probability by chance that a first look must go below.
+const FIRST_LOOK: f64 = -3.0;
 
-/// Refines a hypothesis and weighs it; `None` as soon as it is plain that it is no better than chance.
+/// Refines a hypothesis and weighs it on the brightest `judges` detections; `None` as soon as it is plain that it is no better
+/// than chance.
 ///
 /// `vectors` are the directions as they appear in this frame, `near` the catalogue stars (brightest first) that may be in it.
-pub(super) fn refine(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], near: &[u32]) -> Option<Supported> {
-    let used = points.centred_px.len().min(POINTS_USED);
-    let most = ((used as f64 * DEPTHS[1]) as usize).max(8);
+pub(super) fn refine(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], near: &[u32], judges: usize) -> Option<Supported> {
+    let used = points.centred_px.len().min(judges);
+    let depth = |share: f64| ((used as f64 * share) as usize).max(8);
+    let most = depth(DEPTHS[2]);
     let wide = RADII[4] * points.size_px;
-    // A first look at few bright stars costs little and dismisses nearly all.
-    let few = used.min(40);
-    let overlay = Overlay::new(pose, points, vectors, near, most);
-    let pairs = overlay.pairs(pose, points, few, few.max(8), wide);
-    let by_chance = overlay.chance_matches(pose, points, few, few.max(8), wide);
-    if pairs.len() < 4 || odds::ln_poisson_tail(by_chance, pairs.len() - 3) > -1.0 {
-        return None;
-    }
-    let mut pose = fit(pose, points, vectors, &pairs, false)?;
+    let area = points.size_px * points.size_px;
+    let sparse = |radius_px: f64| ((COVERED * area / (std::f64::consts::PI * radius_px * radius_px)) as usize).clamp(8, most);
+    let mut pose = *pose;
     let mut fitted_kappa = false;
-    for radius in [1.0, 1.0, 0.6, 0.4, 0.3, 0.3] {
-        let overlay = Overlay::new(&pose, points, vectors, near, most);
-        let pairs = overlay.pairs(&pose, points, used, most, radius * wide);
+    // A first look at the wide radius dismisses nearly all that are wrong.
+    for (turn, radius) in [1.0, 1.0, 0.6, 0.4, 0.3, 0.3].into_iter().enumerate() {
+        let radius_px = radius * wide;
+        let overlay = Overlay::new(&pose, points, vectors, near, sparse(radius_px));
+        let pairs = overlay.pairs(&pose, points, used, usize::MAX, radius_px);
         if pairs.len() < 4 {
             return None;
         }
-        fitted_kappa |= pairs.len() >= 8;
-        pose = fit(&pose, points, vectors, &pairs, pairs.len() >= 8)?;
+        if turn == 0 {
+            let by_chance = overlay.chance_matches(&pose, points, used, usize::MAX, radius_px);
+            if odds::ln_poisson_tail(by_chance, pairs.len() - 3) > FIRST_LOOK {
+                return None;
+            }
+        }
+        let fit_kappa = turn > 0 && pairs.len() >= 8;
+        fitted_kappa |= fit_kappa;
+        pose = fit(&pose, points, vectors, &pairs, fit_kappa)?;
     }
     let spent = 3 + usize::from(fitted_kappa);
     let overlay = Overlay::new(&pose, points, vectors, near, most);
     let mut best = 0.0_f64;
-    for depth in DEPTHS {
-        let stars_used = ((used as f64 * depth) as usize).max(8);
+    for share in DEPTHS {
         for radius in RADII {
             let radius_px = radius * points.size_px;
-            let matched = overlay.pairs(&pose, points, used, stars_used, radius_px).len();
+            let matched = overlay.pairs(&pose, points, used, depth(share), radius_px).len();
             if matched > spent {
-                let by_chance = overlay.chance_matches(&pose, points, used, stars_used, radius_px);
+                let by_chance = overlay.chance_matches(&pose, points, used, depth(share), radius_px);
                 best = best.min(odds::ln_poisson_tail(by_chance, matched - spent));
             }
         }

@@ -3,21 +3,36 @@
 use std::time::{Duration, Instant};
 
 use nalgebra::{Matrix3, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
 
-use super::index::{Index, Level, MAX_CHECK_RADIUS, Shape, Triangle};
+use super::index::{CHECK_STARS, Index, Level, MAX_CHECK_RADIUS, Shape, Triangle};
 use super::refine::{self, Points, Pose, Supported};
 use super::{IdentifyOptions, odds};
 
 /// Radius within which a further detection must find a star, over the frame's size.
 const CHECK_RADIUS: f64 = 0.008;
-/// Further detections that are looked at in the check of a candidate.
-const CHECKED: usize = 24;
+/// Detections that are looked at in the check of a candidate of the brightest.
+const CHECKED: usize = 64;
+/// A candidate must find so many stars that chance finds as many with less than this (ln).
+const CHECK_LN_PROBABILITY: f64 = -3.0;
+/// Triangles by chance are drawn from so many of the brightest detections, and checked against as many.
+const DRAWN_FROM: usize = 200;
+
+/// Which triangles of detections a stage tries.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Choice {
+    /// All of the brightest so many detections.
+    Brightest(usize),
+    /// So many by chance, of all detections: where false ones are brighter than the stars, the brightest are no better than others.
+    Drawn(usize),
+}
+use Choice::{Brightest, Drawn};
 
 /// One pass over the focal lengths.
 #[derive(Clone, Copy, Debug)]
 struct Stage {
-    /// Triangles are formed of the brightest so many detections.
-    detections: usize,
+    choice: Choice,
     /// Tolerance of the ratios of the sides.
     ratio_tolerance: f64,
     /// Relative displacement at the corner that is taken away first.
@@ -26,27 +41,38 @@ struct Stage {
     coarser: usize,
 }
 
-const fn stage(detections: usize, ratio_tolerance: f64, kappa: f64, coarser: usize) -> Stage {
-    Stage { detections, ratio_tolerance, kappa, coarser }
+impl Stage {
+    /// How many detections speak about a candidate.
+    const fn judges(&self) -> usize {
+        match self.choice {
+            Brightest(_) => CHECKED,
+            Drawn(_) => DRAWN_FROM,
+        }
+    }
+}
+
+const fn stage(choice: Choice, ratio_tolerance: f64, kappa: f64, coarser: usize) -> Stage {
+    Stage { choice, ratio_tolerance, kappa, coarser }
 }
 
 /// From the likely and cheap to the rest: more detections for false stars, distortions of either sign, a wider tolerance for
 /// noise, and sparser stars for images that show only few.
-const STAGES: [Stage; 14] = [
-    stage(10, 0.005, 0.0, 0),
-    stage(16, 0.005, 0.0, 0),
-    stage(10, 0.010, 0.0, 2),
-    stage(14, 0.007, -0.04, 0),
-    stage(24, 0.005, 0.0, 0),
-    stage(14, 0.007, -0.09, 0),
-    stage(14, 0.007, 0.04, 0),
-    stage(14, 0.015, 0.0, 0),
-    stage(32, 0.005, 0.0, 0),
-    stage(20, 0.007, -0.16, 0),
-    stage(20, 0.007, -0.04, 0),
-    stage(20, 0.007, -0.24, 0),
-    stage(20, 0.015, 0.0, 1),
-    stage(48, 0.005, 0.0, 0),
+const STAGES: [Stage; 15] = [
+    stage(Brightest(10), 0.005, 0.0, 0),
+    stage(Brightest(16), 0.005, 0.0, 0),
+    stage(Drawn(300), 0.005, 0.0, 0),
+    stage(Brightest(10), 0.010, 0.0, 2),
+    stage(Brightest(14), 0.007, -0.04, 0),
+    stage(Brightest(24), 0.005, 0.0, 0),
+    stage(Brightest(14), 0.007, -0.09, 0),
+    stage(Brightest(14), 0.007, 0.04, 0),
+    stage(Brightest(14), 0.015, 0.0, 0),
+    stage(Brightest(20), 0.007, -0.16, 0),
+    stage(Brightest(20), 0.007, -0.04, 0),
+    stage(Brightest(20), 0.007, -0.24, 0),
+    stage(Brightest(20), 0.015, 0.0, 1),
+    stage(Drawn(1500), 0.005, 0.0, 0),
+    stage(Brightest(32), 0.005, 0.0, 0),
 ];
 
 /// Why a search ended without an answer.
@@ -76,28 +102,22 @@ pub(super) struct Search<'a> {
     hypotheses: u64,
     best_probability: f64,
     found: Option<Found>,
-    late: bool,
 }
 
 impl<'a> Search<'a> {
     pub(super) fn new(points: &'a Points, index: &'a Index, apparent: &'a [Vector3<f64>], options: &'a IdentifyOptions) -> Self {
         let deadline = options.time_limit.and_then(|limit| Some((Instant::now().checked_add(limit)?, limit)));
-        Self { points, index, apparent, options, deadline, hypotheses: 0, best_probability: 1.0, found: None, late: false }
+        Self { points, index, apparent, options, deadline, hypotheses: 0, best_probability: 1.0, found: None }
     }
 
     /// Runs all stages over each list of focal lengths in turn until a hypothesis is accepted.
     pub(super) fn run(mut self) -> Result<Found, Failure> {
-        for (pass, focal_lengths) in self.focal_lengths().into_iter().enumerate() {
-            // What the first pass (around the nominal value) tried is small against the second and is tried again.
-            let stages = if pass == 0 && self.options.nominal_focal_length_px.is_some() { &STAGES[..] } else { &STAGES[..STAGES.len() - 1] };
-            for (number, stage) in stages.iter().enumerate() {
+        for focal_lengths in self.focal_lengths() {
+            for (number, stage) in STAGES.iter().enumerate() {
                 // Triangles of detections that an earlier stage with the same settings has tried are not tried again.
-                let done = STAGES[..number]
-                    .iter()
-                    .filter(|s| s.kappa == stage.kappa && s.coarser == stage.coarser && s.ratio_tolerance >= stage.ratio_tolerance)
-                    .map(|s| s.detections)
-                    .max()
-                    .unwrap_or(0);
+                let same = |s: &&Stage| s.kappa == stage.kappa && s.coarser == stage.coarser && s.ratio_tolerance >= stage.ratio_tolerance;
+                let tried = |s: &Stage| if let Brightest(count) = s.choice { count } else { 0 };
+                let done = STAGES[..number].iter().filter(same).map(tried).max().unwrap_or(0);
                 for &(focal_px, log_tolerance) in &focal_lengths {
                     if !self.try_focal_length(stage, done, focal_px, log_tolerance) {
                         if let Some(found) = self.found {
@@ -149,52 +169,58 @@ impl<'a> Search<'a> {
         0.02 / (1.0 + t * t)
     }
 
-    /// Tries all triangles of a stage at one focal length. `false` = stop (found, or out of time).
+    /// Tries the triangles of a stage at one focal length. `false` = stop (found, or out of time).
     fn try_focal_length(&mut self, stage: &Stage, done: usize, focal_px: f64, half_step: f64) -> bool {
-        let points = self.points;
-        let count = points.centred_px.len().min(stage.detections);
-        if count <= done {
-            return true;
+        if self.out_of_time() {
+            return false;
         }
+        let points = self.points;
+        let all = points.centred_px.len();
+        let used = match stage.choice {
+            Brightest(count) if all <= done || count <= done => return true,
+            Brightest(count) => count.min(all),
+            Drawn(_) => all.min(DRAWN_FROM),
+        };
         let width_rad = 2.0 * (points.size_px / (2.0 * focal_px)).atan();
         let index = self.index;
-        let (_, level) = index.level_for(width_rad, stage.coarser);
-        let ideal: Vec<[f64; 2]> = points.centred_px.iter().take(count.max(CHECKED + 3)).map(|p| undistort(*p, stage.kappa, points.corner_px)).collect();
-        let rays = |f: f64| -> Vec<Vector3<f64>> { ideal[..count].iter().map(|&[x, y]| Vector3::new(x, y, f).normalize()).collect() };
-        // The same at a focal length 1 % larger tells how the sides depend on it.
-        let (at, above) = (rays(focal_px), rays(focal_px * 1.01));
-        let mut sides = vec![0.0; count * count];
-        for i in 0..count {
-            for j in 0..count {
-                sides[i * count + j] = (at[i] - at[j]).norm();
-            }
-        }
-        let [least, most] = level.longest_range();
-        for k in done.max(2)..count {
-            if let Some((deadline, _)) = self.deadline
-                && Instant::now() >= deadline
-            {
-                self.late = true;
-                return false;
-            }
-            for j in 1..k {
-                let jk = sides[j * count + k];
-                if jk > most {
-                    continue;
-                }
-                for i in 0..j {
-                    let (ij, ik) = (sides[i * count + j], sides[i * count + k]);
-                    let Some(shape) = Shape::new([jk, ik, ij]) else { continue };
-                    if shape.longest < least || shape.longest > most {
-                        continue;
+        let level = index.level_for(width_rad, stage.coarser);
+        let ideal: Vec<[f64; 2]> =
+            points.centred_px.iter().take(used.max(stage.judges())).map(|p| undistort(*p, stage.kappa, points.corner_px)).collect();
+        let rays: Vec<Vector3<f64>> = ideal[..used].iter().map(|&[x, y]| Vector3::new(x, y, focal_px).normalize()).collect();
+        let context = Context { stage, level, ideal: &ideal, focal_px, half_step };
+        match stage.choice {
+            Brightest(_) => {
+                let mut sides = vec![0.0; used * used];
+                for i in 0..used {
+                    for j in 0..used {
+                        sides[i * used + j] = (rays[i] - rays[j]).norm();
                     }
-                    let corners = shape.order.map(|corner| [i, j, k][corner]);
-                    let longer = (above[corners[1]] - above[corners[2]]).norm();
-                    let sensitivity = (longer / shape.longest).ln() / 0.01; // d ln side / d ln f, about −1
-                    let trial = Trial { stage, level, ideal: &ideal, corners, longest: shape.longest, focal_px, sensitivity };
-                    // Noise of a pixel or two in the longest side adds to the step.
-                    let log_tolerance = half_step * sensitivity.abs() + 0.004;
-                    if !level.look_up(&shape, log_tolerance, stage.ratio_tolerance, |triangle| self.try_candidate(&trial, triangle)) {
+                }
+                let most = level.longest_range()[1];
+                for k in done.max(2)..used {
+                    for j in 1..k {
+                        let jk = sides[j * used + k];
+                        if jk > most {
+                            continue;
+                        }
+                        for i in 0..j {
+                            if !self.try_triangle(&context, [i, j, k], [jk, sides[i * used + k], sides[i * used + j]]) {
+                                return false;
+                            }
+                        }
+                    }
+                }
+            }
+            Drawn(wanted) => {
+                let mut rng = Pcg64Mcg::seed_from_u64(used as u64);
+                let (mut tried, mut draws) = (0, 0);
+                while tried < wanted && draws < 8 * wanted {
+                    draws += 1;
+                    let corners = [0; 3].map(|_| rng.random_range(0..used));
+                    let side = |a: usize, b: usize| (rays[corners[a]] - rays[corners[b]]).norm();
+                    let sides = [side(1, 2), side(0, 2), side(0, 1)];
+                    tried += usize::from(context.usable(sides).is_some());
+                    if !self.try_triangle(&context, corners, sides) {
                         return false;
                     }
                 }
@@ -203,17 +229,41 @@ impl<'a> Search<'a> {
         true
     }
 
+    fn out_of_time(&self) -> bool {
+        self.deadline.is_some_and(|(deadline, _)| Instant::now() >= deadline)
+    }
+
+    /// Tries one triangle of detections. `false` = accepted or out of time, stop.
+    fn try_triangle(&mut self, context: &Context<'_>, corners: [usize; 3], sides: [f64; 3]) -> bool {
+        let Some(shape) = context.usable(sides) else { return true };
+        let corners = shape.order.map(|corner| corners[corner]);
+        // d ln side / d ln f, about −1, from the side at a focal length 1 % larger.
+        let ray = |corner: usize| {
+            let [x, y] = context.ideal[corner];
+            Vector3::new(x, y, 1.01 * context.focal_px).normalize()
+        };
+        let sensitivity = ((ray(corners[1]) - ray(corners[2])).norm() / shape.longest).ln() / 0.01;
+        let trial = Trial { context, corners, longest: shape.longest, sensitivity };
+        // Noise of a pixel or two in the longest side adds to the step.
+        let log_tolerance = context.half_step * sensitivity.abs() + 0.004;
+        context.level.look_up(&shape, log_tolerance, context.stage.ratio_tolerance, |triangle| self.try_candidate(&trial, triangle))
+    }
+
     /// Tries one pair of triangles. `false` = accepted, stop.
     fn try_candidate(&mut self, trial: &Trial<'_>, triangle: &Triangle) -> bool {
         self.hypotheses += 1;
+        if self.hypotheses % 1024 == 0 && self.out_of_time() {
+            return false;
+        }
         let Some(pose) = trial.pose(triangle, &self.index.vectors) else { return true };
         if self.options.parity.is_some_and(|parity| f64::from(parity) != pose.parity) || !self.checks_out(trial, &pose) {
             return true;
         }
         let boresight = Vector3::from(pose.rotation.row(2).transpose());
         let radius = (self.points.corner_px * (1.0 - pose.kappa.min(0.0)) * 1.15 / pose.focal_px).atan();
-        let near = self.index.brightest_within(&boresight, radius, 2 * self.points.centred_px.len().clamp(8, 100) + 100);
-        let Some(Supported { pose, ln_probability }) = refine::refine(&pose, self.points, self.apparent, &near) else { return true };
+        let judges = trial.context.stage.judges();
+        let near = self.index.brightest_within(&boresight, radius, 3 * self.points.centred_px.len().clamp(8, judges));
+        let Some(Supported { pose, ln_probability }) = refine::refine(&pose, self.points, self.apparent, &near, judges) else { return true };
         let probability = odds::over_all_tries(ln_probability, self.hypotheses as f64);
         self.best_probability = self.best_probability.min(probability);
         if probability < self.options.max_false_match_probability && self.within_range(pose.focal_px) {
@@ -230,41 +280,61 @@ impl<'a> Search<'a> {
         (width > 0.9 * narrow && width < 1.1 * wide) || nominal.is_some_and(|f| (focal_px / f).ln().abs() < 1.5 * self.options.focal_length_tolerance)
     }
 
-    /// Whether enough of the other bright detections find a star.
+    /// Whether more of the other detections find a star than would by chance.
     fn checks_out(&self, trial: &Trial<'_>, pose: &Pose) -> bool {
-        let others = trial.ideal.len().min(CHECKED + 3).saturating_sub(3);
-        let needed = if others >= 8 { 2 } else { 1 };
-        let radius = (CHECK_RADIUS * self.points.size_px / pose.focal_px).min(MAX_CHECK_RADIUS * trial.level.width_rad);
-        let to_sky = pose.rotation.transpose();
+        let context = trial.context;
+        let count = context.ideal.len().min(context.stage.judges());
+        let others = count.saturating_sub(3);
+        let radius = (CHECK_RADIUS * self.points.size_px / pose.focal_px).min(MAX_CHECK_RADIUS * context.level.width_rad);
+        let (to_sky, chord2) = (pose.rotation.transpose(), radius * radius);
         let (mut looked, mut hits) = (0, 0);
-        for (number, &[x, y]) in trial.ideal.iter().enumerate() {
+        // Through the list in strides, so that bright and faint ones come early alike.
+        let stride = CHECK_STRIDES.into_iter().find(|stride| !count.is_multiple_of(*stride)).unwrap_or(1);
+        for step in 0..count {
+            let number = step * stride % count;
             if trial.corners.contains(&number) {
                 continue;
             }
-            let direction = to_sky * Vector3::new(x * pose.parity, y, pose.focal_px).normalize();
+            let [x, y] = context.ideal[number];
+            let direction = (to_sky * Vector3::new(x * pose.parity, y, pose.focal_px)).normalize();
             looked += 1;
-            hits += usize::from(trial.level.near.has_star_near(&self.index.vectors, &direction, radius * radius));
-            if hits > needed {
-                return true;
-            }
-            if (looked == 8 || looked == 12) && hits == 0 {
+            hits += usize::from(context.level.near.has_star_near(&self.index.vectors, &direction, chord2));
+            if (looked == 8 && hits == 0) || (looked == 16 && hits < 2) {
                 return false;
             }
         }
-        hits >= needed
+        let by_chance = others as f64 * std::f64::consts::PI * chord2 * CHECK_STARS as f64 / (context.level.width_rad * context.level.width_rad);
+        hits > 0 && odds::ln_poisson_tail(by_chance, hits) < CHECK_LN_PROBABILITY
+    }
+}
+
+/// Primes: fewer than 37·41·23 detections are never a multiple of all.
+const CHECK_STRIDES: [usize; 3] = [37, 41, 23];
+
+/// A stage at one focal length.
+struct Context<'a> {
+    stage: &'a Stage,
+    level: &'a Level,
+    /// Undistorted points: at least of the detections that form triangles.
+    ideal: &'a [[f64; 2]],
+    focal_px: f64,
+    half_step: f64,
+}
+
+impl Context<'_> {
+    /// The shape of a triangle, if the level has such.
+    fn usable(&self, sides: [f64; 3]) -> Option<Shape> {
+        let [least, most] = self.level.longest_range();
+        Shape::new(sides).filter(|shape| shape.longest >= least && shape.longest <= most)
     }
 }
 
 /// A triangle of detections at a focal length.
 struct Trial<'a> {
-    stage: &'a Stage,
-    level: &'a Level,
-    /// Undistorted points of the brightest detections.
-    ideal: &'a [[f64; 2]],
+    context: &'a Context<'a>,
     /// The triangle's detections, opposite the longest, middle, shortest side.
     corners: [usize; 3],
     longest: f64,
-    focal_px: f64,
     sensitivity: f64,
 }
 
@@ -274,12 +344,12 @@ impl Trial<'_> {
         let sky = triangle.stars.map(|star| vectors[star as usize]);
         let longest = (sky[1] - sky[2]).norm();
         // The focal length at which the longest side has the catalogue's length.
-        let focal_px = self.focal_px * ((longest / self.longest).ln() / self.sensitivity).exp();
+        let focal_px = self.context.focal_px * ((longest / self.longest).ln() / self.sensitivity).exp();
         if !(focal_px.is_finite() && focal_px > 0.0) {
             return None;
         }
         let mut image = self.corners.map(|corner| {
-            let [x, y] = self.ideal[corner];
+            let [x, y] = self.context.ideal[corner];
             Vector3::new(x, y, focal_px).normalize()
         });
         let hand = |[a, b, c]: [Vector3<f64>; 3]| (b - a).cross(&(c - a)).dot(&a);
@@ -288,7 +358,7 @@ impl Trial<'_> {
             v.x *= parity;
         }
         let rotation = axes(image) * axes(sky).transpose();
-        Some(Pose { rotation, focal_px, kappa: self.stage.kappa, parity })
+        Some(Pose { rotation, focal_px, kappa: self.context.stage.kappa, parity })
     }
 }
 

@@ -9,5 +9,6 @@ mod displacements;
 mod house;
 mod layering;
 mod recording;
+mod identify;
 mod scene;
 mod twins;

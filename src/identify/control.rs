@@ -1,0 +1,151 @@
+//! Identified frames → control points.
+
+use super::{ControlPoint, ControlPoints, Identification, Solution};
+use crate::camera::Camera;
+use crate::catalog::Catalog;
+use crate::coordinates::{Apparent, Direction};
+use crate::detect::Detections;
+
+/// A frame whose identification was tried.
+#[derive(Clone, Copy, Debug)]
+pub struct IdentifiedFrame<'a> {
+    /// Index of the frame in its recording.
+    pub frame: usize,
+    /// Its star images.
+    pub detections: &'a Detections,
+    /// The answer.
+    pub identification: &'a Identification,
+    /// Directions in which the light of the catalogue's stars arrives, as given to [`super::identify`]; empty: the catalogue's.
+    pub directions: &'a [Direction<Apparent>],
+    /// Julian years from the catalogue's epoch to the frame; stars without proper motion are the less certain the longer.
+    pub years_since_epoch: f64,
+}
+
+/// The control points of a recording's frames (`frame_count` in all), for the calibrator.
+///
+/// `nominal` is the camera as its maker gives it (of the un-mirrored image); without one the median of the frames' own focal
+/// lengths and k1 stands in, with the principal point in the middle. Frames of another size or handedness than most are left
+/// out; the second value names each with the reason.
+#[must_use]
+pub fn control_points(
+    frames: &[IdentifiedFrame<'_>],
+    frame_count: usize,
+    catalog: &Catalog,
+    nominal: Option<Camera>,
+) -> (ControlPoints, Vec<String>) {
+    let solved: Vec<(&IdentifiedFrame<'_>, &Solution)> = frames
+        .iter()
+        .filter_map(|frame| match frame.identification {
+            Identification::Identified(solution) => Some((frame, solution)),
+            Identification::NotIdentified { .. } => None,
+        })
+        .collect();
+    let mirrored = solved.iter().filter(|(_, solution)| solution.parity < 0).count();
+    let parity: i8 = if 2 * mirrored > solved.len() { -1 } else { 1 };
+    let nominal = nominal.unwrap_or_else(|| median_camera(&solved, frames));
+    let mut left_out = Vec::new();
+    let mut attitudes = vec![None; frame_count];
+    let mut points = Vec::new();
+    for (frame, solution) in solved {
+        if solution.parity != parity {
+            left_out.push(format!("Frame {} is mirrored otherwise than most: it is left out, since one camera cannot do both.", frame.frame));
+            continue;
+        }
+        if (solution.camera.width_px, solution.camera.height_px) != (nominal.width_px, nominal.height_px) {
+            left_out.push(format!(
+                "Frame {} has {}×{} pixels where the camera has {}×{}: it is left out; give frames of one size.",
+                frame.frame, solution.camera.width_px, solution.camera.height_px, nominal.width_px, nominal.height_px
+            ));
+            continue;
+        }
+        let Some(attitude) = attitudes.get_mut(frame.frame) else {
+            left_out.push(format!("Frame {} lies beyond the {frame_count} frames of the recording: it is left out.", frame.frame));
+            continue;
+        };
+        *attitude = Some(solution.attitude);
+        points.extend(solution.matches.iter().map(|matched| {
+            let (star, detection) = (&catalog.stars[matched.star], &frame.detections.stars[matched.detection]);
+            let own = Direction::from_unit(star.direction.xyz);
+            ControlPoint {
+                frame: frame.frame,
+                hip: star.hip,
+                direction: frame.directions.get(matched.star).copied().unwrap_or(own),
+                x_px: detection.x_px,
+                y_px: detection.y_px,
+                covariance_px2: detection.covariance_px2,
+                catalog_sigma_rad: catalog.position_sigma_rad(star, frame.years_since_epoch),
+                has_proper_motion: star.proper_motion_rad_yr.is_some(),
+                magnitude: star.magnitude,
+                colour: star.colour,
+            }
+        }));
+    }
+    points.sort_by_key(|point| point.frame);
+    (ControlPoints { nominal, attitudes, points, parity }, left_out)
+}
+
+fn median_camera(solved: &[(&IdentifiedFrame<'_>, &Solution)], frames: &[IdentifiedFrame<'_>]) -> Camera {
+    let median = |value: fn(&Camera) -> f64| {
+        let mut values: Vec<f64> = solved.iter().map(|(_, solution)| value(&solution.camera)).collect();
+        values.sort_unstable_by(f64::total_cmp);
+        values.get(values.len() / 2).copied()
+    };
+    // The size that most frames have; of equally many the larger.
+    let mut sizes: Vec<(usize, usize)> = solved.iter().map(|(_, solution)| (solution.camera.width_px, solution.camera.height_px)).collect();
+    if sizes.is_empty() {
+        sizes = frames.iter().map(|frame| (frame.detections.width_px, frame.detections.height_px)).collect();
+    }
+    let count = |size: &(usize, usize)| sizes.iter().filter(|other| *other == size).count();
+    let (width_px, height_px) = sizes.iter().copied().max_by_key(|size| (count(size), *size)).unwrap_or((1, 1));
+    let focal_px = median(|camera| camera.focal_length_px).unwrap_or(width_px.max(height_px) as f64);
+    Camera { k1: median(|camera| camera.k1).unwrap_or(0.0), ..Camera::pinhole(width_px, height_px, focal_px) }
+}
+
+impl ControlPoints {
+    /// The same points in the un-mirrored image, in which `nominal`, the attitudes and every camera live: x becomes
+    /// width − 1 − x where the images are mirrored. What is solved in it goes back to the file's coordinates through
+    /// [`Camera::mirrored`].
+    #[must_use]
+    pub fn unmirrored(&self) -> Self {
+        let mut all = self.clone();
+        if self.parity < 0 {
+            for point in &mut all.points {
+                point.x_px = self.nominal.width_px as f64 - 1.0 - point.x_px;
+                point.covariance_px2[1] = -point.covariance_px2[1];
+            }
+            all.parity = 1;
+        }
+        all
+    }
+}
+
+impl Camera {
+    /// The camera of the mirrored image: a point at (width − 1 − x, y) has here the direction that it has there at (x, y), but
+    /// for the sign of the first component.
+    #[must_use]
+    pub fn mirrored(&self) -> Self {
+        let [x0, y0] = self.principal_point_px;
+        Self { principal_point_px: [self.width_px as f64 - 1.0 - x0, y0], p1: -self.p1, ..*self }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::coordinates::PixelPoint;
+
+    #[test]
+    fn the_mirrored_camera_sees_the_mirrored_point_in_the_mirrored_direction() {
+        let mut camera = Camera::pinhole(640, 480, 700.0);
+        camera = camera.with_parameters([311.0, 246.0, 700.0, 3e-8, 2e-6, -4e-6]);
+        let mirrored = camera.mirrored();
+        for (x_px, y_px) in [(0.0, 0.0), (100.25, 400.5), (639.0, 12.0)] {
+            let [x, y, z] = camera.direction(PixelPoint { x_px, y_px }).xyz;
+            let other = mirrored.direction(PixelPoint { x_px: 639.0 - x_px, y_px }).xyz;
+            for (a, b) in other.into_iter().zip([-x, y, z]) {
+                assert!((a - b).abs() < 1e-15);
+            }
+        }
+        assert_eq!(mirrored.mirrored(), camera);
+    }
+}

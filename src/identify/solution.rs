@@ -1,0 +1,312 @@
+//! From detections to the search's points, and from the search's answer to a [`Solution`].
+
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+
+use super::refine::{self, Pair, Points, Pose};
+use super::search::Found;
+use super::{Identification, IdentifyOptions, Index, MOST_DETECTIONS, Match, Solution};
+use crate::camera::Camera;
+use crate::catalog::Catalog;
+use crate::coordinates::{Apparent, Attitude, Direction, PixelPoint};
+use crate::detect::Detections;
+use crate::units::DEG_RAD;
+
+/// Detections nearer to a brighter one than this are not used in the search, px: halves of one star image.
+const MERGE_PX: f64 = 2.5;
+/// A star is not a clean control point if another of similar brightness stands this near, px.
+const CROWDED_PX: f64 = 3.0;
+/// What similar means, magnitudes.
+const CROWDED_MAG: f64 = 2.0;
+
+/// The catalogue's own directions, for frames about which nothing is known that would change them.
+#[must_use]
+pub fn catalog_directions(catalog: &Catalog) -> Vec<Direction<Apparent>> {
+    catalog.stars.iter().map(|star| Direction::from_unit(star.direction.xyz)).collect()
+}
+
+/// What is wrong with the options, as a sentence.
+pub(super) fn fault_in(options: &IdentifyOptions, detections: &Detections) -> Option<String> {
+    let [narrow, wide] = options.field_width_range_rad;
+    if let Some(f) = options.nominal_focal_length_px {
+        let half = detections.width_px.max(detections.height_px) as f64 / 2.0;
+        let width_deg = 2.0 * (half / f).atan() / DEG_RAD;
+        if !(f > 0.0 && (0.5..=150.0).contains(&width_deg)) {
+            return Some(format!(
+                "The nominal focal length of {f} px gives {}×{} pixels a field outside 0.5 to 150 degrees: correct it, or give none.",
+                detections.width_px, detections.height_px
+            ));
+        }
+    }
+    if !(options.focal_length_tolerance >= 0.0 && options.focal_length_tolerance <= 10.0) {
+        return Some(format!("The tolerance of the focal length is {}: give a number from 0 to 10.", options.focal_length_tolerance));
+    }
+    if !(narrow > 0.5 * DEG_RAD && wide < 150.0 * DEG_RAD && narrow < wide) {
+        return Some(format!(
+            "The widths of field to search are {} to {} degrees: give two in order, from 0.5 to 150.",
+            narrow / DEG_RAD,
+            wide / DEG_RAD
+        ));
+    }
+    None
+}
+
+/// The detections that the search can use, brightest first: finite, on the frame, not the second half of a brighter one.
+pub(super) fn usable_points(detections: &Detections) -> Points {
+    let (width, height) = (detections.width_px as f64, detections.height_px as f64);
+    let middle = [(width - 1.0) / 2.0, (height - 1.0) / 2.0];
+    let mut order: Vec<usize> = (0..detections.stars.len())
+        .filter(|&number| {
+            let star = &detections.stars[number];
+            (-0.5..width - 0.5).contains(&star.x_px) && (-0.5..height - 0.5).contains(&star.y_px)
+        })
+        .collect();
+    let flux = |number: usize| Some(detections.stars[number].flux_dn).filter(|flux| flux.is_finite()).unwrap_or(f64::MIN);
+    order.sort_by(|&a, &b| flux(b).total_cmp(&flux(a)).then(a.cmp(&b)));
+    let mut points = Points {
+        centred_px: Vec::new(),
+        detection: Vec::new(),
+        half_px: [width / 2.0, height / 2.0],
+        size_px: (width * height).sqrt(),
+        corner_px: width.hypot(height) / 2.0,
+    };
+    for number in order {
+        let star = &detections.stars[number];
+        let at = [star.x_px - middle[0], star.y_px - middle[1]];
+        let apart = |other: &[f64; 2]| (other[0] - at[0]).hypot(other[1] - at[1]) >= MERGE_PX;
+        if points.centred_px.iter().all(apart) {
+            points.centred_px.push(at);
+            points.detection.push(number);
+            if points.centred_px.len() == MOST_DETECTIONS {
+                break;
+            }
+        }
+    }
+    points
+}
+
+/// Fits an accepted hypothesis to all stars of the frame.
+pub(super) fn solve(
+    detections: &Detections,
+    points: &Points,
+    catalog: &Catalog,
+    index: &Index,
+    apparent: &[Vector3<f64>],
+    found: &Found,
+) -> Identification {
+    let boresight = Vector3::from(found.pose.rotation.row(2).transpose());
+    let reach_rad = (points.corner_px * (1.0 - found.pose.kappa.min(0.0)) * 1.2 / found.pose.focal_px).atan();
+    let near = index.brightest_within(&boresight, reach_rad, usize::MAX);
+    let mut point_of = vec![None; detections.stars.len()];
+    for (point, &detection) in points.detection.iter().enumerate() {
+        point_of[detection] = Some(point);
+    }
+    let mut pose = found.pose;
+    let mut radius_px = 0.006 * points.size_px;
+    let mut matches = Vec::new();
+    for _ in 0..4 {
+        let overlay = Laid { camera: camera_of(&pose, detections, points), attitude: attitude_of(&pose), parity: parity_of(&pose) };
+        matches = overlay.matches(detections, catalog, |star| apparent[star], near.iter().map(|&star| star as usize), radius_px);
+        let pairs: Vec<Pair> = matches.iter().filter_map(|m| Some((point_of[m.detection]?, m.star as u32))).collect();
+        let Some(fitted) = refine::fit(&pose, points, apparent, &pairs, pairs.len() >= 8) else { break };
+        pose = fitted;
+        // Five robust standard deviations: the median of a 2-D Gaussian's length is 1.177 σ.
+        let mut lengths: Vec<f64> = matches.iter().map(|m| m.residual_px[0].hypot(m.residual_px[1])).collect();
+        lengths.sort_unstable_by(f64::total_cmp);
+        let sigma_px = lengths.get(lengths.len() / 2).map_or(1.0, |median| median / 1.177);
+        radius_px = (5.0 * sigma_px).clamp(1.5_f64.min(radius_px), radius_px);
+    }
+    let overlay = Laid { camera: camera_of(&pose, detections, points), attitude: attitude_of(&pose), parity: parity_of(&pose) };
+    let last = overlay.matches(detections, catalog, |star| apparent[star], near.iter().map(|&star| star as usize), radius_px);
+    if last.len() >= 4 {
+        matches = last;
+    }
+    if matches.len() < 4 {
+        return Identification::NotIdentified {
+            reason: format!("Only {} stars remained when the accepted hypothesis was fitted to the whole frame: too few to trust it.", matches.len()),
+        };
+    }
+    Identification::Identified(Solution {
+        attitude: overlay.attitude,
+        camera: overlay.camera,
+        parity: overlay.parity,
+        rms_px: rms_px(&matches),
+        matches,
+        false_match_probability: found.false_match_probability,
+    })
+}
+
+fn rms_px(matches: &[Match]) -> f64 {
+    let sum: f64 = matches.iter().map(|m| m.residual_px[0].powi(2) + m.residual_px[1].powi(2)).sum();
+    (sum / matches.len().max(1) as f64).sqrt()
+}
+
+fn camera_of(pose: &Pose, detections: &Detections, points: &Points) -> Camera {
+    let camera = Camera::pinhole(detections.width_px, detections.height_px, pose.focal_px);
+    Camera { k1: pose.kappa / (points.corner_px * points.corner_px), ..camera }
+}
+
+fn attitude_of(pose: &Pose) -> Attitude {
+    Attitude::new(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(pose.rotation)))
+}
+
+fn parity_of(pose: &Pose) -> i8 {
+    if pose.parity < 0.0 { -1 } else { 1 }
+}
+
+/// A camera laid over the sky.
+struct Laid {
+    camera: Camera,
+    attitude: Attitude,
+    parity: i8,
+}
+
+impl Laid {
+    /// The detections and catalogue stars that belong together: unique, nearest, uncrowded, of plausible brightness.
+    fn matches(
+        &self,
+        detections: &Detections,
+        catalog: &Catalog,
+        direction: impl Fn(usize) -> Vector3<f64>,
+        candidates: impl Iterator<Item = usize>,
+        radius_px: f64,
+    ) -> Vec<Match> {
+        let rotation = self.attitude.camera_from_icrs.to_rotation_matrix();
+        // (y, x, star), sorted by y so that neighbours are found in a narrow band.
+        let mut stars: Vec<(f64, f64, usize)> = candidates
+            .filter_map(|star| {
+                let v = rotation * direction(star);
+                let point = self.camera.pixel(&Direction::from_unit([v.x, v.y, v.z]))?;
+                let margin = radius_px.max(CROWDED_PX);
+                let inside = |c: f64, size: usize| c > -0.5 - margin && c < size as f64 - 0.5 + margin;
+                (inside(point.x_px, self.camera.width_px) && inside(point.y_px, self.camera.height_px)).then_some((point.y_px, point.x_px, star))
+            })
+            .collect();
+        stars.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.2.cmp(&b.2)));
+        let band = |y: f64, reach: f64| {
+            let start = stars.partition_point(|s| s.0 < y - reach);
+            stars[start..].iter().take_while(move |s| s.0 <= y + reach)
+        };
+        let mut pairs: Vec<(f64, Match)> = Vec::new();
+        for (number, detection) in detections.stars.iter().enumerate() {
+            if !(detection.x_px.is_finite() && detection.y_px.is_finite()) {
+                continue;
+            }
+            let x = unmirrored_x(self.parity, self.camera.width_px, detection.x_px);
+            for &(star_y, star_x, star) in band(detection.y_px, radius_px) {
+                let residual = [x - star_x, detection.y_px - star_y];
+                let length = residual[0].hypot(residual[1]);
+                if length <= radius_px {
+                    pairs.push((length, Match { detection: number, star, residual_px: residual }));
+                }
+            }
+        }
+        pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.detection.cmp(&b.1.detection)).then(a.1.star.cmp(&b.1.star)));
+        let mut taken_detections = vec![false; detections.stars.len()];
+        let mut taken_stars = std::collections::BTreeSet::new();
+        let mut matches = Vec::new();
+        for (_, pair) in pairs {
+            if !taken_detections[pair.detection] && !taken_stars.contains(&pair.star) {
+                taken_detections[pair.detection] = true;
+                taken_stars.insert(pair.star);
+                matches.push(pair);
+            }
+        }
+        let crowded = |m: &Match| {
+            let detection = &detections.stars[m.detection];
+            let x = unmirrored_x(self.parity, self.camera.width_px, detection.x_px) - m.residual_px[0];
+            let y = detection.y_px - m.residual_px[1];
+            band(y, CROWDED_PX).any(|&(other_y, other_x, other)| {
+                other != m.star
+                    && (other_x - x).hypot(other_y - y) < CROWDED_PX
+                    && catalog.stars[other].magnitude < catalog.stars[m.star].magnitude + CROWDED_MAG
+            })
+        };
+        matches.retain(|m| !crowded(m));
+        drop_implausible_brightness(&mut matches, detections, catalog);
+        let flux = |m: &Match| detections.stars[m.detection].flux_dn;
+        matches.sort_by(|a, b| flux(b).total_cmp(&flux(a)).then(a.detection.cmp(&b.detection)));
+        matches
+    }
+}
+
+/// Drops matches that are far brighter or fainter than the others say: a hot pixel on a faint star, a star missed beside a planet.
+fn drop_implausible_brightness(matches: &mut Vec<Match>, detections: &Detections, catalog: &Catalog) {
+    let zero_point = |m: &Match| {
+        let flux = detections.stars[m.detection].flux_dn;
+        (flux > 0.0 && flux.is_finite()).then(|| catalog.stars[m.star].magnitude + 2.5 * flux.log10())
+    };
+    let mut known: Vec<f64> = matches.iter().filter_map(zero_point).collect();
+    if known.len() < 8 {
+        return;
+    }
+    let median = |values: &mut Vec<f64>| {
+        values.sort_unstable_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let middle = median(&mut known);
+    let mut deviations: Vec<f64> = known.iter().map(|value| (value - middle).abs()).collect();
+    // Colours and saturation move bright stars by a magnitude or two in any camera.
+    let limit = (5.0 * 1.483 * median(&mut deviations)).max(2.5);
+    matches.retain(|m| zero_point(m).is_none_or(|value| (value - middle).abs() <= limit));
+}
+
+/// Column in the un-mirrored image.
+fn unmirrored_x(parity: i8, width_px: usize, x_px: f64) -> f64 {
+    if parity < 0 { width_px as f64 - 1.0 - x_px } else { x_px }
+}
+
+impl Solution {
+    /// The apparent direction of the middle of the frame, ICRS axes.
+    #[must_use]
+    pub fn centre(&self) -> Direction<Apparent> {
+        self.attitude.apparent_from_camera(&self.camera.direction(self.camera.middle()))
+    }
+
+    /// The position angle, north through east, of the frame's upward direction (−y) at its middle, degrees from 0 to 360.
+    #[must_use]
+    pub fn roll_deg(&self) -> f64 {
+        let PixelPoint { x_px, y_px } = self.camera.middle();
+        let sky = |y_px: f64| Vector3::from(self.attitude.apparent_from_camera(&self.camera.direction(PixelPoint { x_px, y_px })).xyz);
+        let (up, centre) = (sky(y_px - 0.5) - sky(y_px + 0.5), sky(y_px));
+        let east = Vector3::new(-centre.y, centre.x, 0.0);
+        let north = centre.cross(&east);
+        (up.dot(&east).atan2(up.dot(&north)) / DEG_RAD).rem_euclid(360.0)
+    }
+
+    /// The angle from the left to the right edge of the frame, through its middle, degrees.
+    #[must_use]
+    pub fn width_deg(&self) -> f64 {
+        let PixelPoint { y_px, .. } = self.camera.middle();
+        self.angle_deg(PixelPoint { x_px: -0.5, y_px }, PixelPoint { x_px: self.camera.width_px as f64 - 0.5, y_px })
+    }
+
+    /// The angle from the upper to the lower edge of the frame, through its middle, degrees.
+    #[must_use]
+    pub fn height_deg(&self) -> f64 {
+        let PixelPoint { x_px, .. } = self.camera.middle();
+        self.angle_deg(PixelPoint { x_px, y_px: -0.5 }, PixelPoint { x_px, y_px: self.camera.height_px as f64 - 0.5 })
+    }
+
+    fn angle_deg(&self, a: PixelPoint, b: PixelPoint) -> f64 {
+        self.camera.direction(a).angle_rad(&self.camera.direction(b)) / DEG_RAD
+    }
+
+    /// All matches of the frame with this attitude and with `camera` (which may be better than this solution's own, for
+    /// example calibrated), within `radius_px`: unique, the nearest first; stars with a neighbour of similar brightness within
+    /// 3 px are left out, and so are detections far too bright or too faint for their star.
+    ///
+    /// `directions` as for [`super::identify`]; `camera` describes the un-mirrored image.
+    #[must_use]
+    pub fn final_matches(
+        &self,
+        detections: &Detections,
+        catalog: &Catalog,
+        directions: &[Direction<Apparent>],
+        camera: &Camera,
+        radius_px: f64,
+    ) -> Vec<Match> {
+        let laid = Laid { camera: *camera, attitude: self.attitude, parity: self.parity };
+        let direction = |star: usize| Vector3::from(directions.get(star).map_or(catalog.stars[star].direction.xyz, |d| d.xyz));
+        laid.matches(detections, catalog, direction, 0..catalog.stars.len(), radius_px)
+    }
+}
