@@ -48,7 +48,8 @@ pub fn control_points(
     let mut points = Vec::new();
     for (frame, solution) in solved {
         if solution.parity != parity {
-            left_out.push(format!("Frame {} is mirrored otherwise than most: it is left out, since one camera cannot do both.", frame.frame));
+            left_out
+                .push(format!("Frame {} is mirrored otherwise than most: it is left out, since one camera cannot do both.", frame.frame));
             continue;
         }
         if (solution.camera.width_px, solution.camera.height_px) != (nominal.width_px, nominal.height_px) {

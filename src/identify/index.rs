@@ -12,14 +12,14 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 
-use super::sky::{NearTable, Zones};
+use super::sky::{StarMap, Zones};
 use crate::catalog::Catalog;
 use crate::units::DEG_RAD;
 
 /// A star is in a level's triangles if fewer than this many brighter ones stand in the disc of area w² around it.
 const INDEX_STARS: usize = 18;
 /// The same for the denser set against which further detections are checked.
-pub(super) const CHECK_STARS: usize = 48;
+const CHECK_STARS: usize = 48;
 /// Longest side of a triangle over the width of the level: from, to.
 const LONGEST: [f64; 2] = [0.12, 0.60];
 /// Least ratio of the shortest side to the longest.
@@ -29,8 +29,8 @@ const LEAST_EXCESS: f64 = 0.02;
 /// Width of the levels: the first, and the factor from one to the next.
 const FIRST_WIDTH_RAD: f64 = 3.0 * DEG_RAD;
 const LEVELS: usize = 12;
-/// Largest radius at which a level's stars are looked up, over its width.
-pub(super) const MAX_CHECK_RADIUS: f64 = 0.012;
+/// Radius within which a detection must find a check star, over the width of the level.
+const CHECK_RADIUS: f64 = 0.0085;
 
 const LOG_STEP: f64 = 0.04;
 const LOG_BINS: usize = 41;
@@ -84,9 +84,9 @@ impl Shape {
 #[derive(Debug)]
 pub(super) struct Level {
     /// Width of the fields that this level is for.
-    pub(super) width_rad: f64,
+    width_rad: f64,
     /// For the check of further detections.
-    pub(super) near: NearTable,
+    pub(super) map: StarMap,
     triangles: Vec<Triangle>,
     offsets: Vec<u32>,
     build_time: Duration,
@@ -147,10 +147,10 @@ impl Index {
         self.vectors.len()
     }
 
-    /// The level whose width is nearest to `width_rad`, `coarser` steps up (for fields with few stars).
-    pub(super) fn level_for(&self, width_rad: f64, coarser: usize) -> &Level {
-        let number = (2.0 * (width_rad / FIRST_WIDTH_RAD).log2()).round().clamp(0.0, (LEVELS - 1) as f64) as usize;
-        self.level((number + coarser).min(LEVELS - 1))
+    /// The level whose width is nearest to `width_rad`, `coarser` steps up (for fields that show few stars) or down.
+    pub(super) fn level_for(&self, width_rad: f64, coarser: i32) -> &Level {
+        let number = (2.0 * (width_rad / FIRST_WIDTH_RAD).log2()).round() + f64::from(coarser);
+        self.level(number.clamp(0.0, (LEVELS - 1) as f64) as usize)
     }
 
     fn level(&self, number: usize) -> &Level {
@@ -206,17 +206,23 @@ impl Level {
             triangles[*place as usize] = triangle;
             *place += 1;
         }
-        let near = NearTable::new(vectors, &check_stars, MAX_CHECK_RADIUS * width_rad, 0.1 * width_rad);
-        Self { width_rad, near, triangles, offsets, build_time: start.elapsed() }
+        let map = StarMap::new(vectors, &check_stars, CHECK_RADIUS * width_rad);
+        Self { width_rad, map, triangles, offsets, build_time: start.elapsed() }
     }
 
     fn bytes(&self) -> usize {
-        self.near.bytes() + size_of_val(&*self.triangles) + size_of_val(&*self.offsets)
+        self.map.bytes() + size_of_val(&*self.triangles) + size_of_val(&*self.offsets)
     }
 
     /// Calls `found` for every triangle whose ln(longest) is within `log_tolerance` and whose ratios are within
     /// `ratio_tolerance` of the given shape; stops when it returns `false`.
-    pub(super) fn look_up(&self, shape: &Shape, log_tolerance: f64, ratio_tolerance: f64, mut found: impl FnMut(&Triangle) -> bool) -> bool {
+    pub(super) fn look_up(
+        &self,
+        shape: &Shape,
+        log_tolerance: f64,
+        ratio_tolerance: f64,
+        mut found: impl FnMut(&Triangle) -> bool,
+    ) -> bool {
         let log = (shape.longest / (LONGEST[0] * self.width_rad)).ln();
         let bins = |low: f64, high: f64, step: f64, count: usize| {
             (high >= 0.0 && low < step * count as f64).then(|| ((low / step).max(0.0) as usize, ((high / step) as usize).min(count - 1)))

@@ -41,7 +41,13 @@ const NEAREST: usize = 4;
 /// Gives the share `share` (0 to 1, rounded to whole points) of the control points wrong stars, chosen by `seed`; returns which, in
 /// order. Points keep their frame, pixel and covariance. A point that has no other star of the catalogue near enough gets a
 /// random direction.
-pub fn misidentify(points: &mut ControlPoints, catalog: &Catalog, share: f64, kind: MisidentificationKind, seed: u64) -> Vec<Misidentification> {
+pub fn misidentify(
+    points: &mut ControlPoints,
+    catalog: &Catalog,
+    share: f64,
+    kind: MisidentificationKind,
+    seed: u64,
+) -> Vec<Misidentification> {
     let wanted = (share.clamp(0.0, 1.0) * points.points.len() as f64).round() as usize;
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let mut chosen: Vec<usize> = (0..points.points.len()).collect();

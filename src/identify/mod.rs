@@ -127,7 +127,10 @@ pub fn identify(
     let not = |reason: String| Identification::NotIdentified { reason };
     let stars = catalog.stars.len();
     if index.star_count() != stars {
-        return not(format!("The index was made of a catalogue of {} stars, but this one has {stars}: make it of this one.", index.star_count()));
+        return not(format!(
+            "The index was made of a catalogue of {} stars, but this one has {stars}: make it of this one.",
+            index.star_count()
+        ));
     }
     if !directions.is_empty() && directions.len() != stars {
         return not(format!("There are {} directions for {stars} catalogue stars: give one for each, or none.", directions.len()));
@@ -156,9 +159,10 @@ pub fn identify(
     };
     match search::Search::new(&points, index, apparent, options).run() {
         Ok(found) => solution::solve(detections, &points, catalog, index, apparent, &found),
-        Err(search::Failure::TimeLimit { limit }) => {
-            not(format!("No match within the time limit of {:.3} s, with {usable} star images: allow more time or give the focal length.", limit.as_secs_f64()))
-        }
+        Err(search::Failure::TimeLimit { limit }) => not(format!(
+            "No match within the time limit of {:.3} s, with {usable} star images: allow more time or give the focal length.",
+            limit.as_secs_f64()
+        )),
         Err(search::Failure::Exhausted { hypotheses, best_probability }) => not(format!(
             "None of {hypotheses} hypotheses brings the {usable} star images together with the catalogue better than chance would (the best by chance with probability {best_probability:.1e}, below {:.0e} is asked).",
             options.max_false_match_probability

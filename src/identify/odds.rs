@@ -48,9 +48,9 @@ mod tests {
     #[test]
     fn tail_agrees_with_known_values() {
         // SciPy: poisson.sf(k - 1, mean).
-        for (mean, k, expected) in [(1.0, 3, 0.080_301_397_071_394_2), (0.1, 5, 7.667_8e-8), (20.0, 40, 5.242_5e-5)] {
+        for (mean, k, expected) in [(1.0, 3, 0.080_301_397_071_394_2), (0.1, 5, 7.667_8e-8), (20.0, 40, 5.320_2e-5)] {
             let tail = ln_poisson_tail(mean, k).exp();
-            assert!((tail / expected - 1.0).abs() < 2e-3, "{mean} {k}: {tail}");
+            assert!((tail / expected - 1.0).abs() < 1e-5, "{mean} {k}: {tail}");
         }
         assert_eq!(ln_poisson_tail(0.3, 0), 0.0);
         assert_eq!(ln_poisson_tail(0.0, 2), f64::NEG_INFINITY);

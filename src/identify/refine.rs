@@ -186,12 +186,12 @@ fn step(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], pairs: &[Pair], 
             right += row * (weight * r);
         }
     }
-    if !fit_kappa {
+    if fit_kappa {
+        // Damping, as strong as one measurement of 1 px if κ moved by 0.1: a few central stars must not invent distortion.
+        normal[(4, 4)] += 100.0;
+    } else {
         normal[(4, 4)] = f64::MAX.sqrt();
         right[4] = 0.0;
-    } else {
-        // Worth one measurement of 1 px if κ were wrong by 0.1: keeps a field of a few central stars from inventing distortion.
-        normal[(4, 4)] += 100.0;
     }
     let delta = normal.cholesky()?.solve(&right);
     if !delta.iter().all(|d| d.is_finite()) {

@@ -6,12 +6,10 @@ use nalgebra::{Matrix3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::index::{CHECK_STARS, Index, Level, MAX_CHECK_RADIUS, Shape, Triangle};
+use super::index::{Index, Level, Shape, Triangle};
 use super::refine::{self, Points, Pose, Supported};
 use super::{IdentifyOptions, odds};
 
-/// Radius within which a further detection must find a star, over the frame's size.
-const CHECK_RADIUS: f64 = 0.008;
 /// Detections that are looked at in the check of a candidate of the brightest.
 const CHECKED: usize = 64;
 /// A candidate must find so many stars that chance finds as many with less than this (ln).
@@ -37,8 +35,10 @@ struct Stage {
     ratio_tolerance: f64,
     /// Relative displacement at the corner that is taken away first.
     kappa: f64,
-    /// Steps up to a sparser level.
-    coarser: usize,
+    /// Steps up to a level with sparser stars and larger triangles, or (negative) down to a denser one.
+    coarser: i32,
+    /// Too long for a search over all focal lengths.
+    narrow_only: bool,
 }
 
 impl Stage {
@@ -51,28 +51,37 @@ impl Stage {
     }
 }
 
-const fn stage(choice: Choice, ratio_tolerance: f64, kappa: f64, coarser: usize) -> Stage {
-    Stage { choice, ratio_tolerance, kappa, coarser }
+const fn stage(choice: Choice, ratio_tolerance: f64, kappa: f64, coarser: i32) -> Stage {
+    Stage { choice, ratio_tolerance, kappa, coarser, narrow_only: false }
+}
+
+const fn narrow_only(choice: Choice, ratio_tolerance: f64, kappa: f64, coarser: i32) -> Stage {
+    Stage { choice, ratio_tolerance, kappa, coarser, narrow_only: true }
 }
 
 /// From the likely and cheap to the rest: more detections for false stars, distortions of either sign, a wider tolerance for
 /// noise, and sparser stars for images that show only few.
-const STAGES: [Stage; 15] = [
+const STAGES: [Stage; 20] = [
     stage(Brightest(10), 0.005, 0.0, 0),
     stage(Brightest(16), 0.005, 0.0, 0),
-    stage(Drawn(300), 0.005, 0.0, 0),
+    stage(Drawn(250), 0.005, 0.0, 0),
     stage(Brightest(10), 0.010, 0.0, 2),
     stage(Brightest(14), 0.007, -0.04, 0),
-    stage(Brightest(24), 0.005, 0.0, 0),
+    stage(Brightest(22), 0.005, 0.0, 0),
     stage(Brightest(14), 0.007, -0.09, 0),
     stage(Brightest(14), 0.007, 0.04, 0),
-    stage(Brightest(14), 0.015, 0.0, 0),
-    stage(Brightest(20), 0.007, -0.16, 0),
-    stage(Brightest(20), 0.007, -0.04, 0),
-    stage(Brightest(20), 0.007, -0.24, 0),
-    stage(Brightest(20), 0.015, 0.0, 1),
-    stage(Drawn(1500), 0.005, 0.0, 0),
-    stage(Brightest(32), 0.005, 0.0, 0),
+    stage(Brightest(12), 0.012, 0.0, 0),
+    stage(Brightest(14), 0.007, -0.16, 0),
+    stage(Brightest(14), 0.007, -0.24, 0),
+    stage(Brightest(14), 0.010, 0.0, 1),
+    stage(Brightest(14), 0.007, 0.0, -1),
+    stage(Drawn(600), 0.005, 0.0, 0),
+    narrow_only(Brightest(16), 0.015, 0.0, 0),
+    narrow_only(Brightest(20), 0.007, -0.04, 0),
+    narrow_only(Brightest(32), 0.005, 0.0, 0),
+    narrow_only(Brightest(20), 0.007, -0.16, 0),
+    narrow_only(Brightest(12), 0.012, 0.0, -2),
+    narrow_only(Drawn(5000), 0.005, 0.0, 0),
 ];
 
 /// Why a search ended without an answer.
@@ -112,8 +121,8 @@ impl<'a> Search<'a> {
 
     /// Runs all stages over each list of focal lengths in turn until a hypothesis is accepted.
     pub(super) fn run(mut self) -> Result<Found, Failure> {
-        for focal_lengths in self.focal_lengths() {
-            for (number, stage) in STAGES.iter().enumerate() {
+        for (focal_lengths, narrow) in self.focal_lengths() {
+            for (number, stage) in STAGES.iter().enumerate().filter(|(_, stage)| narrow || !stage.narrow_only) {
                 // Triangles of detections that an earlier stage with the same settings has tried are not tried again.
                 let same = |s: &&Stage| s.kappa == stage.kappa && s.coarser == stage.coarser && s.ratio_tolerance >= stage.ratio_tolerance;
                 let tried = |s: &Stage| if let Brightest(count) = s.choice { count } else { 0 };
@@ -132,9 +141,9 @@ impl<'a> Search<'a> {
         Err(Failure::Exhausted { hypotheses: self.hypotheses, best_probability: self.best_probability })
     }
 
-    /// The focal lengths to try, each with its half step in ln f: first those around the nominal one from the middle outwards,
+    /// The focal lengths to try, each with its half step in ln f, and whether they are few: first those around the nominal one from the middle outwards,
     /// then all, from wide fields (few triangles, quickly tried) to narrow ones.
-    fn focal_lengths(&self) -> Vec<Vec<(f64, f64)>> {
+    fn focal_lengths(&self) -> Vec<(Vec<(f64, f64)>, bool)> {
         let mut passes = Vec::new();
         if let Some(nominal) = self.options.nominal_focal_length_px {
             let reach = (1.0 + self.options.focal_length_tolerance).ln();
@@ -146,7 +155,7 @@ impl<'a> Search<'a> {
                 pass.push((nominal * factor, half_step));
                 pass.push((nominal / factor, half_step));
             }
-            passes.push(pass);
+            passes.push((pass, true));
         }
         if self.options.nominal_focal_length_px.is_none() || self.options.search_beyond_tolerance {
             let [narrow, wide] = self.options.field_width_range_rad;
@@ -158,7 +167,7 @@ impl<'a> Search<'a> {
                 pass.push((f * half_step.exp(), half_step));
                 f *= (2.0 * half_step).exp();
             }
-            passes.push(pass);
+            passes.push((pass, false));
         }
         passes
     }
@@ -252,18 +261,20 @@ impl<'a> Search<'a> {
     /// Tries one pair of triangles. `false` = accepted, stop.
     fn try_candidate(&mut self, trial: &Trial<'_>, triangle: &Triangle) -> bool {
         self.hypotheses += 1;
-        if self.hypotheses % 1024 == 0 && self.out_of_time() {
+        if self.hypotheses.is_multiple_of(1024) && self.out_of_time() {
             return false;
         }
         let Some(pose) = trial.pose(triangle, &self.index.vectors) else { return true };
-        if self.options.parity.is_some_and(|parity| f64::from(parity) != pose.parity) || !self.checks_out(trial, &pose) {
+        if self.options.parity.is_some_and(|parity| f64::from(parity) != pose.parity) || !trial.checks_out(&pose) {
             return true;
         }
         let boresight = Vector3::from(pose.rotation.row(2).transpose());
         let radius = (self.points.corner_px * (1.0 - pose.kappa.min(0.0)) * 1.15 / pose.focal_px).atan();
         let judges = trial.context.stage.judges();
         let near = self.index.brightest_within(&boresight, radius, 3 * self.points.centred_px.len().clamp(8, judges));
-        let Some(Supported { pose, ln_probability }) = refine::refine(&pose, self.points, self.apparent, &near, judges) else { return true };
+        let Some(Supported { pose, ln_probability }) = refine::refine(&pose, self.points, self.apparent, &near, judges) else {
+            return true;
+        };
         let probability = odds::over_all_tries(ln_probability, self.hypotheses as f64);
         self.best_probability = self.best_probability.min(probability);
         if probability < self.options.max_false_match_probability && self.within_range(pose.focal_px) {
@@ -277,34 +288,8 @@ impl<'a> Search<'a> {
         let [narrow, wide] = self.options.field_width_range_rad;
         let width = 2.0 * (self.points.half_px[0] / focal_px).atan();
         let nominal = self.options.nominal_focal_length_px;
-        (width > 0.9 * narrow && width < 1.1 * wide) || nominal.is_some_and(|f| (focal_px / f).ln().abs() < 1.5 * self.options.focal_length_tolerance)
-    }
-
-    /// Whether more of the other detections find a star than would by chance.
-    fn checks_out(&self, trial: &Trial<'_>, pose: &Pose) -> bool {
-        let context = trial.context;
-        let count = context.ideal.len().min(context.stage.judges());
-        let others = count.saturating_sub(3);
-        let radius = (CHECK_RADIUS * self.points.size_px / pose.focal_px).min(MAX_CHECK_RADIUS * context.level.width_rad);
-        let (to_sky, chord2) = (pose.rotation.transpose(), radius * radius);
-        let (mut looked, mut hits) = (0, 0);
-        // Through the list in strides, so that bright and faint ones come early alike.
-        let stride = CHECK_STRIDES.into_iter().find(|stride| !count.is_multiple_of(*stride)).unwrap_or(1);
-        for step in 0..count {
-            let number = step * stride % count;
-            if trial.corners.contains(&number) {
-                continue;
-            }
-            let [x, y] = context.ideal[number];
-            let direction = (to_sky * Vector3::new(x * pose.parity, y, pose.focal_px)).normalize();
-            looked += 1;
-            hits += usize::from(context.level.near.has_star_near(&self.index.vectors, &direction, chord2));
-            if (looked == 8 && hits == 0) || (looked == 16 && hits < 2) {
-                return false;
-            }
-        }
-        let by_chance = others as f64 * std::f64::consts::PI * chord2 * CHECK_STARS as f64 / (context.level.width_rad * context.level.width_rad);
-        hits > 0 && odds::ln_poisson_tail(by_chance, hits) < CHECK_LN_PROBABILITY
+        (width > 0.9 * narrow && width < 1.1 * wide)
+            || nominal.is_some_and(|f| (focal_px / f).ln().abs() < 1.5 * self.options.focal_length_tolerance)
     }
 }
 
@@ -359,6 +344,34 @@ impl Trial<'_> {
         }
         let rotation = axes(image) * axes(sky).transpose();
         Some(Pose { rotation, focal_px, kappa: self.context.stage.kappa, parity })
+    }
+
+    /// Whether more of the other detections find a star than would by chance.
+    fn checks_out(&self, pose: &Pose) -> bool {
+        let context = self.context;
+        let count = context.ideal.len().min(context.stage.judges());
+        let others = count.saturating_sub(3);
+        let to_sky = pose.rotation.transpose();
+        // Where most detections are false, more must be looked at before a candidate is given up.
+        let patience = if matches!(context.stage.choice, Brightest(_)) { 6 } else { 10 };
+        let (mut looked, mut hits) = (0, 0);
+        // Through the list in strides, so that bright and faint ones come early alike.
+        let stride = CHECK_STRIDES.into_iter().find(|stride| !count.is_multiple_of(*stride)).unwrap_or(1);
+        for step in 0..count {
+            let number = step * stride % count;
+            if self.corners.contains(&number) {
+                continue;
+            }
+            let [x, y] = context.ideal[number];
+            let direction = to_sky * Vector3::new(x * pose.parity, y, pose.focal_px);
+            looked += 1;
+            hits += usize::from(context.level.map.has_star_near(&direction));
+            if (looked == patience && hits == 0) || (looked == 16 && hits < 2) {
+                return false;
+            }
+        }
+        let by_chance = others as f64 * context.level.map.covered;
+        hits > 0 && odds::ln_poisson_tail(by_chance, hits) < CHECK_LN_PROBABILITY
     }
 }
 

@@ -122,7 +122,10 @@ pub(super) fn solve(
     }
     if matches.len() < 4 {
         return Identification::NotIdentified {
-            reason: format!("Only {} stars remained when the accepted hypothesis was fitted to the whole frame: too few to trust it.", matches.len()),
+            reason: format!(
+                "Only {} stars remained when the accepted hypothesis was fitted to the whole frame: too few to trust it.",
+                matches.len()
+            ),
         };
     }
     Identification::Identified(Solution {
@@ -178,7 +181,8 @@ impl Laid {
                 let point = self.camera.pixel(&Direction::from_unit([v.x, v.y, v.z]))?;
                 let margin = radius_px.max(CROWDED_PX);
                 let inside = |c: f64, size: usize| c > -0.5 - margin && c < size as f64 - 0.5 + margin;
-                (inside(point.x_px, self.camera.width_px) && inside(point.y_px, self.camera.height_px)).then_some((point.y_px, point.x_px, star))
+                (inside(point.x_px, self.camera.width_px) && inside(point.y_px, self.camera.height_px))
+                    .then_some((point.y_px, point.x_px, star))
             })
             .collect();
         stars.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.2.cmp(&b.2)));
