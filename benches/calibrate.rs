@@ -37,7 +37,7 @@ fn night(frames: usize, stars: usize) -> ControlPoints {
             });
         }
     }
-    ControlPoints { nominal: Camera::pinhole(1024, 1024, 2811.0), attitudes: vec![None; frames], points }
+    ControlPoints { nominal: Camera::pinhole(1024, 1024, 2811.0), attitudes: vec![None; frames], points, parity: 1 }
 }
 
 /// Frames × stars a frame; the held-out solutions are left away.

@@ -80,7 +80,7 @@ impl Night {
                 wrong.push(star < bad);
             }
         }
-        (ControlPoints { nominal: self.nominal, attitudes, points }, wrong)
+        (ControlPoints { nominal: self.nominal, attitudes, points, parity: 1 }, wrong)
     }
 }
 
