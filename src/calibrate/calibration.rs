@@ -146,8 +146,11 @@ pub struct Calibration {
     pub model: Vec<String>,
     /// The parameters solved.
     pub parameters: Vec<ParameterEstimate>,
-    /// The camera.
+    /// The camera; of the un-mirrored image.
     pub camera: Camera,
+    /// −1 if the images are mirrored (x was replaced by width − 1 − x before everything else), else +1.
+    #[serde(default = "not_mirrored")]
+    pub parity: i8,
     /// 2-D rms of the star images used, in sample.
     pub rms_px: Option<f64>,
     /// The same as an angle on the sky.
@@ -198,7 +201,37 @@ pub struct Calibration {
     pub provenance: Option<Provenance>,
 }
 
+fn not_mirrored() -> i8 {
+    1
+}
+
 impl Calibration {
+    /// The same with all columns in the coordinates of the images as stored, which is how files have it; applied twice, it is
+    /// the original. Only mirrored images differ in it. The camera's other parameters are always those of the un-mirrored image.
+    #[must_use]
+    pub fn with_stored_columns(&self) -> Self {
+        let mut other = self.clone();
+        if self.parity > 0 {
+            return other;
+        }
+        let flip = |x_px: &mut f64| *x_px = self.stored_column_px(*x_px);
+        flip(&mut other.camera.principal_point_px[0]);
+        flip(&mut other.control_points.nominal.principal_point_px[0]);
+        other.parameters.iter_mut().filter(|parameter| parameter.name == "x0").for_each(|parameter| flip(&mut parameter.value));
+        other.points.iter_mut().chain(&mut other.rejected).for_each(|point| flip(&mut point.x_px));
+        for point in &mut other.control_points.points {
+            flip(&mut point.x_px);
+            point.covariance_px2[1] = -point.covariance_px2[1];
+        }
+        other
+    }
+
+    /// The column, in the images as stored, of a column of the un-mirrored image; and the other way round.
+    #[must_use]
+    pub fn stored_column_px(&self, x_px: f64) -> f64 {
+        if self.parity < 0 { self.camera.width_px as f64 - 1.0 - x_px } else { x_px }
+    }
+
     /// Correlation of two parameters by name; `None` if either was not solved.
     #[must_use]
     pub fn correlation(&self, a: &str, b: &str) -> Option<f64> {

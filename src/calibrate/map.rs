@@ -39,7 +39,10 @@ pub struct MapPoint {
 #[must_use]
 pub fn map(calibration: &Calibration, side: usize) -> Map {
     let camera = &calibration.camera;
-    let point = |pixel: PixelPoint| MapPoint { x_px: pixel.x_px, y_px: pixel.y_px, direction: camera.direction(pixel).xyz };
+    let point = |stored: PixelPoint| {
+        let pixel = PixelPoint { x_px: calibration.stored_column_px(stored.x_px), ..stored };
+        MapPoint { x_px: stored.x_px, y_px: stored.y_px, direction: camera.direction(pixel).xyz }
+    };
     Map { format: "boresight-map/1".to_owned(), points: frame_grid(camera, side).into_iter().map(point).collect() }
 }
 

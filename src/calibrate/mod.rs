@@ -13,6 +13,7 @@ mod held_out;
 mod least_squares;
 mod map;
 mod pairs;
+mod residuals;
 mod select;
 mod star_level;
 mod summary;
@@ -25,6 +26,7 @@ pub use calibration::{
     AttitudeSigma, Calibration, FORMAT, FrameResult, Iteration, LeftOut, MapSigma, Method, ParameterEstimate, PointResult, Status,
 };
 pub use map::{Comparison, Map, MapPoint, MappingError, ParameterDifference, compare, map, mapping_error_px};
+pub use residuals::residuals_px;
 pub use select::LeftOutReason;
 
 use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES};

@@ -110,6 +110,7 @@ pub(super) fn summarise(
             })
             .collect(),
         camera: *camera,
+        parity: 1,
         rms_px: sums.rms_px(),
         rms_arcsec: rms_arcsec(camera, frames, &fits, &used),
         held_out_rms_px,
