@@ -91,8 +91,18 @@ pub struct DetectorTable {
     pub bias_dn: f64,
     /// Read noise (standard deviation).
     pub read_noise_e: f64,
-    /// Count at which the converter or the pixel is full.
+    /// Count at which the converter is full.
     pub saturation_dn: f64,
+    /// Electrons that a pixel holds.
+    pub full_well_e: f64,
+}
+
+impl DetectorTable {
+    /// The count of a full pixel: where the converter or the pixel itself ends.
+    #[must_use]
+    pub fn full_pixel_dn(&self) -> f64 {
+        self.saturation_dn.min((self.bias_dn + self.full_well_e / self.gain_e_per_dn).floor())
+    }
 }
 
 impl Default for DetectorTable {
@@ -104,6 +114,7 @@ impl Default for DetectorTable {
             bias_dn: 200.0,
             read_noise_e: 5.0,
             saturation_dn: 65_535.0,
+            full_well_e: 1.0e5,
         }
     }
 }
@@ -265,6 +276,7 @@ pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
     not_negative("detector.bias_dn", detector.bias_dn)?;
     not_negative("detector.read_noise_e", detector.read_noise_e)?;
     positive("detector.saturation_dn", detector.saturation_dn)?;
+    positive("detector.full_well_e", detector.full_well_e)?;
     if detector.saturation_dn > 65_535.0 || detector.saturation_dn <= detector.bias_dn {
         let remedy = "must lie above detector.bias_dn and not above 65535, the end of 16 bits";
         return refuse("detector.saturation_dn", detector.saturation_dn.to_string(), remedy);
