@@ -102,6 +102,10 @@ fn draw(sheet: &Sheet, frame_box: &FrameBox, panel: &VectorPanel) -> Drawn {
                 share *= 0.9; // nothing reaches into the neighbouring panel
                 to = frame_box.place(vector.x_px + dx * share, vector.y_px + dy * share);
             }
+            if share < 1.0 && wrong {
+                cross(sheet, from, colour)?; // how wrong a rejected one is says nothing; a field of lines hides the others
+                continue;
+            }
             if share < 1.0 {
                 cut += 1;
                 broken(sheet, from, to, colour)?;
@@ -129,6 +133,13 @@ fn significant(number: f64) -> String {
     }
     let digits = (2 - number.abs().log10().floor() as i32).clamp(0, 6) as usize;
     if number.abs() < 1e-4 { short(number) } else { format!("{number:.digits$}") }
+}
+
+/// A rejected point whose arrow would be longer than drawn.
+fn cross(sheet: &Sheet, (x, y): (f64, f64), colour: RGBColor) -> Drawn {
+    const ARM: f64 = 4.0;
+    sheet.line(&[(x - ARM, y - ARM), (x + ARM, y + ARM)], colour, 1.5)?;
+    sheet.line(&[(x - ARM, y + ARM), (x + ARM, y - ARM)], colour, 1.5)
 }
 
 /// An arrow that is longer than drawn: dashed at its end, without a head.

@@ -1,0 +1,67 @@
+//! `boresight detect`: finds the stars in images and measures them.
+
+use anyhow::Result;
+use boresight::detect::Detections;
+use boresight::provenance::Provenance;
+use boresight::recording::SkippedFrame;
+use clap::Args;
+use serde::Serialize;
+
+use super::options::{InputArgs, OutputArgs};
+use super::{Answer, output, pipeline};
+
+/// Arguments of `detect`.
+#[derive(Debug, Args)]
+pub(crate) struct DetectArgs {
+    #[command(flatten)]
+    input: InputArgs,
+    #[command(flatten)]
+    output: OutputArgs,
+}
+
+#[derive(Serialize)]
+struct DetectObject<'a> {
+    format: &'static str,
+    frames: Vec<DetectedFrame<'a>>,
+    skipped: &'a [SkippedFrame],
+    provenance: Provenance,
+}
+
+#[derive(Serialize)]
+struct DetectedFrame<'a> {
+    file: &'a str,
+    #[serde(flatten)]
+    detections: &'a Detections,
+    seconds: f64,
+}
+
+/// Measures, and prints a line a frame.
+pub(crate) fn detect(args: &DetectArgs) -> Result<Answer> {
+    let recording = pipeline::open(&args.input)?;
+    let provenance = pipeline::provenance(&recording, None)?;
+    let measured = pipeline::measure(recording)?;
+    let frames = measured
+        .frames
+        .iter()
+        .map(|frame| DetectedFrame { file: &frame.name, detections: &frame.detections, seconds: frame.seconds })
+        .collect();
+    let object = DetectObject { format: "boresight-detect/1", frames, skipped: &measured.skipped, provenance };
+    output::deliver("detect", &object, args.output.json, args.output.output.as_deref(), || {
+        let rows: Vec<Vec<String>> = object
+            .frames
+            .iter()
+            .map(|frame| {
+                let stars = &frame.detections.stars;
+                vec![
+                    frame.file.to_owned(),
+                    stars.len().to_string(),
+                    stars.first().map_or_else(String::new, |star| format!("{:.0}", star.snr())),
+                    format!("{:.1}", frame.detections.background_dn),
+                    format!("{:.2}", frame.detections.noise_dn),
+                ]
+            })
+            .collect();
+        boresight::report::table(&["frame", "stars", "best SNR", "background/DN", "noise/DN"], &rows)
+    })?;
+    Ok(Answer::Yes)
+}

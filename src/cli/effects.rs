@@ -1,0 +1,98 @@
+//! `boresight effects`: what this build knows.
+
+use anyhow::{Result, bail};
+use boresight::effects::pixel::{PIXEL_EFFECTS, POINT_SPREADS, pixel_effect, point_spread};
+use boresight::effects::{DISPLACEMENTS, ParameterSpec, Segment, page_of};
+use clap::Args;
+use serde::Serialize;
+
+use super::{Answer, output};
+
+/// Arguments of `effects`.
+#[derive(Debug, Args)]
+pub(crate) struct EffectsArgs {
+    /// Print the page of this effect
+    id: Option<String>,
+    /// Print the list as one JSON object
+    #[arg(long, conflicts_with = "id")]
+    json: bool,
+}
+
+/// One line of the list.
+#[derive(Debug, Serialize)]
+struct Line {
+    id: &'static str,
+    acts_on: &'static str,
+    parameters: Vec<Parameter>,
+}
+
+#[derive(Debug, Serialize)]
+struct Parameter {
+    name: &'static str,
+    unit: &'static str,
+}
+
+/// Lists the effects, or prints one page.
+pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
+    let known = lines();
+    if let Some(id) = &args.id {
+        let Some(page) = page(id) else {
+            let nearest = known.iter().map(|line| line.id).min_by_key(|known| strsim::damerau_levenshtein(id, known));
+            bail!("there is no effect {id}; did you mean {}? (`boresight effects` lists them all)", nearest.unwrap_or_default());
+        };
+        output::print(&page)?;
+    } else if args.json {
+        #[derive(Serialize)]
+        struct List {
+            format: &'static str,
+            effects: Vec<Line>,
+        }
+        output::print(&output::json_text(&List { format: "boresight-effects/1", effects: known })?)?;
+    } else {
+        let rows: Vec<Vec<String>> = known
+            .iter()
+            .map(|line| {
+                let parameters: Vec<String> =
+                    line.parameters
+                        .iter()
+                        .map(|parameter| {
+                            if parameter.unit.is_empty() {
+                                parameter.name.into()
+                            } else {
+                                format!("{} ({})", parameter.name, parameter.unit)
+                            }
+                        })
+                        .collect();
+                vec![line.id.to_owned(), line.acts_on.to_owned(), parameters.join(", ")]
+            })
+            .collect();
+        output::print(&boresight::report::table(&["effect", "acts on", "parameters"], &rows))?;
+    }
+    Ok(Answer::Yes)
+}
+
+fn lines() -> Vec<Line> {
+    let line = |id, acts_on, specs: &[ParameterSpec]| Line {
+        id,
+        acts_on,
+        parameters: specs.iter().map(|spec| Parameter { name: spec.name, unit: spec.unit }).collect(),
+    };
+    let displacements = DISPLACEMENTS.iter().map(|effect| {
+        let acts_on = match effect.segment() {
+            Segment::Sky => "direction",
+            Segment::Projection => "projection",
+            Segment::Focal => "focal plane",
+        };
+        line(effect.id(), acts_on, effect.parameters())
+    });
+    let spreads = POINT_SPREADS.iter().map(|spread| line(spread.id(), "star image", &[]));
+    let pixels = PIXEL_EFFECTS.iter().map(|effect| line(effect.id(), "pixels", effect.parameters()));
+    displacements.chain(spreads).chain(pixels).collect()
+}
+
+fn page(id: &str) -> Option<String> {
+    let displacement = boresight::effects::displacement(id).map(boresight::effects::AnyDisplacement::page);
+    let pixels = || pixel_effect(id).map(|effect| page_of(effect.source()));
+    let spread = || point_spread(id).map(|spread| page_of(spread.source()));
+    displacement.or_else(pixels).or_else(spread)
+}

@@ -1,0 +1,260 @@
+//! `boresight identify`: says which stars are in the images.
+
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use boresight::camera::Camera;
+use boresight::catalog::Catalog;
+use boresight::identify::{Identification, IdentifyOptions, Solution};
+use boresight::provenance::Provenance;
+use boresight::recording::SkippedFrame;
+use boresight::report;
+use boresight::units::DEG_RAD;
+use clap::Args;
+use serde::Serialize;
+
+use super::options::{InputArgs, OutputArgs, SkyArgs};
+use super::pipeline::{IdentifiedFrame, Measured};
+use super::{Answer, output, pipeline};
+
+/// Arguments of `identify`.
+#[derive(Debug, Args)]
+pub(crate) struct IdentifyArgs {
+    #[command(flatten)]
+    input: InputArgs,
+    #[command(flatten)]
+    sky: SkyArgs,
+    #[command(flatten)]
+    search: SearchArgs,
+    #[command(flatten)]
+    output: OutputArgs,
+}
+
+/// How the stars are searched for.
+#[derive(Debug, Args)]
+pub(crate) struct SearchArgs {
+    /// Focal length in pixels, where the recording does not tell it; without one, all fields from 3° to 90° are tried
+    #[arg(long, value_name = "PX", value_parser = positive)]
+    pub(crate) focal_length_px: Option<f64>,
+    /// Give up on a frame after this time (the answer may then depend on the machine)
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub(crate) time_limit: Option<f64>,
+}
+
+/// Reads a number above 0.
+pub(crate) fn positive(text: &str) -> std::result::Result<f64, String> {
+    text.parse::<f64>().ok().filter(|value| value.is_finite() && *value > 0.0).ok_or_else(|| "give a number above 0".into())
+}
+
+impl SearchArgs {
+    /// The options of the search for this recording.
+    pub(crate) fn options(&self, measured: &Measured) -> IdentifyOptions {
+        IdentifyOptions {
+            nominal_focal_length_px: self.focal_length_px.or(measured.recording.camera.nominal_focal_length_px()),
+            time_limit: self.time_limit.map(Duration::from_secs_f64),
+            ..IdentifyOptions::default()
+        }
+    }
+}
+
+#[derive(Serialize)]
+struct IdentifyObject<'a> {
+    format: &'static str,
+    frames: Vec<FrameObject>,
+    physics: Vec<&'static str>,
+    skipped: &'a [SkippedFrame],
+    catalog: &'a str,
+    provenance: Provenance,
+}
+
+/// One frame of the result.
+#[derive(Debug, Serialize)]
+pub(crate) struct FrameObject {
+    file: String,
+    status: &'static str,
+    reason: Option<String>,
+    centre_radec_deg: Option<[f64; 2]>,
+    /// The date to which the stars were moved, Julian year; 2000.0 where no time is known.
+    centre_epoch_yr: Option<f64>,
+    roll_deg: Option<f64>,
+    focal_length_px: Option<f64>,
+    width_deg: Option<f64>,
+    height_deg: Option<f64>,
+    stars_detected: usize,
+    stars_matched: usize,
+    rms_px: Option<f64>,
+    false_match_probability: Option<f64>,
+    camera_from_icrs: Option<[f64; 4]>,
+    parity: Option<i8>,
+    camera: Option<Camera>,
+    matches: Vec<MatchObject>,
+    seconds: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct MatchObject {
+    hip: u32,
+    name: Option<&'static str>,
+    x_px: f64,
+    y_px: f64,
+    residual_px: [f64; 2],
+    magnitude: f64,
+    flux_dn: f64,
+}
+
+impl FrameObject {
+    fn new(frame: &pipeline::MeasuredFrame, identified: &IdentifiedFrame, catalog: &Catalog) -> Self {
+        let mut object = Self {
+            file: frame.name.clone(),
+            status: "not-identified",
+            reason: None,
+            centre_radec_deg: None,
+            centre_epoch_yr: None,
+            roll_deg: None,
+            focal_length_px: None,
+            width_deg: None,
+            height_deg: None,
+            stars_detected: frame.detections.stars.len(),
+            stars_matched: 0,
+            rms_px: None,
+            false_match_probability: None,
+            camera_from_icrs: None,
+            parity: None,
+            camera: None,
+            matches: Vec::new(),
+            seconds: identified.seconds,
+        };
+        match &identified.identification {
+            Identification::NotIdentified { reason } => object.reason = Some(reason.clone()),
+            Identification::Identified(solution) => object.fill(frame, identified, solution, catalog),
+        }
+        object
+    }
+
+    fn fill(&mut self, frame: &pipeline::MeasuredFrame, identified: &IdentifiedFrame, solution: &Solution, catalog: &Catalog) {
+        let (ra, dec) = identified.sky.icrs_from_apparent(&solution.centre()).radec_rad();
+        self.status = "identified";
+        self.centre_radec_deg = Some([ra / DEG_RAD, dec / DEG_RAD]);
+        self.centre_epoch_yr = Some(identified.sky.observation().epoch_yr.unwrap_or(2000.0));
+        self.roll_deg = Some(solution.roll_deg());
+        self.focal_length_px = Some(solution.camera.focal_length_px);
+        self.width_deg = Some(solution.width_deg());
+        self.height_deg = Some(solution.height_deg());
+        self.stars_matched = solution.matches.len();
+        self.rms_px = Some(solution.rms_px);
+        self.false_match_probability = Some(solution.false_match_probability);
+        self.camera_from_icrs = Some(solution.attitude.into());
+        self.parity = Some(solution.parity);
+        self.camera = Some(solution.camera);
+        self.matches = solution
+            .matches
+            .iter()
+            .map(|matched| {
+                let (star, detection) = (&catalog.stars[matched.star], &frame.detections.stars[matched.detection]);
+                MatchObject {
+                    hip: star.hip,
+                    name: catalog.name(star),
+                    x_px: detection.x_px,
+                    y_px: detection.y_px,
+                    residual_px: matched.residual_px,
+                    magnitude: star.magnitude,
+                    flux_dn: detection.flux_dn,
+                }
+            })
+            .collect();
+    }
+}
+
+/// Identifies, and prints a line a frame.
+pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
+    let catalog = args.sky.catalog()?;
+    let recording = pipeline::open(&args.input)?;
+    let provenance = pipeline::provenance(&recording, Some(&args.sky))?;
+    let measured = pipeline::measure(recording)?;
+    let options = args.search.options(&measured);
+    let identified = pipeline::identify_frames(&measured, &catalog, &args.sky.physics, &options)?;
+    let frames: Vec<FrameObject> =
+        measured.frames.iter().zip(&identified).map(|(frame, identified)| FrameObject::new(frame, identified, &catalog)).collect();
+    let all = frames.iter().all(|frame| frame.status == "identified");
+    let physics = identified.first().map_or_else(Vec::new, |frame| frame.sky.ids());
+    let object = IdentifyObject {
+        format: "boresight-identify/1",
+        frames,
+        physics,
+        skipped: &measured.skipped,
+        catalog: &catalog.source,
+        provenance,
+    };
+    if let Some(directory) = &args.output.output {
+        std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
+        for (frame, identified) in measured.frames.iter().zip(&identified) {
+            let stem = Path::new(&frame.name).file_stem().map_or_else(|| frame.name.clone(), |stem| stem.to_string_lossy().into_owned());
+            let path = directory.join(format!("{:04}-{stem}.png", frame.index));
+            picture(&path, &measured, frame, identified, &catalog)?;
+        }
+    }
+    output::deliver("identify", &object, args.output.json, args.output.output.as_deref(), || text(&object.frames))?;
+    Ok(if all { Answer::Yes } else { Answer::No })
+}
+
+/// The frame with its stars marked and named; nothing where there are no pixels.
+pub(crate) fn picture(
+    path: &Path,
+    measured: &Measured,
+    frame: &pipeline::MeasuredFrame,
+    identified: &IdentifiedFrame,
+    catalog: &Catalog,
+) -> Result<()> {
+    if measured.recording.frame_path(frame.index).is_none() {
+        return Ok(());
+    }
+    let pixels = measured.recording.load_frame(frame.index)?;
+    let matches = identified.solution().map_or(&[][..], |solution| &solution.matches);
+    let marks: Vec<report::Mark> = frame
+        .detections
+        .stars
+        .iter()
+        .enumerate()
+        .map(|(index, detection)| {
+            let star = matches.iter().find(|matched| matched.detection == index).map(|matched| &catalog.stars[matched.star]);
+            report::Mark {
+                x_px: detection.x_px,
+                y_px: detection.y_px,
+                label: star.map(|star| catalog.label(star)),
+                kind: if star.is_some() { report::MarkKind::Identified } else { report::MarkKind::Detected },
+            }
+        })
+        .collect();
+    Ok(report::frame_picture(path, &pixels, &marks)?)
+}
+
+fn text(frames: &[FrameObject]) -> String {
+    let number = |value: Option<f64>, digits: usize| value.map_or_else(String::new, |value| format!("{value:.digits$}"));
+    let rows: Vec<Vec<String>> = frames
+        .iter()
+        .map(|frame| {
+            vec![
+                frame.file.clone(),
+                frame.status.to_owned(),
+                number(frame.centre_radec_deg.map(|centre| centre[0]), 4),
+                number(frame.centre_radec_deg.map(|centre| centre[1]), 4),
+                number(frame.roll_deg, 3),
+                number(frame.width_deg, 3),
+                number(frame.focal_length_px, 1),
+                format!("{}/{}", frame.stars_matched, frame.stars_detected),
+                number(frame.rms_px, 3),
+                frame.false_match_probability.map_or_else(String::new, |p| format!("{p:.0e}")),
+                format!("{:.2}", frame.seconds),
+            ]
+        })
+        .collect();
+    let header = ["frame", "status", "RA/deg", "Dec/deg", "roll/deg", "width/deg", "f/px", "stars", "rms/px", "P(false)", "s"];
+    let mut text = report::table(&header, &rows);
+    for frame in frames {
+        if let Some(reason) = &frame.reason {
+            text += &format!("{}: {reason}\n", frame.file);
+        }
+    }
+    text
+}

@@ -1,0 +1,106 @@
+//! The command line: one verb a file. Results go to stdout, progress and log to stderr.
+//!
+//! Exit codes: 0 done, 1 failed, 2 wrong usage, 3 "ran, and the answer is no".
+
+mod calibrate;
+mod compare;
+mod detect;
+mod doctor;
+mod effects;
+mod identify;
+mod map;
+mod options;
+mod output;
+mod pictures;
+mod pipeline;
+mod run;
+mod simulate;
+mod star_list;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Whether the answer is yes or no; failures are errors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Answer {
+    /// Done.
+    Yes,
+    /// Ran, and the answer is no: not identified, not converged.
+    No,
+}
+
+/// Simulates a star camera end to end, calibrates one from its images, and explains why the two differ.
+#[derive(Debug, Parser)]
+#[command(name = "boresight", version, propagate_version = true, max_term_width = 120)]
+struct Arguments {
+    /// Say more on stderr (-v: steps, -vv: details)
+    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    verbose: u8,
+    /// Say nothing on stderr but errors
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    quiet: bool,
+    /// Use this many threads (default: all); results do not depend on it
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    threads: Option<u16>,
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// Render a scene into a recording, with its truth beside it
+    Simulate(simulate::SimulateArgs),
+    /// Find the stars in images and measure them
+    Detect(detect::DetectArgs),
+    /// Say which stars are in the images, with no prior attitude
+    Identify(identify::IdentifyArgs),
+    /// Solve for the camera: principal point, focal length, distortion
+    Calibrate(calibrate::CalibrateArgs),
+    /// Print pixel → direction of a calibration on a grid
+    Map(map::MapArgs),
+    /// Compare two calibrations
+    Compare(compare::CompareArgs),
+    /// Simulate, measure, identify and calibrate, and compare with the truth
+    Run(run::RunArgs),
+    /// `run` on a built-in scene: a night of the real sky
+    Demo(run::DemoArgs),
+    /// List the effects that this build knows, or print the page of one
+    Effects(effects::EffectsArgs),
+    /// Show GPU adapter, driver and versions, and check the GPU against the CPU
+    Doctor(doctor::DoctorArgs),
+}
+
+/// Runs the program.
+pub(crate) fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    output::set_up_log(arguments.verbose, arguments.quiet);
+    if let Some(threads) = arguments.threads
+        && let Err(error) = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()
+    {
+        output::say_error(&anyhow::Error::new(error).context("--threads"));
+        return ExitCode::from(1);
+    }
+    let answer = match &arguments.verb {
+        Verb::Simulate(args) => simulate::simulate(args),
+        Verb::Detect(args) => detect::detect(args),
+        Verb::Identify(args) => identify::identify(args),
+        Verb::Calibrate(args) => calibrate::calibrate(args),
+        Verb::Map(args) => map::map(args),
+        Verb::Compare(args) => compare::compare(args),
+        Verb::Run(args) => run::run(args),
+        Verb::Demo(args) => run::demo(args),
+        Verb::Effects(args) => effects::effects(args),
+        Verb::Doctor(args) => doctor::doctor(args),
+    };
+    match answer {
+        Ok(Answer::Yes) => ExitCode::SUCCESS,
+        Ok(Answer::No) => ExitCode::from(3),
+        // Whoever reads stdout has seen enough (`boresight … | head`): not a failure.
+        Err(error) if output::is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            output::say_error(&error);
+            ExitCode::from(1)
+        }
+    }
+}

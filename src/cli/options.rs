@@ -1,0 +1,128 @@
+//! Options that several verbs share.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use boresight::camera::Physics;
+use boresight::catalog::Catalog;
+use boresight::imaging::Backend;
+use boresight::provenance::Provenance;
+use boresight::scene::Scene;
+use clap::{Args, ValueEnum};
+
+use super::output;
+
+/// Where results go.
+#[derive(Debug, Args)]
+pub(crate) struct OutputArgs {
+    /// Print the result as one JSON object on stdout, and nothing else
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Also write the result, tables and pictures into this folder
+    #[arg(short, long, value_name = "DIR")]
+    pub(crate) output: Option<PathBuf>,
+}
+
+/// What is read.
+#[derive(Debug, Args)]
+pub(crate) struct InputArgs {
+    /// A recording (folder with recording.toml, or folder of FITS files) or images
+    #[arg(required = true, value_name = "RECORDING|IMAGE")]
+    pub(crate) inputs: Vec<PathBuf>,
+    /// Skip bad frames and list them in the result, instead of stopping at the first
+    #[arg(long)]
+    pub(crate) keep_going: bool,
+}
+
+/// Which stars, and what happens to their light.
+#[derive(Debug, Args)]
+pub(crate) struct SkyArgs {
+    /// Read stars from this CSV file instead of the built-in Hipparcos stars
+    #[arg(long, value_name = "FILE")]
+    pub(crate) catalog: Option<PathBuf>,
+    /// The effects of known size that the model contains: a list, `none`, or `known` (all that follow from the recording)
+    #[arg(long, value_name = "LIST|none|known", default_value = "known")]
+    pub(crate) physics: Physics,
+}
+
+impl SkyArgs {
+    /// The catalogue to use.
+    pub(crate) fn catalog(&self) -> Result<std::borrow::Cow<'static, Catalog>> {
+        open_catalog(self.catalog.as_deref())
+    }
+}
+
+/// Where frames are rendered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum BackendChoice {
+    /// A hardware GPU if there is one, else the CPU
+    Auto,
+    /// Any Vulkan adapter, a software one (lavapipe) included; an error where there is none
+    Gpu,
+    /// The CPU twins
+    Cpu,
+}
+
+impl From<BackendChoice> for Backend {
+    fn from(choice: BackendChoice) -> Self {
+        match choice {
+            BackendChoice::Auto => Self::Auto,
+            BackendChoice::Gpu => Self::Gpu,
+            BackendChoice::Cpu => Self::Cpu,
+        }
+    }
+}
+
+/// How a scene is rendered.
+#[derive(Debug, Args)]
+pub(crate) struct SceneArgs {
+    /// Where to render
+    #[arg(long, value_enum, default_value_t = BackendChoice::Auto)]
+    pub(crate) backend: BackendChoice,
+    /// Another seed than the scene's
+    #[arg(long, value_name = "SEED")]
+    pub(crate) seed: Option<u64>,
+    /// Read stars from this CSV file instead of the built-in Hipparcos stars
+    #[arg(long, value_name = "FILE")]
+    pub(crate) catalog: Option<PathBuf>,
+    /// Replace a folder that an earlier run wrote
+    #[arg(long)]
+    pub(crate) force: bool,
+}
+
+impl SceneArgs {
+    /// Reads the scene.
+    pub(crate) fn open(&self, path: &Path) -> Result<(Scene, Provenance)> {
+        let name = path.display().to_string();
+        let text = std::fs::read_to_string(path).with_context(|| format!("{name}: the scene cannot be read"))?;
+        self.parse(&name, &text)
+    }
+
+    /// Reads the text of a scene.
+    pub(crate) fn parse(&self, name: &str, text: &str) -> Result<(Scene, Provenance)> {
+        let scene = match self.seed {
+            Some(seed) => Scene::parse_with_seed(name, text, seed)?,
+            None => Scene::parse(name, text)?,
+        };
+        let mut provenance = output::provenance();
+        provenance.add_input_bytes(name, text.as_bytes());
+        provenance.seed = Some(scene.seed);
+        Ok((scene, provenance))
+    }
+
+    /// The catalogue to render.
+    pub(crate) fn catalog(&self, provenance: &mut Provenance) -> Result<std::borrow::Cow<'static, Catalog>> {
+        if let Some(path) = &self.catalog {
+            provenance.add_input(path)?;
+        }
+        open_catalog(self.catalog.as_deref())
+    }
+}
+
+/// The catalogue of this file, or the built-in one.
+fn open_catalog(path: Option<&Path>) -> Result<std::borrow::Cow<'static, Catalog>> {
+    Ok(match path {
+        None => std::borrow::Cow::Borrowed(Catalog::embedded()),
+        Some(path) => std::borrow::Cow::Owned(Catalog::from_csv(path).context("--catalog")?),
+    })
+}

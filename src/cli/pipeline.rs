@@ -1,0 +1,193 @@
+//! The way of the data as the verbs walk it: recording → detections → identifications → control points.
+
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use boresight::camera::{GroundSite, Physics, SkyChain, observation};
+use boresight::catalog::Catalog;
+use boresight::coordinates::{Apparent, Direction};
+use boresight::detect::{DetectOptions, Detections, detect};
+use boresight::effects::Observation;
+use boresight::identify::{Identification, IdentifyOptions, Index, Solution, identify};
+use boresight::provenance::Provenance;
+use boresight::recording::{OpenOptions, Recording, Site, SkippedFrame};
+use rayon::prelude::*;
+
+use super::options::{InputArgs, SkyArgs};
+use super::{output, star_list};
+
+/// A recording with its measured frames.
+pub(crate) struct Measured {
+    /// The recording.
+    pub(crate) recording: Recording,
+    /// The frames that could be read, in order.
+    pub(crate) frames: Vec<MeasuredFrame>,
+    /// Those that could not (only with `--keep-going`).
+    pub(crate) skipped: Vec<SkippedFrame>,
+}
+
+/// A frame whose stars are measured.
+pub(crate) struct MeasuredFrame {
+    /// Index into the recording's frames.
+    pub(crate) index: usize,
+    /// Its file, or its number.
+    pub(crate) name: String,
+    /// Its stars.
+    pub(crate) detections: Detections,
+    /// How long it took to measure, wall time.
+    pub(crate) seconds: f64,
+}
+
+/// A frame whose identification was tried.
+pub(crate) struct IdentifiedFrame {
+    /// The answer.
+    pub(crate) identification: Identification,
+    /// The physics in force.
+    pub(crate) sky: SkyChain,
+    /// The direction from which every catalogue star's light arrived.
+    pub(crate) directions: Vec<Direction<Apparent>>,
+    /// How long it took, measuring included, wall time.
+    pub(crate) seconds: f64,
+}
+
+impl IdentifiedFrame {
+    /// The solution, if there is one.
+    pub(crate) fn solution(&self) -> Option<&Solution> {
+        match &self.identification {
+            Identification::Identified(solution) => Some(solution),
+            Identification::NotIdentified { .. } => None,
+        }
+    }
+}
+
+/// Opens what is named on the command line.
+pub(crate) fn open(input: &InputArgs) -> Result<Recording> {
+    let recording = Recording::open_with(&input.inputs, OpenOptions { keep_going: input.keep_going })?;
+    for note in &recording.notes {
+        tracing::warn!("{note}");
+    }
+    Ok(recording)
+}
+
+/// Provenance of a result that was made of this recording.
+pub(crate) fn provenance(recording: &Recording, sky: Option<&SkyArgs>) -> Result<Provenance> {
+    let mut provenance = output::provenance();
+    for file in recording.input_files() {
+        provenance.add_input(&file)?;
+    }
+    if let Some(path) = sky.and_then(|sky| sky.catalog.as_ref()) {
+        provenance.add_input(path)?;
+    }
+    Ok(provenance)
+}
+
+/// Finds and measures the stars of every frame.
+pub(crate) fn measure(recording: Recording) -> Result<Measured> {
+    let options = DetectOptions {
+        gain_e_per_dn: recording.camera.gain_e_per_dn,
+        read_noise_e: recording.camera.read_noise_e,
+        ..DetectOptions::default()
+    };
+    let bar = output::progress("measuring", recording.frames.len());
+    let results: Vec<Result<Result<MeasuredFrame, SkippedFrame>>> = (0..recording.frames.len())
+        .into_par_iter()
+        .map(|index| {
+            let start = Instant::now();
+            let name = recording.frame_name(index);
+            if let Some(stars) = recording.stars.as_ref().and_then(|list| list.frames.get(index)) {
+                let detections = star_list::detections(&recording, stars);
+                return Ok(Ok(MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() }));
+            }
+            let frame = match recording.load_frame_or_skip(index)? {
+                Ok(frame) => frame,
+                Err(skipped) => return Ok(Err(skipped)),
+            };
+            let detections = detect(&frame, &options).with_context(|| name.clone())?;
+            bar.inc(1);
+            Ok(Ok(MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() }))
+        })
+        .collect();
+    bar.finish_and_clear();
+    let mut skipped = recording.skipped.clone();
+    let mut frames = Vec::new();
+    for result in results {
+        match result? {
+            Ok(frame) => frames.push(frame),
+            Err(frame) => skipped.push(frame),
+        }
+    }
+    if frames.is_empty() {
+        bail!("none of the {} frames can be read: {}", skipped.len(), skipped.first().map_or("there is none", |frame| &frame.reason));
+    }
+    for frame in &skipped {
+        tracing::warn!("skipped {}: {}", frame.file, frame.reason);
+    }
+    Ok(Measured { recording, frames, skipped })
+}
+
+/// The place on the ground in the units of the ephemeris.
+fn ground_site(site: &Site) -> GroundSite {
+    GroundSite {
+        pressure_hpa: site.pressure_hpa,
+        temperature_c: site.temperature_c,
+        relative_humidity: site.relative_humidity,
+        ..GroundSite::from_degrees(site.latitude_deg, site.longitude_deg, site.height_m)
+    }
+}
+
+/// What the recording knows of the circumstances of a frame.
+pub(crate) fn circumstances(recording: &Recording, frame: usize) -> Result<Observation> {
+    let entry = &recording.frames[frame];
+    let site = recording.site.as_ref().map(ground_site);
+    observation(entry.time_utc, site.as_ref(), entry.velocity_km_s).with_context(|| recording.frame_name(frame))
+}
+
+/// Identifies every frame. Frames that resist alone are tried once more with the focal length that the others agree on.
+pub(crate) fn identify_frames(
+    measured: &Measured,
+    catalog: &Catalog,
+    physics: &Physics,
+    options: &IdentifyOptions,
+) -> Result<Vec<IdentifiedFrame>> {
+    let index = Index::new(catalog);
+    let bar = output::progress("identifying", measured.frames.len());
+    let mut frames = measured
+        .frames
+        .par_iter()
+        .map(|frame| -> Result<IdentifiedFrame> {
+            let start = Instant::now();
+            let observation = circumstances(&measured.recording, frame.index)?;
+            let sky = SkyChain::new(physics, observation).with_context(|| frame.name.clone())?;
+            let directions = sky.apparent_all(catalog);
+            let identification = identify(&frame.detections, catalog, &index, &directions, options);
+            bar.inc(1);
+            Ok(IdentifiedFrame { identification, sky, directions, seconds: frame.seconds + start.elapsed().as_secs_f64() })
+        })
+        .collect::<Result<Vec<_>>>()?;
+    bar.finish_and_clear();
+    if measured.recording.common_size().is_ok() {
+        retry(measured, catalog, &index, options, &mut frames);
+    }
+    Ok(frames)
+}
+
+/// Tries the frames that were not identified with the median focal length of those that were.
+fn retry(measured: &Measured, catalog: &Catalog, index: &Index, options: &IdentifyOptions, frames: &mut [IdentifiedFrame]) {
+    let mut lengths: Vec<f64> = frames.iter().filter_map(|frame| Some(frame.solution()?.camera.focal_length_px)).collect();
+    if lengths.is_empty() || lengths.len() == frames.len() {
+        return;
+    }
+    lengths.sort_by(f64::total_cmp);
+    let options = IdentifyOptions {
+        nominal_focal_length_px: Some(lengths[lengths.len() / 2]),
+        focal_length_tolerance: 0.01,
+        search_beyond_tolerance: false,
+        ..options.clone()
+    };
+    frames.par_iter_mut().zip(&measured.frames).filter(|(frame, _)| frame.solution().is_none()).for_each(|(frame, measured)| {
+        let second = identify(&measured.detections, catalog, index, &frame.directions, &options);
+        if matches!(second, Identification::Identified(_)) {
+            frame.identification = second;
+        }
+    });
+}

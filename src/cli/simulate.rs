@@ -1,0 +1,217 @@
+//! `boresight simulate`: renders a scene into a recording, with its truth beside it.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use boresight::camera::Camera;
+use boresight::catalog::Catalog;
+use boresight::coordinates::Attitude;
+use boresight::provenance::Provenance;
+use boresight::recording::{
+    CameraInfo, FitsHeaders, Form, FrameEntry, Mount, OutputDirectory, Recording, Site, Size, write_file, write_fits_u16, write_manifest,
+};
+use boresight::render::{Renderer, TrueStar};
+use boresight::scene::{DetectorTable, Exposure, Scene, SiteTable, SkyTable};
+use clap::Args;
+use serde::Serialize;
+
+use super::options::{BackendChoice, SceneArgs};
+use super::{Answer, output};
+
+/// Arguments of `simulate`.
+#[derive(Debug, Args)]
+pub(crate) struct SimulateArgs {
+    /// The scene
+    #[arg(value_name = "SCENE.toml")]
+    scene: PathBuf,
+    #[command(flatten)]
+    options: SceneArgs,
+    /// The folder that becomes the recording
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Print the result as one JSON object on stdout, and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+pub(crate) struct SimulateObject {
+    format: &'static str,
+    pub(crate) recording: PathBuf,
+    truth: PathBuf,
+    frames: usize,
+    stars: usize,
+    pub(crate) provenance: Provenance,
+}
+
+/// `truth/truth.json`.
+#[derive(Serialize)]
+struct TruthObject<'a> {
+    format: &'static str,
+    camera: &'a Camera,
+    nominal: &'a Camera,
+    detector: &'a DetectorTable,
+    sky: &'a SkyTable,
+    site: Option<&'a SiteTable>,
+    frames: Vec<TrueFrame>,
+    provenance: &'a Provenance,
+}
+
+#[derive(Serialize)]
+struct TrueFrame {
+    frame: usize,
+    time_utc: Option<String>,
+    exposure_s: f64,
+    effects: Vec<TrueEffect>,
+    camera_from_icrs_start: Attitude,
+    camera_from_icrs_mid: Attitude,
+    camera_from_icrs_end: Attitude,
+    velocity_km_s: Option<[f64; 3]>,
+    zenith_icrs: Option<[f64; 3]>,
+}
+
+#[derive(Serialize)]
+struct TrueEffect {
+    id: &'static str,
+    parameters: Vec<f64>,
+}
+
+/// Renders, and says what was written.
+pub(crate) fn simulate(args: &SimulateArgs) -> Result<Answer> {
+    let (scene, mut provenance) = args.options.open(&args.scene)?;
+    let catalog = args.options.catalog(&mut provenance)?;
+    let object = write_recording(&scene, &catalog, args.options.backend, &args.output, args.options.force, provenance)?;
+    if args.json {
+        output::print(&output::json_text(&object)?)?;
+    } else {
+        output::print(&format!(
+            "{}: {} frames, {} star images, rendered on {}; the truth is in {}\n",
+            object.recording.display(),
+            object.frames,
+            object.stars,
+            object.provenance.adapter.as_deref().unwrap_or("the CPU"),
+            object.truth.display()
+        ))?;
+    }
+    Ok(Answer::Yes)
+}
+
+/// Renders a scene into a folder: recording.toml, frames/, truth/ and simulate.json, all of it or nothing.
+pub(crate) fn write_recording(
+    scene: &Scene,
+    catalog: &Catalog,
+    backend: BackendChoice,
+    target: &Path,
+    force: bool,
+    mut provenance: Provenance,
+) -> Result<SimulateObject> {
+    let renderer = Renderer::new(scene, catalog, backend.into())?;
+    provenance.adapter = Some(renderer.adapter());
+    let directory = OutputDirectory::create(target, force)?;
+    let recording = manifest(scene);
+    let bar = output::progress("rendering", scene.exposures.len());
+    let mut truth = csv::Writer::from_writer(Vec::new());
+    let mut stars = 0;
+    for (index, entry) in recording.frames.iter().enumerate() {
+        let frame = renderer.render(index)?;
+        let file = entry.file.as_ref().context("a simulated frame has a file")?;
+        let headers = FitsHeaders::new(&recording.camera, recording.site.as_ref(), entry);
+        let path = directory.path().join(file);
+        write_fits_u16(&path, scene.camera.width_px, scene.camera.height_px, &frame.pixels_dn, &headers)?;
+        stars += frame.stars.len();
+        write_stars(&mut truth, &frame.stars)?;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    write_manifest(directory.path(), &recording)?;
+    let folder = directory.path().join("truth");
+    write_file(&folder.join("stars.csv"), &truth.into_inner().context("writing truth/stars.csv")?)?;
+    let object = TruthObject {
+        format: "boresight-truth/1",
+        camera: &scene.camera,
+        nominal: &scene.nominal,
+        detector: &scene.detector,
+        sky: &scene.sky,
+        site: scene.site.as_ref(),
+        frames: scene.exposures.iter().enumerate().map(|(index, exposure)| true_frame(index, exposure)).collect(),
+        provenance: &provenance,
+    };
+    write_file(&folder.join("truth.json"), output::json_text(&object)?.as_bytes())?;
+    let object = SimulateObject {
+        format: "boresight-simulate/1",
+        recording: target.to_owned(),
+        truth: target.join("truth"),
+        frames: scene.exposures.len(),
+        stars,
+        provenance,
+    };
+    write_file(&directory.path().join("simulate.json"), output::json_text(&object)?.as_bytes())?;
+    directory.finish()?;
+    Ok(object)
+}
+
+fn write_stars(table: &mut csv::Writer<Vec<u8>>, stars: &[TrueStar]) -> Result<()> {
+    for star in stars {
+        table.serialize(star).context("writing truth/stars.csv")?;
+    }
+    Ok(())
+}
+
+fn true_frame(frame: usize, exposure: &Exposure) -> TrueFrame {
+    TrueFrame {
+        frame,
+        time_utc: exposure.time.map(|time| time.to_isoformat() + "Z"),
+        exposure_s: exposure.exposure_s,
+        effects: exposure.sky.effects().into_iter().map(|(id, parameters)| TrueEffect { id, parameters: parameters.to_vec() }).collect(),
+        camera_from_icrs_start: exposure.attitude,
+        camera_from_icrs_mid: exposure.attitude,
+        camera_from_icrs_end: exposure.attitude,
+        velocity_km_s: exposure.sky.observation().velocity_km_s,
+        zenith_icrs: exposure.sky.observation().zenith,
+    }
+}
+
+/// The recording as its manifest will declare it: with the nominal camera, not the true one.
+fn manifest(scene: &Scene) -> Recording {
+    let Camera { width_px, height_px, principal_point_px, focal_length_px, k1, p1, p2 } = scene.nominal;
+    let size = Size { width_px, height_px };
+    let camera = CameraInfo {
+        width_px,
+        height_px,
+        focal_length_px: Some(focal_length_px),
+        principal_point_px: Some(principal_point_px),
+        k1: Some(k1),
+        p1: Some(p1),
+        p2: Some(p2),
+        gain_e_per_dn: Some(scene.detector.gain_e_per_dn),
+        bias_dn: Some(scene.detector.bias_dn),
+        read_noise_e: Some(scene.detector.read_noise_e),
+        saturation_dn: Some(scene.detector.full_pixel_dn()),
+        zero_point_e_per_s: Some(scene.detector.zero_point_e_per_s),
+        passband: Some("V".into()),
+        ..CameraInfo::default()
+    };
+    let frames = scene
+        .exposures
+        .iter()
+        .enumerate()
+        .map(|(number, exposure)| FrameEntry {
+            file: Some(PathBuf::from(format!("frames/{number:04}.fits"))),
+            number,
+            size: Some(size),
+            time_utc: exposure.time,
+            exposure_s: Some(exposure.exposure_s),
+            velocity_km_s: exposure.velocity_km_s,
+            ..FrameEntry::default()
+        })
+        .collect();
+    let site = scene.site.as_ref().map(|site| Site {
+        latitude_deg: site.latitude_deg,
+        longitude_deg: site.longitude_deg,
+        height_m: site.height_m,
+        pressure_hpa: site.pressure_hpa,
+        temperature_c: site.temperature_c,
+        relative_humidity: site.relative_humidity,
+    });
+    Recording { mount: Some(Mount::Free), site, frames, form: Form::Manifest, ..Recording::new(camera) }
+}
