@@ -6,7 +6,7 @@
 use rayon::prelude::*;
 
 use crate::frame::Frame;
-use crate::statistics::{clipped, median_in_place};
+use crate::statistics::{Clipped, clipped, median_in_place};
 
 /// Side of a mesh cell, px: above ten times any usual star's width, fine enough for glow at the edge of a detector.
 const CELL_PX: usize = 32;
@@ -22,6 +22,8 @@ pub(super) struct Background {
     level: Vec<f32>,
     noise: Vec<f32>,
     row_offset: Vec<f32>,
+    /// Least half-width of the cut, DN.
+    least: f64,
     /// The smallest noise that the steps of the counts allow, DN.
     pub(super) floor_dn: f64,
 }
@@ -103,6 +105,7 @@ impl Background {
             level: Vec::new(),
             noise: Vec::new(),
             row_offset: vec![0.0; frame.height_px],
+            least,
             floor_dn,
         };
         background.measure_cells(frame, masked, &x_edges, &y_edges, least);
@@ -115,7 +118,35 @@ impl Background {
 
     /// Measures the noise of the cells again, now that slopes within them are known and do not count as noise.
     fn measure_noise(&mut self, frame: &Frame, masked: &[bool], x_edges: &[usize], y_edges: &[usize], least: f64) {
-        let bands: Vec<Vec<Option<f32>>> = y_edges
+        let measured = self.measure_residuals(frame, x_edges, y_edges, least, |i| !masked[i]);
+        for (noise, (c, _)) in self.noise.iter_mut().zip(measured).filter_map(|(n, m)| m.map(|m| (n, m))) {
+            *noise = noise.min(c.sigma.max(self.floor_dn) as f32);
+        }
+    }
+
+    /// Measures level and noise again, leaving out pixels that stars light, in cells where enough pixels are left.
+    pub(super) fn refine(&mut self, frame: &Frame, masked: &[bool], lit: &[bool]) {
+        const LEAST_LEFT: usize = 8;
+        let (x_edges, y_edges) = (edges(frame.width_px), edges(frame.height_px));
+        let measured = self.measure_residuals(frame, &x_edges, &y_edges, self.least, |i| !masked[i] && !lit[i]);
+        for (cell, (c, left)) in measured.into_iter().enumerate().filter_map(|(i, m)| m.map(|m| (i, m))) {
+            if left * LEAST_LEFT > CELL_PX * CELL_PX {
+                self.level[cell] += c.mean as f32;
+                self.noise[cell] = c.sigma.max(self.floor_dn) as f32;
+            }
+        }
+    }
+
+    /// Mean and scatter of what the present background leaves in each cell, and of how many pixels.
+    fn measure_residuals(
+        &self,
+        frame: &Frame,
+        x_edges: &[usize],
+        y_edges: &[usize],
+        least: f64,
+        usable: impl Fn(usize) -> bool + Sync,
+    ) -> Vec<Option<(Clipped, usize)>> {
+        let bands: Vec<Vec<Option<(Clipped, usize)>>> = y_edges
             .par_windows(2)
             .map(|band| {
                 let mut cells = vec![Vec::with_capacity(4 * CELL_PX * CELL_PX); self.cells_x];
@@ -124,14 +155,13 @@ impl Background {
                     self.subtract_row(frame, y, &mut residual);
                     let row = y * frame.width_px;
                     for (cell, edge) in cells.iter_mut().zip(x_edges.windows(2)) {
-                        let pixels = residual[edge[0]..edge[1]].iter().zip(&masked[row + edge[0]..row + edge[1]]);
-                        cell.extend(pixels.filter(|(_, out)| !**out).map(|(v, _)| *v));
+                        cell.extend((edge[0]..edge[1]).filter(|&x| usable(row + x)).map(|x| residual[x]));
                     }
                 }
-                cells.iter().map(|values| clipped(values, least).map(|c| c.sigma.max(self.floor_dn) as f32)).collect()
+                cells.iter().map(|values| clipped(values, least).map(|c| (c, values.len()))).collect()
             })
             .collect();
-        self.noise = bands.into_iter().flatten().zip(&self.noise).map(|(new, &old)| new.map_or(old, |new| new.min(old))).collect();
+        bands.into_iter().flatten().collect()
     }
 
     fn measure_cells(&mut self, frame: &Frame, masked: &[bool], x_edges: &[usize], y_edges: &[usize], least: f64) {

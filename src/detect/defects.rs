@@ -23,8 +23,8 @@ pub(super) fn saturation_dn(frame: &Frame) -> f32 {
         return frame.saturation_dn;
     }
     let at_top = frame.pixels_dn.iter().filter(|v| **v == top).count();
-    // more than a thousandth of all at the top is a background, not stars
-    if at_top < FEWEST_AT_TOP || at_top * 1000 > frame.pixels_dn.len() {
+    // more than a fiftieth of all at the top is a background, not stars
+    if at_top < FEWEST_AT_TOP || at_top * 50 > frame.pixels_dn.len() {
         return frame.saturation_dn;
     }
     let pairs = frame.pixels_dn.chunks_exact(frame.width_px).flat_map(|row| row.windows(2)).filter(|p| p[0] == top && p[1] == top);

@@ -24,6 +24,7 @@ pub(super) struct Peak {
 }
 
 /// Filter for one shape.
+#[derive(Clone)]
 pub(super) struct Kernel {
     /// Half the side.
     radius: usize,
@@ -37,13 +38,17 @@ pub(super) struct Kernel {
     scale: f32,
     /// Sum of the kernel, taken off as that times the local mean.
     sum: f32,
-    area_scale_px2: f64,
+    blurred: Shape,
+}
+
+/// What the pixel does to the image belongs to the filter.
+fn blurred(shape: Shape) -> Shape {
+    Shape { xx: shape.xx + 1.0 / 12.0, xy: shape.xy, yy: shape.yy + 1.0 / 12.0 }
 }
 
 impl Kernel {
     pub(super) fn new(shape: Shape) -> Self {
-        // what the pixel does to the image belongs to the filter
-        let blurred = Shape { xx: shape.xx + 1.0 / 12.0, xy: shape.xy, yy: shape.yy + 1.0 / 12.0 };
+        let blurred = blurred(shape);
         let (long, _) = blurred.axes_px();
         let radius = ((3.0 * long).ceil() as usize).clamp(2, 24);
         let d = blurred.determinant();
@@ -57,7 +62,7 @@ impl Kernel {
         let mean_radius = (radius + 4).max(8);
         let mean_side = (2 * mean_radius + 1) as f64;
         let scale = 1.0 / (square - sum * sum / (mean_side * mean_side)).max(1e-12).sqrt();
-        Self { radius, line, full, mean_radius, scale: scale as f32, sum: sum as f32, area_scale_px2: 2.0 * d.sqrt() }
+        Self { radius, line, full, mean_radius, scale: scale as f32, sum: sum as f32, blurred }
     }
 
     /// Flux, in units of the noise of a pixel, of a star that the filter gives a signal-to-noise ratio of 1.
@@ -67,12 +72,61 @@ impl Kernel {
 
     /// The threshold at which `pixels` of pure noise give `false_alarms` maxima.
     pub(super) fn threshold(&self, pixels: usize, false_alarms: f64) -> f64 {
-        let density = pixels as f64 / self.area_scale_px2 / (2.0 * std::f64::consts::PI).powf(1.5);
+        let density = pixels as f64 / (2.0 * self.blurred.determinant().sqrt()) / (2.0 * std::f64::consts::PI).powf(1.5);
         let mut u = 4.0_f64;
         for _ in 0..50 {
             u = (2.0 * (density * u / false_alarms).max(1.0).ln()).max(1.0).sqrt();
         }
         u.max(2.5)
+    }
+
+    /// Pixels that the light of stars reaches, in the filtered frame.
+    pub(super) fn lit(&self, stars: &[Peak], filtered: &[f32], width: usize) -> Vec<bool> {
+        let height = filtered.len() / width;
+        let mut lit = vec![false; filtered.len()];
+        // a filtered star is wider by √2, and falls below one noise σ at √(2 ln snr) of its own
+        let sigma = self.blurred.axes_px().0 * std::f64::consts::SQRT_2;
+        for star in stars {
+            let reach = ((sigma * (2.0 * star.snr.ln()).max(1.0).sqrt()).ceil() as usize + 1).min(40);
+            for y in star.y.saturating_sub(reach)..(star.y + reach + 1).min(height) {
+                lit[y * width..(y + 1) * width][star.x.saturating_sub(reach)..(star.x + reach + 1).min(width)].fill(true);
+            }
+        }
+        lit
+    }
+
+    /// Scatter that the filter gives noise whose neighbouring pixels go together, over that of white noise: from the correlation of
+    /// dark pixels at small distances. (The filtered frame's own scatter would count what stars do to the mean around them.)
+    pub(super) fn scatter_of_correlated(&self, normalised: &[f32], lit: &[bool], width: usize) -> f64 {
+        const DISTANCES: [(usize, usize); 6] = [(1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (2, 2)];
+        const NOISE_BELOW: f32 = 4.0;
+        let step = (normalised.len() / 60_000).max(1) | 1;
+        let dark = |i: usize| !lit[i] && normalised[i].abs() < NOISE_BELOW;
+        let sigma2 = self.blurred.determinant().sqrt();
+        let mut variance = 1.0;
+        for (dx, dy) in DISTANCES {
+            let (mut product, mut square) = (0.0, 0.0);
+            for i in (0..normalised.len().saturating_sub(dy * width + dx)).step_by(step) {
+                let j = i + dy * width + dx;
+                if i % width + dx < width && dark(i) && dark(j) {
+                    let (a, b) = (f64::from(normalised[i]), f64::from(normalised[j]));
+                    product += a * b;
+                    square += 0.5 * (a * a + b * b);
+                }
+            }
+            // each stands for those mirrored: four where both are not zero, two otherwise
+            let count = if dx > 0 && dy > 0 { 4.0 } else { 2.0 };
+            let distance2 = (dx * dx + dy * dy) as f64;
+            if square > 0.0 {
+                variance += count * product / square * (-distance2 / (4.0 * sigma2)).exp();
+            }
+        }
+        variance.max(1.0).sqrt()
+    }
+
+    /// The filter's weights, their squares summing to 1 less what the mean takes.
+    pub(super) fn weights(&self) -> Vec<f64> {
+        self.full.iter().map(|g| f64::from(g * self.scale)).map(|w| w.min(1.0)).collect()
     }
 
     /// Filters residuals that have unit noise; what lies outside the frame counts as background.
@@ -174,10 +228,12 @@ fn add_scaled(target: &mut [f32], source: &[f32], factor: f32) {
     }
 }
 
-/// Scatter of the filtered frame where no star is: 1 for white noise, more where neighbouring pixels go together.
-pub(super) fn scatter(filtered: &[f32]) -> f64 {
-    let step = (filtered.len() / 40_000).max(1) | 1;
-    let sample: Vec<f32> = filtered.iter().copied().step_by(step).collect();
+/// Scatter of the filtered frame where no star is (`lit` pixels are left out): 1 for white noise, more where neighbouring pixels
+/// go together.
+pub(super) fn scatter(filtered: &[f32], lit: &[bool]) -> f64 {
+    let step = (filtered.len() / 60_000).max(1) | 1;
+    let dark = |i: usize| !lit.get(i).copied().unwrap_or(false);
+    let sample: Vec<f32> = (0..filtered.len()).step_by(step).filter(|&i| dark(i)).map(|i| filtered[i]).collect();
     clipped(&sample, 0.0).map_or(1.0, |c| c.sigma)
 }
 

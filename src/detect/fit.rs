@@ -27,6 +27,17 @@ pub(super) enum Freedom {
     Ellipse,
 }
 
+impl Freedom {
+    /// Number of free parameters in all.
+    pub(super) const fn parameters(self) -> usize {
+        match self {
+            Self::Fixed => 4,
+            Self::Width => 5,
+            Self::Ellipse => 7,
+        }
+    }
+}
+
 /// A star as modelled.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Model {
@@ -52,11 +63,10 @@ pub(super) struct Fit {
     pub(super) edge: bool,
     /// χ² of a lone bright pixel in place of the star, less that of the star; at or below zero the pixel explains more.
     pub(super) lone_pixel_excess: f64,
-    /// Σ(residual² − noise²)·signal / Σ signal²: the counts' variance per count, as this star tells it.
-    pub(super) variance_per_dn: f64,
 }
 
 /// What fits read.
+#[derive(Clone, Copy)]
 pub(super) struct Scene<'a> {
     pub(super) frame: &'a Frame,
     pub(super) background: &'a Background,
@@ -69,19 +79,19 @@ pub(super) struct Scene<'a> {
 }
 
 /// The pixels of one star.
-struct Stamp {
-    window: Window,
+pub(super) struct Stamp {
+    pub(super) window: Window,
     /// Counts less the mesh background and the neighbours.
-    data: Vec<f64>,
+    pub(super) data: Vec<f64>,
     /// Noise² without the star.
-    variance: Vec<f64>,
-    used: Vec<bool>,
+    pub(super) variance: Vec<f64>,
+    pub(super) used: Vec<bool>,
     edge: bool,
     peak_dn: f64,
 }
 
-struct Normal {
-    matrix: [[f64; MOST_PARAMETERS]; MOST_PARAMETERS],
+pub(super) struct Normal {
+    pub(super) matrix: [[f64; MOST_PARAMETERS]; MOST_PARAMETERS],
     vector: [f64; MOST_PARAMETERS],
     chi2: f64,
 }
@@ -103,7 +113,7 @@ fn window(frame: &Frame, x: f64, y: f64, radius: usize) -> (Window, bool) {
 }
 
 impl Scene<'_> {
-    fn stamp(&self, start: Model, neighbours: &[Model], profile: &mut Profile) -> Stamp {
+    pub(super) fn stamp(&self, start: Model, neighbours: &[Model], profile: &mut Profile) -> Stamp {
         let (window, edge) = window(self.frame, start.x, start.y, start.radius);
         let pixels = window.columns * window.rows;
         let mut stamp = Stamp {
@@ -171,7 +181,7 @@ impl Scene<'_> {
         !worst.is_empty()
     }
 
-    fn normal(&self, stamp: &Stamp, profile: &Profile, flux: f64, offset: f64, count: usize) -> Normal {
+    pub(super) fn normal(&self, stamp: &Stamp, profile: &Profile, flux: f64, offset: f64, count: usize) -> Normal {
         let mut n = Normal { matrix: [[0.0; MOST_PARAMETERS]; MOST_PARAMETERS], vector: [0.0; MOST_PARAMETERS], chi2: 0.0 };
         for i in 0..stamp.data.len() {
             if !stamp.used[i] {
@@ -180,8 +190,7 @@ impl Scene<'_> {
             let signal = flux * profile.value[i];
             let weight = 1.0 / (stamp.variance[i] + signal.max(0.0) * self.variance_per_dn);
             let residual = stamp.data[i] - signal - offset;
-            let d = &profile.derivatives[i];
-            let row = [profile.value[i], 1.0, flux * d[0], flux * d[1], flux * d[2], flux * d[3], flux * d[4]];
+            let row = profile.row(i, flux);
             n.chi2 += weight * residual * residual;
             for (a, weighted) in row[..count].iter().map(|r| r * weight).enumerate() {
                 n.vector[a] += weighted * residual;
@@ -195,7 +204,7 @@ impl Scene<'_> {
 
     /// The best model and its offset.
     fn climb(&self, stamp: &Stamp, start: Model, freedom: Freedom, profile: &mut Profile) -> Option<(Model, f64)> {
-        let count = parameters(freedom);
+        let count = freedom.parameters();
         if stamp.used.iter().filter(|u| **u).count() < count + 2 {
             return None;
         }
@@ -260,7 +269,7 @@ impl Scene<'_> {
 
     fn finish(&self, stamp: &Stamp, start: Model, fit: (Model, f64), freedom: Freedom, profile: &mut Profile) -> Option<Fit> {
         let (model, offset) = fit;
-        let count = parameters(freedom);
+        let count = freedom.parameters();
         let elliptical = freedom == Freedom::Ellipse || !start.shape.is_round();
         profile.fill(stamp.window, model.x, model.y, model.shape, elliptical);
         let normal = self.normal(stamp, profile, model.flux_dn, offset, count);
@@ -270,7 +279,7 @@ impl Scene<'_> {
         if !(model.flux_dn > 0.0 && flux_sigma_dn.is_finite() && model.x.is_finite() && model.y.is_finite()) {
             return None;
         }
-        let (gradient, lone_pixel_excess, variance_per_dn) = self.leftovers(stamp, profile, model, offset);
+        let (gradient, lone_pixel_excess) = self.leftovers(stamp, profile, model, offset);
         let (x, y) = (model.x.round().max(0.0) as usize, model.y.round().max(0.0) as usize);
         let mesh = self.background.slope_dn(x.min(self.frame.width_px - 1), y.min(self.frame.height_px - 1));
         Some(Fit {
@@ -284,14 +293,12 @@ impl Scene<'_> {
             gradient_dn: [gradient[0] + mesh[0], gradient[1] + mesh[1]],
             edge: stamp.edge,
             lone_pixel_excess,
-            variance_per_dn,
         })
     }
 
-    /// What the residuals tell: slope of the background, whether one pixel would do, and the variance that comes with signal.
-    fn leftovers(&self, stamp: &Stamp, profile: &Profile, model: Model, offset: f64) -> ([f64; 2], f64, f64) {
+    /// What the residuals tell: slope of the background, and whether one pixel would do.
+    fn leftovers(&self, stamp: &Stamp, profile: &Profile, model: Model, offset: f64) -> ([f64; 2], f64) {
         let (mut slope, mut square) = ([0.0; 2], [0.0; 2]);
-        let (mut excess, mut signal_square) = (0.0, 0.0);
         let mut chi2_star = 0.0;
         let (mut sum, mut sum_square, mut sum_weight) = (0.0, 0.0, 0.0);
         let mut brightest: Option<(f64, f64)> = None;
@@ -309,8 +316,6 @@ impl Scene<'_> {
                 slope[k] += weight * residual * d;
                 square[k] += weight * d * d;
             }
-            excess += (residual * residual - variance) * signal;
-            signal_square += signal * signal;
             chi2_star += residual * residual / variance;
             sum += data / variance;
             sum_square += data * data / variance;
@@ -323,7 +328,7 @@ impl Scene<'_> {
             let (s, q, n) = (sum - data * w, sum_square - data * data * w, sum_weight - w);
             q - s * s / n.max(f64::MIN_POSITIVE) - chi2_star
         });
-        ([slope[0] / square[0].max(1e-300), slope[1] / square[1].max(1e-300)], lone, excess / signal_square.max(1e-300))
+        ([slope[0] / square[0].max(1e-300), slope[1] / square[1].max(1e-300)], lone)
     }
 }
 
@@ -331,14 +336,6 @@ impl Scene<'_> {
 fn trial_chi2(stamp: &Stamp, profile: &Profile, flux: f64, offset: f64, weights: &[f64]) -> f64 {
     let pixels = stamp.data.iter().zip(&profile.value).zip(weights).zip(&stamp.used);
     pixels.filter(|(_, used)| **used).map(|(((data, share), w), _)| w * (data - flux * share - offset).powi(2)).sum()
-}
-
-fn parameters(freedom: Freedom) -> usize {
-    match freedom {
-        Freedom::Fixed => 4,
-        Freedom::Width => 5,
-        Freedom::Ellipse => 7,
-    }
 }
 
 fn advanced(model: Model, offset: f64, step: &[f64; MOST_PARAMETERS], freedom: Freedom) -> (Model, f64) {
@@ -402,7 +399,10 @@ fn solve(
     x[..count].iter().all(|v| v.is_finite()).then_some(x)
 }
 
-fn inverse(matrix: &[[f64; MOST_PARAMETERS]; MOST_PARAMETERS], count: usize) -> Option<[[f64; MOST_PARAMETERS]; MOST_PARAMETERS]> {
+pub(super) fn inverse(
+    matrix: &[[f64; MOST_PARAMETERS]; MOST_PARAMETERS],
+    count: usize,
+) -> Option<[[f64; MOST_PARAMETERS]; MOST_PARAMETERS]> {
     let mut out = [[0.0; MOST_PARAMETERS]; MOST_PARAMETERS];
     for column in 0..count {
         let mut unit = [0.0; MOST_PARAMETERS];

@@ -6,11 +6,12 @@ use super::background::Background;
 use super::defects;
 use super::filter::{self, Kernel, Peak};
 use super::fit::{Fit, Freedom, Model, Scene, radius_px};
+use super::gain::{self, Sample};
 use super::psf::Shape;
 use super::shape;
+use super::tail::Tail;
 use super::{DetectError, DetectOptions, Detection, Detections, Flags};
 use crate::frame::Frame;
-use crate::statistics::median;
 
 /// Smallest side of a frame, px: a star's window.
 const LEAST_SIDE_PX: usize = 9;
@@ -38,41 +39,46 @@ pub fn detect(frame: &Frame, options: &DetectOptions) -> Result<Detections, Dete
     check(frame, options)?;
     let saturation_dn = defects::saturation_dn(frame);
     let full: Vec<bool> = frame.pixels_dn.iter().map(|&v| v >= saturation_dn).collect();
-    let background = Background::measure(frame, &full);
+    let mut background = Background::measure(frame, &full);
+    let (mut residual, mut normalised) = residuals(frame, &background);
+    let hot = defects::hot_pixels(&normalised, frame.width_px);
+    darken(&mut residual, &mut normalised, &hot);
+    let masked: Vec<bool> = hot.iter().zip(&full).map(|(h, f)| *h || *f).collect();
+    // a first look shows where stars are, so that their light can be kept out of background and noise
+    let first_shape = Shape::round(options.psf_sigma_px.unwrap_or(FIRST_SIGMA_PX));
+    let first = Search::at_shape(first_shape, false, &normalised, frame.width_px, options.false_alarms_per_frame);
+    background.refine(frame, &masked, &first.lit);
+    (residual, normalised) = residuals(frame, &background);
+    darken(&mut residual, &mut normalised, &hot);
     let (background_dn, noise_dn) = background.typical();
     let mut found = Detections { width_px: frame.width_px, height_px: frame.height_px, background_dn, noise_dn, stars: Vec::new() };
     if full.iter().all(|f| *f) {
         return Ok(found);
     }
-    let (mut residual, mut normalised) = residuals(frame, &background);
-    let hot = defects::hot_pixels(&normalised, frame.width_px);
-    for ((r, n), _) in residual.iter_mut().zip(&mut normalised).zip(&hot).filter(|(_, hot)| **hot) {
-        (*r, *n) = (0.0, 0.0);
-    }
-    let masked: Vec<bool> = hot.iter().zip(&full).map(|(h, f)| *h || *f).collect();
 
-    let mut search = Search::run(frame, options, &residual, &normalised, &masked);
     let blobs = full_blobs(frame.width_px, &full, &hot);
-    let mut candidates = candidates(frame, &background, &search, &blobs);
     let variance_per_dn = options.gain_e_per_dn.map(|g| 1.0 / g);
     let noise_floor_dn = options.read_noise_e.zip(options.gain_e_per_dn).map_or(0.0, |(e, g)| e / g);
     let mut scene =
         Scene { frame, background: &background, masked: &masked, variance_per_dn: variance_per_dn.unwrap_or(0.0), noise_floor_dn };
-    if options.psf_sigma_px.is_none() {
-        refine_shape(&scene, &mut search, &mut candidates);
-    }
+    let search = search(&scene, options, first, &residual, &normalised, &blobs);
+    let candidates = candidates(frame, &background, &search, &blobs);
     let freedom = |c: &Candidate| free_shape(options, &search, c);
 
     // each star alone, the guessed light of its neighbours taken off; then with the neighbours as fitted
     let guesses: Vec<Model> = candidates.iter().map(|c| c.start).collect();
     let neighbours = neighbours(&guesses);
-    let mut fits = fit_all(&scene, &candidates, &guesses, &neighbours, &freedom, None);
     if variance_per_dn.is_none() {
-        scene.variance_per_dn = estimate_variance_per_dn(&candidates, &fits);
-        if scene.variance_per_dn > 0.0 {
-            fits = fit_all(&scene, &candidates, &fitted(&guesses, &fits), &neighbours, &freedom, None);
-        }
+        let sample = |(i, c): (usize, &Candidate)| Sample {
+            start: c.start,
+            snr: c.snr,
+            freedom: freedom(c),
+            neighbours: neighbours[i].iter().map(|&j| guesses[j]).collect(),
+        };
+        let samples: Vec<Sample> = candidates.iter().enumerate().filter(|(_, c)| c.full_radius_px == 0.0).map(sample).collect();
+        scene.variance_per_dn = gain::variance_per_dn(&scene, &samples);
     }
+    let mut fits = fit_all(&scene, &candidates, &guesses, &neighbours, &freedom, None);
     for _ in 0..2 {
         fits = fit_all(&scene, &candidates, &fitted(&guesses, &fits), &neighbours, &freedom, Some(&fits));
     }
@@ -80,7 +86,7 @@ pub fn detect(frame: &Frame, options: &DetectOptions) -> Result<Detections, Dete
     let mut stars: Vec<Detection> = Vec::with_capacity(candidates.len());
     for (i, (candidate, fit)) in candidates.iter().zip(&fits).enumerate() {
         let Some(fit) = fit.as_ref().filter(|f| is_star(candidate, f, &search)) else { continue };
-        let duplicate = |s: &Detection| (s.x_px - fit.model.x).hypot(s.y_px - fit.model.y) < search.shape.axes_px().1.max(1.0);
+        let duplicate = |s: &Detection| search.shape.radius_in_sigma(s.x_px - fit.model.x, s.y_px - fit.model.y) < 1.0;
         if !stars.iter().any(duplicate) {
             stars.push(detection(&scene, fit, candidate, !neighbours[i].is_empty(), search.scatter));
         }
@@ -112,6 +118,13 @@ fn check(frame: &Frame, options: &DetectOptions) -> Result<(), DetectError> {
     positive("read_noise_e", options.read_noise_e, "0 or above and finite", |v| v >= 0.0 && v.is_finite())
 }
 
+/// Takes hot pixels out.
+fn darken(residual: &mut [f32], normalised: &mut [f32], hot: &[bool]) {
+    for ((r, n), _) in residual.iter_mut().zip(normalised).zip(hot).filter(|(_, hot)| **hot) {
+        (*r, *n) = (0.0, 0.0);
+    }
+}
+
 /// Counts less the background, in DN and in units of the noise.
 fn residuals(frame: &Frame, background: &Background) -> (Vec<f32>, Vec<f32>) {
     let width = frame.width_px;
@@ -128,51 +141,93 @@ fn residuals(frame: &Frame, background: &Background) -> (Vec<f32>, Vec<f32>) {
 }
 
 /// What the matched filter found.
+#[derive(Clone)]
 struct Search {
     shape: Shape,
     /// Whether the frame's stars, or the caller, told the shape.
     shape_known: bool,
-    /// Scatter of the filtered noise over that of white noise, at least 1.
+    /// Scatter of the filtered noise over that of white noise; 1 unless clearly more.
     scatter: f64,
     /// Signal-to-noise ratio from which on peaks count.
     threshold: f64,
     peaks: Vec<Peak>,
     kernel: Kernel,
+    /// Pixels that the light of clear stars reaches.
+    lit: Vec<bool>,
 }
 
 impl Search {
-    fn run(frame: &Frame, options: &DetectOptions, residual: &[f32], normalised: &[f32], masked: &[bool]) -> Self {
-        let width = frame.width_px;
-        let at_shape = |shape: Shape, shape_known: bool| {
-            let kernel = Kernel::new(shape);
-            let filtered = kernel.apply(normalised, width);
-            let scatter = filter::scatter(&filtered).max(1.0);
-            let threshold = scatter * kernel.threshold(normalised.len(), options.false_alarms_per_frame);
-            let mut peaks = filter::peaks(&filtered, width, threshold);
-            peaks.truncate(MOST_PEAKS);
-            Self { shape, shape_known, scatter, threshold, peaks, kernel }
-        };
-        if let Some(sigma) = options.psf_sigma_px {
-            return at_shape(Shape::round(sigma), true);
-        }
-        let first = at_shape(Shape::round(FIRST_SIGMA_PX), false);
-        let mut typical = shape::typical(residual, width, masked, &first.peaks);
-        if typical.as_ref().is_none_or(|t| t.stars < 5) {
-            let wide = at_shape(Shape::round(WIDE_SIGMA_PX), false);
-            let other = shape::typical(residual, width, masked, &wide.peaks);
-            // glow and nebulae are wide too, but no two alike
-            if other.as_ref().is_some_and(|o| o.stars >= 5 && o.spread < 0.25 && o.stars > typical.as_ref().map_or(0, |t| t.stars)) {
-                typical = other;
-            }
-        }
-        let Some(typical) = typical else { return first };
-        let (long, short) = typical.shape.axes_px();
-        let near = |sigma: f64| (sigma / FIRST_SIGMA_PX - 1.0).abs() < 0.12;
-        if near(long) && near(short) {
-            return Self { shape: typical.shape, shape_known: true, ..first };
-        }
-        at_shape(typical.shape, true)
+    fn at_shape(shape: Shape, shape_known: bool, normalised: &[f32], width: usize, false_alarms: f64) -> Self {
+        /// Around maxima this much above the threshold for normal noise there is starlight.
+        const STARLIGHT: f64 = 1.3;
+        /// Where estimates of the noise differ by less than this from the normal case, it is by chance.
+        const CHANCE: f64 = 1.02;
+        /// From here on errors are stated larger; less comes by chance.
+        const CLEARLY: f64 = 1.05;
+        let kernel = Kernel::new(shape);
+        let filtered = kernel.apply(normalised, width);
+        let normal = kernel.threshold(normalised.len(), false_alarms);
+        let stars = filter::peaks(&filtered, width, STARLIGHT * normal * filter::scatter(&filtered, &[]).max(1.0));
+        let lit = kernel.lit(&stars, &filtered, width);
+        let correlated = filter::scatter(&filtered, &lit);
+        let step = (normalised.len() / 60_000).max(1) | 1;
+        let dark = normalised.iter().zip(&lit).step_by(step).filter(|(_, lit)| !**lit).map(|(n, _)| *n);
+        let (independent, scatter) = Tail::of(dark).map_or((normal, 1.0), |t| (t.equivalent(&kernel.weights(), normal), t.scatter()));
+        let beyond = |ratio: f64| if ratio > CHANCE { ratio } else { 1.0 };
+        let threshold = normal * beyond(independent / normal) * beyond(correlated / scatter.max(1.0));
+        let scatter = Some(kernel.scatter_of_correlated(normalised, &lit, width)).filter(|s| *s > CLEARLY).unwrap_or(1.0);
+        let mut peaks = filter::peaks(&filtered, width, threshold);
+        peaks.truncate(MOST_PEAKS);
+        Self { shape, shape_known, scatter, threshold, peaks, kernel, lit }
     }
+}
+
+/// Runs the filter with first guesses of the shape, learns the shape from the bright stars found, and runs it again.
+fn search(scene: &Scene<'_>, options: &DetectOptions, mut first: Search, residual: &[f32], normalised: &[f32], blobs: &[Blob]) -> Search {
+    let width = scene.frame.width_px;
+    let at_shape = |shape, known| Search::at_shape(shape, known, normalised, width, options.false_alarms_per_frame);
+    if let Some(sigma) = options.psf_sigma_px {
+        return at_shape(Shape::round(sigma), true);
+    }
+    let mut typical = shape::typical(residual, width, scene.masked, &first.peaks);
+    if typical.as_ref().is_none_or(|t| t.stars < 5) {
+        let wide = at_shape(Shape::round(WIDE_SIGMA_PX), false);
+        let other = shape::typical(residual, width, scene.masked, &wide.peaks);
+        // glow and nebulae are wide too, but no two alike
+        if other.as_ref().is_some_and(|o| o.stars >= 5 && o.spread < 0.25 && o.stars > typical.as_ref().map_or(0, |t| t.stars)) {
+            (typical, first) = (other, wide);
+        }
+    }
+    let guess = typical.as_ref().map_or(first.shape, |t| t.shape);
+    let Some(shape) = shape_by_fits(scene, &Search { shape: guess, ..first.clone() }, blobs).or(typical.map(|t| t.shape)) else {
+        return at_shape(first.shape, false);
+    };
+    at_shape(shape, true)
+}
+
+/// The middle of free-shape fits to bright stars: moments of images of a pixel's width are not those of the light before the
+/// pixels summed it. `None` where too few stars tell, or they disagree.
+fn shape_by_fits(scene: &Scene<'_>, search: &Search, blobs: &[Blob]) -> Option<Shape> {
+    const MOST_STARS: usize = 48;
+    const FEWEST_BRIGHT: usize = 3;
+    const FEWEST_FAINT: usize = 8;
+    const LARGEST_SPREAD: f64 = 0.3;
+    let candidates = candidates(scene.frame, scene.background, search, blobs);
+    let freedom = if search.shape.is_round() { Freedom::Width } else { Freedom::Ellipse };
+    let good = |f: &Fit| f.lone_pixel_excess > 0.0 && f.model.shape.axes_px().1 > SHARPEST_PX && !f.edge;
+    let told = |chosen: Vec<&Candidate>, fewest: usize| {
+        let fits: Vec<Option<Fit>> = chosen.par_iter().map(|c| scene.fit(c.start, freedom, &[])).collect();
+        let shapes: Vec<Shape> = fits.into_iter().flatten().filter(good).map(|f| f.model.shape).collect();
+        shape::middle(&shapes).filter(|t| t.stars >= fewest)
+    };
+    let clear = |c: &&Candidate| c.full_radius_px == 0.0;
+    let bright = candidates.iter().filter(clear).filter(|c| c.snr > SNR_FOR_WIDTH).take(MOST_STARS).collect();
+    let typical = told(bright, FEWEST_BRIGHT).or_else(|| {
+        let faint = candidates.iter().filter(clear).take(4 * MOST_STARS).collect();
+        told(faint, FEWEST_FAINT).filter(|t| t.spread < LARGEST_SPREAD)
+    })?;
+    // whether it is round was found on more stars
+    Some(if search.shape.is_round() { Shape::round(typical.shape.sigma_px()) } else { typical.shape })
 }
 
 /// A group of touching full pixels.
@@ -220,6 +275,7 @@ fn candidates(frame: &Frame, background: &Background, search: &Search, blobs: &[
     /// How a bright star's wings may fall, over what they are at its centre (Moffat-like), and the share that ripples in them may reach.
     const RIPPLE: f64 = 0.04;
     const RIPPLE_OF_FULL: f64 = 0.15;
+    const RESOLVED_SIGMA: f64 = 2.0;
     let (long, _) = search.shape.axes_px();
     let radius = radius_px(search.shape);
     let mut blob_taken = vec![false; blobs.len()];
@@ -235,6 +291,12 @@ fn candidates(frame: &Frame, background: &Background, search: &Search, blobs: &[
                 continue;
             }
             (x, y, full_radius_px) = (blobs[index].x, blobs[index].y, blobs[index].radius_px);
+        }
+        // the filter cannot tell two such near stars apart: a second maximum is a ripple of the first
+        let merged =
+            grid.near(x, y).any(|i: usize| search.shape.radius_in_sigma(kept[i].start.x - x, kept[i].start.y - y) < RESOLVED_SIGMA);
+        if merged {
+            continue;
         }
         let wings = grid.near(x, y).map(|i: usize| {
             let c: &Candidate = &kept[i];
@@ -289,24 +351,6 @@ impl Grid {
         let rows = cy.saturating_sub(1)..(cy + 2).min(self.rows);
         let columns = cx.saturating_sub(1)..(cx + 2).min(self.columns);
         rows.flat_map(move |r| columns.clone().map(move |c| r * self.columns + c)).flat_map(|i| self.cells[i].iter().copied())
-    }
-}
-
-/// Fits bright lone stars with free shape, and gives all candidates the middle of what comes out: moments of images of a pixel's
-/// width are not those of the light before the pixels summed it.
-fn refine_shape(scene: &Scene<'_>, search: &mut Search, candidates: &mut [Candidate]) {
-    const MOST_STARS: usize = 48;
-    const FEWEST_STARS: usize = 3;
-    let freedom = if search.shape.is_round() { Freedom::Width } else { Freedom::Ellipse };
-    let bright: Vec<&Candidate> = candidates.iter().filter(|c| c.snr > SNR_FOR_WIDTH && c.full_radius_px == 0.0).take(MOST_STARS).collect();
-    let fits: Vec<Option<Fit>> = bright.par_iter().map(|c| scene.fit(c.start, freedom, &[])).collect();
-    let good = |f: &Fit| f.lone_pixel_excess > 0.0 && f.model.shape.axes_px().1 > SHARPEST_PX && !f.edge;
-    let shapes: Vec<Shape> = fits.into_iter().flatten().filter(good).map(|f| f.model.shape).collect();
-    let Some(typical) = shape::middle(&shapes).filter(|t| t.stars >= FEWEST_STARS) else { return };
-    // the choice between round and elongated was made on more stars
-    search.shape = if search.shape.is_round() { Shape::round(typical.shape.sigma_px()) } else { typical.shape };
-    for c in candidates.iter_mut().filter(|c| c.full_radius_px == 0.0) {
-        (c.start.shape, c.start.radius) = (search.shape, radius_px(search.shape));
     }
 }
 
@@ -369,20 +413,6 @@ fn free_shape(options: &DetectOptions, search: &Search, candidate: &Candidate) -
     } else {
         Freedom::Ellipse
     }
-}
-
-/// Variance of the counts per count of signal, from the residuals of stars neither faint (noise) nor very bright (there the
-/// misfit of the Gaussian weighs more than the photons); 0 where nothing tells.
-fn estimate_variance_per_dn(candidates: &[Candidate], fits: &[Option<Fit>]) -> f64 {
-    let pairs = candidates.iter().zip(fits).filter_map(|(c, f)| f.as_ref().map(|f| (c, f)));
-    let clean: Vec<(f64, f64)> = pairs
-        .filter(|(c, f)| c.full_radius_px == 0.0 && !f.edge)
-        .map(|(_, f)| (f.model.flux_dn / f.flux_sigma_dn, f.variance_per_dn))
-        .collect();
-    let told = |low: f64, high: f64| -> Vec<f64> { clean.iter().filter(|(snr, _)| *snr > low && *snr < high).map(|(_, v)| *v).collect() };
-    let middle = told(20.0, 120.0);
-    let value = if middle.len() >= 8 { median(&middle) } else { told(20.0, f64::INFINITY).into_iter().min_by(f64::total_cmp) };
-    value.unwrap_or(0.0).max(0.0)
 }
 
 /// Whether the fit is that of a star: of positive flux, near where it was found, and as wide as light makes it.

@@ -2,7 +2,7 @@
 //!
 //! 1. `background`: level and noise on a mesh, offsets of rows; never zero noise, since counts come in steps.
 //! 2. `defects`: full and hot pixels are set aside.
-//! 3. `filter`: matched filter; its threshold follows from the number of false stars allowed.
+//! 3. `filter`: matched filter; its threshold follows from the number of false stars allowed, and from the noise's own tail (`tail`).
 //! 4. `shape`: the frame's own stars tell width and elongation, and the filter is run again with it.
 //! 5. `fit`: maximum likelihood for position, flux, background and width; neighbours are taken off each other.
 
@@ -10,9 +10,11 @@ mod background;
 mod defects;
 mod filter;
 mod fit;
+mod gain;
 mod measure;
 mod psf;
 mod shape;
+mod tail;
 
 pub use measure::detect;
 

@@ -35,6 +35,12 @@ impl Shape {
         ((mean + root).max(0.0).sqrt(), (mean - root).max(0.0).sqrt())
     }
 
+    /// A distance in units of σ in its direction.
+    pub(super) fn radius_in_sigma(self, dx: f64, dy: f64) -> f64 {
+        let [a, b, c] = self.inverse();
+        (a * dx * dx + 2.0 * b * dx * dy + c * dy * dy).max(0.0).sqrt()
+    }
+
     /// The inverse matrix: xx, xy, yy.
     fn inverse(self) -> [f64; 3] {
         let d = self.determinant();
@@ -63,6 +69,12 @@ pub(super) struct Profile {
 impl Profile {
     pub(super) fn new() -> Self {
         Self { value: Vec::new(), derivatives: Vec::new() }
+    }
+
+    /// Derivatives of a pixel's counts by flux, background, x, y and the shape's numbers.
+    pub(super) fn row(&self, pixel: usize, flux: f64) -> [f64; 2 + PROFILE_PARAMETERS] {
+        let d = &self.derivatives[pixel];
+        [self.value[pixel], 1.0, flux * d[0], flux * d[1], flux * d[2], flux * d[3], flux * d[4]]
     }
 
     /// Fills in the profile of a star at (`x`, `y`).

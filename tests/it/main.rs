@@ -5,6 +5,7 @@ mod calibrate;
 mod camera;
 mod catalog;
 mod common;
+mod detect;
 mod displacements;
 mod house;
 mod identify;
