@@ -9,7 +9,7 @@
 //! ```text
 //! cov₁ = σ²·N⁻¹·(Σ_i G_i·G_iᵀ)·N⁻¹,   N = Σ a_ij·a_ijᵀ,   G_i = Σ_j a_ij·(∂g_ij/∂pixel_i)ᵀ
 //! ```
-//! (the "sandwich"; Huber 1967). What ψ does beyond its mean slope is noise of each pair: by Stein's lemma κ = E[ψ·u]/E[u²], so
+//! (the "sandwich"; Huber 1967). What ψ does beyond its mean slope is noise of each pair: by Stein's lemma κ = E[ψ·u]/E\[u²\], so
 //!
 //! ```text
 //! cov₂ = (E[ψ²]/κ² − E[u²])·N⁻¹

@@ -11,7 +11,7 @@
 //!   electrons (f32) or counts (u16)
 //! ```
 //! An [`Imager`] is made once for a camera and asked for frame after frame. A frame is a function of the configuration, its stars and its
-//! index alone: any can be made by itself, and its bytes do not depend on threads. GPU and CPU agree as [`twin_check`] measures.
+//! index alone: any can be made by itself, and its bytes do not depend on threads. GPU and CPU agree as [`twin_check()`] measures.
 
 mod compose;
 mod on_cpu;
