@@ -1,5 +1,8 @@
 //! Variance of the counts per count of light, from the residuals of the stars themselves, where no gain is declared.
 //!
+//! Where real images differ from the Gaussian by more than photons scatter, the value found stands for that misfit too: it is then
+//! larger than 1 / gain, and the errors stated with it are honest for such images, not a measure of the detector.
+//!
 //! The fit takes up part of the noise (with a star one pixel wide, most of it), so residuals are compared with what the fit
 //! leaves of a given noise: for weighted least squares with hat matrix H, E r_i² = Σ_j (δ_ij − H_ij)² v_j.
 
