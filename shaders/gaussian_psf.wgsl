@@ -3,7 +3,9 @@
 const DENSITY_AT_CENTRE = 0.3989423;
 const WIDE_BELOW = 0.4;
 
-fn pixel_share(d: f32, h: f32) -> f32 {
+// Share of the light along one axis in the pixel whose centre lies d px from the star.
+fn gaussian_psf(star: Star, d: f32) -> f32 {
+    let h = star.inverse_sigma;
     let near = (abs(d) - 0.5) * h;
     let far = (abs(d) + 0.5) * h;
     let tail_near = normal_upper_tail(abs(near));
@@ -14,8 +16,4 @@ fn pixel_share(d: f32, h: f32) -> f32 {
     let correction = 1.0 + h2 * ((z2 - 1.0) * (1.0 / 24.0) + h2 * ((z2 - 6.0) * z2 + 3.0) * (1.0 / 1920.0));
     let wide = h * DENSITY_AT_CENTRE * poly_exp(-0.5 * z2) * correction;
     return select(narrow, wide, h < WIDE_BELOW);
-}
-
-fn gaussian_psf(star: Star, x: i32, y: i32) -> f32 {
-    return pixel_share(f32(x) - star.fraction_x, star.inverse_sigma) * pixel_share(f32(y) - star.fraction_y, star.inverse_sigma);
 }

@@ -23,10 +23,10 @@ pub enum Output {
     Counts,
 }
 
-/// The program that collects the stars' light; its entry point is `collect`.
+/// The program that collects the stars' light; its entry points are `profiles` and `collect`.
 #[must_use]
 pub fn collect_program(spread: &dyn PointSpread) -> String {
-    [FRAME, MATH, spread.wgsl(), &COLLECT.replace("POINT_SPREAD(star, x, y)", &format!("{}(star, x, y)", spread.id()))].join("\n")
+    [FRAME, MATH, spread.wgsl(), &COLLECT.replace("POINT_SPREAD(star,", &format!("{}(star,", spread.id()))].join("\n")
 }
 
 /// The program that sends every pixel through the effects in their order; its entry point is `finish`.

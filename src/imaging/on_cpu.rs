@@ -31,9 +31,9 @@ impl<'a> Chain<'a> {
     fn fill(&self, band: usize, electrons: &mut [f32], scratch: &mut Vec<f32>) {
         electrons.fill(0.0);
         let (width, first_row) = (self.plan.width_px, band * TILE_PX);
-        for number in self.lists.of(band) {
+        for entry in self.lists.of(band) {
             let mut rows = Rows { width, first_row, electrons: &mut *electrons, scratch: &mut *scratch };
-            self.plan.spread.add(&self.lists.stars[*number as usize], &mut rows);
+            self.plan.spread.add(&self.lists.stars[entry.star as usize], &mut rows);
         }
         let first_pixel = (first_row * width) as u32;
         for (enabled, uniforms) in self.plan.effects_up_to(self.stage).iter().zip(&self.uniforms) {

@@ -32,21 +32,30 @@ struct PartUniforms {
     first_entry: u32,
     entries: u32,
     goes_on: u32,
-    unused: u32,
+    all_entries: u32,
 }
 
-/// Invocations of a workgroup in the programs that finish a frame.
-const FINISH_WORKGROUP: u64 = 64;
+/// Invocations of a workgroup in the programs that do not go by tiles.
+const WORKGROUP: u64 = 64;
+
+/// The bindings of `shaders/lib/collect.wgsl`.
+const COLLECT_BINDINGS: [Binding; 7] =
+    [Binding::Uniform, Binding::Uniform, Binding::Read, Binding::Read, Binding::Read, Binding::ReadWrite, Binding::ReadWrite];
+
+/// Bytes of an entry's profiles: along the columns and along the rows of its tile.
+const PROFILE_BYTES: usize = 2 * TILE_PX * size_of::<f32>();
 
 /// What is kept between frames.
 #[derive(Debug, Default)]
 struct Kept {
+    profiles: Option<Kernel>,
     collect: Option<Kernel>,
     /// Programs that finish a frame, by what they do.
     finish: Vec<(Option<Stage>, Output, Kernel)>,
     stars: Option<Buffer>,
     starts: Option<Buffer>,
     entries: Option<Buffer>,
+    profile: Option<Buffer>,
     electrons: Option<Buffer>,
     counts: Option<Buffer>,
     staging: Option<Buffer>,
@@ -145,7 +154,7 @@ impl GpuImager {
             let mut buffers = vec![&frame_uniforms, &effect_uniforms, electrons];
             buffers.extend(counts.as_ref().filter(|_| output == Output::Counts));
             if output == Output::Counts || !effects.is_empty() {
-                let workgroups = Gpu::workgroups_for((bytes / 4).div_ceil(FINISH_WORKGROUP));
+                let workgroups = Gpu::workgroups_for((bytes / 4).div_ceil(WORKGROUP));
                 self.gpu.submit(&[Dispatch { kernel, buffers: &buffers, workgroups }])?;
             }
             let result = buffers.last().copied().unwrap_or(electrons);
@@ -163,10 +172,11 @@ impl GpuImager {
         output: Output,
         kept: &mut Kept,
     ) -> Result<(), GpuError> {
-        use Binding::{Read, ReadWrite, Uniform};
+        use Binding::{ReadWrite, Uniform};
         if kept.collect.is_none() {
-            let bindings = [Uniform, Uniform, Read, Read, Read, ReadWrite];
-            kept.collect = Some(self.gpu.kernel("collect", &collect_program(plan.spread), "collect", &bindings)?);
+            let program = collect_program(plan.spread);
+            kept.profiles = Some(self.gpu.kernel("profiles", &program, "profiles", &COLLECT_BINDINGS)?);
+            kept.collect = Some(self.gpu.kernel("collect", &program, "collect", &COLLECT_BINDINGS)?);
         }
         if !kept.finish.iter().any(|(s, o, _)| (*s, *o) == (stage, output)) {
             let bindings = [Uniform, Uniform, ReadWrite, ReadWrite];
@@ -196,7 +206,7 @@ impl GpuImager {
     fn collect(&self, plan: &Plan, stars: &[Star], band: Band, frame: &Buffer, kept: &mut Kept) -> Result<(), GpuError> {
         let grid = Grid { width: plan.width_px, first_row: band.first_row, rows: band.rows, tile_width: TILE_PX };
         let most_stars = (self.limits.buffer_bytes as usize / size_of::<Star>()).max(1);
-        let most_entries = (self.limits.buffer_bytes as usize / size_of::<u32>()).max(1);
+        let most_entries = (self.limits.buffer_bytes as usize / PROFILE_BYTES).max(1);
         let per_dispatch = self.limits.entries_per_dispatch.clamp(1, crate::gpu::LOOP_BUDGET);
         let mut goes_on = 0;
         for lists in bin(stars, &grid, most_stars, most_entries) {
@@ -213,19 +223,30 @@ impl GpuImager {
                     self.gpu.upload(buffer, bytes)?;
                 }
             }
-            let (Some(kernel), Some(stars), Some(starts), Some(entries), Some(electrons)) =
-                (&kept.collect, &kept.stars, &kept.starts, &kept.entries, &kept.electrons)
-            else {
+            self.gpu.reserve(&mut kept.profile, "profile", ((lists.entries.len() * PROFILE_BYTES) as u64).next_power_of_two())?;
+            let Kept { profiles: Some(profiles), collect: Some(collect), .. } = &*kept else {
+                continue; // both were made before
+            };
+            let Kept { stars: Some(stars), starts: Some(starts), entries: Some(entries), .. } = &*kept else {
                 continue; // all were made above
             };
+            let Kept { profile: Some(profile), electrons: Some(electrons), .. } = &*kept else {
+                continue; // as above
+            };
+            let all_entries = lists.entries.len() as u32;
             let longest = lists.longest();
             let mut first_entry = 0;
             loop {
-                let part = PartUniforms { first_entry, entries: per_dispatch, goes_on, unused: 0 };
+                let part = PartUniforms { first_entry, entries: per_dispatch, goes_on, all_entries };
                 let part = self.gpu.uniform("part", bytemuck::bytes_of(&part))?;
-                let buffers = [frame, &part, stars, starts, entries, electrons];
-                let workgroups = [grid.columns() as u32, grid.tile_rows() as u32];
-                self.gpu.submit(&[Dispatch { kernel, buffers: &buffers, workgroups }])?;
+                let buffers = [frame, &part, stars, starts, entries, profile, electrons];
+                let numbers = u64::from(all_entries) * (PROFILE_BYTES / size_of::<f32>()) as u64;
+                let work = [
+                    Dispatch { kernel: profiles, buffers: &buffers, workgroups: Gpu::workgroups_for(numbers.div_ceil(WORKGROUP)) },
+                    Dispatch { kernel: collect, buffers: &buffers, workgroups: [grid.columns() as u32, grid.tile_rows() as u32] },
+                ];
+                // The profiles serve all parts of the lists, and an empty list has none.
+                self.gpu.submit(&work[usize::from(first_entry > 0 || all_entries == 0)..])?;
                 goes_on = 1;
                 first_entry += per_dispatch;
                 if first_entry >= longest {

@@ -2,11 +2,23 @@
 
 use std::ops::Range;
 
+use bytemuck::{Pod, Zeroable};
+
 use super::{ImagingError, StarImage};
 use crate::effects::pixel::{PointSpread, Star};
 
 /// Side of a tile in px; a workgroup of the shader that collects light is one tile.
 pub(super) const TILE_PX: usize = 16;
+
+/// A star in the list of a tile.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub(super) struct Entry {
+    /// Index of the star.
+    pub(super) star: u32,
+    /// Index of the tile.
+    pub(super) tile: u32,
+}
 
 /// Which stars may light a tile, for all tiles of a band.
 #[derive(Debug)]
@@ -15,13 +27,13 @@ pub(super) struct TileLists {
     pub(super) stars: Vec<Star>,
     /// Where each tile's entries begin; one more than there are tiles.
     pub(super) starts: Vec<u32>,
-    /// Numbers of stars, tile by tile, in catalogue order within a tile.
-    pub(super) entries: Vec<u32>,
+    /// The entries, tile by tile, in catalogue order within a tile.
+    pub(super) entries: Vec<Entry>,
 }
 
 impl TileLists {
     /// The entries of a tile.
-    pub(super) fn of(&self, tile: usize) -> &[u32] {
+    pub(super) fn of(&self, tile: usize) -> &[Entry] {
         &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize]
     }
 
@@ -143,10 +155,10 @@ fn lists(chunk: &[(Star, Range<usize>, Range<usize>)], grid: &Grid, count: usize
         starts[tile] += starts[tile - 1];
     }
     let mut next = starts.clone();
-    let mut entries = vec![0_u32; count];
+    let mut entries = vec![Entry::default(); count];
     for (number, (_, columns, rows)) in (0..).zip(chunk) {
         for tile in tiles(columns, rows) {
-            entries[next[tile] as usize] = number;
+            entries[next[tile] as usize] = Entry { star: number, tile: tile as u32 };
             next[tile] += 1;
         }
     }
@@ -186,7 +198,8 @@ mod tests {
         assert_eq!(chunks.len(), 1);
         for tile_row in 0..3 {
             for tile_column in 0..5 {
-                let listed: Vec<Star> = chunks[0].of(tile_row * 5 + tile_column).iter().map(|n| chunks[0].stars[*n as usize]).collect();
+                let listed: Vec<Star> =
+                    chunks[0].of(tile_row * 5 + tile_column).iter().map(|entry| chunks[0].stars[entry.star as usize]).collect();
                 let touching: Vec<Star> = stars
                     .iter()
                     .filter(|star| {

@@ -19,7 +19,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::effects::ParameterSpec;
-use crate::effects::pixel::math::floor;
+use crate::effects::pixel::math::floor_positive;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
 use crate::rng::StageKey;
 
@@ -51,7 +51,7 @@ fn adc(uniforms: &AdcUniforms, pixels: &mut [f32]) {
         let held = if *pixel < uniforms.full_well_e { *pixel } else { uniforms.full_well_e };
         let exact = held * uniforms.dn_per_e + uniforms.bias_and_half_dn;
         let low = if exact > 0.0 { exact } else { 0.0 };
-        *pixel = floor(if low < uniforms.top_dn { low } else { uniforms.top_dn });
+        *pixel = floor_positive(if low < uniforms.top_dn { low } else { uniforms.top_dn });
     }
 }
 

@@ -21,7 +21,7 @@
 //! L. Devroye, Non-Uniform Random Variate Generation (1986), chapter X.3 (inversion).
 
 use crate::effects::ParameterSpec;
-use crate::effects::pixel::math::{floor, poly_exp, standard_normal, unit_interval};
+use crate::effects::pixel::math::{floor, floor_positive, poly_exp, standard_normal, unit_interval};
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage};
 use crate::rng::StageKey;
 
@@ -41,7 +41,7 @@ const LANES: usize = 16;
 fn poisson_quantile(lambda: f32, w: f32) -> f32 {
     let root = lambda.sqrt();
     let w2 = w * w;
-    let whole = floor(lambda);
+    let whole = floor_positive(lambda);
     let order_0 = (lambda - whole) + root * w;
     let order_1 = (2.0 + w2) * (1.0 / 6.0);
     let order_2 = w * (1.0 + 0.5 * w2) / (36.0 * root);
@@ -62,6 +62,7 @@ fn first_survival(lambda: f32, zero: f32) -> f32 {
 /// nothing. `u` is uniform in (0, 1].
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "inlined into the loops over pixels, which are vectorised only then")]
+#[allow(clippy::needless_bitwise_bool, reason = "a lazy `and` is a branch, and the loop would not vectorise")]
 fn poisson_inversion(lambda: &[f32; LANES], u: &[f32; LANES]) -> [f32; LANES] {
     let mut probability = [0.0_f32; LANES];
     let mut survival = [0.0_f32; LANES];
@@ -75,20 +76,19 @@ fn poisson_inversion(lambda: &[f32; LANES], u: &[f32; LANES]) -> [f32; LANES] {
     }
     let mut k = 0.0_f32;
     loop {
-        let mut running = 0_u32;
+        let mut running = 0.0_f32;
+        let reciprocal = 1.0 / (k + 1.0);
         for i in 0..LANES {
-            let more = u[i] < survival[i] && k < last[i];
-            count[i] += if more { 1.0 } else { 0.0 };
-            running |= u32::from(more);
+            let more = if (u[i] < survival[i]) & (k < last[i]) { 1.0 } else { 0.0 };
+            count[i] += more;
+            running += more;
+            probability[i] *= lambda[i] * reciprocal;
+            survival[i] -= probability[i];
         }
-        if running == 0 {
+        if running == 0.0 {
             return count;
         }
         k += 1.0;
-        for i in 0..LANES {
-            probability[i] *= lambda[i] / k;
-            survival[i] -= probability[i];
-        }
     }
 }
 

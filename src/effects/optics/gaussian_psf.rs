@@ -68,16 +68,16 @@ fn gaussian_psf(star: &Star, rows: &mut Rows<'_>) {
     }
     rows.scratch.clear();
     rows.scratch.resize(right - left, 0.0);
-    for (i, share) in rows.scratch.iter_mut().enumerate() {
+    for (i, electrons_x) in rows.scratch.iter_mut().enumerate() {
         let x = ((left + i) as i64 - i64::from(star.column)) as i32;
-        *share = pixel_share(x as f32 - star.fraction_x, star.inverse_sigma);
+        *electrons_x = star.electrons * pixel_share(x as f32 - star.fraction_x, star.inverse_sigma);
     }
     for row in top..bottom {
         let y = ((rows.first_row + row) as i64 - i64::from(star.row)) as i32;
         let share_y = pixel_share(y as f32 - star.fraction_y, star.inverse_sigma);
         let line = &mut rows.electrons[row * rows.width + left..row * rows.width + right];
-        for (pixel, share_x) in line.iter_mut().zip(rows.scratch.iter()) {
-            *pixel += star.electrons * (share_x * share_y);
+        for (pixel, electrons_x) in line.iter_mut().zip(rows.scratch.iter()) {
+            *pixel += electrons_x * share_y;
         }
     }
 }

@@ -33,15 +33,17 @@ pub fn poly_ln(x: f32) -> f32 {
 #[inline(always)]
 #[must_use]
 pub fn poly_exp(x: f32) -> f32 {
-    let n = (x * std::f32::consts::LOG2_E - 0.5) as i32; // truncated towards zero: the nearest integer
-    let r = x - n as f32 * 0.693359375 + n as f32 * 2.12194440e-4;
+    // The shader converts to an integer here; Rust's own conversion is checked and does not vectorise.
+    let shifted = x * std::f32::consts::LOG2_E + ROUNDER;
+    let n = shifted - ROUNDER; // the nearest integer
+    let r = x - n * 0.693359375 + n * 2.12194440e-4;
     let mut p = 1.9875691500e-4;
     p = p * r + 1.3981999507e-3;
     p = p * r + 8.3334519073e-3;
     p = p * r + 4.1665795894e-2;
     p = p * r + 1.6666665459e-1;
     p = p * r + 5.0000001201e-1;
-    (p * (r * r) + r + 1.0) * f32::from_bits(((n + 127) as u32) << 23)
+    (p * (r * r) + r + 1.0) * f32::from_bits(shifted.to_bits().wrapping_sub(ROUNDER.to_bits()).wrapping_add(127) << 23)
 }
 
 /// Cosine of an angle given as a part of a turn in units of 2⁻³²: the reduction to an octant is exact.
@@ -92,12 +94,26 @@ pub fn normal_upper_tail(x: f32) -> f32 {
     p * t * poly_exp(-0.5 * x * x)
 }
 
-/// The largest integer not above `x`, |x| < 2³¹, without a call into the library.
+/// A number of 2²² or more added to a smaller one leaves an integer in the sum's last bits: 1.5 · 2²³.
+const ROUNDER: f32 = 12_582_912.0;
+
+/// The largest integer not above `x`, without a call into the library; exact for |x| < 2²² and for whole numbers, else `x` itself.
 #[inline(always)]
 #[must_use]
 pub fn floor(x: f32) -> f32 {
-    let towards_zero = x as i32 as f32;
-    towards_zero - if towards_zero > x { 1.0 } else { 0.0 }
+    let nearest = (x + ROUNDER) - ROUNDER;
+    let below = nearest - if nearest > x { 1.0 } else { 0.0 };
+    if x.abs() < 4_194_304.0 { below } else { x }
+}
+
+/// The same for `x` ≥ 0, exact at any size.
+#[inline(always)]
+#[must_use]
+pub fn floor_positive(x: f32) -> f32 {
+    const WHOLE_FROM: f32 = 8_388_608.0; // 2²³
+    let nearest = (x + WHOLE_FROM) - WHOLE_FROM;
+    let below = nearest - if nearest > x { 1.0 } else { 0.0 };
+    if x < WHOLE_FROM { below } else { x }
 }
 
 #[cfg(test)]
@@ -137,6 +153,9 @@ mod tests {
     fn floor_is_floor() {
         for x in [-2.5_f32, -2.0, -0.1, 0.0, 0.9, 1.0, 123_456.7] {
             assert_eq!(floor(x), x.floor());
+        }
+        for x in [0.0_f32, 0.3, 0.5, 0.999_999_94, 1.5, 2.5, 4_194_305.5, 8_388_607.5, 8_388_609.0, 1e20] {
+            assert_eq!(floor_positive(x), x.floor());
         }
     }
 }

@@ -62,10 +62,11 @@ pub struct Rows<'a> {
     pub scratch: &'a mut Vec<f32>,
 }
 
-/// How the light of a star is spread.
+/// How the light of a star is spread: as the product of a profile along the columns and one along the rows. (A spread that is no such product
+/// needs a second way of collecting light beside `shaders/lib/collect.wgsl`, and a method here that says so.)
 pub trait PointSpread: Sync {
-    /// Its id in files, and the name of its twin and of its WGSL function
-    /// `fn id(star: Star, x: i32, y: i32) -> f32`: the share of the star's light in the pixel `x` right of and `y` below the nearest one.
+    /// Its id in files, and the name of its twin and of its WGSL function `fn id(star: Star, offset_px: f32) -> f32`: the share of the star's
+    /// light, along one axis, in a pixel whose centre lies `offset_px` from the star.
     fn id(&self) -> &'static str;
     /// Its parameters, which each star carries.
     fn parameters(&self) -> &'static [ParameterSpec];
