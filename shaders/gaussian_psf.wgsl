@@ -13,7 +13,10 @@ fn gaussian_psf(star: Star, d: f32) -> f32 {
     let narrow = select(1.0 - tail_near - tail_far, tail_near - tail_far, near > 0.0);
     let z2 = min(d * h * (d * h), 150.0);
     let h2 = h * h;
-    let correction = 1.0 + h2 * ((z2 - 1.0) * (1.0 / 24.0) + h2 * ((z2 - 6.0) * z2 + 3.0) * (1.0 / 1920.0));
+    let hermite_2 = z2 - 1.0;
+    let hermite_4 = (z2 - 6.0) * z2 + 3.0;
+    let hermite_6 = ((z2 - 15.0) * z2 + 45.0) * z2 - 15.0;
+    let correction = 1.0 + h2 * (hermite_2 * (1.0 / 24.0) + h2 * (hermite_4 * (1.0 / 1920.0) + h2 * hermite_6 * (1.0 / 322560.0)));
     let wide = h * DENSITY_AT_CENTRE * poly_exp(-0.5 * z2) * correction;
     return select(narrow, wide, h < WIDE_BELOW);
 }
