@@ -2,6 +2,9 @@
 //!
 //! BORESIGHT_GPU says what a machine without an adapter means: `require` (the default) a failure, `any` and `off` a skip by name.
 
+use std::collections::BTreeSet;
+use std::sync::{Mutex, PoisonError};
+
 use boresight::effects::pixel::{AnyPixelEffect, PIXEL_EFFECTS, POINT_SPREADS, Stage};
 use boresight::imaging::{
     Backend, EffectSetting, Exposure, Imager, ImagingConfig, ImagingError, Output, SplitLimits, StarImage, chain_program, collect_program,
@@ -24,8 +27,12 @@ fn gpu(test: &str, config: &ImagingConfig, limits: SplitLimits) -> Option<Imager
     }
     match Imager::with_limits(Backend::Gpu, config, limits) {
         Ok(imager) => {
-            common::log_gpu_test(test, &imager.adapter());
-            println!("gpu test {test} on {}", imager.adapter());
+            // Once a test, however many imagers it makes.
+            static SEEN: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+            if SEEN.lock().unwrap_or_else(PoisonError::into_inner).insert(test.to_owned()) {
+                common::log_gpu_test(test, &imager.adapter());
+                println!("gpu test {test} on {}", imager.adapter());
+            }
             Some(imager)
         }
         Err(ImagingError::Gpu(error)) if wish == "any" => {
