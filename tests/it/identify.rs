@@ -7,8 +7,9 @@ use std::time::{Duration, Instant};
 use boresight::camera::Camera;
 use boresight::catalog::Catalog;
 use boresight::coordinates::{Attitude, Direction};
-use boresight::detect::{Detection, Detections, Flags};
+use boresight::detect::{DetectOptions, Detection, Detections, Flags, detect};
 use boresight::identify::{Identification, IdentifyOptions, Index, Solution, identify};
+use boresight::recording::Recording;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64Mcg;
@@ -352,4 +353,102 @@ fn degenerate_lists_are_refused_with_a_reason() {
         panic!("another catalogue")
     };
     assert!(reason.contains("100"), "{reason}");
+}
+
+/// Loads a frame and finds its stars, given nothing but the file.
+fn detections_of(path: &std::path::Path) -> Detections {
+    let recording = Recording::open(&[path]).unwrap();
+    let frame = recording.load_frame(0).unwrap();
+    detect(&frame, &DetectOptions::default()).unwrap()
+}
+
+#[test]
+fn real_frames_are_identified_from_the_image_alone() {
+    let Some(directory) = crate::common::recordings_dir("identify::real_frames_are_identified_from_the_image_alone") else { return };
+    let (catalog, index) = sky();
+    println!("index: {:?}", index.build());
+    let mut reader = csv::Reader::from_path(directory.join("reference.csv")).unwrap();
+    let mut faults = Vec::new();
+    for record in reader.records() {
+        let record = record.unwrap();
+        let number = |column: usize| record[column].parse::<f64>().unwrap();
+        let detections = detections_of(&directory.join(&record[0]));
+        let start = Instant::now();
+        let answer = identify(&detections, catalog, index, &[], &IdentifyOptions::default());
+        let ms = start.elapsed().as_secs_f64() * 1e3;
+        match answer {
+            Identification::Identified(solution) => {
+                let expected = Direction::from_radec_rad(number(1) * DEG, number(2) * DEG);
+                let off_deg = solution.centre().angle_rad(&expected) / DEG;
+                println!(
+                    "{}: off {off_deg:.4}°, width {:.3} ({}), {}/{} matched, rms {:.3} px, k1·corner² {:.4}, P {:.1e}, parity {}, {ms:.1} ms",
+                    &record[0],
+                    solution.width_deg(),
+                    &record[3],
+                    solution.matches.len(),
+                    detections.stars.len(),
+                    solution.rms_px,
+                    solution.camera.k1 * ((detections.width_px as f64).hypot(detections.height_px as f64) / 2.0).powi(2),
+                    solution.false_match_probability,
+                    solution.parity
+                );
+                if off_deg > 0.05 || (solution.width_deg() / number(3) - 1.0).abs() > 0.01 {
+                    faults.push(format!("{}: {off_deg}° off", &record[0]));
+                }
+            }
+            Identification::NotIdentified { reason } => {
+                println!("{}: {} detections, {ms:.1} ms: {reason}", &record[0], detections.stars.len());
+                faults.push(format!("{}: {reason}", &record[0]));
+            }
+        }
+    }
+    assert!(faults.is_empty(), "{faults:#?}");
+}
+
+#[test]
+fn real_dark_frames_are_refused() {
+    let Some(directory) = crate::common::recordings_dir("identify::real_dark_frames_are_refused") else { return };
+    let (catalog, index) = sky();
+    let mut files: Vec<_> = std::fs::read_dir(directory.join("creusot_16mm/darks")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    assert!(!files.is_empty());
+    for file in files {
+        let detections = detections_of(&file);
+        // The most stubborn case too: the camera's true focal length is given.
+        for nominal_focal_length_px in [None, Some(3234.0)] {
+            let start = Instant::now();
+            let options = IdentifyOptions { nominal_focal_length_px, search_beyond_tolerance: false, ..IdentifyOptions::default() };
+            let answer = identify(&detections, catalog, index, &[], &options);
+            let Identification::NotIdentified { reason } = answer else { panic!("{}: {answer:?}", file.display()) };
+            println!("{}: {} detections, {:.0} ms: {reason}", file.display(), detections.stars.len(), start.elapsed().as_secs_f64() * 1e3);
+        }
+    }
+}
+
+#[test]
+fn the_stated_false_match_probability_is_not_too_small() {
+    let (catalog, index) = sky();
+    let count = trials() * 5;
+    // Whoever accepts matches that chance brings about with probability 0.1 (0.01) is wrong in so many star-free scenes at most.
+    let (mut tenth, mut hundredth) = (0, 0);
+    for seed in 0..count {
+        let mut detections = star_free(90_000 + seed);
+        detections.stars.truncate(6 + (seed % 45) as usize);
+        let width = 4.0 * 15_f64.powf((seed % 23) as f64 / 22.0) * DEG;
+        let options = IdentifyOptions {
+            nominal_focal_length_px: Some(512.0 / (width / 2.0).tan()),
+            focal_length_tolerance: 0.01,
+            search_beyond_tolerance: false,
+            max_false_match_probability: 0.1,
+            ..IdentifyOptions::default()
+        };
+        if let Identification::Identified(solution) = identify(&detections, catalog, index, &[], &options) {
+            tenth += 1;
+            hundredth += u64::from(solution.false_match_probability < 0.01);
+        }
+    }
+    println!("star-free scenes accepted at 0.1: {tenth} of {count}, at 0.01: {hundredth}");
+    // Three standard deviations above what is stated.
+    let allowed = |p: f64| p * count as f64 + 3.0 * (p * count as f64).sqrt();
+    assert!((tenth as f64) <= allowed(0.1) && (hundredth as f64) <= allowed(0.01), "{tenth} and {hundredth} of {count}");
 }
