@@ -17,6 +17,10 @@ const CHECK_LN_PROBABILITY: f64 = -3.0;
 /// Triangles by chance are drawn from so many of the brightest detections, and checked against as many.
 const DRAWN_FROM: usize = 200;
 
+/// Hypotheses in one pass over the focal lengths after which the rest of it is given up: narrow fields full of false
+/// detections would take for ever.
+const MOST_HYPOTHESES: u64 = 2_000_000;
+
 /// Which triangles of detections a stage tries.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Choice {
@@ -62,26 +66,26 @@ const fn narrow_only(choice: Choice, ratio_tolerance: f64, kappa: f64, coarser: 
 /// From the likely and cheap to the rest: more detections for false stars, distortions of either sign, a wider tolerance for
 /// noise, and sparser stars for images that show only few.
 const STAGES: [Stage; 20] = [
-    stage(Brightest(10), 0.005, 0.0, 0),
-    stage(Brightest(16), 0.005, 0.0, 0),
-    stage(Drawn(250), 0.005, 0.0, 0),
-    stage(Brightest(10), 0.010, 0.0, 2),
-    stage(Brightest(14), 0.007, -0.04, 0),
-    stage(Brightest(22), 0.005, 0.0, 0),
-    stage(Brightest(14), 0.007, -0.09, 0),
-    stage(Brightest(14), 0.007, 0.04, 0),
-    stage(Brightest(12), 0.012, 0.0, 0),
-    stage(Brightest(14), 0.007, -0.16, 0),
-    stage(Brightest(14), 0.007, -0.24, 0),
-    stage(Brightest(14), 0.010, 0.0, 1),
-    stage(Brightest(14), 0.007, 0.0, -1),
-    stage(Drawn(600), 0.005, 0.0, 0),
-    narrow_only(Brightest(16), 0.015, 0.0, 0),
-    narrow_only(Brightest(20), 0.007, -0.04, 0),
-    narrow_only(Brightest(32), 0.005, 0.0, 0),
-    narrow_only(Brightest(20), 0.007, -0.16, 0),
-    narrow_only(Brightest(12), 0.012, 0.0, -2),
-    narrow_only(Drawn(5000), 0.005, 0.0, 0),
+    stage(Brightest(10), 0.003, 0.0, 0),
+    stage(Brightest(16), 0.003, 0.0, 0),
+    stage(Drawn(250), 0.003, 0.0, 0),
+    stage(Brightest(9), 0.008, 0.0, 2),
+    stage(Brightest(13), 0.006, -0.04, 0),
+    stage(Brightest(22), 0.003, 0.0, 0),
+    stage(Brightest(13), 0.006, -0.09, 0),
+    stage(Brightest(13), 0.006, 0.04, 0),
+    stage(Brightest(11), 0.010, 0.0, 0),
+    stage(Brightest(13), 0.006, -0.16, 0),
+    stage(Brightest(13), 0.006, -0.24, 0),
+    stage(Brightest(11), 0.008, 0.0, 1),
+    stage(Brightest(12), 0.005, 0.0, -1),
+    stage(Drawn(700), 0.003, 0.0, 0),
+    narrow_only(Brightest(16), 0.012, 0.0, 0),
+    narrow_only(Brightest(18), 0.006, -0.04, 0),
+    narrow_only(Brightest(32), 0.003, 0.0, 0),
+    narrow_only(Brightest(18), 0.006, -0.16, 0),
+    narrow_only(Brightest(12), 0.010, 0.0, -2),
+    narrow_only(Drawn(6000), 0.003, 0.0, 0),
 ];
 
 /// Why a search ended without an answer.
@@ -122,12 +126,16 @@ impl<'a> Search<'a> {
     /// Runs all stages over each list of focal lengths in turn until a hypothesis is accepted.
     pub(super) fn run(mut self) -> Result<Found, Failure> {
         for (focal_lengths, narrow) in self.focal_lengths() {
+            let begun = self.hypotheses;
             for (number, stage) in STAGES.iter().enumerate().filter(|(_, stage)| narrow || !stage.narrow_only) {
                 // Triangles of detections that an earlier stage with the same settings has tried are not tried again.
                 let same = |s: &&Stage| s.kappa == stage.kappa && s.coarser == stage.coarser && s.ratio_tolerance >= stage.ratio_tolerance;
                 let tried = |s: &Stage| if let Brightest(count) = s.choice { count } else { 0 };
                 let done = STAGES[..number].iter().filter(same).map(tried).max().unwrap_or(0);
                 for &(focal_px, log_tolerance) in &focal_lengths {
+                    if self.hypotheses > begun + MOST_HYPOTHESES {
+                        continue;
+                    }
                     if !self.try_focal_length(stage, done, focal_px, log_tolerance) {
                         if let Some(found) = self.found {
                             return Ok(found);
@@ -223,7 +231,9 @@ impl<'a> Search<'a> {
             Drawn(wanted) => {
                 let mut rng = Pcg64Mcg::seed_from_u64(used as u64);
                 let (mut tried, mut draws) = (0, 0);
-                while tried < wanted && draws < 8 * wanted {
+                // Narrow fields have more catalogue triangles for each of the image.
+                let most = self.hypotheses + 12 * wanted as u64;
+                while tried < wanted && draws < 8 * wanted && self.hypotheses < most {
                     draws += 1;
                     let corners = [0; 3].map(|_| rng.random_range(0..used));
                     let side = |a: usize, b: usize| (rays[corners[a]] - rays[corners[b]]).norm();
@@ -353,7 +363,7 @@ impl Trial<'_> {
         let others = count.saturating_sub(3);
         let to_sky = pose.rotation.transpose();
         // Where most detections are false, more must be looked at before a candidate is given up.
-        let patience = if matches!(context.stage.choice, Brightest(_)) { 6 } else { 10 };
+        let patience = if matches!(context.stage.choice, Brightest(_)) { 4 } else { 8 };
         let (mut looked, mut hits) = (0, 0);
         // Through the list in strides, so that bright and faint ones come early alike.
         let stride = CHECK_STRIDES.into_iter().find(|stride| !count.is_multiple_of(*stride)).unwrap_or(1);

@@ -8,7 +8,10 @@ use boresight::camera::Camera;
 use boresight::catalog::Catalog;
 use boresight::coordinates::{Attitude, Direction};
 use boresight::detect::{DetectOptions, Detection, Detections, Flags, detect};
-use boresight::identify::{Identification, IdentifyOptions, Index, Solution, identify};
+use boresight::identify::{
+    ControlPoints, Identification, IdentifiedFrame, IdentifyOptions, Index, MisidentificationKind, Solution, control_points, identify,
+    misidentify,
+};
 use boresight::recording::Recording;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
@@ -19,11 +22,42 @@ const DEG: f64 = std::f64::consts::PI / 180.0;
 /// Catalogue and index, made once for all tests.
 fn sky() -> (&'static Catalog, &'static Index) {
     static INDEX: std::sync::OnceLock<Index> = std::sync::OnceLock::new();
-    (Catalog::embedded(), INDEX.get_or_init(|| Index::new(Catalog::embedded())))
+    (
+        Catalog::embedded(),
+        INDEX.get_or_init(|| {
+            let index = Index::new(Catalog::embedded());
+            index.build();
+            index
+        }),
+    )
 }
 
 fn trials() -> u64 {
     std::env::var("BORESIGHT_TRIALS").ok().and_then(|text| text.parse().ok()).unwrap_or(40)
+}
+
+/// A stopwatch for machines with other work to do: the time that this thread has been computing where the system tells it
+/// finely enough, else the time on the wall.
+struct Stopwatch {
+    wall: Instant,
+    computed_ms: Option<f64>,
+}
+
+impl Stopwatch {
+    fn start() -> Self {
+        Self { wall: Instant::now(), computed_ms: Self::computed_ms() }
+    }
+
+    fn computed_ms() -> Option<f64> {
+        let scheduled = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+        Some(scheduled.split_whitespace().next()?.parse::<f64>().ok()? / 1e6)
+    }
+
+    fn ms(&self) -> f64 {
+        let computed = self.computed_ms.zip(Self::computed_ms()).map(|(start, end)| end - start);
+        // The kernel may count in ticks of 4 ms.
+        computed.filter(|ms| *ms > 20.0).unwrap_or_else(|| self.wall.elapsed().as_secs_f64() * 1e3)
+    }
 }
 
 /// What is done to a star list.
@@ -42,7 +76,7 @@ struct Scene {
 
 const BASE: Scene = Scene {
     width_deg: 15.0,
-    faintest: 6.0,
+    faintest: 6.2,
     noise_px: 0.1,
     corner_px: 0.0,
     false_stars: 0,
@@ -136,9 +170,8 @@ struct Row {
 /// Runs a row of scenes. `focal_factor`: what the solver is told over the truth; `None`: it is told nothing.
 fn row(name: &str, scene: &Scene, focal_factor: Option<f64>, tolerance: f64, count: u64) -> Row {
     let (catalog, index) = sky();
-    index.build();
     let (mut solved, mut wrong) = (0, 0);
-    let mut times = Vec::new();
+    let (mut times, mut counts) = (Vec::new(), Vec::new());
     for seed in 0..count {
         let made = make(scene, 1000 + seed);
         let options = IdentifyOptions {
@@ -147,9 +180,10 @@ fn row(name: &str, scene: &Scene, focal_factor: Option<f64>, tolerance: f64, cou
             search_beyond_tolerance: focal_factor.is_none(),
             ..IdentifyOptions::default()
         };
-        let start = Instant::now();
+        let watch = Stopwatch::start();
         let answer = identify(&made.detections, catalog, index, &[], &options);
-        times.push(start.elapsed().as_secs_f64() * 1e3);
+        times.push(watch.ms());
+        counts.push(made.detections.stars.len() - scene.false_stars);
         if let (Identification::NotIdentified { reason }, Some(_)) = (&answer, std::env::var_os("BORESIGHT_SHOW")) {
             println!("  {name} seed {seed}: {} star images, {} of them false; {reason}", made.detections.stars.len(), scene.false_stars);
         }
@@ -168,11 +202,13 @@ fn row(name: &str, scene: &Scene, focal_factor: Option<f64>, tolerance: f64, cou
         }
     }
     times.sort_by(f64::total_cmp);
+    counts.sort_unstable();
     let row = Row { solved, wrong, median_ms: times[times.len() / 2], p95_ms: times[times.len() * 95 / 100] };
     println!(
-        "{name:44} {:5.1} % of {count}, wrong {}, median {:.2} ms, p95 {:.1} ms",
+        "{name:34} {:5.1} % of {count}, wrong {}, median {} stars, {:.2} ms, p95 {:.1} ms",
         100.0 * solved as f64 / count as f64,
         row.wrong,
+        counts[counts.len() / 2],
         row.median_ms,
         row.p95_ms
     );
@@ -184,23 +220,23 @@ fn nuisances_of_all_kinds_are_borne_and_never_lead_to_a_wrong_answer() {
     let n = trials();
     let rows = [
         ("base", 0.99, BASE, 1.0),
-        ("noise 1 px", 0.97, Scene { noise_px: 1.0, ..BASE }, 1.0),
-        ("noise 2 px", 0.85, Scene { noise_px: 2.0, ..BASE }, 1.0),
+        ("noise 1 px", 0.99, Scene { noise_px: 1.0, ..BASE }, 1.0),
+        ("noise 2 px", 0.95, Scene { noise_px: 2.0, ..BASE }, 1.0),
         ("distortion 12 px at the corner", 0.97, Scene { corner_px: 12.5, ..BASE }, 1.0),
         ("distortion -25 px", 0.97, Scene { corner_px: -25.0, ..BASE }, 1.0),
         ("distortion 25 px", 0.97, Scene { corner_px: 25.0, ..BASE }, 1.0),
-        ("distortion -50 px", 0.95, Scene { corner_px: -50.0, ..BASE }, 1.0),
-        ("distortion 50 px", 0.95, Scene { corner_px: 50.0, ..BASE }, 1.0),
+        ("distortion -50 px", 0.97, Scene { corner_px: -50.0, ..BASE }, 1.0),
+        ("distortion 50 px", 0.97, Scene { corner_px: 50.0, ..BASE }, 1.0),
         ("focal length told 20 % too long", 0.99, BASE, 1.2),
         ("focal length told 20 % too short", 0.99, BASE, 1.0 / 1.2),
         ("10 false stars", 0.9, Scene { false_stars: 10, ..BASE }, 1.0),
         ("30 false stars", 0.97, Scene { false_stars: 30, ..BASE }, 1.0),
-        ("100 false stars", 0.5, Scene { false_stars: 100, ..BASE }, 1.0),
-        ("60 % missing", 0.5, Scene { missing: 0.6, ..BASE }, 1.0),
+        ("100 false stars", 0.6, Scene { false_stars: 100, ..BASE }, 1.0),
+        ("60 % missing", 0.7, Scene { missing: 0.6, ..BASE }, 1.0),
         ("mirrored", 0.99, Scene { mirrored: true, ..BASE }, 1.0),
-        ("to magnitude 5", 0.5, Scene { faintest: 5.0, ..BASE }, 1.0),
-        ("to magnitude 4.5", 0.1, Scene { faintest: 4.5, ..BASE }, 1.0),
-        ("6 brightest stars", 0.4, Scene { stars: Some(6), ..BASE }, 1.0),
+        ("to magnitude 5", 0.7, Scene { faintest: 5.0, ..BASE }, 1.0),
+        ("to magnitude 4.5", 0.25, Scene { faintest: 4.5, ..BASE }, 1.0),
+        ("6 brightest stars", 0.95, Scene { stars: Some(6), ..BASE }, 1.0),
     ];
     for (name, least, scene, factor) in rows {
         let row = row(name, &scene, Some(factor), 0.25, n);
@@ -247,9 +283,9 @@ fn scenes_without_stars_are_refused() {
             search_beyond_tolerance: false,
             ..IdentifyOptions::default()
         };
-        let start = Instant::now();
+        let watch = Stopwatch::start();
         let answer = identify(&detections, catalog, index, &[], &options);
-        times.push(start.elapsed().as_secs_f64() * 1e3);
+        times.push(watch.ms());
         assert!(matches!(answer, Identification::NotIdentified { .. }), "seed {seed}: {answer:?}");
     }
     times.sort_by(f64::total_cmp);
@@ -266,9 +302,9 @@ fn scenes_without_stars_are_refused_over_all_focal_lengths() {
     let (catalog, index) = sky();
     let mut times = Vec::new();
     for seed in 0..trials().div_ceil(10) {
-        let start = Instant::now();
+        let watch = Stopwatch::start();
         let answer = identify(&star_free(50_000 + seed), catalog, index, &[], &IdentifyOptions::default());
-        times.push(start.elapsed().as_secs_f64() * 1e3);
+        times.push(watch.ms());
         assert!(matches!(answer, Identification::NotIdentified { .. }), "seed {seed}: {answer:?}");
     }
     times.sort_by(f64::total_cmp);
@@ -283,7 +319,6 @@ fn scenes_without_stars_are_refused_over_all_focal_lengths() {
 #[test]
 fn the_time_limit_holds() {
     let (catalog, index) = sky();
-    index.build();
     let limit = Duration::from_millis(30);
     let options = IdentifyOptions { time_limit: Some(limit), ..IdentifyOptions::default() };
     let start = Instant::now();
@@ -366,16 +401,16 @@ fn detections_of(path: &std::path::Path) -> Detections {
 fn real_frames_are_identified_from_the_image_alone() {
     let Some(directory) = crate::common::recordings_dir("identify::real_frames_are_identified_from_the_image_alone") else { return };
     let (catalog, index) = sky();
-    println!("index: {:?}", index.build());
+    println!("index: {:?}", index.size());
     let mut reader = csv::Reader::from_path(directory.join("reference.csv")).unwrap();
     let mut faults = Vec::new();
     for record in reader.records() {
         let record = record.unwrap();
         let number = |column: usize| record[column].parse::<f64>().unwrap();
         let detections = detections_of(&directory.join(&record[0]));
-        let start = Instant::now();
+        let watch = Stopwatch::start();
         let answer = identify(&detections, catalog, index, &[], &IdentifyOptions::default());
-        let ms = start.elapsed().as_secs_f64() * 1e3;
+        let ms = watch.ms();
         match answer {
             Identification::Identified(solution) => {
                 let expected = Direction::from_radec_rad(number(1) * DEG, number(2) * DEG);
@@ -451,4 +486,111 @@ fn the_stated_false_match_probability_is_not_too_small() {
     // Three standard deviations above what is stated.
     let allowed = |p: f64| p * count as f64 + 3.0 * (p * count as f64).sqrt();
     assert!((tenth as f64) <= allowed(0.1) && (hundredth as f64) <= allowed(0.01), "{tenth} and {hundredth} of {count}");
+}
+
+/// Identified frames of one simulated camera, as control points.
+fn night(mirrored: bool) -> (Vec<Made>, ControlPoints) {
+    let (catalog, index) = sky();
+    let scene = Scene { faintest: 6.5, mirrored, noise_px: 0.05, ..BASE };
+    let frames: Vec<Made> = (0..4).map(|seed| make(&scene, 300 + seed)).collect();
+    let answers: Vec<Identification> =
+        frames.iter().map(|made| identify(&made.detections, catalog, index, &[], &IdentifyOptions::default())).collect();
+    let identified: Vec<IdentifiedFrame<'_>> = frames
+        .iter()
+        .zip(&answers)
+        .enumerate()
+        .map(|(frame, (made, identification))| IdentifiedFrame {
+            frame,
+            detections: &made.detections,
+            identification,
+            directions: &[],
+            years_since_epoch: 30.0,
+        })
+        .collect();
+    let (points, left_out) = control_points(&identified, frames.len(), catalog, None);
+    assert!(left_out.is_empty(), "{left_out:?}");
+    (frames, points)
+}
+
+#[test]
+fn control_points_lie_where_their_stars_are_seen_in_plain_and_in_mirrored_images() {
+    for mirrored in [false, true] {
+        let (frames, points) = night(mirrored);
+        assert_eq!(points.parity, if mirrored { -1 } else { 1 });
+        assert!(points.points.len() > 60, "{}", points.points.len());
+        assert!((points.nominal.focal_length_px / frames[0].focal_px - 1.0).abs() < 1e-3);
+        for (point, file) in points.unmirrored().points.iter().zip(&points.points) {
+            let attitude = points.attitudes[point.frame].unwrap();
+            let seen = points.nominal.pixel(&attitude.camera_from_apparent(&point.direction)).unwrap();
+            assert!((seen.x_px - point.x_px).hypot(seen.y_px - point.y_px) < 2.0, "{point:?} {seen:?}");
+            assert_eq!(file.x_px, if mirrored { 1023.0 - point.x_px } else { point.x_px });
+            assert!(frames[point.frame].detections.stars.iter().any(|star| star.x_px == file.x_px && star.y_px == file.y_px));
+            let star = Catalog::embedded().by_hip(point.hip).unwrap();
+            assert!(point.catalog_sigma_rad > 0.0 && point.has_proper_motion == star.proper_motion_rad_yr.is_some());
+        }
+    }
+}
+
+#[test]
+fn deliberate_misidentification_changes_the_stated_share_and_says_which() {
+    let catalog = Catalog::embedded();
+    let (_, right) = night(false);
+    for kind in [MisidentificationKind::Random, MisidentificationKind::NearNeighbour] {
+        let mut wrong = right.clone();
+        let truth = misidentify(&mut wrong, catalog, 0.2, kind, 7);
+        assert_eq!(truth.len(), (0.2 * right.points.len() as f64).round() as usize);
+        let changed: Vec<usize> = (0..right.points.len()).filter(|&i| right.points[i].direction != wrong.points[i].direction).collect();
+        assert_eq!(changed, truth.iter().map(|t| t.point).collect::<Vec<_>>());
+        for t in &truth {
+            let (before, after) = (&right.points[t.point], &wrong.points[t.point]);
+            assert_eq!((before.x_px, before.y_px, before.frame, before.hip), (after.x_px, after.y_px, after.frame, t.true_hip));
+            assert!((after.direction.angle_rad(&before.direction) - t.error_rad).abs() < 1e-12 && t.error_rad < 2.001 * DEG);
+            match (kind, t.given_hip) {
+                (MisidentificationKind::NearNeighbour, Some(hip)) => {
+                    let star = catalog.by_hip(hip).unwrap();
+                    assert!(
+                        hip != t.true_hip
+                            && after.hip == hip
+                            && star.direction.angle_rad(&Direction::from_unit(after.direction.xyz)) < 1e-9
+                    );
+                }
+                _ => assert!(t.given_hip.is_none() && t.error_rad > 0.0499 * DEG, "{t:?}"),
+            }
+        }
+        let mut again = right.clone();
+        assert_eq!(misidentify(&mut again, catalog, 0.2, kind, 7), truth);
+        assert_eq!(again, wrong);
+        assert_ne!(misidentify(&mut again, catalog, 0.2, kind, 8), truth);
+    }
+    let mut none = right.clone();
+    assert!(misidentify(&mut none, catalog, 0.0, MisidentificationKind::Random, 1).is_empty());
+    assert_eq!(none, right);
+}
+
+#[test]
+fn centre_roll_and_width_follow_their_definitions() {
+    let (catalog, index) = sky();
+    for (seed, mirrored) in [(1, false), (2, true), (3, false)] {
+        let scene = Scene { mirrored, noise_px: 0.01, aspect: 4.0 / 3.0, faintest: 6.5, ..BASE };
+        let made = make(&scene, seed);
+        let Identification::Identified(solution) = identify(&made.detections, catalog, index, &[], &IdentifyOptions::default()) else {
+            panic!("seed {seed} is not identified")
+        };
+        assert!((solution.width_deg() - 15.0).abs() < 0.01, "{}", solution.width_deg());
+        let height = 2.0 * (384.0 / made.focal_px).atan() / DEG;
+        assert!((solution.height_deg() - height).abs() < 0.01, "{}", solution.height_deg());
+        // The attitude of that pointing and roll is the attitude found.
+        let (ra, dec) = solution.centre().radec_rad();
+        let again = Attitude::from_pointing(ra, dec, solution.roll_deg() * DEG);
+        assert!(again.camera_from_icrs.angle_to(&solution.attitude.camera_from_icrs) < 1e-6);
+        assert!(again.camera_from_icrs.angle_to(&made.attitude.camera_from_icrs) < 1e-3);
+        // With the true camera all the stars are found again.
+        let camera = Camera::pinhole(1024, 768, made.focal_px);
+        let matches = solution.final_matches(&made.detections, catalog, &[], &camera, 3.0);
+        assert!(matches.len() >= solution.matches.len() * 9 / 10);
+        let mut stars: Vec<usize> = matches.iter().map(|m| m.star).collect();
+        stars.sort_unstable();
+        stars.dedup();
+        assert_eq!(stars.len(), matches.len(), "a star is used twice");
+    }
 }
