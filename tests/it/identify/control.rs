@@ -1,0 +1,117 @@
+//! What is made of an identification: control points, deliberate errors, and the frame's place on the sky.
+
+use boresight::camera::Camera;
+use boresight::catalog::Catalog;
+use boresight::coordinates::{Attitude, Direction};
+use boresight::identify::{
+    ControlPoints, Identification, IdentifiedFrame, IdentifyOptions, MisidentificationKind, control_points, identify, misidentify,
+};
+
+use super::{BASE, DEG, Made, Scene, make, sky};
+
+/// Identified frames of one simulated camera, as control points.
+fn night(mirrored: bool) -> (Vec<Made>, ControlPoints) {
+    let (catalog, index) = sky();
+    let scene = Scene { faintest: 6.5, mirrored, noise_px: 0.05, ..BASE };
+    let frames: Vec<Made> = (0..4).map(|seed| make(&scene, 300 + seed)).collect();
+    let answers: Vec<Identification> =
+        frames.iter().map(|made| identify(&made.detections, catalog, index, &[], &IdentifyOptions::default())).collect();
+    let identified: Vec<IdentifiedFrame<'_>> = frames
+        .iter()
+        .zip(&answers)
+        .enumerate()
+        .map(|(frame, (made, identification))| IdentifiedFrame {
+            frame,
+            detections: &made.detections,
+            identification,
+            directions: &[],
+            years_since_epoch: 30.0,
+        })
+        .collect();
+    let (points, left_out) = control_points(&identified, frames.len(), catalog, None);
+    assert!(left_out.is_empty(), "{left_out:?}");
+    (frames, points)
+}
+
+#[test]
+fn control_points_lie_where_their_stars_are_seen_in_plain_and_in_mirrored_images() {
+    for mirrored in [false, true] {
+        let (frames, points) = night(mirrored);
+        assert_eq!(points.parity, if mirrored { -1 } else { 1 });
+        assert!(points.points.len() > 60, "{}", points.points.len());
+        assert!((points.nominal.focal_length_px / frames[0].focal_px - 1.0).abs() < 1e-3);
+        for (point, file) in points.unmirrored().points.iter().zip(&points.points) {
+            let attitude = points.attitudes[point.frame].unwrap();
+            let seen = points.nominal.pixel(&attitude.camera_from_apparent(&point.direction)).unwrap();
+            assert!((seen.x_px - point.x_px).hypot(seen.y_px - point.y_px) < 2.0, "{point:?} {seen:?}");
+            assert_eq!(file.x_px, if mirrored { 1023.0 - point.x_px } else { point.x_px });
+            assert!(frames[point.frame].detections.stars.iter().any(|star| star.x_px == file.x_px && star.y_px == file.y_px));
+            let star = Catalog::embedded().by_hip(point.hip).unwrap();
+            assert!(point.catalog_sigma_rad > 0.0 && point.has_proper_motion == star.proper_motion_rad_yr.is_some());
+        }
+    }
+}
+
+#[test]
+fn deliberate_misidentification_changes_the_stated_share_and_says_which() {
+    let catalog = Catalog::embedded();
+    let (_, right) = night(false);
+    for kind in [MisidentificationKind::Random, MisidentificationKind::NearNeighbour] {
+        let mut wrong = right.clone();
+        let truth = misidentify(&mut wrong, catalog, 0.2, kind, 7);
+        assert_eq!(truth.len(), (0.2 * right.points.len() as f64).round() as usize);
+        let changed: Vec<usize> = (0..right.points.len()).filter(|&i| right.points[i].direction != wrong.points[i].direction).collect();
+        assert_eq!(changed, truth.iter().map(|t| t.point).collect::<Vec<_>>());
+        for t in &truth {
+            let (before, after) = (&right.points[t.point], &wrong.points[t.point]);
+            assert_eq!((before.x_px, before.y_px, before.frame, before.hip), (after.x_px, after.y_px, after.frame, t.true_hip));
+            assert!((after.direction.angle_rad(&before.direction) - t.error_rad).abs() < 1e-12 && t.error_rad < 2.001 * DEG);
+            match (kind, t.given_hip) {
+                (MisidentificationKind::NearNeighbour, Some(hip)) => {
+                    let star = catalog.by_hip(hip).unwrap();
+                    assert!(
+                        hip != t.true_hip
+                            && after.hip == hip
+                            && star.direction.angle_rad(&Direction::from_unit(after.direction.xyz)) < 1e-9
+                    );
+                }
+                _ => assert!(t.given_hip.is_none() && t.error_rad > 0.0499 * DEG, "{t:?}"),
+            }
+        }
+        let mut again = right.clone();
+        assert_eq!(misidentify(&mut again, catalog, 0.2, kind, 7), truth);
+        assert_eq!(again, wrong);
+        assert_ne!(misidentify(&mut again, catalog, 0.2, kind, 8), truth);
+    }
+    let mut none = right.clone();
+    assert!(misidentify(&mut none, catalog, 0.0, MisidentificationKind::Random, 1).is_empty());
+    assert_eq!(none, right);
+}
+
+#[test]
+fn centre_roll_and_width_follow_their_definitions() {
+    let (catalog, index) = sky();
+    for (seed, mirrored) in [(1, false), (2, true), (3, false)] {
+        let scene = Scene { mirrored, noise_px: 0.01, aspect: 4.0 / 3.0, faintest: 6.5, ..BASE };
+        let made = make(&scene, seed);
+        let Identification::Identified(solution) = identify(&made.detections, catalog, index, &[], &IdentifyOptions::default()) else {
+            panic!("seed {seed} is not identified")
+        };
+        assert!((solution.width_deg() - 15.0).abs() < 0.01, "{}", solution.width_deg());
+        let height = 2.0 * (384.0 / made.focal_px).atan() / DEG;
+        assert!((solution.height_deg() - height).abs() < 0.01, "{}", solution.height_deg());
+        // The attitude of that pointing and roll is the attitude found.
+        let (ra, dec) = solution.centre().radec_rad();
+        let again = Attitude::from_pointing(ra, dec, solution.roll_deg() * DEG);
+        assert!(again.camera_from_icrs.angle_to(&solution.attitude.camera_from_icrs) < 1e-6);
+        assert!(again.camera_from_icrs.angle_to(&made.attitude.camera_from_icrs) < 1e-3);
+        // With the true camera all the stars are found again.
+        let camera = Camera::pinhole(1024, 768, made.focal_px);
+        let matches = solution.final_matches(&made.detections, catalog, &[], &camera, 3.0);
+        assert!(matches.len() >= solution.matches.len() * 9 / 10);
+        let mut stars: Vec<usize> = matches.iter().map(|m| m.star).collect();
+        stars.sort_unstable();
+        stars.dedup();
+        assert_eq!(stars.len(), matches.len(), "a star is used twice");
+    }
+}
