@@ -21,7 +21,7 @@ pub(crate) struct EffectsArgs {
 /// One line of the list.
 #[derive(Debug, Serialize)]
 struct Line {
-    id: &'static str,
+    id: String,
     acts_on: &'static str,
     parameters: Vec<Parameter>,
 }
@@ -37,7 +37,7 @@ pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
     let known = lines();
     if let Some(id) = &args.id {
         let Some(page) = page(id) else {
-            let nearest = known.iter().map(|line| line.id).min_by_key(|known| strsim::damerau_levenshtein(id, known));
+            let nearest = known.iter().map(|line| line.id.as_str()).min_by_key(|known| strsim::damerau_levenshtein(id, known));
             bail!("there is no effect {id}; did you mean {}? (`boresight effects` lists them all)", nearest.unwrap_or_default());
         };
         output::print(&page)?;
@@ -63,7 +63,7 @@ pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
                             }
                         })
                         .collect();
-                vec![line.id.to_owned(), line.acts_on.to_owned(), parameters.join(", ")]
+                vec![line.id.clone(), line.acts_on.to_owned(), parameters.join(", ")]
             })
             .collect();
         output::print(&boresight::report::table(&["effect", "acts on", "parameters"], &rows))?;
@@ -72,8 +72,8 @@ pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
 }
 
 fn lines() -> Vec<Line> {
-    let line = |id, acts_on, specs: &[ParameterSpec]| Line {
-        id,
+    let line = |id: &str, acts_on, specs: &[ParameterSpec]| Line {
+        id: id.replace('_', "-"),
         acts_on,
         parameters: specs.iter().map(|spec| Parameter { name: spec.name, unit: spec.unit }).collect(),
     };
@@ -92,7 +92,9 @@ fn lines() -> Vec<Line> {
 
 fn page(id: &str) -> Option<String> {
     let displacement = boresight::effects::displacement(id).map(boresight::effects::AnyDisplacement::page);
-    let pixels = || pixel_effect(id).map(|effect| page_of(effect.source()));
-    let spread = || point_spread(id).map(|spread| page_of(spread.source()));
+    // What works on pixels bears the name of a function in its shader.
+    let name = id.replace('-', "_");
+    let pixels = || pixel_effect(&name).map(|effect| page_of(effect.source()));
+    let spread = || point_spread(&name).map(|spread| page_of(spread.source()));
     displacement.or_else(pixels).or_else(spread)
 }

@@ -4,6 +4,7 @@
 mod calibrate;
 mod camera;
 mod catalog;
+mod cli;
 mod common;
 mod detect;
 mod displacements;

@@ -1,0 +1,381 @@
+//! The program as its user runs it: whole commands, their output, their exit codes, and what they leave on disk.
+
+use std::path::{Path, PathBuf};
+
+use assert_cmd::Command;
+use serde_json::Value;
+
+use crate::common::{log_gpu_test, recordings_dir};
+
+/// What a command left behind.
+struct Ran {
+    code: i32,
+    stdout: String,
+    stderr: String,
+}
+
+fn run(args: &[&str]) -> Ran {
+    let output = Command::cargo_bin("boresight").unwrap().args(args).output().unwrap();
+    Ran {
+        code: output.status.code().expect("not killed by a signal"),
+        stdout: String::from_utf8(output.stdout).unwrap(),
+        stderr: String::from_utf8(output.stderr).unwrap(),
+    }
+}
+
+/// Runs a command that must succeed and print one JSON object.
+fn json(args: &[&str]) -> Value {
+    let ran = run(args);
+    assert_eq!(ran.code, 0, "{args:?}: {}", ran.stderr);
+    serde_json::from_str(&ran.stdout).unwrap_or_else(|error| panic!("{args:?}: stdout is not one JSON object ({error}): {}", ran.stdout))
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn number(value: &Value, pointer: &str) -> f64 {
+    value.pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("no number at {pointer} in {value}"))
+}
+
+/// A short night for quick tests: the demo's sky through a camera of 512² pixels, 16° wide.
+fn short_night(directory: &Path, changes: &[(&str, &str)]) -> PathBuf {
+    let mut scene = boresight::scene::DEMO_TOML.to_owned();
+    let all = [
+        ("width_px = 1024", "width_px = 512"),
+        ("height_px = 1024", "height_px = 512"),
+        ("focal_length_px = 2900.0", "focal_length_px = 1800.0"),
+        ("principal_point_px = [518.3, 506.1]", "principal_point_px = [258.4, 252.2]"),
+        ("focal_length_px = 2911.6", "focal_length_px = 1793.0"),
+        ("k1 = 6.0e-9", "k1 = 2.0e-8"),
+    ];
+    for (from, to) in all.iter().chain(changes) {
+        assert!(scene.contains(from), "{from}");
+        scene = scene.replace(from, to);
+    }
+    let path = directory.join("scene.toml");
+    std::fs::write(&path, scene).unwrap();
+    path
+}
+
+/// Every file below a folder with its bytes, in order of name.
+fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let mut found = Vec::new();
+    let mut open = vec![folder.to_owned()];
+    while let Some(folder) = open.pop() {
+        for entry in std::fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                open.push(path);
+            } else {
+                let bytes = std::fs::read(&path).unwrap();
+                found.push((path, bytes));
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
+#[test]
+fn the_demo_recovers_the_camera_where_least_squares_fails() {
+    let folder = tempfile::tempdir().unwrap();
+    let object = json(&["demo", "--json", "--backend", "gpu", "-o", text(folder.path())]);
+    let camera = |index: usize, field: &str| number(&object, &format!("/cameras/{index}/{field}"));
+    assert_eq!(object["cameras"][1]["camera"], "least-squares");
+    assert!(camera(1, "mapping_error_rms_px") > 1.0, "{object}");
+    assert_eq!(object["cameras"][2]["camera"], "variable-weights");
+    assert!(camera(2, "mapping_error_rms_px") <= 0.05, "{object}");
+    assert_eq!(object["frames_identified"], 12);
+    assert_eq!(object["wrong_identifications"], 0);
+    let share = number(&object, "/misidentified") / number(&object, "/control_points");
+    assert!((share - 0.2).abs() < 0.001, "{share}");
+    for row in object["parameters"].as_array().unwrap() {
+        let error = number(row, "/variable_weights") - number(row, "/truth");
+        assert!(error.abs() < 5.0 * number(row, "/variable_weights_sigma"), "{row}");
+    }
+    for picture in ["pictures/frame.png", "pictures/residuals.png"] {
+        let size = image::image_dimensions(folder.path().join(picture)).unwrap();
+        assert!(size.0 > 500 && size.1 > 500, "{picture}: {size:?}");
+    }
+    let adapter = object["provenance"]["adapter"].as_str().unwrap();
+    assert_ne!(adapter, "cpu");
+    log_gpu_test("the_demo_recovers_the_camera_where_least_squares_fails", adapter);
+}
+
+#[test]
+fn the_same_scene_gives_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = short_night(folder.path(), &[("count = 12", "count = 3")]);
+    let render = |name: &str, more: &[&str]| {
+        let target = folder.path().join(name);
+        let mut args = vec!["simulate", text(&scene), "-o", text(&target)];
+        args.extend(more);
+        let ran = run(&args);
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        // The results that say how they were made (command line, adapter) differ on purpose.
+        let kept = files(&target).into_iter().filter(|(path, _)| !path.ends_with("simulate.json") && !path.ends_with("truth/truth.json"));
+        kept.map(|(path, bytes)| (path.strip_prefix(&target).unwrap().to_owned(), bytes)).collect::<Vec<_>>()
+    };
+    let one = render("one", &["--backend", "cpu", "--threads", "1"]);
+    assert_eq!(one.len(), 3 + 1 + 1 + 1, "three frames, the manifest, the stars, the mark of the program");
+    assert_eq!(one, render("two", &["--backend", "cpu", "--threads", "2"]));
+    assert_ne!(one, render("other", &["--backend", "cpu", "--seed", "5"]));
+    let gpu = render("gpu", &["--backend", "gpu"]);
+    assert_eq!(gpu, render("gpu-again", &["--backend", "gpu", "--threads", "1"]));
+    // A folder that is there is not overwritten without being asked.
+    let again = run(&["simulate", text(&scene), "-o", text(&folder.path().join("one"))]);
+    assert_eq!(again.code, 1);
+    assert!(again.stderr.contains("one"), "{}", again.stderr);
+}
+
+#[test]
+fn a_recording_is_calibrated_compared_and_mapped() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = short_night(folder.path(), &[]);
+    let recording = folder.path().join("night");
+    assert_eq!(run(&["simulate", text(&scene), "-o", text(&recording), "--backend", "cpu"]).code, 0);
+    let [a, b] = ["a", "b"].map(|name| folder.path().join(name));
+    let object = json(&["calibrate", text(&recording), "--json", "-o", text(&a)]);
+    for key in [
+        "format",
+        "method",
+        "status",
+        "physics",
+        "model",
+        "parameters",
+        "camera",
+        "rms_px",
+        "rms_arcsec",
+        "held_out_rms_px",
+        "stars",
+        "distinct_stars",
+        "frames",
+        "interstar_angle_rms_arcsec",
+        "attitude_sigma_arcsec",
+        "rejected",
+        "warnings",
+        "map_sigma_px",
+        "provenance",
+    ] {
+        assert!(object.get(key).is_some_and(|value| !value.is_null()), "{key}");
+    }
+    assert_eq!(object["format"], "boresight-calibrate/1");
+    assert_eq!(object["status"], "converged");
+    assert_eq!(object["physics"], serde_json::json!(["proper-motion", "parallax", "stellar-aberration", "refraction"]));
+    assert!((number(&object, "/camera/focal_length_px") - 1800.0).abs() < 0.1, "{}", object["camera"]);
+    assert!(object["provenance"]["inputs"].as_array().unwrap().len() == 13, "the manifest and twelve frames");
+
+    // The file holds the same object, and the program reads it again.
+    let map = json(&["map", text(&a.join("calibrate.json")), "--grid", "3", "--json"]);
+    let points = map["points"].as_array().unwrap();
+    assert_eq!(points.len(), 9);
+    assert_eq!([number(&points[8], "/x_px"), number(&points[8], "/y_px")], [511.0, 511.0]);
+    let middle = number(&points[4], "/direction/2");
+    assert!(points.iter().all(|point| number(point, "/direction/2") <= middle), "the boresight is in the middle: {map}");
+
+    // A fifth of the stars made wrong on purpose is too much for plain least squares, and the comparison sees it.
+    let wrong = json(&["calibrate", text(&recording), "--json", "--method", "least-squares", "--misidentify", "0.2", "-o", text(&b)]);
+    assert_eq!(wrong["method"], "least-squares");
+    let [a, b] = [a, b].map(|folder| folder.join("calibrate.json"));
+    let same = json(&["compare", text(&a), text(&a), "--json"]);
+    assert!(number(&same, "/rms_px") < 1e-9 && number(&same, "/p_value") > 0.99, "{same}");
+    let different = json(&["compare", text(&a), text(&b), "--json"]);
+    assert!(number(&different, "/rms_px") > 0.5, "{different}");
+}
+
+#[test]
+fn mirrored_images_are_calibrated_in_their_own_columns() {
+    use boresight::recording::{FitsHeaders, Recording, write_fits_u16};
+    let folder = tempfile::tempdir().unwrap();
+    let scene = short_night(folder.path(), &[]);
+    let path = folder.path().join("night");
+    assert_eq!(run(&["simulate", text(&scene), "-o", text(&path), "--backend", "cpu"]).code, 0);
+    let recording = Recording::open(&[&path]).unwrap();
+    for index in 0..recording.frames.len() {
+        let frame = recording.load_frame(index).unwrap();
+        let mirrored: Vec<u16> =
+            frame.pixels_dn.chunks(frame.width_px).flat_map(|row| row.iter().rev().map(|count| *count as u16)).collect();
+        let headers = FitsHeaders::new(&recording.camera, None, &recording.frames[index]);
+        write_fits_u16(&recording.frame_path(index).unwrap(), 512, 512, &mirrored, &headers).unwrap();
+    }
+    let identified = json(&["identify", text(&path), "--json"]);
+    assert!(identified["frames"].as_array().unwrap().iter().all(|frame| frame["parity"] == -1), "{identified}");
+    let object = json(&["calibrate", text(&path), "--json", "-o", text(folder.path())]);
+    assert_eq!(object["parity"], -1);
+    assert!((number(&object, "/camera/focal_length_px") - 1800.0).abs() < 0.1, "{}", object["camera"]);
+    assert!((number(&object, "/camera/principal_point_px/0") - (511.0 - 258.4)).abs() < 2.0, "{}", object["camera"]);
+    assert!(number(&object, "/rms_px") < 0.1, "{}", object["rms_px"]);
+    // The pixel that sees a direction is the mirror image of the one that saw it before.
+    let map = json(&["map", text(&folder.path().join("calibrate.json")), "--grid", "2", "--json"]);
+    assert!(number(&map, "/points/0/direction/0") > 0.0, "{map}");
+}
+
+#[test]
+fn a_star_list_is_a_recording() {
+    use boresight::recording::{Form, Recording, write_manifest};
+    let folder = tempfile::tempdir().unwrap();
+    let scene = short_night(folder.path(), &[]);
+    let path = folder.path().join("night");
+    assert_eq!(run(&["simulate", text(&scene), "-o", text(&path), "--backend", "cpu"]).code, 0);
+    // The detections of the night as a flight unit would send them, with the numbers of the stars.
+    let identified = json(&["identify", text(&path), "--json"]);
+    let mut list = "frame,x_px,y_px,flux_e,hip\n".to_owned();
+    for (index, frame) in identified["frames"].as_array().unwrap().iter().enumerate() {
+        for star in frame["matches"].as_array().unwrap() {
+            list += &format!("{index},{},{},{},{}\n", star["x_px"], star["y_px"], star["flux_dn"], star["hip"]);
+        }
+    }
+    let mut recording = Recording::open(&[&path]).unwrap();
+    recording.form = Form::StarList;
+    recording.frames.iter_mut().for_each(|frame| frame.file = None);
+    recording.stars = Some(boresight::recording::StarList::default());
+    let listed = folder.path().join("listed");
+    std::fs::create_dir(&listed).unwrap();
+    write_manifest(&listed, &recording).unwrap();
+    std::fs::write(listed.join("stars.csv"), list).unwrap();
+    for more in [&[][..], &["--trust-identifications"][..]] {
+        let mut args = vec!["calibrate", text(&listed), "--json"];
+        args.extend(more);
+        let object = json(&args);
+        assert!((number(&object, "/camera/focal_length_px") - 1800.0).abs() < 0.2, "{more:?}: {}", object["camera"]);
+    }
+    let images = run(&["calibrate", text(&path), "--trust-identifications"]);
+    assert_eq!(images.code, 1);
+    assert!(images.stderr.contains("only a star list names its stars"), "{}", images.stderr);
+}
+
+#[test]
+fn bad_input_gets_one_sentence_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = |name: &str| folder.path().join(name);
+    std::fs::write(here("no-image.png"), "this is text").unwrap();
+    std::fs::write(here("cut.fits"), format!("{:<80}", "SIMPLE  =                    T")).unwrap();
+    std::fs::create_dir(here("empty")).unwrap();
+    image::GrayImage::from_pixel(1, 1, image::Luma([7])).save(here("tiny.png")).unwrap();
+    let scene = short_night(folder.path(), &[("seed = ", "sed = ")]);
+    let target = here("out");
+    for (args, code, parts) in [
+        (vec!["identify", text(&here("missing.png"))], 1, vec!["missing.png"]),
+        (vec!["identify", text(&here("no-image.png"))], 1, vec!["no-image.png"]),
+        (vec!["identify", text(&here("cut.fits"))], 1, vec!["cut.fits"]),
+        (vec!["calibrate", text(&here("empty"))], 1, vec!["empty"]),
+        (vec!["detect", text(&here("tiny.png"))], 1, vec!["tiny.png", "1 × 1"]),
+        (vec!["simulate", text(&scene), "-o", text(&target)], 1, vec!["line 3", "unknown key sed; did you mean seed?"]),
+        (vec!["simulate", text(&here("none.toml")), "-o", text(&target)], 1, vec!["none.toml"]),
+        (vec!["map", text(&here("no-image.png"))], 1, vec!["no-image.png", "is no calibration"]),
+        (vec!["effects", "refractoin"], 1, vec!["did you mean refraction?"]),
+        (vec!["identify"], 2, vec!["RECORDING|IMAGE"]),
+        (vec!["identify", "x.png", "--physics", "refractoin"], 2, vec!["did you mean refraction?"]),
+        (vec!["identify", "x.png", "--focal-length-px", "-3"], 2, vec!["--focal-length-px"]),
+        (vec!["calibrate", "x.png", "--misidentify", "1.5"], 2, vec!["share from 0 to 0.9"]),
+        (vec!["calibrate", "x.png", "--solve", "k9"], 2, vec!["k9"]),
+        (vec!["run", text(&scene), "--backend", "quantum"], 2, vec!["quantum"]),
+        (vec!["identify", "x.png", "--catalog", text(&here("none.csv"))], 1, vec!["none.csv"]),
+    ] {
+        let ran = run(&args);
+        assert_eq!(ran.code, code, "{args:?}: {}", ran.stderr);
+        for part in parts {
+            assert!(ran.stderr.contains(part), "{args:?}: {part:?} is not in: {}", ran.stderr);
+        }
+        assert!(ran.stdout.is_empty(), "{args:?} printed {}", ran.stdout);
+        assert!(!ran.stderr.contains("panicked"), "{args:?}: {}", ran.stderr);
+        if code == 1 {
+            assert_eq!(ran.stderr.trim_end().lines().filter(|line| line.starts_with("boresight: ")).count(), 1, "{}", ran.stderr);
+        }
+        assert!(!target.exists(), "{args:?} left {}", target.display());
+    }
+}
+
+#[test]
+fn frames_without_stars_are_an_answer_and_no_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = short_night(folder.path(), &[("faintest_magnitude = 8.5", "faintest_magnitude = -5.0"), ("count = 12", "count = 2")]);
+    let recording = folder.path().join("dark");
+    assert_eq!(run(&["simulate", text(&scene), "-o", text(&recording), "--backend", "cpu"]).code, 0);
+    let ran = run(&["identify", text(&recording), "--json"]);
+    assert_eq!(ran.code, 3, "{}", ran.stderr);
+    let object: Value = serde_json::from_str(&ran.stdout).unwrap();
+    for frame in object["frames"].as_array().unwrap() {
+        assert_eq!(frame["status"], "not-identified");
+        assert!(frame["reason"].as_str().unwrap().ends_with('.'), "{frame}");
+        assert!(frame["centre_radec_deg"].is_null());
+    }
+    let ran = run(&["calibrate", text(&recording)]);
+    assert_eq!(ran.code, 1);
+    assert!(ran.stderr.contains("0 of 0 control points"), "{}", ran.stderr);
+}
+
+#[test]
+fn the_doctor_sees_the_adapter_and_checks_it() {
+    let object = json(&["doctor", "--json"]);
+    assert_eq!(object["twin_check"]["status"], "agree", "{object}");
+    let adapter = object["twin_check"]["adapter"].as_str().unwrap();
+    log_gpu_test("the_doctor_sees_the_adapter_and_checks_it", adapter);
+    assert!(object["catalog"].as_str().unwrap().contains("41026 stars"));
+}
+
+#[test]
+fn every_effect_has_its_page() {
+    let list = json(&["effects", "--json"]);
+    let effects = list["effects"].as_array().unwrap();
+    assert!(effects.len() >= 11, "{list}");
+    for effect in effects {
+        let id = effect["id"].as_str().unwrap();
+        assert!(!id.contains('_'), "{id}: ids are written with hyphens");
+        let page = run(&["effects", id]);
+        assert_eq!(page.code, 0, "{id}: {}", page.stderr);
+        assert!(page.stdout.starts_with("# ") && page.stdout.len() > 300, "{id}: {}", page.stdout);
+    }
+}
+
+/// Great-circle distance in degrees of two points given in degrees.
+fn distance_deg(a: [f64; 2], b: [f64; 2]) -> f64 {
+    use boresight::coordinates::{Direction, Icrs};
+    let [a, b] = [a, b].map(|[ra, dec]| Direction::<Icrs>::from_radec_rad(ra.to_radians(), dec.to_radians()));
+    a.angle_rad(&b).to_degrees()
+}
+
+#[test]
+fn real_frames_are_identified_where_an_independent_solver_has_them() {
+    let Some(directory) = recordings_dir("real_frames_are_identified_where_an_independent_solver_has_them") else { return };
+    let mut reader = csv::Reader::from_path(directory.join("reference.csv")).unwrap();
+    let rows: Vec<(String, f64, f64, f64, f64)> = reader.deserialize().map(Result::unwrap).collect();
+    assert_eq!(rows.len(), 20);
+    let paths: Vec<PathBuf> = rows.iter().map(|row| directory.join(&row.0)).collect();
+    let mut args = vec!["identify", "--json"];
+    args.extend(paths.iter().map(|path| text(path)));
+    let object = json(&args);
+    for (frame, (file, ra, dec, width, _)) in object["frames"].as_array().unwrap().iter().zip(&rows) {
+        assert_eq!(frame["status"], "identified", "{file}");
+        let centre = [number(frame, "/centre_radec_deg/0"), number(frame, "/centre_radec_deg/1")];
+        let distance = distance_deg(centre, [*ra, *dec]);
+        assert!(distance < 0.05, "{file}: {distance:.4} degrees away");
+        assert!((number(frame, "/width_deg") / width - 1.0).abs() < 0.01, "{file}");
+        assert!(number(frame, "/false_match_probability") < 1e-6, "{file}");
+    }
+}
+
+#[test]
+fn real_dark_frames_are_refused() {
+    let Some(directory) = recordings_dir("real_dark_frames_are_refused") else { return };
+    let ran = run(&["identify", "--json", text(&directory.join("creusot_16mm/darks"))]);
+    assert_eq!(ran.code, 3, "{}", ran.stderr);
+    let object: Value = serde_json::from_str(&ran.stdout).unwrap();
+    let frames = object["frames"].as_array().unwrap();
+    assert_eq!(frames.len(), 16);
+    assert!(frames.iter().all(|frame| frame["status"] == "not-identified"), "{object}");
+}
+
+#[test]
+fn a_real_camera_is_calibrated() {
+    let Some(directory) = recordings_dir("a_real_camera_is_calibrated") else { return };
+    let object = json(&["calibrate", text(&directory.join("tetra3_esa2019")), "--physics", "proper-motion", "--json"]);
+    assert!((number(&object, "/camera/focal_length_px") - 5115.0).abs() <= 3.0, "{}", object["camera"]);
+    assert!((number(&object, "/camera/k1") - 3.8e-9).abs() <= 0.6e-9, "{}", object["camera"]);
+    let centre = [number(&object, "/camera/principal_point_px/0") - 511.5, number(&object, "/camera/principal_point_px/1") - 383.5];
+    let said = object["warnings"].as_array().unwrap().iter().any(|warning| warning.as_str().unwrap().contains("uncertainty is large"));
+    assert!(centre[0].hypot(centre[1]) <= 20.0 || said, "{centre:?}");
+    assert!(number(&object, "/rms_px") <= 0.15, "{}", object["rms_px"]);
+    assert!(number(&object, "/stars") >= 150.0, "{}", object["stars"]);
+}
