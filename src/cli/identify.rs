@@ -35,10 +35,10 @@ pub(crate) struct IdentifyArgs {
 #[derive(Debug, Args)]
 pub(crate) struct SearchArgs {
     /// Focal length in pixels, where the recording does not tell it; without one, all fields from 3° to 90° are tried
-    #[arg(long, value_name = "PX", value_parser = positive)]
+    #[arg(long, value_name = "PX", value_parser = positive, allow_negative_numbers = true)]
     pub(crate) focal_length_px: Option<f64>,
     /// Give up on a frame after this time (the answer may then depend on the machine)
-    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    #[arg(long, value_name = "SECONDS", value_parser = positive, allow_negative_numbers = true)]
     pub(crate) time_limit: Option<f64>,
 }
 

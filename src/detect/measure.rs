@@ -85,7 +85,7 @@ pub fn detect(frame: &Frame, options: &DetectOptions) -> Result<Detections, Dete
 
     let mut stars: Vec<Detection> = Vec::with_capacity(candidates.len());
     for (i, (candidate, fit)) in candidates.iter().zip(&fits).enumerate() {
-        let Some(fit) = fit.as_ref().filter(|f| is_star(candidate, f, &search)) else { continue };
+        let Some(fit) = fit.as_ref().filter(|f| is_star(candidate, f, &search, (scene.frame.width_px, scene.frame.height_px))) else { continue };
         let duplicate = |s: &Detection| search.shape.radius_in_sigma(s.x_px - fit.model.x, s.y_px - fit.model.y) < 1.0;
         if !stars.iter().any(duplicate) {
             stars.push(detection(&scene, fit, candidate, !neighbours[i].is_empty(), search.scatter));
@@ -415,12 +415,17 @@ fn free_shape(options: &DetectOptions, search: &Search, candidate: &Candidate) -
     }
 }
 
-/// Whether the fit is that of a star: of positive flux, near where it was found, and as wide as light makes it.
-fn is_star(candidate: &Candidate, fit: &Fit, search: &Search) -> bool {
+/// Whether the fit is that of a star: on the frame, of positive flux, near where it was found, and as wide as light makes it.
+fn is_star(candidate: &Candidate, fit: &Fit, search: &Search, frame_px: (usize, usize)) -> bool {
     /// Fits of σ below this share of the frame's width are hot pixels in groups, or cosmic rays.
     const SHARP: f64 = 0.5;
     /// A fit may find so much less than the filter; if less, the peak was a ripple on other light.
     const LEAST_SHARE: f64 = 0.6;
+    // A star beside the frame whose wing reaches in: only the tail of its image is seen, and no position worth the name.
+    let on_frame = |v: f64, n: usize| v > -0.5 && v < n as f64 - 0.5;
+    if !on_frame(fit.model.x, frame_px.0) || !on_frame(fit.model.y, frame_px.1) {
+        return false;
+    }
     let snr = fit.model.flux_dn / fit.flux_sigma_dn;
     if snr < LEAST_SHARE * search.threshold {
         return false;
