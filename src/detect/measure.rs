@@ -85,7 +85,9 @@ pub fn detect(frame: &Frame, options: &DetectOptions) -> Result<Detections, Dete
 
     let mut stars: Vec<Detection> = Vec::with_capacity(candidates.len());
     for (i, (candidate, fit)) in candidates.iter().zip(&fits).enumerate() {
-        let Some(fit) = fit.as_ref().filter(|f| is_star(candidate, f, &search, (scene.frame.width_px, scene.frame.height_px))) else { continue };
+        let Some(fit) = fit.as_ref().filter(|f| is_star(candidate, f, &search, (scene.frame.width_px, scene.frame.height_px))) else {
+            continue;
+        };
         let duplicate = |s: &Detection| search.shape.radius_in_sigma(s.x_px - fit.model.x, s.y_px - fit.model.y) < 1.0;
         if !stars.iter().any(duplicate) {
             stars.push(detection(&scene, fit, candidate, !neighbours[i].is_empty(), search.scatter));
