@@ -207,7 +207,7 @@ fn not_mirrored() -> i8 {
 
 impl Calibration {
     /// The same with all columns in the coordinates of the images as stored, which is how files have it; applied twice, it is
-    /// the original. Only mirrored images differ in it. The camera's other parameters are always those of the un-mirrored image.
+    /// the original. Only mirrored images differ in it.
     #[must_use]
     pub fn with_stored_columns(&self) -> Self {
         let mut other = self.clone();
@@ -215,10 +215,27 @@ impl Calibration {
             return other;
         }
         let flip = |x_px: &mut f64| *x_px = self.stored_column_px(*x_px);
-        flip(&mut other.camera.principal_point_px[0]);
-        flip(&mut other.control_points.nominal.principal_point_px[0]);
-        other.parameters.iter_mut().filter(|parameter| parameter.name == "x0").for_each(|parameter| flip(&mut parameter.value));
-        other.points.iter_mut().chain(&mut other.rejected).for_each(|point| flip(&mut point.x_px));
+        other.camera = self.camera.mirrored();
+        other.control_points.nominal = self.control_points.nominal.mirrored();
+        other.control_points.parity = -self.control_points.parity;
+        for parameter in &mut other.parameters {
+            match parameter.name.as_str() {
+                "x0" => flip(&mut parameter.value),
+                "p1" => parameter.value = -parameter.value,
+                _ => {}
+            }
+        }
+        // x0 and p1 change their sign.
+        let sign = [-1.0, 1.0, 1.0, 1.0, -1.0, 1.0];
+        for (k, row) in other.covariance.iter_mut().enumerate() {
+            for (l, value) in row.iter_mut().enumerate() {
+                *value *= sign[k] * sign[l];
+            }
+        }
+        for point in other.points.iter_mut().chain(&mut other.rejected) {
+            flip(&mut point.x_px);
+            point.residual_px = point.residual_px.map(|[x, y]| [-x, y]);
+        }
         for point in &mut other.control_points.points {
             flip(&mut point.x_px);
             point.covariance_px2[1] = -point.covariance_px2[1];

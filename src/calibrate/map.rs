@@ -118,6 +118,9 @@ pub struct Comparison {
 /// calibrations' degrees of freedom, because their variances were estimated from their own residuals.
 pub fn compare(a: &Calibration, b: &Calibration) -> Result<Comparison, CalibrateError> {
     let size = |calibration: &Calibration| [calibration.camera.width_px, calibration.camera.height_px];
+    if a.parity != b.parity {
+        return Err(CalibrateError::NotComparable);
+    }
     if size(a) != size(b) {
         return Err(CalibrateError::DifferentFrames { first: size(a), second: size(b) });
     }

@@ -191,7 +191,7 @@ pub enum CalibrateError {
     },
     /// Maps with nothing in common.
     #[error(
-        "the two cameras see different parts of the sky at the same pixels (one of them folds over inside the frame): there is no rotation to compare them by"
+        "the two cameras see different parts of the sky at the same pixels (one of them is mirrored or folds over inside the frame): there is no rotation to compare them by"
     )]
     NotComparable,
 }

@@ -123,7 +123,10 @@ fn mark_duplicates(points: &[ControlPoint], reasons: &mut [Option<LeftOutReason>
     let mut stars: BTreeMap<(usize, u32), Vec<usize>> = BTreeMap::new();
     let mut images: BTreeMap<(usize, u64, u64), Vec<usize>> = BTreeMap::new();
     for (i, point) in points.iter().enumerate() {
-        stars.entry((point.frame, point.hip)).or_default().push(i);
+        // Without a number (0) a star is told by its own direction alone.
+        if point.hip != 0 {
+            stars.entry((point.frame, point.hip)).or_default().push(i);
+        }
         images.entry((point.frame, point.x_px.to_bits(), point.y_px.to_bits())).or_default().push(i);
     }
     for i in stars.into_values().chain(images.into_values()).filter(|same| same.len() > 1).flatten() {

@@ -91,7 +91,9 @@ pub(super) fn summarise(
             frame.stars.iter().zip(used).filter(|(_, used)| **used).map(|(star, _)| &control_points.points[star.point])
         })
     };
-    let distinct: BTreeSet<u32> = used_points().map(|point| point.hip).collect();
+    // A star of a list that gives directions and no numbers is known by its direction.
+    let distinct: BTreeSet<(u32, [u64; 3])> =
+        used_points().map(|point| (point.hip, if point.hip == 0 { point.direction.xyz.map(f64::to_bits) } else { [0; 3] })).collect();
     let predicted: f64 = used_points().map(|point| predicted_sigma_px(point, camera.focal_length_px).powi(2)).sum();
     let solved = (0..PARAMETER_COUNT).filter(|k| scaling.free[*k]);
     let result = Calibration {

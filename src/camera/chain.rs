@@ -23,7 +23,7 @@ pub enum Physics {
 #[non_exhaustive]
 pub enum PhysicsError {
     /// No effect has this id.
-    #[error("--physics {given}: there is no effect of this name; {suggestion}")]
+    #[error("--physics {given}: there is no effect of known size of this name; {suggestion}")]
     Unknown {
         /// The word given.
         given: String,
@@ -52,7 +52,7 @@ impl std::str::FromStr for Physics {
             list => {
                 let ids: Vec<String> = list.split(',').map(|id| id.trim().to_owned()).collect();
                 for id in &ids {
-                    if displacement(id).is_none() {
+                    if displacement(id).is_none_or(|effect| effect.segment() != Segment::Sky) {
                         return Err(PhysicsError::Unknown { given: id.clone(), suggestion: suggestion(id) });
                     }
                 }
@@ -62,14 +62,19 @@ impl std::str::FromStr for Physics {
     }
 }
 
+/// The effects of known size: those that act before the light reaches the camera.
+fn sky_effects() -> impl Iterator<Item = &'static str> {
+    DISPLACEMENTS.iter().filter(|effect| effect.segment() == Segment::Sky).map(|effect| effect.id())
+}
+
 /// Says which words would have been understood, the most similar first.
 fn suggestion(given: &str) -> String {
-    let mut ids: Vec<&str> = DISPLACEMENTS.iter().map(|effect| effect.id()).chain(["known", "none"]).collect();
+    let mut ids: Vec<&str> = sky_effects().chain(["known", "none"]).collect();
     ids.sort_by_key(|id| strsim::damerau_levenshtein(given, id));
     if strsim::damerau_levenshtein(given, ids[0]) <= 3 {
         format!("did you mean {}?", ids[0])
     } else {
-        format!("choose known, none, or a list from: {}", DISPLACEMENTS.iter().map(|effect| effect.id()).collect::<Vec<_>>().join(", "))
+        format!("choose known, none, or a list from: {}", sky_effects().collect::<Vec<_>>().join(", "))
     }
 }
 

@@ -1,13 +1,16 @@
 //! `boresight calibrate`: solves for the camera.
 
 use anyhow::{Context, Result};
-use boresight::calibrate::{CalibrateOptions, Calibration, Method, Status, calibrate as calibrate_points};
+use boresight::calibrate::{CalibrateError, CalibrateOptions, Calibration, Method, Status, calibrate as calibrate_points};
 use boresight::camera::PARAMETER_NAMES;
 use boresight::catalog::Catalog;
 use boresight::identify::{
     ControlPoints, Identification, Misidentification, MisidentificationKind, control_points as build_control_points, misidentify,
 };
+use boresight::provenance::Provenance;
+use boresight::recording::SkippedFrame;
 use clap::{Args, ValueEnum};
+use serde::Serialize;
 
 use super::identify::SearchArgs;
 use super::options::{InputArgs, OutputArgs, SkyArgs};
@@ -23,6 +26,12 @@ pub(crate) struct CalibrateArgs {
     sky: SkyArgs,
     #[command(flatten)]
     search: SearchArgs,
+    /// How to solve
+    #[arg(long, value_enum, default_value_t = MethodChoice::VariableWeights)]
+    method: MethodChoice,
+    /// Take the identifications of a star list (`hip`, or `ra_deg` and `dec_deg`) as they are, instead of making our own
+    #[arg(long)]
+    trust_identifications: bool,
     #[command(flatten)]
     solve: SolveArgs,
     #[command(flatten)]
@@ -32,9 +41,6 @@ pub(crate) struct CalibrateArgs {
 /// How the camera is solved, and from which control points.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct SolveArgs {
-    /// How to solve
-    #[arg(long, value_enum, default_value_t = MethodChoice::VariableWeights)]
-    pub(crate) method: MethodChoice,
     /// F of the variable weights: pairs with T above it are weighted down
     #[arg(long, value_name = "F", default_value_t = 10.83, value_parser = super::identify::positive)]
     pub(crate) threshold: f64,
@@ -50,9 +56,6 @@ pub(crate) struct SolveArgs {
     /// Use all stars that are identified, the imprecise ones and those without proper motion too
     #[arg(long)]
     pub(crate) all_stars: bool,
-    /// Take the identifications of a star list (`hip`, or `ra_deg` and `dec_deg`) as they are, instead of making our own
-    #[arg(long)]
-    pub(crate) trust_identifications: bool,
     /// Replace this share of the identifications deliberately, to test the method (default 0; 0.2 in `demo`)
     #[arg(long, value_name = "SHARE", value_parser = share)]
     pub(crate) misidentify: Option<f64>,
@@ -86,6 +89,15 @@ fn share(text: &str) -> std::result::Result<f64, String> {
     text.parse::<f64>().ok().filter(|value| (0.0..=0.9).contains(value)).ok_or_else(|| "give a share from 0 to 0.9".into())
 }
 
+impl From<MethodChoice> for Method {
+    fn from(choice: MethodChoice) -> Self {
+        match choice {
+            MethodChoice::VariableWeights => Self::VariableWeights,
+            MethodChoice::LeastSquares => Self::LeastSquares,
+        }
+    }
+}
+
 impl From<MisidentifyChoice> for MisidentificationKind {
     fn from(choice: MisidentifyChoice) -> Self {
         match choice {
@@ -100,10 +112,6 @@ impl SolveArgs {
     pub(crate) fn options(&self, physics: &[&str], time_is_known: bool) -> CalibrateOptions {
         let defaults = CalibrateOptions::default();
         CalibrateOptions {
-            method: match self.method {
-                MethodChoice::VariableWeights => Method::VariableWeights,
-                MethodChoice::LeastSquares => Method::LeastSquares,
-            },
             f_threshold: self.threshold,
             max_iterations: usize::from(self.max_iterations),
             solve: self.solve.clone().unwrap_or(defaults.solve.clone()),
@@ -128,7 +136,13 @@ pub(crate) struct Prepared {
 }
 
 /// The control points of identified frames.
-pub(crate) fn control_points(measured: &Measured, identified: &[IdentifiedFrame], catalog: &Catalog, args: &SolveArgs) -> Result<Prepared> {
+pub(crate) fn control_points(
+    measured: &Measured,
+    identified: &[IdentifiedFrame],
+    catalog: &Catalog,
+    args: &SolveArgs,
+    trusted: bool,
+) -> Result<Prepared> {
     let frames: Vec<boresight::identify::IdentifiedFrame> = measured
         .frames
         .iter()
@@ -145,12 +159,13 @@ pub(crate) fn control_points(measured: &Measured, identified: &[IdentifiedFrame]
     if nominal.is_none() {
         measured.recording.common_size().context("a calibration is of one camera")?;
     }
+    let declared = nominal.is_some();
     let (mut points, mut notes) = build_control_points(&frames, measured.recording.frames.len(), catalog, nominal);
-    if args.trust_identifications {
+    if trusted {
         trust(&mut points, measured, identified, catalog, &mut notes)?;
     }
     for (frame, identified) in measured.frames.iter().zip(identified) {
-        if let (Identification::NotIdentified { reason }, false) = (&identified.identification, args.trust_identifications) {
+        if let (Identification::NotIdentified { reason }, false) = (&identified.identification, trusted) {
             notes.push(format!("{} is not identified and left out: {reason}", frame.name));
         }
     }
@@ -158,6 +173,9 @@ pub(crate) fn control_points(measured: &Measured, identified: &[IdentifiedFrame]
         points.points.retain(|point| point.magnitude <= limit);
     }
     let parity = points.parity;
+    if parity < 0 && declared {
+        points.nominal = points.nominal.mirrored(); // what is declared is of the images as stored
+    }
     let mut points = points.unmirrored();
     let misidentified =
         misidentify(&mut points, catalog, args.misidentify.unwrap_or(0.0), args.misidentify_kind.into(), args.misidentify_seed);
@@ -195,22 +213,118 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
     provenance.seed = args.solve.misidentify.map(|_| args.solve.misidentify_seed);
     let measured = pipeline::measure(recording)?;
-    let identified = pipeline::identify_frames(&measured, &catalog, &args.sky.physics, &args.search.options(&measured))?;
-    let points = control_points(&measured, &identified, &catalog, &args.solve)?;
-    let moved = identified.iter().all(|frame| frame.sky.ids().contains(&"proper-motion"));
-    let physics = identified.first().map_or_else(Vec::new, |frame| frame.sky.ids());
-    let mut calibration = calibrate_points(&points.points, &args.solve.options(&physics, moved))?;
+    let identified = if args.trust_identifications {
+        pipeline::take_identifications(&measured, &catalog, &args.sky.physics)?
+    } else {
+        pipeline::identify_frames(&measured, &catalog, &args.sky.physics, &args.search.options(&measured))?
+    };
+    let points = control_points(&measured, &identified, &catalog, &args.solve, args.trust_identifications)?;
+    let moved = measured.times_are_known() && identified.iter().all(|frame| frame.sky.ids().contains(&"proper-motion"));
+    let (physics, uneven) = pipeline::physics_in_force(&identified);
+    let options = CalibrateOptions { method: args.method.into(), ..args.solve.options(&physics, moved) };
+    let mut calibration = match calibrate_points(&points.points, &options) {
+        Ok(calibration) => calibration,
+        // The stars were solved for, and the answer is no; what could not be tried at all is an error.
+        Err(reason @ (CalibrateError::Diverged { .. } | CalibrateError::Singular { .. } | CalibrateError::Uncovered { .. })) => {
+            let object = Unsolved::new(&options, &reason, points.points.points.len(), provenance);
+            let text = || format!("NOT CONVERGED: {reason}\n");
+            output::deliver("calibrate", &object, args.output.json, args.output.output.as_deref(), text)?;
+            return Ok(Answer::No);
+        }
+        Err(error) => return Err(error.into()),
+    };
     calibration.parity = points.parity;
+    calibration.warnings.extend(uneven);
     calibration.warnings.extend(points.notes.iter().cloned());
+    if !measured.times_are_known() {
+        calibration.warnings.push(
+            "the time of the frames is not known: stars are taken where they stood at J2000.0 (with --physics none, at the catalogue's epoch), and those that moved since are off".to_owned(),
+        );
+    }
     calibration.provenance = Some(provenance);
     if let Some(directory) = &args.output.output {
         std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
         pictures::residuals(&directory.join("residuals.png"), &calibration)?;
     }
-    output::deliver("calibrate", &calibration.with_stored_columns(), args.output.json, args.output.output.as_deref(), || {
-        text(&calibration)
-    })?;
+    let object = CalibrateObject {
+        calibration: calibration.with_stored_columns(),
+        skipped: &measured.skipped,
+        notes: &measured.recording.notes,
+        misidentified_on_purpose: points.misidentified.iter().map(|wrong| Misidentified::new(wrong, &calibration)).collect(),
+    };
+    output::deliver("calibrate", &object, args.output.json, args.output.output.as_deref(), || text(&object.calibration))?;
     Ok(if calibration.status == Status::Converged { Answer::Yes } else { Answer::No })
+}
+
+/// The result: the calibration, and what was done to its input.
+#[derive(Serialize)]
+struct CalibrateObject<'a> {
+    #[serde(flatten)]
+    calibration: Calibration,
+    skipped: &'a [SkippedFrame],
+    notes: &'a [String],
+    misidentified_on_purpose: Vec<Misidentified>,
+}
+
+/// An identification that was made wrong on purpose.
+#[derive(Serialize)]
+struct Misidentified {
+    frame: usize,
+    x_px: f64,
+    y_px: f64,
+    true_hip: u32,
+    given_hip: Option<u32>,
+    error_arcsec: f64,
+}
+
+impl Misidentified {
+    fn new(wrong: &Misidentification, calibration: &Calibration) -> Self {
+        let point = &calibration.points[wrong.point];
+        Self {
+            frame: point.frame,
+            x_px: calibration.stored_column_px(point.x_px),
+            y_px: point.y_px,
+            true_hip: wrong.true_hip,
+            given_hip: wrong.given_hip,
+            error_arcsec: wrong.error_rad / boresight::units::ARCSEC_RAD,
+        }
+    }
+}
+
+/// What is written where the stars lead to no camera.
+#[derive(Serialize)]
+struct Unsolved {
+    format: &'static str,
+    method: Method,
+    status: Status,
+    reason: String,
+    physics: Vec<String>,
+    model: Vec<String>,
+    parameters: [(); 0],
+    camera: Option<()>,
+    stars: usize,
+    stars_offered: usize,
+    warnings: Vec<String>,
+    provenance: Provenance,
+}
+
+impl Unsolved {
+    fn new(options: &CalibrateOptions, reason: &CalibrateError, stars_offered: usize, provenance: Provenance) -> Self {
+        Self {
+            format: boresight::calibrate::FORMAT,
+            method: options.method,
+            status: Status::NotConverged,
+            reason: reason.to_string(),
+            physics: options.physics.clone(),
+            model: options.solve.clone(),
+            parameters: [],
+            camera: None,
+            stars: 0,
+            stars_offered,
+            warnings: vec![reason.to_string()],
+            provenance,
+        }
+    }
 }
 
 /// The calibration for people.

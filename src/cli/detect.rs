@@ -24,6 +24,7 @@ struct DetectObject<'a> {
     format: &'static str,
     frames: Vec<DetectedFrame<'a>>,
     skipped: &'a [SkippedFrame],
+    notes: &'a [String],
     provenance: Provenance,
 }
 
@@ -45,7 +46,8 @@ pub(crate) fn detect(args: &DetectArgs) -> Result<Answer> {
         .iter()
         .map(|frame| DetectedFrame { file: &frame.name, detections: &frame.detections, seconds: frame.seconds })
         .collect();
-    let object = DetectObject { format: "boresight-detect/1", frames, skipped: &measured.skipped, provenance };
+    let object =
+        DetectObject { format: "boresight-detect/1", frames, skipped: &measured.skipped, notes: &measured.recording.notes, provenance };
     output::deliver("detect", &object, args.output.json, args.output.output.as_deref(), || {
         let rows: Vec<Vec<String>> = object
             .frames

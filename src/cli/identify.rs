@@ -64,6 +64,7 @@ struct IdentifyObject<'a> {
     frames: Vec<FrameObject>,
     physics: Vec<&'static str>,
     skipped: &'a [SkippedFrame],
+    notes: Vec<&'a str>,
     catalog: &'a str,
     provenance: Provenance,
 }
@@ -75,8 +76,11 @@ pub(crate) struct FrameObject {
     status: &'static str,
     reason: Option<String>,
     centre_radec_deg: Option<[f64; 2]>,
-    /// The date to which the stars were moved, Julian year; 2000.0 where no time is known.
+    /// The date at which the stars were taken, Julian year: that of the frame, 2000.0 where its time is not known, or that of the catalogue
+    /// where proper motion is left out.
     centre_epoch_yr: Option<f64>,
+    /// Whether the frame's time is known.
+    time_known: bool,
     roll_deg: Option<f64>,
     focal_length_px: Option<f64>,
     width_deg: Option<f64>,
@@ -104,13 +108,14 @@ struct MatchObject {
 }
 
 impl FrameObject {
-    fn new(frame: &pipeline::MeasuredFrame, identified: &IdentifiedFrame, catalog: &Catalog) -> Self {
+    fn new(frame: &pipeline::MeasuredFrame, identified: &IdentifiedFrame, catalog: &Catalog, time_known: bool) -> Self {
         let mut object = Self {
             file: frame.name.clone(),
             status: "not-identified",
             reason: None,
             centre_radec_deg: None,
             centre_epoch_yr: None,
+            time_known,
             roll_deg: None,
             focal_length_px: None,
             width_deg: None,
@@ -136,7 +141,8 @@ impl FrameObject {
         let (ra, dec) = identified.sky.icrs_from_apparent(&solution.centre()).radec_rad();
         self.status = "identified";
         self.centre_radec_deg = Some([ra / DEG_RAD, dec / DEG_RAD]);
-        self.centre_epoch_yr = Some(identified.sky.observation().epoch_yr.unwrap_or(2000.0));
+        let moved = identified.sky.ids().contains(&"proper-motion");
+        self.centre_epoch_yr = identified.sky.observation().epoch_yr.filter(|_| moved).or(Some(catalog.epoch_yr));
         self.roll_deg = Some(solution.roll_deg());
         self.focal_length_px = Some(solution.camera.focal_length_px);
         self.width_deg = Some(solution.width_deg());
@@ -174,15 +180,23 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
     let measured = pipeline::measure(recording)?;
     let options = args.search.options(&measured);
     let identified = pipeline::identify_frames(&measured, &catalog, &args.sky.physics, &options)?;
-    let frames: Vec<FrameObject> =
-        measured.frames.iter().zip(&identified).map(|(frame, identified)| FrameObject::new(frame, identified, &catalog)).collect();
+    let frames: Vec<FrameObject> = measured
+        .frames
+        .iter()
+        .zip(&identified)
+        .map(|(frame, identified)| {
+            let time_known = measured.recording.frames[frame.index].time_utc.is_some();
+            FrameObject::new(frame, identified, &catalog, time_known)
+        })
+        .collect();
     let all = frames.iter().all(|frame| frame.status == "identified");
-    let physics = identified.first().map_or_else(Vec::new, |frame| frame.sky.ids());
+    let (physics, uneven) = pipeline::physics_in_force(&identified);
     let object = IdentifyObject {
         format: "boresight-identify/1",
         frames,
         physics,
         skipped: &measured.skipped,
+        notes: measured.recording.notes.iter().map(String::as_str).chain(uneven.as_deref()).collect(),
         catalog: &catalog.source,
         provenance,
     };

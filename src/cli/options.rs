@@ -19,8 +19,14 @@ pub(crate) struct OutputArgs {
     #[arg(long)]
     pub(crate) json: bool,
     /// Also write the result, tables and pictures into this folder
-    #[arg(short, long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR", value_parser = folder)]
     pub(crate) output: Option<PathBuf>,
+}
+
+/// A folder that is there or can be made; a file in its place is noticed before the work, not after it.
+pub(crate) fn folder(text: &str) -> std::result::Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    if path.exists() && !path.is_dir() { Err("this is a file; name a folder".into()) } else { Ok(path) }
 }
 
 /// What is read.
@@ -85,9 +91,6 @@ pub(crate) struct SceneArgs {
     /// Read stars from this CSV file instead of the built-in Hipparcos stars
     #[arg(long, value_name = "FILE")]
     pub(crate) catalog: Option<PathBuf>,
-    /// Replace a folder that an earlier run wrote
-    #[arg(long)]
-    pub(crate) force: bool,
 }
 
 impl SceneArgs {

@@ -32,7 +32,14 @@ pub(crate) fn set_up_log(verbose: u8, quiet: bool) {
 /// Prints an error with its causes as one line on stderr.
 #[allow(clippy::print_stderr, reason = "the one place where errors are printed")]
 pub(crate) fn say_error(error: &anyhow::Error) {
-    let text = format!("{error:#}").replace('\n', " ");
+    let mut text = String::new();
+    for cause in error.chain().map(|cause| cause.to_string().replace('\n', " ")) {
+        // Many messages end with their cause already.
+        if !text.contains(&cause) {
+            text += if text.is_empty() { "" } else { ": " };
+            text += &cause;
+        }
+    }
     eprintln!("boresight: {text}");
 }
 

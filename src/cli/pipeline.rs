@@ -50,6 +50,13 @@ pub(crate) struct IdentifiedFrame {
     pub(crate) seconds: f64,
 }
 
+impl Measured {
+    /// Whether the time of every frame is known.
+    pub(crate) fn times_are_known(&self) -> bool {
+        self.frames.iter().all(|frame| self.recording.frames[frame.index].time_utc.is_some())
+    }
+}
+
 impl IdentifiedFrame {
     /// The solution, if there is one.
     pub(crate) fn solution(&self) -> Option<&Solution> {
@@ -142,6 +149,9 @@ pub(crate) fn circumstances(recording: &Recording, frame: usize) -> Result<Obser
     observation(entry.time_utc, site.as_ref(), entry.velocity_km_s).with_context(|| recording.frame_name(frame))
 }
 
+/// Where no time is known stars are taken to stand where they stood then, and results say so.
+pub(crate) const ASSUMED_EPOCH_YR: f64 = 2000.0;
+
 /// Identifies every frame. Frames that resist alone are tried once more with the focal length that the others agree on.
 pub(crate) fn identify_frames(
     measured: &Measured,
@@ -156,8 +166,7 @@ pub(crate) fn identify_frames(
         .par_iter()
         .map(|frame| -> Result<IdentifiedFrame> {
             let start = Instant::now();
-            let observation = circumstances(&measured.recording, frame.index)?;
-            let sky = SkyChain::new(physics, observation).with_context(|| frame.name.clone())?;
+            let sky = sky_chain(measured, frame, physics)?;
             let directions = sky.apparent_all(catalog);
             let identification = identify(&frame.detections, catalog, &index, &directions, options);
             bar.inc(1);
@@ -169,6 +178,45 @@ pub(crate) fn identify_frames(
         retry(measured, catalog, &index, options, &mut frames);
     }
     Ok(frames)
+}
+
+/// The frames of a star list whose own identifications are taken: nothing is searched for.
+pub(crate) fn take_identifications(measured: &Measured, catalog: &Catalog, physics: &Physics) -> Result<Vec<IdentifiedFrame>> {
+    measured
+        .frames
+        .iter()
+        .map(|frame| {
+            let sky = sky_chain(measured, frame, physics)?;
+            let identification = Identification::NotIdentified { reason: "The list's own identifications are taken.".to_owned() };
+            Ok(IdentifiedFrame { identification, directions: sky.apparent_all(catalog), sky, seconds: frame.seconds })
+        })
+        .collect()
+}
+
+/// The physics in force during a frame.
+fn sky_chain(measured: &Measured, frame: &MeasuredFrame, physics: &Physics) -> Result<SkyChain> {
+    let mut observation = circumstances(&measured.recording, frame.index)?;
+    if observation.epoch_yr.is_none() && *physics == Physics::Known {
+        observation.epoch_yr = Some(ASSUMED_EPOCH_YR);
+    }
+    SkyChain::new(physics, observation).with_context(|| frame.name.clone())
+}
+
+/// The effects in force in all frames, and a sentence if some act in a part of them only.
+pub(crate) fn physics_in_force(frames: &[IdentifiedFrame]) -> (Vec<&'static str>, Option<String>) {
+    let of = |frame: &IdentifiedFrame| frame.sky.ids();
+    let mut all = frames.first().map_or_else(Vec::new, of);
+    let mut some = Vec::new();
+    for id in frames.iter().flat_map(of) {
+        if !some.contains(&id) && !frames.iter().all(|frame| of(frame).contains(&id)) {
+            some.push(id);
+        }
+    }
+    all.retain(|id| !some.contains(id));
+    let warning = (!some.is_empty()).then(|| {
+        format!("{} could be computed for some of the frames only and is applied there alone: give all frames a time", some.join(", "))
+    });
+    (all, warning)
 }
 
 /// Tries the frames that were not identified with the median focal length of those that were.

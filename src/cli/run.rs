@@ -44,7 +44,7 @@ struct CommonArgs {
     #[command(flatten)]
     solve: SolveArgs,
     /// Write the recording, the results and the pictures into this folder [default: outputs/NAME]
-    #[arg(short, long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder)]
     output: Option<PathBuf>,
     /// Print the result as one JSON object on stdout, and nothing else
     #[arg(long)]
@@ -69,6 +69,8 @@ struct RunObject {
     wrong_identifications: usize,
     control_points: usize,
     misidentified: usize,
+    misidentify_share: f64,
+    misidentify_seed: u64,
     misidentified_rejected: usize,
     provenance: Provenance,
 }
@@ -136,7 +138,17 @@ fn night(
     let target = args.output.as_deref().unwrap_or(default_output);
     let catalog = args.scene.catalog(&mut provenance)?;
     let recording_path = target.join("recording");
-    // What an earlier run left there is replaced: the folder is this verb's own.
+    // What an earlier run left there is replaced: the folder is this verb's own. Its results go first, so that none outlives its input.
+    for name in
+        ["run.json", "least-squares/calibrate.json", "variable-weights/calibrate.json", "pictures/frame.png", "pictures/residuals.png"]
+    {
+        match std::fs::remove_file(target.join(name)) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                return Err(error).with_context(|| format!("removing the former {}", target.join(name).display()));
+            }
+            _ => {}
+        }
+    }
     let simulated = simulate::write_recording(scene, &catalog, backend, &recording_path, true, provenance.clone())?;
     provenance = simulated.provenance;
 
@@ -145,12 +157,13 @@ fn night(
     let options = search_options(&measured);
     let identified = pipeline::identify_frames(&measured, &catalog, &args.sky.physics, &options)?;
     let frames_identified = identified.iter().filter(|frame| frame.solution().is_some()).count();
-    let true_points = control_points(&measured, &identified, &catalog, &SolveArgs { misidentify: None, ..solve.clone() })?.points;
-    let points = control_points(&measured, &identified, &catalog, solve)?;
+    let true_points = control_points(&measured, &identified, &catalog, &SolveArgs { misidentify: None, ..solve.clone() }, false)?.points;
+    let points = control_points(&measured, &identified, &catalog, solve, false)?;
 
-    let physics = identified.first().map_or_else(Vec::new, |frame| frame.sky.ids());
+    let (physics, _) = pipeline::physics_in_force(&identified);
+    let moved = measured.times_are_known() && physics.contains(&"proper-motion");
     let solve_by = |method| {
-        let options = boresight::calibrate::CalibrateOptions { method, ..solve.options(&physics, true) };
+        let options = boresight::calibrate::CalibrateOptions { method, ..solve.options(&physics, moved) };
         Solved { method, result: calibrate(&points.points, &options) }
     };
     let [least_squares, variable_weights] = [Method::LeastSquares, Method::VariableWeights].map(solve_by);
@@ -165,6 +178,8 @@ fn night(
         wrong_identifications: wrong,
         control_points: points.points.points.len(),
         misidentified: points.misidentified.len(),
+        misidentify_share: solve.misidentify.unwrap_or(0.0),
+        misidentify_seed: solve.misidentify_seed,
         misidentified_rejected: rejected(&points.misidentified, &variable_weights),
         provenance,
     };

@@ -27,8 +27,11 @@ pub(crate) struct SimulateArgs {
     #[command(flatten)]
     options: SceneArgs,
     /// The folder that becomes the recording
-    #[arg(short, long, value_name = "DIR")]
+    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder)]
     output: PathBuf,
+    /// Replace a folder that an earlier run wrote
+    #[arg(long)]
+    force: bool,
     /// Print the result as one JSON object on stdout, and nothing else
     #[arg(long)]
     json: bool,
@@ -80,7 +83,7 @@ struct TrueEffect {
 pub(crate) fn simulate(args: &SimulateArgs) -> Result<Answer> {
     let (scene, mut provenance) = args.options.open(&args.scene)?;
     let catalog = args.options.catalog(&mut provenance)?;
-    let object = write_recording(&scene, &catalog, args.options.backend, &args.output, args.options.force, provenance)?;
+    let object = write_recording(&scene, &catalog, args.options.backend, &args.output, args.force, provenance)?;
     if args.json {
         output::print(&output::json_text(&object)?)?;
     } else {

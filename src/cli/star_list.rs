@@ -55,7 +55,7 @@ pub(crate) fn listed_control_points(
     let mut unknown = Vec::new();
     for listed in stars {
         let own = |[ra, dec]: [f64; 2]| Star {
-            hip: listed.hip.unwrap_or(0),
+            hip: 0,
             direction: Direction::from_radec_rad(ra * DEG_RAD, dec * DEG_RAD),
             proper_motion_rad_yr: None,
             parallax_rad: 0.0,
@@ -78,7 +78,8 @@ pub(crate) fn listed_control_points(
             y_px: listed.y_px,
             covariance_px2: covariance(listed),
             catalog_sigma_rad: sigma,
-            has_proper_motion: star.proper_motion_rad_yr.is_some(),
+            // A direction that the list itself gives is that of its own time: nothing is missing.
+            has_proper_motion: star.hip == 0 || star.proper_motion_rad_yr.is_some(),
             magnitude: if star.magnitude.is_finite() { star.magnitude } else { 99.0 },
             colour: star.colour,
         });

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::SceneError;
 use crate::camera::Camera;
+use crate::coordinates::PixelPoint;
 
 /// The scene that `boresight demo` renders.
 pub const DEMO_TOML: &str = include_str!("demo.toml");
@@ -237,6 +238,20 @@ fn with_suggestion(message: &str) -> String {
     }
 }
 
+/// Whether some pixel of the frame's edge has a direction whose image is another pixel, or none.
+fn folds_over(camera: &Camera) -> bool {
+    const STEPS: u32 = 32;
+    let (right, bottom) = (camera.width_px as f64 - 0.5, camera.height_px as f64 - 0.5);
+    (0..=STEPS).any(|step| {
+        let share = f64::from(step) / f64::from(STEPS);
+        let (x, y) = (share * (right + 0.5) - 0.5, share * (bottom + 0.5) - 0.5);
+        [[x, -0.5], [x, bottom], [-0.5, y], [right, y]].into_iter().any(|[x_px, y_px]| {
+            let back = camera.pixel(&camera.direction(PixelPoint { x_px, y_px }));
+            back.is_none_or(|back| (back.x_px - x_px).hypot(back.y_px - y_px) > 1e-6)
+        })
+    })
+}
+
 /// Checks every number against its range.
 pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
     let refuse = |key: &str, value: String, remedy: &'static str| -> Result<(), SceneError> {
@@ -261,6 +276,27 @@ pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
     for (key, value) in [("camera.k1", camera.k1), ("camera.p1", camera.p1), ("camera.p2", camera.p2)] {
         if !value.is_finite() {
             return refuse(key, value.to_string(), "must be a finite number");
+        }
+    }
+    let near_frame = |key: &str, point: Option<[f64; 2]>| match point {
+        Some([x, y]) if !(x.abs() <= 1e5 && y.abs() <= 1e5) => {
+            refuse(key, format!("[{x}, {y}]"), "must be a point in px, not further than 100000 from the corner")
+        }
+        _ => Ok(()),
+    };
+    near_frame("camera.principal_point_px", camera.principal_point_px)?;
+    near_frame("nominal.principal_point_px", file.nominal.principal_point_px)?;
+    let NominalTable { k1, p1, p2, .. } = file.nominal;
+    for (key, value) in [("nominal.k1", k1), ("nominal.p1", p1), ("nominal.p2", p2)] {
+        if let Some(value) = value.filter(|value| !value.is_finite()) {
+            return refuse(key, value.to_string(), "must be a finite number");
+        }
+    }
+    let truth = camera.camera();
+    for (key, camera) in [("camera", truth), ("nominal", file.nominal.camera(&truth))] {
+        if folds_over(&camera) {
+            let value = format!("[k1 = {}, p1 = {}, p2 = {}]", camera.k1, camera.p1, camera.p2);
+            return refuse(key, value, "is so strong a distortion that the image folds over within the frame; choose smaller values");
         }
     }
     if let Some(f) = file.nominal.focal_length_px {
@@ -296,6 +332,22 @@ pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
             return refuse("site.height_m", site.height_m.to_string(), "must lie between -500 and 20000");
         }
     }
+    if let Some(site) = &file.site {
+        let air = [
+            ("site.pressure_hpa", site.pressure_hpa, 0.0, 2000.0),
+            ("site.temperature_c", site.temperature_c, -150.0, 100.0),
+            ("site.relative_humidity", site.relative_humidity, 0.0, 1.0),
+        ];
+        for (key, value, low, high) in air {
+            if let Some(value) = value.filter(|value| !(low..=high).contains(value)) {
+                return refuse(
+                    key,
+                    value.to_string(),
+                    "is no air on Earth: hPa from 0 to 2000, degrees from -150 to 100, humidity from 0 to 1",
+                );
+            }
+        }
+    }
     match (&file.series, file.frames.is_empty()) {
         (None, true) => return refuse("frames", "none".into(), "exist: add a [series] or one [[frames]] for each exposure"),
         (Some(_), false) => return refuse("series", "given".into(), "stands beside [[frames]]: keep one of the two"),
@@ -317,6 +369,10 @@ pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
         if !ra.is_finite() || !(-90.0..=90.0).contains(&dec) {
             let remedy = "must be right ascension and declination in degrees, the latter between -90 and 90";
             return refuse(&format!("frames[{index}].boresight_radec_deg"), format!("[{ra}, {dec}]"), remedy);
+        }
+        if let Some(velocity) = frame.velocity_km_s.filter(|velocity| !velocity.iter().all(|v| v.abs() < 3e5)) {
+            let remedy = "must be three numbers in km/s, each below the speed of light";
+            return refuse(&format!("frames[{index}].velocity_km_s"), format!("{velocity:?}"), remedy);
         }
         if !frame.roll_deg.is_finite() {
             return refuse(&format!("frames[{index}].roll_deg"), frame.roll_deg.to_string(), "must be a finite number");

@@ -54,7 +54,7 @@ fn listed(path: &str, file: &SceneFile) -> Result<Vec<Plan>, SceneError> {
     for (index, frame) in file.frames.iter().enumerate() {
         let key = format!("frames[{index}].time_utc");
         let time = frame.time_utc.as_deref().map(|text| time(path, &key, text)).transpose()?;
-        if let (Some(now), Some(before)) = (time, plans.last().and_then(|plan| plan.time))
+        if let (Some(now), Some(before)) = (time, plans.iter().rev().find_map(|plan| plan.time))
             && now < before
         {
             let remedy = "is earlier than the frame before; list the frames in order of time";

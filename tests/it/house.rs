@@ -61,9 +61,6 @@ fn no_source_file_is_longer_than_600_lines() {
 #[test]
 fn every_module_begins_with_its_documentation() {
     for path in source_files(&root().join("src"), "rs") {
-        if path.ends_with("main.rs") {
-            continue; // documented by --help
-        }
         let text = std::fs::read_to_string(&path).expect("a source file is read");
         let first = text.lines().find(|line| !line.trim().is_empty()).unwrap_or_default();
         assert!(first.starts_with("//! "), "{} does not begin with //! and what it is", relative(&root(), &path).display());

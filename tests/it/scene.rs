@@ -43,6 +43,8 @@ fn bad_scenes_get_one_clear_sentence() {
         ("\"known\"", "\"refractoin\"", &["did you mean refraction?"][..]),
         ("2026-03-01T20:00:00Z", "yesterday", &["series.start_utc = \"yesterday\"", "is no time"][..]),
         ("2026-03-01T20:00:00Z", "2226-03-01T20:00:00Z", &["1900–2100"][..]),
+        ("principal_point_px = [518.3, 506.1]", "principal_point_px = [nan, 506.1]", &["camera.principal_point_px = [NaN, 506.1]"][..]),
+        ("k1 = 6.0e-9", "k1 = 1.0e-2", &["folds over within the frame"][..]),
         ("count = 12", "count = 0", &["series.count = 0", "between 1 and"][..]),
         ("[series]", "[serie]", &["unknown key serie; did you mean series?"][..]),
         ("seed = 20260301", "seed = ", &["line 3"][..]),
