@@ -25,7 +25,7 @@ const ENOUGH_FRAMES: usize = 10;
 /// Parameters with a correlation above this cannot be told apart well.
 const STRONG_CORRELATION: f64 = 0.95;
 /// A principal point less certain than this is said to be so, px.
-const UNCERTAIN_CENTRE_PX: f64 = 5.0;
+const UNCERTAIN_CENTRE_PX: f64 = 3.0;
 
 /// Residuals this many times larger than predicted are said to be so.
 const TOO_LARGE_RESIDUALS: f64 = 3.0;
