@@ -85,7 +85,7 @@ pub(crate) enum MisidentifyChoice {
     NearNeighbour,
 }
 
-fn share(text: &str) -> std::result::Result<f64, String> {
+pub(crate) fn share(text: &str) -> std::result::Result<f64, String> {
     text.parse::<f64>().ok().filter(|value| (0.0..=0.9).contains(value)).ok_or_else(|| "give a share from 0 to 0.9".into())
 }
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use boresight::camera::Camera;
 use boresight::catalog::Catalog;
-use boresight::identify::{Identification, IdentifyOptions, Solution};
+use boresight::identify::{ControlPoint, ControlPoints, Identification, IdentifyOptions, MisidentificationKind, Solution, misidentify};
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
 use boresight::report;
@@ -27,6 +27,12 @@ pub(crate) struct IdentifyArgs {
     sky: SkyArgs,
     #[command(flatten)]
     search: SearchArgs,
+    /// Name a wrong star near by, deliberately, for this share of the matches; the result lists which
+    #[arg(long, value_name = "SHARE", value_parser = super::calibrate::share)]
+    misidentify: Option<f64>,
+    /// Seed of the deliberate misidentification
+    #[arg(long, value_name = "SEED", default_value_t = 0)]
+    misidentify_seed: u64,
     #[command(flatten)]
     output: OutputArgs,
 }
@@ -65,6 +71,7 @@ struct IdentifyObject<'a> {
     physics: Vec<&'static str>,
     skipped: &'a [SkippedFrame],
     notes: Vec<&'a str>,
+    misidentified_on_purpose: Vec<Misnamed>,
     catalog: &'a str,
     provenance: Provenance,
 }
@@ -176,11 +183,11 @@ impl FrameObject {
 pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
     let catalog = args.sky.catalog()?;
     let recording = pipeline::open(&args.input)?;
-    let provenance = pipeline::provenance(&recording, Some(&args.sky))?;
+    let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
     let measured = pipeline::measure(recording)?;
     let options = args.search.options(&measured);
     let identified = pipeline::identify_frames(&measured, &catalog, &args.sky.physics, &options)?;
-    let frames: Vec<FrameObject> = measured
+    let mut frames: Vec<FrameObject> = measured
         .frames
         .iter()
         .zip(&identified)
@@ -189,6 +196,11 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
             FrameObject::new(frame, identified, &catalog, time_known)
         })
         .collect();
+    let misidentified_on_purpose = match args.misidentify {
+        Some(share) => misname(&mut frames, &identified, &catalog, share, args.misidentify_seed),
+        None => Vec::new(),
+    };
+    provenance.seed = args.misidentify.map(|_| args.misidentify_seed);
     let all = frames.iter().all(|frame| frame.status == "identified");
     let (physics, uneven) = pipeline::physics_in_force(&identified);
     let object = IdentifyObject {
@@ -197,6 +209,7 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
         physics,
         skipped: &measured.skipped,
         notes: measured.recording.notes.iter().map(String::as_str).chain(uneven.as_deref()).collect(),
+        misidentified_on_purpose,
         catalog: &catalog.source,
         provenance,
     };
@@ -210,6 +223,67 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
     }
     output::deliver("identify", &object, args.output.json, args.output.output.as_deref(), || text(&object.frames))?;
     Ok(if all { Answer::Yes } else { Answer::No })
+}
+
+/// A match that was given a wrong star on purpose.
+#[derive(Serialize)]
+struct Misnamed {
+    file: String,
+    x_px: f64,
+    y_px: f64,
+    true_hip: u32,
+    given_hip: Option<u32>,
+    error_arcsec: f64,
+}
+
+/// Gives a share of the matches a star near by. A match that has no other star near it is left without a star: it is taken out.
+fn misname(frames: &mut [FrameObject], identified: &[IdentifiedFrame], catalog: &Catalog, share: f64, seed: u64) -> Vec<Misnamed> {
+    let mut places = Vec::new();
+    let mut points = Vec::new();
+    for (frame, (object, identified)) in frames.iter().zip(identified).enumerate() {
+        let matches = identified.solution().map_or(&[][..], |solution| &solution.matches);
+        for (index, (matched, shown)) in matches.iter().zip(&object.matches).enumerate() {
+            let star = &catalog.stars[matched.star];
+            places.push((frame, index));
+            points.push(ControlPoint {
+                frame,
+                hip: star.hip,
+                direction: identified.directions[matched.star],
+                x_px: shown.x_px,
+                y_px: shown.y_px,
+                covariance_px2: [0.0; 3],
+                catalog_sigma_rad: 0.0,
+                has_proper_motion: star.proper_motion_rad_yr.is_some(),
+                magnitude: star.magnitude,
+                colour: star.colour,
+            });
+        }
+    }
+    let mut points = ControlPoints { nominal: Camera::pinhole(1, 1, 1.0), attitudes: Vec::new(), points, parity: 1 };
+    let wrong = misidentify(&mut points, catalog, share, MisidentificationKind::NearNeighbour, seed);
+    // From the last to the first, so that taking one out moves none that is still to come.
+    let mut listed: Vec<Misnamed> = wrong
+        .iter()
+        .rev()
+        .map(|wrong| {
+            let (frame, index) = places[wrong.point];
+            let object = &mut frames[frame];
+            let (x_px, y_px) = (object.matches[index].x_px, object.matches[index].y_px);
+            match wrong.given_hip.and_then(|hip| catalog.by_hip(hip)) {
+                Some(star) => {
+                    let shown = &mut object.matches[index];
+                    (shown.hip, shown.name, shown.magnitude) = (star.hip, catalog.name(star), star.magnitude);
+                }
+                None => {
+                    object.matches.remove(index);
+                }
+            }
+            let error_arcsec = wrong.error_rad / boresight::units::ARCSEC_RAD;
+            Misnamed { file: object.file.clone(), x_px, y_px, true_hip: wrong.true_hip, given_hip: wrong.given_hip, error_arcsec }
+        })
+        .collect();
+    listed.reverse();
+    listed
 }
 
 /// The frame with its stars marked and named; nothing where there are no pixels.

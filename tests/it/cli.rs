@@ -223,6 +223,18 @@ fn a_star_list_is_a_recording() {
     let scene = short_night(folder.path(), &[]);
     let path = folder.path().join("night");
     assert_eq!(run(&["simulate", text(&scene), "-o", text(&path), "--backend", "cpu"]).code, 0);
+    // Deliberately wrong names are wrong, as many as asked for, and listed.
+    let wrong = json(&["identify", text(&path), "--json", "--misidentify", "0.2"]);
+    let listed = wrong["misidentified_on_purpose"].as_array().unwrap();
+    let names = |object: &Value| -> Vec<u64> {
+        let frames = object["frames"].as_array().unwrap().iter();
+        frames.flat_map(|frame| frame["matches"].as_array().unwrap().iter().map(|star| star["hip"].as_u64().unwrap())).collect()
+    };
+    let (right, given) = (names(&json(&["identify", text(&path), "--json"])), names(&wrong));
+    assert_eq!(right.len(), given.len());
+    let changed = right.iter().zip(&given).filter(|(right, given)| right != given).count();
+    assert_eq!(changed, listed.len());
+    assert!((changed as f64 / right.len() as f64 - 0.2).abs() < 0.01, "{changed} of {}", right.len());
     // The detections of the night as a flight unit would send them, with the numbers of the stars.
     let identified = json(&["identify", text(&path), "--json"]);
     let mut list = "frame,x_px,y_px,flux_e,hip\n".to_owned();
