@@ -3,6 +3,7 @@
 use boresight::calibrate::{CalibrateOptions, calibrate};
 use boresight::camera::Camera;
 use boresight::coordinates::{Attitude, PixelPoint};
+use boresight::effects::StarState;
 use boresight::identify::{ControlPoint, ControlPoints};
 use divan::Bencher;
 use rand::{RngExt, SeedableRng};
@@ -34,10 +35,11 @@ fn night(frames: usize, stars: usize) -> ControlPoints {
                 has_proper_motion: true,
                 magnitude: 5.0,
                 colour: None,
+                star: StarState::default(),
             });
         }
     }
-    ControlPoints { nominal: Camera::pinhole(1024, 1024, 2811.0), attitudes: vec![None; frames], points, parity: 1 }
+    ControlPoints::new(Camera::pinhole(1024, 1024, 2811.0), vec![None; frames], points)
 }
 
 /// Frames × stars a frame; the held-out solutions are left away.

@@ -37,6 +37,15 @@ pub trait Real:
     /// Cosine of an angle in radians.
     #[must_use]
     fn cos(self) -> Self;
+    /// e to this power.
+    #[must_use]
+    fn exp(self) -> Self;
+    /// Natural logarithm.
+    #[must_use]
+    fn ln(self) -> Self;
+    /// The angle of the point (`x`, self) from the x axis, rad.
+    #[must_use]
+    fn atan2(self, x: Self) -> Self;
 }
 
 impl Real for f64 {
@@ -54,6 +63,15 @@ impl Real for f64 {
     }
     fn cos(self) -> Self {
         self.cos()
+    }
+    fn exp(self) -> Self {
+        self.exp()
+    }
+    fn ln(self) -> Self {
+        self.ln()
+    }
+    fn atan2(self, x: Self) -> Self {
+        self.atan2(x)
     }
 }
 
@@ -111,6 +129,17 @@ impl<const N: usize> Real for Dual<N> {
     fn cos(self) -> Self {
         let (sin, cos) = self.value.sin_cos();
         self.chain(cos, -sin)
+    }
+    fn exp(self) -> Self {
+        let power = self.value.exp();
+        self.chain(power, power)
+    }
+    fn ln(self) -> Self {
+        self.chain(self.value.ln(), 1.0 / self.value)
+    }
+    fn atan2(self, x: Self) -> Self {
+        let square = self.value * self.value + x.value * x.value;
+        self.chain2(x, self.value.atan2(x.value), x.value / square, -self.value / square)
     }
 }
 

@@ -5,7 +5,7 @@ use thiserror::Error;
 
 use crate::catalog::{Catalog, Star};
 use crate::coordinates::{Apparent, Direction, Icrs};
-use crate::effects::{Context, DISPLACEMENTS, Light, Observation, Segment, StarState, displacement};
+use crate::effects::{Context, DISPLACEMENTS, Light, Observation, Segment, StarState};
 
 /// Which effects of known size a model contains: the argument of `--physics`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -52,7 +52,7 @@ impl std::str::FromStr for Physics {
             list => {
                 let ids: Vec<String> = list.split(',').map(|id| id.trim().to_owned()).collect();
                 for id in &ids {
-                    if displacement(id).is_none_or(|effect| effect.segment() != Segment::Sky) {
+                    if !sky_effects().any(|known| known == id) {
                         return Err(PhysicsError::Unknown { given: id.clone(), suggestion: suggestion(id) });
                     }
                 }
@@ -176,7 +176,7 @@ impl SkyChain {
 
     fn apply(&self, star: &StarState) -> Direction<Apparent> {
         let context = Context::new(*star, self.observation);
-        let mut light = Light { direction: star.direction, point_px: [0.0; 2] };
+        let mut light = Light::from(star.direction);
         for (index, parameters) in &self.links {
             light = DISPLACEMENTS[*index].displace(parameters, light, &context);
         }

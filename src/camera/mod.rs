@@ -18,9 +18,11 @@ use crate::dual::{Dual, Real};
 use crate::effects::optics::{brown_conrady, pinhole};
 
 mod chain;
+mod model;
 mod observer;
 
 pub use chain::{Physics, PhysicsError, SkyChain};
+pub use model::{Model, ModelError, ModelParameter, Seen, Term};
 pub use observer::{GroundSite, ObserverError, observation};
 
 /// The number of parameters of the reference model.

@@ -65,11 +65,11 @@ pub fn observation(time: Option<Epoch>, site: Option<&GroundSite>, velocity_km_s
     let mut position_au = earth[0];
     let mut earth_velocity_km_s = earth[1].map(|au_per_day| au_per_day * AU_KM / DAY_S);
     let mut zenith = None;
+    let tt_days = time.to_jde_tt_days() - J2000_JD;
+    let utc_days = time.to_jde_utc_days() - J2000_JD;
+    let cirs_from_icrs = pnp::c2i06a(J2000_JD, tt_days);
+    let rotation_angle = erst::era00(J2000_JD, utc_days);
     if let Some(site) = site {
-        let tt_days = time.to_jde_tt_days() - J2000_JD;
-        let utc_days = time.to_jde_utc_days() - J2000_JD;
-        let cirs_from_icrs = pnp::c2i06a(J2000_JD, tt_days);
-        let rotation_angle = erst::era00(J2000_JD, utc_days);
         let mut local = [[0.0; 3]; 2];
         astro::pvtob(site.longitude_rad, site.latitude_rad, site.height_m, 0.0, 0.0, 0.0, rotation_angle, &mut local);
         let to_icrs = |v: [f64; 3]| [0, 1, 2].map(|column| (0..3).map(|row| cirs_from_icrs[row][column] * v[row]).sum::<f64>());
@@ -83,12 +83,17 @@ pub fn observation(time: Option<Epoch>, site: Option<&GroundSite>, velocity_km_s
         let (sin_angle, cos_angle) = (rotation_angle + site.longitude_rad).sin_cos();
         zenith = Some(to_icrs([cos_latitude * cos_angle, cos_latitude * sin_angle, sin_latitude]));
     }
+    let (sin_angle, cos_angle) = rotation_angle.sin_cos();
+    let turned = |row: [f64; 2]| std::array::from_fn(|axis| row[0] * cirs_from_icrs[0][axis] + row[1] * cirs_from_icrs[1][axis]);
+    let earth_from_icrs = [turned([cos_angle, sin_angle]), turned([-sin_angle, cos_angle]), cirs_from_icrs[2]];
     Ok(Observation {
         epoch_yr: Some(epoch_yr),
         position_au: Some(position_au),
         velocity_km_s: Some(velocity_km_s.unwrap_or(earth_velocity_km_s)),
         zenith,
         refraction: site.map(GroundSite::refraction),
+        earth_from_icrs: Some(earth_from_icrs),
+        ..Observation::default()
     })
 }
 

@@ -2,13 +2,15 @@
 
 use anyhow::{Context, Result};
 use boresight::calibrate::{CalibrateError, CalibrateOptions, Calibration, Method, Status, calibrate as calibrate_points};
-use boresight::camera::PARAMETER_NAMES;
+use boresight::camera::{PARAMETER_NAMES, Term};
 use boresight::catalog::Catalog;
 use boresight::identify::{
-    ControlPoints, Identification, Misidentification, MisidentificationKind, control_points as build_control_points, misidentify,
+    ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, MisidentificationKind,
+    control_points as build_control_points, misidentify,
 };
 use boresight::provenance::Provenance;
-use boresight::recording::SkippedFrame;
+use boresight::recording::{Mount, SkippedFrame};
+use boresight::units::ARCSEC_RAD;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
@@ -179,7 +181,33 @@ pub(crate) fn control_points(
     let mut points = points.unmirrored();
     let misidentified =
         misidentify(&mut points, catalog, args.misidentify.unwrap_or(0.0), args.misidentify_kind.into(), args.misidentify_seed);
+    know_frames(&mut points, measured, identified)?;
     Ok(Prepared { points, parity, misidentified, notes })
+}
+
+/// Hands on what is known of each frame, and which effects the directions contain.
+fn know_frames(points: &mut ControlPoints, measured: &Measured, identified: &[IdentifiedFrame]) -> Result<()> {
+    let recording = &measured.recording;
+    let observations = pipeline::circumstances(recording)?;
+    points.frames = recording
+        .frames
+        .iter()
+        .zip(observations)
+        .map(|(entry, observation)| {
+            let known_attitude = entry.camera_from_icrs.zip(entry.attitude_sigma_arcsec);
+            let known_attitude =
+                known_attitude.map(|(camera_from_icrs, sigma)| KnownAttitude { camera_from_icrs, sigma_rad: sigma * ARCSEC_RAD });
+            FrameState { observation, known_attitude }
+        })
+        .collect();
+    // Where no time is known the stars are taken at an assumed one.
+    for (frame, identified) in measured.frames.iter().zip(identified) {
+        points.frames[frame.index].observation.epoch_yr = identified.sky.observation().epoch_yr;
+    }
+    let sky = identified.first().map_or_else(Vec::new, |frame| frame.sky.effects());
+    points.sky = sky.into_iter().map(|(id, parameters)| Term { effect: id.to_owned(), parameters: parameters.to_vec() }).collect();
+    points.fixed_mount = recording.mount == Some(Mount::Fixed);
+    Ok(())
 }
 
 /// Takes the identifications of a star list as they stand, in the place of ours.
@@ -286,7 +314,7 @@ impl Misidentified {
             y_px: point.y_px,
             true_hip: wrong.true_hip,
             given_hip: wrong.given_hip,
-            error_arcsec: wrong.error_rad / boresight::units::ARCSEC_RAD,
+            error_arcsec: wrong.error_rad / ARCSEC_RAD,
         }
     }
 }

@@ -80,6 +80,7 @@ fn lines() -> Vec<Line> {
     let displacements = DISPLACEMENTS.iter().map(|effect| {
         let acts_on = match effect.segment() {
             Segment::Sky => "direction",
+            Segment::Camera => "direction in the camera",
             Segment::Projection => "projection",
             Segment::Focal => "focal plane",
         };

@@ -6,6 +6,7 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use boresight::camera::Camera;
 use boresight::catalog::Catalog;
+use boresight::effects::StarState;
 use boresight::identify::{ControlPoint, ControlPoints, Identification, IdentifyOptions, MisidentificationKind, Solution, misidentify};
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
@@ -256,10 +257,11 @@ fn misname(frames: &mut [FrameObject], identified: &[IdentifiedFrame], catalog: 
                 has_proper_motion: star.proper_motion_rad_yr.is_some(),
                 magnitude: star.magnitude,
                 colour: star.colour,
+                star: StarState::of(star, catalog.epoch_yr),
             });
         }
     }
-    let mut points = ControlPoints { nominal: Camera::pinhole(1, 1, 1.0), attitudes: Vec::new(), points, parity: 1 };
+    let mut points = ControlPoints::new(Camera::pinhole(1, 1, 1.0), Vec::new(), points);
     let wrong = misidentify(&mut points, catalog, share, MisidentificationKind::NearNeighbour, seed);
     // From the last to the first, so that taking one out moves none that is still to come.
     let mut listed: Vec<Misnamed> = wrong

@@ -3,14 +3,14 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use boresight::camera::{GroundSite, Physics, SkyChain, observation};
+use boresight::camera::{Physics, SkyChain};
 use boresight::catalog::Catalog;
 use boresight::coordinates::{Apparent, Direction};
 use boresight::detect::{DetectOptions, Detections, detect};
 use boresight::effects::Observation;
 use boresight::identify::{Identification, IdentifyOptions, Index, Solution, identify};
 use boresight::provenance::Provenance;
-use boresight::recording::{OpenOptions, Recording, Site, SkippedFrame};
+use boresight::recording::{OpenOptions, Recording, SkippedFrame};
 use rayon::prelude::*;
 
 use super::options::{InputArgs, SkyArgs};
@@ -132,21 +132,9 @@ pub(crate) fn measure(recording: Recording) -> Result<Measured> {
     Ok(Measured { recording, frames, skipped })
 }
 
-/// The place on the ground in the units of the ephemeris.
-fn ground_site(site: &Site) -> GroundSite {
-    GroundSite {
-        pressure_hpa: site.pressure_hpa,
-        temperature_c: site.temperature_c,
-        relative_humidity: site.relative_humidity,
-        ..GroundSite::from_degrees(site.latitude_deg, site.longitude_deg, site.height_m)
-    }
-}
-
-/// What the recording knows of the circumstances of a frame.
-pub(crate) fn circumstances(recording: &Recording, frame: usize) -> Result<Observation> {
-    let entry = &recording.frames[frame];
-    let site = recording.site.as_ref().map(ground_site);
-    observation(entry.time_utc, site.as_ref(), entry.velocity_km_s).with_context(|| recording.frame_name(frame))
+/// What the recording knows of the circumstances of its frames.
+pub(crate) fn circumstances(recording: &Recording) -> Result<Vec<Observation>> {
+    recording.observations().map_err(|(frame, error)| anyhow::Error::new(error).context(recording.frame_name(frame)))
 }
 
 /// Where no time is known stars are taken to stand where they stood then, and results say so.
@@ -160,13 +148,14 @@ pub(crate) fn identify_frames(
     options: &IdentifyOptions,
 ) -> Result<Vec<IdentifiedFrame>> {
     let index = Index::new(catalog);
+    let known = circumstances(&measured.recording)?;
     let bar = output::progress("identifying", measured.frames.len());
     let mut frames = measured
         .frames
         .par_iter()
         .map(|frame| -> Result<IdentifiedFrame> {
             let start = Instant::now();
-            let sky = sky_chain(measured, frame, physics)?;
+            let sky = sky_chain(&known, frame, physics)?;
             let directions = sky.apparent_all(catalog);
             let identification = identify(&frame.detections, catalog, &index, &directions, options);
             bar.inc(1);
@@ -182,11 +171,12 @@ pub(crate) fn identify_frames(
 
 /// The frames of a star list whose own identifications are taken: nothing is searched for.
 pub(crate) fn take_identifications(measured: &Measured, catalog: &Catalog, physics: &Physics) -> Result<Vec<IdentifiedFrame>> {
+    let known = circumstances(&measured.recording)?;
     measured
         .frames
         .iter()
         .map(|frame| {
-            let sky = sky_chain(measured, frame, physics)?;
+            let sky = sky_chain(&known, frame, physics)?;
             let identification = Identification::NotIdentified { reason: "The list's own identifications are taken.".to_owned() };
             Ok(IdentifiedFrame { identification, directions: sky.apparent_all(catalog), sky, seconds: frame.seconds })
         })
@@ -194,8 +184,8 @@ pub(crate) fn take_identifications(measured: &Measured, catalog: &Catalog, physi
 }
 
 /// The physics in force during a frame.
-fn sky_chain(measured: &Measured, frame: &MeasuredFrame, physics: &Physics) -> Result<SkyChain> {
-    let mut observation = circumstances(&measured.recording, frame.index)?;
+fn sky_chain(known: &[Observation], frame: &MeasuredFrame, physics: &Physics) -> Result<SkyChain> {
+    let mut observation = known[frame.index];
     if observation.epoch_yr.is_none() && *physics == Physics::Known {
         observation.epoch_yr = Some(ASSUMED_EPOCH_YR);
     }

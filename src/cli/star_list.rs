@@ -4,6 +4,7 @@ use boresight::camera::SkyChain;
 use boresight::catalog::{Catalog, Star};
 use boresight::coordinates::Direction;
 use boresight::detect::{Detection, Detections, Flags};
+use boresight::effects::StarState;
 use boresight::identify::{ControlPoint, ControlPoints};
 use boresight::recording::{ListedStar, Recording};
 use boresight::units::DEG_RAD;
@@ -82,6 +83,7 @@ pub(crate) fn listed_control_points(
             has_proper_motion: star.hip == 0 || star.proper_motion_rad_yr.is_some(),
             magnitude: if star.magnitude.is_finite() { star.magnitude } else { 99.0 },
             colour: star.colour,
+            star: StarState::of(&star, catalog.epoch_yr),
         });
     }
     unknown

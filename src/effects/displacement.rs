@@ -1,5 +1,7 @@
 //! What a displacement is, and the registry of all of them.
 
+use serde::{Deserialize, Serialize};
+
 use crate::dual::{Jet, Real};
 use crate::effects::optics::{brown_conrady, pinhole};
 use crate::effects::sky::{parallax, proper_motion, refraction, stellar_aberration};
@@ -23,23 +25,39 @@ pub struct ParameterSpec {
 pub enum Segment {
     /// On the direction, in ICRS axes, before the camera's attitude. `displace` takes the direction before to the direction after.
     Sky,
+    /// On the direction, in camera axes, as a correction: `displace` takes the direction that the optics saw at the MEASURED point to the
+    /// direction at the middle of the exposure of the middle row, which is when the frame's attitude is meant.
+    Camera,
     /// The joint of the two: from a direction in camera axes to a point on the ideal focal plane, px from the corner.
     Projection,
-    /// On the focal plane, as a correction: `displace` takes the MEASURED point to the point before the effect. The renderer inverts it.
+    /// On the focal plane, as a correction: `displace` takes the MEASURED point to the point before the effect. The corrections of several
+    /// effects are all evaluated at the measured point and add, so their order is of no account. The renderer inverts their sum.
     Focal,
 }
 
 /// A star's light along the chain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Light<T> {
-    /// Unit vector: ICRS axes in [`Segment::Sky`], camera axes from [`Segment::Projection`] on.
+    /// Unit vector: ICRS axes in [`Segment::Sky`], camera axes from [`Segment::Camera`] on.
     pub direction: [T; 3],
     /// Point on the focal plane in px relative to the principal point; used in [`Segment::Focal`].
     pub point_px: [T; 2],
+    /// The measured point in px of the frame as stored; used in [`Segment::Focal`] and [`Segment::Camera`].
+    pub pixel_px: [T; 2],
+    /// Focal length in px; used in [`Segment::Focal`].
+    pub focal_length_px: T,
+}
+
+impl<T: Real> Light<T> {
+    /// Light from a direction, before it meets the camera.
+    pub fn from(direction: [T; 3]) -> Self {
+        let zero = T::constant(0.0);
+        Self { direction, point_px: [zero; 2], pixel_px: [zero; 2], focal_length_px: T::constant(1.0) }
+    }
 }
 
 /// What is known of the star whose light it is.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StarState {
     /// Catalogue direction at the catalogue's epoch, ICRS unit vector.
     pub direction: [f64; 3],
@@ -56,7 +74,8 @@ pub struct StarState {
 }
 
 /// What is known of the exposure. What is `None` is not known, and effects that need it do not apply.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Observation {
     /// Middle of the exposure, Julian year (TDB).
     pub epoch_yr: Option<f64>,
@@ -68,10 +87,71 @@ pub struct Observation {
     pub zenith: Option<[f64; 3]>,
     /// Refraction of the site's air.
     pub refraction: Option<RefractionConstants>,
+    /// Rows of the rotation from ICRS axes to axes fixed to the Earth (z to the pole, x to the meridian of Greenwich).
+    pub earth_from_icrs: Option<[[f64; 3]; 3]>,
+    /// Time from the mean of the recording's frames, hours.
+    pub time_offset_h: Option<f64>,
+    /// Number of the frame in its recording minus the mean of the numbers.
+    pub order_offset: Option<f64>,
+    /// Temperature minus the mean of the recording's frames, K.
+    pub temperature_offset_k: Option<f64>,
+    /// Air pressure at the camera minus the mean of the recording's frames (telemetry `pressure_hpa` of a frame).
+    pub pressure_offset_hpa: Option<f64>,
+    /// Rotation of the camera in camera axes: the camera turns by rate × time.
+    pub rate_rad_s: Option<[f64; 3]>,
+    /// Length of the exposure.
+    pub exposure_s: Option<f64>,
+    /// The frame's sensor.
+    pub sensor: Option<Sensor>,
+}
+
+/// What is known of the sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Sensor {
+    /// Columns.
+    pub width_px: usize,
+    /// Rows.
+    pub height_px: usize,
+    /// With a rolling shutter, how much later each row of a higher number is exposed (negative if the last row is read first); zero
+    /// with a global one, absent where nobody says.
+    pub line_time_s: Option<f64>,
+}
+
+impl Sensor {
+    /// Half the width, the unit of length of effects whose parameters are in px at the edge of the frame.
+    #[must_use]
+    pub fn half_width_px(&self) -> f64 {
+        self.width_px as f64 / 2.0
+    }
+
+    /// The middle of the frame.
+    #[must_use]
+    pub fn middle_px(&self) -> [f64; 2] {
+        [(self.width_px as f64 - 1.0) / 2.0, (self.height_px as f64 - 1.0) / 2.0]
+    }
+}
+
+impl Observation {
+    /// Of a camera of which nothing but the size of its frames is known.
+    #[must_use]
+    pub fn of_sensor(width_px: usize, height_px: usize) -> Self {
+        Self { sensor: Some(Sensor { width_px, height_px, line_time_s: None }), ..Self::default() }
+    }
+}
+
+impl StarState {
+    /// Colours count from this B − V, that of a star like the Sun.
+    pub const REFERENCE_COLOUR: f64 = 0.6;
+
+    /// B − V minus [`Self::REFERENCE_COLOUR`]; zero where the colour is not known.
+    #[must_use]
+    pub fn colour_offset(&self) -> f64 {
+        self.colour.map_or(0.0, |colour| colour - Self::REFERENCE_COLOUR)
+    }
 }
 
 /// Constants of R = A·tan z + B·tan³ z, z the observed zenith distance.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RefractionConstants {
     /// A in radians.
     pub a_rad: f64,
@@ -124,8 +204,24 @@ impl ReferenceValue {
         after: [f64; 3],
         tolerance: f64,
     ) -> Self {
-        let light = |direction| Light { direction, point_px: [0.0; 2] };
-        Self { source, context, parameters, before: light(before), after: light(after), tolerance }
+        Self { source, context, parameters, before: Light::from(before), after: Light::from(after), tolerance }
+    }
+
+    /// A case of an effect on the focal plane: points in px relative to the principal point, which lies at `centre_px` of the frame.
+    #[must_use]
+    pub fn of_point(
+        source: &'static str,
+        context: Context,
+        parameters: Vec<f64>,
+        focal_length_px: f64,
+        centre_px: [f64; 2],
+        before_and_after: [[f64; 2]; 2],
+        tolerance: f64,
+    ) -> Self {
+        let [measured, ideal] = before_and_after;
+        let pixel_px = [measured[0] + centre_px[0], measured[1] + centre_px[1]];
+        let light = |point_px| Light { direction: [0.0, 0.0, 1.0], point_px, pixel_px, focal_length_px };
+        Self { source, context, parameters, before: light(measured), after: light(ideal), tolerance }
     }
 }
 
@@ -141,7 +237,13 @@ pub trait Displacement: Sync {
     /// The body. `parameters` come in the order of [`Self::PARAMETERS`].
     fn displace<T: Real>(parameters: &[T], light: Light<T>, context: &Context) -> Light<T>;
 
-    /// Why the effect cannot be computed for this exposure, or `None` if it can.
+    /// The inverse of a projection: a vector along the direction that falls on the point (relative to the principal point), or `None`
+    /// where none does. What is no projection leaves this as it is.
+    fn ray<T: Real>(_parameters: &[T], _light: Light<T>) -> Option<[T; 3]> {
+        None
+    }
+
+    /// What this exposure lacks for the effect to be computed or fitted, or `None` if it lacks nothing.
     fn missing(observation: &Observation) -> Option<&'static str>;
 
     /// Parameters with which the effect does nothing at all in this context; `None` for a projection, which always does something.
@@ -169,6 +271,10 @@ pub trait AnyDisplacement: Sync {
     fn displace(&self, parameters: &[f64], light: Light<f64>, context: &Context) -> Light<f64>;
     /// The body on dual numbers.
     fn displace_jet(&self, parameters: &[Jet], light: Light<Jet>, context: &Context) -> Light<Jet>;
+    /// See [`Displacement::ray`].
+    fn ray(&self, parameters: &[f64], light: Light<f64>) -> Option<[f64; 3]>;
+    /// See [`Displacement::ray`], on dual numbers.
+    fn ray_jet(&self, parameters: &[Jet], light: Light<Jet>) -> Option<[Jet; 3]>;
     /// See [`Displacement::missing`].
     fn missing(&self, observation: &Observation) -> Option<&'static str>;
     /// See [`Displacement::identity`].
@@ -196,6 +302,12 @@ impl<D: Displacement> AnyDisplacement for D {
     }
     fn displace_jet(&self, parameters: &[Jet], light: Light<Jet>, context: &Context) -> Light<Jet> {
         D::displace(parameters, light, context)
+    }
+    fn ray(&self, parameters: &[f64], light: Light<f64>) -> Option<[f64; 3]> {
+        D::ray(parameters, light)
+    }
+    fn ray_jet(&self, parameters: &[Jet], light: Light<Jet>) -> Option<[Jet; 3]> {
+        D::ray(parameters, light)
     }
     fn missing(&self, observation: &Observation) -> Option<&'static str> {
         D::missing(observation)
@@ -230,6 +342,33 @@ pub static DISPLACEMENTS: &[&dyn AnyDisplacement] = &[
     &pinhole::Pinhole,
     &brown_conrady::BrownConrady,
 ];
+
+/// Solves r(θ) = `target` for θ, both of any kind of number, where r grows with θ: what projections and radial distortions without a
+/// closed inverse need. Newton's method on plain numbers from `start`, kept within [0, `largest`], then one step in `T`, which by the
+/// implicit function theorem carries the exact derivatives. `None` where r does not reach the target or has a flat place on the way.
+///
+/// `function` gives r and its slope.
+pub fn invert<T: Real>(target: T, start: f64, largest: f64, function: impl Fn(T) -> [T; 2]) -> Option<T> {
+    const STEPS: usize = 60;
+    let aim = target.value();
+    let mut theta = start.clamp(0.0, largest);
+    for _ in 0..STEPS {
+        let [r, slope] = function(T::constant(theta)).map(Real::value);
+        if slope.is_nan() || slope <= 0.0 {
+            return None;
+        }
+        let next = (theta + (aim - r) / slope).clamp(0.0, largest);
+        let step = (next - theta).abs();
+        theta = next;
+        if step <= 4.0 * f64::EPSILON * theta.max(1e-3) {
+            break;
+        }
+    }
+    let at = T::constant(theta);
+    let [r, slope] = function(at);
+    let reached = (r.value() - aim).abs() <= 1e-11 * aim.abs().max(1.0);
+    (reached && slope.value() > 0.0).then(|| at + (target - r) / slope.value())
+}
 
 /// The displacement with this id.
 #[must_use]

@@ -18,5 +18,5 @@ mod displacement;
 
 pub use displacement::{
     AnyDisplacement, Context, DISPLACEMENTS, Displacement, Light, Observation, ParameterSpec, ReferenceValue, RefractionConstants, Segment,
-    StarState, displacement, page_of,
+    Sensor, StarState, displacement, invert, page_of,
 };

@@ -5,6 +5,7 @@ use crate::camera::Camera;
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Direction};
 use crate::detect::Detections;
+use crate::effects::StarState;
 
 /// A frame whose identification was tried.
 #[derive(Clone, Copy, Debug)]
@@ -78,11 +79,12 @@ pub fn control_points(
                 has_proper_motion: star.proper_motion_rad_yr.is_some(),
                 magnitude: star.magnitude,
                 colour: star.colour,
+                star: StarState::of(star, catalog.epoch_yr),
             }
         }));
     }
     points.sort_by_key(|point| point.frame);
-    (ControlPoints { nominal, attitudes, points, parity }, left_out)
+    (ControlPoints { parity, ..ControlPoints::new(nominal, attitudes, points) }, left_out)
 }
 
 fn median_camera(solved: &[(&IdentifiedFrame<'_>, &Solution)], frames: &[IdentifiedFrame<'_>]) -> Camera {

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::{ControlPoint, ControlPoints};
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Direction};
+use crate::effects::StarState;
 use crate::units::DEG_RAD;
 
 /// What a deliberately wrong identification looks like.
@@ -73,11 +74,16 @@ pub fn misidentify(
                 point.magnitude = star.magnitude;
                 point.colour = star.colour;
                 point.has_proper_motion = star.proper_motion_rad_yr.is_some();
+                point.star = StarState::of(star, catalog.epoch_yr);
                 star.hip
             });
             if given_hip.is_none() {
                 let [least, most] = ERROR_RANGE_RAD;
                 point.direction = turned(&right.direction, rng.random_range(least..most), rng.random_range(0.0..std::f64::consts::TAU));
+                // As if there were a star that the sky treats as it does the right one.
+                let own = right.star.direction;
+                let shifted = [0, 1, 2].map(|axis| point.direction.xyz[axis] - right.direction.xyz[axis] + own[axis]);
+                point.star.direction = Direction::<Apparent>::along(shifted).xyz;
             }
             Misidentification { point: number, true_hip: right.hip, given_hip, error_rad: point.direction.angle_rad(&right.direction) }
         })

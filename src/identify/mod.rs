@@ -23,10 +23,11 @@ use std::time::Duration;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use crate::camera::Camera;
+use crate::camera::{Camera, Term};
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Attitude, Direction};
 use crate::detect::Detections;
+use crate::effects::{Observation, StarState};
 use crate::units::DEG_RAD;
 
 pub use control::{IdentifiedFrame, control_points};
@@ -194,6 +195,27 @@ pub struct ControlPoint {
     pub magnitude: f64,
     /// B − V where known.
     pub colour: Option<f64>,
+    /// The star as the catalogue has it, before any effect: what effects of the sky are solved from.
+    #[serde(default)]
+    pub star: StarState,
+}
+
+/// What is known of one frame besides its stars.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FrameState {
+    /// Time, place, motion, telemetry.
+    pub observation: Observation,
+    /// An attitude from elsewhere (gyro, second head), if it is trusted.
+    pub known_attitude: Option<KnownAttitude>,
+}
+
+/// An attitude from elsewhere and how far it is trusted.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct KnownAttitude {
+    /// The attitude.
+    pub camera_from_icrs: Attitude,
+    /// Its standard error about each axis, rad.
+    pub sigma_rad: f64,
 }
 
 /// The control points of a recording.
@@ -208,6 +230,31 @@ pub struct ControlPoints {
     /// −1 if the images are mirrored. The points keep the coordinates of the file; see [`ControlPoints::unmirrored`].
     #[serde(default = "not_mirrored")]
     pub parity: i8,
+    /// What is known of each frame; empty where nothing is.
+    #[serde(default)]
+    pub frames: Vec<FrameState>,
+    /// The effects of the sky that the points' directions contain, with their parameters.
+    #[serde(default)]
+    pub sky: Vec<Term>,
+    /// Whether the camera stands still on the ground while the Earth turns.
+    #[serde(default)]
+    pub fixed_mount: bool,
+}
+
+impl ControlPoints {
+    /// Points of frames of which nothing else is known.
+    #[must_use]
+    pub fn new(nominal: Camera, attitudes: Vec<Option<Attitude>>, points: Vec<ControlPoint>) -> Self {
+        Self { nominal, attitudes, points, parity: 1, frames: Vec::new(), sky: Vec::new(), fixed_mount: false }
+    }
+
+    /// What is known of a frame; the sensor's size always is.
+    #[must_use]
+    pub fn observation(&self, frame: usize) -> Observation {
+        let sensor = Observation::of_sensor(self.nominal.width_px, self.nominal.height_px).sensor;
+        let known = self.frames.get(frame).map_or_else(Observation::default, |frame| frame.observation);
+        Observation { sensor: known.sensor.or(sensor), ..known }
+    }
 }
 
 fn not_mirrored() -> i8 {

@@ -11,6 +11,7 @@
 //! Pixel (0, 0) is the centre of the first pixel of the first row stored; FITS files that say `ROWORDER` BOTTOM-UP are turned
 //! over on reading, and [`Recording::notes`] says so. Times are UTC, the middle of the exposure.
 
+mod circumstances;
 mod error;
 mod fits;
 mod image_file;

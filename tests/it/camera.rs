@@ -89,6 +89,7 @@ fn the_sky_chain_can_be_undone() {
         velocity_km_s: Some([-29.0, 3.0, 1.0]),
         zenith: Some([0.0, 0.0, 1.0]),
         refraction: Some(RefractionConstants { a_rad: 2.8e-4, b_rad: -3e-7 }),
+        ..Observation::default()
     };
     let chain = SkyChain::new(&Physics::Known, observation).unwrap();
     assert_eq!(chain.ids(), ["proper-motion", "parallax", "stellar-aberration", "refraction"]);

@@ -1,7 +1,7 @@
 //! Walks the registry of displacements: derivatives, identity, reference values, documentation.
 
 use boresight::dual::{Dual, Jet, PARTIALS, Real};
-use boresight::effects::{Context, DISPLACEMENTS, Light, Observation, RefractionConstants, Segment, StarState};
+use boresight::effects::{Context, DISPLACEMENTS, Light, Observation, RefractionConstants, Segment, Sensor, StarState};
 
 /// A star and an exposure in which every effect has something to do.
 fn context() -> Context {
@@ -19,6 +19,14 @@ fn context() -> Context {
         velocity_km_s: Some([25.0, 9.0, -4.0]),
         zenith: Some([0.36, 0.8, -0.48]),
         refraction: Some(RefractionConstants { a_rad: 2.8e-4, b_rad: -3.2e-7 }),
+        earth_from_icrs: Some([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]),
+        time_offset_h: Some(1.5),
+        order_offset: Some(-3.0),
+        temperature_offset_k: Some(4.0),
+        pressure_offset_hpa: Some(-20.0),
+        rate_rad_s: Some([0.01, -0.02, 0.015]),
+        exposure_s: Some(0.2),
+        sensor: Some(Sensor { width_px: 1024, height_px: 768, line_time_s: Some(1.2e-5) }),
     };
     Context::new(star, observation)
 }
@@ -30,9 +38,14 @@ fn coordinates<T: Copy>(light: &Light<T>) -> [T; 5] {
 
 fn incoming(segment: Segment) -> Light<f64> {
     match segment {
-        Segment::Sky => Light { direction: context().star.direction, point_px: [0.0; 2] },
-        Segment::Projection => Light { direction: [0.1, -0.2, 0.974_679_434_480_896_3], point_px: [0.0; 2] },
-        Segment::Focal => Light { direction: [0.0, 0.0, 1.0], point_px: [310.0, -220.0] },
+        Segment::Sky => Light::from(context().star.direction),
+        Segment::Projection => Light::from([0.1, -0.2, 0.974_679_434_480_896_3]),
+        Segment::Camera | Segment::Focal => Light {
+            direction: [0.1, -0.2, 0.974_679_434_480_896_3],
+            point_px: [310.0, -220.0],
+            pixel_px: [1010.0, 163.5],
+            focal_length_px: 2900.0,
+        },
     }
 }
 
@@ -48,7 +61,12 @@ fn derivatives_agree_with_central_differences() {
             .map(|parameter| 0.7 * parameter.typical + if parameter.typical == 0.0 { 0.05 } else { 0.0 })
             .collect();
         let jets: Vec<Jet> = at.iter().enumerate().map(|(index, value)| Dual::variable(*value, index)).collect();
-        let lifted = Light { direction: before.direction.map(Jet::constant), point_px: before.point_px.map(Jet::constant) };
+        let lifted = Light {
+            direction: before.direction.map(Jet::constant),
+            point_px: before.point_px.map(Jet::constant),
+            pixel_px: before.pixel_px.map(Jet::constant),
+            focal_length_px: Jet::constant(before.focal_length_px),
+        };
         let after = coordinates(&effect.displace_jet(&jets, lifted, &context()));
         let plain = coordinates(&effect.displace(&at, before, &context()));
         let mut largest = 0.0_f64;
@@ -86,7 +104,6 @@ fn identity_parameters_do_nothing() {
             assert!((after - before).abs() < 1e-15 * before.abs().max(1.0), "{} with {off:?}", effect.id());
         }
         let Some(known) = effect.known(&context().observation) else {
-            assert_ne!(effect.segment(), Segment::Sky, "{}: the context knows everything", effect.id());
             continue;
         };
         let moved = coordinates(&effect.displace(&known, before, &context()));
@@ -117,11 +134,63 @@ fn reference_values_are_reproduced() {
     }
 }
 
+/// A projection and its inverse undo each other, and the inverse carries the derivatives of the parameters.
+#[test]
+fn projections_are_inverted_by_their_rays() {
+    for effect in DISPLACEMENTS.iter().filter(|effect| effect.segment() == Segment::Projection) {
+        let parameters: Vec<f64> = effect.parameters().iter().map(|parameter| 0.7 * parameter.typical).collect();
+        let before = incoming(Segment::Projection);
+        let point = effect.displace(&parameters, before, &context()).point_px;
+        let at = |parameters: &[f64]| {
+            let light = Light { point_px: [point[0] - parameters[0], point[1] - parameters[1]], ..before };
+            boresight::dual::normalize(effect.ray(parameters, light).expect("the point is the image of a direction"))
+        };
+        let back = at(&parameters);
+        for axis in 0..3 {
+            assert!((back[axis] - before.direction[axis]).abs() < 1e-13, "{}: {back:?}", effect.id());
+        }
+        let jets: Vec<Jet> = parameters.iter().enumerate().map(|(index, value)| Dual::variable(*value, index)).collect();
+        let lifted = Light {
+            direction: before.direction.map(Jet::constant),
+            point_px: [Jet::constant(point[0]) - jets[0], Jet::constant(point[1]) - jets[1]],
+            pixel_px: before.pixel_px.map(Jet::constant),
+            focal_length_px: Jet::constant(1.0),
+        };
+        let dual = boresight::dual::normalize(effect.ray_jet(&jets, lifted).expect("the point is the image of a direction"));
+        for index in 0..parameters.len() {
+            let step = 1e-4 * parameters[index].abs();
+            let shifted = |sign: f64| {
+                let mut moved = parameters.clone();
+                moved[index] += sign * step;
+                at(&moved)
+            };
+            let (high, low) = (shifted(1.0), shifted(-1.0));
+            let size = (0..3).map(|axis| dual[axis].partials[index].abs()).fold(0.0_f64, f64::max);
+            assert!(size > 0.0, "{}: the direction does not depend on {}", effect.id(), effect.parameters()[index].name);
+            for axis in 0..3 {
+                let difference = (high[axis] - low[axis]) / (2.0 * step);
+                assert!(
+                    (difference - dual[axis].partials[index]).abs() < 1e-5 * size + 1e-14 / step,
+                    "{} {}: {difference} ≠ {}",
+                    effect.id(),
+                    effect.parameters()[index].name,
+                    dual[axis].partials[index]
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn what_is_missing_is_said() {
     for effect in DISPLACEMENTS {
         let nothing = Observation::default();
-        assert_eq!(effect.known(&nothing).is_none(), effect.missing(&nothing).is_some(), "{}", effect.id());
+        let full = context().observation;
+        assert!(effect.missing(&full).is_none(), "{}: the context lacks nothing", effect.id());
+        for observation in [nothing, full] {
+            let (known, missing) = (effect.known(&observation), effect.missing(&observation));
+            assert!(known.is_none() || missing.is_none(), "{} is known, and yet {missing:?}", effect.id());
+        }
         let before = incoming(effect.segment());
         let parameters: Vec<f64> = effect.parameters().iter().map(|parameter| parameter.typical).collect();
         let after = effect.displace(&parameters, before, &Context::new(context().star, nothing));

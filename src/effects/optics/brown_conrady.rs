@@ -50,7 +50,7 @@ impl Displacement for BrownConrady {
     }
 
     fn missing(_: &Observation) -> Option<&'static str> {
-        Some("it belongs to the camera, whose parameters are calibrated")
+        None
     }
 
     fn identity(_: &Context) -> Option<Vec<f64>> {
@@ -65,15 +65,15 @@ impl Displacement for BrownConrady {
         // OpenCV adds the distortion to the ideal point. Its point distorted with the coefficients (−k1·f², 0, −p2·f, −p1·f) must be the
         // ideal point of this model: opencv-python-headless 5.0.0.93, f = 2000:
         // projectPoints([[310/2000, -220/2000, 1]], 0, 0, diag(2000, 2000, 1), [-0.016, 0, 0.0006, -0.0004]) with k1 = 4e-9, p1 = 2e-7, p2 = -3e-7.
-        let light = |point_px| Light { direction: [0.0, 0.0, 1.0], point_px };
-        vec![ReferenceValue {
-            source: "OpenCV, projectPoints",
-            context: Context::new(StarState::default(), Observation::default()),
-            parameters: vec![4e-9, 2e-7, -3e-7],
-            before: light([310.0, -220.0]),
-            after: light([309.712_56, -219.773_17]),
-            tolerance: 1e-10,
-        }]
+        vec![ReferenceValue::of_point(
+            "OpenCV, projectPoints",
+            Context::new(StarState::default(), Observation::default()),
+            vec![4e-9, 2e-7, -3e-7],
+            2000.0,
+            [512.0; 2],
+            [[310.0, -220.0], [309.712_56, -219.773_17]],
+            1e-10,
+        )]
     }
 
     fn source() -> &'static str {

@@ -44,8 +44,12 @@ impl Displacement for Pinhole {
         Light { point_px: [parameters[0] + x * f / z, parameters[1] + y * f / z], ..light }
     }
 
+    fn ray<T: Real>(parameters: &[T], light: Light<T>) -> Option<[T; 3]> {
+        Some([light.point_px[0], light.point_px[1], parameters[2]])
+    }
+
     fn missing(_: &Observation) -> Option<&'static str> {
-        Some("it belongs to the camera, whose parameters are calibrated")
+        None
     }
 
     fn identity(_: &Context) -> Option<Vec<f64>> {
@@ -60,7 +64,7 @@ impl Displacement for Pinhole {
         // OpenCV 5.0.0 (opencv-python-headless 5.0.0.93): projectPoints([[0.1, -0.2, 0.9]], 0, 0, [[2000, 0, 512], [0, 2000, 380], [0, 0, 1]], None).
         let length = (0.01_f64 + 0.04 + 0.81).sqrt();
         let direction = [0.1 / length, -0.2 / length, 0.9 / length];
-        let light = |point_px| Light { direction, point_px };
+        let light = |point_px| Light { point_px, ..Light::from(direction) };
         vec![ReferenceValue {
             source: "OpenCV, projectPoints",
             context: Context::new(StarState::default(), Observation::default()),

@@ -8,6 +8,7 @@ mod uncertainty;
 use boresight::calibrate::{CalibrateOptions, Method};
 use boresight::camera::Camera;
 use boresight::coordinates::{Attitude, PixelPoint};
+use boresight::effects::StarState;
 use boresight::identify::{ControlPoint, ControlPoints};
 use boresight::units::DEG_RAD;
 use nalgebra::{Unit, UnitQuaternion, Vector3};
@@ -76,11 +77,12 @@ impl Night {
                     has_proper_motion: true,
                     magnitude: 5.0,
                     colour: None,
+                    star: StarState { direction: direction.xyz, ..StarState::default() },
                 });
                 wrong.push(star < bad);
             }
         }
-        (ControlPoints { nominal: self.nominal, attitudes, points, parity: 1 }, wrong)
+        (ControlPoints::new(self.nominal, attitudes, points), wrong)
     }
 }
 
