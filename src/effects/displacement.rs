@@ -252,6 +252,12 @@ pub trait Displacement: Sync {
     /// Parameters of the effect at its known size, where the recording's own metadata tells it; `None` where they must be fitted.
     fn known(observation: &Observation) -> Option<Vec<f64>>;
 
+    /// Indices of the parameters that are fitted where the effect is asked for by its id alone; the others keep their values unless they
+    /// are asked for by name. All, unless the effect says otherwise.
+    fn fitted(_observation: &Observation) -> Vec<usize> {
+        (0..Self::PARAMETERS.len()).collect()
+    }
+
     /// Cases from outside.
     fn reference_values() -> Vec<ReferenceValue>;
 
@@ -281,6 +287,8 @@ pub trait AnyDisplacement: Sync {
     fn identity(&self, context: &Context) -> Option<Vec<f64>>;
     /// See [`Displacement::known`].
     fn known(&self, observation: &Observation) -> Option<Vec<f64>>;
+    /// See [`Displacement::fitted`].
+    fn fitted(&self, observation: &Observation) -> Vec<usize>;
     /// See [`Displacement::reference_values`].
     fn reference_values(&self) -> Vec<ReferenceValue>;
     /// The effect's page of documentation, Markdown.
@@ -317,6 +325,9 @@ impl<D: Displacement> AnyDisplacement for D {
     }
     fn known(&self, observation: &Observation) -> Option<Vec<f64>> {
         D::known(observation)
+    }
+    fn fitted(&self, observation: &Observation) -> Vec<usize> {
+        D::fitted(observation)
     }
     fn reference_values(&self) -> Vec<ReferenceValue> {
         D::reference_values()
