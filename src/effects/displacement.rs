@@ -254,6 +254,7 @@ pub trait Displacement: Sync {
 
     /// Indices of the parameters that are fitted where the effect is asked for by its id alone; the others keep their values unless they
     /// are asked for by name. All, unless the effect says otherwise.
+    #[must_use]
     fn fitted(_observation: &Observation) -> Vec<usize> {
         (0..Self::PARAMETERS.len()).collect()
     }
