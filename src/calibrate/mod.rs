@@ -17,6 +17,7 @@ mod residuals;
 mod select;
 mod star_level;
 mod summary;
+pub mod trial;
 mod uncertainty;
 mod variable_weights;
 

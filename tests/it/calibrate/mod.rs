@@ -3,6 +3,7 @@
 mod bad_input;
 mod published;
 mod select;
+mod trial;
 mod uncertainty;
 
 use boresight::calibrate::{CalibrateOptions, Method};
