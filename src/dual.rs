@@ -219,6 +219,13 @@ pub fn cross<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
+/// A vector turned by an angle (rad) about an axis of length one, counterclockwise seen from its tip: Rodrigues' formula.
+pub fn rotate<T: Real>(a: [T; 3], axis: [T; 3], angle: T) -> [T; 3] {
+    let (sin, cos) = (angle.sin(), angle.cos());
+    let along = dot(axis, a) * (T::constant(1.0) - cos);
+    add(add(scale(a, cos), scale(cross(axis, a), sin)), scale(axis, along))
+}
+
 /// The vector of length one in the same direction.
 pub fn normalize<T: Real>(a: [T; 3]) -> [T; 3] {
     let length = dot(a, a).sqrt();

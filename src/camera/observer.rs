@@ -61,8 +61,9 @@ pub fn observation(time: Option<Epoch>, site: Option<&GroundSite>, velocity_km_s
     let tdb_days = time.to_tdb_days_since_j2000();
     let epoch_yr = 2000.0 + tdb_days / JULIAN_YEAR_DAYS;
     let in_range = (1900.0..=2100.0).contains(&epoch_yr);
-    let (_, earth) = eph::epv00(J2000_JD, tdb_days).filter(|_| in_range).ok_or(ObserverError::Time(time))?;
+    let (heliocentric, earth) = eph::epv00(J2000_JD, tdb_days).filter(|_| in_range).ok_or(ObserverError::Time(time))?;
     let mut position_au = earth[0];
+    let mut sun_au = heliocentric[0];
     let mut earth_velocity_km_s = earth[1].map(|au_per_day| au_per_day * AU_KM / DAY_S);
     let mut zenith = None;
     let tt_days = time.to_jde_tt_days() - J2000_JD;
@@ -76,7 +77,9 @@ pub fn observation(time: Option<Epoch>, site: Option<&GroundSite>, velocity_km_s
         let offset_m = to_icrs(local[0]);
         let velocity_m_s = to_icrs(local[1]);
         for axis in 0..3 {
-            position_au[axis] += offset_m[axis] / (AU_KM * 1000.0);
+            let offset_au = offset_m[axis] / (AU_KM * 1000.0);
+            position_au[axis] += offset_au;
+            sun_au[axis] += offset_au;
             earth_velocity_km_s[axis] += velocity_m_s[axis] / 1000.0;
         }
         let (sin_latitude, cos_latitude) = site.latitude_rad.sin_cos();
@@ -89,6 +92,7 @@ pub fn observation(time: Option<Epoch>, site: Option<&GroundSite>, velocity_km_s
     Ok(Observation {
         epoch_yr: Some(epoch_yr),
         position_au: Some(position_au),
+        sun_au: Some(sun_au),
         velocity_km_s: Some(velocity_km_s.unwrap_or(earth_velocity_km_s)),
         zenith,
         refraction: site.map(GroundSite::refraction),
@@ -136,6 +140,15 @@ mod tests {
                 -0.322_941_621_497_916_8 + 3.354_744_407_4e-5,
             ],
             2e-11, // 3 m: hifitime's TDB and ERFA's differ by 30 µs
+        );
+        close(
+            here.sun_au.unwrap(),
+            [
+                0.599_448_913_558_682_5 - 3.017_226_757e-6,
+                -0.751_923_416_844_879_1 - 2.599_321_199_7e-5,
+                -0.325_958_810_849_125_5 + 3.354_744_407_4e-5,
+            ],
+            2e-11,
         );
         close(
             here.velocity_km_s.unwrap(),

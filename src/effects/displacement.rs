@@ -3,8 +3,11 @@
 use serde::{Deserialize, Serialize};
 
 use crate::dual::{Jet, Real};
-use crate::effects::optics::{brown_conrady, pinhole};
-use crate::effects::sky::{parallax, proper_motion, refraction, stellar_aberration};
+use crate::effects::motion::rolling_shutter;
+use crate::effects::optics::{brown_conrady, equidistant, equisolid, kannala_brandt, pinhole, stereographic};
+use crate::effects::sky::{
+    chromatic_refraction, frame_rotation, light_deflection, parallax, proper_motion, refraction, stellar_aberration, time_tag,
+};
 
 /// A parameter of an effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,8 +86,12 @@ pub struct Observation {
     pub position_au: Option<[f64; 3]>,
     /// Barycentric velocity of the camera, km/s, ICRS axes.
     pub velocity_km_s: Option<[f64; 3]>,
+    /// Vector from the Sun to the camera, au, ICRS axes.
+    pub sun_au: Option<[f64; 3]>,
     /// Unit vector to the zenith, ICRS axes.
     pub zenith: Option<[f64; 3]>,
+    /// Whether the zenith is no more than a starting value, because the site or the time is not known: it must be fitted.
+    pub zenith_is_guessed: bool,
     /// Refraction of the site's air.
     pub refraction: Option<RefractionConstants>,
     /// Rows of the rotation from ICRS axes to axes fixed to the Earth (z to the pole, x to the meridian of Greenwich).
@@ -349,9 +356,18 @@ pub fn page_of(source: &str) -> String {
 pub static DISPLACEMENTS: &[&dyn AnyDisplacement] = &[
     &proper_motion::ProperMotion,
     &parallax::Parallax,
+    &light_deflection::LightDeflection,
     &stellar_aberration::StellarAberration,
+    &frame_rotation::FrameRotation,
+    &time_tag::TimeTag,
     &refraction::Refraction,
+    &chromatic_refraction::ChromaticRefraction,
+    &rolling_shutter::RollingShutter,
     &pinhole::Pinhole,
+    &equidistant::Equidistant,
+    &equisolid::Equisolid,
+    &stereographic::Stereographic,
+    &kannala_brandt::KannalaBrandt,
     &brown_conrady::BrownConrady,
 ];
 

@@ -86,13 +86,14 @@ fn the_sky_chain_can_be_undone() {
     let observation = Observation {
         epoch_yr: Some(2020.0),
         position_au: Some([0.1, 0.9, 0.4]),
+        sun_au: Some([0.101, 0.906, 0.402]),
         velocity_km_s: Some([-29.0, 3.0, 1.0]),
         zenith: Some([0.0, 0.0, 1.0]),
         refraction: Some(RefractionConstants { a_rad: 2.8e-4, b_rad: -3e-7 }),
         ..Observation::default()
     };
     let chain = SkyChain::new(&Physics::Known, observation).unwrap();
-    assert_eq!(chain.ids(), ["proper-motion", "parallax", "stellar-aberration", "refraction"]);
+    assert_eq!(chain.ids(), ["proper-motion", "parallax", "light-deflection", "stellar-aberration", "refraction"]);
     for altitude_deg in [8.0, 30.0, 89.9_f64] {
         let apparent = Direction::from_radec_rad(0.4, altitude_deg.to_radians());
         let icrs = chain.icrs_from_apparent(&apparent);

@@ -1,7 +1,7 @@
 //! Walks the registry of displacements: derivatives, identity, reference values, documentation.
 
 use boresight::dual::{Dual, Jet, PARTIALS, Real};
-use boresight::effects::{Context, DISPLACEMENTS, Light, Observation, RefractionConstants, Segment, Sensor, StarState};
+use boresight::effects::{Context, DISPLACEMENTS, Light, Observation, RefractionConstants, Segment, Sensor, StarState, displacement};
 
 /// A star and an exposure in which every effect has something to do.
 fn context() -> Context {
@@ -17,7 +17,9 @@ fn context() -> Context {
         epoch_yr: Some(2026.25),
         position_au: Some([0.3, -0.8, -0.35]),
         velocity_km_s: Some([25.0, 9.0, -4.0]),
+        sun_au: Some([0.302, -0.794, -0.348]),
         zenith: Some([0.36, 0.8, -0.48]),
+        zenith_is_guessed: false,
         refraction: Some(RefractionConstants { a_rad: 2.8e-4, b_rad: -3.2e-7 }),
         earth_from_icrs: Some([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]),
         time_offset_h: Some(1.5),
@@ -196,6 +198,49 @@ fn what_is_missing_is_said() {
         let after = effect.displace(&parameters, before, &Context::new(context().star, nothing));
         assert!(coordinates(&after).iter().all(|value| value.is_finite()), "{} without knowledge", effect.id());
     }
+}
+
+/// The name of an effect alone stands for what the recording leaves open.
+#[test]
+fn what_is_fitted_follows_from_what_is_known() {
+    let full = context().observation;
+    let fitted = |id: &str, observation: &Observation| {
+        let effect = displacement(id).unwrap();
+        (effect.fitted(observation), effect.known(observation), effect.missing(observation))
+    };
+    let resting = Observation { velocity_km_s: None, ..full };
+    assert_eq!(fitted("stellar-aberration", &full), (vec![0], Some(vec![1.0, 0.0, 0.0, 0.0]), None));
+    assert_eq!(fitted("stellar-aberration", &resting), (vec![1, 2, 3], None, None));
+    let guessed = Observation { zenith_is_guessed: true, ..full };
+    assert_eq!(fitted("refraction", &guessed), (vec![0, 1, 2], None, None));
+    let (indices, known, missing) = fitted("refraction", &full);
+    assert!(indices == [0] && known.is_some_and(|known| known[1..] == [0.0; 2]) && missing.is_none());
+    for id in ["chromatic-refraction", "frame-rotation", "time-tag"] {
+        assert_eq!(fitted(id, &full), (vec![0], None, None), "{id} has no known size");
+    }
+}
+
+/// The manifest's line time is positive whichever row is read first, and so is the parameter.
+#[test]
+fn the_line_time_keeps_the_meaning_of_the_manifest() {
+    let with = |line_time_s| {
+        let sensor = Sensor { line_time_s, ..context().observation.sensor.unwrap() };
+        Context::new(context().star, Observation { sensor: Some(sensor), ..context().observation })
+    };
+    let effect = displacement("rolling-shutter").unwrap();
+    let before = incoming(Segment::Camera);
+    let [down, up] = [1.2e-5, -1.2e-5].map(|line_time_s| {
+        let known = effect.known(&with(Some(line_time_s)).observation).unwrap();
+        assert!((known[0] - 12.0).abs() < 1e-12);
+        effect.displace(&known, before, &with(Some(line_time_s))).direction
+    });
+    assert!((down[0] - before.direction[0]).abs() > 1e-5);
+    for axis in 0..3 {
+        let (one, other) = (down[axis] - before.direction[axis], before.direction[axis] - up[axis]);
+        assert!((one - other).abs() < 1e-8, "{down:?} {up:?}");
+    }
+    assert_eq!(effect.displace(&[12.0], before, &with(None)).direction, down, "row 0 first where nobody says");
+    assert!(effect.known(&with(None).observation).is_none() && effect.known(&with(Some(0.0)).observation).is_none());
 }
 
 #[test]

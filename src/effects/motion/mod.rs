@@ -1,1 +1,3 @@
 //! In the motion of the camera.
+
+pub mod rolling_shutter;
