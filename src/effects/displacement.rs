@@ -3,8 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use crate::dual::{Jet, Real};
+use crate::effects::detector::{detector_tilt, edge_roll_off, pixel_aspect, sensor_step, shear};
 use crate::effects::motion::rolling_shutter;
 use crate::effects::optics::{brown_conrady, equidistant, equisolid, kannala_brandt, pinhole, stereographic};
+use crate::effects::optics::{lateral_colour, projection, quadratic_rest, radial_high_order, spiral, thin_prism, wedge_colour};
 use crate::effects::sky::{
     chromatic_refraction, frame_rotation, light_deflection, parallax, proper_motion, refraction, stellar_aberration, time_tag,
 };
@@ -368,7 +370,19 @@ pub static DISPLACEMENTS: &[&dyn AnyDisplacement] = &[
     &equisolid::Equisolid,
     &stereographic::Stereographic,
     &kannala_brandt::KannalaBrandt,
+    &wedge_colour::WedgeColour,
+    &lateral_colour::LateralColour,
+    &projection::Projection,
     &brown_conrady::BrownConrady,
+    &radial_high_order::RadialHighOrder,
+    &quadratic_rest::QuadraticRest,
+    &thin_prism::ThinPrism,
+    &spiral::Spiral,
+    &detector_tilt::DetectorTilt,
+    &pixel_aspect::PixelAspect,
+    &shear::Shear,
+    &sensor_step::SensorStep,
+    &edge_roll_off::EdgeRollOff,
 ];
 
 /// Solves r(θ) = `target` for θ, both of any kind of number, where r grows with θ: what projections and radial distortions without a

@@ -1,7 +1,11 @@
 //! Walks the registry of displacements: derivatives, identity, reference values, documentation.
 
+use boresight::camera::{Camera, Model};
+use boresight::coordinates::PixelPoint;
 use boresight::dual::{Dual, Jet, PARTIALS, Real};
-use boresight::effects::{Context, DISPLACEMENTS, Light, Observation, RefractionConstants, Segment, Sensor, StarState, displacement};
+use boresight::effects::{
+    Context, DISPLACEMENTS, Light, Observation, ParameterSpec, RefractionConstants, Segment, Sensor, StarState, displacement,
+};
 
 /// A star and an exposure in which every effect has something to do.
 fn context() -> Context {
@@ -51,43 +55,65 @@ fn incoming(segment: Segment) -> Light<f64> {
     }
 }
 
+/// The light of [`incoming`], and for what acts at the measured pixel also light near an edge of the frame and near its middle at 0.7 of
+/// the usual place of a seam: some effects are confined to such places.
+fn everywhere(segment: Segment) -> Vec<Light<f64>> {
+    let mut all = vec![incoming(segment)];
+    if matches!(segment, Segment::Camera | Segment::Focal) {
+        all.push(Light { point_px: [-341.4, -381.0], pixel_px: [358.6, 2.5], ..incoming(segment) });
+    }
+    all
+}
+
+/// The step of a central difference: a thousandth of the value. Places and lengths in px take at most a thousandth of a pixel, since an
+/// effect may change within one.
+fn step_of(unit: &str, value: f64) -> f64 {
+    let step = 1e-3 * value.abs();
+    if unit == "px" { step.min(1e-3) } else { step }
+}
+
 #[test]
 fn derivatives_agree_with_central_differences() {
     for effect in DISPLACEMENTS {
         let count = effect.parameters().len();
         assert!(count <= PARTIALS, "{}: {count} parameters need more than one pass", effect.id());
-        let before = incoming(effect.segment());
         let at: Vec<f64> = effect
             .parameters()
             .iter()
             .map(|parameter| 0.7 * parameter.typical + if parameter.typical == 0.0 { 0.05 } else { 0.0 })
             .collect();
         let jets: Vec<Jet> = at.iter().enumerate().map(|(index, value)| Dual::variable(*value, index)).collect();
-        let lifted = Light {
-            direction: before.direction.map(Jet::constant),
-            point_px: before.point_px.map(Jet::constant),
-            pixel_px: before.pixel_px.map(Jet::constant),
-            focal_length_px: Jet::constant(before.focal_length_px),
-        };
-        let after = coordinates(&effect.displace_jet(&jets, lifted, &context()));
-        let plain = coordinates(&effect.displace(&at, before, &context()));
         let mut largest = 0.0_f64;
-        for index in 0..count {
-            let step = 1e-3 * at[index].abs();
-            let shifted = |sign: f64| {
-                let mut parameters = at.clone();
-                parameters[index] += sign * step;
-                coordinates(&effect.displace(&parameters, before, &context()))
+        let mut sizes = vec![0.0_f64; count];
+        for before in everywhere(effect.segment()) {
+            let lifted = Light {
+                direction: before.direction.map(Jet::constant),
+                point_px: before.point_px.map(Jet::constant),
+                pixel_px: before.pixel_px.map(Jet::constant),
+                focal_length_px: Jet::constant(before.focal_length_px),
             };
-            let (high, low) = (shifted(1.0), shifted(-1.0));
-            let slopes: Vec<f64> = (0..5).map(|axis| after[axis].partials[index]).collect();
-            let size = slopes.iter().fold(0.0_f64, |most, slope| most.max(slope.abs()));
-            assert!(size > 0.0, "{} does not depend on {}", effect.id(), effect.parameters()[index].name);
-            for axis in 0..5 {
-                let difference = (high[axis] - low[axis]) / (2.0 * step);
-                largest = largest.max((difference - slopes[axis]).abs() / (size + 1e-13 / step));
-                assert_eq!(plain[axis].to_bits(), after[axis].value.to_bits(), "{}: value of the dual body", effect.id());
+            let after = coordinates(&effect.displace_jet(&jets, lifted, &context()));
+            let plain = coordinates(&effect.displace(&at, before, &context()));
+            for index in 0..count {
+                let step = step_of(effect.parameters()[index].unit, at[index]);
+                let shifted = |sign: f64| {
+                    let mut parameters = at.clone();
+                    parameters[index] += sign * step;
+                    coordinates(&effect.displace(&parameters, before, &context()))
+                };
+                let (high, low) = (shifted(1.0), shifted(-1.0));
+                let slopes: Vec<f64> = (0..5).map(|axis| after[axis].partials[index]).collect();
+                let size = slopes.iter().fold(0.0_f64, |most, slope| most.max(slope.abs()));
+                sizes[index] = sizes[index].max(size);
+                for axis in 0..5 {
+                    let difference = (high[axis] - low[axis]) / (2.0 * step);
+                    largest = largest.max((difference - slopes[axis]).abs() / (size + 1e-13 / step));
+                    assert_eq!(plain[axis].to_bits(), after[axis].value.to_bits(), "{}: value of the dual body", effect.id());
+                }
             }
+        }
+        for (parameter, size) in effect.parameters().iter().zip(&sizes) {
+            assert!(*size > 0.0, "{} does not depend on {}", effect.id(), parameter.name);
         }
         assert!(largest < 1e-4, "{}: derivatives differ from central differences by {largest:.1e}", effect.id());
     }
@@ -261,6 +287,94 @@ fn every_id_is_unique_and_has_its_file() {
             ["**What it is.**", "**Equation.**", "**Parameter", "**What it leaves", "**Confused with.**", "**Neglected.**", "**Source.**"]
         {
             assert!(page.contains(part), "the page of {id} lacks {part}");
+        }
+    }
+}
+
+/// Cameras with one Focal effect each in force, besides the reference model's own distortion, at three times its typical size; a place
+/// (`line_px`) has no size and stays where it is.
+fn distorted_cameras() -> Vec<(&'static str, Model)> {
+    let camera = Camera { principal_point_px: [530.0, 370.0], k1: 2e-8, p1: 2e-7, p2: -3e-7, ..Camera::pinhole(1024, 768, 2000.0) };
+    let focal = DISPLACEMENTS.iter().filter(|effect| effect.segment() == Segment::Focal && effect.id() != "brown-conrady");
+    focal
+        .map(|effect| {
+            let strong = |parameter: &ParameterSpec| if parameter.name == "line_px" { parameter.typical } else { 3.0 * parameter.typical };
+            let parameters: Vec<f64> = effect.parameters().iter().map(strong).collect();
+            let mut model = Model::new(camera);
+            model.set(effect.id(), &parameters).expect("a Focal effect is a term");
+            (effect.id(), model)
+        })
+        .collect()
+}
+
+/// Points all over the frame of 1024 × 768 px, along its edges, and across the seam in its middle.
+fn points_of_the_frame() -> Vec<[f64; 2]> {
+    let mut points = Vec::new();
+    for x in [-0.5, 0.3, 6.2, 250.7, 505.0, 511.1, 511.4, 511.6, 512.3, 530.0, 800.9, 1010.0, 1023.0] {
+        points.extend([-0.5, 4.1, 190.6, 370.0, 600.2, 760.8, 767.5].map(|y| [x, y]));
+    }
+    points
+}
+
+#[test]
+fn a_camera_with_any_focal_effect_is_inverted() {
+    let cameras = distorted_cameras();
+    assert!(cameras.len() >= 12, "{} effects", cameras.len());
+    for (id, model) in cameras {
+        let reference = Model::new(*model.camera());
+        let mut moved = 0.0_f64;
+        for [x_px, y_px] in points_of_the_frame() {
+            let point = PixelPoint { x_px, y_px };
+            let direction = model.direction(point, &context()).expect("the pinhole has a direction for every point");
+            moved = moved.max(direction.angle_rad(&reference.direction(point, &context()).expect("as above")));
+            let back = model.pixel(&direction, &context()).unwrap_or_else(|| panic!("{id}: the direction of {point:?} has no image"));
+            let error = (back.x_px - x_px).hypot(back.y_px - y_px);
+            assert!(error < 1e-8, "{id} at {point:?}: {error:e} px");
+        }
+        assert!(moved > 1e-7, "{id} moves nothing in a camera: {moved:e} rad");
+    }
+}
+
+#[test]
+fn derivatives_of_a_camera_with_any_focal_effect_agree_with_central_differences() {
+    for (id, model) in distorted_cameras() {
+        let values = model.values();
+        let parameters = model.parameters();
+        let own: Vec<usize> = (0..values.len()).filter(|index| parameters[*index].effect == id).collect();
+        assert!(!own.is_empty());
+        let at = |values: &[f64], [x_px, y_px]: [f64; 2]| {
+            let mut model = model.clone();
+            model.set_values(values);
+            model.direction(PixelPoint { x_px, y_px }, &context()).expect("the pinhole has a direction for every point").xyz
+        };
+        // [slope, central difference, step] of every component at every point, for every parameter and for the two coordinates.
+        let mut pairs = vec![Vec::new(); own.len() + 2];
+        for pixel in points_of_the_frame().into_iter().filter(|[x, y]| *x > 0.0 && *y > 0.0 && *y < 767.0) {
+            let seen = model.seen(&values, &own, pixel, &context()).expect("the pinhole has a direction for every point");
+            for k in 0..pairs.len() {
+                let step = own.get(k).map_or(1e-3, |index| step_of(parameters[*index].unit, values[*index]));
+                let shifted = |sign: f64| {
+                    let (mut values, mut pixel) = (values.clone(), pixel);
+                    match own.get(k) {
+                        Some(index) => values[*index] += sign * step,
+                        None => pixel[k - own.len()] += sign * step,
+                    }
+                    at(&values, pixel)
+                };
+                let (high, low) = (shifted(1.0), shifted(-1.0));
+                for axis in 0..3 {
+                    let slope = if k < own.len() { seen.by_parameter[k][axis] } else { seen.by_pixel[axis][k - own.len()] };
+                    pairs[k].push([slope, (high[axis] - low[axis]) / (2.0 * step), step]);
+                }
+            }
+        }
+        for (k, pairs) in pairs.into_iter().enumerate() {
+            let name = own.get(k).map_or("the pixel", |index| parameters[*index].name.as_str());
+            let size = pairs.iter().fold(0.0_f64, |most, [slope, _, _]| most.max(slope.abs()));
+            assert!(size > 0.0, "{id}: the direction does not depend on {name}");
+            for [slope, difference, step] in pairs {
+                assert!((difference - slope).abs() < 1e-5 * size + 1e-15 / step, "{id}, {name}: {difference} ≠ {slope}");
+            }
         }
     }
 }

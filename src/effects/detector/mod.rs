@@ -1,5 +1,10 @@
 //! In the detector: from light on a pixel to a count.
 
 pub mod adc;
+pub mod detector_tilt;
+pub mod edge_roll_off;
 pub mod photon_noise;
+pub mod pixel_aspect;
 pub mod read_noise;
+pub mod sensor_step;
+pub mod shear;

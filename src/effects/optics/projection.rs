@@ -1,0 +1,110 @@
+//! # A projection that is not quite the model's
+//!
+//! **What it is.** Wide-angle lenses compress the field on purpose: f·θ, 2f·sin(θ/2) and 2f·tan(θ/2) instead of f·tan θ. Taken for a pinhole
+//! such a camera shows a strong radial distortion that follows the angle θ, which no polynomial in the radius does for long.
+//!
+//! **Equation.** The measured radius is f·(tan θ + t·θ³), with θ = atan(r̄/f) evaluated from the MEASURED point (x̄, ȳ) relative to the
+//! principal point, r̄² = x̄² + ȳ²: Δ = f·t·θ³·(x̄, ȳ)/r̄, and the ideal point is (x̄, ȳ) − Δ.
+//!
+//! **Parameter.** `theta3_norm` (t), a pure number: to third order −1/3 for f·θ, −3/8 for 2f·sin(θ/2), −1/4 for 2f·tan(θ/2), 0 for a
+//! pinhole. −1/3 displaces a star 10° from the axis by −5.2 px with f = 2900 px.
+//!
+//! **What it leaves when left out.** Residuals along the radius, of which k1 leaves no more than the fifth order.
+//!
+//! **Confused with.** k1, and what k1 leaves with higher radial distortion: they are told apart only by stars further than some 30° from the
+//! axis, where θ³ and r³ part.
+//!
+//! **Neglected.** θ⁵ and beyond, 0.06 px at 10° for f·θ with f = 2900 px: a camera that truly has one of the other projections is modelled by
+//! that projection.
+//!
+//! **Source.** J. Kannala, S. Brandt, IEEE Trans. PAMI 28(8), 1335 (2006).
+
+use crate::dual::Real;
+use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+
+/// The third order in the angle from the axis, as a correction at the measured point.
+#[derive(Clone, Copy, Debug)]
+pub struct Projection;
+
+/// atan(t)/t from t². The quotient is smooth in t², but its two parts are not: near the axis, where the root has no derivative, the
+/// series serves, cut where its next term is below the last digit.
+fn angle_over_tangent<T: Real>(square: T) -> T {
+    if square.value() < 1e-3 {
+        (((square / 9.0 - 1.0 / 7.0) * square + 1.0 / 5.0) * square - 1.0 / 3.0) * square + 1.0
+    } else {
+        let tangent = square.sqrt();
+        tangent.atan2(T::constant(1.0)) / tangent
+    }
+}
+
+impl Displacement for Projection {
+    const ID: &'static str = "projection";
+    const SEGMENT: Segment = Segment::Focal;
+    const PARAMETERS: &'static [ParameterSpec] =
+        &[ParameterSpec { name: "theta3_norm", unit: "", typical: -1.0 / 3.0, range: (-1.0, 1.0) }];
+
+    fn displace<T: Real>(parameters: &[T], light: Light<T>, _: &Context) -> Light<T> {
+        let [x, y] = light.point_px;
+        let square = (x * x + y * y) / (light.focal_length_px * light.focal_length_px);
+        let quotient = angle_over_tangent(square);
+        let factor = parameters[0] * square * quotient * quotient * quotient;
+        Light { point_px: [x - factor * x, y - factor * y], ..light }
+    }
+
+    fn missing(_: &Observation) -> Option<&'static str> {
+        None
+    }
+
+    fn identity(_: &Context) -> Option<Vec<f64>> {
+        Some(vec![0.0])
+    }
+
+    fn known(_: &Observation) -> Option<Vec<f64>> {
+        None
+    }
+
+    fn reference_values() -> Vec<ReferenceValue> {
+        // OpenCV's fisheye model puts a direction at f·(θ + k·θ³) from the centre, so the difference between k = 1/3 and k = 0 is the term of
+        // this effect with t = -1/3: opencv-python-headless 5.0.0.93, [410, -330] + fisheye.distortPoints([[[410/600, -330/600]]],
+        // diag(600, 600, 1), [1/3, 0, 0, 0]) - the same with [0, 0, 0, 0]. The second case lies in the range of the series: [15, -8] and
+        // [1/2, 0, 0, 0].
+        let case = |parameter: f64, points: [[f64; 2]; 2], tolerance: f64| {
+            let context = Context::new(StarState::default(), Observation::default());
+            ReferenceValue::of_point("OpenCV, fisheye.distortPoints", context, vec![parameter], 600.0, [512.0; 2], points, tolerance)
+        };
+        vec![
+            case(-1.0 / 3.0, [[410.0, -330.0], [468.168_239_601_944_83, -376.818_339_191_809_3]], 1e-10),
+            case(-0.5, [[15.0, -8.0], [15.006_016_003_560_9, -8.003_208_535_232_48]], 1e-10),
+        ]
+    }
+
+    fn source() -> &'static str {
+        include_str!("projection.rs")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dual::Jet;
+
+    #[test]
+    fn the_series_continues_the_quotient_and_has_derivatives_on_the_axis() {
+        for square in [1e-3_f64 - 1e-12, 1e-3] {
+            let tangent = square.sqrt();
+            assert!((angle_over_tangent(square) - tangent.atan() / tangent).abs() < 1e-15);
+        }
+        let context = Context::new(StarState::default(), Observation::default());
+        let zero = Jet::constant(0.0);
+        let axis = Light {
+            point_px: [Jet::variable(0.0, 0), Jet::variable(0.0, 1)],
+            focal_length_px: Jet::constant(2000.0),
+            ..Light::from([zero, zero, Jet::constant(1.0)])
+        };
+        let [x, y] = Projection::displace(&[Jet::variable(-0.3, 2)], axis, &context).point_px;
+        for (component, slopes) in [(x, [1.0, 0.0, 0.0]), (y, [0.0, 1.0, 0.0])] {
+            assert!(component.value.abs() < 1e-300, "{component:?}");
+            assert!(component.partials.iter().zip(slopes).all(|(got, want)| (got - want).abs() < 1e-300), "{component:?}");
+        }
+    }
+}
