@@ -18,7 +18,7 @@
 //!
 //! **Neglected.** The change of flux; a different strength of each edge; the corners, where the two edges simply add.
 //!
-//! **Source.** A. Bradshaw et al., Journal of Instrumentation 10, C04034 (2015); A. A. Plazas, G. M. Bernstein, E. S. Sheldon, PASP 126, 750
+//! **Source.** A. Bradshaw et al., arXiv:1507.02683 (2015); A. A. Plazas, G. M. Bernstein, E. S. Sheldon, PASP 126, 750
 //! (2014).
 
 use crate::dual::Real;
