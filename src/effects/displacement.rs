@@ -4,8 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::dual::{Jet, Real};
 use crate::effects::detector::{detector_tilt, edge_roll_off, pixel_aspect, sensor_step, shear};
-use crate::effects::motion::rolling_shutter;
+use crate::effects::motion::{boresight_drift, rolling_shutter};
 use crate::effects::optics::{brown_conrady, equidistant, equisolid, kannala_brandt, pinhole, stereographic};
+use crate::effects::optics::{focal_length_drift, pressure_scale, thermal_distortion, thermal_focal_length};
 use crate::effects::optics::{lateral_colour, projection, quadratic_rest, radial_high_order, spiral, thin_prism, wedge_colour};
 use crate::effects::sky::{
     chromatic_refraction, frame_rotation, light_deflection, parallax, proper_motion, refraction, stellar_aberration, time_tag,
@@ -383,6 +384,11 @@ pub static DISPLACEMENTS: &[&dyn AnyDisplacement] = &[
     &shear::Shear,
     &sensor_step::SensorStep,
     &edge_roll_off::EdgeRollOff,
+    &boresight_drift::BoresightDrift,
+    &pressure_scale::PressureScale,
+    &thermal_focal_length::ThermalFocalLength,
+    &thermal_distortion::ThermalDistortion,
+    &focal_length_drift::FocalLengthDrift,
 ];
 
 /// Solves r(θ) = `target` for θ, both of any kind of number, where r grows with θ: what projections and radial distortions without a

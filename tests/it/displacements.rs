@@ -241,6 +241,10 @@ fn what_is_fitted_follows_from_what_is_known() {
     assert_eq!(fitted("refraction", &guessed), (vec![0, 1, 2], None, None));
     let (indices, known, missing) = fitted("refraction", &full);
     assert!(indices == [0] && known.is_some_and(|known| known[1..] == [0.0; 2]) && missing.is_none());
+    let cool = Observation { temperature_offset_k: None, ..full };
+    let timeless = Observation { time_offset_h: None, ..full };
+    assert_eq!((fitted("boresight-drift", &full).0, fitted("boresight-drift", &cool).0), (vec![0, 1], vec![2, 3]));
+    assert_eq!((fitted("focal-length-drift", &full).0, fitted("focal-length-drift", &timeless).0), (vec![0], vec![1]));
     for id in ["chromatic-refraction", "frame-rotation", "time-tag"] {
         assert_eq!(fitted(id, &full), (vec![0], None, None), "{id} has no known size");
     }

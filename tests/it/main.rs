@@ -15,3 +15,4 @@ mod recording;
 mod scene;
 mod summary;
 mod twins;
+mod wide_angle;

@@ -1,3 +1,4 @@
 //! In the motion of the camera.
 
+pub mod boresight_drift;
 pub mod rolling_shutter;
