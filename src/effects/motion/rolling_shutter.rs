@@ -2,12 +2,12 @@
 //!
 //! **What it is.** Rows are exposed one after the other. While the camera turns, each row sees the sky with another attitude.
 //!
-//! **Equation.** A star's direction in camera axes moves as ḋ = −ω × d. A row y is exposed τ = s·t·(y − y_mid) after the middle row, y_mid =
-//! (height − 1)/2; the direction at the time of the middle row is that seen at the measured pixel turned by |ω|·τ about ω.
+//! **Equation.** A star's direction in camera axes moves as ḋ = −ω × d. A row y is exposed τ = s·t·(y − y_mid) after the middle row, y_mid
+//! = (height − 1)/2; the direction at the time of the middle row is that seen at the measured pixel turned by |ω|·τ about ω.
 //!
-//! **Parameter.** `line_time_us`: t, the time from one row to the next, µs, positive as in the manifest. The sign s of the direction of reading
-//! is the manifest's too (`first_row`): +1 if row 0 is read first or nothing is known, −1 if the last row is. A negative t says that
-//! the rows are read the other way round.
+//! **Parameter.** `line_time_us`: t, the time from one row to the next, µs, positive as in the manifest. The sign s of the direction of
+//! reading is the manifest's too (`first_row`): +1 if row 0 is read first or nothing is known, −1 if the last row is. A negative t says
+//! that the rows are read the other way round.
 //!
 //! **What it leaves when left out.** Shear and change of height with the rate across the boresight, a twist with the roll rate: 0.1°/s
 //! over 1024 rows of 12 µs at f = 2900 px is 0.06 px. More than half of it hides in the attitude.
@@ -66,8 +66,9 @@ impl Displacement for RollingShutter {
     }
 
     fn reference_values() -> Vec<ReferenceValue> {
-        // scipy 1.17.1, solve_ivp (rtol 1e-13) of ḋ = −ω × d from the row's time back to that of the middle row, ω = (1, −2, 1.5)°/s, 12 µs,
-        // row 163.5 of 768; and pyerfa 2.0.1.5, rv2m(ω · 12 µs · −220), of a sensor whose last row is read first, ω = (0.01, −0.02, 0.015) rad/s.
+        // scipy 1.17.1, solve_ivp (rtol 1e-13) of ḋ = −ω × d from the row's time back to that of the middle row, ω = (1, −2, 1.5)°/s, 12
+        // µs, row 163.5 of 768; and pyerfa 2.0.1.5, rv2m(ω · 12 µs · −220), of a sensor whose last row is read first, ω = (0.01, −0.02,
+        // 0.015) rad/s.
         let before = [0.107_832_773_203_438_41, -0.215_665_546_406_876_82, 0.970_494_958_830_945_7];
         let top = [0.107_907_303_153_594_73, -0.215_628_284_651_205_76, 0.970_494_954_538_402_8];
         let bottom = [0.107_790_071_848_033_42, -0.215_686_898_141_448_34, 0.970_494_957_421_787];

@@ -1,6 +1,7 @@
 //! # Equidistant projection
 //!
-//! **What it is.** A fisheye whose distances from the centre are proportional to the angle from the boresight (zenithal equidistant, f-theta).
+//! **What it is.** A fisheye whose distances from the centre are proportional to the angle from the boresight (zenithal equidistant,
+//! f-theta).
 //!
 //! **Equation.** r = f·θ, θ = angle from the boresight; (x, y) = (x0, y0) + r·(X, Y)/√(X² + Y²). Directions up to θ < 180° have an image.
 //!
@@ -61,8 +62,8 @@ impl Displacement for Equidistant {
     }
 
     fn reference_values() -> Vec<ReferenceValue> {
-        // astropy 8.0.2: WCS with CTYPE GLON-ARC, GLAT-ARC, CRVAL (0, 0), CDELT (180/(500 π)), wcs_world2pix of the longitude atan2(x, z) and
-        // the latitude asin(y), counted from 0; the last direction lies 99.9° from the boresight.
+        // astropy 8.0.2: WCS with CTYPE GLON-ARC, GLAT-ARC, CRVAL (0, 0), CDELT (180/(500 π)), wcs_world2pix of the longitude atan2(x, z)
+        // and the latitude asin(y), counted from 0; the last direction lies 99.9° from the boresight.
         [
             ([0.107_832_773_203_438_41, -0.215_665_546_406_876_82, 0.970_494_958_830_945_7], [566.452_993_427_608, 271.094_013_144_783_96]),
             (

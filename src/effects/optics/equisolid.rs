@@ -1,8 +1,10 @@
 //! # Equisolid projection
 //!
-//! **What it is.** A fisheye that shows equal solid angles as equal areas (zenithal equal-area, Lambert); the most common law of fisheyes for photography.
+//! **What it is.** A fisheye that shows equal solid angles as equal areas (zenithal equal-area, Lambert); the most common law of fisheyes
+//! for photography.
 //!
-//! **Equation.** r = 2·f·sin(θ/2), θ = angle from the boresight; (x, y) = (x0, y0) + f·(X, Y)·√(2/(1 + Z)). The whole sky lies within r < 2f.
+//! **Equation.** r = 2·f·sin(θ/2), θ = angle from the boresight; (x, y) = (x0, y0) + f·(X, Y)·√(2/(1 + Z)). The whole sky lies within r <
+//! 2f.
 //!
 //! **Parameters.** `x0`, `y0`: the principal point, the pixel that the boresight falls on; `f`: focal length over pixel pitch, the scale at
 //! the centre. All in px.
@@ -61,8 +63,8 @@ impl Displacement for Equisolid {
     }
 
     fn reference_values() -> Vec<ReferenceValue> {
-        // astropy 8.0.2: WCS with CTYPE GLON-ZEA, GLAT-ZEA, CRVAL (0, 0), CDELT (180/(500 π)), wcs_world2pix of the longitude atan2(x, z) and
-        // the latitude asin(y), counted from 0; the last direction lies 99.9° from the boresight.
+        // astropy 8.0.2: WCS with CTYPE GLON-ZEA, GLAT-ZEA, CRVAL (0, 0), CDELT (180/(500 π)), wcs_world2pix of the longitude atan2(x, z)
+        // and the latitude asin(y), counted from 0; the last direction lies 99.9° from the boresight.
         [
             (
                 [0.107_832_773_203_438_41, -0.215_665_546_406_876_82, 0.970_494_958_830_945_7],

@@ -2,14 +2,14 @@
 //!
 //! **What it is.** Mounts creep, glue cures and moisture leaves a structure in vacuum: the scale of the image changes with time.
 //!
-//! **Equation.** f → f·(1 + a·(t − t̄) + b·(n − n̄)); the point before it = measured / (that factor), relative to the principal point. t̄, n̄ = means of time
-//! and frame number over the recording.
+//! **Equation.** f → f·(1 + a·(t − t̄) + b·(n − n̄)); the point before it = measured / (that factor), relative to the principal point. t̄,
+//! n̄ = means of time and frame number over the recording.
 //!
-//! **Parameters.** `relative_per_hour`: a. `relative_per_frame`: b, per frame number. Where the frames' times are known the effect's name stands
-//! for a, elsewhere for b.
+//! **Parameters.** `relative_per_hour`: a. `relative_per_frame`: b, per frame number. Where the frames' times are known the effect's name
+//! stands for a, elsewhere for b.
 //!
-//! **What it leaves when left out.** Residuals along the radius in proportion to it, of one sign in the first frames and the other in the last: 1e-4 is 0.05 px
-//! at 512 px.
+//! **What it leaves when left out.** Residuals along the radius in proportion to it, of one sign in the first frames and the other in the
+//! last: 1e-4 is 0.05 px at 512 px.
 //!
 //! **Confused with.** The thermal focal length where the temperature follows the time; aberration with an unknown velocity.
 //!
@@ -57,8 +57,8 @@ impl Displacement for FocalLengthDrift {
     }
 
     fn reference_values() -> Vec<ReferenceValue> {
-        // opencv-python-headless 5.0.0.93: projectPoints([[0.155, -0.11, 1]], 0, 0, diag(f, f, 1), None), f = 2000 · (1 + 1e-4 · 1.5 − 2e-5 · 3)
-        // for the measured point and 2000 for the one before.
+        // opencv-python-headless 5.0.0.93: projectPoints([[0.155, -0.11, 1]], 0, 0, diag(f, f, 1), None), f = 2000 · (1 + 1e-4 · 1.5 − 2e-5
+        // · 3) for the measured point and 2000 for the one before.
         let observation = Observation { time_offset_h: Some(1.5), order_offset: Some(-3.0), ..Observation::default() };
         let context = Context::new(StarState::default(), observation);
         vec![ReferenceValue::of_point(

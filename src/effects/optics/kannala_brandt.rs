@@ -1,19 +1,19 @@
 //! # Kannala–Brandt projection
 //!
-//! **What it is.** A fisheye as it is built: the equidistant law with four further odd terms, which fit every law of fisheyes and the lens's
-//! departures from it. OpenCV calls it `fisheye`.
+//! **What it is.** A fisheye as it is built: the equidistant law with four further odd terms, which fit every law of fisheyes and the
+//! lens's departures from it. OpenCV calls it `fisheye`.
 //!
 //! **Equation.** r = f·(θ + k1·θ³ + k2·θ⁵ + k3·θ⁷ + k4·θ⁹), θ = angle from the boresight, rad; (x, y) = (x0, y0) + r·(X, Y)/√(X² + Y²).
 //! The inverse is found by Newton's method on r², as a function of θ² smooth at the centre, and ends where r no longer grows.
 //!
-//! **Parameters.** `x0`, `y0`: the principal point, px; `f`: focal length over pixel pitch, the scale at the centre, px; `k1_theta` … `k4_theta`:
-//! the coefficients, pure numbers, those of OpenCV's `fisheye`. The equisolid law is k1 = −1/24, k2 = 1/1920.
+//! **Parameters.** `x0`, `y0`: the principal point, px; `f`: focal length over pixel pitch, the scale at the centre, px; `k1_theta` …
+//! `k4_theta`: the coefficients, pure numbers, those of OpenCV's `fisheye`. The equisolid law is k1 = −1/24, k2 = 1/1920.
 //!
 //! **What it leaves when left out.** As a pinhole, a fisheye misses the stars by a cubic that k1 absorbs in a narrow field: about 1 % of
 //! the distance from the centre at 10°, more than k1 can take from 20° on. Rings, if only the k's are wrong.
 //!
-//! **Confused with.** The k's with one another and with f, the more the smaller the field: below 40° only f and k1 can be told apart. k1_theta
-//! with the distortion k1, which should then be held at zero.
+//! **Confused with.** The k's with one another and with f, the more the smaller the field: below 40° only f and k1 can be told apart.
+//! k1_theta with the distortion k1, which should then be held at zero.
 //!
 //! **Neglected.** Tangential terms: those are p1, p2 of the distortion. The pupil's walk with the angle, which stars cannot show.
 //!
@@ -100,8 +100,8 @@ impl Displacement for KannalaBrandt {
     }
 
     fn reference_values() -> Vec<ReferenceValue> {
-        // opencv-python-headless 5.0.0.93: fisheye.projectPoints of the direction with K = [[500, 0, 512], [0, 500, 380], [0, 0, 1]] and D =
-        // [-0.02, 0.004, -0.003, 0.001]. The last direction lies 99.9° from the boresight, where OpenCV has no image: numpy.
+        // opencv-python-headless 5.0.0.93: fisheye.projectPoints of the direction with K = [[500, 0, 512], [0, 500, 380], [0, 0, 1]] and D
+        // = [-0.02, 0.004, -0.003, 0.001]. The last direction lies 99.9° from the boresight, where OpenCV has no image: numpy.
         [
             (
                 "OpenCV 5.0.0, fisheye.projectPoints",

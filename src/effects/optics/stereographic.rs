@@ -1,8 +1,10 @@
 //! # Stereographic projection
 //!
-//! **What it is.** A wide-angle projection that shows small circles on the sky as circles: it stretches towards the edge and keeps every angle.
+//! **What it is.** A wide-angle projection that shows small circles on the sky as circles: it stretches towards the edge and keeps every
+//! angle.
 //!
-//! **Equation.** r = 2·f·tan(θ/2), θ = angle from the boresight; (x, y) = (x0, y0) + 2·f·(X, Y)/(1 + Z). Only the point straight behind has no image.
+//! **Equation.** r = 2·f·tan(θ/2), θ = angle from the boresight; (x, y) = (x0, y0) + 2·f·(X, Y)/(1 + Z). Only the point straight behind has
+//! no image.
 //!
 //! **Parameters.** `x0`, `y0`: the principal point, the pixel that the boresight falls on; `f`: focal length over pixel pitch, the scale at
 //! the centre. All in px.
@@ -56,8 +58,8 @@ impl Displacement for Stereographic {
     }
 
     fn reference_values() -> Vec<ReferenceValue> {
-        // astropy 8.0.2: WCS with CTYPE GLON-STG, GLAT-STG, CRVAL (0, 0), CDELT (180/(500 π)), wcs_world2pix of the longitude atan2(x, z) and
-        // the latitude asin(y), counted from 0; the last direction lies 99.9° from the boresight.
+        // astropy 8.0.2: WCS with CTYPE GLON-STG, GLAT-STG, CRVAL (0, 0), CDELT (180/(500 π)), wcs_world2pix of the longitude atan2(x, z)
+        // and the latitude asin(y), counted from 0; the last direction lies 99.9° from the boresight.
         [
             (
                 [0.107_832_773_203_438_41, -0.215_665_546_406_876_82, 0.970_494_958_830_945_7],

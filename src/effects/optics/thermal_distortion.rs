@@ -2,13 +2,13 @@
 //!
 //! **What it is.** When the distances between the lenses of an objective change with the temperature, its distortion changes too.
 //!
-//! **Equation.** Δ = κ·(T − T̄)·(r/f)²·(x̄, ȳ) at the measured point; the point before it = measured − Δ. r = distance from the principal point, T̄ =
-//! mean over the recording's frames.
+//! **Equation.** Δ = κ·(T − T̄)·(r/f)²·(x̄, ȳ) at the measured point; the point before it = measured − Δ. r = distance from the principal
+//! point, T̄ = mean over the recording's frames.
 //!
 //! **Parameter.** `k1_norm_per_kelvin`: κ, the change per kelvin of k1 for a radius in units of f (k1 in px⁻² times f²).
 //!
-//! **What it leaves when left out.** Residuals along the radius that grow as its cube, of one sign in warm frames and the other in cold ones: 0.5 to 2 % of the
-//! distortion, 0.004 px/K at the edge.
+//! **What it leaves when left out.** Residuals along the radius that grow as its cube, of one sign in warm frames and the other in cold
+//! ones: 0.5 to 2 % of the distortion, 0.004 px/K at the edge.
 //!
 //! **Confused with.** The thermal focal length (cosine 0.92; stars in the corners tell them apart); a drift of k1 with time.
 //!
@@ -50,8 +50,8 @@ impl Displacement for ThermalDistortion {
     }
 
     fn reference_values() -> Vec<ReferenceValue> {
-        // OpenCV adds the distortion to the ideal point: its point distorted with −κ·ΔT must be the one before. opencv-python-headless 5.0.0.93:
-        // projectPoints([[310/2000, -220/2000, 1]], 0, 0, diag(2000, 2000, 1), [2e-4 · 4, 0, 0, 0]).
+        // OpenCV adds the distortion to the ideal point: its point distorted with −κ·ΔT must be the one before. opencv-python-headless
+        // 5.0.0.93: projectPoints([[310/2000, -220/2000, 1]], 0, 0, diag(2000, 2000, 1), [2e-4 · 4, 0, 0, 0]).
         let observation = Observation { temperature_offset_k: Some(4.0), ..Observation::default() };
         let context = Context::new(StarState::default(), observation);
         vec![ReferenceValue::of_point(

@@ -2,13 +2,13 @@
 //!
 //! **What it is.** Mount and glass expand, and the glass changes its index: the scale of the image follows the temperature.
 //!
-//! **Equation.** f → f·(1 + α·(T − T̄)); the point before it = measured / (1 + α·(T − T̄)), relative to the principal point. T̄ = mean over the
-//! recording's frames.
+//! **Equation.** f → f·(1 + α·(T − T̄)); the point before it = measured / (1 + α·(T − T̄)), relative to the principal point. T̄ = mean over
+//! the recording's frames.
 //!
 //! **Parameter.** `relative_per_kelvin`: α = expansion of the mount minus that of the lens, 1e-6 to 3e-5 per kelvin.
 //!
-//! **What it leaves when left out.** Residuals along the radius in proportion to it, of one sign in warm frames and the other in cold ones: 2e-5/K and 5 K are
-//! 0.05 px at 512 px.
+//! **What it leaves when left out.** Residuals along the radius in proportion to it, of one sign in warm frames and the other in cold ones:
+//! 2e-5/K and 5 K are 0.05 px at 512 px.
 //!
 //! **Confused with.** A drift of the focal length with time where the temperature follows the time; thermal distortion (cosine 0.92);
 //! aberration with an unknown velocity.

@@ -60,8 +60,8 @@ impl Displacement for ChromaticRefraction {
     }
 
     fn reference_values() -> Vec<ReferenceValue> {
-        // The equation has no package of its own: pyerfa 2.0.1.5, rv2m of the axis zenith × star and the angle −0.4″ · 0.3 · tan z for a star
-        // at (95°, 5°) of B − V = 0.9 and a zenith at (50°, 40°).
+        // The equation has no package of its own: pyerfa 2.0.1.5, rv2m of the axis zenith × star and the angle −0.4″ · 0.3 · tan z for a
+        // star at (95°, 5°) of B − V = 0.9 and a zenith at (50°, 40°).
         let star = StarState { colour: Some(0.9), ..StarState::default() };
         let zenith = [0.492_403_876_506_104_07, 0.586_824_088_833_465_2, 0.642_787_609_686_539_3];
         let observation = Observation { zenith: Some(zenith), ..Observation::default() };

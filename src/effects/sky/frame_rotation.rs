@@ -5,8 +5,8 @@
 //!
 //! **Equation.** The direction is turned by ρ about the pole of the ecliptic of J2000, towards growing ecliptic longitude.
 //!
-//! **Parameter.** `rotation_arcsec`: ρ, the ecliptic longitude of a star in the recording's axes minus that in the ICRS. Axes of the equinox
-//! of the year t give 50.3″·(t − 2000).
+//! **Parameter.** `rotation_arcsec`: ρ, the ecliptic longitude of a star in the recording's axes minus that in the ICRS. Axes of the
+//! equinox of the year t give 50.3″·(t − 2000).
 //!
 //! **What it leaves when left out.** Nothing in the stars alone: a rigid rotation of the sky is a rotation of the attitudes. It shows
 //! where attitudes are known from elsewhere or one attitude to the ground holds for all frames.

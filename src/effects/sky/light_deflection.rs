@@ -3,8 +3,8 @@
 //! **What it is.** The Sun's gravity bends light that passes it: every star stands a little further from the Sun than it would without,
 //! 1.75″ at the Sun's edge, 10 mas at 45° from it.
 //!
-//! **Equation.** u′ = u + a·(2GM/c²)/E · (ê − u(u·ê)) / (1 + u·ê), normalised; ê = unit vector from the Sun to the camera,
-//! E = distance in au. The displacement is a·4.07 mas/E·√((1 + cos ψ)/(1 − cos ψ)), ψ = angle between star and Sun. It acts before aberration.
+//! **Equation.** u′ = u + a·(2GM/c²)/E · (ê − u(u·ê)) / (1 + u·ê), normalised; ê = unit vector from the Sun to the camera, E = distance in
+//! au. The displacement is a·4.07 mas/E·√((1 + cos ψ)/(1 − cos ψ)), ψ = angle between star and Sun. It acts before aberration.
 //!
 //! **Parameter.** `amplitude`: 1 = the full effect (general relativity; ½ would be Newton's light).
 //!
@@ -13,8 +13,8 @@
 //!
 //! **Confused with.** Parallax in its direction (both act along the line to the Sun), but it does not depend on the star's distance.
 //!
-//! **Neglected.** Planets (16 mas at Jupiter's edge, 0.6 mas at the Earth's horizon), the Sun's quadrupole. Within 3.4′ of the Sun's middle the
-//! denominator is held, as in SOFA.
+//! **Neglected.** Planets (16 mas at Jupiter's edge, 0.6 mas at the Earth's horizon), the Sun's quadrupole. Within 3.4′ of the Sun's middle
+//! the denominator is held, as in SOFA.
 //!
 //! **Source.** Explanatory Supplement to the Astronomical Almanac, 3rd ed. (2013), section 7.2.4; SOFA routines `ld` and `ldsun`.
 

@@ -15,7 +15,8 @@
 //! **What it leaves when left out.** A displacement towards the zenith that grows downwards. Within a frame the attitude absorbs the
 //! mean; left are a vertical compression (1 + R₄₅·tan² z, 2.8e-4·sec² z in scale) and higher terms.
 //!
-//! **Confused with.** The offsets of the zenith with each other if all frames look one way. Pixel aspect (if the camera is always held upright), focal length; frames at different altitudes separate them.
+//! **Confused with.** The offsets of the zenith with each other if all frames look one way. Pixel aspect (if the camera is always held
+//! upright), focal length; frames at different altitudes separate them.
 //!
 //! **Neglected.** Below 3° altitude the formula is held at its value there. Dispersion with the star's colour; anomalous refraction.
 //!
@@ -124,8 +125,8 @@ impl Displacement for Refraction {
             ReferenceValue::of_direction("pyerfa 2.0.1.5, refco and atioq", context, vec![full, 0.0, 0.0], before, after, 1e-13)
         })
         .collect();
-        // As above about a zenith moved by (0.02, -0.03) in its tangent plane (tpsts): from (50°, 40°) of the ICRS; and from 4.42° E, 52.22° N
-        // of an Earth that is turned by rz(era00) · c2i06a of JD 2458694.366.
+        // As above about a zenith moved by (0.02, -0.03) in its tangent plane (tpsts): from (50°, 40°) of the ICRS; and from 4.42° E,
+        // 52.22° N of an Earth that is turned by rz(era00) · c2i06a of JD 2458694.366.
         let still =
             Observation { zenith: Some([0.492_403_876_506_104_07, 0.586_824_088_833_465_2, 0.642_787_609_686_539_3]), ..observation };
         let turning = Observation {

@@ -12,7 +12,8 @@
 //! **What it leaves when left out.** Common to a whole frame it is absorbed by the attitude; what is left is a change of scale by
 //! (v/c)·cos θ (1e-4, θ = angle between boresight and velocity) and a quadratic field: 12 % of it.
 //!
-//! **Confused with.** The amplitude with the component of w along v. A focal length that changes from frame to frame, as long as pointings lie close together.
+//! **Confused with.** The amplitude with the component of w along v. A focal length that changes from frame to frame, as long as pointings
+//! lie close together.
 //!
 //! **Neglected.** The potential of the Sun (0.4 µas).
 //!
