@@ -250,6 +250,18 @@ fn what_is_fitted_follows_from_what_is_known() {
     }
 }
 
+/// Where nobody says what the air is like, its total refraction can still be fitted.
+#[test]
+fn refraction_without_a_site_is_that_of_standard_air() {
+    let observation = Observation { zenith: Some([0.0, 0.0, 1.0]), zenith_is_guessed: true, ..Observation::default() };
+    let effect = displacement("refraction").unwrap();
+    assert!(effect.missing(&observation).is_none() && effect.known(&observation).is_none());
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    let after = effect.displace(&[57.0, 0.0, 0.0], Light::from([half, 0.0, half]), &Context::new(context().star, observation)).direction;
+    let lift_arcsec = (after[2].atan2(after[0]).to_degrees() - 45.0) * 3600.0;
+    assert!((lift_arcsec / 57.0 - 1.0).abs() < 1e-3, "{lift_arcsec}″");
+}
+
 /// The manifest's line time is positive whichever row is read first, and so is the parameter.
 #[test]
 fn the_line_time_keeps_the_meaning_of_the_manifest() {

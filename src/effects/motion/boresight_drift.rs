@@ -16,8 +16,7 @@
 //!
 //! **Neglected.** Anything but a linear law.
 //!
-//! **Source.** ECSS-E-ST-60-20C (2008), "bias" of a star sensor; Y. Lai et al. (2016) on low-frequency errors in flight. The law is linear
-//! by definition.
+//! **Source.** ECSS-E-ST-60-20C (2008), "bias" of a star sensor; the law is linear by definition.
 
 use crate::dual::Real;
 use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};

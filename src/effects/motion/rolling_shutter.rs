@@ -16,7 +16,7 @@
 //!
 //! **Neglected.** Changes of the rate within a frame. The blur of each row is motion smear, not this.
 //!
-//! **Source.** J. Enright and T. Dzamba, AIAA GNC 2012-5030 (2012); Rodrigues' formula for the turn.
+//! **Source.** J. Enright and T. Dzamba, Rolling Shutter Compensation for Star Trackers, AIAA (2012); Rodrigues' formula for the turn.
 
 use crate::dual::{Real, constant, dot, normalize, rotate};
 use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, Sensor, StarState};

@@ -15,7 +15,7 @@
 //!
 //! **Neglected.** Departures of a real lens from the ideal law: those are the terms of `kannala-brandt`.
 //!
-//! **Source.** M. R. Calabretta and E. W. Greisen, A&A 395, 1077 (2002), section 5.1.8 (ARC).
+//! **Source.** M. R. Calabretta and E. W. Greisen, A&A 395, 1077 (2002), section 5.1 (ARC).
 
 use super::field_angle::{angle_over_sine, sine_over_angle_and_cosine};
 use crate::dual::Real;

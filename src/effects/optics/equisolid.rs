@@ -16,7 +16,7 @@
 //!
 //! **Neglected.** Departures of a real lens from the ideal law: those are the terms of `kannala-brandt`.
 //!
-//! **Source.** M. R. Calabretta and E. W. Greisen, A&A 395, 1077 (2002), section 5.1.10 (ZEA).
+//! **Source.** M. R. Calabretta and E. W. Greisen, A&A 395, 1077 (2002), section 5.1 (ZEA).
 
 use crate::dual::Real;
 use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};

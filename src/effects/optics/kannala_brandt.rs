@@ -17,7 +17,7 @@
 //!
 //! **Neglected.** Tangential terms: those are p1, p2 of the distortion. The pupil's walk with the angle, which stars cannot show.
 //!
-//! **Source.** J. Kannala and S. S. Brandt, IEEE TPAMI 28(8), 1335 (2006), equation 6.
+//! **Source.** J. Kannala and S. S. Brandt, IEEE TPAMI 28(8), 1335 (2006); the same in OpenCV, `fisheye`.
 
 use super::field_angle::{angle_over_sine, sine_over_angle_and_cosine};
 use crate::dual::Real;

@@ -13,7 +13,7 @@
 //!
 //! **Confused with.** Parallax in its direction (both act along the line to the Sun), but it does not depend on the star's distance.
 //!
-//! **Neglected.** Planets (16 mas at Jupiter's edge, 0.6 mas at the Earth's horizon), the Sun's quadrupole. Within 3.4′ of the Sun's middle
+//! **Neglected.** Planets (16 mas at Jupiter's edge, 0.6 mas at the Earth's horizon), the Sun's quadrupole. Within 4.9′ of the Sun's middle
 //! the denominator is held, as in SOFA.
 //!
 //! **Source.** Explanatory Supplement to the Astronomical Almanac, 3rd ed. (2013), section 7.2.4; SOFA routines `ld` and `ldsun`.

@@ -14,7 +14,7 @@
 //!
 //! **Confused with.** The attitude; the longitude of the site, completely.
 //!
-//! **Neglected.** What else changes with time (aberration: 0.02″ in an hour; the zenith, which stays the one that the tag gives).
+//! **Neglected.** What else changes with time (aberration: below 0.1″ in an hour; the zenith, which stays the one that the tag gives).
 //!
 //! **Source.** The Earth rotation angle of IAU 2000 Resolution B1.8; SOFA routine `era00`.
 
