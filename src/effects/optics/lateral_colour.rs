@@ -9,7 +9,7 @@
 //! 1e-4 displaces a star one magnitude redder than the Sun by 0.05 px at 512 px from the axis.
 //!
 //! **What it leaves when left out.** Residuals along the radius in proportion to radius and colour: 0.02 to 0.1 px per magnitude at the edge
-//! for a star tracker, 0.2 to 1 px for a camera from the shop. Hardly any of it is taken up by other parameters (0.98 survives).
+//! for a star tracker, 0.2 to 1 px for a consumer camera. Hardly any of it is taken up by other parameters (0.98 survives).
 //!
 //! **Confused with.** Its own cubic member, c·r³ (cosine 0.92); chromatic refraction a little (0.26). Stars of both extremes of colour at all
 //! radii tell them apart.

@@ -11,7 +11,7 @@
 //! displaces a star by 0.05 px at 512 px from the axis with f = 2900 px.
 //!
 //! **What it leaves when left out.** Rings: residuals along the radius, the same in all frames and all around, that change sign between
-//! the axis and the corner. 0.01 to 0.1 px at the edge are usual for a star tracker, up to 1 px for a camera from the shop. f and k1 take
+//! the axis and the corner. 0.01 to 0.1 px at the edge are usual for a star tracker, up to 1 px for a consumer camera. f and k1 take
 //! up 85 % of k2 and 71 % of k3 in a field of 20°.
 //!
 //! **Confused with.** k2 and k3 with each other (the cosine of what is left of them is 0.988): naming one of the two needs stars in the
