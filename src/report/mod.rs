@@ -4,12 +4,14 @@
 
 mod canvas;
 mod frame_picture;
+mod panels;
 mod plot;
 mod table;
 mod vectors;
 
 pub use canvas::ReportError;
 pub use frame_picture::{Mark, MarkKind, frame_picture};
+pub use panels::{LogPanels, Panel};
 pub use plot::{Plot, Series, SeriesStyle};
 pub use table::table;
 pub use vectors::{Vector, VectorPanel, residual_vectors};
