@@ -8,13 +8,14 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test check format lint doc deny bench catalog runtime
+.PHONY: help demo test check format lint doc deny bench study catalog runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
 	@echo "make test     every test; BORESIGHT_RECORDINGS=DIR adds those on real recordings"
 	@echo "make check    format, lint, test, doc, deny: what a change has to pass"
 	@echo "make bench    benchmarks"
+	@echo "make study    calibrators on wrong identifications and on clean data, against rivals and bounds: outputs/; STUDY=--quick for a minute"
 	@echo "make doc      documentation in target/doc"
 	@echo "make catalog  rebuild catalogs/ from the published packages"
 
@@ -44,6 +45,10 @@ deny:
 
 bench: runtime
 	$(CARGO) bench --locked
+
+study:
+	$(CARGO) run --locked --release --example misidentification -- -o outputs/misidentification $(STUDY)
+	$(CARGO) run --locked --release --example clean_statistics -- -o outputs/clean-statistics $(STUDY)
 
 # star-catalog is a dev-dependency; ruststartracker's table lies in a Python wheel, which is a zip file.
 catalog:
