@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{CalibrateOptions, LeftOutReason};
-use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES};
+use crate::camera::{Camera, Model};
 use crate::coordinates::Attitude;
 use crate::identify::ControlPoints;
 use crate::provenance::Provenance;
@@ -11,11 +11,13 @@ use crate::provenance::Provenance;
 /// The name of the file format.
 pub const FORMAT: &str = "boresight-calibrate/1";
 
-/// How the camera is solved. A joint adjustment of camera and attitudes (bundle) will stand beside these.
+/// How the camera is solved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Method {
+    /// Camera and attitudes jointly, from the positions of single stars; robust.
+    Bundle,
     /// The reference method: pairs of stars, iterated with variable weights.
     VariableWeights,
     /// Pairs of stars, all weights one.
@@ -27,6 +29,7 @@ impl Method {
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
+            Self::Bundle => "bundle",
             Self::VariableWeights => "variable-weights",
             Self::LeastSquares => "least-squares",
         }
@@ -46,7 +49,7 @@ pub enum Status {
 /// A solved parameter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ParameterEstimate {
-    /// Its name.
+    /// Its name: of the reference model, or `effect.parameter`.
     pub name: String,
     /// Its value.
     pub value: f64,
@@ -63,10 +66,79 @@ pub struct ParameterEstimate {
 pub struct Iteration {
     /// Length of the step, px of mapping over the frame.
     pub step_px: f64,
-    /// σ̂0 of the pairs: weighted rms of the cosines' residuals (rad, about), not calibrated as a statistic.
+    /// σ̂0 of the pairs: weighted rms of the cosines' residuals (rad, about), not calibrated as a statistic. Zero for methods on stars.
     pub pair_sigma_rad: f64,
     /// Pairs with a weight other than one in this solution.
     pub pairs_down_weighted: usize,
+    /// Typical standard error of a star image (per axis) as the method took it; zero for methods on pairs.
+    #[serde(default)]
+    pub star_sigma_px: f64,
+    /// Star images with a weight of at most one half; zero for methods on pairs.
+    #[serde(default)]
+    pub stars_down_weighted: usize,
+}
+
+/// A combination of parameters, as well or as badly determined as the star images determine it: one line of the table of singular values.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Combination {
+    /// Standard error of the combination, px of mapping at the star images.
+    pub sigma_px: f64,
+    /// The parameters in it and their shares (signed, squares add to one), the largest first; those below a tenth are left out.
+    pub parameters: Vec<(String, f64)>,
+    /// What it means, where it is determined badly.
+    pub sentence: Option<String>,
+}
+
+/// One set of parameters that was tried.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// What it adds to the set before it.
+    pub added: Vec<String>,
+    /// Change of −2·ln of the likelihood.
+    pub delta_chi2: f64,
+    /// Change of the Bayesian information criterion; negative = supported.
+    pub delta_bic: f64,
+    /// Change of Akaike's information criterion.
+    pub delta_aic: f64,
+    /// 2-D rms of held-out frames with it.
+    pub held_out_rms_px: Option<f64>,
+    /// Whether it was taken.
+    pub taken: bool,
+}
+
+/// Which parameters the data support.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ModelSelection {
+    /// The set that was begun with.
+    pub begun_with: Vec<String>,
+    /// What was tried, in order.
+    pub tried: Vec<Candidate>,
+}
+
+/// What identifying anew has changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Reidentified {
+    /// Rounds.
+    pub rounds: usize,
+    /// Points whose star is another than at first.
+    pub changed: usize,
+    /// Star images that had no star at first.
+    pub added: usize,
+    /// Points whose star was taken away, because none fits.
+    pub removed: usize,
+}
+
+/// What the joint method found of the noise.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NoiseFound {
+    /// Error per axis that all star images have beyond what their measurement states, px.
+    pub floor_px: f64,
+    /// Share of wrong identifications.
+    pub wrong_share: f64,
+    /// Weighted sum of squares over its degrees of freedom: one if the stated errors and the floor are right.
+    pub unit_weight_variance: f64,
+    /// 2-D rms that the errors assumed predict for the star images used.
+    pub predicted_rms_px: f64,
 }
 
 /// What became of one control point.
@@ -80,7 +152,8 @@ pub struct PointResult {
     pub x_px: f64,
     /// Measured row.
     pub y_px: f64,
-    /// Median of the weights of its pairs at the last iteration; ≤ 0.5 = rejected; 0 if it was left out beforehand.
+    /// ≤ 0.5 = rejected; 0 if it was left out beforehand. Of methods on pairs the median of the weights of its pairs at the last
+    /// iteration, of the joint method the probability that the identification is right.
     pub weight: f64,
     /// Measured minus predicted position with the frame's own attitude; absent where the camera has no image of the star, or
     /// the frame's attitude is open, or the point was left out.
@@ -102,6 +175,13 @@ pub struct FrameResult {
     pub stars: usize,
     /// 2-D rms of those used, px.
     pub rms_px: Option<f64>,
+    /// How much larger than elsewhere the variance of this frame's positions is (trailed or unsharp frames); it is weighted by it.
+    #[serde(default = "one")]
+    pub variance_factor: f64,
+}
+
+fn one() -> f64 {
+    1.0
 }
 
 /// Standard error of a frame's attitude, camera held.
@@ -148,6 +228,10 @@ pub struct Calibration {
     pub parameters: Vec<ParameterEstimate>,
     /// The camera; of the un-mirrored image.
     pub camera: Camera,
+    /// The camera with every effect that stands between it and the sky, known and solved. Always of the un-mirrored image; absent in
+    /// files of methods that know the reference model alone.
+    #[serde(default)]
+    pub chain: Option<Model>,
     /// −1 if the images are mirrored (x was replaced by width − 1 − x before everything else), else +1.
     #[serde(default = "not_mirrored")]
     pub parity: i8,
@@ -185,8 +269,26 @@ pub struct Calibration {
     pub predicted_sigma_px: f64,
     /// Degrees of freedom of the residuals.
     pub degrees_of_freedom: usize,
-    /// Covariance of x0, y0, f, k1, p1, p2 in the units of the parameters; zero for parameters that were held.
-    pub covariance: [[f64; PARAMETER_COUNT]; PARAMETER_COUNT],
+    /// Covariance of the parameters solved, in their order and units.
+    pub covariance: Vec<Vec<f64>>,
+    /// The table of singular values, the worst determined combination first.
+    #[serde(default)]
+    pub combinations: Vec<Combination>,
+    /// What is free and what is held, in a sentence: in which sense the parameters are what they are.
+    #[serde(default)]
+    pub gauge: String,
+    /// What was found of the noise; absent for methods on pairs.
+    #[serde(default)]
+    pub noise: Option<NoiseFound>,
+    /// Which parameters the data support; present if they were to be selected.
+    #[serde(default)]
+    pub selection: Option<ModelSelection>,
+    /// Times that the points were identified anew with the improved camera, and how many changed in all.
+    #[serde(default)]
+    pub reidentified: Option<Reidentified>,
+    /// Time the solution took, s.
+    #[serde(default)]
+    pub seconds: f64,
     /// The iterations.
     pub iterations: Vec<Iteration>,
     /// Every frame used.
@@ -226,7 +328,7 @@ impl Calibration {
             }
         }
         // x0 and p1 change their sign.
-        let sign = [-1.0, 1.0, 1.0, 1.0, -1.0, 1.0];
+        let sign: Vec<f64> = self.parameters.iter().map(|p| if matches!(p.name.as_str(), "x0" | "p1") { -1.0 } else { 1.0 }).collect();
         for (k, row) in other.covariance.iter_mut().enumerate() {
             for (l, value) in row.iter_mut().enumerate() {
                 *value *= sign[k] * sign[l];
@@ -249,10 +351,16 @@ impl Calibration {
         if self.parity < 0 { self.camera.width_px as f64 - 1.0 - x_px } else { x_px }
     }
 
+    /// The camera with every effect in force.
+    #[must_use]
+    pub fn full_chain(&self) -> Model {
+        self.chain.clone().unwrap_or_else(|| Model::new(self.camera))
+    }
+
     /// Correlation of two parameters by name; `None` if either was not solved.
     #[must_use]
     pub fn correlation(&self, a: &str, b: &str) -> Option<f64> {
-        let index = |name: &str| PARAMETER_NAMES.iter().position(|known| *known == name);
+        let index = |name: &str| self.parameters.iter().position(|known| known.name == name);
         let (i, j) = (index(a)?, index(b)?);
         let scale = (self.covariance[i][i] * self.covariance[j][j]).sqrt();
         (scale > 0.0).then(|| self.covariance[i][j] / scale)

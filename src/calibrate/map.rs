@@ -1,15 +1,13 @@
 //! The pixel → direction map of a calibration, and the difference of two maps once the best rotation is taken out.
 
-use nalgebra::{Matrix3, SMatrix};
+use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 use super::geometry::frame_grid;
-use super::pairs::Star;
-use super::star_level::fit_attitude;
-use super::{CalibrateError, Calibration};
-use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES, PARAMETER_UNITS};
-use crate::coordinates::PixelPoint;
+use super::{CalibrateError, Calibration, bundle};
+use crate::camera::{Camera, Model};
+use crate::coordinates::{Direction, PixelPoint};
 
 /// Points along each side of the grid on which maps are compared.
 const COMPARISON_GRID: usize = 33;
@@ -38,10 +36,12 @@ pub struct MapPoint {
 /// one; with `side` = 1 the middle of the frame.
 #[must_use]
 pub fn map(calibration: &Calibration, side: usize) -> Map {
-    let camera = &calibration.camera;
+    let (chain, camera) = (calibration.full_chain(), &calibration.camera);
+    let context = chain.reference_context();
     let point = |stored: PixelPoint| {
         let pixel = PixelPoint { x_px: calibration.stored_column_px(stored.x_px), ..stored };
-        MapPoint { x_px: stored.x_px, y_px: stored.y_px, direction: camera.direction(pixel).xyz }
+        let direction = chain.direction(pixel, &context).map_or([f64::NAN; 3], |direction| direction.xyz);
+        MapPoint { x_px: stored.x_px, y_px: stored.y_px, direction }
     };
     Map { format: "boresight-map/1".to_owned(), points: frame_grid(camera, side).into_iter().map(point).collect() }
 }
@@ -64,17 +64,98 @@ pub fn mapping_error_px(true_camera: &Camera, estimated_camera: &Camera) -> Opti
     if (true_camera.width_px, true_camera.height_px) != (estimated_camera.width_px, estimated_camera.height_px) {
         return None;
     }
-    let stars: Vec<Star> = frame_grid(true_camera, COMPARISON_GRID)
+    mapping_error_of_models_px(&Model::new(*true_camera), &Model::new(*estimated_camera))
+}
+
+/// The same for cameras with every effect that stands behind the lens: a star of the reference colour, telemetry at its mean.
+#[must_use]
+pub fn mapping_error_of_models_px(truth: &Model, estimate: &Model) -> Option<MappingError> {
+    map_difference(truth, estimate, COMPARISON_GRID).map(|difference| MappingError::of(&difference))
+}
+
+/// For each pixel of a grid from edge to edge: where the first camera would have put the direction that the second gives it, minus the
+/// pixel, after the best rotation. `None` if the frames differ, or the first camera has no image of a direction.
+#[must_use]
+pub fn map_difference(first: &Model, second: &Model, side: usize) -> Option<Vec<(PixelPoint, [f64; 2])>> {
+    const STEPS: usize = 20;
+    const SMALL_STEP_RAD: f64 = 1e-13;
+    let size = |model: &Model| (model.camera().width_px, model.camera().height_px);
+    if size(first) != size(second) {
+        return None;
+    }
+    let (context, other) = (first.reference_context(), second.reference_context());
+    let values = first.values();
+    let places: Vec<(PixelPoint, Vector3<f64>, Vector3<f64>)> = frame_grid(first.camera(), side)
         .into_iter()
-        .enumerate()
-        .map(|(point, pixel)| Star { point, pixel, direction: estimated_camera.direction(pixel).xyz })
-        .collect();
-    let residuals = fit_attitude(true_camera, &stars, &vec![true; stars.len()])?.residuals_px;
-    let square: Vec<f64> = residuals.iter().map(|r| r.map(|[x, y]| x * x + y * y)).collect::<Option<_>>()?;
-    Some(MappingError {
-        rms_px: (square.iter().sum::<f64>() / square.len() as f64).sqrt(),
-        max_px: square.iter().copied().fold(0.0, f64::max).sqrt(),
-    })
+        .map(|pixel| Some((pixel, first.direction(pixel, &context)?.xyz.into(), second.direction(pixel, &other)?.xyz.into())))
+        .collect::<Option<_>>()?;
+    let mut profile = Matrix3::zeros();
+    for (_, to, from) in &places {
+        profile += to * from.transpose();
+    }
+    let mut rotation = bundle::optimal_rotation(&profile)?;
+    // What is least in pixels is not quite what is least in angle.
+    let mut difference = Vec::new();
+    for _ in 0..STEPS {
+        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+        difference.clear();
+        for (pixel, _, from) in &places {
+            let turned = rotation * from;
+            let image = first.pixel(&Direction::along([turned.x, turned.y, turned.z]), &context)?;
+            let off = nalgebra::Vector2::new(image.x_px - pixel.x_px, image.y_px - pixel.y_px);
+            let seen = first.seen(&values, &[], [image.x_px, image.y_px], &context)?;
+            let by_pixel = nalgebra::SMatrix::<f64, 3, 2>::from_fn(|i, j| seen.by_pixel[i][j]);
+            let inverse = (by_pixel.transpose() * by_pixel).try_inverse()? * by_pixel.transpose();
+            let [x, y, z] = seen.direction;
+            let columns = inverse * Matrix3::new(0.0, z, -y, -z, 0.0, x, y, -x, 0.0);
+            normal += columns.transpose() * columns;
+            right -= columns.transpose() * off;
+            difference.push((*pixel, [off.x, off.y]));
+        }
+        let step = normal.cholesky()?.solve(&right);
+        rotation = nalgebra::UnitQuaternion::from_scaled_axis(step) * rotation;
+        if step.norm() < SMALL_STEP_RAD {
+            break;
+        }
+    }
+    Some(difference)
+}
+
+impl MappingError {
+    fn of(difference: &[(PixelPoint, [f64; 2])]) -> Self {
+        let square = difference.iter().map(|(_, [x, y])| x * x + y * y);
+        Self { rms_px: (square.clone().sum::<f64>() / difference.len().max(1) as f64).sqrt(), max_px: square.fold(0.0, f64::max).sqrt() }
+    }
+}
+
+/// The parameters that a calibration has solved.
+struct Solved<'a> {
+    names: Vec<String>,
+    calibration: &'a Calibration,
+    chain: Model,
+}
+
+impl<'a> Solved<'a> {
+    fn of(calibration: &'a Calibration) -> Self {
+        let names = calibration.parameters.iter().map(|parameter| parameter.name.clone()).collect();
+        Self { names, calibration, chain: calibration.full_chain() }
+    }
+
+    /// Its value: solved, or held.
+    fn value(&self, name: &str) -> f64 {
+        let solved = self.calibration.parameters.iter().find(|parameter| parameter.name == name).map(|parameter| parameter.value);
+        let held = || self.chain.parameters().iter().zip(self.chain.values()).find(|(p, _)| p.name == name).map(|(_, value)| value);
+        solved.or_else(held).unwrap_or(0.0)
+    }
+
+    fn unit(&self, name: &str) -> Option<String> {
+        self.calibration.parameters.iter().find(|parameter| parameter.name == name).map(|parameter| parameter.unit.clone())
+    }
+
+    fn covariance(&self, a: &str, b: &str) -> f64 {
+        let place = |name: &str| self.names.iter().position(|known| known == name);
+        place(a).zip(place(b)).map_or(0.0, |(k, l)| self.calibration.covariance[k][l])
+    }
 }
 
 /// The difference of one parameter.
@@ -124,23 +205,26 @@ pub fn compare(a: &Calibration, b: &Calibration) -> Result<Comparison, Calibrate
     if size(a) != size(b) {
         return Err(CalibrateError::DifferentFrames { first: size(a), second: size(b) });
     }
-    let error = mapping_error_px(&a.camera, &b.camera).ok_or(CalibrateError::NotComparable)?;
-    let sum = SMatrix::<f64, PARAMETER_COUNT, PARAMETER_COUNT>::from_fn(|k, l| a.covariance[k][l] + b.covariance[k][l]);
-    let (from, to) = (a.camera.parameters(), b.camera.parameters());
-    let solved: Vec<usize> = (0..PARAMETER_COUNT).filter(|k| sum[(*k, *k)] > 0.0).collect();
+    let difference = map_difference(&a.full_chain(), &b.full_chain(), COMPARISON_GRID).ok_or(CalibrateError::NotComparable)?;
+    let error = MappingError::of(&difference);
+    let (from, to) = (Solved::of(a), Solved::of(b));
+    let solved: Vec<&String> = from.names.iter().chain(to.names.iter().filter(|name| !from.names.contains(name))).collect();
+    let sum = nalgebra::DMatrix::from_fn(solved.len(), solved.len(), |k, l| {
+        from.covariance(solved[k], solved[l]) + to.covariance(solved[k], solved[l])
+    });
     let parameters = solved
         .iter()
-        .map(|&k| ParameterDifference {
-            name: PARAMETER_NAMES[k].to_owned(),
-            difference: to[k] - from[k],
+        .enumerate()
+        .map(|(k, name)| ParameterDifference {
+            name: (*name).clone(),
+            difference: to.value(name) - from.value(name),
             sigma: sum[(k, k)].sqrt(),
-            unit: PARAMETER_UNITS[k].to_owned(),
+            unit: from.unit(name).or_else(|| to.unit(name)).unwrap_or_default(),
         })
         .collect::<Vec<_>>();
     // In units of the standard errors: the parameters' own units span twelve decades.
-    let correlation = nalgebra::DMatrix::from_fn(solved.len(), solved.len(), |k, l| {
-        sum[(solved[k], solved[l])] / (parameters[k].sigma * parameters[l].sigma)
-    });
+    let correlation =
+        nalgebra::DMatrix::from_fn(solved.len(), solved.len(), |k, l| sum[(k, l)] / (parameters[k].sigma * parameters[l].sigma));
     let pulls = nalgebra::DVector::from_iterator(solved.len(), parameters.iter().map(|p| p.difference / p.sigma));
     let chi_squared = correlation.cholesky().map(|factor| pulls.dot(&factor.solve(&pulls))).filter(|value| value.is_finite());
     let dof = solved.len();
@@ -150,11 +234,8 @@ pub fn compare(a: &Calibration, b: &Calibration) -> Result<Comparison, Calibrate
         Some(fisher.sf(value / dof as f64))
     });
     let mut warnings = Vec::new();
-    for k in (0..PARAMETER_COUNT).filter(|k| (a.covariance[*k][*k] > 0.0) != (b.covariance[*k][*k] > 0.0)) {
-        warnings.push(format!(
-            "{} was solved in one calibration only and held in the other; its value there counts as exact",
-            PARAMETER_NAMES[k]
-        ));
+    for name in solved.iter().filter(|name| from.names.contains(name) != to.names.contains(name)) {
+        warnings.push(format!("{name} was solved in one calibration only and held in the other; its value there counts as exact"));
     }
     if let (Some(chi_squared), true) = (chi_squared, shares_points(a, b)) {
         warnings.push(format!(

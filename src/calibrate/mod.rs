@@ -1,12 +1,13 @@
 //! ControlPoints → Calibration: the camera from star images whose stars are known.
 //!
-//! Two methods on pairs of stars, which need no attitude: the published [`Method::VariableWeights`] and, for comparison,
-//! [`Method::LeastSquares`]. What a solution is worth is found at the level of stars, with one free attitude for each frame:
+//! [`Method::Bundle`] adjusts camera and attitudes jointly, from single stars, and is what one wants. Two methods on pairs of stars need
+//! no attitude: the published [`Method::VariableWeights`] and, for comparison, [`Method::LeastSquares`]. What a solution is worth is found at the level of stars, with one free attitude for each frame:
 //! residuals, held-out residuals and covariance (pairs share stars and give no valid covariance).
 //!
 //! A new method is a file with a function from frames of stars to a camera and weights, and a line in [`Method`];
 //! everything after it (residuals, covariance, held-out frames, the result) is shared.
 
+mod bundle;
 mod calibration;
 mod geometry;
 mod held_out;
@@ -24,13 +25,17 @@ mod variable_weights;
 use serde::{Deserialize, Serialize};
 
 pub use calibration::{
-    AttitudeSigma, Calibration, FORMAT, FrameResult, Iteration, LeftOut, MapSigma, Method, ParameterEstimate, PointResult, Status,
+    AttitudeSigma, Calibration, Candidate, Combination, FORMAT, FrameResult, Iteration, LeftOut, MapSigma, Method, ModelSelection,
+    NoiseFound, ParameterEstimate, PointResult, Reidentified, Status,
 };
-pub use map::{Comparison, Map, MapPoint, MappingError, ParameterDifference, compare, map, mapping_error_px};
+pub use map::{
+    Comparison, Map, MapPoint, MappingError, ParameterDifference, compare, map, map_difference, mapping_error_of_models_px,
+    mapping_error_px,
+};
 pub use residuals::residuals_px;
 pub use select::LeftOutReason;
 
-use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES};
+use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES, Term};
 use crate::identify::ControlPoints;
 use geometry::Scaling;
 use pairs::FrameStars;
@@ -39,6 +44,7 @@ use variable_weights::{Limits, PairSolution};
 /// How to calibrate. The defaults are those of the reference method.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
+#[allow(clippy::struct_excessive_bools, reason = "switches that have nothing to do with each other")]
 pub struct CalibrateOptions {
     /// The method.
     pub method: Method,
@@ -48,8 +54,21 @@ pub struct CalibrateOptions {
     pub epsilon_px: f64,
     /// The most solutions of the normal equations.
     pub max_iterations: usize,
-    /// Names of the parameters to solve; the others keep their ground values.
+    /// Names of the parameters to solve; the others keep their ground values. The methods on pairs solve those of the reference model
+    /// only; the joint method any parameter of any displacement (`effect.parameter`), or an effect by its id.
     pub solve: Vec<String>,
+    /// Let the data say which of f, x0, y0, k1, k2, k3, p1, p2, aspect and quadratic rest they support; joint method only.
+    pub select_model: bool,
+    /// What is known of parameters beforehand; joint method only.
+    pub priors: Vec<ParameterPrior>,
+    /// Effects in force with their parameters, besides those of the sky that the directions contain; joint method only.
+    pub terms: Vec<Term>,
+    /// The projection; joint method only.
+    pub projection: String,
+    /// What the projection has beyond x0, y0 and f.
+    pub projection_parameters: Vec<f64>,
+    /// How the attitudes of the frames hang together; joint method only.
+    pub attitudes: AttitudeModel,
     /// Leave out points whose predicted error makes an equally weighted solution worse.
     pub leave_out_imprecise: bool,
     /// Leave out points whose predicted error (per axis) is above this.
@@ -65,11 +84,17 @@ pub struct CalibrateOptions {
 impl Default for CalibrateOptions {
     fn default() -> Self {
         Self {
-            method: Method::VariableWeights,
+            method: Method::Bundle,
             f_threshold: 10.83,
             epsilon_px: 1e-6,
             max_iterations: 100,
             solve: PARAMETER_NAMES.map(str::to_owned).to_vec(),
+            select_model: false,
+            priors: Vec::new(),
+            terms: Vec::new(),
+            projection: "pinhole".to_owned(),
+            projection_parameters: Vec::new(),
+            attitudes: AttitudeModel::Auto,
             leave_out_imprecise: true,
             max_position_sigma_px: None,
             proper_motion_only: false,
@@ -77,6 +102,29 @@ impl Default for CalibrateOptions {
             physics: Vec::new(),
         }
     }
+}
+
+/// How the attitudes of the frames hang together.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AttitudeModel {
+    /// As the recording says: one attitude to the ground and the Earth's rotation for a fixed mount; three rates beside each attitude where
+    /// the rows are exposed one after the other and nobody says how the camera turned; else one attitude for each frame.
+    #[default]
+    Auto,
+    /// One attitude for each frame, whatever the recording says.
+    Free,
+}
+
+/// What is known of a parameter beforehand.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ParameterPrior {
+    /// The parameter: x0, …, p2, or `effect.parameter`.
+    pub name: String,
+    /// Its value, in its own unit.
+    pub value: f64,
+    /// Standard error of that value.
+    pub sigma: f64,
 }
 
 /// Why there is no calibration.
@@ -130,6 +178,32 @@ pub enum CalibrateError {
         hip: u32,
         /// Which of its values.
         field: &'static str,
+    },
+    /// No parameter of that name.
+    #[error("there is no parameter {given:?} to solve for; did you mean {nearest}? (`boresight effects` lists them all)")]
+    UnknownParameter {
+        /// As given.
+        given: String,
+        /// The nearest name.
+        nearest: String,
+    },
+    /// A parameter that cannot be solved here.
+    #[error("{name} cannot be solved for: {reason}")]
+    NotSolvable {
+        /// The parameter or effect.
+        name: String,
+        /// Why not.
+        reason: String,
+    },
+    /// No start.
+    #[error(
+        "in none of {frames} frames ({images} star images) do three star images agree on an attitude: the identifications are wrong, or the ground values of the camera too far off"
+    )]
+    NoConsensus {
+        /// Star images.
+        images: usize,
+        /// Frames.
+        frames: usize,
     },
     /// The starting camera makes no sense.
     #[error(
@@ -199,14 +273,17 @@ pub enum CalibrateError {
 
 /// Calibrates a camera.
 pub fn calibrate(control_points: &ControlPoints, options: &CalibrateOptions) -> Result<Calibration, CalibrateError> {
-    let free = check(control_points, options)?;
+    check_points(control_points, options)?;
     let nominal = control_points.nominal;
     let selection = select::select(control_points, options);
     let usable: usize = selection.frames.iter().map(|frame| frame.stars.len()).sum();
     if usable == 0 {
         return Err(CalibrateError::TooFewPoints { offered: control_points.points.len(), usable, frames: selection.frames.len() });
     }
-    let scaling = Scaling::of(&nominal, free);
+    if options.method == Method::Bundle {
+        return bundle::calibrate(control_points, options, &selection);
+    }
+    let scaling = Scaling::of(&nominal, free_of_reference_model(options)?);
     let coverage = uncertainty::Coverage::of(&selection.frames, &nominal, &scaling)?.checked()?;
     let solution = solve_pairs(&selection.frames, &nominal, &scaling, options)?;
     summary::summarise(control_points, options, &selection, &scaling, &coverage, &solution)
@@ -227,12 +304,12 @@ fn solve_pairs(
             }
             _ => Err(error),
         }),
-        Method::LeastSquares => least_squares::solve(frames, nominal, scaling, &limits),
+        Method::LeastSquares | Method::Bundle => least_squares::solve(frames, nominal, scaling, &limits),
     }
 }
 
-/// Checks what was given and says which parameters are solved.
-fn check(control_points: &ControlPoints, options: &CalibrateOptions) -> Result<[bool; PARAMETER_COUNT], CalibrateError> {
+/// Checks what was given.
+fn check_points(control_points: &ControlPoints, options: &CalibrateOptions) -> Result<(), CalibrateError> {
     let camera = &control_points.nominal;
     let sizes = [("width_px", camera.width_px as f64), ("height_px", camera.height_px as f64), ("f", camera.focal_length_px)];
     if let Some((name, value)) = sizes.into_iter().find(|(_, value)| !(value.is_finite() && *value > 0.0)) {
@@ -263,6 +340,11 @@ fn check(control_points: &ControlPoints, options: &CalibrateOptions) -> Result<[
     if options.max_iterations == 0 {
         return Err(CalibrateError::BadOption { name: "max_iterations", value: "0".to_owned(), allowed: "1 or more" });
     }
+    Ok(())
+}
+
+/// Which parameters of the reference model are solved.
+fn free_of_reference_model(options: &CalibrateOptions) -> Result<[bool; PARAMETER_COUNT], CalibrateError> {
     let mut free = [false; PARAMETER_COUNT];
     for name in &options.solve {
         let unknown = || CalibrateError::BadOption { name: "solve", value: name.clone(), allowed: "x0, y0, f, k1, p1, p2" };

@@ -18,8 +18,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::CalibrateOptions;
 use super::pairs::{FrameStars, Star};
+use super::{CalibrateOptions, Method};
 use crate::coordinates::PixelPoint;
 use crate::identify::{ControlPoint, ControlPoints};
 
@@ -89,7 +89,8 @@ pub(super) fn select(control_points: &ControlPoints, options: &CalibrateOptions)
             reasons[i] = Some(LeftOutReason::AboveLimit);
         }
     }
-    if options.leave_out_imprecise {
+    // The joint method weighs every point by its own error.
+    if options.leave_out_imprecise && options.method != Method::Bundle {
         let candidates: Vec<usize> = (0..points.len()).filter(|i| reasons[*i].is_none()).collect();
         for i in imprecise(&candidates, &sigma) {
             reasons[i] = Some(LeftOutReason::Imprecise);

@@ -13,13 +13,13 @@ use super::select::{CENTROID_FLOOR_PX, FEWEST_STARS, Selection, predicted_sigma_
 use super::star_level::{FrameFit, ResidualSums, fit_frames};
 use super::uncertainty::{Coverage, covariances, map_sigma_px};
 use super::variable_weights::PairSolution;
-use super::{CalibrateError, CalibrateOptions, held_out};
+use super::{CalibrateError, CalibrateOptions, Method, held_out};
 use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES, PARAMETER_UNITS};
 use crate::identify::ControlPoints;
 use crate::units::ARCSEC_RAD;
 
 /// A star image with at most this weight is rejected.
-const REJECTED_WEIGHT: f64 = 0.5;
+pub(super) const REJECTED_WEIGHT: f64 = 0.5;
 /// With fewer frames a calibration says so.
 const ENOUGH_FRAMES: usize = 10;
 /// Parameters with a correlation above this cannot be told apart well.
@@ -56,7 +56,9 @@ pub(super) fn summarise(
     let variance = sums.square_px2 / dof as f64;
     let covariances = covariances(&pairs, &solution.weights, &used, variance, scaling)
         .ok_or(CalibrateError::Singular { combination: options.solve.join(", ") })?;
-    let covariance = scaling.covariance_in_units(&covariances.pairs);
+    let full = scaling.covariance_in_units(&covariances.pairs);
+    let places: Vec<usize> = (0..PARAMETER_COUNT).filter(|k| scaling.free[*k]).collect();
+    let covariance: Vec<Vec<f64>> = places.iter().map(|k| places.iter().map(|l| full[*k][*l]).collect()).collect();
     let joint = scaling.covariance_in_units(&covariances.joint);
     let map_sigma = map_sigma_px(camera, scaling, &covariances.pairs).map(|mut sigma| {
         sigma.sort_by(f64::total_cmp);
@@ -106,7 +108,7 @@ pub(super) fn summarise(
             .map(|k| ParameterEstimate {
                 name: PARAMETER_NAMES[k].to_owned(),
                 value: camera.parameters()[k],
-                sigma: covariance[k][k].max(0.0).sqrt(),
+                sigma: full[k][k].max(0.0).sqrt(),
                 sigma_joint: joint[k][k].max(0.0).sqrt(),
                 unit: PARAMETER_UNITS[k].to_owned(),
             })
@@ -131,6 +133,13 @@ pub(super) fn summarise(
         predicted_sigma_px: (predicted / used_points().count().max(1) as f64).sqrt(),
         degrees_of_freedom: dof,
         covariance,
+        chain: None,
+        combinations: Vec::new(),
+        gauge: "attitudes are not among the unknowns: angles between stars do not see them".to_owned(),
+        noise: None,
+        selection: None,
+        reidentified: None,
+        seconds: 0.0,
         iterations: solution.iterations.clone(),
         per_frame,
         points,
@@ -138,7 +147,8 @@ pub(super) fn summarise(
         control_points: control_points.clone(),
         provenance: None,
     };
-    warnings.extend(general_warnings(&result, &fits, coverage));
+    let lost = fits.iter().filter(|fit| fit.is_none()).count();
+    warnings.extend(general_warnings(&result, lost, coverage.warning()));
     warnings.extend(degeneracy_warnings(&result));
     Ok(Calibration { warnings, ..result })
 }
@@ -160,7 +170,7 @@ fn star_weights(pair_weights: Vec<Vec<f64>>) -> (Vec<f64>, bool) {
 }
 
 /// The middle value; the mean of the two middle ones of an even number. 1 for a star without pairs.
-fn median(mut values: Vec<f64>) -> f64 {
+pub(super) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     match values.len() {
         0 => 1.0,
@@ -197,7 +207,7 @@ fn point_results(
     results
 }
 
-fn left_out(selection: &Selection) -> Vec<LeftOut> {
+pub(super) fn left_out(selection: &Selection) -> Vec<LeftOut> {
     let mut counts = BTreeMap::new();
     for (_, reason) in &selection.left_out {
         *counts.entry(*reason).or_insert(0) += 1;
@@ -216,6 +226,7 @@ fn frame_result(frame: &FrameStars, fit: Option<&FrameFit>, used: &[bool]) -> Fr
         stars_offered: frame.stars.len(),
         stars: own.len(),
         rms_px: (!own.is_empty()).then(|| (square / own.len() as f64).sqrt()),
+        variance_factor: 1.0,
     }
 }
 
@@ -253,7 +264,7 @@ fn interstar_angle_rms_arcsec(pairs: &Pairs, used: &[Vec<bool>]) -> Option<f64> 
     (count > 0).then(|| (sum / count as f64).sqrt() / ARCSEC_RAD)
 }
 
-fn angle_rad(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+pub(super) fn angle_rad(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     let (a, b) = (Vector3::from(*a), Vector3::from(*b));
     a.cross(&b).norm().atan2(a.dot(&b))
 }
@@ -264,7 +275,7 @@ fn attitude_sigma(fits: &[Option<FrameFit>], sigma_px: f64) -> Option<AttitudeSi
     (!all.is_empty()).then(|| AttitudeSigma { across: typical(0), about: typical(1) })
 }
 
-fn general_warnings(result: &Calibration, fits: &[Option<FrameFit>], coverage: &Coverage) -> Vec<String> {
+pub(super) fn general_warnings(result: &Calibration, lost: usize, coverage: Option<String>) -> Vec<String> {
     let mut warnings = Vec::new();
     if result.status == Status::NotConverged {
         warnings.push(format!(
@@ -284,13 +295,12 @@ fn general_warnings(result: &Calibration, fits: &[Option<FrameFit>], coverage: &
         warnings.push(format!("{} control points were left out: {}", group.points, group.reason.text()));
     }
     let entered = result.rejected.len() + result.points.iter().filter(|p| p.left_out.is_none() && p.weight > REJECTED_WEIGHT).count();
-    if 10 * result.rejected.len() > 3 * entered {
+    if result.method != Method::Bundle && 10 * result.rejected.len() > 3 * entered {
         warnings.push(format!(
             "{} of {entered} star images were rejected: above about a quarter of wrong identifications weights on pairs are known to fail",
             result.rejected.len()
         ));
     }
-    let lost = fits.iter().filter(|fit| fit.is_none()).count();
     if lost > 0 {
         warnings.push(format!("{lost} frames have no attitude: too few of their star images are left; they stand in no rms"));
     }
@@ -314,12 +324,12 @@ fn general_warnings(result: &Calibration, fits: &[Option<FrameFit>], coverage: &
             result.unit_weight_sigma_px / predicted_px
         ));
     }
-    warnings.extend(coverage.warning());
+    warnings.extend(coverage);
     warnings
 }
 
 /// Parameters that the star images do not tell apart.
-fn degeneracy_warnings(result: &Calibration) -> Vec<String> {
+pub(super) fn degeneracy_warnings(result: &Calibration) -> Vec<String> {
     let sigma = |name: &str| result.parameters.iter().find(|p| p.name == name).map_or(0.0, |p| p.sigma);
     let map = result
         .map_sigma_px

@@ -108,7 +108,13 @@ fn solve_from(
         let (step, whitening) = normal_solution(&pairs, &weights, scaling)?;
         let variance = pairs.weighted_square_sum(&weights, &step) / redundancy;
         let down_weighted = weights.iter().filter(|p| **p != 1.0).count();
-        iterations.push(Iteration { step_px: step.norm(), pair_sigma_rad: variance.sqrt(), pairs_down_weighted: down_weighted });
+        iterations.push(Iteration {
+            step_px: step.norm(),
+            pair_sigma_rad: variance.sqrt(),
+            pairs_down_weighted: down_weighted,
+            star_sigma_px: 0.0,
+            stars_down_weighted: 0,
+        });
         let converged = step.norm() <= limits.epsilon_px;
         if converged || k > 0 || moves_at_once {
             camera = checked(scaling.moved(&camera, &step), k + 1)?;

@@ -1,8 +1,10 @@
 //! `boresight calibrate`: solves for the camera.
 
 use anyhow::{Context, Result};
-use boresight::calibrate::{CalibrateError, CalibrateOptions, Calibration, Method, Status, calibrate as calibrate_points};
-use boresight::camera::{PARAMETER_NAMES, Term};
+use boresight::calibrate::{
+    AttitudeModel, CalibrateError, CalibrateOptions, Calibration, Method, ParameterPrior, Status, calibrate as calibrate_points,
+};
+use boresight::camera::Term;
 use boresight::catalog::Catalog;
 use boresight::identify::{
     ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, MisidentificationKind,
@@ -29,7 +31,7 @@ pub(crate) struct CalibrateArgs {
     #[command(flatten)]
     search: SearchArgs,
     /// How to solve
-    #[arg(long, value_enum, default_value_t = MethodChoice::VariableWeights)]
+    #[arg(long, value_enum, default_value_t = MethodChoice::Bundle)]
     method: MethodChoice,
     /// Take the identifications of a star list (`hip`, or `ra_deg` and `dec_deg`) as they are, instead of making our own
     #[arg(long)]
@@ -46,9 +48,19 @@ pub(crate) struct SolveArgs {
     /// F of the variable weights: pairs with T above it are weighted down
     #[arg(long, value_name = "F", default_value_t = 10.83, value_parser = super::identify::positive)]
     pub(crate) threshold: f64,
-    /// The parameters to solve, others keep their ground values: any of x0,y0,f,k1,p1,p2
-    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = PARAMETER_NAMES)]
+    /// The parameters to solve, others keep their ground values: x0,y0,f,k1,p1,p2 (the default), k2, k3, any effect or effect.parameter
+    /// of `boresight effects`, or `auto`: those of the camera that the data support
+    #[arg(long, value_name = "LIST|auto", value_delimiter = ',')]
     pub(crate) solve: Option<Vec<String>>,
+    /// What is known of a parameter beforehand: name=value:sigma, in its own unit; several times for several
+    #[arg(long, value_name = "NAME=VALUE:SIGMA", value_parser = prior)]
+    pub(crate) prior: Vec<ParameterPrior>,
+    /// The projection: pinhole, equidistant, equisolid, stereographic or kannala-brandt
+    #[arg(long, value_name = "ID", default_value = "pinhole")]
+    pub(crate) projection: String,
+    /// `free`: one attitude a frame, even if the recording says that the mount is fixed
+    #[arg(long, value_enum, default_value_t = AttitudeChoice::Auto)]
+    pub(crate) attitudes: AttitudeChoice,
     /// At most this many iterations
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) max_iterations: u16,
@@ -72,6 +84,8 @@ pub(crate) struct SolveArgs {
 /// The methods.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum MethodChoice {
+    /// Camera and attitudes jointly, from single stars; robust
+    Bundle,
     /// The reference method: pairs of stars, iterated with variable weights
     VariableWeights,
     /// Pairs of stars, all weights one: for comparison
@@ -91,9 +105,29 @@ pub(crate) fn share(text: &str) -> std::result::Result<f64, String> {
     text.parse::<f64>().ok().filter(|value| (0.0..=0.9).contains(value)).ok_or_else(|| "give a share from 0 to 0.9".into())
 }
 
+/// How the attitudes hang together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum AttitudeChoice {
+    /// As the recording says: free, or fixed to the turning Earth
+    Auto,
+    /// One for each frame
+    Free,
+}
+
+/// A prior as written on the command line.
+fn prior(text: &str) -> std::result::Result<ParameterPrior, String> {
+    let parts = text.split_once('=').and_then(|(name, rest)| Some((name, rest.split_once(':')?)));
+    let parsed = parts.and_then(|(name, (value, sigma))| {
+        let (value, sigma) = (value.trim().parse().ok()?, sigma.trim().parse().ok()?);
+        Some(ParameterPrior { name: name.trim().to_owned(), value, sigma })
+    });
+    parsed.filter(|prior| prior.sigma > 0.0).ok_or_else(|| "write name=value:sigma, for example f=5115:10".into())
+}
+
 impl From<MethodChoice> for Method {
     fn from(choice: MethodChoice) -> Self {
         match choice {
+            MethodChoice::Bundle => Self::Bundle,
             MethodChoice::VariableWeights => Self::VariableWeights,
             MethodChoice::LeastSquares => Self::LeastSquares,
         }
@@ -113,16 +147,32 @@ impl SolveArgs {
     /// The options of the solver.
     pub(crate) fn options(&self, physics: &[&str], time_is_known: bool) -> CalibrateOptions {
         let defaults = CalibrateOptions::default();
+        let select_model = self.solve.as_ref().is_some_and(|names| names.iter().any(|name| name == "auto"));
+        let mut solve = self.solve.clone().unwrap_or(defaults.solve.clone());
+        solve.retain(|name| name != "auto");
         CalibrateOptions {
+            select_model,
+            priors: self.prior.clone(),
+            projection: self.projection.clone(),
+            projection_parameters: projection_start(&self.projection),
+            attitudes: match self.attitudes {
+                AttitudeChoice::Auto => AttitudeModel::Auto,
+                AttitudeChoice::Free => AttitudeModel::Free,
+            },
             f_threshold: self.threshold,
             max_iterations: usize::from(self.max_iterations),
-            solve: self.solve.clone().unwrap_or(defaults.solve.clone()),
+            solve,
             leave_out_imprecise: !self.all_stars,
             proper_motion_only: time_is_known && !self.all_stars,
             physics: physics.iter().map(|id| (*id).to_owned()).collect(),
             ..defaults
         }
     }
+}
+
+/// Where the parameters of a projection begin that it has beyond x0, y0 and f: zero, as without them.
+fn projection_start(id: &str) -> Vec<f64> {
+    boresight::effects::displacement(id).map_or_else(Vec::new, |effect| vec![0.0; effect.parameters().len().saturating_sub(3)])
 }
 
 /// Control points with what was done to them on purpose.

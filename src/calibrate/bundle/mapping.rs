@@ -1,0 +1,109 @@
+//! What the shared parameters do to the map over the frame: its uncertainty, and how much of it the star images see.
+
+use nalgebra::{DMatrix, Matrix2x3, Matrix3, SMatrix, Vector3};
+
+use super::normal::{FrameSums, Reduced};
+use super::problem::{Attitudes, Problem, State};
+use crate::calibrate::geometry::{GRID, frame_grid};
+use crate::camera::Model;
+use crate::coordinates::PixelPoint;
+
+/// The map's columns at one pixel.
+pub(in crate::calibrate) struct MapColumns {
+    /// The pixel.
+    pub(in crate::calibrate) pixel: PixelPoint,
+    /// d(pixel)/d(parameter) by axis with the best rotation over the frame taken out, px per unit of the parameter.
+    pub(in crate::calibrate) columns: [Vec<f64>; 2],
+}
+
+/// How the map over the frame answers to these parameters (a star of the reference colour, telemetry at its mean), once the best rotation
+/// is taken out. `None` where the model has no usable map.
+pub(in crate::calibrate) fn rotation_free_map(model: &Model, values: &[f64], free: &[usize], side: usize) -> Option<Vec<MapColumns>> {
+    let context = model.reference_context();
+    let mut places = Vec::new();
+    let mut normal = Matrix3::zeros();
+    let mut cross = vec![Vector3::zeros(); free.len()];
+    for pixel in frame_grid(model.camera(), side) {
+        let seen = model.seen(values, free, [pixel.x_px, pixel.y_px], &context)?;
+        let by_pixel = SMatrix::<f64, 3, 2>::from_fn(|i, j| seen.by_pixel[i][j]);
+        let inverse = (by_pixel.transpose() * by_pixel).try_inverse()? * by_pixel.transpose();
+        let [x, y, z] = seen.direction;
+        let rotation: Matrix2x3<f64> = inverse * Matrix3::new(0.0, z, -y, -z, 0.0, x, y, -x, 0.0);
+        normal += rotation.transpose() * rotation;
+        let columns: Vec<_> = seen.by_parameter.iter().map(|change| -(inverse * Vector3::from(*change))).collect();
+        for (sum, column) in cross.iter_mut().zip(&columns) {
+            *sum += rotation.transpose() * column;
+        }
+        places.push((pixel, columns, rotation));
+    }
+    let factor = normal.cholesky()?;
+    let gains: Vec<Vector3<f64>> = cross.iter().map(|sum| factor.solve(sum)).collect();
+    let free_of_rotation = |(pixel, columns, rotation): (PixelPoint, Vec<nalgebra::Vector2<f64>>, Matrix2x3<f64>)| {
+        let left: Vec<_> = columns.iter().zip(&gains).map(|(column, gain)| column - rotation * gain).collect();
+        MapColumns { pixel, columns: [left.iter().map(|c| c.x).collect(), left.iter().map(|c| c.y).collect()] }
+    };
+    Some(places.into_iter().map(free_of_rotation).collect())
+}
+
+/// Standard error (2-D, px) of the map at each pixel of a grid, from the covariance of the parameters in their own units.
+pub(in crate::calibrate) fn map_sigma_px(
+    model: &Model,
+    values: &[f64],
+    free: &[usize],
+    covariance: &DMatrix<f64>,
+    side: usize,
+) -> Option<Vec<(PixelPoint, f64)>> {
+    let of = |place: MapColumns| {
+        let variance: f64 = place
+            .columns
+            .iter()
+            .map(|column| {
+                let column = nalgebra::DVector::from_column_slice(column);
+                column.dot(&(covariance * &column))
+            })
+            .sum();
+        (place.pixel, variance.max(0.0).sqrt())
+    };
+    Some(rotation_free_map(model, values, free, side)?.into_iter().map(of).collect())
+}
+
+/// Of a change of the map by 1 px (rms over the frame, rotation out), how much the star images with weight see at least, attitudes
+/// free; and the combination of parameters that makes this least visible change. `None` if the model has no usable map.
+pub(in crate::calibrate) fn coverage(problem: &Problem, state: &State, weights: &[Vec<f64>], scale: &[f64]) -> Option<(f64, Vec<f64>)> {
+    const NO_EFFECT: f64 = 1e-10;
+    let n = problem.free.len();
+    let local = if problem.attitudes == Attitudes::FixedToEarth { 0 } else { 3 };
+    let mut seen = Reduced::zero(n);
+    let mut images = 0_usize;
+    for (exposure, weights) in weights.iter().enumerate() {
+        let mut sums = FrameSums::new(n, local);
+        problem.linearise(state, exposure, |index, row| {
+            if weights[index] > 0.5 {
+                images += 1;
+                for axis in 0..2 {
+                    let columns: Vec<f64> = (0..n).map(|k| row.by_parameter[axis][k] / scale[k]).collect();
+                    sums.add(&columns, &row.by_rotation[axis][..local], row.residual[axis]);
+                }
+            }
+        });
+        sums.eliminate(0.0, &mut seen);
+    }
+    let map = rotation_free_map(&problem.model, &state.values, &problem.free, GRID)?;
+    let mut gram = DMatrix::<f64>::zeros(n, n);
+    for column in map.iter().flat_map(|place| &place.columns) {
+        let scaled = nalgebra::DVector::from_fn(n, |k, _| column[k] / scale[k]);
+        gram += &scaled * scaled.transpose() / map.len() as f64;
+    }
+    let eigen = gram.symmetric_eigen();
+    let smallest = NO_EFFECT * eigen.eigenvalues.max();
+    let kept: Vec<usize> = (0..n).filter(|k| eigen.eigenvalues[*k] > smallest).collect();
+    if kept.is_empty() {
+        return Some((1.0, vec![0.0; n]));
+    }
+    let basis =
+        DMatrix::from_fn(n, kept.len(), |row, column| eigen.eigenvectors[(row, kept[column])] / eigen.eigenvalues[kept[column]].sqrt());
+    let reduced = (basis.transpose() * (seen.matrix / images.max(1) as f64) * &basis).symmetric_eigen();
+    let (weakest, value) = reduced.eigenvalues.argmin();
+    let direction = &basis * reduced.eigenvectors.column(weakest);
+    Some((value.max(0.0).sqrt(), direction.iter().copied().collect()))
+}

@@ -1,0 +1,292 @@
+//! What the joint adjustment is about: star images, the parameters asked for, attitudes, and one linearisation of all of it.
+//!
+//! A star image with measured pixel x is seen in the direction d(x, θ) of the camera's axes; its star's light arrives from R·v(θ). With
+//! J = ∂d/∂x the residual, measured minus predicted, is to first order in its own size
+//!
+//! ```text
+//! r = −J⁺·(R·v − d),   ∂r/∂θ = J⁺·(∂d/∂θ − R·∂v/∂θ),   ∂r/∂φ = −J⁺·[φ × R·v]   (R ← exp(φ)·R)
+//! ```
+//! so no distortion has to be inverted. The neglected part is r²/f, a thousandth of a residual of a few pixels.
+
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+
+use crate::camera::{Model, PARAMETER_COUNT, direction_from_pixel};
+use crate::coordinates::PixelPoint;
+use crate::dual::{Jet, Real};
+use crate::effects::{Context, Observation, StarState};
+use crate::identify::{ControlPoints, KnownAttitude};
+
+/// The most parameters that one adjustment solves, attitudes not counted.
+pub(in crate::calibrate) const MOST_PARAMETERS: usize = 40;
+/// Parameters of a frame: its attitude, and its rates where the rows are exposed one after the other.
+pub(in crate::calibrate) const MOST_LOCAL: usize = 6;
+
+/// A star image.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::calibrate) struct Image {
+    /// Index of its control point.
+    pub(in crate::calibrate) point: usize,
+    /// Measured position.
+    pub(in crate::calibrate) pixel: [f64; 2],
+    /// Where its star's light comes from; used where no effect of the sky is solved.
+    pub(in crate::calibrate) apparent: [f64; 3],
+    /// The star.
+    pub(in crate::calibrate) star: StarState,
+    /// Covariance of the measured position, xx, xy, yy, px².
+    pub(in crate::calibrate) covariance_px2: [f64; 3],
+    /// Standard error of the star's place, rad per axis.
+    pub(in crate::calibrate) catalog_sigma_rad: f64,
+}
+
+/// The images of one exposure.
+#[derive(Clone, Debug)]
+pub(in crate::calibrate) struct Exposure {
+    /// Index of the frame in its recording.
+    pub(in crate::calibrate) frame: usize,
+    /// What is known of it.
+    pub(in crate::calibrate) observation: Observation,
+    /// An attitude from elsewhere.
+    pub(in crate::calibrate) known_attitude: Option<KnownAttitude>,
+    /// Its star images.
+    pub(in crate::calibrate) images: Vec<Image>,
+}
+
+/// A parameter's value as known beforehand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::calibrate) struct Prior {
+    /// Index among the free parameters.
+    pub(in crate::calibrate) free: usize,
+    /// Value.
+    pub(in crate::calibrate) value: f64,
+    /// Its standard error.
+    pub(in crate::calibrate) sigma: f64,
+}
+
+/// How the attitudes of the frames hang together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::calibrate) enum Attitudes {
+    /// One for each frame.
+    Free,
+    /// One for each frame, and three rates: the rows are exposed one after the other, and nobody says how the camera turned.
+    FreeWithRates,
+    /// One to the ground; the Earth turns.
+    FixedToEarth,
+}
+
+/// What is adjusted.
+#[derive(Clone, Debug)]
+pub(in crate::calibrate) struct Problem {
+    /// The model with its starting values.
+    pub(in crate::calibrate) model: Model,
+    /// Indices of the parameters solved, into the model's.
+    pub(in crate::calibrate) free: Vec<usize>,
+    /// Values known beforehand.
+    pub(in crate::calibrate) priors: Vec<Prior>,
+    /// The star images, by frame.
+    pub(in crate::calibrate) exposures: Vec<Exposure>,
+    /// The attitudes.
+    pub(in crate::calibrate) attitudes: Attitudes,
+    /// Whether effects of the sky are among the free parameters.
+    pub(in crate::calibrate) solves_sky: bool,
+}
+
+/// Where the adjustment stands.
+#[derive(Clone, Debug)]
+pub(in crate::calibrate) struct State {
+    /// All parameters of the model.
+    pub(in crate::calibrate) values: Vec<f64>,
+    /// One for each exposure, camera from ICRS (apparent places); `None` where the frame found no attitude and does not take part.
+    pub(in crate::calibrate) attitudes: Vec<Option<UnitQuaternion<f64>>>,
+    /// Rates, rad/s; zero unless they are solved.
+    pub(in crate::calibrate) rates: Vec<[f64; 3]>,
+    /// Camera from the Earth's axes, where the mount is fixed.
+    pub(in crate::calibrate) mount: UnitQuaternion<f64>,
+}
+
+/// One star image, linearised: residual and its columns.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::calibrate) struct Row {
+    /// Measured minus predicted, px.
+    pub(in crate::calibrate) residual: [f64; 2],
+    /// ∂r/∂θ by axis, in the order of the free parameters.
+    pub(in crate::calibrate) by_parameter: [[f64; MOST_PARAMETERS]; 2],
+    /// ∂r/∂φ by axis, px/rad.
+    pub(in crate::calibrate) by_rotation: [[f64; 3]; 2],
+}
+
+impl Problem {
+    /// The images of the points that take part, by frame; `chosen` gives for each frame the points' indices.
+    pub(in crate::calibrate) fn exposures<'a>(
+        points: &ControlPoints,
+        chosen: impl IntoIterator<Item = (usize, &'a [usize])>,
+    ) -> Vec<Exposure> {
+        let image = |index: &usize| {
+            let point = &points.points[*index];
+            Image {
+                point: *index,
+                pixel: [point.x_px, point.y_px],
+                apparent: point.direction.xyz,
+                star: point.star,
+                covariance_px2: point.covariance_px2,
+                catalog_sigma_rad: point.catalog_sigma_rad,
+            }
+        };
+        let exposure = |(frame, indices): (usize, &[usize])| Exposure {
+            frame,
+            observation: points.observation(frame),
+            known_attitude: points.frames.get(frame).and_then(|frame| frame.known_attitude),
+            images: indices.iter().map(image).collect(),
+        };
+        chosen.into_iter().map(exposure).collect()
+    }
+
+    /// Star images in all.
+    pub(in crate::calibrate) fn image_count(&self) -> usize {
+        self.exposures.iter().map(|exposure| exposure.images.len()).sum()
+    }
+
+    /// How many parameters of its own each frame has.
+    pub(in crate::calibrate) fn local_count(&self) -> usize {
+        match self.attitudes {
+            Attitudes::Free => 3,
+            Attitudes::FreeWithRates => 6,
+            Attitudes::FixedToEarth => 0,
+        }
+    }
+
+    /// How many parameters all frames share: those of the model, and the mount's attitude.
+    pub(in crate::calibrate) fn shared_count(&self) -> usize {
+        self.free.len() + if self.attitudes == Attitudes::FixedToEarth { 3 } else { 0 }
+    }
+
+    /// The attitude of an exposure.
+    pub(in crate::calibrate) fn attitude(&self, state: &State, exposure: usize) -> Option<UnitQuaternion<f64>> {
+        match self.attitudes {
+            Attitudes::FixedToEarth => Some(state.mount * earth_from_icrs(&self.exposures[exposure].observation)?),
+            Attitudes::Free | Attitudes::FreeWithRates => state.attitudes[exposure],
+        }
+    }
+
+    /// Time of an image's row after that of the middle row, s.
+    pub(in crate::calibrate) fn row_time_s(observation: &Observation, y_px: f64) -> f64 {
+        observation.sensor.map_or(0.0, |sensor| sensor.line_time_s.unwrap_or(0.0) * (y_px - sensor.middle_px()[1]))
+    }
+
+    /// Calls `each` with every image of an exposure (index) and its linearisation. Images whose pixel has no direction are left out.
+    pub(in crate::calibrate) fn linearise(&self, state: &State, exposure: usize, each: impl FnMut(usize, &Row)) {
+        if let Some(attitude) = self.attitude(state, exposure) {
+            self.linearise_at(&state.values, attitude, state.rates[exposure], exposure, each);
+        }
+    }
+
+    /// The same with these parameters, this attitude and these rates.
+    pub(in crate::calibrate) fn linearise_at(
+        &self,
+        values: &[f64],
+        attitude: UnitQuaternion<f64>,
+        rates: [f64; 3],
+        exposure: usize,
+        mut each: impl FnMut(usize, &Row),
+    ) {
+        let rotation = attitude.to_rotation_matrix();
+        let of = &self.exposures[exposure];
+        let plain = self.model.is_reference_behind_the_lens();
+        let fast = (plain && !self.solves_sky && self.free.iter().all(|index| *index < PARAMETER_COUNT)).then(|| {
+            let jets: [Jet; PARAMETER_COUNT] = std::array::from_fn(|k| Jet::variable(values[k], k));
+            jets
+        });
+        let mut row = Row { residual: [0.0; 2], by_parameter: [[0.0; MOST_PARAMETERS]; 2], by_rotation: [[0.0; 3]; 2] };
+        for (index, image) in of.images.iter().enumerate() {
+            let done = match &fast {
+                Some(jets) => self.row_of_reference(jets, &rotation, image, &mut row),
+                None => self.row_of_model(values, &rotation, of, image, &mut row),
+            };
+            if done.is_none() {
+                continue;
+            }
+            if self.attitudes == Attitudes::FreeWithRates {
+                // Seen a time t after the middle row, the star stands where the rotation −ω·t takes it.
+                let time_s = Self::row_time_s(&of.observation, image.pixel[1]);
+                for (residual, columns) in row.residual.iter_mut().zip(&row.by_rotation) {
+                    *residual -= (0..3).map(|axis| columns[axis] * rates[axis] * time_s).sum::<f64>();
+                }
+            }
+            each(index, &row);
+        }
+    }
+
+    fn row_of_reference(&self, jets: &[Jet; PARAMETER_COUNT], rotation: &Rotation3<f64>, image: &Image, row: &mut Row) -> Option<()> {
+        let pixel =
+            PixelPoint { x_px: Jet::variable(image.pixel[0], PARAMETER_COUNT), y_px: Jet::variable(image.pixel[1], PARAMETER_COUNT + 1) };
+        let seen = direction_from_pixel(jets, pixel).xyz;
+        let by_pixel = seen.map(|jet| [jet.partials[PARAMETER_COUNT], jet.partials[PARAMETER_COUNT + 1]]);
+        let arrives = rotation * Vector3::from(image.apparent);
+        let inverse = Inverse::of(seen.map(Real::value), by_pixel, arrives, row)?;
+        for (k, index) in self.free.iter().enumerate() {
+            let [x, y] = inverse.pixels(seen.map(|jet| jet.partials[*index]));
+            row.by_parameter[0][k] = x;
+            row.by_parameter[1][k] = y;
+        }
+        Some(())
+    }
+
+    fn row_of_model(&self, values: &[f64], rotation: &Rotation3<f64>, of: &Exposure, image: &Image, row: &mut Row) -> Option<()> {
+        let context = Context::new(image.star, of.observation);
+        let seen = self.model.seen(values, &self.free, image.pixel, &context)?;
+        let (apparent, sky) =
+            if self.solves_sky { self.model.apparent_columns(values, &self.free, &context) } else { (image.apparent, Vec::new()) };
+        let arrives = rotation * Vector3::from(apparent);
+        let inverse = Inverse::of(seen.direction, seen.by_pixel, arrives, row)?;
+        for k in 0..self.free.len() {
+            let mut change = seen.by_parameter[k];
+            if let Some(sky) = sky.get(k).filter(|sky| **sky != [0.0; 3]) {
+                let turned = rotation * Vector3::from(*sky);
+                for axis in 0..3 {
+                    change[axis] -= turned[axis];
+                }
+            }
+            let [x, y] = inverse.pixels(change);
+            row.by_parameter[0][k] = x;
+            row.by_parameter[1][k] = y;
+        }
+        Some(())
+    }
+}
+
+/// J⁺, the change of the pixel that goes with a change of the direction.
+struct Inverse([[f64; 3]; 2]);
+
+impl Inverse {
+    /// From J; fills in the residual and its columns by rotation.
+    fn of(direction: [f64; 3], by_pixel: [[f64; 2]; 3], arrives: Vector3<f64>, row: &mut Row) -> Option<Self> {
+        let product =
+            |i: usize, j: usize| by_pixel[0][i] * by_pixel[0][j] + by_pixel[1][i] * by_pixel[1][j] + by_pixel[2][i] * by_pixel[2][j];
+        let (uu, uv, vv) = (product(0, 0), product(0, 1), product(1, 1));
+        let determinant = uu * vv - uv * uv;
+        if determinant.is_nan() || determinant <= 0.0 {
+            return None;
+        }
+        let inverse = Self([
+            std::array::from_fn(|axis| (vv * by_pixel[axis][0] - uv * by_pixel[axis][1]) / determinant),
+            std::array::from_fn(|axis| (uu * by_pixel[axis][1] - uv * by_pixel[axis][0]) / determinant),
+        ]);
+        let [x, y, z] = [arrives.x, arrives.y, arrives.z];
+        row.residual = inverse.pixels([direction[0] - x, direction[1] - y, direction[2] - z]);
+        for (columns, j) in row.by_rotation.iter_mut().zip(&inverse.0) {
+            // φ × a for the unit rotations about the three axes.
+            *columns = [-(j[2] * y - j[1] * z), -(j[0] * z - j[2] * x), -(j[1] * x - j[0] * y)];
+        }
+        row.residual.iter().all(|r| r.is_finite()).then_some(inverse)
+    }
+
+    fn pixels(&self, change: [f64; 3]) -> [f64; 2] {
+        self.0.map(|j| j[0] * change[0] + j[1] * change[1] + j[2] * change[2])
+    }
+}
+
+/// The rotation from ICRS axes to the Earth's.
+pub(in crate::calibrate) fn earth_from_icrs(observation: &Observation) -> Option<UnitQuaternion<f64>> {
+    let rows = observation.earth_from_icrs?;
+    let matrix = Matrix3::from_fn(|row, column| rows[row][column]);
+    Some(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix)))
+}

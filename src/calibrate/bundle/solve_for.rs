@@ -1,0 +1,112 @@
+//! Which parameters to solve: from names, as they stand on the command line and in files, to places in the model.
+
+use crate::calibrate::CalibrateError;
+use crate::camera::{Model, PARAMETER_NAMES};
+use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Segment, displacement};
+
+/// Short names that the field uses, and what they stand for.
+const ALIASES: &[(&str, &str)] = &[
+    ("k2", "radial-high-order.k2_norm"),
+    ("k3", "radial-high-order.k3_norm"),
+    ("aspect", "pixel-aspect.epsilon"),
+    ("velocity", "stellar-aberration"),
+];
+/// The distortion of the reference model: its parameters are k1, p1, p2.
+const REFERENCE_DISTORTION: &str = "brown-conrady";
+
+/// Puts the effects that the names ask for into the model, and gives the indices of the parameters to solve, in the model's order.
+///
+/// A name is a parameter of the reference model, an effect (those of its parameters that it says), `effect.parameter`, or a parameter's
+/// own name if no other effect has one of that name. Effects begin switched off; `first` is a star and an exposure to say what that means.
+pub(in crate::calibrate) fn solve_for(
+    model: &mut Model,
+    names: &[String],
+    first: &Context,
+    observations: &[Observation],
+) -> Result<Vec<usize>, CalibrateError> {
+    let mut wanted: Vec<(&'static str, usize)> = Vec::new();
+    for given in names {
+        if let Some(index) = PARAMETER_NAMES.iter().position(|name| name == given) {
+            wanted.push(("", index));
+            continue;
+        }
+        let name = ALIASES.iter().find(|(alias, _)| alias == given).map_or(given.as_str(), |(_, full)| full);
+        let (effect, parameters) = find(name, observations).ok_or_else(|| unknown(given))?;
+        let lacks = observations.iter().find_map(|observation| effect.missing(observation));
+        if let Some(reason) = lacks {
+            return Err(CalibrateError::NotSolvable { name: given.clone(), reason: reason.to_owned() });
+        }
+        if effect.segment() == Segment::Projection {
+            if effect.id() != model.projection() {
+                return Err(CalibrateError::NotSolvable {
+                    name: given.clone(),
+                    reason: format!("the projection is {}, not {}", model.projection(), effect.id()),
+                });
+            }
+            wanted.extend(parameters.iter().filter(|index| **index >= 3).map(|index| (effect.id(), *index)));
+            continue;
+        }
+        if model.terms().all(|(id, _)| id != effect.id()) {
+            let off = effect.identity(first).unwrap_or_else(|| vec![0.0; effect.parameters().len()]);
+            let refuse = |error: crate::camera::ModelError| CalibrateError::NotSolvable { name: given.clone(), reason: error.to_string() };
+            model.set(effect.id(), &off).map_err(refuse)?;
+        }
+        wanted.extend(parameters.into_iter().map(|index| (effect.id(), index)));
+    }
+    let all = model.parameters();
+    let free: Vec<usize> = (0..all.len())
+        .filter(|index| wanted.iter().any(|(effect, own)| all[*index].effect == *effect && all[*index].index == *own))
+        .collect();
+    if free.is_empty() {
+        return Err(CalibrateError::BadOption { name: "solve", value: "nothing".to_owned(), allowed: "parameters or effects" });
+    }
+    if free.len() > super::problem::MOST_PARAMETERS {
+        return Err(CalibrateError::BadOption {
+            name: "solve",
+            value: format!("{} parameters", free.len()),
+            allowed: "at most 40 parameters",
+        });
+    }
+    Ok(free)
+}
+
+/// The effect that a name means and the indices of its parameters.
+fn find(name: &str, observations: &[Observation]) -> Option<(&'static dyn AnyDisplacement, Vec<usize>)> {
+    let observation = observations.first().copied().unwrap_or_default();
+    let allowed =
+        |effect: &'static dyn AnyDisplacement| (effect.id() != REFERENCE_DISTORTION && effect.id() != "pinhole").then_some(effect);
+    if let Some(effect) = displacement(name).and_then(allowed) {
+        let fitted =
+            if effect.segment() == Segment::Projection { (0..effect.parameters().len()).collect() } else { effect.fitted(&observation) };
+        return Some((effect, fitted));
+    }
+    if let Some((id, parameter)) = name.split_once('.') {
+        let effect = displacement(id).and_then(allowed)?;
+        let index = effect.parameters().iter().position(|spec| spec.name == parameter)?;
+        return Some((effect, vec![index]));
+    }
+    let named = |effect: &&'static dyn AnyDisplacement| effect.parameters().iter().position(|spec| spec.name == name);
+    let mut found = DISPLACEMENTS.iter().filter_map(|effect| allowed(*effect)).filter_map(|effect| Some((effect, named(&effect)?)));
+    match (found.next(), found.next()) {
+        (Some((effect, index)), None) => Some((effect, vec![index])),
+        _ => None,
+    }
+}
+
+/// Says what would have been understood, the most similar first.
+fn unknown(given: &str) -> CalibrateError {
+    let mut known: Vec<String> = PARAMETER_NAMES.iter().map(ToString::to_string).collect();
+    known.extend(ALIASES.iter().map(|(alias, _)| (*alias).to_owned()));
+    for effect in DISPLACEMENTS.iter().filter(|effect| effect.id() != REFERENCE_DISTORTION && effect.id() != "pinhole") {
+        known.push(effect.id().to_owned());
+        known.extend(effect.parameters().iter().map(|spec| format!("{}.{}", effect.id(), spec.name)));
+    }
+    let nearest = known.iter().min_by_key(|name| strsim::damerau_levenshtein(given, name)).cloned().unwrap_or_default();
+    CalibrateError::UnknownParameter { given: given.to_owned(), nearest }
+}
+
+/// Whether this build can solve for the name.
+pub(in crate::calibrate) fn is_solvable(name: &str) -> bool {
+    let full = ALIASES.iter().find(|(alias, _)| *alias == name).map_or(name, |(_, full)| full);
+    find(full, &[]).is_some()
+}
