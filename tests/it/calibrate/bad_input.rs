@@ -153,11 +153,16 @@ fn options_out_of_range_are_refused() {
         CalibrateOptions { f_threshold: f64::NAN, ..CalibrateOptions::default() },
         CalibrateOptions { epsilon_px: 0.0, ..CalibrateOptions::default() },
         CalibrateOptions { max_iterations: 0, ..CalibrateOptions::default() },
-        CalibrateOptions { solve: vec!["k9".to_owned()], ..CalibrateOptions::default() },
         CalibrateOptions { solve: Vec::new(), ..CalibrateOptions::default() },
     ] {
         assert!(matches!(calibrate(&points, &bad), Err(CalibrateError::BadOption { .. })), "{bad:?}");
     }
+    let unknown = CalibrateOptions { solve: vec!["k9".to_owned()], ..CalibrateOptions::default() };
+    let message = calibrate(&points, &unknown).unwrap_err().to_string();
+    assert!(message.contains("\"k9\"") && message.contains("did you mean k"), "{message}");
+    // The methods on pairs know the reference model only.
+    let beyond = CalibrateOptions { solve: vec!["f".to_owned(), "k2".to_owned()], ..options(Method::VariableWeights) };
+    assert!(matches!(calibrate(&points, &beyond), Err(CalibrateError::BadOption { .. })));
 }
 
 #[test]
