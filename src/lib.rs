@@ -7,6 +7,7 @@ pub mod coordinates;
 pub mod detect;
 pub mod dual;
 pub mod effects;
+pub mod exchange;
 pub mod frame;
 pub mod gpu;
 pub mod identify;

@@ -7,7 +7,9 @@ mod compare;
 mod detect;
 mod doctor;
 mod effects;
+mod export;
 mod identify;
+mod import;
 mod map;
 mod options;
 mod output;
@@ -61,6 +63,10 @@ enum Verb {
     Map(map::MapArgs),
     /// Compare two calibrations
     Compare(compare::CompareArgs),
+    /// Write a calibrated camera in the format of another program
+    Export(export::ExportArgs),
+    /// Read the camera of another program
+    Import(import::ImportArgs),
     /// Simulate, measure, identify and calibrate, and compare with the truth
     Run(run::RunArgs),
     /// `run` on a built-in scene: a night of the real sky
@@ -88,6 +94,8 @@ pub(crate) fn main() -> ExitCode {
         Verb::Calibrate(args) => calibrate::calibrate(args),
         Verb::Map(args) => map::map(args),
         Verb::Compare(args) => compare::compare(args),
+        Verb::Export(args) => export::export(args),
+        Verb::Import(args) => import::import(args),
         Verb::Run(args) => run::run(args),
         Verb::Demo(args) => run::demo(args),
         Verb::Effects(args) => effects::effects(args),

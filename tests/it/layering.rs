@@ -25,9 +25,10 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("detect", &[]),
     ("identify", &["detect"]),
     ("calibrate", &["identify", "detect"]),
+    ("exchange", &["calibrate"]),
     ("report", &["imaging", "scene", "render", "detect", "identify", "calibrate"]),
-    ("cli", &["imaging", "scene", "render", "detect", "identify", "calibrate", "report"]),
-    ("main", &["imaging", "scene", "render", "detect", "identify", "calibrate", "report", "cli"]),
+    ("cli", &["imaging", "scene", "render", "detect", "identify", "calibrate", "exchange", "report"]),
+    ("main", &["imaging", "scene", "render", "detect", "identify", "calibrate", "exchange", "report", "cli"]),
 ];
 
 /// Why `from` may not import `to`, or `None` if it may.

@@ -1,0 +1,298 @@
+//! A calibrated camera in the files of other programs, and theirs in ours.
+//!
+//! Our model takes the distortion away at the MEASURED point. SIP and TPV do the same and hold the reference model without loss. OpenCV, ROS, mrcal and
+//! tetra3rs add it to the ideal point: there is no closed form between the two, so a conversion is a fit over the frame, and how near it comes is part of
+//! every result ([`Residual`]) and of the file. Nothing is written that misses the camera by more than [`LIMIT_PX`] unless it is asked for.
+//!
+//! A format is a file of its own with the format's equations and source, and a line in [`Format`].
+
+mod error;
+mod fit;
+mod foreign;
+mod forward;
+mod mrcal;
+mod opencv;
+mod plane;
+mod reference;
+mod ros;
+mod sip;
+mod tetra3;
+mod tpv;
+mod wcs;
+mod yaml;
+
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+pub use error::ExchangeError;
+pub use fit::Residual;
+pub use foreign::{Imported, detect, import};
+
+use crate::calibrate::Calibration;
+use crate::camera::Model;
+use crate::coordinates::Attitude;
+use foreign::Foreign;
+use forward::{Room, forward_of};
+
+/// A format holds a camera if the largest residual over the frame is not above this, px.
+pub const LIMIT_PX: f64 = 0.01;
+
+/// The formats.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[non_exhaustive]
+pub enum Format {
+    /// OpenCV's FileStorage in YAML.
+    OpenCv,
+    /// ROS camera_info in YAML.
+    Ros,
+    /// mrcal's .cameramodel.
+    Mrcal,
+    /// FITS headers, TAN with SIP.
+    Sip,
+    /// FITS headers, TPV.
+    Tpv,
+    /// fov_estimate and distortion of tetra3 and cedar-solve.
+    Tetra3,
+    /// CameraModel of tetra3rs.
+    Tetra3rs,
+}
+
+impl Format {
+    /// All of them.
+    pub const ALL: [Self; 7] = [Self::OpenCv, Self::Ros, Self::Mrcal, Self::Sip, Self::Tpv, Self::Tetra3, Self::Tetra3rs];
+
+    /// Its name on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::OpenCv => "opencv",
+            Self::Ros => "ros",
+            Self::Mrcal => "mrcal",
+            Self::Sip => "sip",
+            Self::Tpv => "tpv",
+            Self::Tetra3 => "tetra3",
+            Self::Tetra3rs => "tetra3rs",
+        }
+    }
+
+    /// Whether there is one file for each frame.
+    #[must_use]
+    pub fn is_per_frame(self) -> bool {
+        matches!(self, Self::Sip | Self::Tpv)
+    }
+
+    /// The name of the one file.
+    fn file_name(self) -> &'static str {
+        match self {
+            Self::OpenCv => "camera.yml",
+            Self::Ros => "camera_info.yaml",
+            Self::Mrcal => "camera.cameramodel",
+            Self::Tetra3 => "tetra3.json",
+            Self::Tetra3rs => "tetra3rs.json",
+            Self::Sip | Self::Tpv => "frame.wcs",
+        }
+    }
+}
+
+impl FromStr for Format {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let text = if text == "cedar" || text == "cedar-solve" { "tetra3" } else { text };
+        let names = || Self::ALL.map(Self::name).join(", ");
+        Self::ALL
+            .into_iter()
+            .find(|format| format.name() == text)
+            .ok_or_else(|| format!("there is no format {text:?}; there are {}", names()))
+    }
+}
+
+/// What is exported.
+#[derive(Clone, Debug)]
+pub struct Subject {
+    /// The camera; of the un-mirrored image.
+    pub model: Model,
+    /// −1 if the images are mirrored.
+    pub parity: i8,
+    /// Ids of the effects that the star directions behind the attitudes contain.
+    pub physics: Vec<String>,
+    /// Index in the recording and attitude of every frame that has one.
+    pub frames: Vec<(usize, Attitude)>,
+}
+
+impl From<&Calibration> for Subject {
+    /// Of a calibration in the columns of the un-mirrored image, as the program holds it.
+    fn from(calibration: &Calibration) -> Self {
+        let frames = calibration.per_frame.iter().filter_map(|frame| Some((frame.frame, frame.camera_from_icrs?)));
+        Self {
+            model: Model::new(calibration.camera),
+            parity: calibration.parity,
+            physics: calibration.physics.clone(),
+            frames: frames.collect(),
+        }
+    }
+}
+
+/// A file to be written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct File {
+    /// Its name in its folder.
+    pub name: String,
+    /// What it holds.
+    pub bytes: Vec<u8>,
+}
+
+/// A camera in a foreign format.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Exported {
+    /// `boresight-export/1`.
+    pub format: &'static str,
+    /// The foreign format.
+    pub to: Format,
+    /// The foreign model and the number of its coefficients, in words.
+    pub model: String,
+    /// The number of the distortion's coefficients.
+    pub coefficients: usize,
+    /// How far the foreign model's points lie from the camera's.
+    pub residual: Residual,
+    /// Largest error over the frame of the way back from the sky to the pixel, where the format has polynomials of its own for it.
+    pub inverse_max_px: Option<f64>,
+    /// Whether the residual is within [`LIMIT_PX`].
+    pub expressible: bool,
+    /// What to mind, one sentence each; they stand in the file too.
+    pub notes: Vec<String>,
+    /// The files.
+    #[serde(skip)]
+    pub files: Vec<File>,
+}
+
+/// Writes a camera in a foreign format.
+pub fn export(subject: &Subject, to: Format) -> Result<Exported, ExchangeError> {
+    let model = &subject.model;
+    let size = [model.camera().width_px, model.camera().height_px];
+    let mirrored = subject.parity < 0;
+    let mut exported = Exported {
+        format: "boresight-export/1",
+        to,
+        model: String::new(),
+        coefficients: 0,
+        residual: Residual { rms_px: 0.0, max_px: 0.0, beyond_max_px: None },
+        inverse_max_px: None,
+        expressible: true,
+        notes: Vec::new(),
+        files: Vec::new(),
+    };
+    if mirrored && !to.is_per_frame() && to != Format::Tetra3rs {
+        let note = "the images are mirrored, and this is the camera of the un-mirrored ones: flip the images left to right before using it";
+        exported.notes.push(note.to_owned());
+    }
+    let wide = model.projection() != "pinhole";
+    let one_file = |bytes: String| vec![File { name: to.file_name().to_owned(), bytes: bytes.into_bytes() }];
+    match to {
+        Format::OpenCv | Format::Ros | Format::Mrcal | Format::Tetra3rs => {
+            let room: &Room = match (to, wide) {
+                (Format::OpenCv, false) => &opencv::PLANE,
+                (Format::OpenCv, true) => &opencv::ANGLE,
+                (Format::Ros, false) => &ros::PLANE,
+                (Format::Ros, true) => &ros::ANGLE,
+                (Format::Mrcal, _) => &mrcal::ROOM,
+                _ => &tetra3::ROOM,
+            };
+            let as_stored = if mirrored && to == Format::Tetra3rs { foreign::mirrored(model)? } else { model.clone() };
+            let (found, residual) = forward_of(&as_stored, room)?;
+            exported.coefficients = found.coefficients.len();
+            exported.model = format!("{} with {} coefficients, added to the ideal point", words(to, wide), exported.coefficients);
+            exported.judged(residual);
+            let comments = exported.comments();
+            exported.files = one_file(match to {
+                Format::OpenCv => opencv::write(&found, size, &comments),
+                Format::Ros => ros::write(&found, size, &comments),
+                Format::Mrcal => mrcal::write(&found, size, &comments),
+                _ => tetra3::write_tetra3rs(&found, size, subject.parity, &comments),
+            });
+        }
+        Format::Tetra3 => {
+            let (found, residual) = tetra3::tetra3_of(model)?;
+            exported.coefficients = 1;
+            let words = "field of view and one radial coefficient about the middle of the frame, taken away at the measured point";
+            words.clone_into(&mut exported.model);
+            let note =
+                "the residual is what is left after the rotation rotation_rad, by which the solver's attitudes differ from this camera's";
+            exported.notes.push(note.to_owned());
+            exported.judged(residual);
+            exported.files = one_file(tetra3::write_tetra3(&found, &exported.comments()));
+        }
+        Format::Sip | Format::Tpv => headers(subject, &mut exported)?,
+    }
+    Ok(exported)
+}
+
+/// The headers of all frames.
+fn headers(subject: &Subject, exported: &mut Exported) -> Result<(), ExchangeError> {
+    if subject.frames.is_empty() {
+        let reason = "world coordinates need an attitude, and no frame of the calibration has one".to_owned();
+        return Err(ExchangeError::NoRoom { format: "a FITS header", reason });
+    }
+    let physics = if subject.physics.is_empty() { "none".to_owned() } else { subject.physics.join(", ") };
+    let has = |id: &str| subject.physics.iter().any(|known| known == id);
+    let aberration = if has("stellar-aberration") { "is in" } else { "was not modelled, so its mean over the frame is taken up by" };
+    let refraction = if has("refraction") { "is in" } else { "was not modelled, so its mean over the frame is taken up by" };
+    exported.notes.push(format!("directions are those of the light as it arrives, in ICRS axes; star directions contain: {physics}"));
+    exported.notes.push(format!("aberration {aberration} these directions, refraction {refraction} them"));
+    exported.notes.push("rows count downwards from the first one stored; FITS readers show it at the bottom".to_owned());
+    let name = |frame: usize| format!("frame-{frame:04}.wcs");
+    if exported.to == Format::Sip {
+        let sip = sip::Sip::of(&subject.model, subject.parity)?;
+        exported.coefficients = sip.coefficients();
+        exported.model = format!("TAN-SIP, A and B of order {}", sip.order);
+        exported.inverse_max_px = Some(sip.inverse_max_px);
+        exported.notes.push(format!("AP and BP, from the sky to the pixel, are off by {:.1e} px at most", sip.inverse_max_px));
+        exported.judged(sip.residual);
+        let comments = exported.comments();
+        let file = |(frame, attitude): &(usize, Attitude)| File { name: name(*frame), bytes: sip.header(attitude, &comments) };
+        exported.files = subject.frames.iter().map(file).collect();
+    } else {
+        let tpv = tpv::Tpv::of(&subject.model, subject.parity)?;
+        exported.coefficients = tpv.coefficients;
+        exported.model = format!("TPV of order {}", tpv.order);
+        exported.judged(tpv.residual);
+        let comments = exported.comments();
+        for (frame, attitude) in &subject.frames {
+            exported.files.push(File { name: name(*frame), bytes: tpv.header(attitude, &comments)? });
+        }
+    }
+    Ok(())
+}
+
+fn words(to: Format, wide: bool) -> &'static str {
+    match (to, wide) {
+        (Format::OpenCv, true) => "OpenCV fisheye",
+        (Format::Ros, true) => "equidistant",
+        (Format::Mrcal, _) => "LENSMODEL_OPENCV",
+        (Format::Tetra3rs, _) => "RadialDistortion",
+        _ => "Brown and Conrady's model",
+    }
+}
+
+impl Exported {
+    /// Takes the residual in and judges it.
+    fn judged(&mut self, residual: Residual) {
+        self.residual = residual;
+        self.expressible = residual.max_px <= LIMIT_PX;
+    }
+
+    /// What stands in the file about its making; plain ASCII, as FITS wants it.
+    fn comments(&self) -> Vec<String> {
+        let Residual { rms_px, max_px, beyond_max_px } = self.residual;
+        let beyond = beyond_max_px.map_or("no image of the same directions".to_owned(), |value| format!("at most {value:.1e} px"));
+        let mut comments = vec![
+            format!("written by boresight {}: {}", env!("CARGO_PKG_VERSION"), self.model),
+            format!("residual against the calibrated camera: rms {rms_px:.1e} px, at most {max_px:.1e} px over the frame"),
+            format!("within a tenth of the frame beyond its edges: {beyond}"),
+        ];
+        comments.extend(self.notes.iter().cloned());
+        comments
+    }
+}
