@@ -5,8 +5,12 @@
 
 BORESIGHT is the built program, CALIBRATION.json any result of `boresight calibrate -o`: its camera is replaced by those below, its attitudes are
 kept. Every format is read by its own program (OpenCV's FileStorage and projectPoints, astropy.wcs, tetra3rs, mrcal; those that are not
-installed are skipped by name), and its points are held against `boresight map`. Prints one line a case, and with --freeze the values that
-tests/it/exchange.rs holds.
+installed are skipped by name), and its points are held against `boresight map`. Prints one line a case.
+
+    python3 tests/peers/exchange.py --freeze tests/fixtures/exchange
+
+writes cameras with the programs' own writers into that folder, and beside each, as NAME.csv, where the program itself puts directions:
+tests/it/exchange.rs imports the one and is held to the other.
 """
 import json, os, subprocess, sys, tempfile
 import numpy as np
@@ -14,6 +18,7 @@ import numpy as np
 CAMERAS = {
     "narrow": dict(width_px=1024, height_px=768, principal_point_px=[510.0, 408.0], focal_length_px=5114.0, k1=3.8e-9, p1=0.0, p2=0.0),
     "wide": dict(width_px=2048, height_px=1536, principal_point_px=[1023.5, 767.5], focal_length_px=4619.0, k1=-0.15 / 4619.0**2, p1=0.0, p2=0.0),
+    "mirrored": dict(parity=-1, width_px=1280, height_px=1024, principal_point_px=[655.25, 498.5], focal_length_px=2400.0, k1=1.5e-8, p1=4e-8, p2=-7e-8),
     "decentred": dict(width_px=1280, height_px=1024, principal_point_px=[655.25, 498.5], focal_length_px=2400.0, k1=1.5e-8, p1=4e-7, p2=-7e-7),
 }
 GRID = 33
@@ -99,7 +104,7 @@ def rotation(quaternion):
     return Rotation.from_quat(quaternion).as_matrix()
 
 
-def headers(program, name, calibration, folder, freeze):
+def headers(program, name, calibration, folder):
     from astropy.io import fits
     from astropy.wcs import WCS
     attitudes = {f["frame"]: f["camera_from_icrs"] for f in json.load(open(calibration))["per_frame"] if f["camera_from_icrs"]}
@@ -121,9 +126,6 @@ def headers(program, name, calibration, folder, freeze):
                 print(f", by AP and BP {np.hypot(*(plane + ap(wcs, plane) - pixel).T).max():.3e} px", end="")
             print()
             assert angle.max() <= 0.01 or result["residual"]["max_px"] > 0.009
-            if freeze and frame == min(attitudes):
-                for index in (0, 16, GRID * GRID // 2, GRID * GRID - 1):
-                    print(f"    ({pixel[index].tolist()}, [{float(np.degrees(ra[index]))!r}, {float(np.degrees(dec[index]))!r}]),")
 
 
 def ap(wcs, plane):
@@ -133,13 +135,82 @@ def ap(wcs, plane):
     return np.array([sum_of(wcs.sip.ap), sum_of(wcs.sip.bp)]).T
 
 
+def csv(path, header, rows):
+    with open(path, "w") as out:
+        out.write(header + "\n")
+        out.writelines(",".join(repr(float(value)) for value in row) + "\n" for row in rows)
+
+
+def freeze(folder):
+    grid = np.stack(np.meshgrid(np.linspace(0, 639, 7), np.linspace(0, 479, 5)), -1).reshape(-1, 2)
+    f, c = 1210.0, np.array([322.5, 236.25])
+    ray = np.column_stack([(grid - c) / f * 0.97, np.ones(len(grid))])
+    ray /= np.linalg.norm(ray, axis=1)[:, None]
+    k, d8 = np.array([[f, 0, c[0]], [0, f, c[1]], [0, 0, 1]]), [-0.11, 0.04, 3e-4, -2e-4, 0.02, 0.01, -0.02, 0.005]
+    at = lambda name: os.path.join(folder, name)
+    forward = "x,y,z,x_px,y_px"
+    try:
+        import cv2
+        for name, fisheye in (("opencv.yml", False), ("opencv_fisheye.yml", True)):
+            storage = cv2.FileStorage(at(name), cv2.FILE_STORAGE_WRITE)
+            storage.write("image_width", 640)
+            storage.write("image_height", 480)
+            if fisheye:
+                storage.write("distortion_model", "fisheye")
+            storage.write("camera_matrix", k)
+            d = np.array([0.02, -0.01, 0.004, -0.001] if fisheye else d8)
+            storage.write("distortion_coefficients", d.reshape(-1, 1))
+            storage.release()
+            project = cv2.fisheye.projectPoints if fisheye else cv2.projectPoints
+            there = project(ray.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), k, d)[0].reshape(-1, 2)
+            csv(at(name + ".csv"), forward, np.column_stack([ray, there]))
+    except ImportError as error:
+        print(f"opencv skipped: {error}")
+    try:
+        import mrcal
+        intrinsics = np.array([f, f * 1.001, *c, *d8])
+        mrcal.cameramodel(intrinsics=("LENSMODEL_OPENCV8", intrinsics), imagersize=(640, 480)).write(at("mrcal.cameramodel"))
+        csv(at("mrcal.cameramodel.csv"), forward, np.column_stack([ray, mrcal.project(ray, "LENSMODEL_OPENCV8", intrinsics)]))
+    except ImportError as error:
+        print(f"mrcal skipped: {error}")
+    try:
+        import tetra3rs
+        radial = dict(k1=-6e-8, k2=1.2e-14, k3=0.0, p1=3e-7, p2=-2e-7, center=[0.0, 0.0])
+        camera = dict(focal_length_px=f, image_width=640, image_height=480, crpix=[3.0, -3.25], parity_flip=True, distortion={"Radial": radial})
+        json.dump(camera, open(at("tetra3rs.json"), "w"), indent=1)
+        there = tetra3rs_points(at("tetra3rs.json"), ray)
+        csv(at("tetra3rs.json.csv"), forward, np.column_stack([ray, there]))
+    except ImportError as error:
+        print(f"tetra3rs skipped: {error}")
+    try:
+        from astropy.io import fits
+        from astropy.wcs import WCS
+        cd = np.degrees(1 / f) * np.array([[-0.8, 0.6], [0.6, 0.8]])  # mirrored
+        for name, kind in (("sip.wcs", "TAN-SIP"), ("tpv.wcs", "TPV")):
+            header = fits.Header(dict(NAXIS=2, NAXIS1=640, NAXIS2=480, CTYPE1="RA---" + kind, CTYPE2="DEC--" + kind, CUNIT1="deg", CUNIT2="deg"))
+            header.update(dict(CRPIX1=c[0] + 1, CRPIX2=c[1] + 1, CRVAL1=83.8, CRVAL2=-5.4, CD1_1=cd[0, 0], CD1_2=cd[0, 1], CD2_1=cd[1, 0], CD2_2=cd[1, 1]))
+            k1, p1 = 4e-8, 3e-7
+            if kind == "TPV":
+                scale = f**2 * np.radians(1) ** 2 * -k1
+                header.update({f"PV{axis}_{index}": value for axis in (1, 2) for index, value in ((1, 1.0), (7, scale), (9, scale))})
+            else:
+                header.update(dict(A_ORDER=3, A_3_0=-k1, A_1_2=-k1, A_2_0=-3 * p1, A_0_2=-p1, B_ORDER=3, B_0_3=-k1, B_2_1=-k1, B_1_1=-2 * p1))
+            header.totextfile(at(name), overwrite=True)
+            sky = WCS(fits.Header.fromtextfile(at(name))).all_pix2world(grid, 0)
+            csv(at(name + ".csv"), "x_px,y_px,ra_deg,dec_deg", np.column_stack([grid, sky]))
+    except ImportError as error:
+        print(f"astropy skipped: {error}")
+
+
 def main():
-    freeze = "--freeze" in sys.argv
-    program, template = [argument for argument in sys.argv[1:] if argument != "--freeze"]
+    if sys.argv[1] == "--freeze":
+        return freeze(sys.argv[2])
+    program, template = sys.argv[1:]
     with tempfile.TemporaryDirectory() as folder:
         for name, camera in CAMERAS.items():
             calibration = json.load(open(template))
-            calibration["camera"] = camera
+            calibration["parity"] = camera.get("parity", 1)
+            calibration["camera"] = {key: value for key, value in camera.items() if key != "parity"}
             path = os.path.join(folder, f"{name}.json")
             json.dump(calibration, open(path, "w"))
             pixel, direction = our_map(program, path)
@@ -152,13 +223,11 @@ def main():
                 except ImportError as error:
                     print(f"{name:10} {format:9} skipped: {error}")
                     continue
+                if camera.get("parity", 1) < 0 and format != "tetra3rs":  # of the un-mirrored image, as the file says
+                    there = np.array([camera["width_px"] - 1, 0]) + there * [-1, 1]
                 said(name, format, there, pixel, result["residual"]["max_px"])
-                if freeze:
-                    print(f"    {open(file).read()}" if format == "opencv" else "", end="")
-                    for index in (0, 16, GRID * GRID // 2, GRID * GRID - 1):
-                        print(f"    ({direction[index].tolist()}, {there[index].tolist()}),")
             try:
-                headers(program, name, path, os.path.join(folder, name), freeze)
+                headers(program, name, path, os.path.join(folder, name))
             except ImportError as error:
                 print(f"{name:10} sip, tpv  skipped: {error}")
 
