@@ -80,7 +80,7 @@ pub(super) fn residual(
         frame_points(size_px, CHECK_SIDE, 0.0).into_iter().map(|pixel| distance(pixel).unwrap_or(f64::INFINITY)).collect();
     let mean_square = inside.iter().map(|d| d * d).sum::<f64>() / inside.len() as f64;
     let outside = |pixel: &[f64; 2]| (0..2).any(|k| pixel[k] < -0.5 || pixel[k] > size_px[k] as f64 - 0.5);
-    let beyond: Option<Vec<f64>> = frame_points(size_px, CHECK_SIDE, BORDER).into_iter().filter(outside).map(distance).collect();
+    let beyond: Option<Vec<f64>> = frame_points(size_px, FIT_SIDE, BORDER).into_iter().filter(outside).map(distance).collect();
     Residual {
         rms_px: mean_square.sqrt(),
         max_px: inside.into_iter().fold(0.0, f64::max),

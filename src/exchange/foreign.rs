@@ -7,8 +7,9 @@ use super::plane::stored_column;
 use super::reference::{Freedom, nearest, turned};
 use super::wcs::Wcs;
 use super::{ExchangeError, Format, LIMIT_PX, Residual, fit, mrcal, opencv, ros, tetra3};
-use crate::camera::{Camera, Model};
+use crate::camera::{Camera, Model, PARAMETER_COUNT};
 use crate::coordinates::Attitude;
+use crate::effects::{Segment, displacement};
 use fit::{FIT_SIDE, Pair};
 
 /// A foreign camera as its file has it.
@@ -86,8 +87,16 @@ impl Imported {
 
 /// The same camera seen in a mirror: of images as stored, where they are mirrored. Its terms must not tell left from right.
 pub(super) fn mirrored(model: &Model) -> Result<Model, ExchangeError> {
-    let mut other = Model::new(model.camera().mirrored());
+    const EVEN: [&str; 2] = ["radial-high-order", "pixel-aspect"];
+    let own = displacement(model.projection()).map_or(0, |projection| projection.parameters().len() - 3);
+    let projected = &model.values()[PARAMETER_COUNT..PARAMETER_COUNT + own];
+    let mut other = Model::new(model.camera().mirrored()).with_projection(model.projection(), projected)?;
     for (id, parameters) in model.terms() {
+        let sky = displacement(id).is_some_and(|effect| effect.segment() == Segment::Sky);
+        if !sky && !EVEN.contains(&id) {
+            let reason = format!("the images are mirrored, and {id} is not the same in a mirror");
+            return Err(ExchangeError::NoRoom { format: "a camera of mirrored images", reason });
+        }
         other.set(id, parameters)?;
     }
     Ok(other)
@@ -177,19 +186,16 @@ fn ours(file: &str, foreign: &Foreign, size: [usize; 2]) -> Result<(Model, Resid
         Kind::Forward(forward) => {
             let [fx, fy] = forward.focal_px;
             let mut camera = start((fx * fy).sqrt(), forward.centre_px);
+            let mut start = None;
             if forward.kind == super::forward::Kind::Plane {
                 let c = |index: usize| forward.coefficients.get(index).copied().unwrap_or(0.0);
                 (camera.k1, camera.p1, camera.p2) = (c(0) / (fx * fy), c(3) / fx, c(2) / fy);
-            } else if forward.coefficients.len() == 4 {
-                let plane = fit::frame_points(size, 3, 0.0).into_iter().all(|point| forward.direction(point).is_some_and(|d| d[2] > 0.1));
-                if !plane {
-                    let reason = "part of the frame looks further than 84° from the boresight".to_owned();
-                    return Err(ExchangeError::NoRoom { format: "the reference model", reason });
-                }
+            } else {
+                start = Some(Model::new(camera).with_projection("kannala-brandt", &forward.coefficients)?); // the same equation
             }
+            let start = start.unwrap_or_else(|| Model::new(camera));
             let freedom = Freedom { hold_centre: true, aspect: (fx / fy - 1.0).abs() > 1e-9, rotation: false };
-            let found =
-                nearest(&camera, &forward.pairs(size, &format!("{file}: the camera"))?, &freedom, |pixel| forward.direction(pixel))?;
+            let found = nearest(&start, &forward.pairs(size, &format!("{file}: the camera"))?, &freedom, |pixel| forward.direction(pixel))?;
             Ok((found.model, found.residual, None))
         }
         Kind::Sky(wcs) => {
@@ -208,7 +214,7 @@ fn ours(file: &str, foreign: &Foreign, size: [usize; 2]) -> Result<(Model, Resid
                 .collect();
             let freedom = Freedom { hold_centre: true, aspect: (focal_px[0] / focal_px[1] - 1.0).abs() > 1e-9, rotation: true };
             let camera = start((focal_px[0] * focal_px[1]).sqrt(), centre);
-            let found = nearest(&camera, &pairs, &freedom, |pixel| Some(direction(pixel)))?;
+            let found = nearest(&Model::new(camera), &pairs, &freedom, |pixel| Some(direction(pixel)))?;
             let turn = nalgebra::UnitQuaternion::from_scaled_axis(nalgebra::Vector3::from(found.rotation_rad));
             debug_assert!(turned(found.rotation_rad, [0.0, 0.0, 1.0])[2] > 0.0);
             let model = if parity < 0 { mirrored(&found.model)? } else { found.model };

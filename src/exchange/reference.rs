@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 
 use super::ExchangeError;
 use super::fit::{self, GOOD_PX, Linearised, Pair, Residual};
-use crate::camera::{Camera, Model};
+use crate::camera::Model;
 use crate::dual::cross;
 use crate::effects::displacement;
 
@@ -12,6 +12,9 @@ use crate::effects::displacement;
 const HIGHER_RADIAL: &str = "radial-high-order";
 /// Different focal lengths along columns and rows; likewise.
 const ASPECT: &str = "pixel-aspect";
+
+/// A start that is as near as this needs no fit, px.
+const SAME_PX: f64 = 1e-9;
 
 /// What may be fitted.
 pub(super) struct Freedom {
@@ -39,19 +42,27 @@ pub(super) fn turned(rotation_rad: [f64; 3], direction: [f64; 3]) -> [f64; 3] {
 /// The model nearest to the correspondences, with as few parameters as bring the residual below [`GOOD_PX`]: first k1, p1, p2 alone, then with
 /// principal point and focal length, then with the terms of higher order that this build has.
 pub(super) fn nearest(
-    start: &Camera,
+    start: &Model,
     pairs: &[Pair],
     freedom: &Freedom,
     source: impl Fn([f64; 2]) -> Option<[f64; 3]>,
 ) -> Result<Nearest, ExchangeError> {
-    let plain = Model::new(*start);
+    let judged = |model: Model, rotation_rad: [f64; 3]| {
+        let size_px = [model.camera().width_px, model.camera().height_px];
+        let residual = fit::residual(size_px, |pixel| source(pixel).map(|xyz| turned(rotation_rad, xyz)), fit::pixels(&model));
+        Nearest { model, rotation_rad, residual }
+    };
+    let as_is = judged(start.clone(), [0.0; 3]);
+    if as_is.residual.max_px < SAME_PX {
+        return Ok(as_is);
+    }
     let with = |model: &Model, id: &str| -> Option<Model> {
         let effect = displacement(id)?;
         let mut model = model.clone();
         model.set(id, &vec![0.0; effect.parameters().len()]).ok()?;
         Some(model)
     };
-    let base = freedom.aspect.then(|| with(&plain, ASPECT)).flatten().unwrap_or(plain);
+    let base = freedom.aspect.then(|| with(start, ASPECT)).flatten().unwrap_or_else(|| start.clone());
     let mut best: Option<Nearest> = None;
     for model in [Some(base.clone()), with(&base, HIGHER_RADIAL)].into_iter().flatten() {
         for hold_centre in [true, false] {
@@ -61,14 +72,10 @@ pub(super) fn nearest(
             let first = if hold_centre { 3 } else { 0 };
             let free: Vec<usize> = (first..model.values().len()).collect();
             let Ok((model, rotation_rad)) = fit_model(&model, &free, pairs, freedom.rotation) else { continue };
-            let camera = model.camera();
-            let residual = fit::residual(
-                [camera.width_px, camera.height_px],
-                |pixel| source(pixel).map(|xyz| turned(rotation_rad, xyz)),
-                fit::pixels(&model),
-            );
+            let found = judged(model, rotation_rad);
+            let residual = found.residual;
             if best.as_ref().is_none_or(|known| residual.max_px < known.residual.max_px) {
-                best = Some(Nearest { model, rotation_rad, residual });
+                best = Some(found);
             }
             if residual.max_px < GOOD_PX {
                 return best.ok_or(ExchangeError::NoFit { what: "the reference model" });

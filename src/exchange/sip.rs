@@ -9,10 +9,8 @@ use super::wcs::{Distortion, Polynomials, Wcs};
 use crate::camera::Model;
 use crate::coordinates::Attitude;
 
-/// The largest order of A and B.
-const MAXIMUM_ORDER: i32 = 5;
-/// The largest order of AP and BP: the inverse of a polynomial needs more terms than the polynomial.
-const MAXIMUM_INVERSE_ORDER: i32 = 7;
+/// The largest order that the convention has.
+const MAXIMUM_ORDER: i32 = 9;
 
 /// The distortion of a camera, the same for every frame.
 pub(super) struct Sip {
@@ -43,7 +41,10 @@ impl Sip {
                 break;
             }
         }
-        best.ok_or(ExchangeError::NoFit { what: "the polynomial of the distortion" })
+        let mut best = best.ok_or(ExchangeError::NoFit { what: "the polynomial of the distortion" })?;
+        let back = best.linear.try_inverse().ok_or(ExchangeError::NoFit { what: "the scale of the image" })?;
+        (best.inverse, best.inverse_max_px) = inverse(&best.plane, &back)?;
+        Ok(best)
     }
 
     fn of_order(model: &Model, parity: i8, order: i32) -> Result<Self, ExchangeError> {
@@ -61,9 +62,8 @@ impl Sip {
                 }
             }
         }
-        let (inverse, inverse_max_px) = inverse(&plane, &back)?;
         let residual = Residual { rms_px: f64::INFINITY, max_px: f64::INFINITY, beyond_max_px: None };
-        let mut sip = Self { plane, linear, forward, inverse, order, residual, inverse_max_px };
+        let mut sip = Self { plane, linear, forward, inverse: Default::default(), order, residual, inverse_max_px: 0.0 };
         sip.residual = sip.plane.residual(model, &sip.at(&no_rotation()));
         Ok(sip)
     }
@@ -91,7 +91,7 @@ fn inverse(plane: &Plane, back: &Matrix2<f64>) -> Result<(Polynomials, f64), Exc
     let straight: Vec<[f64; 2]> = plane.ideal_px.iter().map(|p| back * Vector2::new(p[0], p[1])).map(|p| [p.x, p.y]).collect();
     let shifts: Vec<[f64; 2]> = plane.points.iter().zip(&straight).map(|(u, w)| [u[0] - w[0], u[1] - w[1]]).collect();
     let mut best: Option<(Polynomials, f64)> = None;
-    for order in 1..=MAXIMUM_INVERSE_ORDER {
+    for order in 1..=MAXIMUM_ORDER {
         let (exponents, both) = Plane::polynomials(order, &straight, &shifts)?;
         let error = |(w, shift): (&[f64; 2], &[f64; 2])| {
             let sum = |k: usize| exponents.iter().zip(&both[k]).map(|((i, j), c)| c * w[0].powi(*i) * w[1].powi(*j)).sum::<f64>();

@@ -116,15 +116,30 @@ impl Wcs {
         [sum.x, sum.y, sum.z]
     }
 
-    /// −1 if the frame is mirrored.
-    pub(super) fn parity(&self) -> i8 {
-        if self.cd_rad.determinant() < 0.0 { -1 } else { 1 }
+    /// The whole map's derivative at CRPIX, rad per pixel: CD and the polynomials' own terms of first order.
+    fn slope_rad(&self) -> Matrix2<f64> {
+        match &self.distortion {
+            Distortion::None => self.cd_rad,
+            Distortion::Sip(polynomials) => {
+                let term = |axis: usize, i: i32, j: i32| -> f64 {
+                    polynomials[axis].iter().filter(|(p, q, _)| (*p, *q) == (i, j)).map(|(.., c)| c).sum()
+                };
+                self.cd_rad * Matrix2::new(1.0 + term(0, 1, 0), term(0, 0, 1), term(1, 1, 0), 1.0 + term(1, 0, 1))
+            }
+            Distortion::Tpv(pv) => Matrix2::new(pv[0][1], pv[0][2], pv[1][2], pv[1][1]) * self.cd_rad,
+        }
     }
 
-    /// The attitude of the un-mirrored camera that the matrix says, and its focal lengths along columns and rows, px.
+    /// −1 if the frame is mirrored.
+    pub(super) fn parity(&self) -> i8 {
+        if self.slope_rad().determinant() < 0.0 { -1 } else { 1 }
+    }
+
+    /// The attitude of the un-mirrored camera that the derivative at CRPIX says, and its focal lengths along columns and rows, px.
     pub(super) fn attitude(&self) -> (Attitude, [f64; 2]) {
         let [east, north, out] = axes(self.crval_rad);
-        let column = |k: usize| self.cd_rad.column(k).into_owned();
+        let slope = self.slope_rad();
+        let column = |k: usize| slope.column(k).into_owned();
         let lengths = [column(0).norm(), column(1).norm()];
         let along = |k: usize, sign: f64| (east * column(k).x + north * column(k).y) * (sign / lengths[k]);
         let (right, down) = (along(0, f64::from(self.parity())), along(1, 1.0));
@@ -248,7 +263,14 @@ impl Wcs {
             Ok(value.map(|value| value as usize))
         };
         let size_px = side(["IMAGEW", "NAXIS1"])?.zip(side(["IMAGEH", "NAXIS2"])?).map(|(width, height)| [width, height]);
-        Ok(Self { crpix, crval_rad, cd_rad, distortion, size_px })
+        let wcs = Self { crpix, crval_rad, cd_rad, distortion, size_px };
+        if wcs.slope_rad().determinant().abs() <= 1e-30 {
+            return Err(ExchangeError::of(
+                file,
+                "the polynomials' terms of first order leave no scale of the image (PV1_1 and PV2_1 are near 1)",
+            ));
+        }
+        Ok(wcs)
     }
 }
 
@@ -277,7 +299,7 @@ struct Cards<'a> {
 
 impl<'a> Cards<'a> {
     fn read(file: &'a str, bytes: &[u8]) -> Result<Self, ExchangeError> {
-        let binary = bytes.len() >= CARD && !bytes[..CARD].contains(&b'\n');
+        let binary = bytes.len() > CARD && !bytes[..=CARD].contains(&b'\n');
         let pieces: Vec<&[u8]> = if binary { bytes.chunks(CARD).collect() } else { bytes.split(|byte| *byte == b'\n').collect() };
         let mut cards = Vec::new();
         let mut ended = false;

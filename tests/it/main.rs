@@ -8,6 +8,7 @@ mod cli;
 mod common;
 mod detect;
 mod displacements;
+mod exchange;
 mod house;
 mod identify;
 mod layering;
