@@ -126,12 +126,7 @@ impl From<&Calibration> for Subject {
     /// Of a calibration in the columns of the un-mirrored image, as the program holds it.
     fn from(calibration: &Calibration) -> Self {
         let frames = calibration.per_frame.iter().filter_map(|frame| Some((frame.frame, frame.camera_from_icrs?)));
-        Self {
-            model: Model::new(calibration.camera),
-            parity: calibration.parity,
-            physics: calibration.physics.clone(),
-            frames: frames.collect(),
-        }
+        Self { model: calibration.full_chain(), parity: calibration.parity, physics: calibration.physics.clone(), frames: frames.collect() }
     }
 }
 

@@ -253,6 +253,14 @@ fn our_own_file_reads_back_to_the_same_map() {
 }
 
 #[test]
+fn what_a_calibration_has_beyond_the_reference_model_is_exported_too() {
+    let mut chain = Model::new(narrow());
+    chain.set("radial-high-order", &[0.2, 0.0]).unwrap();
+    let calibration = Calibration { chain: Some(chain.clone()), ..calibration(narrow()) };
+    assert_eq!(Subject::from(&calibration).model, chain);
+}
+
+#[test]
 fn the_verbs_write_read_and_say_no() {
     let folder = tempfile::tempdir().unwrap();
     let here = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();

@@ -209,6 +209,7 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         for name, camera in CAMERAS.items():
             calibration = json.load(open(template))
+            calibration["chain"] = None
             calibration["parity"] = camera.get("parity", 1)
             calibration["camera"] = {key: value for key, value in camera.items() if key != "parity"}
             path = os.path.join(folder, f"{name}.json")
