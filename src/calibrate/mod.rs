@@ -14,6 +14,7 @@ mod held_out;
 mod least_squares;
 mod map;
 mod pairs;
+mod reidentify;
 mod residuals;
 mod select;
 mod star_level;
@@ -32,6 +33,7 @@ pub use map::{
     Comparison, Map, MapPoint, MappingError, ParameterDifference, compare, map, map_difference, mapping_error_of_models_px,
     mapping_error_px,
 };
+pub use reidentify::{StarImage, calibrate_identifying_anew};
 pub use residuals::residuals_px;
 pub use select::LeftOutReason;
 

@@ -2,7 +2,8 @@
 
 use anyhow::{Context, Result};
 use boresight::calibrate::{
-    AttitudeModel, CalibrateError, CalibrateOptions, Calibration, Method, ParameterPrior, Status, calibrate as calibrate_points,
+    AttitudeModel, CalibrateError, CalibrateOptions, Calibration, Method, ParameterPrior, StarImage, Status, calibrate as calibrate_points,
+    calibrate_identifying_anew,
 };
 use boresight::camera::Term;
 use boresight::catalog::Catalog;
@@ -36,6 +37,9 @@ pub(crate) struct CalibrateArgs {
     /// Take the identifications of a star list (`hip`, or `ra_deg` and `dec_deg`) as they are, instead of making our own
     #[arg(long)]
     trust_identifications: bool,
+    /// Keep the identifications as they are, instead of making them anew with the improved camera until nothing changes
+    #[arg(long)]
+    no_reidentify: bool,
     #[command(flatten)]
     solve: SolveArgs,
     #[command(flatten)]
@@ -235,6 +239,23 @@ pub(crate) fn control_points(
     Ok(Prepared { points, parity, misidentified, notes })
 }
 
+/// All star images of the frames, in the un-mirrored image.
+fn star_images(measured: &Measured, points: &Prepared) -> Vec<StarImage> {
+    let width_px = points.points.nominal.width_px as f64;
+    let place = |x_px: f64| if points.parity < 0 { width_px - 1.0 - x_px } else { x_px };
+    let of = |frame: &pipeline::MeasuredFrame| {
+        let index = frame.index;
+        let usable = frame.detections.stars.iter().filter(|star| !star.flags.saturated && !star.flags.edge);
+        let image = move |star: &boresight::detect::Detection| {
+            let [xx, xy, yy] = star.covariance_px2;
+            let xy = if points.parity < 0 { -xy } else { xy };
+            StarImage { frame: index, x_px: place(star.x_px), y_px: star.y_px, covariance_px2: [xx, xy, yy] }
+        };
+        usable.map(image).collect::<Vec<_>>()
+    };
+    measured.frames.iter().flat_map(of).collect()
+}
+
 /// Hands on what is known of each frame, and which effects the directions contain.
 fn know_frames(points: &mut ControlPoints, measured: &Measured, identified: &[IdentifiedFrame]) -> Result<()> {
     let recording = &measured.recording;
@@ -300,10 +321,21 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     let moved = measured.times_are_known() && identified.iter().all(|frame| frame.sky.ids().contains(&"proper-motion"));
     let (physics, uneven) = pipeline::physics_in_force(&identified);
     let options = CalibrateOptions { method: args.method.into(), ..args.solve.options(&physics, moved) };
-    let mut calibration = match calibrate_points(&points.points, &options) {
+    let anew = args.method == MethodChoice::Bundle && !args.no_reidentify && !args.trust_identifications;
+    let result = if anew {
+        calibrate_identifying_anew(&points.points, &star_images(&measured, &points), &catalog, &options)
+    } else {
+        calibrate_points(&points.points, &options)
+    };
+    let mut calibration = match result {
         Ok(calibration) => calibration,
         // The stars were solved for, and the answer is no; what could not be tried at all is an error.
-        Err(reason @ (CalibrateError::Diverged { .. } | CalibrateError::Singular { .. } | CalibrateError::Uncovered { .. })) => {
+        Err(
+            reason @ (CalibrateError::Diverged { .. }
+            | CalibrateError::Singular { .. }
+            | CalibrateError::Uncovered { .. }
+            | CalibrateError::NoConsensus { .. }),
+        ) => {
             let object = Unsolved::new(&options, &reason, points.points.points.len(), provenance);
             let text = || format!("NOT CONVERGED: {reason}\n");
             output::deliver("calibrate", &object, args.output.json, args.output.output.as_deref(), text)?;
@@ -328,7 +360,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
         calibration: calibration.with_stored_columns(),
         skipped: &measured.skipped,
         notes: &measured.recording.notes,
-        misidentified_on_purpose: points.misidentified.iter().map(|wrong| Misidentified::new(wrong, &calibration)).collect(),
+        misidentified_on_purpose: points.misidentified.iter().map(|wrong| Misidentified::new(wrong, &points, &calibration)).collect(),
     };
     output::deliver("calibrate", &object, args.output.json, args.output.output.as_deref(), || text(&object.calibration))?;
     Ok(if calibration.status == Status::Converged { Answer::Yes } else { Answer::No })
@@ -356,8 +388,8 @@ struct Misidentified {
 }
 
 impl Misidentified {
-    fn new(wrong: &Misidentification, calibration: &Calibration) -> Self {
-        let point = &calibration.points[wrong.point];
+    fn new(wrong: &Misidentification, points: &Prepared, calibration: &Calibration) -> Self {
+        let point = &points.points.points[wrong.point];
         Self {
             frame: point.frame,
             x_px: calibration.stored_column_px(point.x_px),

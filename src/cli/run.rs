@@ -85,6 +85,8 @@ struct ParameterRow {
     least_squares: Option<f64>,
     variable_weights: Option<f64>,
     variable_weights_sigma: Option<f64>,
+    bundle: Option<f64>,
+    bundle_sigma: Option<f64>,
 }
 
 /// A camera against the truth.
@@ -139,9 +141,14 @@ fn night(
     let catalog = args.scene.catalog(&mut provenance)?;
     let recording_path = target.join("recording");
     // What an earlier run left there is replaced: the folder is this verb's own. Its results go first, so that none outlives its input.
-    for name in
-        ["run.json", "least-squares/calibrate.json", "variable-weights/calibrate.json", "pictures/frame.png", "pictures/residuals.png"]
-    {
+    for name in [
+        "run.json",
+        "least-squares/calibrate.json",
+        "variable-weights/calibrate.json",
+        "bundle/calibrate.json",
+        "pictures/frame.png",
+        "pictures/residuals.png",
+    ] {
         match std::fs::remove_file(target.join(name)) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
                 return Err(error).with_context(|| format!("removing the former {}", target.join(name).display()));
@@ -166,13 +173,14 @@ fn night(
         let options = boresight::calibrate::CalibrateOptions { method, ..solve.options(&physics, moved) };
         Solved { method, result: calibrate(&points.points, &options) }
     };
-    let [least_squares, variable_weights] = [Method::LeastSquares, Method::VariableWeights].map(solve_by);
+    let solutions = [Method::LeastSquares, Method::VariableWeights, Method::Bundle].map(solve_by);
+    let [_, _, bundle] = &solutions;
 
     let wrong = wrong_identifications(&recording_path, &true_points)?;
     let object = RunObject {
         format: "boresight-run/1",
-        parameters: parameter_rows(scene, &least_squares, &variable_weights),
-        cameras: camera_rows(scene, &[&least_squares, &variable_weights]),
+        parameters: parameter_rows(scene, &solutions),
+        cameras: camera_rows(scene, &solutions),
         frames: scene.exposures.len(),
         frames_identified,
         wrong_identifications: wrong,
@@ -180,12 +188,12 @@ fn night(
         misidentified: points.misidentified.len(),
         misidentify_share: solve.misidentify.unwrap_or(0.0),
         misidentify_seed: solve.misidentify_seed,
-        misidentified_rejected: rejected(&points.misidentified, &variable_weights),
+        misidentified_rejected: rejected(&points.misidentified, bundle),
         provenance,
     };
     write_file(&target.join("run.json"), output::json_text(&object)?.as_bytes())?;
     write_truth_of_points(&recording_path, &points)?;
-    for solved in [&least_squares, &variable_weights] {
+    for solved in &solutions {
         if let Ok(calibration) = &solved.result {
             let mut calibration = calibration.clone();
             calibration.provenance = Some(object.provenance.clone());
@@ -193,13 +201,13 @@ fn night(
             write_file(&path, output::json_text(&calibration)?.as_bytes())?;
         }
     }
-    draw(target, &measured, &identified, &catalog, &variable_weights)?;
+    draw(target, &measured, &identified, &catalog, bundle)?;
     if args.json {
         output::print(&output::json_text(&object)?)?;
     } else {
         output::print(&text(&object, target))?;
     }
-    let converged = matches!(&variable_weights.result, Ok(calibration) if calibration.status == Status::Converged);
+    let converged = matches!(&bundle.result, Ok(calibration) if calibration.status == Status::Converged);
     Ok(if converged && frames_identified > 0 { Answer::Yes } else { Answer::No })
 }
 
@@ -211,10 +219,10 @@ fn search_options(measured: &Measured) -> boresight::identify::IdentifyOptions {
     }
 }
 
-fn parameter_rows(scene: &Scene, least_squares: &Solved, variable_weights: &Solved) -> Vec<ParameterRow> {
+fn parameter_rows(scene: &Scene, [least_squares, variable_weights, bundle]: &[Solved; 3]) -> Vec<ParameterRow> {
     let of = |solved: &Solved, index: usize| solved.result.as_ref().ok().map(|calibration| calibration.camera.parameters()[index]);
-    let sigma = |index: usize| {
-        let calibration = variable_weights.result.as_ref().ok()?;
+    let sigma = |solved: &Solved, index: usize| {
+        let calibration = solved.result.as_ref().ok()?;
         calibration.parameters.iter().find(|parameter| parameter.name == PARAMETER_NAMES[index]).map(|parameter| parameter.sigma)
     };
     (0..PARAMETER_NAMES.len())
@@ -225,12 +233,14 @@ fn parameter_rows(scene: &Scene, least_squares: &Solved, variable_weights: &Solv
             truth: scene.camera.parameters()[index],
             least_squares: of(least_squares, index),
             variable_weights: of(variable_weights, index),
-            variable_weights_sigma: sigma(index),
+            variable_weights_sigma: sigma(variable_weights, index),
+            bundle: of(bundle, index),
+            bundle_sigma: sigma(bundle, index),
         })
         .collect()
 }
 
-fn camera_rows(scene: &Scene, solutions: &[&Solved]) -> Vec<CameraRow> {
+fn camera_rows(scene: &Scene, solutions: &[Solved]) -> Vec<CameraRow> {
     let error = |camera: &Camera| mapping_error_px(&scene.camera, camera);
     let nominal = error(&scene.nominal);
     let mut rows = vec![CameraRow {
@@ -352,13 +362,13 @@ fn text(object: &RunObject, target: &Path) -> String {
         .parameters
         .iter()
         .map(|row| {
-            let all = [Some(row.nominal), Some(row.truth), row.least_squares, row.variable_weights, row.variable_weights_sigma];
+            let all = [Some(row.nominal), Some(row.truth), row.least_squares, row.variable_weights, row.bundle, row.bundle_sigma];
             let mut cells = vec![row.name.to_owned(), row.unit.to_owned()];
             cells.extend(all.map(|value| number(value, row.unit)));
             cells
         })
         .collect();
-    let header = ["parameter", "unit", "nominal", "truth", "least squares", "variable weights", "± σ"];
+    let header = ["parameter", "unit", "nominal", "truth", "least squares", "variable weights", "bundle", "± σ"];
     let mut text = boresight::report::table(&header, &rows);
     text.push('\n');
     let rows: Vec<Vec<String>> = object

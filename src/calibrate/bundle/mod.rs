@@ -46,6 +46,10 @@ use crate::identify::ControlPoints;
 const TOLERANCE: f64 = 0.006;
 /// A frame in which less than this share of the images has weight is tried again with the improved camera.
 const POOR_SHARE: f64 = 0.45;
+/// A frame is believed if so many images agree,
+const FEWEST_AGREEING: f64 = 5.5;
+/// or such a share of them.
+const SUPPORTED_SHARE: f64 = 0.5;
 /// Below this share of images with weight the start is not believed, and the next one tried.
 const CONVINCING_SHARE: f64 = 0.3;
 
@@ -229,8 +233,29 @@ fn from_focal_length(problem: &Problem, points: &ControlPoints, options: &Calibr
         adjusted = problem.adjust(adjusted.state, adjusted.noise, &scale, &run, None);
         adjusted.turns.splice(0..0, turns);
     }
+    if problem.attitudes != Attitudes::FixedToEarth && drop_unsupported_frames(&problem, &mut adjusted) {
+        let turns = std::mem::take(&mut adjusted.turns);
+        let run = Run { from_afar: false, ..run };
+        adjusted = problem.adjust(adjusted.state, adjusted.noise, &scale, &run, None);
+        adjusted.turns.splice(0..0, turns);
+    }
     problem.model.set_values(&adjusted.state.values);
     Some(Solved { problem, adjusted, notes })
+}
+
+/// An attitude has three parameters, so a few wrong images can agree on one by chance. A frame in which few images have weight, both in
+/// number and in share, takes no part. Whether there was one.
+fn drop_unsupported_frames(problem: &Problem, adjusted: &mut Adjusted) -> bool {
+    let mut dropped = false;
+    for (index, exposure) in problem.exposures.iter().enumerate() {
+        let weight: f64 = adjusted.weights[index].iter().sum();
+        if adjusted.state.attitudes[index].is_some() && weight < FEWEST_AGREEING && weight < SUPPORTED_SHARE * exposure.images.len() as f64
+        {
+            adjusted.state.attitudes[index] = None;
+            dropped = true;
+        }
+    }
+    dropped
 }
 
 /// Takes parameters that move no star image out of the free ones, and says so.

@@ -1,0 +1,231 @@
+//! Calibrate, identify anew with the better camera, and again, until nothing changes.
+//!
+//! A camera that was wrong made wrong identifications; the solved one sees which star each image really is. For every frame with an
+//! attitude the catalogue's stars are imaged through the solved chain; an image goes to the nearest star within the gate that its own
+//! error, the noise found and the map's uncertainty leave, if the star has no nearer image. An image without such a star keeps the
+//! identification that it has (its weight tells what it is worth), unless its star has gone to another image.
+
+use std::collections::BTreeMap;
+
+use super::calibration::Reidentified;
+use super::{CalibrateError, CalibrateOptions, Calibration, calibrate};
+use crate::camera::Model;
+use crate::catalog::Catalog;
+use crate::coordinates::{Apparent, CameraAxes, Direction, Icrs, PixelPoint};
+use crate::effects::{Context, StarState};
+use crate::identify::{ControlPoint, ControlPoints};
+
+/// Rounds at most.
+const ROUNDS: usize = 8;
+/// The gate in standard errors, squared: 5σ.
+const GATE: f64 = 25.0;
+/// Stars this much fainter than the faintest that is surely identified are not looked for.
+const FAINTER: f64 = 0.5;
+/// Stars may stand this much off their catalogue place (aberration, refraction, motion), rad.
+const MARGIN_RAD: f64 = 0.012;
+/// A frame with fewer images of weight is not trusted to name stars.
+const FEWEST: usize = 4;
+
+/// A measured star image, identified or not.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StarImage {
+    /// Index of the frame in its recording.
+    pub frame: usize,
+    /// Column, of the un-mirrored image.
+    pub x_px: f64,
+    /// Row.
+    pub y_px: f64,
+    /// Covariance of the position: xx, xy, yy.
+    pub covariance_px2: [f64; 3],
+}
+
+/// Calibrates, and identifies anew until nothing changes. `images` are further star images of the frames, those that had no star at
+/// first; they may be none. The result's control points are the last ones.
+pub fn calibrate_identifying_anew(
+    control_points: &ControlPoints,
+    images: &[StarImage],
+    catalog: &Catalog,
+    options: &CalibrateOptions,
+) -> Result<Calibration, CalibrateError> {
+    let quick = CalibrateOptions { held_out: false, ..options.clone() };
+    let mut points = control_points.clone();
+    let mut total = Reidentified { rounds: 0, changed: 0, added: 0, removed: 0 };
+    for _ in 0..ROUNDS {
+        let calibration = calibrate(&points, &quick)?;
+        let (next, change) = identified_anew(&points, &calibration, images, catalog);
+        total.rounds += 1;
+        if change == (Reidentified { rounds: 0, changed: 0, added: 0, removed: 0 }) {
+            break;
+        }
+        total.changed += change.changed;
+        total.added += change.added;
+        total.removed += change.removed;
+        points = next;
+    }
+    let mut calibration = calibrate(&points, options)?;
+    calibration.reidentified = Some(total);
+    Ok(calibration)
+}
+
+/// The points with the stars that the calibration sees in them, and what has changed.
+fn identified_anew(
+    points: &ControlPoints,
+    calibration: &Calibration,
+    images: &[StarImage],
+    catalog: &Catalog,
+) -> (ControlPoints, Reidentified) {
+    let mut chain = calibration.full_chain();
+    if calibration.chain.is_none() {
+        for term in &points.sky {
+            // The effects are those that the directions were made with, so each is known.
+            let _ = chain.set(&term.effect, &term.parameters);
+        }
+    }
+    let mut next = points.clone();
+    let mut change = Reidentified { rounds: 0, changed: 0, added: 0, removed: 0 };
+    let mut gone = Vec::new();
+    let mut by_frame: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (index, point) in points.points.iter().enumerate() {
+        by_frame.entry(point.frame).or_default().push(index);
+    }
+    let floor_px2 = calibration.noise.map_or(calibration.unit_weight_sigma_px.powi(2), |noise| noise.floor_px.powi(2))
+        + calibration.map_sigma_px.map_or(0.0, |map| map.max.powi(2));
+    let surely = |index: &usize| calibration.points[*index].weight > 0.9;
+    let faintest = points.points.iter().enumerate().filter(|(index, _)| surely(index)).map(|(_, point)| point.magnitude);
+    let limit = faintest.filter(|magnitude| *magnitude < 90.0).fold(f64::NEG_INFINITY, f64::max) + FAINTER;
+    for frame in &calibration.per_frame {
+        let Some(attitude) = frame.camera_from_icrs.filter(|_| frame.stars >= FEWEST) else { continue };
+        let of_frame = by_frame.get(&frame.frame).map_or(&[][..], Vec::as_slice);
+        let known = |image: &&StarImage| {
+            of_frame.iter().any(|index| points.points[*index].x_px == image.x_px && points.points[*index].y_px == image.y_px)
+        };
+        let more: Vec<&StarImage> = images.iter().filter(|image| image.frame == frame.frame).filter(|image| !known(image)).collect();
+        let own = |index: &usize| {
+            let ControlPoint { frame, x_px, y_px, covariance_px2, .. } = points.points[*index];
+            StarImage { frame, x_px, y_px, covariance_px2 }
+        };
+        let all: Vec<StarImage> = of_frame.iter().map(own).chain(more.into_iter().copied()).collect();
+        let observation = points.observation(frame.frame);
+        let field = Field { chain: &chain, catalog, limit, epoch_yr: observation.epoch_yr };
+        let stars = field.stars(&attitude, &observation);
+        let found = assign(&all, &stars, floor_px2 * frame.variance_factor, chain.camera().focal_length_px);
+        let taken: Vec<u32> = found.iter().flatten().map(|star| stars[*star].hip).collect();
+        for (place, found) in found.iter().enumerate() {
+            let image = &all[place];
+            let make = |star: &Seen, had: bool| ControlPoint {
+                frame: frame.frame,
+                hip: star.hip,
+                direction: star.apparent,
+                x_px: image.x_px,
+                y_px: image.y_px,
+                covariance_px2: image.covariance_px2,
+                catalog_sigma_rad: star.sigma_rad,
+                has_proper_motion: star.has_proper_motion,
+                magnitude: if had && !star.magnitude.is_finite() { 99.0 } else { star.magnitude },
+                colour: star.star.colour,
+                star: star.star,
+            };
+            match (of_frame.get(place), found.map(|star| &stars[star])) {
+                (Some(&index), Some(star)) if points.points[index].hip != star.hip => {
+                    next.points[index] = make(star, true);
+                    change.changed += 1;
+                }
+                (Some(&index), None) if taken.contains(&points.points[index].hip) && points.points[index].hip != 0 => {
+                    gone.push(index);
+                    change.removed += 1;
+                }
+                (None, Some(star)) => {
+                    next.points.push(make(star, false));
+                    change.added += 1;
+                }
+                _ => {}
+            }
+        }
+    }
+    gone.sort_unstable();
+    for index in gone.into_iter().rev() {
+        next.points.remove(index);
+    }
+    next.points.sort_by_key(|point| point.frame);
+    (next, change)
+}
+
+/// A catalogue star in a frame.
+struct Seen {
+    hip: u32,
+    place: PixelPoint,
+    apparent: Direction<Apparent>,
+    star: StarState,
+    magnitude: f64,
+    sigma_rad: f64,
+    has_proper_motion: bool,
+}
+
+/// What is looked at: the catalogue through a camera.
+struct Field<'a> {
+    chain: &'a Model,
+    catalog: &'a Catalog,
+    limit: f64,
+    epoch_yr: Option<f64>,
+}
+
+impl Field<'_> {
+    /// The stars that fall into the frame.
+    fn stars(&self, attitude: &crate::coordinates::Attitude, observation: &crate::effects::Observation) -> Vec<Seen> {
+        let camera = self.chain.camera();
+        let reference = self.chain.reference_context();
+        let corner = |x_px: f64, y_px: f64| self.chain.direction(PixelPoint { x_px, y_px }, &reference);
+        let (right, bottom) = (camera.width_px as f64 - 0.5, camera.height_px as f64 - 0.5);
+        let Some(centre) = corner(right / 2.0, bottom / 2.0) else { return Vec::new() };
+        let corners = [(-0.5, -0.5), (right, -0.5), (-0.5, bottom), (right, bottom)];
+        let radius_rad = corners.iter().filter_map(|(x, y)| corner(*x, *y)).map(|d| d.angle_rad(&centre)).fold(0.0, f64::max) + MARGIN_RAD;
+        let on_sky = attitude.apparent_from_camera(&Direction::<CameraAxes>::along(centre.xyz));
+        let years = self.epoch_yr.map_or(0.0, |epoch| epoch - self.catalog.epoch_yr);
+        let near = self.catalog.stars_within(&Direction::<Icrs>::along(on_sky.xyz), radius_rad, self.limit);
+        near.into_iter()
+            .filter_map(|index| {
+                let star = &self.catalog.stars[index];
+                let state = StarState::of(star, self.catalog.epoch_yr);
+                let context = Context::new(state, *observation);
+                let apparent = self.chain.apparent(&context);
+                let place = self.chain.pixel(&attitude.camera_from_apparent(&apparent), &context)?;
+                self.chain.contains(place).then(|| Seen {
+                    hip: star.hip,
+                    place,
+                    apparent,
+                    star: state,
+                    magnitude: star.magnitude,
+                    sigma_rad: self.catalog.position_sigma_rad(star, years),
+                    has_proper_motion: star.proper_motion_rad_yr.is_some(),
+                })
+            })
+            .collect()
+    }
+}
+
+/// For each image its star (index), if one lies within the gate and has no nearer image.
+fn assign(images: &[StarImage], stars: &[Seen], floor_px2: f64, focal_length_px: f64) -> Vec<Option<usize>> {
+    let distance = |image: &StarImage, star: &Seen| {
+        let common = floor_px2 + (star.sigma_rad * focal_length_px).powi(2);
+        let [xx, xy, yy] = image.covariance_px2;
+        let (xx, yy) = (xx + common, yy + common);
+        let (dx, dy) = (image.x_px - star.place.x_px, image.y_px - star.place.y_px);
+        (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy)
+    };
+    let nearest = |image: &StarImage| {
+        let all = stars.iter().enumerate().map(|(index, star)| (distance(image, star), index));
+        all.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))).filter(|(distance, _)| *distance < GATE)
+    };
+    let found: Vec<Option<(f64, usize)>> = images.iter().map(nearest).collect();
+    let is_nearest = |place: usize, distance: f64, star: usize| {
+        found.iter().enumerate().all(|(other, found)| match found {
+            Some((d, s)) if *s == star && other != place => distance < *d || (distance == *d && place < other),
+            _ => true,
+        })
+    };
+    found
+        .iter()
+        .enumerate()
+        .map(|(place, found)| found.filter(|(distance, star)| is_nearest(place, *distance, *star)).map(|(_, star)| star))
+        .collect()
+}
