@@ -1,6 +1,6 @@
 //! How long a calibration takes: a usual night, and ten million pairs.
 
-use boresight::calibrate::{CalibrateOptions, calibrate};
+use boresight::calibrate::{CalibrateOptions, Method, calibrate};
 use boresight::camera::Camera;
 use boresight::coordinates::{Attitude, PixelPoint};
 use boresight::effects::StarState;
@@ -46,6 +46,13 @@ fn night(frames: usize, stars: usize) -> ControlPoints {
 #[divan::bench(args = [(12, 25), (40, 30), (20, 1000)], sample_count = 5)]
 fn variable_weights(bencher: Bencher, (frames, stars): (usize, usize)) {
     let points = night(frames, stars);
-    let options = CalibrateOptions { held_out: false, ..CalibrateOptions::default() };
+    let options = CalibrateOptions { method: Method::VariableWeights, held_out: false, ..CalibrateOptions::default() };
     bencher.bench_local(|| calibrate(&points, &options));
+}
+
+/// The joint method, held-out frames included: a usual night, and how the cost grows up to a million star images.
+#[divan::bench(args = [(12, 25), (40, 30), (100, 100), (1000, 100), (10_000, 100)], sample_count = 3)]
+fn bundle(bencher: Bencher, (frames, stars): (usize, usize)) {
+    let points = night(frames, stars);
+    bencher.bench_local(|| calibrate(&points, &CalibrateOptions::default()));
 }

@@ -121,17 +121,16 @@ pub(super) fn select(control_points: &ControlPoints, options: &CalibrateOptions)
 
 /// Rule 1.
 fn mark_duplicates(points: &[ControlPoint], reasons: &mut [Option<LeftOutReason>]) {
-    let mut stars: BTreeMap<(usize, u32), Vec<usize>> = BTreeMap::new();
-    let mut images: BTreeMap<(usize, u64, u64), Vec<usize>> = BTreeMap::new();
-    for (i, point) in points.iter().enumerate() {
-        // Without a number (0) a star is told by its own direction alone.
-        if point.hip != 0 {
-            stars.entry((point.frame, point.hip)).or_default().push(i);
+    // Without a number (0) a star is told by its own direction alone.
+    let stars = (0..points.len()).filter(|i| points[*i].hip != 0).map(|i| ((points[i].frame, u64::from(points[i].hip), 0), i));
+    let images = (0..points.len()).map(|i| ((points[i].frame, points[i].x_px.to_bits(), points[i].y_px.to_bits()), i));
+    for mut keyed in [stars.collect::<Vec<_>>(), images.collect::<Vec<_>>()] {
+        keyed.sort_unstable();
+        for same in keyed.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() > 1) {
+            for (_, i) in same {
+                reasons[*i] = Some(LeftOutReason::Duplicate);
+            }
         }
-        images.entry((point.frame, point.x_px.to_bits(), point.y_px.to_bits())).or_default().push(i);
-    }
-    for i in stars.into_values().chain(images.into_values()).filter(|same| same.len() > 1).flatten() {
-        reasons[i] = Some(LeftOutReason::Duplicate);
     }
 }
 

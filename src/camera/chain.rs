@@ -3,9 +3,10 @@
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::Term;
 use crate::catalog::{Catalog, Star};
 use crate::coordinates::{Apparent, Direction, Icrs};
-use crate::effects::{Context, DISPLACEMENTS, Light, Observation, Segment, StarState};
+use crate::effects::{Context, DISPLACEMENTS, Light, Observation, RefractionConstants, Segment, Sensor, StarState};
 
 /// Which effects of known size a model contains: the argument of `--physics`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -52,7 +53,7 @@ impl std::str::FromStr for Physics {
             list => {
                 let ids: Vec<String> = list.split(',').map(|id| id.trim().to_owned()).collect();
                 for id in &ids {
-                    if !sky_effects().any(|known| known == id) {
+                    if !known_effects().any(|known| known == id) {
                         return Err(PhysicsError::Unknown { given: id.clone(), suggestion: suggestion(id) });
                     }
                 }
@@ -62,19 +63,57 @@ impl std::str::FromStr for Physics {
     }
 }
 
-/// The effects of known size: those that act before the light reaches the camera.
-fn sky_effects() -> impl Iterator<Item = &'static str> {
-    DISPLACEMENTS.iter().filter(|effect| effect.segment() == Segment::Sky).map(|effect| effect.id())
+/// The effects whose size can be known: in an exposure of which everything is known, it is.
+fn known_effects() -> impl Iterator<Item = &'static str> {
+    let everything = Observation {
+        epoch_yr: Some(2000.0),
+        position_au: Some([1.0, 0.0, 0.0]),
+        sun_au: Some([1.0, 0.0, 0.0]),
+        velocity_km_s: Some([0.0, 30.0, 0.0]),
+        zenith: Some([0.0, 0.0, 1.0]),
+        refraction: Some(RefractionConstants { a_rad: 2.8e-4, b_rad: -3e-7 }),
+        earth_from_icrs: Some([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+        rate_rad_s: Some([1e-3; 3]),
+        exposure_s: Some(1.0),
+        sensor: Some(Sensor { width_px: 1024, height_px: 1024, line_time_s: Some(1e-5) }),
+        ..Observation::default()
+    };
+    DISPLACEMENTS.iter().filter(move |effect| effect.known(&everything).is_some()).map(|effect| effect.id())
+}
+
+impl Physics {
+    /// The effects of known size behind the lens (those of the sky are in [`SkyChain`]) with their parameters, for exposures of one
+    /// camera: those that can be computed for all of them.
+    pub fn terms_behind_the_lens(&self, observations: &[Observation]) -> Result<Vec<Term>, PhysicsError> {
+        let mut terms = Vec::new();
+        for effect in DISPLACEMENTS.iter().filter(|effect| effect.segment() != Segment::Sky) {
+            let wanted = match self {
+                Self::None => false,
+                Self::Known => true,
+                Self::List(ids) => ids.iter().any(|id| id == effect.id()),
+            };
+            let known: Vec<_> = observations.iter().filter_map(|observation| effect.known(observation)).collect();
+            let everywhere = !known.is_empty() && known.len() == observations.len() && known.iter().all(|one| *one == known[0]);
+            if wanted && everywhere {
+                terms.push(Term { effect: effect.id().to_owned(), parameters: known[0].clone() });
+            } else if wanted && matches!(self, Self::List(_)) {
+                let reason = observations.iter().find_map(|observation| effect.missing(observation));
+                let reason = reason.unwrap_or("its size must be fitted, or is not the same in all frames").to_owned();
+                return Err(PhysicsError::NotComputable { id: effect.id().to_owned(), reason });
+            }
+        }
+        Ok(terms)
+    }
 }
 
 /// Says which words would have been understood, the most similar first.
 fn suggestion(given: &str) -> String {
-    let mut ids: Vec<&str> = sky_effects().chain(["known", "none"]).collect();
+    let mut ids: Vec<&str> = known_effects().chain(["known", "none"]).collect();
     ids.sort_by_key(|id| strsim::damerau_levenshtein(given, id));
     if strsim::damerau_levenshtein(given, ids[0]) <= 3 {
         format!("did you mean {}?", ids[0])
     } else {
-        format!("choose known, none, or a list from: {}", sky_effects().collect::<Vec<_>>().join(", "))
+        format!("choose known, none, or a list from: {}", known_effects().collect::<Vec<_>>().join(", "))
     }
 }
 
@@ -101,7 +140,11 @@ impl SkyChain {
             match (effect.known(&observation), physics) {
                 (Some(parameters), _) => links.push((index, parameters)),
                 (None, Physics::List(_)) => {
-                    let reason = effect.missing(&observation).unwrap_or("its size must be fitted").to_owned();
+                    let reason = effect.missing(&observation).unwrap_or(match effect.id() {
+                        "stellar-aberration" => "neither the velocity of the camera nor the time of the frames is known",
+                        _ => "its size must be fitted",
+                    });
+                    let reason = reason.to_owned();
                     return Err(PhysicsError::NotComputable { id: effect.id().to_owned(), reason });
                 }
                 (None, _) => {}

@@ -320,7 +320,13 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     let points = control_points(&measured, &identified, &catalog, &args.solve, args.trust_identifications)?;
     let moved = measured.times_are_known() && identified.iter().all(|frame| frame.sky.ids().contains(&"proper-motion"));
     let (physics, uneven) = pipeline::physics_in_force(&identified);
-    let options = CalibrateOptions { method: args.method.into(), ..args.solve.options(&physics, moved) };
+    let mut options = CalibrateOptions { method: args.method.into(), ..args.solve.options(&physics, moved) };
+    if args.method == MethodChoice::Bundle {
+        let frames: Vec<usize> = measured.frames.iter().map(|frame| frame.index).collect();
+        let observations: Vec<_> = frames.iter().map(|frame| points.points.observation(*frame)).collect();
+        options.terms = args.sky.physics.terms_behind_the_lens(&observations)?;
+        options.physics.extend(options.terms.iter().map(|term| term.effect.clone()));
+    }
     let anew = args.method == MethodChoice::Bundle && !args.no_reidentify && !args.trust_identifications;
     let result = if anew {
         calibrate_identifying_anew(&points.points, &star_images(&measured, &points), &catalog, &options)
