@@ -1,5 +1,7 @@
 //! `boresight calibrate`: solves for the camera.
 
+use std::path::PathBuf;
+
 use anyhow::{Context, Result};
 use boresight::calibrate::{
     AttitudeModel, CalibrateError, CalibrateOptions, Calibration, Method, ParameterPrior, StarImage, Status, calibrate as calibrate_points,
@@ -31,9 +33,9 @@ pub(crate) struct CalibrateArgs {
     sky: SkyArgs,
     #[command(flatten)]
     search: SearchArgs,
-    /// How to solve
-    #[arg(long, value_enum, default_value_t = MethodChoice::Bundle)]
-    method: MethodChoice,
+    /// How to solve [default: bundle]
+    #[arg(long, value_enum)]
+    method: Option<MethodChoice>,
     /// Take the identifications of a star list (`hip`, or `ra_deg` and `dec_deg`) as they are, instead of making our own
     #[arg(long)]
     trust_identifications: bool,
@@ -49,9 +51,12 @@ pub(crate) struct CalibrateArgs {
 /// How the camera is solved, and from which control points.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct SolveArgs {
-    /// F of the variable weights: pairs with T above it are weighted down
-    #[arg(long, value_name = "F", default_value_t = 10.83, value_parser = super::identify::positive)]
-    pub(crate) threshold: f64,
+    /// Read the solver's options from this TOML file (keys as under "options" in a calibrate.json); what is given here goes before them
+    #[arg(long, value_name = "FILE")]
+    pub(crate) options: Option<PathBuf>,
+    /// F of the variable weights: pairs with T above it are weighted down [default: 10.83]
+    #[arg(long, value_name = "F", value_parser = super::identify::positive)]
+    pub(crate) threshold: Option<f64>,
     /// The parameters to solve, others keep their ground values: x0,y0,f,k1,p1,p2 (the default), k2, k3, any effect or effect.parameter
     /// of `boresight effects`, or `auto`: those of the camera that the data support
     #[arg(long, value_name = "LIST|auto", value_delimiter = ',')]
@@ -59,15 +64,15 @@ pub(crate) struct SolveArgs {
     /// What is known of a parameter beforehand: name=value:sigma, in its own unit; several times for several
     #[arg(long, value_name = "NAME=VALUE:SIGMA", value_parser = prior)]
     pub(crate) prior: Vec<ParameterPrior>,
-    /// The projection: pinhole, equidistant, equisolid, stereographic or kannala-brandt
-    #[arg(long, value_name = "ID", default_value = "pinhole")]
-    pub(crate) projection: String,
-    /// `free`: one attitude a frame, even if the recording says that the mount is fixed
-    #[arg(long, value_enum, default_value_t = AttitudeChoice::Auto)]
-    pub(crate) attitudes: AttitudeChoice,
-    /// At most this many iterations
-    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..))]
-    pub(crate) max_iterations: u16,
+    /// The projection: pinhole (the default), equidistant, equisolid, stereographic or kannala-brandt
+    #[arg(long, value_name = "ID")]
+    pub(crate) projection: Option<String>,
+    /// `free`: one attitude a frame, even if the recording says that the mount is fixed [default: auto]
+    #[arg(long, value_enum)]
+    pub(crate) attitudes: Option<AttitudeChoice>,
+    /// At most this many iterations [default: 100]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(crate) max_iterations: Option<u16>,
     /// Use only stars brighter than this V magnitude
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub(crate) max_magnitude: Option<f64>,
@@ -148,29 +153,39 @@ impl From<MisidentifyChoice> for MisidentificationKind {
 }
 
 impl SolveArgs {
-    /// The options of the solver.
-    pub(crate) fn options(&self, physics: &[&str], time_is_known: bool) -> CalibrateOptions {
-        let defaults = CalibrateOptions::default();
-        let select_model = self.solve.as_ref().is_some_and(|names| names.iter().any(|name| name == "auto"));
-        let mut solve = self.solve.clone().unwrap_or(defaults.solve.clone());
-        solve.retain(|name| name != "auto");
-        CalibrateOptions {
-            select_model,
-            priors: self.prior.clone(),
-            projection: self.projection.clone(),
-            projection_parameters: projection_start(&self.projection),
-            attitudes: match self.attitudes {
-                AttitudeChoice::Auto => AttitudeModel::Auto,
-                AttitudeChoice::Free => AttitudeModel::Free,
-            },
-            f_threshold: self.threshold,
-            max_iterations: usize::from(self.max_iterations),
-            solve,
-            leave_out_imprecise: !self.all_stars,
-            proper_motion_only: time_is_known && !self.all_stars,
-            physics: physics.iter().map(|id| (*id).to_owned()).collect(),
-            ..defaults
+    /// The options of the solver: those of the file, with what the command line says in their place.
+    pub(crate) fn options(&self, physics: &[&str], time_is_known: bool) -> Result<CalibrateOptions> {
+        let mut options = match &self.options {
+            None => CalibrateOptions::default(),
+            Some(path) => {
+                let text =
+                    std::fs::read_to_string(path).with_context(|| format!("--options {}: the file cannot be read", path.display()))?;
+                toml::from_str(&text).with_context(|| format!("--options {}", path.display()))?
+            }
+        };
+        if let Some(names) = &self.solve {
+            options.select_model = names.iter().any(|name| name == "auto");
+            // `auto` chooses among the camera's parameters; effects named beside it are always solved.
+            options.solve = names.iter().filter(|name| *name != "auto").cloned().collect();
         }
+        options.priors.extend(self.prior.iter().cloned());
+        if let Some(projection) = &self.projection {
+            options.projection.clone_from(projection);
+            options.projection_parameters = projection_start(projection);
+        }
+        options.attitudes = match self.attitudes {
+            None => options.attitudes,
+            Some(AttitudeChoice::Auto) => AttitudeModel::Auto,
+            Some(AttitudeChoice::Free) => AttitudeModel::Free,
+        };
+        options.f_threshold = self.threshold.unwrap_or(options.f_threshold);
+        options.max_iterations = self.max_iterations.map_or(options.max_iterations, usize::from);
+        if self.options.is_none() || self.all_stars {
+            options.leave_out_imprecise = !self.all_stars;
+            options.proper_motion_only = time_is_known && !self.all_stars;
+        }
+        options.physics = physics.iter().map(|id| (*id).to_owned()).collect();
+        Ok(options)
     }
 }
 
@@ -320,14 +335,15 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     let points = control_points(&measured, &identified, &catalog, &args.solve, args.trust_identifications)?;
     let moved = measured.times_are_known() && identified.iter().all(|frame| frame.sky.ids().contains(&"proper-motion"));
     let (physics, uneven) = pipeline::physics_in_force(&identified);
-    let mut options = CalibrateOptions { method: args.method.into(), ..args.solve.options(&physics, moved) };
-    if args.method == MethodChoice::Bundle {
+    let mut options = args.solve.options(&physics, moved)?;
+    options.method = args.method.map_or(options.method, Method::from);
+    if options.method == Method::Bundle {
         let frames: Vec<usize> = measured.frames.iter().map(|frame| frame.index).collect();
         let observations: Vec<_> = frames.iter().map(|frame| points.points.observation(*frame)).collect();
         options.terms = args.sky.physics.terms_behind_the_lens(&observations)?;
         options.physics.extend(options.terms.iter().map(|term| term.effect.clone()));
     }
-    let anew = args.method == MethodChoice::Bundle && !args.no_reidentify && !args.trust_identifications;
+    let anew = options.method == Method::Bundle && !args.no_reidentify && !args.trust_identifications;
     let result = if anew {
         calibrate_identifying_anew(&points.points, &star_images(&measured, &points), &catalog, &options)
     } else {

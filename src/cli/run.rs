@@ -169,8 +169,9 @@ fn night(
 
     let (physics, _) = pipeline::physics_in_force(&identified);
     let moved = measured.times_are_known() && physics.contains(&"proper-motion");
+    let base = solve.options(&physics, moved)?;
     let solve_by = |method| {
-        let options = boresight::calibrate::CalibrateOptions { method, ..solve.options(&physics, moved) };
+        let options = boresight::calibrate::CalibrateOptions { method, ..base.clone() };
         Solved { method, result: calibrate(&points.points, &options) }
     };
     let solutions = [Method::LeastSquares, Method::VariableWeights, Method::Bundle].map(solve_by);
