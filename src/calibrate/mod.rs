@@ -17,6 +17,7 @@ mod pairs;
 mod reidentify;
 mod residuals;
 mod select;
+mod sequential;
 mod star_level;
 mod summary;
 pub mod trial;
@@ -36,6 +37,7 @@ pub use map::{
 pub use reidentify::{StarImage, calibrate_identifying_anew};
 pub use residuals::residuals_px;
 pub use select::LeftOutReason;
+pub use sequential::{Drift, OnChange, ParameterChange, SEQUENTIAL_FORMAT, Sequential, SequentialError, UpdateOptions, UpdateReport};
 
 use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES, Term};
 use crate::identify::ControlPoints;

@@ -22,6 +22,7 @@ use serde::Serialize;
 use super::identify::SearchArgs;
 use super::options::{InputArgs, OutputArgs, SkyArgs};
 use super::pipeline::{IdentifiedFrame, Measured};
+use super::update::{self, NewFrames, UpdateArgs};
 use super::{Answer, output, pictures, pipeline, star_list};
 
 /// Arguments of `calibrate`.
@@ -44,6 +45,8 @@ pub(crate) struct CalibrateArgs {
     no_reidentify: bool,
     #[command(flatten)]
     solve: SolveArgs,
+    #[command(flatten)]
+    update: UpdateArgs,
     #[command(flatten)]
     output: OutputArgs,
 }
@@ -322,6 +325,10 @@ fn trust(
 
 /// Calibrates, and prints the camera.
 pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
+    if let Some(path) = &args.update.update {
+        // What cannot be gone on from is said before the work.
+        update::read(path)?;
+    }
     let catalog = args.sky.catalog()?;
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
@@ -333,6 +340,11 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
         pipeline::identify_frames(&measured, &catalog, &args.sky.physics, &args.search.options(&measured))?
     };
     let points = control_points(&measured, &identified, &catalog, &args.solve, args.trust_identifications)?;
+    if let Some(path) = &args.update.update {
+        let notes = measured.recording.notes.iter().chain(&points.notes).cloned().collect();
+        let new = NewFrames { points: &points.points, parity: points.parity, skipped: &measured.skipped, notes };
+        return update::update(path, &args.update, new, provenance, &args.output);
+    }
     let moved = measured.times_are_known() && identified.iter().all(|frame| frame.sky.ids().contains(&"proper-motion"));
     let (physics, uneven) = pipeline::physics_in_force(&identified);
     let mut options = args.solve.options(&physics, moved)?;
@@ -500,7 +512,7 @@ fn text(calibration: &Calibration) -> String {
 }
 
 /// A value and its standard error with as many digits as the error deserves.
-fn with_sigma(value: f64, sigma: f64) -> [String; 2] {
+pub(crate) fn with_sigma(value: f64, sigma: f64) -> [String; 2] {
     if value != 0.0 && value.abs() < 1e-3 {
         return [format!("{value:.4e}"), format!("{sigma:.1e}")];
     }

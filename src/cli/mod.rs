@@ -18,6 +18,7 @@ mod pipeline;
 mod run;
 mod simulate;
 mod star_list;
+mod update;
 
 use std::process::ExitCode;
 

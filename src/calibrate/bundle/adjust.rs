@@ -198,6 +198,7 @@ impl Problem {
         for prior in &self.priors {
             pass.cost += ((state.values[self.free[prior.free]] - prior.value) / prior.sigma).powi(2);
         }
+        pass.cost += self.carried.as_ref().map_or(0.0, |carried| carried.cost(&self.free, &state.values));
         pass
     }
 
@@ -210,6 +211,9 @@ impl Problem {
             let off = (state.values[self.free[prior.free]] - prior.value) * scale[prior.free];
             reduced.matrix[(prior.free, prior.free)] += weight;
             reduced.right[prior.free] -= weight * off;
+        }
+        if let Some(carried) = &self.carried {
+            carried.add_to(&mut reduced, &self.free, &state.values, scale);
         }
         (reduced, eliminated)
     }

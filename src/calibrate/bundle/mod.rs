@@ -12,6 +12,8 @@
 //! | [`normal`] | normal equations, attitudes eliminated |
 //! | [`adjust`] | the iteration |
 //! | [`mapping`] | the map over the frame: uncertainty, coverage |
+//! | [`memory`] | what earlier solutions know, in constant size |
+//! | [`update`] | new frames with what earlier solutions know |
 //! | [`held_out`] | cross-validation without solving anew |
 //! | [`selection`] | which parameters the data support |
 //! | [`summary`] | the result |
@@ -22,19 +24,23 @@ mod adjust;
 mod consensus;
 mod held_out;
 mod mapping;
+mod memory;
 mod noise;
 mod normal;
 mod problem;
 mod selection;
 mod solve_for;
 mod summary;
+mod update;
 
 use nalgebra::{Matrix3, UnitQuaternion};
 use rayon::prelude::*;
 
 pub(super) use adjust::{Adjusted, Run, scales};
+pub(super) use memory::{CLASSES, NoiseMemory};
 pub(super) use noise::Noise;
 pub(super) use problem::{Attitudes, Prior, Problem, State, earth_from_icrs};
+pub(super) use update::{Known, Updated, inverse, update};
 
 use super::select::Selection;
 use super::{AttitudeModel, CalibrateError, CalibrateOptions, Calibration};
@@ -137,7 +143,7 @@ pub(super) fn pose(
         notes.push("the mount is said to be fixed, but not all frames have a time: each frame has an attitude of its own".to_owned());
         Attitudes::Free
     };
-    Ok((Problem { model, free, priors, exposures, attitudes, solves_sky }, notes))
+    Ok((Problem { model, free, priors, carried: None, exposures, attitudes, solves_sky }, notes))
 }
 
 /// Whether the rows are exposed one after the other while nobody says how the camera turned.
@@ -224,6 +230,7 @@ fn from_focal_length(problem: &Problem, points: &ControlPoints, options: &Calibr
         wrong_radius_px: 0.05 * diagonal_px,
         frame_factors: vec![1.0; problem.exposures.len()],
         focal_length_px: f,
+        before: NoiseMemory::default(),
     };
     let run = Run { epsilon_px: options.epsilon_px, max_turns: options.max_iterations, from_afar: true, hold_noise: false };
     let mut adjusted = problem.adjust(state, noise, &scale, &run, None);

@@ -14,6 +14,7 @@
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
+use super::memory::NoiseMemory;
 use super::problem::Image;
 
 /// A frame is taken for worse than the others if its own χ² has less than this probability.
@@ -38,6 +39,8 @@ pub(in crate::calibrate) struct Noise {
     pub(in crate::calibrate) frame_factors: Vec<f64>,
     /// Focal length: what turns the catalogue's errors into pixels.
     pub(in crate::calibrate) focal_length_px: f64,
+    /// Star images of earlier solutions, which have their say in what the noise is.
+    pub(in crate::calibrate) before: NoiseMemory,
 }
 
 /// A residual whitened.
@@ -101,9 +104,10 @@ impl Noise {
             return;
         }
         let count = samples.len() as f64;
-        self.wrong_share = (1.0 - right / count).clamp(SMALLEST_WRONG.max(0.5 / count).min(0.1), LARGEST_WRONG);
+        let (right_in_all, images) = (right + self.before.weight(), count + self.before.images);
+        self.wrong_share = (1.0 - right_in_all / images).clamp(SMALLEST_WRONG.max(0.5 / images).min(0.1), LARGEST_WRONG);
         // Residuals are smaller than errors by what the fit has taken.
-        let freedom = ((2.0 * right - lost as f64) / (2.0 * right)).clamp(0.05, 1.0);
+        let freedom = ((2.0 * right_in_all - lost as f64 - self.before.lost) / (2.0 * right_in_all)).clamp(0.05, 1.0);
         self.floor_px2 = if robust {
             self.floor_from_median(samples, freedom).min(self.floor_by_likelihood(samples, freedom))
         } else {
@@ -134,22 +138,20 @@ impl Noise {
             let (_, median, _) = ratios.select_nth_unstable_by(middle, f64::total_cmp);
             *median / MEDIAN_SQUARE - 1.0
         };
-        root(excess, samples)
+        root(excess, samples, self.before.largest_square_px2())
     }
 
     /// τ² of greatest likelihood: Σ w·(r²/v − 2)/v = 0 with v = σ² + τ².
     fn floor_by_likelihood(&self, samples: &[Sample], freedom: f64) -> f64 {
         let score = |floor: f64| {
-            samples
-                .iter()
-                .map(|sample| {
-                    let factor = self.frame_factors[sample.exposure];
-                    let variance = sample.stated_px2 + floor;
-                    sample.weight * (sample.square_px2 / (freedom * factor * variance) - 2.0) / variance
-                })
-                .sum()
+            let of = |sample: &Sample| {
+                let factor = self.frame_factors[sample.exposure];
+                let variance = sample.stated_px2 + floor;
+                sample.weight * (sample.square_px2 / (freedom * factor * variance) - 2.0) / variance
+            };
+            samples.iter().map(of).sum::<f64>() + self.before.score(floor, freedom)
         };
-        root(score, samples)
+        root(score, samples, self.before.largest_square_px2())
     }
 
     /// κ: one, unless a frame's χ² says otherwise; then the ratio itself.
@@ -171,13 +173,13 @@ impl Noise {
     }
 }
 
-/// Where a falling function of τ² becomes zero; zero if it begins below.
-fn root(score: impl Fn(f64) -> f64, samples: &[Sample]) -> f64 {
+/// Where a falling function of τ² becomes zero; zero if it begins below. `largest` is the largest mean square seen elsewhere.
+fn root(score: impl Fn(f64) -> f64, samples: &[Sample], largest: f64) -> f64 {
     const HALVINGS: usize = 40;
     if score(0.0) <= 0.0 {
         return 0.0;
     }
-    let mut high = samples.iter().map(|sample| sample.square_px2).fold(0.0, f64::max).max(1e-12);
+    let mut high = samples.iter().map(|sample| sample.square_px2).fold(largest, f64::max).max(1e-12);
     let mut low = high * 1e-12;
     if score(high) > 0.0 {
         return high;

@@ -10,6 +10,7 @@
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
+use super::memory::Carried;
 use crate::camera::{Model, PARAMETER_COUNT, direction_from_pixel};
 use crate::coordinates::PixelPoint;
 use crate::dual::{Jet, Real};
@@ -82,6 +83,8 @@ pub(in crate::calibrate) struct Problem {
     pub(in crate::calibrate) free: Vec<usize>,
     /// Values known beforehand.
     pub(in crate::calibrate) priors: Vec<Prior>,
+    /// What earlier solutions know of all free parameters together.
+    pub(in crate::calibrate) carried: Option<Carried>,
     /// The star images, by frame.
     pub(in crate::calibrate) exposures: Vec<Exposure>,
     /// The attitudes.

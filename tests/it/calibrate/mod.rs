@@ -3,6 +3,7 @@
 mod bad_input;
 mod published;
 mod select;
+mod sequential;
 mod trial;
 mod uncertainty;
 

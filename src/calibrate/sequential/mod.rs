@@ -1,0 +1,337 @@
+//! The sequential mode: a calibration goes on with new frames, and what is kept of the old ones does not grow.
+//!
+//! Kept are a Gaussian for the parameters (value and information matrix, the attitudes eliminated) and sums over the star images by stated
+//! variance, from which the noise is found. New frames are solved with that Gaussian as what is known beforehand; it is linearised anew at
+//! every estimate. Before they count, they are asked whether the camera is still the same: a sudden change is reported and not averaged in.
+//!
+//! What differs from all frames solved at once: old star images keep the probability of being right that they had when they came, and
+//! frames of a fixed mount share its attitude within one update only.
+
+mod state;
+
+use nalgebra::DMatrix;
+use serde::{Deserialize, Serialize};
+
+pub use state::SEQUENTIAL_FORMAT;
+use state::State;
+
+use super::bundle::{self, Known, Updated};
+use super::{CalibrateError, Calibration, ParameterEstimate, check_points, select};
+use crate::camera::{Camera, Model};
+use crate::identify::ControlPoints;
+
+/// What remains of the information after a restart: hardly anything, but no parameter is left open.
+const RESTART: f64 = 1e-4;
+
+/// A calibration that goes on with new frames, in constant memory. In files it is [`SEQUENTIAL_FORMAT`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "State", into = "State")]
+pub struct Sequential {
+    state: State,
+}
+
+/// What is done with frames of a camera that has changed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum OnChange {
+    /// They are not taken; the calibration stays as it was.
+    #[default]
+    Refuse,
+    /// They are taken like all others.
+    Average,
+    /// They are taken, and what was known before is forgotten (its standard errors become a hundred times as large).
+    Restart,
+}
+
+/// A parameter that drifts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Drift {
+    /// The parameter.
+    pub name: String,
+    /// Standard deviation of its random walk over one frame, in its own unit; over n frames √n times as much.
+    pub sigma_per_frame: f64,
+}
+
+/// How an update is done. By default nothing is forgotten, nothing drifts, and frames of a changed camera are refused.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UpdateOptions {
+    /// Old frames count 1/e after this many new ones.
+    pub forget_frames: Option<f64>,
+    /// Parameters that drift.
+    pub drift: Vec<Drift>,
+    /// What is done with frames of a camera that has changed.
+    pub on_change: OnChange,
+    /// A camera has changed if an unchanged one would give such new frames with less than this probability.
+    pub change_probability: f64,
+}
+
+impl Default for UpdateOptions {
+    fn default() -> Self {
+        Self { forget_frames: None, drift: Vec::new(), on_change: OnChange::Refuse, change_probability: 1e-6 }
+    }
+}
+
+/// A parameter before and after an update.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ParameterChange {
+    /// Its name.
+    pub name: String,
+    /// Value before.
+    pub before: f64,
+    /// Standard error before (after forgetting and drift).
+    pub sigma_before: f64,
+    /// Value after.
+    pub after: f64,
+    /// Standard error after.
+    pub sigma_after: f64,
+    /// By how many standard errors the new frames, taken at face value, move it: normal with variance one if the camera is the same.
+    pub moved_sigma: f64,
+    /// Unit of the values and standard errors.
+    pub unit: String,
+}
+
+/// What an update has done.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct UpdateReport {
+    /// Whether the new frames were taken. They are not if the camera has changed ([`OnChange::Refuse`]), or the iteration did not end.
+    pub taken: bool,
+    /// Whether the iteration came to its end.
+    pub converged: bool,
+    /// Whether the camera has changed.
+    pub changed: bool,
+    /// χ² of the new frames' estimate against what was known.
+    pub change_chi_squared: f64,
+    /// Combinations of parameters in it.
+    pub change_degrees: usize,
+    /// Probability of such a χ², or a larger one, of an unchanged camera (F distribution, as the noise is found from the residuals).
+    pub change_probability: f64,
+    /// New frames that take part.
+    pub frames: usize,
+    /// New star images offered.
+    pub stars_offered: usize,
+    /// New star images used.
+    pub stars: usize,
+    /// 2-D rms of those used, px.
+    pub rms_px: Option<f64>,
+    /// The parameters.
+    pub parameters: Vec<ParameterChange>,
+    /// What to mind, one sentence each.
+    pub warnings: Vec<String>,
+}
+
+/// Why a calibration cannot go on.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SequentialError {
+    /// The new frames cannot be solved.
+    #[error(transparent)]
+    Calibrate(#[from] CalibrateError),
+    /// Pairs of stars leave no information matrix.
+    #[error("a calibration by {method} cannot be updated: calibrate with --method bundle, which weighs single stars")]
+    NotJoint {
+        /// The method.
+        method: &'static str,
+    },
+    /// The calibration is no result.
+    #[error("the calibration did not converge and cannot be updated: calibrate again with more frames or fewer parameters")]
+    NotConverged,
+    /// Another size of frames.
+    #[error("the new frames have {new:?} pixels, but the calibration is of frames of {known:?}: update with frames of the same camera")]
+    OtherFrame {
+        /// Width and height of the new frames.
+        new: [usize; 2],
+        /// Those of the calibration.
+        known: [usize; 2],
+    },
+    /// An option that makes no sense.
+    #[error("{name} = {value} cannot be used for an update: {allowed}")]
+    BadOption {
+        /// The option.
+        name: &'static str,
+        /// Its value.
+        value: String,
+        /// What can.
+        allowed: String,
+    },
+    /// The state is none.
+    #[error("the sequential state is not usable, {place} = {value}: {remedy}")]
+    BadState {
+        /// Where.
+        place: String,
+        /// What is there.
+        value: String,
+        /// What should be.
+        remedy: &'static str,
+    },
+}
+
+impl Sequential {
+    /// Begins with a calibration by the joint method.
+    ///
+    /// # Errors
+    /// If it is of another method, has not converged, or its covariance cannot be inverted.
+    pub fn from_calibration(calibration: &Calibration) -> Result<Self, SequentialError> {
+        Ok(Self { state: State::of(calibration)? })
+    }
+
+    /// The camera, of the un-mirrored image.
+    #[must_use]
+    pub fn camera(&self) -> &Camera {
+        self.state.model.camera()
+    }
+
+    /// The camera with every effect in force, of the un-mirrored image.
+    #[must_use]
+    pub fn model(&self) -> &Model {
+        &self.state.model
+    }
+
+    /// −1 if the images are mirrored, else +1.
+    #[must_use]
+    pub fn parity(&self) -> i8 {
+        self.state.parity
+    }
+
+    /// Frames so far.
+    #[must_use]
+    pub fn frames(&self) -> usize {
+        self.state.frames
+    }
+
+    /// Star images used so far.
+    #[must_use]
+    pub fn stars(&self) -> usize {
+        self.state.stars
+    }
+
+    /// Updates so far.
+    #[must_use]
+    pub fn updates(&self) -> usize {
+        self.state.updates
+    }
+
+    /// Error per axis that all star images have beyond what their measurement states, px.
+    #[must_use]
+    pub fn floor_px(&self) -> f64 {
+        self.state.floor_px2.sqrt()
+    }
+
+    /// Share of wrong identifications so far.
+    #[must_use]
+    pub fn wrong_share(&self) -> f64 {
+        self.state.wrong_share
+    }
+
+    /// Weighted sum of squares over its degrees of freedom: one if the stated errors and the floor are right.
+    #[must_use]
+    pub fn unit_weight_variance(&self) -> f64 {
+        self.state.unit()
+    }
+
+    /// The solved parameters with their standard errors.
+    #[must_use]
+    pub fn parameters(&self) -> Vec<ParameterEstimate> {
+        let covariance = self.covariance();
+        let all = self.state.model.parameters();
+        let values = self.state.model.values();
+        let estimate = |(k, name): (usize, &String)| {
+            let place = all.iter().position(|parameter| parameter.name == *name)?;
+            let sigma = covariance[k][k].max(0.0).sqrt();
+            Some(ParameterEstimate {
+                name: name.clone(),
+                value: values[place],
+                sigma,
+                sigma_joint: sigma,
+                unit: all[place].unit.to_owned(),
+            })
+        };
+        self.state.solved.iter().enumerate().filter_map(estimate).collect()
+    }
+
+    /// Covariance of the solved parameters, in their order and units.
+    #[must_use]
+    pub fn covariance(&self) -> Vec<Vec<f64>> {
+        let n = self.state.solved.len();
+        let unit = self.state.unit();
+        // A state is checked when it is made, so the inverse exists.
+        let inverse = bundle::inverse(&self.state.matrix()).unwrap_or_else(|| DMatrix::from_element(n, n, f64::NAN));
+        (0..n).map(|i| (0..n).map(|j| unit * inverse[(i, j)]).collect()).collect()
+    }
+
+    /// Takes new frames; nothing is forgotten, and frames of a changed camera are refused.
+    ///
+    /// # Errors
+    /// See [`Self::update_with`].
+    pub fn update(&mut self, points: &ControlPoints) -> Result<UpdateReport, SequentialError> {
+        self.update_with(points, &UpdateOptions::default())
+    }
+
+    /// Takes new frames, of the un-mirrored image.
+    ///
+    /// # Errors
+    /// If the options or points make no sense, the frames are of another size, the star directions contain other effects, or no frame
+    /// finds an attitude. Then the calibration stays as it was.
+    pub fn update_with(&mut self, points: &ControlPoints, options: &UpdateOptions) -> Result<UpdateReport, SequentialError> {
+        self.state.check_update(points, options)?;
+        check_points(points, &self.state.options)?;
+        let selection = select::select(points, &self.state.options);
+        let mut prior = self.clone();
+        prior.state.forget(selection.frames.len(), options)?;
+        let before = prior.parameters();
+        let mut solved = prior.solve(points, &selection, 1.0)?;
+        let change = solved.change.clone();
+        let changed = change.probability < options.change_probability;
+        if changed && options.on_change == OnChange::Restart {
+            prior.state.restart();
+            solved = prior.solve(points, &selection, RESTART)?;
+        }
+        let taken = solved.converged && !(changed && options.on_change == OnChange::Refuse);
+        let (frames, stars, rms_px, converged, warnings) =
+            (solved.frames, solved.stars, solved.rms_px, solved.converged, std::mem::take(&mut solved.notes));
+        if taken {
+            prior.state.take(solved)?;
+            self.state = prior.state;
+        }
+        let parameters = before
+            .into_iter()
+            .zip(self.parameters())
+            .zip(change.steps_sigma)
+            .map(|((before, after), moved_sigma)| ParameterChange {
+                name: before.name,
+                before: before.value,
+                sigma_before: before.sigma,
+                after: after.value,
+                sigma_after: after.sigma,
+                moved_sigma,
+                unit: before.unit,
+            })
+            .collect();
+        Ok(UpdateReport {
+            taken,
+            converged,
+            changed,
+            change_chi_squared: change.chi_squared,
+            change_degrees: change.degrees,
+            change_probability: change.probability,
+            frames,
+            stars_offered: points.points.len(),
+            stars,
+            rms_px,
+            parameters,
+            warnings,
+        })
+    }
+
+    fn solve(&self, points: &ControlPoints, selection: &select::Selection, factor: f64) -> Result<Updated, CalibrateError> {
+        let state = &self.state;
+        let known = Known {
+            model: &state.model,
+            names: &state.solved,
+            information: state.matrix() * factor,
+            memory: &state.noise,
+            floor_px2: state.floor_px2,
+            wrong_radius_px: state.wrong_radius_px,
+        };
+        bundle::update(points, &state.options, selection, &known)
+    }
+}
