@@ -148,6 +148,21 @@ impl NoiseMemory {
 mod tests {
     use super::*;
 
+    /// The equations lead back to the values carried, from anywhere and in any scale, by a step that costs what the cost says.
+    #[test]
+    fn what_is_carried_pulls_back() {
+        let information = DMatrix::from_row_slice(2, 2, &[4.0, 1.0, 1.0, 0.5]);
+        let carried = Carried { values: vec![3.0, -2.0], information: information.clone() };
+        let (free, values, scale) = ([0, 2], [3.5, 99.0, -4.0], [10.0, 0.1]);
+        let mut reduced = Reduced::zero(2);
+        carried.add_to(&mut reduced, &free, &values, &scale);
+        let step = reduced.matrix.clone().cholesky().unwrap().solve(&reduced.right);
+        assert!((values[0] + step[0] / scale[0] - 3.0).abs() < 1e-12 && (values[2] + step[1] / scale[1] + 2.0).abs() < 1e-12);
+        let cost = 4.0 * 0.25 + 2.0 * 0.5 * -2.0 + 0.5 * 4.0;
+        assert!((carried.cost(&free, &values) - cost).abs() < 1e-12);
+        assert!((step.dot(&reduced.right) - cost).abs() < 1e-12);
+    }
+
     /// Classes stand for their images: χ² and the score are those of the images summed one by one.
     #[test]
     fn classes_stand_for_their_images() {

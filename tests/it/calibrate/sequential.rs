@@ -7,7 +7,7 @@ use boresight::calibrate::{
     CalibrateOptions, Calibration, Drift, Method, OnChange, Sequential, SequentialError, UpdateOptions, UpdateReport, calibrate,
 };
 use boresight::catalog::Catalog;
-use boresight::identify::ControlPoints;
+use boresight::identify::{ControlPoints, FrameState};
 
 use super::options;
 
@@ -55,6 +55,9 @@ fn differences(state: &Sequential, whole: &Calibration) -> (f64, f64) {
     (value, sigma)
 }
 
+/// The Gaussian that is kept is good to the second order of the mapping, so the difference goes with the noise, and it is largest if the
+/// first calibration is of a single frame. Over 16 other nights: begun with one frame, then one at a time, the worst parameter was
+/// 0.03 σ off in the median and 0.10 σ at most; begun with eight frames, 0.015 and 0.04 σ.
 #[test]
 fn batches_end_where_all_frames_at_once_end() {
     for seed in [1, 2, 3] {
@@ -89,6 +92,46 @@ fn the_floor_is_that_of_all_frames() {
         println!("{batches} batches: parameters within {value:.4} σ, σ within {:.2} %, floor {:+.2} %", 100.0 * sigma, 100.0 * floor);
         assert!(value < 0.05 && sigma < 0.02 && floor.abs() < 0.02, "{batches} batches: {value} {sigma} {floor}");
     }
+}
+
+/// Parameters beyond the reference model, and catalogue errors, go on as well.
+#[test]
+fn other_parameters_go_on_too() {
+    let mut points = night(FRAMES, 15);
+    points.points.iter_mut().for_each(|point| point.catalog_sigma_rad = 1e-5);
+    let solve = ["f", "x0", "y0", "k1", "k2", "aspect"].map(str::to_owned).to_vec();
+    let options = CalibrateOptions { solve, ..options(Method::Bundle) };
+    let whole = calibrate(&points, &options).unwrap();
+    let mut state = Sequential::from_calibration(&calibrate(&part(&points, 0..10), &options).unwrap()).unwrap();
+    for k in 1..4 {
+        assert!(state.update(&part(&points, 10 * k..10 * (k + 1))).unwrap().taken);
+    }
+    let (value, sigma) = differences(&state, &whole);
+    println!("with k2 and aspect: parameters within {value:.4} σ, σ within {:.2} %", 100.0 * sigma);
+    assert!(value < 0.05 && sigma < 0.02, "{value} {sigma}");
+}
+
+/// A camera that stands still on the turning Earth: within one update its frames share the mount's attitude.
+#[test]
+fn a_fixed_mount_goes_on_too() {
+    let trial = Trial { frames: FRAMES, ..Trial::published() };
+    let night = trial.night(Catalog::embedded(), 16);
+    let mut points = night.control_points;
+    let mount = nalgebra::UnitQuaternion::from_euler_angles(0.3, -0.2, 1.0);
+    points.fixed_mount = true;
+    points.frames = vec![FrameState::default(); FRAMES];
+    for (frame, attitude) in points.frames.iter_mut().zip(&night.attitudes) {
+        // Any rotation serves for that of the Earth.
+        let earth = (mount.inverse() * attitude.camera_from_icrs).to_rotation_matrix();
+        frame.observation.earth_from_icrs = Some(std::array::from_fn(|row| std::array::from_fn(|column| earth[(row, column)])));
+    }
+    let whole = batch(&points);
+    assert!(whole.gauge.contains("mount"), "{}", whole.gauge);
+    let (state, reports) = sequential(&points, 2);
+    assert!(reports[0].taken);
+    let (value, sigma) = differences(&state, &whole);
+    println!("fixed mount: parameters within {value:.4} σ, σ within {:.2} %", 100.0 * sigma);
+    assert!(value < 0.5 && sigma < 0.1, "{value} {sigma}");
 }
 
 #[test]
