@@ -14,6 +14,7 @@
 //! | [`mapping`] | the map over the frame: uncertainty, coverage |
 //! | [`memory`] | what earlier solutions know, in constant size |
 //! | [`update`] | new frames with what earlier solutions know |
+//! | [`change`] | whether these are of the same camera |
 //! | [`held_out`] | cross-validation without solving anew |
 //! | [`selection`] | which parameters the data support |
 //! | [`summary`] | the result |
@@ -21,6 +22,7 @@
 //! Source: Triggs et al., "Bundle adjustment: a modern synthesis" (2000), for the elimination; Brown (1971) for self-calibration.
 
 mod adjust;
+mod change;
 mod consensus;
 mod held_out;
 mod mapping;

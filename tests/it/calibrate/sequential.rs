@@ -274,6 +274,9 @@ fn the_same_frames_give_the_same_state() {
     assert_eq!(run(1), run(4));
 }
 
+/// A change to a good state, and what the refusal says.
+type Case = (&'static dyn Fn(&mut serde_json::Value), &'static str);
+
 #[test]
 fn a_state_that_is_none_is_refused_in_a_sentence() {
     let state = Sequential::from_calibration(&batch(&night(4, 11))).unwrap();
@@ -283,7 +286,6 @@ fn a_state_that_is_none_is_refused_in_a_sentence() {
         change(&mut value);
         serde_json::from_value::<Sequential>(value).unwrap_err().to_string()
     };
-    type Case = (&'static dyn Fn(&mut serde_json::Value), &'static str);
     let cases: [Case; 9] = [
         (&|value| value["format"] = "boresight-calibrate/1".into(), "format = boresight-calibrate/1"),
         (&|value| value["parity"] = 0.into(), "parity = 0"),
