@@ -19,7 +19,7 @@ use super::{Answer, map, output};
 pub(crate) struct UpdateArgs {
     /// Go on from this calibration (calibrate.json, or sequential.json of an earlier update) with the frames of the recording; the
     /// parameters and the model are those of the file. Writes DIR/sequential.json, whose size does not grow
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["solve", "prior", "method", "projection", "attitudes", "threshold", "max_iterations", "all_stars"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["solve", "prior", "method", "projection", "attitudes", "threshold", "max_iterations", "all_stars", "options"])]
     pub(crate) update: Option<PathBuf>,
     /// Old frames count 1/e after this many new ones (default: nothing is forgotten)
     #[arg(long, value_name = "FRAMES", requires = "update", value_parser = super::identify::positive)]
