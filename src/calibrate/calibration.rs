@@ -81,7 +81,10 @@ pub struct Iteration {
 /// A combination of parameters, as well or as badly determined as the star images determine it: one line of the table of singular values.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Combination {
-    /// Standard error of the combination, px of mapping at the star images.
+    /// Singular value of the columns (attitudes eliminated, weighted), each column scaled to length one: 1 = as well determined as if the
+    /// parameters were alone, near 0 = the star images cannot tell them apart.
+    pub singular_value: f64,
+    /// What one standard error along the combination does to the map over the frame (2-D rms, best rotation out), px.
     pub sigma_px: f64,
     /// The parameters in it and their shares (signed, squares add to one), the largest first; those below a tenth are left out.
     pub parameters: Vec<(String, f64)>,

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, Matrix2x3, Matrix3, SMatrix, Vector3};
 
 use super::normal::{FrameSums, Reduced};
 use super::problem::{Attitudes, Problem, State};
-use crate::calibrate::geometry::{GRID, frame_grid};
+use crate::calibrate::geometry::frame_grid;
 use crate::camera::Model;
 use crate::coordinates::PixelPoint;
 
@@ -53,7 +53,12 @@ pub(in crate::calibrate) fn map_sigma_px(
     covariance: &DMatrix<f64>,
     side: usize,
 ) -> Option<Vec<(PixelPoint, f64)>> {
-    let of = |place: MapColumns| {
+    Some(sigma_px(&rotation_free_map(model, values, free, side)?, covariance))
+}
+
+/// The same from the map's columns.
+pub(in crate::calibrate) fn sigma_px(map: &[MapColumns], covariance: &DMatrix<f64>) -> Vec<(PixelPoint, f64)> {
+    let of = |place: &MapColumns| {
         let variance: f64 = place
             .columns
             .iter()
@@ -64,12 +69,18 @@ pub(in crate::calibrate) fn map_sigma_px(
             .sum();
         (place.pixel, variance.max(0.0).sqrt())
     };
-    Some(rotation_free_map(model, values, free, side)?.into_iter().map(of).collect())
+    map.iter().map(of).collect()
 }
 
 /// Of a change of the map by 1 px (rms over the frame, rotation out), how much the star images with weight see at least, attitudes
-/// free; and the combination of parameters that makes this least visible change. `None` if the model has no usable map.
-pub(in crate::calibrate) fn coverage(problem: &Problem, state: &State, weights: &[Vec<f64>], scale: &[f64]) -> Option<(f64, Vec<f64>)> {
+/// free; and the combination of parameters that makes this least visible change. `map`: the columns of the map over the frame.
+pub(in crate::calibrate) fn coverage(
+    problem: &Problem,
+    state: &State,
+    weights: &[Vec<f64>],
+    scale: &[f64],
+    map: &[MapColumns],
+) -> (f64, Vec<f64>) {
     const NO_EFFECT: f64 = 1e-10;
     let n = problem.free.len();
     let local = if problem.attitudes == Attitudes::FixedToEarth { 0 } else { 3 };
@@ -88,7 +99,6 @@ pub(in crate::calibrate) fn coverage(problem: &Problem, state: &State, weights: 
         });
         sums.eliminate(0.0, &mut seen);
     }
-    let map = rotation_free_map(&problem.model, &state.values, &problem.free, GRID)?;
     let mut gram = DMatrix::<f64>::zeros(n, n);
     for column in map.iter().flat_map(|place| &place.columns) {
         let scaled = nalgebra::DVector::from_fn(n, |k, _| column[k] / scale[k]);
@@ -98,12 +108,12 @@ pub(in crate::calibrate) fn coverage(problem: &Problem, state: &State, weights: 
     let smallest = NO_EFFECT * eigen.eigenvalues.max();
     let kept: Vec<usize> = (0..n).filter(|k| eigen.eigenvalues[*k] > smallest).collect();
     if kept.is_empty() {
-        return Some((1.0, vec![0.0; n]));
+        return (1.0, vec![0.0; n]);
     }
     let basis =
         DMatrix::from_fn(n, kept.len(), |row, column| eigen.eigenvectors[(row, kept[column])] / eigen.eigenvalues[kept[column]].sqrt());
     let reduced = (basis.transpose() * (seen.matrix / images.max(1) as f64) * &basis).symmetric_eigen();
     let (weakest, value) = reduced.eigenvalues.argmin();
     let direction = &basis * reduced.eigenvectors.column(weakest);
-    Some((value.max(0.0).sqrt(), direction.iter().copied().collect()))
+    (value.max(0.0).sqrt(), direction.iter().copied().collect())
 }

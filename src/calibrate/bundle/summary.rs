@@ -29,8 +29,8 @@ const SMALLEST_EIGENVALUE_RATIO: f64 = 1e-13;
 const FAR_PX: f64 = 10.0;
 /// With more pairs of stars than these, the angles between stars are looked at for a part of the stars.
 const MOST_PAIRS: usize = 2_000_000;
-/// A combination this much worse determined than the median one is put into words.
-const BADLY: f64 = 8.0;
+/// A combination with a singular value below this is put into words.
+const BADLY: f64 = 0.2;
 
 /// Makes the result.
 pub(super) fn summarise(
@@ -48,8 +48,9 @@ pub(super) fn summarise(
     let dof = (2 * used).checked_sub(lost).filter(|dof| *dof > 0);
     let dof = dof.ok_or(CalibrateError::NoDegreesOfFreedom { stars: used, frames: active, parameters: free })?;
     let covariance = covariance(&adjusted.information, &model_names)?;
-    let (share, direction) =
-        mapping::coverage(problem, &adjusted.state, &adjusted.weights, &adjusted.scale).ok_or(CalibrateError::NominalFolds)?;
+    let map =
+        mapping::rotation_free_map(&problem.model, &adjusted.state.values, &problem.free, GRID).ok_or(CalibrateError::NominalFolds)?;
+    let (share, direction) = mapping::coverage(problem, &adjusted.state, &adjusted.weights, &adjusted.scale, &map);
     if share.is_nan() || share < BLIND_SHARE {
         return Err(CalibrateError::Uncovered { combination: in_words(&direction, &model_names), share });
     }
@@ -59,11 +60,9 @@ pub(super) fn summarise(
     let in_units: Vec<Vec<f64>> = (0..free).map(|i| (0..free).map(|j| scaled[(i, j)] / (scale[i] * scale[j])).collect()).collect();
     let dense = DMatrix::from_fn(free, free, |i, j| in_units[i][j]);
     let state = &adjusted.state;
-    let map_sigma = mapping::map_sigma_px(&problem.model, &state.values, &problem.free, &dense, GRID).map(|map| {
-        let mut sigma: Vec<f64> = map.into_iter().map(|(_, sigma)| sigma).collect();
-        sigma.sort_by(f64::total_cmp);
-        MapSigma { median: sigma[sigma.len() / 2], max: sigma[sigma.len() - 1] }
-    });
+    let mut sigma: Vec<f64> = mapping::sigma_px(&map, &dense).into_iter().map(|(_, sigma)| sigma).collect();
+    sigma.sort_by(f64::total_cmp);
+    let map_sigma = MapSigma { median: sigma[sigma.len() / 2], max: sigma[sigma.len() - 1] };
     let residuals = residuals(solved);
     let points_results = point_results(points, selection, solved, &residuals);
     let rejected: Vec<PointResult> =
@@ -129,12 +128,12 @@ pub(super) fn summarise(
         rejected,
         left_out: left_out(selection),
         warnings: Vec::new(),
-        map_sigma_px: map_sigma,
+        map_sigma_px: Some(map_sigma),
         unit_weight_sigma_px: (square / dof as f64).sqrt(),
         predicted_sigma_px: typical(predicted).unwrap_or(0.0) / std::f64::consts::SQRT_2,
         degrees_of_freedom: dof,
         covariance: in_units,
-        combinations: combinations(&scaled, &model_names),
+        combinations: combinations(&map, &dense, &model_names),
         gauge: gauge(problem.attitudes),
         noise: Some(NoiseFound {
             floor_px: adjusted.noise.floor_px2.sqrt(),
@@ -217,38 +216,47 @@ fn in_words(direction: &[f64], names: &[String]) -> String {
     parts.into_iter().map(|(_, name)| name.as_str()).collect::<Vec<_>>().join(", ")
 }
 
-/// The table of singular values: combinations of parameters from the worst to the best determined.
-fn combinations(scaled: &DMatrix<f64>, names: &[String]) -> Vec<Combination> {
+/// The table of singular values: combinations of parameters from the worst to the best determined. `covariance` in the parameters' own
+/// units.
+fn combinations(map: &[mapping::MapColumns], covariance: &DMatrix<f64>, names: &[String]) -> Vec<Combination> {
     const SMALL_SHARE: f64 = 0.1;
-    let eigen = scaled.clone().symmetric_eigen();
-    let mut order: Vec<usize> = (0..names.len()).collect();
-    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
-    let sigma = |k: usize| eigen.eigenvalues[k].max(0.0).sqrt();
-    let typical = sigma(order[order.len() / 2]);
-    order
-        .into_iter()
-        .map(|k| {
-            let mut parameters: Vec<(String, f64)> = names
-                .iter()
-                .zip(eigen.eigenvectors.column(k).iter())
-                .filter(|(_, share)| share.abs() >= SMALL_SHARE)
-                .map(|(name, share)| (name.clone(), *share))
-                .collect();
-            parameters.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-            let together = parameters.len() > 1 && sigma(k) > BADLY * typical;
-            let sentence = together.then(|| {
-                let list: Vec<&str> = parameters.iter().map(|(name, _)| name.as_str()).collect();
-                let (last, rest) = list.split_last().map_or(("", &[][..]), |(last, rest)| (*last, rest));
-                format!(
-                    "{} and {last} cannot be separated well here: their combination is known {:.0} times worse than a typical one ({:.3} px of mapping against {typical:.4} px)",
-                    rest.join(", "),
-                    sigma(k) / typical,
-                    sigma(k)
-                )
-            });
-            Combination { sigma_px: sigma(k), parameters, sentence }
-        })
-        .collect()
+    let n = names.len();
+    let root: Vec<f64> = (0..n).map(|k| covariance[(k, k)].max(0.0).sqrt()).collect();
+    let correlation = DMatrix::from_fn(n, n, |i, j| covariance[(i, j)] / (root[i] * root[j]));
+    let Some(information) = correlation.try_inverse() else { return Vec::new() };
+    // Each column of length one: what is left are the angles between them.
+    let length: Vec<f64> = (0..n).map(|k| information[(k, k)].max(0.0).sqrt()).collect();
+    let eigen = DMatrix::from_fn(n, n, |i, j| information[(i, j)] / (length[i] * length[j])).symmetric_eigen();
+    let mut order: Vec<usize> = (0..n).collect();
+    order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+    let of = |k: usize| {
+        let singular_value = eigen.eigenvalues[k].max(0.0).sqrt();
+        let shares = eigen.eigenvectors.column(k);
+        let step: Vec<f64> = (0..n).map(|i| shares[i] / singular_value.max(f64::MIN_POSITIVE) * root[i] / length[i]).collect();
+        let square: f64 = map
+            .iter()
+            .flat_map(|place| &place.columns)
+            .map(|column| column.iter().zip(&step).map(|(column, step)| column * step).sum::<f64>().powi(2))
+            .sum();
+        let sigma_px = (square / map.len().max(1) as f64).sqrt();
+        let mut parameters: Vec<(String, f64)> = names
+            .iter()
+            .zip(shares.iter())
+            .filter(|(_, share)| share.abs() >= SMALL_SHARE)
+            .map(|(name, share)| (name.clone(), *share))
+            .collect();
+        parameters.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+        let sentence = (parameters.len() > 1 && singular_value < BADLY).then(|| {
+            let list: Vec<&str> = parameters.iter().map(|(name, _)| name.as_str()).collect();
+            let (last, rest) = list.split_last().map_or(("", &[][..]), |(last, rest)| (*last, rest));
+            format!(
+                "{} and {last} cannot be told apart well here (singular value {singular_value:.3}); what stays open between them moves the map by {sigma_px:.4} px",
+                rest.join(", ")
+            )
+        });
+        Combination { singular_value, sigma_px, parameters, sentence }
+    };
+    order.into_iter().map(of).collect()
 }
 
 /// Measured minus predicted position of every image; by inverting the distortion where it is large.
