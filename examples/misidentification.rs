@@ -20,11 +20,14 @@ use boresight::recording::write_file;
 use boresight::report::{LogPanels, Panel, Series, SeriesStyle, table};
 use clap::Parser;
 use rayon::prelude::*;
-use rivals::{Calibrator, HuberPairs, Library, Oracle, Ransac};
+use rivals::{Calibrator, HuberPairs, IdentifiedAnew, Library, Oracle, Ransac};
 use serde::Serialize;
 
 /// A mapping error above this is a failure.
 const FAILED_PX: f64 = 10.0;
+/// The joint method with the identifications as they are, and with new ones.
+const BUNDLE: &str = "bundle";
+const ANEW: &str = "bundle, identified anew";
 /// The published iteration needs more solutions with F = 4 than it is given by default.
 const MOST_ITERATIONS: usize = 400;
 const KINDS: [(&str, &str, WrongStars); 3] = [
@@ -60,6 +63,8 @@ struct Outcome {
     /// Absent where half of the nights have no result.
     median_px: Option<f64>,
     p90_px: Option<f64>,
+    /// Root of the mean square over the nights; absent where one has no result.
+    rms_px: Option<f64>,
     /// No result, or an error above 10 px.
     failures: usize,
     /// The iteration stopped at its limit; the camera where it stood is counted as it is.
@@ -89,7 +94,8 @@ fn methods() -> Vec<Box<dyn Calibrator>> {
         library("variable weights, F = 4", weights(4.0)),
         Box::new(HuberPairs),
         Box::new(Ransac),
-        // A joint adjustment of camera and attitudes, plain and with new names for the stars, takes its place here.
+        library(BUNDLE, CalibrateOptions::default()),
+        Box::new(IdentifiedAnew { name: ANEW.to_owned(), options: CalibrateOptions { held_out: false, ..CalibrateOptions::default() } }),
         Box::new(Oracle),
     ]
 }
@@ -157,6 +163,7 @@ fn compare(trial: &Trial, kind: &'static str, methods: &[Box<dyn Calibrator>], f
                 method: method.name(),
                 sets,
                 median_px: Some(middle).filter(|value| value.is_finite()),
+                rms_px: Some((errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()).filter(|value| value.is_finite()),
                 p90_px: Some(high).filter(|value| value.is_finite()),
                 failures: errors.iter().filter(|error| **error > FAILED_PX).count(),
                 not_converged: nights.iter().filter(|night| !night[index].1).count(),
@@ -188,7 +195,39 @@ fn tables(outcomes: &[Outcome], sets: u64) -> String {
         let header: Vec<&str> = header.iter().map(String::as_str).collect();
         text += &format!("\nWrong stars: {kind} ({title})\n{}", table(&header, &rows));
     }
-    text
+    text + &ratios(outcomes)
+}
+
+/// How far the joint method is from what is possible: rms over the nights against the same adjustment with the wrong stars left out by the
+/// truth, and, identified anew, against the night without wrong stars.
+fn ratios(outcomes: &[Outcome]) -> String {
+    let rms = |kind: &str, share: f64, method: &str| {
+        let found = outcomes.iter().find(|o| o.kind == kind && o.wrong_share == share && o.method == method);
+        found.and_then(|outcome| outcome.rms_px)
+    };
+    let oracle = Oracle.name();
+    let mut shares: Vec<f64> = outcomes.iter().map(|outcome| outcome.wrong_share).collect();
+    shares.sort_by(f64::total_cmp);
+    shares.dedup();
+    let mut rows = Vec::new();
+    for (kind, _, _) in KINDS {
+        for (method, against, clean) in [(BUNDLE, "wrong stars left out by the truth", false), (ANEW, "no wrong stars", true)] {
+            let cells = shares.iter().map(|share| {
+                let reference = if clean { rms(kind, 0.0, &oracle) } else { rms(kind, *share, &oracle) };
+                rms(kind, *share, method)
+                    .zip(reference)
+                    .map_or_else(|| "–".to_owned(), |(own, reference)| format!("{:.3}", own / reference))
+            });
+            rows.push([kind.to_owned(), method.to_owned(), against.to_owned()].into_iter().chain(cells).collect::<Vec<_>>());
+        }
+    }
+    let header: Vec<String> = ["wrong stars", "method", "against"]
+        .map(str::to_owned)
+        .into_iter()
+        .chain(shares.iter().map(|share| format!("{:.0} %", 100.0 * share)))
+        .collect();
+    let header: Vec<&str> = header.iter().map(String::as_str).collect();
+    format!("\nRatio of the mapping errors, rms over the nights\n{}", table(&header, &rows))
 }
 
 fn cell(outcome: &Outcome) -> String {

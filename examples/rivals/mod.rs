@@ -6,8 +6,9 @@ mod huber_pairs;
 mod ransac;
 
 use boresight::calibrate::trial::TrialNight;
-use boresight::calibrate::{CalibrateOptions, Status, calibrate};
+use boresight::calibrate::{CalibrateOptions, Status, calibrate, calibrate_identifying_anew};
 use boresight::camera::{Camera, PARAMETER_COUNT};
+use boresight::catalog::Catalog;
 
 /// What a method comes to.
 #[derive(Clone, Copy, Debug)]
@@ -37,6 +38,23 @@ impl Calibrator for Library {
 
     fn solve(&self, night: &TrialNight, _sigma_px: f64, _seed: u64) -> Option<Answer> {
         let result = calibrate(&night.control_points, &self.options).ok()?;
+        Some(Answer { camera: result.camera, converged: result.status == Status::Converged })
+    }
+}
+
+/// A method of the library that names the stars anew with the better camera.
+pub(crate) struct IdentifiedAnew {
+    pub(crate) name: String,
+    pub(crate) options: CalibrateOptions,
+}
+
+impl Calibrator for IdentifiedAnew {
+    fn name(&self) -> String {
+        self.name.clone()
+    }
+
+    fn solve(&self, night: &TrialNight, _sigma_px: f64, _seed: u64) -> Option<Answer> {
+        let result = calibrate_identifying_anew(&night.control_points, &[], Catalog::embedded(), &self.options).ok()?;
         Some(Answer { camera: result.camera, converged: result.status == Status::Converged })
     }
 }

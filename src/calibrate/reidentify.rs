@@ -126,7 +126,7 @@ fn identified_anew(
                 star: star.star,
             };
             match (of_frame.get(place), found.map(|star| &stars[star])) {
-                (Some(&index), Some(star)) if points.points[index].hip != star.hip => {
+                (Some(&index), Some(star)) if is_another(&points.points[index], star) => {
                     next.points[index] = make(star, true);
                     change.changed += 1;
                 }
@@ -148,6 +148,12 @@ fn identified_anew(
     }
     next.points.sort_by_key(|point| point.frame);
     (next, change)
+}
+
+/// Whether the point names another star, or has a direction that is not this star's.
+fn is_another(point: &ControlPoint, star: &Seen) -> bool {
+    const SAME_RAD: f64 = 1e-7;
+    point.hip != star.hip || point.direction.angle_rad(&star.apparent) > SAME_RAD
 }
 
 /// A catalogue star in a frame.
