@@ -218,6 +218,11 @@ fn coverage(options: &CalibrateOptions, solved: &[usize], first_seed: u64, sets:
         let value = counted_inside / nights.len() as f64;
         Counted { value, sigma: (value * (1.0 - value) / nights.len() as f64).sqrt() }
     };
+    let deviation = |index: usize| {
+        let square = counted(nights.iter().map(|night| night.pulls[index].powi(2)));
+        let value = square.value.sqrt();
+        Counted { value, sigma: 0.5 * square.sigma / value }
+    };
     let student = StudentsT::new(0.0, 1.0, degrees)?;
     let within = |limit: f64| student.cdf(limit) - student.cdf(-limit);
     let mut rows: Vec<Coverage> = solved
@@ -225,6 +230,7 @@ fn coverage(options: &CalibrateOptions, solved: &[usize], first_seed: u64, sets:
         .enumerate()
         .map(|(index, &k)| Coverage {
             region: PARAMETER_NAMES[k].to_owned(),
+            pull_standard_deviation: Some(deviation(index)),
             one_sigma: share(&|night| night.pulls[index].abs() < 1.0),
             one_sigma_expected: within(1.0),
             two_sigma: share(&|night| night.pulls[index].abs() < 2.0),
@@ -239,6 +245,7 @@ fn coverage(options: &CalibrateOptions, solved: &[usize], first_seed: u64, sets:
     let [one_limit, two_limit] = [one, two].map(|share| count * fisher.inverse_cdf(share));
     rows.push(Coverage {
         region: "all together".to_owned(),
+        pull_standard_deviation: None,
         one_sigma: share(&|night| night.square < one_limit),
         one_sigma_expected: one,
         two_sigma: share(&|night| night.square < two_limit),

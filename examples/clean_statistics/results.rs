@@ -36,6 +36,8 @@ pub(crate) struct Pulls {
 #[derive(Debug, Serialize)]
 pub(crate) struct Coverage {
     pub(crate) region: String,
+    /// Standard deviation of the pulls; absent for the region of all parameters.
+    pub(crate) pull_standard_deviation: Option<Counted>,
     pub(crate) one_sigma: Counted,
     pub(crate) one_sigma_expected: f64,
     pub(crate) two_sigma: Counted,
@@ -79,12 +81,13 @@ pub(crate) fn text(report: &Report) -> String {
         .collect();
     text += &table(&["parameter", "mean pull", "sd of pulls", "stated σ / bound"], &rows);
     text += &format!("\nCoverage over {} nights of 10 × 12 stars ({} failed), %:\n\n", report.coverage_sets, report.coverage_failures);
-    let rows: Vec<[String; 5]> = report
+    let rows: Vec<[String; 6]> = report
         .coverage
         .iter()
         .map(|row| {
             [
                 row.region.clone(),
+                row.pull_standard_deviation.map_or_else(String::new, |counted| with_error(counted, 4)),
                 percent(row.one_sigma),
                 format!("{:.2}", 100.0 * row.one_sigma_expected),
                 percent(row.two_sigma),
@@ -92,5 +95,5 @@ pub(crate) fn text(report: &Report) -> String {
             ]
         })
         .collect();
-    text + &table(&["region", "in one σ", "expected", "in two σ", "expected"], &rows)
+    text + &table(&["region", "sd of pulls", "in one σ", "expected", "in two σ", "expected"], &rows)
 }

@@ -43,6 +43,7 @@ pub fn control_points(
         .collect();
     let mirrored = solved.iter().filter(|(_, solution)| solution.parity < 0).count();
     let parity: i8 = if 2 * mirrored > solved.len() { -1 } else { 1 };
+    let nominal_is_found = nominal.is_none();
     let nominal = nominal.unwrap_or_else(|| median_camera(&solved, frames));
     let mut left_out = Vec::new();
     let mut attitudes = vec![None; frame_count];
@@ -84,7 +85,7 @@ pub fn control_points(
         }));
     }
     points.sort_by_key(|point| point.frame);
-    (ControlPoints { parity, ..ControlPoints::new(nominal, attitudes, points) }, left_out)
+    (ControlPoints { nominal_is_found, parity, ..ControlPoints::new(nominal, attitudes, points) }, left_out)
 }
 
 fn median_camera(solved: &[(&IdentifiedFrame<'_>, &Solution)], frames: &[IdentifiedFrame<'_>]) -> Camera {

@@ -223,6 +223,9 @@ pub struct KnownAttitude {
 pub struct ControlPoints {
     /// The camera before calibration: ground values, or what identification found.
     pub nominal: Camera,
+    /// Whether nobody declared that camera, and identification found it (its distortion then comes from these very star images).
+    #[serde(default)]
+    pub nominal_is_found: bool,
     /// Starting attitude of each frame; `None` where the frame was not identified.
     pub attitudes: Vec<Option<Attitude>>,
     /// The points, in order of frame.
@@ -245,7 +248,7 @@ impl ControlPoints {
     /// Points of frames of which nothing else is known.
     #[must_use]
     pub fn new(nominal: Camera, attitudes: Vec<Option<Attitude>>, points: Vec<ControlPoint>) -> Self {
-        Self { nominal, attitudes, points, parity: 1, frames: Vec::new(), sky: Vec::new(), fixed_mount: false }
+        Self { nominal, nominal_is_found: false, attitudes, points, parity: 1, frames: Vec::new(), sky: Vec::new(), fixed_mount: false }
     }
 
     /// What is known of a frame; the sensor's size always is.

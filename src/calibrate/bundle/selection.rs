@@ -13,6 +13,8 @@ use crate::identify::ControlPoints;
 
 /// What is let free together, in the order of preference where two are equally good.
 const GROUPS: &[&[&str]] = &[&["k1"], &["x0", "y0"], &["p1", "p2"], &["k2"], &["k3"], &["aspect"], &["quadratic-rest"]];
+/// Places of k1, p1, p2 among the parameters.
+const DISTORTION: std::ops::Range<usize> = 3..6;
 /// With what it begins.
 const BEGIN: &[&str] = &["f"];
 /// Groups whose criteria differ by less are taken in the order of preference.
@@ -43,7 +45,7 @@ pub(super) fn select(
     let full = solve(points, &with(&groups), selection)?;
     let fit = |chosen: &[&[&str]]| -> Result<Fitted, CalibrateError> {
         let (problem, _) = pose(points, &with(chosen), selection)?;
-        Ok(fitted(problem, &full, options))
+        Ok(fitted(problem, &full, options, points.nominal_is_found))
     };
     let count = full.adjusted.weight_sum * 2.0;
     let mut chosen: Vec<&[&str]> = Vec::new();
@@ -101,12 +103,17 @@ fn is_known(name: &str) -> bool {
 }
 
 /// A set fitted from the fullest model's attitudes, with its weights and noise.
-fn fitted(mut problem: Problem, full: &Solved, options: &CalibrateOptions) -> Fitted {
+///
+/// A distortion that is not solved keeps its declared value; where identification found it from these star images, it is zero.
+fn fitted(mut problem: Problem, full: &Solved, options: &CalibrateOptions, nominal_is_found: bool) -> Fitted {
     let mut state = full.adjusted.state.clone();
     // Values by name: the two models may hold different terms.
     let known = full.problem.model.parameters();
     let free = names(&problem);
     state.values = problem.model.values();
+    if nominal_is_found {
+        state.values[DISTORTION].fill(0.0);
+    }
     for (k, parameter) in problem.model.parameters().iter().enumerate() {
         let place = known.iter().position(|other| other.name == parameter.name);
         if let Some(place) = place.filter(|_| free.contains(&parameter.name)) {
