@@ -275,6 +275,11 @@ pub enum CalibrateError {
     NotComparable,
 }
 
+/// Whether the joint method can solve for what this name means: a parameter of the reference model, an effect, or `effect.parameter`.
+pub fn check_parameter_name(name: &str) -> Result<(), CalibrateError> {
+    bundle::check_name(name)
+}
+
 /// Calibrates a camera.
 pub fn calibrate(control_points: &ControlPoints, options: &CalibrateOptions) -> Result<Calibration, CalibrateError> {
     check_points(control_points, options)?;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use boresight::calibrate::{
     AttitudeModel, CalibrateError, CalibrateOptions, Calibration, Method, ParameterPrior, StarImage, Status, calibrate as calibrate_points,
-    calibrate_identifying_anew,
+    calibrate_identifying_anew, check_parameter_name,
 };
 use boresight::camera::Term;
 use boresight::catalog::Catalog;
@@ -62,7 +62,7 @@ pub(crate) struct SolveArgs {
     pub(crate) threshold: Option<f64>,
     /// The parameters to solve, others keep their ground values: x0,y0,f,k1,p1,p2 (the default), k2, k3, any effect or effect.parameter
     /// of `boresight effects`, or `auto`: those of the camera that the data support
-    #[arg(long, value_name = "LIST|auto", value_delimiter = ',')]
+    #[arg(long, value_name = "LIST|auto", value_delimiter = ',', value_parser = solvable)]
     pub(crate) solve: Option<Vec<String>>,
     /// What is known of a parameter beforehand: name=value:sigma, in its own unit; several times for several
     #[arg(long, value_name = "NAME=VALUE:SIGMA", value_parser = prior)]
@@ -124,6 +124,15 @@ pub(crate) enum AttitudeChoice {
     Auto,
     /// One for each frame
     Free,
+}
+
+/// The name of a parameter or an effect, or `auto`.
+fn solvable(name: &str) -> std::result::Result<String, String> {
+    let name = name.trim();
+    if name != "auto" {
+        check_parameter_name(name).map_err(|error| error.to_string())?;
+    }
+    Ok(name.to_owned())
 }
 
 /// A prior as written on the command line.

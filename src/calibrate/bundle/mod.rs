@@ -42,6 +42,7 @@ pub(super) use adjust::{Adjusted, Run, scales};
 pub(super) use memory::{CLASSES, NoiseMemory};
 pub(super) use noise::Noise;
 pub(super) use problem::{Attitudes, Prior, Problem, State, earth_from_icrs};
+pub(super) use solve_for::checked as check_name;
 pub(super) use update::{Known, Updated, inverse, update};
 
 use super::select::Selection;

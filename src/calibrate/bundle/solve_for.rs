@@ -105,6 +105,11 @@ fn unknown(given: &str) -> CalibrateError {
     CalibrateError::UnknownParameter { given: given.to_owned(), nearest }
 }
 
+/// Refuses a name that means no parameter, with the nearest that does.
+pub(in crate::calibrate) fn checked(name: &str) -> Result<(), CalibrateError> {
+    if PARAMETER_NAMES.contains(&name) || is_solvable(name) { Ok(()) } else { Err(unknown(name)) }
+}
+
 /// Whether this build can solve for the name.
 pub(in crate::calibrate) fn is_solvable(name: &str) -> bool {
     let full = ALIASES.iter().find(|(alias, _)| *alias == name).map_or(name, |(_, full)| full);
