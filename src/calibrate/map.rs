@@ -1,16 +1,15 @@
-//! The pixel → direction map of a calibration, and the difference of two maps once the best rotation is taken out.
+//! The pixel → direction map of a calibration and its uncertainty, and the difference of two maps once the best rotation is taken out.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 use super::geometry::frame_grid;
-use super::{CalibrateError, Calibration, bundle};
+use super::{Calibration, bundle};
 use crate::camera::{Camera, Model};
 use crate::coordinates::{Direction, PixelPoint};
 
 /// Points along each side of the grid on which maps are compared.
-const COMPARISON_GRID: usize = 33;
+pub(super) const COMPARISON_GRID: usize = 33;
 
 /// The pixel → direction map on a grid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -44,6 +43,38 @@ pub fn map(calibration: &Calibration, side: usize) -> Map {
         MapPoint { x_px: stored.x_px, y_px: stored.y_px, direction }
     };
     Map { format: "boresight-map/1".to_owned(), points: frame_grid(camera, side).into_iter().map(point).collect() }
+}
+
+/// Standard error (2-D, px) of the map of a calibration on `side` × `side` pixels of the images as stored, row by row as in [`map`], the
+/// best rotation over the frame taken out; of methods that know the reference model alone, with that model.
+///
+/// `None` if the calibration has no covariance of its parameters, or its camera no usable map (the distortion folds over in the frame).
+#[must_use]
+pub fn map_sigma(calibration: &Calibration, side: usize) -> Option<Vec<(PixelPoint, f64)>> {
+    let chain = calibration.full_chain();
+    let known = chain.parameters();
+    let free: Vec<usize> = calibration
+        .parameters
+        .iter()
+        .map(|solved| known.iter().position(|parameter| parameter.name == solved.name))
+        .collect::<Option<_>>()?;
+    let n = free.len();
+    let square = calibration.covariance.len() == n && calibration.covariance.iter().all(|row| row.len() == n);
+    if side == 0 || !square {
+        return None;
+    }
+    let covariance = DMatrix::from_fn(n, n, |k, l| calibration.covariance[k][l]);
+    let mut sigma = bundle::map_sigma_px(&chain, &chain.values(), &free, &covariance, side)?;
+    as_stored(calibration, side, &mut sigma, |(pixel, _)| pixel.x_px = calibration.stored_column_px(pixel.x_px));
+    Some(sigma)
+}
+
+/// Takes a grid of the un-mirrored image to the images as stored: `turn` changes the columns of a point, and the rows begin on the left again.
+pub(super) fn as_stored<T>(calibration: &Calibration, side: usize, grid: &mut [T], turn: impl Fn(&mut T)) {
+    if calibration.parity < 0 {
+        grid.iter_mut().for_each(turn);
+        grid.chunks_mut(side).for_each(<[T]>::reverse);
+    }
 }
 
 /// How far two maps differ over the frame after the best rotation.
@@ -122,143 +153,10 @@ pub fn map_difference(first: &Model, second: &Model, side: usize) -> Option<Vec<
 }
 
 impl MappingError {
-    fn of(difference: &[(PixelPoint, [f64; 2])]) -> Self {
+    pub(super) fn of(difference: &[(PixelPoint, [f64; 2])]) -> Self {
         let square = difference.iter().map(|(_, [x, y])| x * x + y * y);
         Self { rms_px: (square.clone().sum::<f64>() / difference.len().max(1) as f64).sqrt(), max_px: square.fold(0.0, f64::max).sqrt() }
     }
-}
-
-/// The parameters that a calibration has solved.
-struct Solved<'a> {
-    names: Vec<String>,
-    calibration: &'a Calibration,
-    chain: Model,
-}
-
-impl<'a> Solved<'a> {
-    fn of(calibration: &'a Calibration) -> Self {
-        let names = calibration.parameters.iter().map(|parameter| parameter.name.clone()).collect();
-        Self { names, calibration, chain: calibration.full_chain() }
-    }
-
-    /// Its value: solved, or held.
-    fn value(&self, name: &str) -> f64 {
-        let solved = self.calibration.parameters.iter().find(|parameter| parameter.name == name).map(|parameter| parameter.value);
-        let held = || self.chain.parameters().iter().zip(self.chain.values()).find(|(p, _)| p.name == name).map(|(_, value)| value);
-        solved.or_else(held).unwrap_or(0.0)
-    }
-
-    fn unit(&self, name: &str) -> Option<String> {
-        self.calibration.parameters.iter().find(|parameter| parameter.name == name).map(|parameter| parameter.unit.clone())
-    }
-
-    fn covariance(&self, a: &str, b: &str) -> f64 {
-        let place = |name: &str| self.names.iter().position(|known| known == name);
-        place(a).zip(place(b)).map_or(0.0, |(k, l)| self.calibration.covariance[k][l])
-    }
-}
-
-/// The difference of one parameter.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ParameterDifference {
-    /// Its name.
-    pub name: String,
-    /// Second minus first.
-    pub difference: f64,
-    /// Standard error of the difference, the two being independent.
-    pub sigma: f64,
-    /// Unit of both.
-    pub unit: String,
-}
-
-/// Two calibrations side by side.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Comparison {
-    /// `boresight-compare/1`.
-    pub format: String,
-    /// 2-D rms difference of the maps over the frame, after the best rotation.
-    pub rms_px: f64,
-    /// Largest difference.
-    pub max_px: f64,
-    /// Probability of a difference this large between two calibrations of the same unchanged camera; absent where the
-    /// covariances do not tell.
-    pub p_value: Option<f64>,
-    /// dᵀ(C_a + C_b)⁻¹d of the parameters' difference d. No rotation enters: attitudes are not among the parameters.
-    pub chi_squared: Option<f64>,
-    /// Its degrees of freedom.
-    pub degrees_of_freedom: usize,
-    /// The parameters' differences.
-    pub parameters: Vec<ParameterDifference>,
-    /// What to mind, one sentence each.
-    pub warnings: Vec<String>,
-}
-
-/// Compares two calibrations of the same camera; the differences are `b` minus `a`.
-///
-/// The p-value treats the two as independent (different frames). χ²/dof is held against Fisher's F with the smaller of the two
-/// calibrations' degrees of freedom, because their variances were estimated from their own residuals.
-pub fn compare(a: &Calibration, b: &Calibration) -> Result<Comparison, CalibrateError> {
-    let size = |calibration: &Calibration| [calibration.camera.width_px, calibration.camera.height_px];
-    if a.parity != b.parity {
-        return Err(CalibrateError::NotComparable);
-    }
-    if size(a) != size(b) {
-        return Err(CalibrateError::DifferentFrames { first: size(a), second: size(b) });
-    }
-    let difference = map_difference(&a.full_chain(), &b.full_chain(), COMPARISON_GRID).ok_or(CalibrateError::NotComparable)?;
-    let error = MappingError::of(&difference);
-    let (from, to) = (Solved::of(a), Solved::of(b));
-    let solved: Vec<&String> = from.names.iter().chain(to.names.iter().filter(|name| !from.names.contains(name))).collect();
-    let sum = nalgebra::DMatrix::from_fn(solved.len(), solved.len(), |k, l| {
-        from.covariance(solved[k], solved[l]) + to.covariance(solved[k], solved[l])
-    });
-    let parameters = solved
-        .iter()
-        .enumerate()
-        .map(|(k, name)| ParameterDifference {
-            name: (*name).clone(),
-            difference: to.value(name) - from.value(name),
-            sigma: sum[(k, k)].sqrt(),
-            unit: from.unit(name).or_else(|| to.unit(name)).unwrap_or_default(),
-        })
-        .collect::<Vec<_>>();
-    // In units of the standard errors: the parameters' own units span twelve decades.
-    let correlation =
-        nalgebra::DMatrix::from_fn(solved.len(), solved.len(), |k, l| sum[(k, l)] / (parameters[k].sigma * parameters[l].sigma));
-    let pulls = nalgebra::DVector::from_iterator(solved.len(), parameters.iter().map(|p| p.difference / p.sigma));
-    let chi_squared = correlation.cholesky().map(|factor| pulls.dot(&factor.solve(&pulls))).filter(|value| value.is_finite());
-    let dof = solved.len();
-    let residual_dof = a.degrees_of_freedom.min(b.degrees_of_freedom) as f64;
-    let p_value = chi_squared.and_then(|value| {
-        let fisher = FisherSnedecor::new(dof as f64, residual_dof).ok()?;
-        Some(fisher.sf(value / dof as f64))
-    });
-    let mut warnings = Vec::new();
-    for name in solved.iter().filter(|name| from.names.contains(name) != to.names.contains(name)) {
-        warnings.push(format!("{name} was solved in one calibration only and held in the other; its value there counts as exact"));
-    }
-    if let (Some(chi_squared), true) = (chi_squared, shares_points(a, b)) {
-        warnings.push(format!(
-            "the two calibrations share star images, so they are not independent and χ² = {chi_squared:.1} is too small for a fair test"
-        ));
-    }
-    Ok(Comparison {
-        format: "boresight-compare/1".to_owned(),
-        rms_px: error.rms_px,
-        max_px: error.max_px,
-        p_value,
-        chi_squared,
-        degrees_of_freedom: dof,
-        parameters,
-        warnings,
-    })
-}
-
-/// Whether a star image with the very same measured position and direction stands in both.
-fn shares_points(a: &Calibration, b: &Calibration) -> bool {
-    let key = |point: &crate::identify::ControlPoint| (point.hip, point.x_px.to_bits(), point.y_px.to_bits());
-    let known: std::collections::BTreeSet<_> = a.control_points.points.iter().map(key).collect();
-    b.control_points.points.iter().any(|point| known.contains(&key(point)))
 }
 
 /// Standard errors across (per axis) and about the boresight, rad, of an attitude with this normal matrix and position error.

@@ -9,6 +9,7 @@
 
 mod bundle;
 mod calibration;
+mod compare;
 mod geometry;
 mod held_out;
 mod least_squares;
@@ -30,10 +31,8 @@ pub use calibration::{
     AttitudeSigma, Calibration, Candidate, Combination, FORMAT, FrameResult, Iteration, LeftOut, MapSigma, Method, ModelSelection,
     NoiseFound, ParameterEstimate, PointResult, Reidentified, Status,
 };
-pub use map::{
-    Comparison, Map, MapPoint, MappingError, ParameterDifference, compare, map, map_difference, mapping_error_of_models_px,
-    mapping_error_px,
-};
+pub use compare::{Comparison, MapChange, ParameterDifference, compare, map_change};
+pub use map::{Map, MapPoint, MappingError, map, map_difference, map_sigma, mapping_error_of_models_px, mapping_error_px};
 pub use reidentify::{StarImage, calibrate_identifying_anew};
 pub use residuals::residuals_px;
 pub use select::LeftOutReason;

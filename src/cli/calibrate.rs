@@ -24,6 +24,7 @@ use super::options::{InputArgs, OutputArgs, SkyArgs};
 use super::pipeline::{IdentifiedFrame, Measured};
 use super::update::{self, NewFrames, UpdateArgs};
 use super::{Answer, output, pictures, pipeline, star_list};
+use super::{Answer, calibrate_text, output, pictures, pipeline, star_list};
 
 /// Arguments of `calibrate`.
 #[derive(Debug, Args)]
@@ -398,6 +399,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     if let Some(directory) = &args.output.output {
         std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
         pictures::residuals(&directory.join("residuals.png"), &calibration)?;
+        pictures::map_sigma(&directory.join("map_sigma.png"), &calibration)?;
     }
     let object = CalibrateObject {
         calibration: calibration.with_stored_columns(),
@@ -405,7 +407,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
         notes: &measured.recording.notes,
         misidentified_on_purpose: points.misidentified.iter().map(|wrong| Misidentified::new(wrong, &points, &calibration)).collect(),
     };
-    output::deliver("calibrate", &object, args.output.json, args.output.output.as_deref(), || text(&object.calibration))?;
+    output::deliver("calibrate", &object, args.output.json, args.output.output.as_deref(), || calibrate_text::text(&object.calibration))?;
     Ok(if calibration.status == Status::Converged { Answer::Yes } else { Answer::No })
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use boresight::calibrate::{Comparison, compare as compare_calibrations};
 use boresight::provenance::Provenance;
 use clap::Args;
@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::map::read_calibration;
 use super::options::OutputArgs;
-use super::{Answer, output};
+use super::{Answer, output, pictures};
 
 /// Arguments of `compare`.
 #[derive(Debug, Args)]
@@ -39,6 +39,10 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<Answer> {
     provenance.add_input(&args.first)?;
     provenance.add_input(&args.second)?;
     let object = CompareObject { comparison: compare_calibrations(&first, &second)?, provenance };
+    if let Some(directory) = &args.output.output {
+        std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
+        pictures::difference(&directory.join("difference.png"), [&first, &second], &object.comparison)?;
+    }
     output::deliver("compare", &object, args.output.json, args.output.output.as_deref(), || text(&object.comparison))?;
     Ok(Answer::Yes)
 }
@@ -64,7 +68,7 @@ fn text(comparison: &Comparison) -> String {
         comparison.rms_px, comparison.max_px
     );
     if let Some(p) = comparison.p_value {
-        text += &format!("probability of so large a difference if the camera did not change: {p:.2e}\n");
+        text += &format!("probability of so large a difference if the camera did not change: {}\n", pictures::probability(p));
     }
     for warning in &comparison.warnings {
         text += &format!("note: {warning}\n");

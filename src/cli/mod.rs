@@ -3,6 +3,7 @@
 //! Exit codes: 0 done, 1 failed, 2 wrong usage, 3 "ran, and the answer is no".
 
 mod calibrate;
+mod calibrate_text;
 mod compare;
 mod detect;
 mod doctor;

@@ -2,10 +2,12 @@
 
 use std::path::Path;
 
-use anyhow::Result;
-use boresight::calibrate::{Calibration, residuals_px};
+use anyhow::{Context, Result};
+use boresight::calibrate::{Calibration, Comparison, residuals_px};
 use boresight::camera::Camera;
+use boresight::coordinates::{Direction, PixelPoint};
 use boresight::report;
+use boresight::units::ARCSEC_RAD;
 
 /// Residual vectors with the camera before (as the recording declares it) and after the calibration, side by side.
 pub(crate) fn residuals(path: &Path, calibration: &Calibration) -> Result<()> {
@@ -32,4 +34,107 @@ pub(crate) fn residuals(path: &Path, calibration: &Calibration) -> Result<()> {
     let panels = [&panel("before (camera as declared)", before), &panel("after", after)];
     let size = (after.width_px, after.height_px);
     Ok(report::residual_vectors(path, "Residuals of the stars, one free attitude a frame", size, panels)?)
+}
+
+/// Points along each side of the maps that are drawn.
+const MAP_SIDE: usize = 41;
+
+/// Three significant digits, plain where that is short.
+pub(crate) fn significant(number: f64) -> String {
+    if number == 0.0 || !number.is_finite() {
+        return format!("{number}");
+    }
+    let digits = (2.0 - number.abs().log10().floor()).clamp(0.0, 9.0) as usize;
+    if number.abs() < 1e-4 { format!("{number:.1e}") } else { format!("{number:.digits$}") }
+}
+
+/// How many arcsec a pixel is across in the middle of the frame.
+pub(crate) fn arcsec_per_px(calibration: &Calibration) -> Option<f64> {
+    let chain = calibration.full_chain();
+    let (camera, context) = (chain.camera(), chain.reference_context());
+    let [x_px, y_px] = [camera.width_px, camera.height_px].map(|length| (length as f64 - 1.0) / 2.0);
+    let at = |dx: f64, dy: f64| chain.direction(PixelPoint { x_px: x_px + dx, y_px: y_px + dy }, &context);
+    let across = |a: Option<Direction<_>>, b: Option<Direction<_>>| Some(a?.angle_rad(&b?));
+    let mean = f64::midpoint(across(at(-0.5, 0.0), at(0.5, 0.0))?, across(at(0.0, -0.5), at(0.0, 0.5))?);
+    Some(mean / ARCSEC_RAD).filter(|scale| scale.is_finite() && *scale > 0.0)
+}
+
+/// The standard error of the map over the frame, with the star images used. Where the calibration tells none there is no file, nor one left
+/// from before.
+pub(crate) fn map_sigma(path: &Path, calibration: &Calibration) -> Result<()> {
+    let Some(sigma) = boresight::calibrate::map_sigma(calibration, MAP_SIDE) else {
+        return match std::fs::remove_file(path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                Err(error).with_context(|| format!("removing the former {}", path.display()))
+            }
+            _ => Ok(()),
+        };
+    };
+    let values: Vec<f64> = sigma.into_iter().map(|(_, sigma)| sigma).collect();
+    let mut sorted = values.clone();
+    sorted.sort_by(f64::total_cmp);
+    let scale = arcsec_per_px(calibration);
+    let both = |px: f64| match scale {
+        Some(scale) => format!("{} px ({} arcsec)", significant(px), significant(px * scale)),
+        None => format!("{} px", significant(px)),
+    };
+    let used = calibration.points.iter().filter(|point| point.left_out.is_none() && point.weight > 0.5);
+    let dots: Vec<[f64; 2]> = used.map(|point| [calibration.stored_column_px(point.x_px), point.y_px]).collect();
+    let map = report::FieldMap {
+        title: "Standard error of the map from pixel to direction".to_owned(),
+        summary: format!("median {}, maximum {}", both(sorted[sorted.len() / 2]), both(sorted[sorted.len() - 1])),
+        values,
+        side: MAP_SIDE,
+        unit: "σ / px".to_owned(),
+        second_unit: scale.map(|scale| ("σ / arcsec".to_owned(), scale)),
+        note: format!("2-D, the best rotation taken out; dots: the {} star images used", dots.len()),
+        dots,
+        ..report::FieldMap::default()
+    };
+    Ok(map.write(path, (calibration.camera.width_px, calibration.camera.height_px))?)
+}
+
+/// Where the map has changed between two calibrations, over how significant that is.
+pub(crate) fn difference(path: &Path, [first, second]: [&Calibration; 2], comparison: &Comparison) -> Result<()> {
+    /// Arrows begin that many points of the grid from the edge, and stand twice as far from each other.
+    const ARROW_MARGIN: usize = 2;
+    let change = boresight::calibrate::map_change(first, second, MAP_SIDE)?;
+    let mut values: Vec<f64> = change.iter().map(|point| point.significance().unwrap_or(f64::NAN)).collect();
+    let known = values.iter().any(|value| value.is_finite());
+    if !known {
+        values = change.iter().map(|point| point.dx_px.hypot(point.dy_px)).collect();
+    }
+    let arrows = change
+        .chunks(MAP_SIDE)
+        .skip(ARROW_MARGIN)
+        .step_by(2 * ARROW_MARGIN)
+        .flat_map(|row| row.iter().skip(ARROW_MARGIN).step_by(2 * ARROW_MARGIN))
+        .map(|point| report::Vector { x_px: point.x_px, y_px: point.y_px, dx_px: point.dx_px, dy_px: point.dy_px, rejected: false })
+        .collect();
+    let p_value = comparison.p_value.map_or_else(|| "no p-value".to_owned(), |p| format!("p = {}", probability(p)));
+    let map = report::FieldMap {
+        title: "Change of the camera, second − first".to_owned(),
+        summary: format!(
+            "rms {} px, maximum {} px over the frame; {p_value}",
+            significant(comparison.rms_px),
+            significant(comparison.max_px)
+        ),
+        values,
+        side: MAP_SIDE,
+        from_zero: true,
+        unit: if known { "length / σ" } else { "length / px" }.to_owned(),
+        arrows,
+        note: "arrows: how far the images of stars have moved, the best rotation taken out".to_owned(),
+        ..report::FieldMap::default()
+    };
+    Ok(map.write(path, (first.camera.width_px, first.camera.height_px))?)
+}
+
+/// A probability with as many digits as it deserves.
+pub(crate) fn probability(p: f64) -> String {
+    match p {
+        p if p >= 0.001 => format!("{p:.3}"),
+        p if p > 1e-300 => format!("{p:.0e}"),
+        _ => "0 (below 1e-300)".to_owned(),
+    }
 }

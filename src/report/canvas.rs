@@ -115,6 +115,16 @@ impl<'a> Sheet<'a> {
         Ok(self.area.draw(&plotters::element::Circle::new(enlarged_place(place), enlarged(radius).max(1), colour.filled()))?)
     }
 
+    /// A filled rectangle from its upper left to its lower right corner.
+    pub(super) fn fill(&self, from: Place, to: Place, colour: impl Color) -> Drawn {
+        let (left, top) = enlarged_place(from);
+        let (right, bottom) = enlarged_place(to);
+        if right <= left || bottom <= top {
+            return Ok(());
+        }
+        Ok(self.area.draw(&plotters::element::Rectangle::new([(left, top), (right, bottom)], colour.filled()))?)
+    }
+
     fn style(size: f64, colour: &impl Color, across: HPos, along: VPos) -> Result<TextStyle<'static>, Box<dyn std::error::Error>> {
         Ok(text_style(FontDesc::from((font()?, size * OVERSAMPLING as f64)), colour, across, along))
     }
@@ -299,6 +309,11 @@ mod tests {
         let read = image::open(&path).unwrap().to_rgb8();
         assert_eq!((read.width(), read.height()), (20, 10));
         assert_eq!((read.get_pixel(2, 5).0, read.get_pixel(15, 5).0), ([35, 35, 40], [255, 255, 255]));
+        // A filled rectangle takes all of its pixels, and no others.
+        picture(&path, (20, 10), PAPER, |sheet| sheet.fill((2.0, 1.0), (5.0, 3.0), INK)).unwrap();
+        let read = image::open(&path).unwrap().to_rgb8();
+        let dark = |x: u32, y: u32| (2..5).contains(&x) && (1..3).contains(&y);
+        assert!(read.enumerate_pixels().all(|(x, y, pixel)| pixel.0 == if dark(x, y) { [35, 35, 40] } else { [255, 255, 255] }));
         let impossible = path.join("b.png"); // a folder that is a file
         assert!(matches!(picture(&impossible, (20, 10), PAPER, |_| Ok(())), Err(ReportError::Write(_))));
     }

@@ -3,6 +3,9 @@
 //! Pictures are PNG files with the same letters on every machine; each appears whole or not at all.
 
 mod canvas;
+mod colours;
+mod contours;
+mod field_map;
 mod frame_picture;
 mod panels;
 mod plot;
@@ -10,6 +13,7 @@ mod table;
 mod vectors;
 
 pub use canvas::ReportError;
+pub use field_map::FieldMap;
 pub use frame_picture::{Mark, MarkKind, frame_picture};
 pub use panels::{LogPanels, Panel};
 pub use plot::{Plot, Series, SeriesStyle};

@@ -136,7 +136,10 @@ fn a_recording_is_calibrated_compared_and_mapped() {
     let recording = folder.path().join("night");
     assert_eq!(run(&["simulate", text(&scene), "-o", text(&recording), "--backend", "cpu"]).code, 0);
     let [a, b] = ["a", "b"].map(|name| folder.path().join(name));
-    let object = json(&["calibrate", text(&recording), "--json", "-o", text(&a)]);
+    let ran = run(&["calibrate", text(&recording), "-o", text(&a)]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let said = ran.stdout;
+    let object: Value = serde_json::from_slice(&std::fs::read(a.join("calibrate.json")).unwrap()).unwrap();
     for key in [
         "format",
         "method",
@@ -166,6 +169,24 @@ fn a_recording_is_calibrated_compared_and_mapped() {
     assert!((number(&object, "/camera/focal_length_px") - 1800.0).abs() < 0.1, "{}", object["camera"]);
     assert!(object["provenance"]["inputs"].as_array().unwrap().len() == 13, "the manifest and twelve frames");
 
+    // What a person reads: the method, the noise, the table of combinations, no line wider than a terminal of 100 columns.
+    let line = |label: &str| said.lines().find(|line| line.starts_with(label)).unwrap_or_else(|| panic!("no {label} in {said}"));
+    assert!(line("method ").contains("bundle, converged in ") && !line("method ").contains("pair"), "{said}");
+    let used = format!("{} used of {} offered", number(&object, "/stars"), number(&object, "/stars_offered"));
+    assert!(line("star images ").contains(&used), "{said}");
+    assert!(line("rms ").contains("px (") && line("rms ").contains("arcsec) held out"), "{said}");
+    assert!(line("noise ").contains("unit-weight variance") && line("wrong ").contains('%') && line("map ").contains("σ"), "{said}");
+    assert!(said.contains("one free rotation for each frame"), "{said}");
+    let table: Vec<&str> = said.lines().skip_while(|line| !line.contains("combination, worst determined first")).collect();
+    let worst = object["combinations"][0]["sigma_px"].as_f64().unwrap();
+    let first: f64 = table[2].split_whitespace().next().unwrap().parse().unwrap();
+    assert!(
+        (first / worst - 1.0).abs() < 0.01 && table[2].contains(object["combinations"][0]["parameters"][0][0].as_str().unwrap()),
+        "{said}"
+    );
+    assert!(said.lines().all(|line| line.chars().count() <= 100), "{said}");
+    is_a_picture_of_a_field(&a.join("map_sigma.png"));
+
     // The file holds the same object, and the program reads it again.
     let map = json(&["map", text(&a.join("calibrate.json")), "--grid", "3", "--json"]);
     let points = map["points"].as_array().unwrap();
@@ -180,8 +201,28 @@ fn a_recording_is_calibrated_compared_and_mapped() {
     let [a, b] = [a, b].map(|folder| folder.join("calibrate.json"));
     let same = json(&["compare", text(&a), text(&a), "--json"]);
     assert!(number(&same, "/rms_px") < 1e-9 && number(&same, "/p_value") > 0.99, "{same}");
-    let different = json(&["compare", text(&a), text(&b), "--json"]);
+    let difference = folder.path().join("difference");
+    let different = json(&["compare", text(&a), text(&b), "--json", "-o", text(&difference)]);
     assert!(number(&different, "/rms_px") > 0.5, "{different}");
+    let grid = different["difference_map"].as_array().unwrap();
+    assert_eq!(grid.len(), 81);
+    let length = |point: &Value| number(point, "/dx_px").hypot(number(point, "/dy_px"));
+    let largest = grid.iter().map(length).fold(0.0, f64::max);
+    assert!(largest > 0.5 && largest <= number(&different, "/max_px") * 1.000_001, "{different}");
+    assert!(grid.iter().all(|point| number(point, "/sigma_px") > 0.0), "{different}");
+    is_a_picture_of_a_field(&difference.join("difference.png"));
+}
+
+/// A map over the frame: many colours, none of which fills it.
+fn is_a_picture_of_a_field(path: &Path) {
+    let picture = image::open(path).unwrap().to_rgb8();
+    assert!(picture.width() > 500 && picture.height() > 400, "{}: {:?}", path.display(), picture.dimensions());
+    let mut counts = std::collections::BTreeMap::new();
+    for pixel in picture.pixels().filter(|pixel| pixel.0 != [255; 3]) {
+        *counts.entry(pixel.0).or_insert(0_u32) += 1;
+    }
+    let most = counts.values().max().copied().unwrap_or(0);
+    assert!(counts.len() > 100 && f64::from(most) < 0.3 * f64::from(picture.width() * picture.height()), "{}", path.display());
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Calibration on control points made from a known camera: no image is rendered or measured here.
 
 mod bad_input;
+mod compare;
 mod published;
 mod select;
 mod sequential;
