@@ -187,7 +187,7 @@ fn signed(value: f64) -> String {
 }
 
 /// A word in front and text beside it, broken between words so that no line is wider than a terminal.
-fn wrapped(label: &str, words: &str, indent: usize) -> String {
+pub(super) fn wrapped(label: &str, words: &str, indent: usize) -> String {
     let mut lines = vec![format!("{label:<indent$}")];
     let mut empty = true;
     for word in words.split_whitespace() {

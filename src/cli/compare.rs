@@ -8,6 +8,7 @@ use boresight::provenance::Provenance;
 use clap::Args;
 use serde::Serialize;
 
+use super::calibrate_text::wrapped;
 use super::map::read_calibration;
 use super::options::OutputArgs;
 use super::{Answer, output, pictures};
@@ -71,7 +72,7 @@ fn text(comparison: &Comparison) -> String {
         text += &format!("probability of so large a difference if the camera did not change: {}\n", pictures::probability(p));
     }
     for warning in &comparison.warnings {
-        text += &format!("note: {warning}\n");
+        text += &wrapped("note:", warning, "note: ".len());
     }
     text
 }

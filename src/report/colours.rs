@@ -49,7 +49,7 @@ impl Scale {
         }
         if low > 0.0 && high > WIDE * low {
             let least = 10_f64.powf(low.log10().floor());
-            let ticks = (0..300).map(|k| [1.0, 2.0, 5.0][k % 3] * least * 10_f64.powi((k / 3) as i32));
+            let ticks = (0..300).map(|k| [1.0, 2.0, 5.0][k % 3] * least * 10_f64.powf((k / 3) as f64));
             let inside = ticks.filter(|tick| *tick >= low * (1.0 - 1e-9)).take_while(|tick| *tick <= high * (1.0 + 1e-9)).collect();
             return Self { low, high, logarithmic: true, ticks: inside };
         }

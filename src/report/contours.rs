@@ -46,7 +46,7 @@ impl Grid<'_> {
                     .filter_map(|edge| {
                         let ((a, from), (b, to)) = (corners[edge], corners[(edge + 1) % 4]);
                         let part = from / (from - to);
-                        ((from < 0.0) != (to < 0.0)).then(|| (a.0 + part * (b.0 - a.0), a.1 + part * (b.1 - a.1)))
+                        ((from < 0.0) != (to < 0.0)).then_some((a.0 + part * (b.0 - a.0), a.1 + part * (b.1 - a.1)))
                     })
                     .collect();
                 match crossings[..] {

@@ -47,7 +47,9 @@ const FLATTEST_BAR: f64 = 220.0;
 /// Contour labels keep this distance from each other, and half of it from the edge.
 const LABEL_DISTANCE: f64 = 48.0;
 /// A contour is labelled again at this distance from all other labels: it may be in several pieces.
-const AGAIN: f64 = 200.0;
+const AGAIN: f64 = 280.0;
+/// Contour labels keep this distance from the middle of an arrow.
+const OFF_ARROWS: f64 = 27.0;
 /// The longest arrow is at most so long, and at least two fifths of it.
 const LONGEST_ARROW: f64 = 56.0;
 
@@ -134,6 +136,7 @@ impl FieldMap {
     /// The contours at the bar's ticks, each with its number where there is room for it.
     fn contours(&self, sheet: &Sheet, frame_box: &FrameBox, scale: &Scale) -> Drawn {
         let grid = Grid { values: &self.values, side: self.side };
+        let arrows: Vec<Place> = self.arrows.iter().map(|arrow| frame_box.place(arrow.x_px, arrow.y_px)).collect();
         let mut labels: Vec<Place> = Vec::new();
         let mut texts = Vec::new();
         for tick in &scale.ticks {
@@ -142,7 +145,8 @@ impl FieldMap {
                 let [a, b] = segment.map(|place| self.on_sheet(frame_box, place));
                 sheet.line(&[a, b], INK.mix(0.55), 1.0)?;
                 let middle = (f64::midpoint(a.0, b.0), f64::midpoint(a.1, b.1));
-                if frame_box.holds(middle, LABEL_DISTANCE / 2.0) {
+                let hidden = arrows.iter().any(|arrow| (arrow.0 - middle.0).hypot(arrow.1 - middle.1) < OFF_ARROWS);
+                if frame_box.holds(middle, LABEL_DISTANCE / 2.0) && !hidden {
                     middles.push(middle);
                 }
             }
@@ -247,7 +251,10 @@ mod tests {
         let green = |place: [u8; 3]| place[1];
         assert!(green(at(0.5, 0.5)) > 235 && green(at(0.02, 0.02)) < 190, "{:?} {:?}", at(0.5, 0.5), at(0.02, 0.02));
         let close = |a: [u8; 3], b: [u8; 3]| a.iter().zip(b).all(|(a, b)| a.abs_diff(b) < 6);
-        assert!(close(at(0.2, 0.31), at(0.8, 0.69)), "the cone is symmetric");
+        // Contours and their labels lie on some of the places.
+        let places = (0..400).map(|k| (0.02 + 0.96 * f64::from(k % 20) / 19.0, 0.02 + 0.96 * f64::from(k / 20) / 19.0));
+        let symmetric = places.filter(|(x, y)| close(at(*x, *y), at(1.0 - x, 1.0 - y))).count();
+        assert!(symmetric > 300, "{symmetric} of 400 places are as their opposites");
     }
 
     #[test]

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::options;
 
-const PAIRS: usize = 160;
+const PAIRS: usize = 150;
 const SIDE: usize = 17;
 
 /// Small nights, so that there can be many.
@@ -80,7 +80,7 @@ fn the_difference_over_the_frame_is_as_large_as_its_standard_error() {
     let middle = sums[SIDE * SIDE / 2];
     let (all, corners, middle) = (mean(&sums), mean(&corners), mean(&[middle]));
     println!("rms difference over its standard error: {all:.3} over the frame, {corners:.3} in the corners, {middle:.3} in the middle");
-    // 160 pairs of few independent combinations: about 3 % over the frame, 6 % at one place.
+    // 150 pairs of few independent combinations: about 3 % over the frame, 6 % at one place.
     assert!((all - 1.0).abs() < 0.1 && (corners - 1.0).abs() < 0.15 && (middle - 1.0).abs() < 0.2, "{all} {corners} {middle}");
 }
 
@@ -96,8 +96,8 @@ fn a_longer_focal_length_is_found_and_points_outwards() {
         .collect();
     let p: Vec<f64> = found.iter().map(|comparison| comparison.p_value.unwrap()).collect();
     println!("f + {step:.2} px (5 standard errors of the difference): p = {p:?}");
-    // χ² of six degrees of freedom about 25 + 6: p of 0.01 is 16.8, which a non-central χ² falls short of in 4 %.
-    assert!(p.iter().filter(|p| **p < 0.01).count() >= 10, "{p:?}");
+    // χ² grows by 25 at least: by as much as f alone is off, and by more, as no other parameter has changed to make up for it.
+    assert!(p.iter().all(|p| *p < 1e-3), "{p:?}");
     for comparison in &found {
         let focal = comparison.parameters.iter().find(|p| p.name == "f").unwrap();
         assert!((focal.difference - step).abs() < 5.0 * focal.sigma, "{focal:?}");
@@ -116,7 +116,7 @@ fn a_longer_focal_length_is_found_and_points_outwards() {
 
 #[test]
 fn the_standard_error_of_the_map_is_the_scatter_of_the_map() {
-    let all: Vec<&Calibration> = PAIRS_OF_NIGHTS.iter().flatten().collect();
+    let all: Vec<&Calibration> = PAIRS_OF_NIGHTS.iter().map(|[first, _]| first).collect();
     let (mut square, mut stated) = (0.0, 0.0);
     for calibration in &all {
         let sigma = map_sigma(calibration, 25).unwrap();
@@ -129,7 +129,7 @@ fn the_standard_error_of_the_map_is_the_scatter_of_the_map() {
     }
     let ratio = (square / stated).sqrt();
     println!("{} nights: rms error of the map over its stated standard error {ratio:.3}", all.len());
-    assert!((ratio - 1.0).abs() < 0.08, "{ratio}");
+    assert!((ratio - 1.0).abs() < 0.1, "{ratio}");
     // Methods on pairs know the reference model alone, and a calibration without covariance tells nothing.
     let pairs = solved(&Trial::published(), 3, &options(Method::VariableWeights));
     let sigma = map_sigma(&pairs, 25).unwrap().into_iter().map(|(_, sigma)| sigma).fold(0.0, f64::max);
@@ -139,6 +139,8 @@ fn the_standard_error_of_the_map_is_the_scatter_of_the_map() {
 
 #[test]
 fn different_sets_of_effects_are_compared_by_what_both_mean() {
+    // Outside the parallel part: made inside it, its own parallel work would wait for itself.
+    let pairs = &*PAIRS_OF_NIGHTS;
     let six = options(Method::Bundle);
     let mut more = six.clone();
     more.solve.push("pixel-aspect".to_owned());
@@ -146,7 +148,7 @@ fn different_sets_of_effects_are_compared_by_what_both_mean() {
         .into_par_iter()
         .map(|seed| {
             let other = solved(&small(), 11_000 + seed, &more);
-            let comparison = compare(&PAIRS_OF_NIGHTS[seed as usize][0], &other).unwrap();
+            let comparison = compare(&pairs[seed as usize][0], &other).unwrap();
             assert_eq!(comparison.degrees_of_freedom, 7);
             assert!(comparison.warnings.iter().any(|warning| warning.contains("pixel-aspect.epsilon")), "{:?}", comparison.warnings);
             comparison.p_value.unwrap()
@@ -158,7 +160,7 @@ fn different_sets_of_effects_are_compared_by_what_both_mean() {
 
     // Another projection gives the same names another meaning: the maps are compared, the parameters are not.
     let wide = CalibrateOptions { projection: "equidistant".to_owned(), ..six };
-    let [pinhole, equidistant] = [&PAIRS_OF_NIGHTS[0][0], &solved(&small(), 12_000, &wide)];
+    let [pinhole, equidistant] = [&pairs[0][0], &solved(&small(), 12_000, &wide)];
     let comparison = compare(pinhole, equidistant).unwrap();
     assert_eq!((comparison.p_value, comparison.chi_squared), (None, None));
     assert!(comparison.warnings.iter().any(|warning| warning.contains("equidistant")), "{:?}", comparison.warnings);
