@@ -23,7 +23,6 @@ use super::identify::SearchArgs;
 use super::options::{InputArgs, OutputArgs, SkyArgs};
 use super::pipeline::{IdentifiedFrame, Measured};
 use super::update::{self, NewFrames, UpdateArgs};
-use super::{Answer, output, pictures, pipeline, star_list};
 use super::{Answer, calibrate_text, output, pictures, pipeline, star_list};
 
 /// Arguments of `calibrate`.
@@ -480,53 +479,4 @@ impl Unsolved {
             provenance,
         }
     }
-}
-
-/// The calibration for people.
-fn text(calibration: &Calibration) -> String {
-    let rows: Vec<Vec<String>> = calibration
-        .parameters
-        .iter()
-        .map(|parameter| {
-            let [value, sigma] = with_sigma(parameter.value, parameter.sigma);
-            vec![parameter.name.clone(), value, format!("± {sigma}"), parameter.unit.clone()]
-        })
-        .collect();
-    let mut text = boresight::report::table(&["parameter", "value", "σ", "unit"], &rows);
-    let px = |value: Option<f64>| value.map_or_else(|| "unknown".to_owned(), |value| format!("{value:.4} px"));
-    text += &format!(
-        "\n{} in {} iterations of {} over {} pairs; physics: {}\n",
-        if calibration.status == Status::Converged { "converged" } else { "NOT CONVERGED" },
-        calibration.iterations.len(),
-        calibration.method.name(),
-        calibration.pairs,
-        if calibration.physics.is_empty() { "none".to_owned() } else { calibration.physics.join(", ") }
-    );
-    text += &format!(
-        "{} of {} star images used ({} stars, {} frames), {} rejected\n",
-        calibration.stars,
-        calibration.stars_offered,
-        calibration.distinct_stars,
-        calibration.frames,
-        calibration.rejected.len()
-    );
-    text += &format!(
-        "rms {} in sample, {} held out; σ of the map {} (median over the frame)\n",
-        px(calibration.rms_px),
-        px(calibration.held_out_rms_px),
-        px(calibration.map_sigma_px.map(|sigma| sigma.median))
-    );
-    for warning in &calibration.warnings {
-        text += &format!("warning: {warning}\n");
-    }
-    text
-}
-
-/// A value and its standard error with as many digits as the error deserves.
-pub(crate) fn with_sigma(value: f64, sigma: f64) -> [String; 2] {
-    if value != 0.0 && value.abs() < 1e-3 {
-        return [format!("{value:.4e}"), format!("{sigma:.1e}")];
-    }
-    let digits = if sigma > 0.0 { (1.0 - sigma.log10().floor()).clamp(0.0, 8.0) as usize } else { 3 };
-    [format!("{value:.digits$}"), format!("{sigma:.digits$}")]
 }

@@ -205,7 +205,7 @@ pub(super) fn wrapped(label: &str, words: &str, indent: usize) -> String {
 }
 
 /// A value and its standard error with as many digits as the error deserves.
-fn with_sigma(value: f64, sigma: f64) -> [String; 2] {
+pub(super) fn with_sigma(value: f64, sigma: f64) -> [String; 2] {
     if value != 0.0 && value.abs() < 1e-3 {
         return [format!("{value:.4e}"), format!("{sigma:.1e}")];
     }

@@ -10,7 +10,7 @@ use boresight::recording::SkippedFrame;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
-use super::calibrate::with_sigma;
+use super::calibrate_text::with_sigma;
 use super::options::OutputArgs;
 use super::{Answer, map, output};
 

@@ -39,8 +39,8 @@ use nalgebra::{Matrix3, UnitQuaternion};
 use rayon::prelude::*;
 
 pub(super) use adjust::{Adjusted, Run, scales};
-pub(super) use memory::{CLASSES, NoiseMemory};
 pub(super) use mapping::map_sigma_px;
+pub(super) use memory::{CLASSES, NoiseMemory};
 pub(super) use noise::Noise;
 pub(super) use problem::{Attitudes, Prior, Problem, State, earth_from_icrs};
 pub(super) use solve_for::checked as check_name;
