@@ -101,6 +101,7 @@ def boresight_rows(declared: Camera, frames: list, arguments) -> dict:
         given = ["--trust-identifications", "--physics", "none", *arguments.options.split()]
         rows = {"boresight": peers.boresight(arguments.boresight, Path(folder), *given)}
         if not arguments.quick:
+            rows["boresight --solve auto"] = peers.boresight(arguments.boresight, Path(folder), *given, "--solve", "auto")
             few = ["--solve", ",".join(NAMES[:4])]
             rows["boresight --solve x0,y0,f,k1"] = peers.boresight(arguments.boresight, Path(folder), *given, *few)
         return rows

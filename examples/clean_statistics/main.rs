@@ -39,7 +39,7 @@ const BATCH: u64 = 1000;
 #[derive(Parser)]
 struct Arguments {
     /// The method, by the name that it has on the command line of boresight.
-    #[arg(long, default_value = "variable-weights")]
+    #[arg(long, default_value = "bundle")]
     method: String,
     /// F of the variable weights.
     #[arg(long, default_value_t = CalibrateOptions::default().f_threshold)]
