@@ -129,23 +129,23 @@ fn overview(calibration: &Calibration) -> String {
 /// The table of singular values, the worst first.
 fn combinations(all: &[Combination]) -> String {
     let shown = &all[..all.len().min(MOST_COMBINATIONS)];
-    let rows: Vec<[String; 2]> = shown
+    let rows: Vec<[String; 3]> = shown
         .iter()
         .map(|combination| {
             let mut parts = String::new();
             for (name, share) in &combination.parameters {
                 let part = format!("{name} {}{:.2}", if *share < 0.0 { "−" } else { "+" }, share.abs());
-                if parts.chars().count() + part.chars().count() + 14 > WIDTH {
+                if parts.chars().count() + part.chars().count() + 14 > WIDTH - 16 {
                     parts += " …";
                     break;
                 }
                 parts += if parts.is_empty() { "" } else { "  " };
                 parts += &part;
             }
-            [significant(combination.sigma_px), parts]
+            [format!("{:.3}", combination.singular_value), significant(combination.sigma_px), parts]
         })
         .collect();
-    let lines = table(&["σ / px", "combination, worst determined first"], &rows);
+    let lines = table(&["singular value", "σ map / px", "combination, worst determined first"], &rows);
     let mut text = String::new();
     for (index, line) in lines.lines().enumerate() {
         text += line;
@@ -230,6 +230,7 @@ mod tests {
     #[test]
     fn combinations_are_listed_worst_first_with_their_sentence() {
         let combination = |sigma_px: f64, sentence: Option<&str>| Combination {
+            singular_value: 0.141,
             sigma_px,
             parameters: vec![("x0".to_owned(), -0.8), ("p1".to_owned(), 0.6)],
             sentence: sentence.map(str::to_owned),
@@ -237,7 +238,7 @@ mod tests {
         let mut all = vec![combination(5.03, Some("x0 and p1 cannot be separated well here"))];
         all.extend((0..9).map(|k| combination(0.01 / f64::from(k + 1), None)));
         let text = combinations(&all);
-        assert!(text.contains("5.03  x0 −0.80  p1 +0.60\n"), "{text}");
+        assert!(text.contains("0.141") && text.contains("5.03  x0 −0.80  p1 +0.60\n"), "{text}");
         assert!(text.contains("            x0 and p1 cannot be separated"), "{text}");
         assert!(text.ends_with("4 better determined ones follow in the file\n"), "{text}");
     }

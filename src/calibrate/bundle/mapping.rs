@@ -45,7 +45,6 @@ pub(in crate::calibrate) fn rotation_free_map(model: &Model, values: &[f64], fre
     Some(places.into_iter().map(free_of_rotation).collect())
 }
 
-#[allow(dead_code, reason = "for pictures of the map")]
 /// Standard error (2-D, px) of the map at each pixel of a grid, from the covariance of the parameters in their own units.
 pub(in crate::calibrate) fn map_sigma_px(
     model: &Model,
