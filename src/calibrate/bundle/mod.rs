@@ -234,6 +234,7 @@ fn from_focal_length(problem: &Problem, points: &ControlPoints, options: &Calibr
         frame_factors: vec![1.0; problem.exposures.len()],
         focal_length_px: f,
         before: NoiseMemory::default(),
+        unit_variance: 1.0,
     };
     let run = Run { epsilon_px: options.epsilon_px, max_turns: options.max_iterations, from_afar: true, hold_noise: false };
     let mut adjusted = problem.adjust(state, noise, &scale, &run, None);
