@@ -272,7 +272,7 @@ fn what_cannot_be_told_apart_is_said_by_name() {
                 let (pull, name) = largest_pull(&result, &truth);
                 println!("{id}: {ratio:.2} σ at {times_typical} × typical, pull {pull:.2} ({name}): {:?}", result.warnings);
                 assert!(pull < 4.5, "{name} is off by {pull} σ: {:?}", result.parameters);
-                let said = |warning: &String| warning.contains("cannot be separated") && warning.contains(id);
+                let said = |warning: &String| warning.contains("cannot be separated") && warning.contains(id) && warning.contains("p1");
                 assert!(result.warnings.iter().any(said), "{:?}", result.warnings);
             }
         }
