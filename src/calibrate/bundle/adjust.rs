@@ -322,8 +322,10 @@ impl Problem {
         let active = pass.frames.iter().flatten().count();
         let lost = self.shared_count() + active * self.local_count();
         noise.update(&pass.samples, lost, frames_lost, robust);
-        let freedom = (2.0 * pass.weights.iter().flatten().sum::<f64>() - lost as f64).max(1.0);
-        noise.unit_variance = (pass.chi_squared / freedom).clamp(LEAST_UNIT_VARIANCE, 1.0 / LEAST_UNIT_VARIANCE);
+        let weight = pass.weights.iter().flatten().sum::<f64>() + noise.before.weight();
+        let freedom = (2.0 * weight - lost as f64 - noise.before.lost).max(1.0);
+        let chi_squared = pass.chi_squared + noise.before.chi_squared(noise.floor_px2);
+        noise.unit_variance = (chi_squared / freedom).clamp(LEAST_UNIT_VARIANCE, 1.0 / LEAST_UNIT_VARIANCE);
     }
 
     /// Moves by one step; parameters that are not `free` in this stage stay.

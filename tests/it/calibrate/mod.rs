@@ -3,6 +3,7 @@
 mod bad_input;
 mod effects;
 mod joint;
+mod joint_statistics;
 mod published;
 mod select;
 mod sequential;
