@@ -243,7 +243,7 @@ pub enum CalibrateError {
     },
     /// The normal equations have no solution.
     #[error(
-        "the pairs of stars cannot tell {combination} apart: the normal equations are singular; add frames or hold one of these parameters at its ground value"
+        "the stars do not tell {combination} apart from what else is free (attitudes included): the normal equations are singular; add frames or hold one of these parameters at its ground value"
     )]
     Singular {
         /// The parameters in question.

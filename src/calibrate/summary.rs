@@ -316,7 +316,10 @@ pub(super) fn general_warnings(result: &Calibration, lost: usize, coverage: Opti
             "the solved camera has no image of the stars of {used_without_image} of the star images used; they stand in no rms"
         ));
     }
-    let predicted_px = result.predicted_sigma_px.hypot(CENTROID_FLOOR_PX);
+    // A floor that the residuals themselves have told predicts nothing.
+    let floor_px = result.noise.map_or(0.0, |noise| noise.floor_px);
+    let stated_px = (result.predicted_sigma_px.powi(2) - floor_px * floor_px).max(0.0).sqrt();
+    let predicted_px = stated_px.hypot(CENTROID_FLOOR_PX);
     if result.unit_weight_sigma_px > TOO_LARGE_RESIDUALS * predicted_px {
         warnings.push(format!(
             "the residuals ({:.3} px per axis) are {:.0} times what the measurements' own errors predict ({predicted_px:.3} px): identifications are wrong, or the model lacks something",

@@ -148,15 +148,17 @@ impl Problem {
                 sums.add(&columns[side][..shared], &own[side][..local], residual[side]);
             }
         });
-        if let (Some(known), Some(attitude), false) = (of.known_attitude, self.attitude(state, exposure), fixed) {
+        if let (Some(known), Some(attitude)) = (of.known_attitude, self.attitude(state, exposure)) {
             let off = (attitude * known.camera_from_icrs.camera_from_icrs.inverse()).scaled_axis();
+            let weight = noise.unit_variance / (known.sigma_rad * known.sigma_rad);
             for axis in 0..3 {
-                sums.add_own(axis, 1.0 / (known.sigma_rad * known.sigma_rad), off[axis]);
+                // A turn of the mount turns the camera by as much.
+                sums.add_known(if fixed { free + axis } else { shared + axis }, weight, off[axis]);
             }
         }
         if local == MOST_LOCAL {
             for axis in 0..3 {
-                sums.add_own(3 + axis, 1.0 / (RATE_SIGMA_RAD_S * RATE_SIGMA_RAD_S), state.rates[exposure][axis]);
+                sums.add_known(shared + 3 + axis, noise.unit_variance / (RATE_SIGMA_RAD_S * RATE_SIGMA_RAD_S), state.rates[exposure][axis]);
             }
         }
         sums
@@ -196,18 +198,18 @@ impl Problem {
             pass.chi_squared += chi_squared;
         }
         for prior in &self.priors {
-            pass.cost += ((state.values[self.free[prior.free]] - prior.value) / prior.sigma).powi(2);
+            pass.cost += noise.unit_variance * ((state.values[self.free[prior.free]] - prior.value) / prior.sigma).powi(2);
         }
         pass.cost += self.carried.as_ref().map_or(0.0, |carried| carried.cost(&self.free, &state.values));
         pass
     }
 
     /// The equations of the shared parameters, and what is needed to find the frames' own steps.
-    fn reduce(&self, state: &State, pass: &Pass, scale: &[f64], damping: f64) -> (Reduced, Vec<Option<Eliminated>>) {
+    fn reduce(&self, state: &State, pass: &Pass, noise: &Noise, scale: &[f64], damping: f64) -> (Reduced, Vec<Option<Eliminated>>) {
         let mut reduced = Reduced::zero(self.shared_count());
         let eliminated = pass.frames.iter().map(|frame| frame.as_ref().and_then(|sums| sums.eliminate(damping, &mut reduced))).collect();
         for prior in &self.priors {
-            let weight = 1.0 / (prior.sigma * scale[prior.free]).powi(2);
+            let weight = noise.unit_variance / (prior.sigma * scale[prior.free]).powi(2);
             let off = (state.values[self.free[prior.free]] - prior.value) * scale[prior.free];
             reduced.matrix[(prior.free, prior.free)] += weight;
             reduced.right[prior.free] -= weight * off;
@@ -290,7 +292,7 @@ impl Problem {
                 break;
             }
         }
-        let (reduced, _) = self.reduce(&state, &pass, scale, 0.0);
+        let (reduced, _) = self.reduce(&state, &pass, &noise, scale, 0.0);
         Adjusted {
             attitude_information: pass.frames.iter().map(|frame| frame.as_ref().map(FrameSums::own)).collect(),
             weight_sum: pass.weights.iter().flatten().sum(),
@@ -318,12 +320,17 @@ impl Problem {
     fn learn(&self, noise: &mut Noise, pass: &Pass, state: &State, frames_lost: &[usize], robust: bool) {
         noise.focal_length_px = state.values[2];
         let active = pass.frames.iter().flatten().count();
-        noise.update(&pass.samples, self.shared_count() + active * self.local_count(), frames_lost, robust);
+        let lost = self.shared_count() + active * self.local_count();
+        noise.update(&pass.samples, lost, frames_lost, robust);
+        let weight = pass.weights.iter().flatten().sum::<f64>() + noise.before.weight();
+        let freedom = (2.0 * weight - lost as f64 - noise.before.lost).max(1.0);
+        let chi_squared = pass.chi_squared + noise.before.chi_squared(noise.floor_px2);
+        noise.unit_variance = (chi_squared / freedom).clamp(LEAST_UNIT_VARIANCE, 1.0 / LEAST_UNIT_VARIANCE);
     }
 
     /// Moves by one step; parameters that are not `free` in this stage stay.
     fn turn(&self, state: &mut State, pass: &Pass, noise: &Noise, scale: &[f64], free: &[bool], damping: f64) -> Turn {
-        let (mut reduced, eliminated) = self.reduce(state, pass, scale, damping);
+        let (mut reduced, eliminated) = self.reduce(state, pass, noise, scale, damping);
         for (k, _) in free.iter().enumerate().filter(|(_, free)| !**free) {
             reduced.matrix.row_mut(k).fill(0.0);
             reduced.matrix.column_mut(k).fill(0.0);
@@ -339,11 +346,8 @@ impl Problem {
             state.mount = UnitQuaternion::from_scaled_axis(Vector3::new(step[at], step[at + 1], step[at + 2])) * state.mount;
         } else {
             for (exposure, eliminated) in eliminated.iter().enumerate() {
-                let (Some(eliminated), Some(attitude)) = (eliminated, state.attitudes[exposure].as_mut()) else { continue };
-                let own = eliminated.own_step(&step);
-                *attitude = UnitQuaternion::from_scaled_axis(Vector3::new(own[0], own[1], own[2])) * *attitude;
-                for axis in 0..3 {
-                    state.rates[exposure][axis] += own[3 + axis];
+                if let Some(eliminated) = eliminated {
+                    state.move_own(exposure, eliminated.own_step(&step));
                 }
             }
         }
@@ -356,6 +360,8 @@ impl Problem {
     }
 }
 
+/// Bounds of the residuals' variance against that stated, while the noise is not known yet.
+const LEAST_UNIT_VARIANCE: f64 = 1e-4;
 /// Standard deviation of the rates' prior: a quick slew.
 const RATE_SIGMA_RAD_S: f64 = 0.1;
 

@@ -5,7 +5,7 @@
 //! errors). So k folds cost one more pass over the star images, not k solutions. The held-out frame's own attitude is fitted anew with the
 //! camera of the others; the star images are judged that the full solution uses.
 
-use nalgebra::{DMatrix, DVector, Matrix3, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, DVector, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use super::noise::Whitened;
@@ -44,7 +44,10 @@ pub(in crate::calibrate) fn rms_px(solved: &Solved) -> Option<f64> {
         total.right += &part.right;
     }
     for prior in &problem.priors {
-        total.matrix[(prior.free, prior.free)] += 1.0 / (prior.sigma * adjusted.scale[prior.free]).powi(2);
+        let weight = adjusted.noise.unit_variance / (prior.sigma * adjusted.scale[prior.free]).powi(2);
+        let off = (adjusted.state.values[problem.free[prior.free]] - prior.value) * adjusted.scale[prior.free];
+        total.matrix[(prior.free, prior.free)] += weight;
+        total.right[prior.free] -= weight * off;
     }
     let states: Vec<Option<State>> = (0..folds)
         .map(|fold| {
@@ -94,31 +97,21 @@ fn moved(problem: &Problem, adjusted: &Adjusted, rest: &Reduced) -> Option<State
     Some(state)
 }
 
-/// Sum of squares of a held-out frame's star images, its attitude fitted anew, and their number.
+/// Sum of squares of a held-out frame's star images, its own attitude (and rates) fitted anew, and their number.
 fn judged(problem: &Problem, adjusted: &Adjusted, state: &State, exposure: usize) -> Option<(f64, usize)> {
     const STEPS: usize = 3;
-    let mut attitude = problem.attitude(state, exposure)?;
-    let rates = state.rates[exposure];
+    let mut state = state.clone();
+    let shared = problem.shared_count();
     if problem.attitudes != Attitudes::FixedToEarth {
+        let held = |index: usize, _: &Row, _: &Whitened| adjusted.weights[exposure][index];
         for _ in 0..STEPS {
-            let (mut normal, mut right) = (Matrix3::<f64>::zeros(), Vector3::<f64>::zeros());
-            problem.linearise_at(&state.values, attitude, rates, exposure, |index, row| {
-                let weight = adjusted.weights[exposure][index];
-                let image = &problem.exposures[exposure].images[index];
-                let variance = adjusted.noise.covariance_px2(exposure, image);
-                for axis in 0..2 {
-                    let column = Vector3::from(row.by_rotation[axis]);
-                    let weight = weight / variance[2 * axis].max(f64::MIN_POSITIVE);
-                    normal += column * column.transpose() * weight;
-                    right -= column * (row.residual[axis] * weight);
-                }
-            });
-            let turn = normal.cholesky()?.solve(&right);
-            attitude = UnitQuaternion::from_scaled_axis(turn) * attitude;
+            let sums = problem.frame_sums(&state, &adjusted.noise, &adjusted.scale, exposure, held);
+            let own = sums.eliminate(0.0, &mut Reduced::zero(shared))?.own_step(&DVector::zeros(shared));
+            state.move_own(exposure, own);
         }
     }
     let (mut sum, mut count) = (0.0, 0_usize);
-    problem.linearise_at(&state.values, attitude, rates, exposure, |index, row| {
+    problem.linearise(&state, exposure, |index, row| {
         if adjusted.weights[exposure][index] > 0.5 {
             sum += row.residual[0].powi(2) + row.residual[1].powi(2);
             count += 1;

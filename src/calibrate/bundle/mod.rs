@@ -164,8 +164,16 @@ fn start(problem: &Problem, points: &ControlPoints, options: &CalibrateOptions, 
     let mut factors = if f_is_free { consensus::focal_length_factors(problem, &problem.model) } else { Vec::new() };
     factors.push(1.0);
     let mut best: Option<Solved> = None;
+    let mut none = CalibrateError::NoConsensus { images: problem.image_count(), frames: problem.exposures.len() };
     for factor in factors {
-        let Some(solved) = from_focal_length(problem, points, options, factor) else { continue };
+        let solved = match from_focal_length(problem, points, options, factor) {
+            Ok(Some(solved)) => solved,
+            Ok(None) => continue,
+            Err(error) => {
+                none = error;
+                continue;
+            }
+        };
         let share = solved.adjusted.weight_sum / problem.image_count().max(1) as f64;
         let better = best.as_ref().is_none_or(|best| solved.adjusted.weight_sum > 1.05 * best.adjusted.weight_sum);
         if better {
@@ -175,7 +183,7 @@ fn start(problem: &Problem, points: &ControlPoints, options: &CalibrateOptions, 
             break;
         }
     }
-    let solved = best.ok_or(CalibrateError::NoConsensus { images: problem.image_count(), frames: problem.exposures.len() })?;
+    let solved = best.ok_or(none)?;
     let lost = solved.adjusted.state.attitudes.iter().filter(|attitude| attitude.is_none()).count();
     if lost > 0 && problem.attitudes != Attitudes::FixedToEarth {
         notes.push(format!("{lost} frames take no part: no three of their star images agree on an attitude"));
@@ -184,8 +192,14 @@ fn start(problem: &Problem, points: &ControlPoints, options: &CalibrateOptions, 
     Ok(solved)
 }
 
-/// Adjusts from a focal length that is `factor` times the ground value.
-fn from_focal_length(problem: &Problem, points: &ControlPoints, options: &CalibrateOptions, factor: f64) -> Option<Solved> {
+/// Adjusts from a focal length that is `factor` times the ground value. `None` without a start; an error where the star images leave the
+/// map open, so that no adjustment could end well.
+fn from_focal_length(
+    problem: &Problem,
+    points: &ControlPoints,
+    options: &CalibrateOptions,
+    factor: f64,
+) -> Result<Option<Solved>, CalibrateError> {
     let mut problem = problem.clone();
     let mut notes = Vec::new();
     let mut values = problem.model.values();
@@ -210,7 +224,7 @@ fn from_focal_length(problem: &Problem, points: &ControlPoints, options: &Calibr
         }
     }
     if agreeing == 0 && attitudes.iter().all(Option::is_none) {
-        return None;
+        return Ok(None);
     }
     let mut state = State { values, rates: vec![[0.0; 3]; attitudes.len()], mount: UnitQuaternion::identity(), attitudes };
     if problem.attitudes == Attitudes::FixedToEarth && !fix_mount(&problem, &mut state, 3.0 * tolerance_px / f) {
@@ -226,8 +240,9 @@ fn from_focal_length(problem: &Problem, points: &ControlPoints, options: &Calibr
     }
     let scale = scales(&problem, &state);
     if scale.is_empty() {
-        return None;
+        return Ok(None);
     }
+    summary::check_coverage(&problem, &state, &scale)?;
     let noise = Noise {
         floor_px2: (tolerance_px / 3.0).powi(2),
         wrong_share: 0.3,
@@ -235,6 +250,7 @@ fn from_focal_length(problem: &Problem, points: &ControlPoints, options: &Calibr
         frame_factors: vec![1.0; problem.exposures.len()],
         focal_length_px: f,
         before: NoiseMemory::default(),
+        unit_variance: 1.0,
     };
     let run = Run { epsilon_px: options.epsilon_px, max_turns: options.max_iterations, from_afar: true, hold_noise: false };
     let mut adjusted = problem.adjust(state, noise, &scale, &run, None);
@@ -251,7 +267,7 @@ fn from_focal_length(problem: &Problem, points: &ControlPoints, options: &Calibr
         adjusted.turns.splice(0..0, turns);
     }
     problem.model.set_values(&adjusted.state.values);
-    Some(Solved { problem, adjusted, notes })
+    Ok(Some(Solved { problem, adjusted, notes }))
 }
 
 /// An attitude has three parameters, so a few wrong images can agree on one by chance. A frame in which few images have weight, both in

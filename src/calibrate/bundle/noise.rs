@@ -41,6 +41,9 @@ pub(in crate::calibrate) struct Noise {
     pub(in crate::calibrate) focal_length_px: f64,
     /// Star images of earlier solutions, which have their say in what the noise is.
     pub(in crate::calibrate) before: NoiseMemory,
+    /// χ² of the residuals per degree of freedom: by how much the variances are larger than those stated, and below one if the stated
+    /// ones are too large (the floor cannot be negative). What is known beforehand in its own unit counts so much more against them.
+    pub(in crate::calibrate) unit_variance: f64,
 }
 
 /// A residual whitened.

@@ -23,7 +23,7 @@ pub(super) struct FrameSums {
     local: usize,
     /// Upper triangle of the products of (C, D, r), row by row, `shared + local + 1` wide.
     sums: Vec<f64>,
-    /// What is known of the frame's own parameters beforehand: its part of the sum of squares.
+    /// What is known beforehand: its part of the sum of squares.
     prior_cost: f64,
 }
 
@@ -71,16 +71,15 @@ impl FrameSums {
         }
     }
 
-    /// Adds to the frame's own matrix and right-hand side: a known attitude.
-    pub(super) fn add_own(&mut self, index: usize, weight: f64, residual: f64) {
+    /// Adds what is known of a parameter beforehand: `at` counts the shared ones first, then the frame's own.
+    pub(super) fn add_known(&mut self, at: usize, weight: f64, residual: f64) {
         let width = self.shared + self.local + 1;
-        let at = self.shared + index;
         self.sums[at * width + at] += weight;
         self.sums[at * width + width - 1] += weight * residual;
         self.prior_cost += weight * residual * residual;
     }
 
-    /// The part that [`Self::add_own`] has in the sum of squares.
+    /// The part that [`Self::add_known`] has in the sum of squares.
     pub(super) fn prior_cost(&self) -> f64 {
         self.prior_cost
     }

@@ -106,6 +106,17 @@ pub(in crate::calibrate) struct State {
     pub(in crate::calibrate) mount: UnitQuaternion<f64>,
 }
 
+impl State {
+    /// Moves a frame's own parameters: its attitude and its rates.
+    pub(in crate::calibrate) fn move_own(&mut self, exposure: usize, own: [f64; MOST_LOCAL]) {
+        let Some(attitude) = self.attitudes[exposure].as_mut() else { return };
+        *attitude = UnitQuaternion::from_scaled_axis(Vector3::new(own[0], own[1], own[2])) * *attitude;
+        for (rate, step) in self.rates[exposure].iter_mut().zip(&own[3..]) {
+            *rate += step;
+        }
+    }
+}
+
 /// One star image, linearised: residual and its columns.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::calibrate) struct Row {
@@ -176,21 +187,9 @@ impl Problem {
     }
 
     /// Calls `each` with every image of an exposure (index) and its linearisation. Images whose pixel has no direction are left out.
-    pub(in crate::calibrate) fn linearise(&self, state: &State, exposure: usize, each: impl FnMut(usize, &Row)) {
-        if let Some(attitude) = self.attitude(state, exposure) {
-            self.linearise_at(&state.values, attitude, state.rates[exposure], exposure, each);
-        }
-    }
-
-    /// The same with these parameters, this attitude and these rates.
-    pub(in crate::calibrate) fn linearise_at(
-        &self,
-        values: &[f64],
-        attitude: UnitQuaternion<f64>,
-        rates: [f64; 3],
-        exposure: usize,
-        mut each: impl FnMut(usize, &Row),
-    ) {
+    pub(in crate::calibrate) fn linearise(&self, state: &State, exposure: usize, mut each: impl FnMut(usize, &Row)) {
+        let Some(attitude) = self.attitude(state, exposure) else { return };
+        let (values, rates) = (state.values.as_slice(), state.rates[exposure]);
         let rotation = attitude.to_rotation_matrix();
         let of = &self.exposures[exposure];
         let plain = self.model.is_reference_behind_the_lens();

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 
-use super::{Attitudes, Solved, held_out, mapping, names};
+use super::{Attitudes, Problem, Solved, State, held_out, mapping, names};
 use crate::calibrate::calibration::{
     AttitudeSigma, Calibration, Combination, FORMAT, FrameResult, Iteration, MapSigma, NoiseFound, ParameterEstimate, PointResult, Status,
 };
@@ -172,6 +172,17 @@ pub(super) fn summarise(
     }
     result.warnings = warnings;
     Ok(result)
+}
+
+/// Whether the star images, all of them right, would determine the map.
+pub(super) fn check_coverage(problem: &Problem, state: &State, scale: &[f64]) -> Result<(), CalibrateError> {
+    let Some(map) = mapping::rotation_free_map(&problem.model, &state.values, &problem.free, GRID) else { return Ok(()) };
+    let weights: Vec<Vec<f64>> = problem.exposures.iter().map(|exposure| vec![1.0; exposure.images.len()]).collect();
+    let (share, direction) = mapping::coverage(problem, state, &weights, scale, &map);
+    if share < BLIND_SHARE {
+        return Err(CalibrateError::Uncovered { combination: in_words(&direction, &names(problem)), share });
+    }
+    Ok(())
 }
 
 /// In which sense the parameters are what they are.

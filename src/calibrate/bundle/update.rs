@@ -219,6 +219,7 @@ fn begin(problem: &mut Problem, points: &ControlPoints, known: &Known, notes: &m
         frame_factors: vec![1.0; count],
         focal_length_px: f,
         before: known.memory.clone(),
+        unit_variance: 1.0,
     };
     Ok((state, noise))
 }

@@ -2,6 +2,9 @@
 
 mod bad_input;
 mod compare;
+mod effects;
+mod joint;
+mod joint_statistics;
 mod published;
 mod select;
 mod sequential;
@@ -12,7 +15,7 @@ use boresight::calibrate::{CalibrateOptions, Method};
 use boresight::camera::Camera;
 use boresight::coordinates::{Attitude, PixelPoint};
 use boresight::effects::StarState;
-use boresight::identify::{ControlPoint, ControlPoints};
+use boresight::identify::{ControlPoint, ControlPoints, KnownAttitude};
 use boresight::units::DEG_RAD;
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -94,6 +97,17 @@ pub(crate) fn random_attitude(rng: &mut Pcg64Mcg) -> Attitude {
     let normal = Normal::new(0.0, 1.0).unwrap();
     let q: [f64; 4] = std::array::from_fn(|_| normal.sample(rng));
     Attitude::from(q)
+}
+
+/// Gives every frame an attitude from elsewhere, with errors of this size.
+pub(crate) fn know_attitudes(points: &mut ControlPoints, attitudes: &[Attitude], sigma_rad: f64) {
+    let mut rng = Pcg64Mcg::seed_from_u64(77);
+    let normal = Normal::new(0.0, sigma_rad).unwrap();
+    for (state, attitude) in points.frames.iter_mut().zip(attitudes) {
+        let error: [f64; 3] = std::array::from_fn(|_| normal.sample(&mut rng));
+        let turned = UnitQuaternion::from_scaled_axis(Vector3::from(error)) * attitude.camera_from_icrs;
+        state.known_attitude = Some(KnownAttitude { camera_from_icrs: Attitude::new(turned), sigma_rad });
+    }
 }
 
 pub(crate) fn options(method: Method) -> CalibrateOptions {
