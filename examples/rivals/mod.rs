@@ -54,7 +54,7 @@ impl Calibrator for IdentifiedAnew {
     }
 
     fn solve(&self, night: &TrialNight, _sigma_px: f64, _seed: u64) -> Option<Answer> {
-        let result = calibrate_identifying_anew(&night.control_points, &[], Catalog::embedded(), &self.options).ok()?;
+        let result = calibrate_identifying_anew(&night.control_points, &[], Catalog::embedded(), None, &self.options).ok()?;
         Some(Answer { camera: result.camera, converged: result.status == Status::Converged })
     }
 }

@@ -291,6 +291,19 @@ pub fn calibrate(control_points: &ControlPoints, options: &CalibrateOptions) -> 
     if options.method == Method::Bundle {
         return bundle::calibrate(control_points, options, &selection);
     }
+    let for_bundle = [
+        ("priors", !options.priors.is_empty()),
+        ("select_model", options.select_model),
+        ("projection", options.projection != "pinhole"),
+        ("terms", !options.terms.is_empty()),
+    ];
+    if let Some((name, _)) = for_bundle.into_iter().find(|(_, given)| *given) {
+        return Err(CalibrateError::BadOption {
+            name,
+            value: options.method.name().to_owned(),
+            allowed: "only the method bundle can use it",
+        });
+    }
     let scaling = Scaling::of(&nominal, free_of_reference_model(options)?);
     let coverage = uncertainty::Coverage::of(&selection.frames, &nominal, &scaling)?.checked()?;
     let solution = solve_pairs(&selection.frames, &nominal, &scaling, options)?;

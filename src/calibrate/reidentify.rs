@@ -40,11 +40,12 @@ pub struct StarImage {
 }
 
 /// Calibrates, and identifies anew until nothing changes. `images` are further star images of the frames, those that had no star at
-/// first; they may be none. The result's control points are the last ones.
+/// first; they may be none. Stars fainter than `max_magnitude` are not looked for. The result's control points are the last ones.
 pub fn calibrate_identifying_anew(
     control_points: &ControlPoints,
     images: &[StarImage],
     catalog: &Catalog,
+    max_magnitude: Option<f64>,
     options: &CalibrateOptions,
 ) -> Result<Calibration, CalibrateError> {
     let quick = CalibrateOptions { held_out: false, ..options.clone() };
@@ -52,7 +53,7 @@ pub fn calibrate_identifying_anew(
     let mut total = Reidentified { rounds: 0, changed: 0, added: 0, removed: 0 };
     for _ in 0..ROUNDS {
         let calibration = calibrate(&points, &quick)?;
-        let (next, change) = identified_anew(&points, &calibration, images, catalog);
+        let (next, change) = identified_anew(&points, &calibration, images, catalog, max_magnitude.unwrap_or(f64::INFINITY));
         total.rounds += 1;
         if change == (Reidentified { rounds: 0, changed: 0, added: 0, removed: 0 }) {
             break;
@@ -73,6 +74,7 @@ fn identified_anew(
     calibration: &Calibration,
     images: &[StarImage],
     catalog: &Catalog,
+    max_magnitude: f64,
 ) -> (ControlPoints, Reidentified) {
     let mut chain = calibration.full_chain();
     if calibration.chain.is_none() {
@@ -93,6 +95,7 @@ fn identified_anew(
     let surely = |index: &usize| calibration.points[*index].weight > 0.9;
     let faintest = points.points.iter().enumerate().filter(|(index, _)| surely(index)).map(|(_, point)| point.magnitude);
     let limit = faintest.filter(|magnitude| *magnitude < 90.0).fold(f64::NEG_INFINITY, f64::max) + FAINTER;
+    let limit = limit.min(max_magnitude);
     for frame in &calibration.per_frame {
         let Some(attitude) = frame.camera_from_icrs.filter(|_| frame.stars >= FEWEST) else { continue };
         let of_frame = by_frame.get(&frame.frame).map_or(&[][..], Vec::as_slice);

@@ -126,6 +126,17 @@ pub(crate) enum AttitudeChoice {
     Free,
 }
 
+/// Priors are given of the images as stored, and used in the un-mirrored image.
+fn unmirror_priors(options: &mut CalibrateOptions, width_px: usize) {
+    for prior in &mut options.priors {
+        match prior.name.as_str() {
+            "x0" => prior.value = width_px as f64 - 1.0 - prior.value,
+            "p1" => prior.value = -prior.value,
+            _ => {}
+        }
+    }
+}
+
 /// The name of a parameter or an effect, or `auto`.
 fn solvable(name: &str) -> std::result::Result<String, String> {
     let name = name.trim();
@@ -302,8 +313,13 @@ fn know_frames(points: &mut ControlPoints, measured: &Measured, identified: &[Id
     for (frame, identified) in measured.frames.iter().zip(identified) {
         points.frames[frame.index].observation.epoch_yr = identified.sky.observation().epoch_yr;
     }
-    let sky = identified.first().map_or_else(Vec::new, |frame| frame.sky.effects());
-    points.sky = sky.into_iter().map(|(id, parameters)| Term { effect: id.to_owned(), parameters: parameters.to_vec() }).collect();
+    // Where only some frames know enough for an effect, the others' knowledge is empty and the effect does nothing there.
+    points.sky.clear();
+    for (id, parameters) in identified.iter().flat_map(|frame| frame.sky.effects()) {
+        if points.sky.iter().all(|term| term.effect != id) {
+            points.sky.push(Term { effect: id.to_owned(), parameters: parameters.to_vec() });
+        }
+    }
     points.fixed_mount = recording.mount == Some(Mount::Fixed);
     Ok(())
 }
@@ -361,12 +377,17 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     if options.method == Method::Bundle {
         let frames: Vec<usize> = measured.frames.iter().map(|frame| frame.index).collect();
         let observations: Vec<_> = frames.iter().map(|frame| points.points.observation(*frame)).collect();
-        options.terms = args.sky.physics.terms_behind_the_lens(&observations)?;
-        options.physics.extend(options.terms.iter().map(|term| term.effect.clone()));
+        let known = args.sky.physics.terms_behind_the_lens(&observations)?;
+        options.physics.extend(known.iter().map(|term| term.effect.clone()));
+        let given: Vec<String> = options.terms.iter().map(|term| term.effect.clone()).collect();
+        options.terms.extend(known.into_iter().filter(|term| !given.contains(&term.effect)));
+        if points.parity < 0 {
+            unmirror_priors(&mut options, points.points.nominal.width_px);
+        }
     }
     let anew = options.method == Method::Bundle && !args.no_reidentify && !args.trust_identifications;
     let result = if anew {
-        calibrate_identifying_anew(&points.points, &star_images(&measured, &points), &catalog, &options)
+        calibrate_identifying_anew(&points.points, &star_images(&measured, &points), &catalog, args.solve.max_magnitude, &options)
     } else {
         calibrate_points(&points.points, &options)
     };
@@ -377,7 +398,8 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
             reason @ (CalibrateError::Diverged { .. }
             | CalibrateError::Singular { .. }
             | CalibrateError::Uncovered { .. }
-            | CalibrateError::NoConsensus { .. }),
+            | CalibrateError::NoConsensus { .. }
+            | CalibrateError::NoDegreesOfFreedom { .. }),
         ) => {
             let object = Unsolved::new(&options, &reason, points.points.points.len(), provenance);
             let text = || format!("NOT CONVERGED: {reason}\n");

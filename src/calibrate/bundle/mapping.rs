@@ -24,7 +24,8 @@ pub(in crate::calibrate) fn rotation_free_map(model: &Model, values: &[f64], fre
     let mut normal = Matrix3::zeros();
     let mut cross = vec![Vector3::zeros(); free.len()];
     for pixel in frame_grid(model.camera(), side) {
-        let seen = model.seen(values, free, [pixel.x_px, pixel.y_px], &context)?;
+        // The corners of a fisheye's frame may see nothing.
+        let Some(seen) = model.seen(values, free, [pixel.x_px, pixel.y_px], &context) else { continue };
         let by_pixel = SMatrix::<f64, 3, 2>::from_fn(|i, j| seen.by_pixel[i][j]);
         let inverse = (by_pixel.transpose() * by_pixel).try_inverse()? * by_pixel.transpose();
         let [x, y, z] = seen.direction;
@@ -35,6 +36,9 @@ pub(in crate::calibrate) fn rotation_free_map(model: &Model, values: &[f64], fre
             *sum += rotation.transpose() * column;
         }
         places.push((pixel, columns, rotation));
+    }
+    if places.len() * 4 < side * side {
+        return None;
     }
     let factor = normal.cholesky()?;
     let gains: Vec<Vector3<f64>> = cross.iter().map(|sum| factor.solve(sum)).collect();

@@ -127,7 +127,7 @@ pub(super) fn pose(
         .priors
         .iter()
         .map(|prior| {
-            let place = free.iter().position(|index| parameters[*index].name == prior.name);
+            let place = free.iter().position(|index| parameters[*index].name == solve_for::full_name(&prior.name));
             let free = place.ok_or_else(|| not_solvable(&prior.name, "a prior is given for it, but it is not solved".to_owned()))?;
             if !(prior.sigma > 0.0 && prior.sigma.is_finite() && prior.value.is_finite()) {
                 return Err(not_solvable(&prior.name, "its prior needs a finite value and a standard error above 0".to_owned()));

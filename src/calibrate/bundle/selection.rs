@@ -39,7 +39,9 @@ pub(super) fn select(
         let mut solve: Vec<String> = BEGIN.iter().map(|name| (*name).to_owned()).collect();
         solve.extend(groups.iter().copied().flatten().map(|name| (*name).to_owned()));
         solve.extend(asked.iter().cloned());
-        CalibrateOptions { solve, ..options.clone() }
+        // A prior counts in the sets that solve its parameter.
+        let priors = options.priors.iter().filter(|prior| super::solve_for::names_it(&solve, &prior.name)).cloned().collect();
+        CalibrateOptions { solve, priors, ..options.clone() }
     };
     let groups: Vec<&[&str]> = GROUPS.iter().copied().filter(|group| group.iter().all(|name| is_known(name))).collect();
     let full = solve(points, &with(&groups), selection)?;
@@ -121,6 +123,8 @@ fn fitted(mut problem: Problem, full: &Solved, options: &CalibrateOptions, nomin
         }
     }
     problem.attitudes = full.problem.attitudes;
+    let scale = scales(&problem, &state);
+    super::drop_without_effect(&mut problem, &scale);
     let scale = scales(&problem, &state);
     let run = Run { epsilon_px: 1e-4_f64.max(options.epsilon_px), max_turns: 30, from_afar: false, hold_noise: true };
     let weights = &full.adjusted.weights;

@@ -105,6 +105,17 @@ fn unknown(given: &str) -> CalibrateError {
     CalibrateError::UnknownParameter { given: given.to_owned(), nearest }
 }
 
+/// The full name of a parameter that may be given by its short one.
+pub(in crate::calibrate) fn full_name(name: &str) -> &str {
+    ALIASES.iter().find(|(alias, _)| *alias == name).map_or(name, |(_, full)| full)
+}
+
+/// Whether the parameter is among what the names ask for.
+pub(in crate::calibrate) fn names_it(names: &[String], parameter: &str) -> bool {
+    let parameter = full_name(parameter);
+    names.iter().map(|name| full_name(name)).any(|name| name == parameter || parameter.split('.').next() == Some(name))
+}
+
 /// Refuses a name that means no parameter, with the nearest that does.
 pub(in crate::calibrate) fn checked(name: &str) -> Result<(), CalibrateError> {
     if PARAMETER_NAMES.contains(&name) || is_solvable(name) { Ok(()) } else { Err(unknown(name)) }

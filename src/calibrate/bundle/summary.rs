@@ -83,7 +83,7 @@ pub(super) fn summarise(
             let radial = (x * point[0] + y * point[1]).powi(2) / (point[0] * point[0] + point[1] * point[1]).max(1e-12);
             angles += ((x * x + y * y - radial) / s2 + radial / (s2 * s2)) / (f * f);
             let control = &points.points[image.point];
-            distinct.insert((control.hip, if control.hip == 0 { control.direction.xyz.map(f64::to_bits) } else { [0; 3] }));
+            distinct.insert((control.hip, if control.hip == 0 { control.star.direction.map(f64::to_bits) } else { [0; 3] }));
         }
     }
     let typical = |sum: f64| (stars > 0).then(|| (sum / stars as f64).sqrt());
@@ -121,7 +121,7 @@ pub(super) fn summarise(
         stars,
         stars_offered: points.points.len(),
         distinct_stars: distinct.len(),
-        frames: selection.frames.len(),
+        frames: active,
         pairs: 0,
         interstar_angle_rms_arcsec: interstar_angle_rms_arcsec(solved),
         attitude_sigma_arcsec: attitude_sigma(solved, unit),

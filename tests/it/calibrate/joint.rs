@@ -67,7 +67,7 @@ fn wrong_stars_cost_no_more_than_their_absence() {
             .map(|seed| {
                 let night = trial_night(kind, share, seed);
                 let removed = calibrate(&without_wrong(&night), &joint()).unwrap();
-                let anew = calibrate_identifying_anew(&night.control_points, &[], Catalog::embedded(), &joint()).unwrap();
+                let anew = calibrate_identifying_anew(&night.control_points, &[], Catalog::embedded(), None, &joint()).unwrap();
                 [solve_trial(&night), error_px(&night.truth, &removed), error_px(&night.truth, &anew)]
             })
             .collect();
@@ -278,7 +278,7 @@ fn any_number_of_threads_gives_the_same_bytes() {
     let bytes = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let mut result = calibrate_identifying_anew(&night.control_points, &[], Catalog::embedded(), &options).unwrap();
+            let mut result = calibrate_identifying_anew(&night.control_points, &[], Catalog::embedded(), None, &options).unwrap();
             result.seconds = 0.0;
             serde_json::to_vec(&result).unwrap()
         })
