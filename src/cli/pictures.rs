@@ -98,19 +98,24 @@ pub(crate) fn map_sigma(path: &Path, calibration: &Calibration) -> Result<()> {
 pub(crate) fn difference(path: &Path, [first, second]: [&Calibration; 2], comparison: &Comparison) -> Result<()> {
     /// Arrows begin that many points of the grid from the edge, and stand twice as far from each other.
     const ARROW_MARGIN: usize = 2;
+    /// A map that differs by less everywhere does so by its rounding.
+    const ROUNDING_PX: f64 = 1e-8;
     let change = boresight::calibrate::map_change(first, second, MAP_SIDE)?;
     let mut values: Vec<f64> = change.iter().map(|point| point.significance().unwrap_or(f64::NAN)).collect();
     let known = values.iter().any(|value| value.is_finite());
     if !known {
         values = change.iter().map(|point| point.dx_px.hypot(point.dy_px)).collect();
     }
-    let arrows = change
+    let mut arrows: Vec<report::Vector> = change
         .chunks(MAP_SIDE)
         .skip(ARROW_MARGIN)
         .step_by(2 * ARROW_MARGIN)
         .flat_map(|row| row.iter().skip(ARROW_MARGIN).step_by(2 * ARROW_MARGIN))
         .map(|point| report::Vector { x_px: point.x_px, y_px: point.y_px, dx_px: point.dx_px, dy_px: point.dy_px, rejected: false })
         .collect();
+    if comparison.max_px < ROUNDING_PX {
+        arrows.clear();
+    }
     let p_value = comparison.p_value.map_or_else(|| "no p-value".to_owned(), |p| format!("p = {}", probability(p)));
     let map = report::FieldMap {
         title: "Change of the camera, second − first".to_owned(),
@@ -121,7 +126,8 @@ pub(crate) fn difference(path: &Path, [first, second]: [&Calibration; 2], compar
         ),
         values,
         side: MAP_SIDE,
-        from_zero: true,
+        // Below one standard error nothing has changed, and rounding is no change at all.
+        reach: if known { vec![0.0, 1.0] } else { vec![0.0] },
         unit: if known { "length / σ" } else { "length / px" }.to_owned(),
         arrows,
         note: "arrows: how far the images of stars have moved, the best rotation taken out".to_owned(),

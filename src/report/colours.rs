@@ -40,13 +40,10 @@ pub(super) struct Scale {
 }
 
 impl Scale {
-    /// A scale with round ends that holds these values; from zero if asked for. Values that are not finite do not count.
-    pub(super) fn holding(values: &[f64], from_zero: bool) -> Self {
+    /// A scale with round ends that holds these values. Values that are not finite do not count.
+    pub(super) fn holding(values: &[f64]) -> Self {
         let finite = values.iter().copied().filter(|value| value.is_finite());
-        let (mut low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
-        if from_zero {
-            low = low.min(0.0);
-        }
+        let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
         if low > 0.0 && high > WIDE * low {
             let least = 10_f64.powf(low.log10().floor());
             let ticks = (0..300).map(|k| [1.0, 2.0, 5.0][k % 3] * least * 10_f64.powf((k / 3) as f64));
@@ -69,7 +66,7 @@ impl Scale {
     /// The same scale with other units: each value times a factor, with round ticks of its own inside the same ends.
     pub(super) fn times(&self, factor: f64) -> Self {
         let (low, high) = (self.low * factor, self.high * factor);
-        let own = Self::holding(&[low, high], false);
+        let own = Self::holding(&[low, high]);
         let inside = |tick: &f64| *tick >= low - 1e-9 * high.abs() && *tick <= high * (1.0 + 1e-9);
         Self { low, high, logarithmic: self.logarithmic, ticks: own.ticks.into_iter().filter(inside).collect() }
     }
@@ -103,17 +100,17 @@ mod tests {
 
     #[test]
     fn scales_hold_their_values_with_round_ticks() {
-        let scale = Scale::holding(&[0.0047, f64::NAN, 0.0213], false);
+        let scale = Scale::holding(&[0.0047, f64::NAN, 0.0213]);
         assert!(scale.share(0.0047) >= 0.0 && scale.share(0.0213) <= 1.0 && !scale.logarithmic);
         let labels: Vec<String> = scale.ticks.iter().map(|tick| scale.label(*tick)).collect();
         assert_eq!(labels, ["0.000", "0.005", "0.010", "0.015", "0.020", "0.025"]);
         let arcsec = scale.times(40.0);
         assert_eq!(arcsec.ticks.iter().map(|tick| arcsec.label(*tick)).collect::<Vec<_>>(), ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]);
         assert!((arcsec.share(0.4) - scale.share(0.01)).abs() < 1e-12, "the same place");
-        let wide = Scale::holding(&[0.003, 0.9], false);
+        let wide = Scale::holding(&[0.003, 0.9]);
         assert!(wide.logarithmic && wide.ticks.first() == Some(&0.005) && wide.share(0.9) > 0.999);
         for flat in [[0.0, 0.0], [3.0, 3.0]] {
-            let scale = Scale::holding(&flat, true);
+            let scale = Scale::holding(&flat);
             assert!(scale.ticks.len() > 2 && (0.0..=1.0).contains(&scale.share(flat[0])), "{scale:?}");
         }
     }

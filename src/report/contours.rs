@@ -1,5 +1,7 @@
 //! Lines of equal value on a regular grid.
 
+use std::collections::BTreeMap;
+
 /// A piece of a contour, in units of the grid's steps from its first point.
 pub(super) type Segment = [(f64, f64); 2];
 
@@ -63,6 +65,35 @@ impl Grid<'_> {
         }
         segments
     }
+
+    /// The same in pieces that hang together.
+    pub(super) fn pieces(&self, level: f64) -> Vec<Vec<Segment>> {
+        // An end is computed from both sides of an edge, with other roundings.
+        const SAME: f64 = 1e6;
+        let key = |(x, y): (f64, f64)| ((x * SAME).round() as i64, (y * SAME).round() as i64);
+        let segments = self.contour(level);
+        let mut at: BTreeMap<(i64, i64), Vec<usize>> = BTreeMap::new();
+        for (index, segment) in segments.iter().enumerate() {
+            for end in segment {
+                at.entry(key(*end)).or_default().push(index);
+            }
+        }
+        let mut seen = vec![false; segments.len()];
+        let mut pieces = Vec::new();
+        for start in 0..segments.len() {
+            let (mut piece, mut open) = (Vec::new(), vec![start]);
+            while let Some(index) = open.pop() {
+                if !std::mem::replace(&mut seen[index], true) {
+                    piece.push(segments[index]);
+                    open.extend(segments[index].iter().filter_map(|end| at.get(&key(*end))).flatten());
+                }
+            }
+            if !piece.is_empty() {
+                pieces.push(piece);
+            }
+        }
+        pieces
+    }
 }
 
 #[cfg(test)]
@@ -82,6 +113,18 @@ mod tests {
             assert!((grid.between(x, y) - 12.3).abs() < 1e-9);
         }
         assert!(grid.contour(1e3).is_empty());
+    }
+
+    #[test]
+    fn pieces_hang_together() {
+        let side = 41;
+        let ring = |k: usize| ((k % side) as f64 - 19.7).hypot((k / side) as f64 - 20.1) - 10.0;
+        let values: Vec<f64> = (0..side * side).map(|k| ring(k).abs()).collect();
+        let grid = Grid { values: &values, side };
+        let pieces = grid.pieces(4.0);
+        assert_eq!(pieces.len(), 2, "the circles of radius 6 and 14");
+        assert_eq!(pieces.iter().map(Vec::len).sum::<usize>(), grid.contour(4.0).len());
+        assert!(grid.pieces(-1.0).is_empty());
     }
 
     #[test]

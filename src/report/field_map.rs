@@ -21,8 +21,8 @@ pub struct FieldMap {
     pub values: Vec<f64>,
     /// Points along each side; at least two.
     pub side: usize,
-    /// Whether the colours begin at zero even if the values do not.
-    pub from_zero: bool,
+    /// Values that the colours reach in any case.
+    pub reach: Vec<f64>,
     /// What stands above the bar: the unit of the values.
     pub unit: String,
     /// A second unit on the other side of the bar, and how much of it one of the first is.
@@ -46,8 +46,6 @@ const BAR_RIGHT: f64 = 104.0;
 const FLATTEST_BAR: f64 = 220.0;
 /// Contour labels keep this distance from each other, and half of it from the edge.
 const LABEL_DISTANCE: f64 = 48.0;
-/// A contour is labelled again at this distance from all other labels: it may be in several pieces.
-const AGAIN: f64 = 280.0;
 /// Contour labels keep this distance from the middle of an arrow.
 const OFF_ARROWS: f64 = 27.0;
 /// The longest arrow is at most so long, and at least two fifths of it.
@@ -73,7 +71,7 @@ impl FieldMap {
     }
 
     fn draw(&self, sheet: &Sheet, frame_box: &FrameBox) -> Drawn {
-        let scale = Scale::holding(&self.values, self.from_zero);
+        let scale = Scale::holding(&[&self.values[..], &self.reach].concat());
         sheet.text(&self.title, (MARGIN_LEFT, 16.0), 22.0, &INK, HPos::Left, VPos::Top)?;
         sheet.text(&self.summary, (MARGIN_LEFT, 50.0), 15.0, &INK, HPos::Left, VPos::Top)?;
         self.colours(sheet, frame_box, &scale)?;
@@ -133,32 +131,31 @@ impl FieldMap {
         Ok(())
     }
 
-    /// The contours at the bar's ticks, each with its number where there is room for it.
+    /// The contours at the bar's ticks, each piece with its number where there is room for it.
     fn contours(&self, sheet: &Sheet, frame_box: &FrameBox, scale: &Scale) -> Drawn {
         let grid = Grid { values: &self.values, side: self.side };
         let arrows: Vec<Place> = self.arrows.iter().map(|arrow| frame_box.place(arrow.x_px, arrow.y_px)).collect();
         let mut labels: Vec<Place> = Vec::new();
         let mut texts = Vec::new();
         for tick in &scale.ticks {
-            let mut middles = Vec::new();
-            for segment in grid.contour(*tick) {
-                let [a, b] = segment.map(|place| self.on_sheet(frame_box, place));
-                sheet.line(&[a, b], INK.mix(0.55), 1.0)?;
-                let middle = (f64::midpoint(a.0, b.0), f64::midpoint(a.1, b.1));
-                let hidden = arrows.iter().any(|arrow| (arrow.0 - middle.0).hypot(arrow.1 - middle.1) < OFF_ARROWS);
-                if frame_box.holds(middle, LABEL_DISTANCE / 2.0) && !hidden {
-                    middles.push(middle);
+            for piece in grid.pieces(*tick) {
+                let mut middles = Vec::new();
+                for segment in piece {
+                    let [a, b] = segment.map(|place| self.on_sheet(frame_box, place));
+                    sheet.line(&[a, b], INK.mix(0.55), 1.0)?;
+                    let middle = (f64::midpoint(a.0, b.0), f64::midpoint(a.1, b.1));
+                    let hidden = arrows.iter().any(|arrow| (arrow.0 - middle.0).hypot(arrow.1 - middle.1) < OFF_ARROWS);
+                    if frame_box.holds(middle, LABEL_DISTANCE / 2.0) && !hidden {
+                        middles.push(middle);
+                    }
                 }
-            }
-            // The place that is farthest from all labels so far, and again while there is much room.
-            let mut least = LABEL_DISTANCE;
-            loop {
+                // The place that is farthest from all labels so far.
                 let free = |middle: &Place| labels.iter().map(|l| (l.0 - middle.0).hypot(l.1 - middle.1)).fold(f64::INFINITY, f64::min);
-                let farthest = middles.iter().map(|middle| (free(middle), *middle)).filter(|(free, _)| *free >= least);
-                let Some((_, place)) = farthest.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
-                labels.push(place);
-                texts.push((place, scale.label(*tick)));
-                least = AGAIN;
+                let places = middles.iter().map(|middle| (free(middle), *middle)).filter(|(free, _)| *free >= LABEL_DISTANCE);
+                if let Some((_, place)) = places.max_by(|a, b| a.0.total_cmp(&b.0)) {
+                    labels.push(place);
+                    texts.push((place, scale.label(*tick)));
+                }
             }
         }
         for (place, text) in texts {
