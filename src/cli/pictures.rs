@@ -129,8 +129,13 @@ pub(crate) fn difference(path: &Path, [first, second]: [&Calibration; 2], compar
         // Below one standard error nothing has changed, and rounding is no change at all.
         reach: if known { vec![0.0, 1.0] } else { vec![0.0] },
         unit: if known { "length / σ" } else { "length / px" }.to_owned(),
+        note: if arrows.is_empty() {
+            "the maps are the same but for rounding"
+        } else {
+            "arrows: how far the images of stars have moved, the best rotation taken out"
+        }
+        .to_owned(),
         arrows,
-        note: "arrows: how far the images of stars have moved, the best rotation taken out".to_owned(),
         ..report::FieldMap::default()
     };
     Ok(map.write(path, (first.camera.width_px, first.camera.height_px))?)
