@@ -142,7 +142,7 @@ fn combinations(all: &[Combination]) -> String {
                 parts += if parts.is_empty() { "" } else { "  " };
                 parts += &part;
             }
-            [format!("{:.3}", combination.singular_value), significant(combination.sigma_px), parts]
+            [significant(combination.singular_value), significant(combination.sigma_px), parts]
         })
         .collect();
     let lines = table(&["singular value", "σ map / px", "combination, worst determined first"], &rows);

@@ -178,7 +178,7 @@ fn a_recording_is_calibrated_compared_and_mapped() {
     assert!(line("noise ").contains("unit-weight variance") && line("wrong ").contains('%') && line("map ").contains("σ"), "{said}");
     assert!(said.contains("one free rotation for each frame"), "{said}");
     let table: Vec<&str> = said.lines().skip_while(|line| !line.contains("combination, worst determined first")).collect();
-    let worst = object["combinations"][0]["sigma_px"].as_f64().unwrap();
+    let worst = object["combinations"][0]["singular_value"].as_f64().unwrap();
     let first: f64 = table[2].split_whitespace().next().unwrap().parse().unwrap();
     assert!(
         (first / worst - 1.0).abs() < 0.01 && table[2].contains(object["combinations"][0]["parameters"][0][0].as_str().unwrap()),
