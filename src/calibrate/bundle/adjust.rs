@@ -11,7 +11,7 @@ use nalgebra::{DMatrix, DVector, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use super::noise::{Noise, Sample, Whitened};
-use super::normal::{Eliminated, FrameSums, Reduced, WIDTH};
+use super::normal::{Eliminated, FrameSums, Reduced};
 use super::problem::{Attitudes, MOST_LOCAL, MOST_PARAMETERS, Problem, Row, State};
 use crate::camera::PARAMETER_NAMES;
 
@@ -119,36 +119,33 @@ impl Problem {
         let fixed = self.attitudes == Attitudes::FixedToEarth;
         let of = &self.exposures[exposure];
         let mut sums = FrameSums::new(shared, local);
-        // Both rows of an image as the sums take them; every place below `width` is written anew for each image.
-        let width = shared + local + 1;
-        let mut rows = [[0.0; WIDTH]; 2];
-        let factors: [f64; MOST_PARAMETERS] = std::array::from_fn(|k| scale.get(k).map_or(0.0, |scale| 1.0 / scale));
         self.linearise(state, exposure, |index, row| {
             let image = &of.images[index];
             let white = noise.whiten(exposure, image, row.residual);
             let root = weigh(index, row, &white).sqrt();
             let [l_xx, l_yx, l_yy] = white.inverse.map(|l| root * l);
             let whiten = |x: f64, y: f64| [l_xx * x, l_yx * x + l_yy * y];
-            for (k, factor) in factors.iter().enumerate().take(free) {
-                let column = whiten(row.by_parameter[0][k] * factor, row.by_parameter[1][k] * factor);
-                (rows[0][k], rows[1][k]) = (column[0], column[1]);
+            let mut columns = [[0.0; MOST_PARAMETERS + 3]; 2];
+            let mut own = [[0.0; MOST_LOCAL]; 2];
+            for k in 0..free {
+                let column = whiten(row.by_parameter[0][k] / scale[k], row.by_parameter[1][k] / scale[k]);
+                (columns[0][k], columns[1][k]) = (column[0], column[1]);
             }
             let time_s = if local == MOST_LOCAL { Self::row_time_s(&of.observation, image.pixel[1]) } else { 0.0 };
-            // The mount's attitude follows the free parameters, a frame's own all that are shared.
-            let at = if fixed { free } else { shared };
-            let residual = whiten(row.residual[0], row.residual[1]);
             for axis in 0..3 {
                 let column = whiten(row.by_rotation[0][axis], row.by_rotation[1][axis]);
                 for side in 0..2 {
-                    rows[side][at + axis] = column[side];
-                    if local == MOST_LOCAL {
-                        rows[side][at + 3 + axis] = -time_s * column[side];
+                    if fixed {
+                        columns[side][free + axis] = column[side];
+                    } else {
+                        own[side][axis] = column[side];
+                        own[side][3 + axis] = -time_s * column[side];
                     }
                 }
             }
-            for (row, residual) in rows.iter_mut().zip(residual) {
-                row[width - 1] = residual;
-                sums.add_row(&row[..width]);
+            let residual = whiten(row.residual[0], row.residual[1]);
+            for side in 0..2 {
+                sums.add(&columns[side][..shared], &own[side][..local], residual[side]);
             }
         });
         if let (Some(known), Some(attitude)) = (of.known_attitude, self.attitude(state, exposure)) {

@@ -19,9 +19,6 @@ use super::problem::Image;
 
 /// A frame is taken for worse than the others if its own χ² has less than this probability.
 const FRAME_PROBABILITY: f64 = 1e-4;
-/// Star images from which the median is taken, and the likelihood: more would tell the floor no better than it is needed.
-const ENOUGH_FOR_MEDIAN: usize = 4096;
-const ENOUGH_FOR_LIKELIHOOD: usize = 65_536;
 /// The median of r²/σ² for a normal residual in two dimensions, 2·ln 2.
 const MEDIAN_SQUARE: f64 = 2.0 * std::f64::consts::LN_2;
 /// The share of wrong identifications is never taken to be below this: a single one must be found among thousands.
@@ -131,11 +128,9 @@ impl Noise {
 
     /// τ² so that the median of r²/(σ² + τ²) is that of a normal residual.
     fn floor_from_median(&self, samples: &[Sample], freedom: f64) -> f64 {
-        let every = samples.len().div_ceil(ENOUGH_FOR_MEDIAN).max(1);
         let excess = |floor: f64| {
             let mut ratios: Vec<f64> = samples
                 .iter()
-                .step_by(every)
                 .filter(|sample| sample.weight > 0.5)
                 .map(|sample| sample.square_px2 / freedom / (self.frame_factors[sample.exposure] * (sample.stated_px2 + floor)))
                 .collect();
@@ -151,14 +146,13 @@ impl Noise {
 
     /// τ² of greatest likelihood: Σ w·(r²/v − 2)/v = 0 with v = σ² + τ².
     fn floor_by_likelihood(&self, samples: &[Sample], freedom: f64) -> f64 {
-        let every = samples.len().div_ceil(ENOUGH_FOR_LIKELIHOOD).max(1);
         let score = |floor: f64| {
             let of = |sample: &Sample| {
                 let factor = self.frame_factors[sample.exposure];
                 let variance = sample.stated_px2 + floor;
                 sample.weight * (sample.square_px2 / (freedom * factor * variance) - 2.0) / variance
             };
-            every as f64 * samples.iter().step_by(every).map(of).sum::<f64>() + self.before.score(floor, freedom)
+            samples.iter().map(of).sum::<f64>() + self.before.score(floor, freedom)
         };
         root(score, samples, self.before.largest_square_px2())
     }
@@ -176,9 +170,7 @@ impl Noise {
             if degrees < 1.0 {
                 continue;
             }
-            // Nothing within three standard deviations is that improbable: the usual frame costs no special function.
-            let far = square - degrees > 3.0 * (2.0 * degrees).sqrt();
-            let improbable = far && ChiSquared::new(degrees).is_ok_and(|chi| chi.sf(square) < FRAME_PROBABILITY);
+            let improbable = ChiSquared::new(degrees).is_ok_and(|chi| chi.sf(square) < FRAME_PROBABILITY);
             self.frame_factors[exposure] = if improbable { square / degrees } else { 1.0 };
         }
     }
@@ -203,7 +195,7 @@ fn root(score: impl Fn(f64) -> f64, samples: &[Sample], largest: f64) -> f64 {
         } else {
             high = middle;
         }
-        if high / low < 1.0 + 1e-3 {
+        if high / low < 1.0 + 1e-4 {
             break;
         }
     }

@@ -14,7 +14,7 @@ use super::problem::{MOST_LOCAL, MOST_PARAMETERS};
 /// Shared parameters at most: those of the model and a mount's attitude.
 const MOST_SHARED: usize = MOST_PARAMETERS + 3;
 /// One row of a frame's sums: shared columns, own columns, residual.
-pub(super) const WIDTH: usize = MOST_SHARED + MOST_LOCAL + 1;
+const WIDTH: usize = MOST_SHARED + MOST_LOCAL + 1;
 
 /// Sums over the star images of one frame.
 #[derive(Clone, Debug)]
@@ -62,12 +62,7 @@ impl FrameSums {
         row[..self.shared].copy_from_slice(shared);
         row[self.shared..self.shared + self.local].copy_from_slice(local);
         row[width - 1] = residual;
-        self.add_row(&row[..width]);
-    }
-
-    /// Adds one whitened row as it stands: shared columns, own columns, residual.
-    pub(super) fn add_row(&mut self, row: &[f64]) {
-        let width = self.shared + self.local + 1;
+        let row = &row[..width];
         for (i, line) in self.sums.chunks_exact_mut(width).enumerate() {
             let factor = row[i];
             for (sum, value) in line[i..].iter_mut().zip(&row[i..]) {

@@ -9,6 +9,7 @@ use super::{Attitudes, Problem, Solved, State, held_out, mapping, names};
 use crate::calibrate::calibration::{
     AttitudeSigma, Calibration, Combination, FORMAT, FrameResult, Iteration, MapSigma, NoiseFound, ParameterEstimate, PointResult, Status,
 };
+use crate::calibrate::geometry::GRID;
 use crate::calibrate::map::attitude_sigma_rad;
 use crate::calibrate::select::Selection;
 use crate::calibrate::summary::{REJECTED_WEIGHT, angle_rad, degeneracy_warnings, general_warnings, left_out, median};
@@ -18,8 +19,6 @@ use crate::effects::Context;
 use crate::identify::ControlPoints;
 use crate::units::ARCSEC_RAD;
 
-/// Points along each side of the grid on which the map is judged.
-const GRID: usize = 15;
 /// Below this share of a map change that the star images see, the map is not determined.
 const BLIND_SHARE: f64 = 0.01;
 /// Below this share the map is determined badly enough to be said.
