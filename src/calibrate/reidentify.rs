@@ -12,7 +12,7 @@ use super::{CalibrateError, CalibrateOptions, Calibration, calibrate};
 use crate::camera::Model;
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, CameraAxes, Direction, Icrs, PixelPoint};
-use crate::effects::{Context, StarState};
+use crate::effects::{self, Context, StarState};
 use crate::identify::{ControlPoint, ControlPoints};
 
 /// Rounds at most.
@@ -37,6 +37,8 @@ pub struct StarImage {
     pub y_px: f64,
     /// Covariance of the position: xx, xy, yy.
     pub covariance_px2: [f64; 3],
+    /// What else is known of it.
+    pub state: effects::StarImage,
 }
 
 /// Calibrates, and identifies anew until nothing changes. `images` are further star images of the frames, those that had no star at
@@ -104,8 +106,8 @@ fn identified_anew(
         };
         let more: Vec<&StarImage> = images.iter().filter(|image| image.frame == frame.frame).filter(|image| !known(image)).collect();
         let own = |index: &usize| {
-            let ControlPoint { frame, x_px, y_px, covariance_px2, .. } = points.points[*index];
-            StarImage { frame, x_px, y_px, covariance_px2 }
+            let ControlPoint { frame, x_px, y_px, covariance_px2, image: state, .. } = points.points[*index];
+            StarImage { frame, x_px, y_px, covariance_px2, state }
         };
         let all: Vec<StarImage> = of_frame.iter().map(own).chain(more.into_iter().copied()).collect();
         let observation = points.observation(frame.frame);
@@ -127,6 +129,7 @@ fn identified_anew(
                 magnitude: if had && !star.magnitude.is_finite() { 99.0 } else { star.magnitude },
                 colour: star.star.colour,
                 star: star.star,
+                image: image.state,
             };
             match (of_frame.get(place), found.map(|star| &stars[star])) {
                 (Some(&index), Some(star)) if is_another(&points.points[index], star) => {
@@ -180,7 +183,7 @@ struct Field<'a> {
 
 impl Field<'_> {
     /// The stars that fall into the frame.
-    fn stars(&self, attitude: &crate::coordinates::Attitude, observation: &crate::effects::Observation) -> Vec<Seen> {
+    fn stars(&self, attitude: &crate::coordinates::Attitude, observation: &effects::Observation) -> Vec<Seen> {
         let camera = self.chain.camera();
         let reference = self.chain.reference_context();
         let corner = |x_px: f64, y_px: f64| self.chain.direction(PixelPoint { x_px, y_px }, &reference);

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use crate::camera::Camera;
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Attitude, Direction, Icrs, PixelPoint};
-use crate::effects::StarState;
+use crate::effects::{StarImage, StarState};
 use crate::identify::{ControlPoint, ControlPoints, MisidentificationKind, misidentify};
 use crate::units::DEG_RAD;
 
@@ -171,6 +171,7 @@ impl Trial {
                     magnitude: star.magnitude,
                     colour: star.colour,
                     star: StarState::of(star, catalog.epoch_yr),
+                    image: StarImage::default(),
                 }
             })
             .collect()

@@ -9,9 +9,10 @@ use boresight::calibrate::{
 };
 use boresight::camera::Term;
 use boresight::catalog::Catalog;
+use boresight::effects;
 use boresight::identify::{
     ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, MisidentificationKind,
-    control_points as build_control_points, misidentify,
+    control_points as build_control_points, image_state, misidentify,
 };
 use boresight::provenance::Provenance;
 use boresight::recording::{Mount, SkippedFrame};
@@ -214,7 +215,7 @@ impl SolveArgs {
 
 /// Where the parameters of a projection begin that it has beyond x0, y0 and f: zero, as without them.
 fn projection_start(id: &str) -> Vec<f64> {
-    boresight::effects::displacement(id).map_or_else(Vec::new, |effect| vec![0.0; effect.parameters().len().saturating_sub(3)])
+    effects::displacement(id).map_or_else(Vec::new, |effect| vec![0.0; effect.parameters().len().saturating_sub(3)])
 }
 
 /// Control points with what was done to them on purpose.
@@ -247,6 +248,7 @@ pub(crate) fn control_points(
             identification: &identified.identification,
             directions: &identified.directions,
             years_since_epoch: identified.sky.observation().epoch_yr.map_or(0.0, |epoch| epoch - catalog.epoch_yr),
+            gain_e_per_dn: measured.gain_e_per_dn(frame),
         })
         .collect();
     let nominal = measured.recording.nominal_camera();
@@ -281,13 +283,17 @@ pub(crate) fn control_points(
 fn star_images(measured: &Measured, points: &Prepared) -> Vec<StarImage> {
     let width_px = points.points.nominal.width_px as f64;
     let place = |x_px: f64| if points.parity < 0 { width_px - 1.0 - x_px } else { x_px };
+    let recording_gradient_e_px = points.points.points.iter().find_map(|point| point.image.recording_gradient_e_px);
     let of = |frame: &pipeline::MeasuredFrame| {
         let index = frame.index;
+        let gain_e_per_dn = measured.gain_e_per_dn(frame);
         let usable = frame.detections.stars.iter().filter(|star| !star.flags.saturated && !star.flags.edge);
         let image = move |star: &boresight::detect::Detection| {
             let [xx, xy, yy] = star.covariance_px2;
             let xy = if points.parity < 0 { -xy } else { xy };
-            StarImage { frame: index, x_px: place(star.x_px), y_px: star.y_px, covariance_px2: [xx, xy, yy] }
+            let state = effects::StarImage { recording_gradient_e_px, ..image_state(star, gain_e_per_dn) };
+            let state = if points.parity < 0 { state.mirrored() } else { state };
+            StarImage { frame: index, x_px: place(star.x_px), y_px: star.y_px, covariance_px2: [xx, xy, yy], state }
         };
         usable.map(image).collect::<Vec<_>>()
     };

@@ -6,7 +6,7 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use boresight::camera::Camera;
 use boresight::catalog::Catalog;
-use boresight::effects::StarState;
+use boresight::effects::{StarImage, StarState};
 use boresight::identify::{ControlPoint, ControlPoints, Identification, IdentifyOptions, MisidentificationKind, Solution, misidentify};
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
@@ -258,6 +258,7 @@ fn misname(frames: &mut [FrameObject], identified: &[IdentifiedFrame], catalog: 
                 magnitude: star.magnitude,
                 colour: star.colour,
                 star: StarState::of(star, catalog.epoch_yr),
+                image: StarImage::default(),
             });
         }
     }

@@ -55,6 +55,15 @@ impl Measured {
     pub(crate) fn times_are_known(&self) -> bool {
         self.frames.iter().all(|frame| self.recording.frames[frame.index].time_utc.is_some())
     }
+
+    /// Electrons per DN of a frame's detections: the camera's. Where a list of stars stands in the image's place, `None` unless it tells
+    /// the electrons of all of them.
+    pub(crate) fn gain_e_per_dn(&self, frame: &MeasuredFrame) -> Option<f64> {
+        match self.recording.stars.as_ref().and_then(|list| list.frames.get(frame.index)) {
+            Some(stars) => stars.iter().all(|star| star.flux_e.is_some()).then(|| star_list::gain_e_per_dn(&self.recording)),
+            None => self.recording.camera.gain_e_per_dn,
+        }
+    }
 }
 
 impl IdentifiedFrame {

@@ -4,7 +4,7 @@ use boresight::camera::SkyChain;
 use boresight::catalog::{Catalog, Star};
 use boresight::coordinates::Direction;
 use boresight::detect::{Detection, Detections, Flags};
-use boresight::effects::StarState;
+use boresight::effects::{StarImage, StarState};
 use boresight::identify::{ControlPoint, ControlPoints};
 use boresight::recording::{ListedStar, Recording};
 use boresight::units::DEG_RAD;
@@ -19,6 +19,11 @@ pub(crate) fn detections(recording: &Recording, stars: &[ListedStar]) -> Detecti
     Detections { width_px: recording.camera.width_px, height_px: recording.camera.height_px, background_dn: 0.0, noise_dn: 0.0, stars }
 }
 
+/// Electrons per DN in which listed electrons are written as DN.
+pub(crate) fn gain_e_per_dn(recording: &Recording) -> f64 {
+    recording.camera.gain_e_per_dn.unwrap_or(1.0)
+}
+
 fn covariance(star: &ListedStar) -> [f64; 3] {
     star.covariance_px2.unwrap_or([DEFAULT_SIGMA_PX * DEFAULT_SIGMA_PX, 0.0, DEFAULT_SIGMA_PX * DEFAULT_SIGMA_PX])
 }
@@ -26,7 +31,7 @@ fn covariance(star: &ListedStar) -> [f64; 3] {
 fn detection(recording: &Recording, star: &ListedStar) -> Detection {
     let from_magnitude = |magnitude: f64| 10.0_f64.powf(-0.4 * (magnitude - 10.0));
     let flux = star.flux_e.or_else(|| star.magnitude.map(from_magnitude)).unwrap_or(1.0);
-    let flux_dn = flux / recording.camera.gain_e_per_dn.unwrap_or(1.0);
+    let flux_dn = flux / gain_e_per_dn(recording);
     Detection {
         x_px: star.x_px,
         y_px: star.y_px,
@@ -84,6 +89,7 @@ pub(crate) fn listed_control_points(
             magnitude: if star.magnitude.is_finite() { star.magnitude } else { 99.0 },
             colour: star.colour,
             star: StarState::of(&star, catalog.epoch_yr),
+            image: StarImage { flux_e: listed.flux_e, magnitude: listed.magnitude, ..StarImage::default() },
         });
     }
     unknown

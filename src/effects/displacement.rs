@@ -2,8 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::StarImage;
 use crate::dual::{Jet, Real};
-use crate::effects::detector::{detector_tilt, edge_roll_off, pixel_aspect, sensor_step, shear};
+use crate::effects::detector::{detector_tilt, edge_roll_off, magnitude_equation, pixel_aspect, s_curve, sensor_step, shear};
 use crate::effects::motion::{boresight_drift, rolling_shutter};
 use crate::effects::optics::{brown_conrady, equidistant, equisolid, kannala_brandt, pinhole, stereographic};
 use crate::effects::optics::{focal_length_drift, pressure_scale, thermal_distortion, thermal_focal_length};
@@ -169,20 +170,28 @@ pub struct RefractionConstants {
     pub b_rad: f64,
 }
 
-/// Star and exposure together.
+/// Star, exposure and image together.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Context {
     /// The star.
     pub star: StarState,
     /// The exposure.
     pub observation: Observation,
+    /// The star's image in the exposure.
+    pub image: StarImage,
 }
 
 impl Context {
-    /// Star and exposure together.
+    /// Star and exposure together; of the image nothing is known.
     #[must_use]
     pub fn new(star: StarState, observation: Observation) -> Self {
-        Self { star, observation }
+        Self { star, observation, image: StarImage::default() }
+    }
+
+    /// The same with what is known of the image.
+    #[must_use]
+    pub fn with_image(self, image: StarImage) -> Self {
+        Self { image, ..self }
     }
 }
 
@@ -256,6 +265,11 @@ pub trait Displacement: Sync {
     /// What this exposure lacks for the effect to be computed or fitted, or `None` if it lacks nothing.
     fn missing(observation: &Observation) -> Option<&'static str>;
 
+    /// The same of one image: what the exposure or the image lacks for the effect to move the image.
+    fn missing_in(context: &Context) -> Option<&'static str> {
+        Self::missing(&context.observation)
+    }
+
     /// Parameters with which the effect does nothing at all in this context; `None` for a projection, which always does something.
     fn identity(context: &Context) -> Option<Vec<f64>>;
 
@@ -294,6 +308,8 @@ pub trait AnyDisplacement: Sync {
     fn ray_jet(&self, parameters: &[Jet], light: Light<Jet>) -> Option<[Jet; 3]>;
     /// See [`Displacement::missing`].
     fn missing(&self, observation: &Observation) -> Option<&'static str>;
+    /// See [`Displacement::missing_in`].
+    fn missing_in(&self, context: &Context) -> Option<&'static str>;
     /// See [`Displacement::identity`].
     fn identity(&self, context: &Context) -> Option<Vec<f64>>;
     /// See [`Displacement::known`].
@@ -330,6 +346,9 @@ impl<D: Displacement> AnyDisplacement for D {
     }
     fn missing(&self, observation: &Observation) -> Option<&'static str> {
         D::missing(observation)
+    }
+    fn missing_in(&self, context: &Context) -> Option<&'static str> {
+        D::missing_in(context)
     }
     fn identity(&self, context: &Context) -> Option<Vec<f64>> {
         D::identity(context)
@@ -389,6 +408,8 @@ pub static DISPLACEMENTS: &[&dyn AnyDisplacement] = &[
     &thermal_focal_length::ThermalFocalLength,
     &thermal_distortion::ThermalDistortion,
     &focal_length_drift::FocalLengthDrift,
+    &s_curve::SCurve,
+    &magnitude_equation::MagnitudeEquation,
 ];
 
 /// Solves r(θ) = `target` for θ, both of any kind of number, where r grows with θ: what projections and radial distortions without a

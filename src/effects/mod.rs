@@ -2,6 +2,7 @@
 //!
 //! - A **displacement** moves a star's image. It is one generic body ([`Displacement`]) over numbers: with `f64` it is
 //!   rendered, with dual numbers the same body gives the columns that the calibrator fits.
+//!   What moves the measured centre of an image is written as a [`CentroidShift`], and is a displacement by that.
 //! - A **pixel effect** works on the frame. It is a CPU twin and a WGSL shader of the same name; see [`pixel`] and, for the engine that runs
 //!   them, the module `imaging`.
 //!
@@ -14,9 +15,13 @@ pub mod optics;
 pub mod pixel;
 pub mod sky;
 
+mod centroid;
 mod displacement;
+mod star_image;
 
+pub use centroid::CentroidShift;
 pub use displacement::{
     AnyDisplacement, Context, DISPLACEMENTS, Displacement, Light, Observation, ParameterSpec, ReferenceValue, RefractionConstants, Segment,
     Sensor, StarState, displacement, invert, page_of,
 };
+pub use star_image::{MOST_SHIFTS, MOST_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE, Signature, Signatures, StarImage};

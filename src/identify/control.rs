@@ -4,8 +4,8 @@ use super::{ControlPoint, ControlPoints, Identification, Solution};
 use crate::camera::Camera;
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Direction};
-use crate::detect::Detections;
-use crate::effects::StarState;
+use crate::detect::{Detection, Detections};
+use crate::effects::{StarImage, StarState};
 
 /// A frame whose identification was tried.
 #[derive(Clone, Copy, Debug)]
@@ -20,6 +20,8 @@ pub struct IdentifiedFrame<'a> {
     pub directions: &'a [Direction<Apparent>],
     /// Julian years from the catalogue's epoch to the frame; stars without proper motion are the less certain the longer.
     pub years_since_epoch: f64,
+    /// Electrons per DN; `None` where nobody says, or where the detections' flux and background are no measurement.
+    pub gain_e_per_dn: Option<f64>,
 }
 
 /// The control points of a recording's frames (`frame_count` in all), for the calibrator.
@@ -81,11 +83,37 @@ pub fn control_points(
                 magnitude: star.magnitude,
                 colour: star.colour,
                 star: StarState::of(star, catalog.epoch_yr),
+                image: image_state(detection, frame.gain_e_per_dn),
             }
         }));
     }
     points.sort_by_key(|point| point.frame);
+    tell_gradient(&mut points);
     (ControlPoints { nominal_is_found, parity, ..ControlPoints::new(nominal, attitudes, points) }, left_out)
+}
+
+/// What a detection tells of its image. A background without any gradient is one that was not measured.
+#[must_use]
+pub fn image_state(detection: &Detection, gain_e_per_dn: Option<f64>) -> StarImage {
+    let gradient = Some(detection.background_gradient_dn).filter(|gradient| *gradient != [0.0; 2]);
+    StarImage {
+        flux_e: gain_e_per_dn.map(|gain| detection.flux_dn * gain),
+        background_gradient_e_px: gain_e_per_dn.and_then(|gain| gradient.map(|gradient| gradient.map(|along| along * gain))),
+        psf_sigma_px: Some(detection.width_px),
+        ..StarImage::default()
+    }
+}
+
+/// Tells every image the root mean square of all images' gradients of the background.
+fn tell_gradient(points: &mut [ControlPoint]) {
+    let squares: Vec<f64> = points.iter().filter_map(|point| point.image.background_gradient_e_px.map(|[x, y]| x * x + y * y)).collect();
+    if squares.is_empty() {
+        return;
+    }
+    let rms = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+    for point in points {
+        point.image.recording_gradient_e_px = Some(rms);
+    }
 }
 
 fn median_camera(solved: &[(&IdentifiedFrame<'_>, &Solution)], frames: &[IdentifiedFrame<'_>]) -> Camera {
@@ -116,6 +144,7 @@ impl ControlPoints {
             for point in &mut all.points {
                 point.x_px = self.nominal.width_px as f64 - 1.0 - point.x_px;
                 point.covariance_px2[1] = -point.covariance_px2[1];
+                point.image = point.image.mirrored();
             }
             all.parity = 1;
         }

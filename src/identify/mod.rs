@@ -27,10 +27,10 @@ use crate::camera::{Camera, Term};
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Attitude, Direction};
 use crate::detect::Detections;
-use crate::effects::{Observation, StarState};
+use crate::effects::{Observation, StarImage, StarState};
 use crate::units::DEG_RAD;
 
-pub use control::{IdentifiedFrame, control_points};
+pub use control::{IdentifiedFrame, control_points, image_state};
 pub use index::{Index, IndexSize};
 pub use misidentify::{Misidentification, MisidentificationKind, misidentify};
 pub use solution::catalog_directions;
@@ -198,6 +198,9 @@ pub struct ControlPoint {
     /// The star as the catalogue has it, before any effect: what effects of the sky are solved from.
     #[serde(default)]
     pub star: StarState,
+    /// What else is known of the image.
+    #[serde(default, skip_serializing_if = "StarImage::is_unknown")]
+    pub image: StarImage,
 }
 
 /// What is known of one frame besides its stars.

@@ -4,7 +4,7 @@ use boresight::camera::{Camera, Model};
 use boresight::coordinates::PixelPoint;
 use boresight::dual::{Dual, Jet, PARTIALS, Real};
 use boresight::effects::{
-    Context, DISPLACEMENTS, Light, Observation, ParameterSpec, RefractionConstants, Segment, Sensor, StarState, displacement,
+    Context, DISPLACEMENTS, Light, Observation, ParameterSpec, RefractionConstants, Segment, Sensor, StarImage, StarState, displacement,
 };
 
 /// A star and an exposure in which every effect has something to do.
@@ -34,7 +34,15 @@ fn context() -> Context {
         exposure_s: Some(0.2),
         sensor: Some(Sensor { width_px: 1024, height_px: 768, line_time_s: Some(1.2e-5) }),
     };
-    Context::new(star, observation)
+    let image = StarImage {
+        flux_e: Some(8000.0),
+        magnitude: Some(4.2),
+        background_gradient_e_px: Some([0.4, -0.3]),
+        recording_gradient_e_px: Some(0.6),
+        psf_sigma_px: Some(0.9),
+        ..StarImage::default()
+    };
+    Context::new(star, observation).with_image(image)
 }
 
 fn coordinates<T: Copy>(light: &Light<T>) -> [T; 5] {

@@ -14,7 +14,6 @@ use rayon::prelude::*;
 use super::problem::{Exposure, Problem};
 use crate::camera::Model;
 use crate::coordinates::PixelPoint;
-use crate::effects::Context;
 
 /// Pairs looked at in each frame for the focal length.
 const SCALE_PAIRS: usize = 120;
@@ -38,11 +37,8 @@ pub(super) fn rays(model: &Model, exposure: &Exposure) -> Rays {
     let reference = model.is_reference_behind_the_lens();
     let ray = |(index, image): (usize, &super::problem::Image)| {
         let pixel = PixelPoint { x_px: image.pixel[0], y_px: image.pixel[1] };
-        let direction = if reference {
-            Some(model.camera().direction(pixel))
-        } else {
-            model.direction(pixel, &Context::new(image.star, exposure.observation))
-        };
+        let direction =
+            if reference { Some(model.camera().direction(pixel)) } else { model.direction(pixel, &image.context(exposure.observation)) };
         direction.map(|direction| (index, Vector3::from(direction.xyz)))
     };
     Rays { rays: exposure.images.iter().enumerate().filter_map(ray).collect() }

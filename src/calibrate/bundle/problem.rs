@@ -14,7 +14,7 @@ use super::memory::Carried;
 use crate::camera::{Model, PARAMETER_COUNT, direction_from_pixel};
 use crate::coordinates::PixelPoint;
 use crate::dual::{Jet, Real};
-use crate::effects::{Context, Observation, StarState};
+use crate::effects::{Context, Observation, StarImage, StarState};
 use crate::identify::{ControlPoints, KnownAttitude};
 
 /// The most parameters that one adjustment solves, attitudes not counted.
@@ -33,10 +33,19 @@ pub(in crate::calibrate) struct Image {
     pub(in crate::calibrate) apparent: [f64; 3],
     /// The star.
     pub(in crate::calibrate) star: StarState,
+    /// What else is known of the image.
+    pub(in crate::calibrate) state: StarImage,
     /// Covariance of the measured position, xx, xy, yy, px².
     pub(in crate::calibrate) covariance_px2: [f64; 3],
     /// Standard error of the star's place, rad per axis.
     pub(in crate::calibrate) catalog_sigma_rad: f64,
+}
+
+impl Image {
+    /// All that effects depend on, in an exposure of which this is known.
+    pub(in crate::calibrate) fn context(&self, observation: Observation) -> Context {
+        Context::new(self.star, observation).with_image(self.state)
+    }
 }
 
 /// The images of one exposure.
@@ -141,6 +150,7 @@ impl Problem {
                 pixel: [point.x_px, point.y_px],
                 apparent: point.direction.xyz,
                 star: point.star,
+                state: point.image,
                 covariance_px2: point.covariance_px2,
                 catalog_sigma_rad: point.catalog_sigma_rad,
             }
@@ -233,7 +243,7 @@ impl Problem {
     }
 
     fn row_of_model(&self, values: &[f64], rotation: &Rotation3<f64>, of: &Exposure, image: &Image, row: &mut Row) -> Option<()> {
-        let context = Context::new(image.star, of.observation);
+        let context = image.context(of.observation);
         let seen = self.model.seen(values, &self.free, image.pixel, &context)?;
         let (apparent, sky) =
             if self.solves_sky { self.model.apparent_columns(values, &self.free, &context) } else { (image.apparent, Vec::new()) };

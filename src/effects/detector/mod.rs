@@ -3,8 +3,10 @@
 pub mod adc;
 pub mod detector_tilt;
 pub mod edge_roll_off;
+pub mod magnitude_equation;
 pub mod photon_noise;
 pub mod pixel_aspect;
 pub mod read_noise;
+pub mod s_curve;
 pub mod sensor_step;
 pub mod shear;

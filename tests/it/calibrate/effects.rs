@@ -7,7 +7,7 @@ use boresight::calibrate::{CalibrateOptions, Calibration, calibrate};
 use boresight::camera::{Camera, GroundSite, Model, observation};
 use boresight::catalog::Catalog;
 use boresight::coordinates::{Attitude, Direction, Icrs};
-use boresight::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Segment, Sensor, StarState, displacement};
+use boresight::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Segment, Sensor, StarImage, StarState, displacement};
 use boresight::identify::{ControlPoint, ControlPoints, FrameState};
 use boresight::units::DEG_RAD;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
@@ -107,12 +107,12 @@ impl SkyNight {
             }
             let imaged = near.into_iter().filter_map(|index| {
                 let star = &catalog.stars[index];
-                let context = Context::new(StarState::of(star, catalog.epoch_yr), *known);
+                let context = Context::new(StarState::of(star, catalog.epoch_yr), *known).with_image(image_of(star.magnitude, frame));
                 let arrives = self.truth.apparent(&context);
                 let pixel = self.truth.pixel(&attitude.camera_from_apparent(&arrives), &context)?;
-                camera.contains(pixel).then_some((star, context.star, pixel))
+                camera.contains(pixel).then_some((star, context, pixel))
             });
-            for (star, state, pixel) in imaged.take(self.stars) {
+            for (star, context, pixel) in imaged.take(self.stars) {
                 points.push(ControlPoint {
                     frame,
                     hip: star.hip,
@@ -124,7 +124,8 @@ impl SkyNight {
                     has_proper_motion: true,
                     magnitude: star.magnitude,
                     colour: star.colour,
-                    star: state,
+                    star: context.star,
+                    image: context.image,
                 });
             }
             attitudes.push(attitude);
@@ -134,6 +135,19 @@ impl SkyNight {
         control.frames = observations.into_iter().map(|observation| FrameState { observation, known_attitude: None }).collect();
         control.fixed_mount = self.pointing == Pointing::Fixed;
         (control, attitudes)
+    }
+}
+
+/// The image of a star of this magnitude: 20 000 electrons at V = 5, over a background that rises to another side in every frame.
+fn image_of(magnitude: f64, frame: usize) -> StarImage {
+    let (sin, cos) = (frame as f64).sin_cos();
+    StarImage {
+        flux_e: Some(2e4 * 10.0_f64.powf(-0.4 * (magnitude - 5.0))),
+        magnitude: Some(magnitude),
+        background_gradient_e_px: Some([0.5 * cos, 0.5 * sin]),
+        recording_gradient_e_px: Some(0.5),
+        psf_sigma_px: Some(0.8),
+        ..StarImage::default()
     }
 }
 
@@ -193,7 +207,7 @@ fn solve_with(
 ) -> Outcome {
     let plain = SkyNight { pointing, ..SkyNight::new(Model::new(camera())) };
     let (points, _) = plain.observe(1);
-    let context = Context::new(points.points[0].star, points.frames[0].observation);
+    let context = Context::new(points.points[0].star, points.frames[0].observation).with_image(points.points[0].image);
     let (fitted, off, typical) = sizes(effect, &context);
     let mut found = None;
     for times_typical in [1.0, 3.0, 10.0, 30.0] {

@@ -14,7 +14,7 @@ mod uncertainty;
 use boresight::calibrate::{CalibrateOptions, Method};
 use boresight::camera::Camera;
 use boresight::coordinates::{Attitude, PixelPoint};
-use boresight::effects::StarState;
+use boresight::effects::{StarImage, StarState};
 use boresight::identify::{ControlPoint, ControlPoints, KnownAttitude};
 use boresight::units::DEG_RAD;
 use nalgebra::{Unit, UnitQuaternion, Vector3};
@@ -84,6 +84,7 @@ impl Night {
                     magnitude: 5.0,
                     colour: None,
                     star: StarState { direction: direction.xyz, ..StarState::default() },
+                    image: StarImage::default(),
                 });
                 wrong.push(star < bad);
             }

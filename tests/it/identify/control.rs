@@ -26,6 +26,7 @@ fn night(mirrored: bool) -> (Vec<Made>, ControlPoints) {
             identification,
             directions: &[],
             years_since_epoch: 30.0,
+            gain_e_per_dn: Some(2.0),
         })
         .collect();
     let (points, left_out) = control_points(&identified, frames.len(), catalog, None);
