@@ -86,6 +86,16 @@ impl<C: CentroidShift> Displacement for C {
     }
 }
 
+/// The shift of a centre along one axis, per unit of the ripple ε of the gain, where the pixels with an even number count 1 + ε and those
+/// with an odd one 1 − ε: −A₂·sin πx for the centre of mass, A₂ = 4·e^(−π²σ²/2)·(σ² + 1/π²), by Poisson's sum of a Gaussian of σ = 0.7 px
+/// that is integrated over the pixels.
+pub(in crate::effects) fn ripple_shift<T: Real>(pixel_px: T) -> T {
+    const SIGMA_PX: f64 = 0.7;
+    const PI: f64 = std::f64::consts::PI;
+    let amplitude = 4.0 * (-PI * PI * SIGMA_PX * SIGMA_PX / 2.0).exp() * (SIGMA_PX * SIGMA_PX + 1.0 / (PI * PI));
+    -(pixel_px * PI).sin() * amplitude
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -4,11 +4,12 @@ use serde::{Deserialize, Serialize};
 
 use super::StarImage;
 use crate::dual::{Jet, Real};
+use crate::effects::detector::{amplifier_step, bayer, charge_transfer_inefficiency, even_odd, overshoot, stray_light};
 use crate::effects::detector::{detector_tilt, edge_roll_off, magnitude_equation, pixel_aspect, s_curve, sensor_step, shear};
 use crate::effects::motion::{boresight_drift, rolling_shutter};
 use crate::effects::optics::{brown_conrady, equidistant, equisolid, kannala_brandt, pinhole, stereographic};
+use crate::effects::optics::{coma, lateral_colour, projection, quadratic_rest, radial_high_order, spiral, thin_prism, wedge_colour};
 use crate::effects::optics::{focal_length_drift, pressure_scale, thermal_distortion, thermal_focal_length};
-use crate::effects::optics::{lateral_colour, projection, quadratic_rest, radial_high_order, spiral, thin_prism, wedge_colour};
 use crate::effects::sky::{
     chromatic_refraction, frame_rotation, light_deflection, parallax, proper_motion, refraction, stellar_aberration, time_tag,
 };
@@ -408,7 +409,14 @@ pub static DISPLACEMENTS: &[&dyn AnyDisplacement] = &[
     &thermal_focal_length::ThermalFocalLength,
     &thermal_distortion::ThermalDistortion,
     &focal_length_drift::FocalLengthDrift,
+    &coma::Coma,
     &s_curve::SCurve,
+    &even_odd::EvenOdd,
+    &bayer::Bayer,
+    &charge_transfer_inefficiency::ChargeTransferInefficiency,
+    &overshoot::Overshoot,
+    &stray_light::StrayLight,
+    &amplifier_step::AmplifierStep,
     &magnitude_equation::MagnitudeEquation,
 ];
 

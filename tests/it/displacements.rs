@@ -63,12 +63,12 @@ fn incoming(segment: Segment) -> Light<f64> {
     }
 }
 
-/// The light of [`incoming`], and for what acts at the measured pixel also light near an edge of the frame and near its middle at 0.7 of
-/// the usual place of a seam: some effects are confined to such places.
+/// The light of [`incoming`], and for what acts at the measured pixel also light near the lower edge of the frame and at 0.7 of the usual
+/// place of a seam: some effects are confined to such places.
 fn everywhere(segment: Segment) -> Vec<Light<f64>> {
     let mut all = vec![incoming(segment)];
     if matches!(segment, Segment::Camera | Segment::Focal) {
-        all.push(Light { point_px: [-341.4, -381.0], pixel_px: [358.6, 2.5], ..incoming(segment) });
+        all.push(Light { point_px: [-341.4, 381.0], pixel_px: [358.6, 764.5], ..incoming(segment) });
     }
     all
 }

@@ -122,6 +122,7 @@ pub(super) fn pose(
     let first = exposures.first().and_then(|exposure| exposure.images.first().map(|image| image.context(exposure.observation)));
     let first = first.ok_or(CalibrateError::TooFewPoints { offered: points.points.len(), usable: 0, frames: 0 })?;
     let free = solve_for::solve_for(&mut model, &options.solve, &first, &observations)?;
+    solve_for::images_tell(&model, &free, &exposures)?;
     let parameters = model.parameters();
     let priors = options
         .priors

@@ -1,5 +1,6 @@
 //! Which parameters to solve: from names, as they stand on the command line and in files, to places in the model.
 
+use super::problem::Exposure;
 use crate::calibrate::CalibrateError;
 use crate::camera::{Model, PARAMETER_NAMES};
 use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Segment, displacement};
@@ -68,6 +69,20 @@ pub(in crate::calibrate) fn solve_for(
         });
     }
     Ok(free)
+}
+
+/// Refuses a parameter that no star image tells anything of, whatever the exposures know.
+pub(in crate::calibrate) fn images_tell(model: &Model, free: &[usize], exposures: &[Exposure]) -> Result<(), CalibrateError> {
+    let parameters = model.parameters();
+    for parameter in free.iter().map(|index| &parameters[*index]) {
+        let Some(effect) = displacement(parameter.effect) else { continue };
+        let mut images = exposures.iter().flat_map(|of| of.images.iter().map(|image| image.context(of.observation)));
+        let Some(reason) = images.next().and_then(|context| effect.missing_in(&context)) else { continue };
+        if images.all(|context| effect.missing_in(&context).is_some()) {
+            return Err(CalibrateError::NotSolvable { name: parameter.effect.to_owned(), reason: reason.to_owned() });
+        }
+    }
+    Ok(())
 }
 
 /// The effect that a name means and the indices of its parameters.

@@ -36,7 +36,7 @@ const TRANSITION_PX: f64 = 0.25;
 const TYPICAL_LINE_PX: f64 = 512.0;
 
 /// 1/(1 + e^−z). The exponential is only ever taken of what is not positive, so that it and its derivative stay finite far from the seam.
-fn logistic<T: Real>(z: T) -> T {
+pub(super) fn logistic<T: Real>(z: T) -> T {
     if z.value() > 0.0 {
         T::constant(1.0) / ((-z).exp() + 1.0)
     } else {

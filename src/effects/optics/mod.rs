@@ -1,6 +1,7 @@
 //! In the optics: from the camera's ray to light on the pixels.
 
 pub mod brown_conrady;
+pub mod coma;
 pub mod equidistant;
 pub mod equisolid;
 mod field_angle;

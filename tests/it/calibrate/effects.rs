@@ -274,6 +274,41 @@ fn every_effect_comes_back_or_is_said_to_be_lost() {
     assert!(faults.is_empty(), "{faults:#?}");
 }
 
+/// Several causes at once that move the measured centre, each with a size of its own, come back together. What no image tells is refused.
+#[test]
+fn what_moves_the_measured_centre_comes_back() {
+    let mut truth = Model::new(camera());
+    let asked = [
+        ("s-curve", &[0.03, -0.02][..]),
+        ("magnitude-equation", &[0.02, -0.03]),
+        ("charge-transfer-inefficiency", &[0.08]),
+        ("even-odd", &[0.15]),
+    ];
+    for (id, parameters) in asked {
+        truth.set(id, parameters).unwrap();
+    }
+    let night = SkyNight { frames: 40, ..SkyNight::new(truth.clone()) };
+    let (mut points, _) = night.observe(7);
+    let result = calibrate(&points, &solving(&asked.map(|(id, _)| id))).unwrap();
+    let (pull, name) = largest_pull(&result, &truth);
+    assert!(pull < 3.5, "{name} is off by {pull} σ: {:?}", result.parameters);
+    for (id, parameters) in asked {
+        for (spec, size) in displacement(id).unwrap().parameters().iter().zip(parameters) {
+            let found = result.parameters.iter().find(|p| p.name == format!("{id}.{}", spec.name)).unwrap();
+            println!("{}: {:.4} ± {:.4}, true {size}", found.name, found.value, found.sigma);
+            assert!(size.abs() > 5.0 * found.sigma, "{} ± {} says nothing", found.name, found.sigma);
+        }
+    }
+    // Negative control: what was left out of the model is not there by another name.
+    let without = calibrate(&points, &solving(&["magnitude-equation"])).unwrap();
+    assert!(largest_pull(&without, &truth).0 > 5.0, "{:?}", without.parameters);
+    for point in &mut points.points {
+        point.image = StarImage::default();
+    }
+    let refused = calibrate(&points, &solving(&["stray-light"])).unwrap_err().to_string();
+    assert!(refused.contains("stray-light") && refused.contains("gradient"), "{refused}");
+}
+
 #[test]
 fn what_cannot_be_told_apart_is_said_by_name() {
     for (id, with) in [("thin-prism", ["p1", "p2"]), ("detector-tilt", ["p1", "p2"])] {
