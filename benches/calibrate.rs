@@ -3,7 +3,7 @@
 use boresight::calibrate::{CalibrateOptions, Method, calibrate};
 use boresight::camera::Camera;
 use boresight::coordinates::{Attitude, PixelPoint};
-use boresight::effects::StarState;
+use boresight::effects::{StarImage, StarState};
 use boresight::identify::{ControlPoint, ControlPoints};
 use divan::Bencher;
 use rand::{RngExt, SeedableRng};
@@ -36,6 +36,7 @@ fn night(frames: usize, stars: usize) -> ControlPoints {
                 magnitude: 5.0,
                 colour: None,
                 star: StarState::default(),
+                image: StarImage::default(),
             });
         }
     }

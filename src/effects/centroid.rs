@@ -21,11 +21,13 @@ pub trait CentroidShift: Sync {
     fn unit_shift<T: Real>(parameter: usize, measured: &Light<T>, context: &Context) -> [T; 2];
 
     /// What this exposure lacks for the effect to be computed or fitted.
+    #[must_use]
     fn missing(_observation: &Observation) -> Option<&'static str> {
         None
     }
 
     /// What this image lacks for its shift to be computed.
+    #[must_use]
     fn missing_in(_context: &Context) -> Option<&'static str> {
         None
     }

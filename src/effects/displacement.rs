@@ -267,6 +267,7 @@ pub trait Displacement: Sync {
     fn missing(observation: &Observation) -> Option<&'static str>;
 
     /// The same of one image: what the exposure or the image lacks for the effect to move the image.
+    #[must_use]
     fn missing_in(context: &Context) -> Option<&'static str> {
         Self::missing(&context.observation)
     }

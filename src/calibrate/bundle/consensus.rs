@@ -38,7 +38,7 @@ pub(super) fn rays(model: &Model, exposure: &Exposure) -> Rays {
     let ray = |(index, image): (usize, &super::problem::Image)| {
         let pixel = PixelPoint { x_px: image.pixel[0], y_px: image.pixel[1] };
         let direction =
-            if reference { Some(model.camera().direction(pixel)) } else { model.direction(pixel, &image.context(exposure.observation)) };
+            if reference { Some(model.camera().direction(pixel)) } else { model.direction(pixel, &image.context(&exposure.observation)) };
         direction.map(|direction| (index, Vector3::from(direction.xyz)))
     };
     Rays { rays: exposure.images.iter().enumerate().filter_map(ray).collect() }

@@ -119,7 +119,7 @@ pub(super) fn pose(
         model.set(&term.effect, &term.parameters).map_err(|error| not_solvable(&term.effect, error.to_string()))?;
     }
     let observations: Vec<_> = exposures.iter().map(|exposure| exposure.observation).collect();
-    let first = exposures.first().and_then(|exposure| exposure.images.first().map(|image| image.context(exposure.observation)));
+    let first = exposures.first().and_then(|exposure| exposure.images.first().map(|image| image.context(&exposure.observation)));
     let first = first.ok_or(CalibrateError::TooFewPoints { offered: points.points.len(), usable: 0, frames: 0 })?;
     let free = solve_for::solve_for(&mut model, &options.solve, &first, &observations)?;
     solve_for::images_tell(&model, &free, &exposures)?;

@@ -43,8 +43,8 @@ pub(in crate::calibrate) struct Image {
 
 impl Image {
     /// All that effects depend on, in an exposure of which this is known.
-    pub(in crate::calibrate) fn context(&self, observation: Observation) -> Context {
-        Context::new(self.star, observation).with_image(self.state)
+    pub(in crate::calibrate) fn context(&self, observation: &Observation) -> Context {
+        Context::new(self.star, *observation).with_image(self.state)
     }
 }
 
@@ -243,7 +243,7 @@ impl Problem {
     }
 
     fn row_of_model(&self, values: &[f64], rotation: &Rotation3<f64>, of: &Exposure, image: &Image, row: &mut Row) -> Option<()> {
-        let context = image.context(of.observation);
+        let context = image.context(&of.observation);
         let seen = self.model.seen(values, &self.free, image.pixel, &context)?;
         let (apparent, sky) =
             if self.solves_sky { self.model.apparent_columns(values, &self.free, &context) } else { (image.apparent, Vec::new()) };

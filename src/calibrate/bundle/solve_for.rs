@@ -76,7 +76,7 @@ pub(in crate::calibrate) fn images_tell(model: &Model, free: &[usize], exposures
     let parameters = model.parameters();
     for parameter in free.iter().map(|index| &parameters[*index]) {
         let Some(effect) = displacement(parameter.effect) else { continue };
-        let mut images = exposures.iter().flat_map(|of| of.images.iter().map(|image| image.context(of.observation)));
+        let mut images = exposures.iter().flat_map(|of| of.images.iter().map(|image| image.context(&of.observation)));
         let Some(reason) = images.next().and_then(|context| effect.missing_in(&context)) else { continue };
         if images.all(|context| effect.missing_in(&context).is_some()) {
             return Err(CalibrateError::NotSolvable { name: parameter.effect.to_owned(), reason: reason.to_owned() });

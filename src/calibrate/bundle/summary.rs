@@ -278,7 +278,7 @@ fn residuals(solved: &Solved) -> Vec<Vec<Option<[f64; 2]>>> {
         problem.linearise(state, exposure, |index, row| found[index] = Some(row.residual));
         let Some(attitude) = problem.attitude(state, exposure) else { return found };
         for (found, image) in found.iter_mut().zip(images).filter(|(found, _)| found.is_none_or(|[x, y]| x.hypot(y) > FAR_PX)) {
-            let context = image.context(problem.exposures[exposure].observation);
+            let context = image.context(&problem.exposures[exposure].observation);
             let apparent =
                 if problem.solves_sky { problem.model.apparent(&context) } else { Direction::<Apparent>::from_unit(image.apparent) };
             let predicted = problem.model.pixel(&Attitude::new(attitude).camera_from_apparent(&apparent), &context);
@@ -353,7 +353,7 @@ fn interstar_angle_rms_arcsec(solved: &Solved) -> Option<f64> {
             .step_by(every)
             .filter_map(|index| {
                 let image = &images[index];
-                let context = image.context(observation);
+                let context = image.context(&observation);
                 let pixel = PixelPoint { x_px: image.pixel[0], y_px: image.pixel[1] };
                 let seen = problem.model.direction(pixel, &context)?;
                 let apparent = if problem.solves_sky { problem.model.apparent(&context).xyz } else { image.apparent };
