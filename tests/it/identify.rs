@@ -99,7 +99,7 @@ fn detection(x_px: f64, y_px: f64, flux_dn: f64) -> Detection {
         flux_dn,
         flux_sigma_dn: flux_dn.abs().sqrt(),
         background_dn: 100.0,
-        background_gradient_dn: [0.0; 2],
+        background_gradient_dn: [0.03, -0.04],
         width_px: 1.0,
         chi2_per_dof: 1.0,
         peak_dn: flux_dn / 6.0,

@@ -46,7 +46,15 @@ fn control_points_lie_where_their_stars_are_seen_in_plain_and_in_mirrored_images
             let seen = points.nominal.pixel(&attitude.camera_from_apparent(&point.direction)).unwrap();
             assert!((seen.x_px - point.x_px).hypot(seen.y_px - point.y_px) < 2.0, "{point:?} {seen:?}");
             assert_eq!(file.x_px, if mirrored { 1023.0 - point.x_px } else { point.x_px });
-            assert!(frames[point.frame].detections.stars.iter().any(|star| star.x_px == file.x_px && star.y_px == file.y_px));
+            let stars = &frames[point.frame].detections.stars;
+            let detection =
+                stars.iter().find(|star| star.x_px == file.x_px && star.y_px == file.y_px).expect("it is one of the detections");
+            // Two electrons per DN.
+            assert_eq!((point.image.flux_e, point.image.psf_sigma_px), (Some(2.0 * detection.flux_dn), Some(detection.width_px)));
+            let [along_x, along_y] = detection.background_gradient_dn.map(|gradient| 2.0 * gradient);
+            let expected = [if mirrored { -along_x } else { along_x }, along_y];
+            assert_eq!(point.image.background_gradient_e_px, Some(expected));
+            assert!((point.image.recording_gradient_e_px.unwrap() - 0.1).abs() < 1e-12, "{:?}", point.image);
             let star = Catalog::embedded().by_hip(point.hip).unwrap();
             assert!(point.catalog_sigma_rad > 0.0 && point.has_proper_motion == star.proper_motion_rad_yr.is_some());
         }
