@@ -264,7 +264,7 @@ fn interstar_angle_rms_arcsec(pairs: &Pairs, used: &[Vec<bool>]) -> Option<f64> 
     (count > 0).then(|| (sum / count as f64).sqrt() / ARCSEC_RAD)
 }
 
-pub(super) fn angle_rad(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+fn angle_rad(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     let (a, b) = (Vector3::from(*a), Vector3::from(*b));
     a.cross(&b).norm().atan2(a.dot(&b))
 }

@@ -10,9 +10,9 @@
 use nalgebra::{DMatrix, DVector, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-use super::noise::{Noise, Sample, Whitened};
-use super::normal::{Eliminated, FrameSums, Reduced};
-use super::problem::{Attitudes, MOST_LOCAL, MOST_PARAMETERS, Problem, Row, State};
+use super::noise::{Noise, Sample, Totals, Whitened};
+use super::normal::{Eliminated, FrameSums, Reduced, WIDTH};
+use super::problem::{Attitudes, MOST_LOCAL, MOST_PARAMETERS, Own, Problem, Row, State};
 use crate::camera::PARAMETER_NAMES;
 
 /// A step below this (px of mapping) ends the search for the noise.
@@ -21,6 +21,8 @@ const HOLD_NOISE_PX: f64 = 1e-3;
 const END_ROBUST_PX: f64 = 0.02;
 /// Turns of the robust phase at most.
 const ROBUST_TURNS: usize = 15;
+/// Frames whose equations are summed by one thread.
+const FRAMES_TOGETHER: usize = 64;
 /// Turns in which the noise may change after that, at most.
 const NOISE_TURNS: usize = 12;
 
@@ -63,10 +65,11 @@ pub(in crate::calibrate) struct Adjusted {
 /// Sums over all star images at one place.
 struct Pass {
     frames: Vec<Option<FrameSums>>,
-    samples: Vec<Sample>,
+    samples: Vec<Vec<Sample>>,
     weights: Vec<Vec<f64>>,
     cost: f64,
     chi_squared: f64,
+    totals: Totals,
 }
 
 /// How an adjustment runs.
@@ -106,50 +109,53 @@ pub(in crate::calibrate) fn scales(problem: &Problem, state: &State) -> Vec<f64>
 }
 
 impl Problem {
-    /// Sums over one exposure. `weigh` says how much each image counts.
+    /// Sums over one exposure. `weigh` says how much each image counts; `scale` is that of the first free parameters, and the others are held.
     pub(super) fn frame_sums(
         &self,
-        state: &State,
+        values: &[f64],
+        own: Option<Own>,
         noise: &Noise,
         scale: &[f64],
         exposure: usize,
         mut weigh: impl FnMut(usize, &Row, &Whitened) -> f64,
     ) -> FrameSums {
-        let (free, shared, local) = (self.free.len(), self.shared_count(), self.local_count());
         let fixed = self.attitudes == Attitudes::FixedToEarth;
+        let (free, local) = (scale.len(), self.local_count());
+        let shared = free + if fixed { 3 } else { 0 };
         let of = &self.exposures[exposure];
         let mut sums = FrameSums::new(shared, local);
-        self.linearise(state, exposure, |index, row| {
+        let Some(own) = own else { return sums };
+        // Both rows of an image as the sums take them; every place below `width` is written anew for each image.
+        let width = shared + local + 1;
+        let mut rows = [[0.0; WIDTH]; 2];
+        self.linearise_at(values, own, exposure, |index, row| {
             let image = &of.images[index];
             let white = noise.whiten(exposure, image, row.residual);
             let root = weigh(index, row, &white).sqrt();
             let [l_xx, l_yx, l_yy] = white.inverse.map(|l| root * l);
             let whiten = |x: f64, y: f64| [l_xx * x, l_yx * x + l_yy * y];
-            let mut columns = [[0.0; MOST_PARAMETERS + 3]; 2];
-            let mut own = [[0.0; MOST_LOCAL]; 2];
-            for k in 0..free {
-                let column = whiten(row.by_parameter[0][k] / scale[k], row.by_parameter[1][k] / scale[k]);
-                (columns[0][k], columns[1][k]) = (column[0], column[1]);
+            for (k, scale) in scale.iter().enumerate() {
+                let column = whiten(row.by_parameter[0][k] / scale, row.by_parameter[1][k] / scale);
+                (rows[0][k], rows[1][k]) = (column[0], column[1]);
             }
             let time_s = if local == MOST_LOCAL { Self::row_time_s(&of.observation, image.pixel[1]) } else { 0.0 };
+            // The mount's attitude follows the free parameters, a frame's own all that are shared.
+            let at = if fixed { free } else { shared };
+            let residual = whiten(row.residual[0], row.residual[1]);
             for axis in 0..3 {
                 let column = whiten(row.by_rotation[0][axis], row.by_rotation[1][axis]);
                 for side in 0..2 {
-                    if fixed {
-                        columns[side][free + axis] = column[side];
-                    } else {
-                        own[side][axis] = column[side];
-                        own[side][3 + axis] = -time_s * column[side];
+                    rows[side][at + axis] = column[side];
+                    if local == MOST_LOCAL {
+                        rows[side][at + 3 + axis] = -time_s * column[side];
                     }
                 }
             }
-            let residual = whiten(row.residual[0], row.residual[1]);
-            for side in 0..2 {
-                sums.add(&columns[side][..shared], &own[side][..local], residual[side]);
-            }
+            (rows[0][width - 1], rows[1][width - 1]) = (residual[0], residual[1]);
+            sums.add_both(&rows);
         });
-        if let (Some(known), Some(attitude)) = (of.known_attitude, self.attitude(state, exposure)) {
-            let off = (attitude * known.camera_from_icrs.camera_from_icrs.inverse()).scaled_axis();
+        if let Some(known) = of.known_attitude {
+            let off = (own.attitude * known.camera_from_icrs.camera_from_icrs.inverse()).scaled_axis();
             let weight = noise.unit_variance / (known.sigma_rad * known.sigma_rad);
             for axis in 0..3 {
                 // A turn of the mount turns the camera by as much.
@@ -158,7 +164,7 @@ impl Problem {
         }
         if local == MOST_LOCAL {
             for axis in 0..3 {
-                sums.add_known(shared + 3 + axis, noise.unit_variance / (RATE_SIGMA_RAD_S * RATE_SIGMA_RAD_S), state.rates[exposure][axis]);
+                sums.add_known(shared + 3 + axis, noise.unit_variance / (RATE_SIGMA_RAD_S * RATE_SIGMA_RAD_S), own.rates[axis]);
             }
         }
         sums
@@ -169,30 +175,34 @@ impl Problem {
             let images = &self.exposures[exposure].images;
             let mut samples = Vec::with_capacity(images.len());
             let mut weights = vec![0.0; images.len()];
-            let (mut cost, mut chi_squared) = (0.0, 0.0);
-            let sums = self.frame_sums(state, noise, scale, exposure, |index, row, white| {
+            let (mut cost, mut chi_squared, mut totals) = (0.0, 0.0, Totals::default());
+            let own = self.own(state, exposure);
+            let sums = self.frame_sums(&state.values, own, noise, scale, exposure, |index, row, white| {
                 let image = &images[index];
                 let weight = held.map_or(white.weight, |held| held[exposure][index]);
                 cost += if held.is_some() { weight * white.square } else { 2.0 * white.cost };
                 chi_squared += weight * white.square;
                 weights[index] = weight;
                 let catalog_px = image.catalog_sigma_rad * noise.focal_length_px;
-                samples.push(Sample {
-                    exposure,
+                let sample = Sample {
                     stated_px2: f64::midpoint(image.covariance_px2[0], image.covariance_px2[2]) + catalog_px * catalog_px,
                     square_px2: row.residual[0].powi(2) + row.residual[1].powi(2),
                     weight,
-                });
+                };
+                totals.add(&sample);
+                samples.push(sample);
                 weight
             });
             cost += sums.prior_cost();
-            (sums, samples, weights, cost, chi_squared)
+            (sums, samples, weights, cost, chi_squared, totals)
         };
         let parts: Vec<_> = (0..self.exposures.len()).into_par_iter().with_min_len(4).map(of).collect();
-        let mut pass = Pass { frames: Vec::new(), samples: Vec::new(), weights: Vec::new(), cost: 0.0, chi_squared: 0.0 };
-        for (sums, samples, weights, cost, chi_squared) in parts {
+        let (frames, samples, weights) = (Vec::new(), Vec::new(), Vec::new());
+        let mut pass = Pass { frames, samples, weights, cost: 0.0, chi_squared: 0.0, totals: Totals::default() };
+        for (sums, samples, weights, cost, chi_squared, totals) in parts {
             pass.frames.push((!samples.is_empty()).then_some(sums));
-            pass.samples.extend(samples);
+            pass.samples.push(samples);
+            pass.totals.merge(&totals);
             pass.weights.push(weights);
             pass.cost += cost;
             pass.chi_squared += chi_squared;
@@ -206,8 +216,23 @@ impl Problem {
 
     /// The equations of the shared parameters, and what is needed to find the frames' own steps.
     fn reduce(&self, state: &State, pass: &Pass, noise: &Noise, scale: &[f64], damping: f64) -> (Reduced, Vec<Option<Eliminated>>) {
+        // Always the same frames together, so that the sum does not depend on who makes it.
+        let parts: Vec<(Reduced, Vec<Option<Eliminated>>)> = pass
+            .frames
+            .par_chunks(FRAMES_TOGETHER)
+            .map(|frames| {
+                let mut part = Reduced::zero(self.shared_count());
+                let eliminated = frames.iter().map(|frame| frame.as_ref().and_then(|sums| sums.eliminate(damping, &mut part))).collect();
+                (part, eliminated)
+            })
+            .collect();
         let mut reduced = Reduced::zero(self.shared_count());
-        let eliminated = pass.frames.iter().map(|frame| frame.as_ref().and_then(|sums| sums.eliminate(damping, &mut reduced))).collect();
+        let mut eliminated = Vec::with_capacity(pass.frames.len());
+        for (part, own) in parts {
+            reduced.matrix += part.matrix;
+            reduced.right += part.right;
+            eliminated.extend(own);
+        }
         for prior in &self.priors {
             let weight = noise.unit_variance / (prior.sigma * scale[prior.free]).powi(2);
             let off = (state.values[self.free[prior.free]] - prior.value) * scale[prior.free];
@@ -295,7 +320,7 @@ impl Problem {
         let (reduced, _) = self.reduce(&state, &pass, &noise, scale, 0.0);
         Adjusted {
             attitude_information: pass.frames.iter().map(|frame| frame.as_ref().map(FrameSums::own)).collect(),
-            weight_sum: pass.weights.iter().flatten().sum(),
+            weight_sum: pass.totals.weight,
             weights: pass.weights,
             information: reduced.matrix,
             chi_squared: pass.chi_squared,
@@ -321,8 +346,8 @@ impl Problem {
         noise.focal_length_px = state.values[2];
         let active = pass.frames.iter().flatten().count();
         let lost = self.shared_count() + active * self.local_count();
-        noise.update(&pass.samples, lost, frames_lost, robust);
-        let weight = pass.weights.iter().flatten().sum::<f64>() + noise.before.weight();
+        noise.update(&pass.samples, &pass.totals, lost, frames_lost, robust);
+        let weight = pass.totals.weight + noise.before.weight();
         let freedom = (2.0 * weight - lost as f64 - noise.before.lost).max(1.0);
         let chi_squared = pass.chi_squared + noise.before.chi_squared(noise.floor_px2);
         noise.unit_variance = (chi_squared / freedom).clamp(LEAST_UNIT_VARIANCE, 1.0 / LEAST_UNIT_VARIANCE);
@@ -351,11 +376,11 @@ impl Problem {
                 }
             }
         }
-        let stated = pass.samples.iter().map(|sample| sample.stated_px2).sum::<f64>() / pass.samples.len().max(1) as f64;
+        let stated = pass.totals.stated_px2 / pass.totals.count.max(1) as f64;
         Turn {
             step_px: step.rows(0, self.free.len()).norm(),
             sigma_px: (stated + noise.floor_px2).sqrt(),
-            down_weighted: pass.samples.iter().filter(|sample| sample.weight <= 0.5).count(),
+            down_weighted: pass.totals.count - pass.totals.right,
         }
     }
 }

@@ -33,7 +33,7 @@ pub(in crate::calibrate) fn rms_px(solved: &Solved) -> Option<f64> {
         .map(|exposure| {
             let mut own = Reduced::zero(shared);
             let held = |index: usize, _: &Row, _: &Whitened| adjusted.weights[*exposure][index];
-            let sums = problem.frame_sums(&adjusted.state, &adjusted.noise, &adjusted.scale, *exposure, held);
+            let sums = problem.frame_sums(&adjusted.state.values, problem.own(&adjusted.state, *exposure), &adjusted.noise, &adjusted.scale, *exposure, held);
             sums.eliminate(0.0, &mut own);
             own
         })
@@ -100,18 +100,24 @@ fn moved(problem: &Problem, adjusted: &Adjusted, rest: &Reduced) -> Option<State
 /// Sum of squares of a held-out frame's star images, its own attitude (and rates) fitted anew, and their number.
 fn judged(problem: &Problem, adjusted: &Adjusted, state: &State, exposure: usize) -> Option<(f64, usize)> {
     const STEPS: usize = 3;
-    let mut state = state.clone();
-    let shared = problem.shared_count();
+    const SMALL_STEP_PX: f64 = 0.01;
+    let mut own = problem.own(state, exposure)?;
     if problem.attitudes != Attitudes::FixedToEarth {
         let held = |index: usize, _: &Row, _: &Whitened| adjusted.weights[exposure][index];
+        let largest_rad = SMALL_STEP_PX / adjusted.state.values[2].abs();
         for _ in 0..STEPS {
-            let sums = problem.frame_sums(&state, &adjusted.noise, &adjusted.scale, exposure, held);
-            let own = sums.eliminate(0.0, &mut Reduced::zero(shared))?.own_step(&DVector::zeros(shared));
-            state.move_own(exposure, own);
+            // The camera is held: none of its parameters takes part.
+            let sums = problem.frame_sums(&state.values, Some(own), &adjusted.noise, &[], exposure, held);
+            let step = sums.eliminate(0.0, &mut Reduced::zero(0))?.own_step(&DVector::zeros(0));
+            own.step(step);
+            // Steps grow smaller by the square: what is left after a small one is nothing.
+            if step.iter().all(|step| step.abs() < largest_rad) {
+                break;
+            }
         }
     }
     let (mut sum, mut count) = (0.0, 0_usize);
-    problem.linearise(&state, exposure, |index, row| {
+    problem.linearise_at(&state.values, own, exposure, |index, row| {
         if adjusted.weights[exposure][index] > 0.5 {
             sum += row.residual[0].powi(2) + row.residual[1].powi(2);
             count += 1;

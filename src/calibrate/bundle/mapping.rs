@@ -1,11 +1,14 @@
 //! What the shared parameters do to the map over the frame: its uncertainty, and how much of it the star images see.
 
-use nalgebra::{DMatrix, Matrix2x3, Matrix3, SMatrix, Vector3};
+use nalgebra::{DMatrix, Matrix2x3, Matrix3, SMatrix, Vector2, Vector3};
 
-use super::normal::{FrameSums, Reduced};
+use rayon::prelude::*;
+
+use super::normal::{FrameSums, Reduced, WIDTH};
 use super::problem::{Attitudes, Problem, State};
+use super::reference::Reference;
 use crate::calibrate::geometry::frame_grid;
-use crate::camera::Model;
+use crate::camera::{Model, PARAMETER_COUNT};
 use crate::coordinates::PixelPoint;
 
 /// The map's columns at one pixel.
@@ -23,26 +26,39 @@ pub(in crate::calibrate) fn rotation_free_map(model: &Model, values: &[f64], fre
     let mut places = Vec::new();
     let mut normal = Matrix3::zeros();
     let mut cross = vec![Vector3::zeros(); free.len()];
+    let mut add = |pixel: PixelPoint, columns: Vec<Vector2<f64>>, rotation: Matrix2x3<f64>| {
+        normal += rotation.transpose() * rotation;
+        for (sum, column) in cross.iter_mut().zip(&columns) {
+            *sum += rotation.transpose() * column;
+        }
+        places.push((pixel, columns, rotation));
+    };
+    let plain = model.is_reference_behind_the_lens() && free.iter().all(|index| *index < PARAMETER_COUNT);
+    let reference = plain.then(|| Reference::new(values));
     for pixel in frame_grid(model.camera(), side) {
+        if let Some(reference) = &reference {
+            let point = reference.at([pixel.x_px, pixel.y_px])?;
+            let turn = point.by_rotation(point.direction());
+            let rotation = Matrix2x3::from_fn(|axis, about| turn[about][axis]);
+            let columns: Vec<_> = free.iter().map(|index| -Vector2::from(point.by_parameter[*index])).collect();
+            add(pixel, columns, rotation);
+            continue;
+        }
         // The corners of a fisheye's frame may see nothing.
         let Some(seen) = model.seen(values, free, [pixel.x_px, pixel.y_px], &context) else { continue };
         let by_pixel = SMatrix::<f64, 3, 2>::from_fn(|i, j| seen.by_pixel[i][j]);
         let inverse = (by_pixel.transpose() * by_pixel).try_inverse()? * by_pixel.transpose();
         let [x, y, z] = seen.direction;
         let rotation: Matrix2x3<f64> = inverse * Matrix3::new(0.0, z, -y, -z, 0.0, x, y, -x, 0.0);
-        normal += rotation.transpose() * rotation;
         let columns: Vec<_> = seen.by_parameter.iter().map(|change| -(inverse * Vector3::from(*change))).collect();
-        for (sum, column) in cross.iter_mut().zip(&columns) {
-            *sum += rotation.transpose() * column;
-        }
-        places.push((pixel, columns, rotation));
+        add(pixel, columns, rotation);
     }
     if places.len() * 4 < side * side {
         return None;
     }
     let factor = normal.cholesky()?;
     let gains: Vec<Vector3<f64>> = cross.iter().map(|sum| factor.solve(sum)).collect();
-    let free_of_rotation = |(pixel, columns, rotation): (PixelPoint, Vec<nalgebra::Vector2<f64>>, Matrix2x3<f64>)| {
+    let free_of_rotation = |(pixel, columns, rotation): (PixelPoint, Vec<Vector2<f64>>, Matrix2x3<f64>)| {
         let left: Vec<_> = columns.iter().zip(&gains).map(|(column, gain)| column - rotation * gain).collect();
         MapColumns { pixel, columns: [left.iter().map(|c| c.x).collect(), left.iter().map(|c| c.y).collect()] }
     };
@@ -67,8 +83,8 @@ pub(in crate::calibrate) fn sigma_px(map: &[MapColumns], covariance: &DMatrix<f6
             .columns
             .iter()
             .map(|column| {
-                let column = nalgebra::DVector::from_column_slice(column);
-                column.dot(&(covariance * &column))
+                let product = |row: usize| column.iter().enumerate().map(|(k, value)| covariance[(k, row)] * value).sum::<f64>();
+                column.iter().enumerate().map(|(row, value)| value * product(row)).sum::<f64>()
             })
             .sum();
         (place.pixel, variance.max(0.0).sqrt())
@@ -88,25 +104,46 @@ pub(in crate::calibrate) fn coverage(
     const NO_EFFECT: f64 = 1e-10;
     let n = problem.free.len();
     let local = if problem.attitudes == Attitudes::FixedToEarth { 0 } else { 3 };
-    let mut seen = Reduced::zero(n);
-    let mut images = 0_usize;
-    for (exposure, weights) in weights.iter().enumerate() {
+    let of = |(exposure, weights): (usize, &Vec<f64>)| {
+        let (mut seen, mut images) = (Reduced::zero(n), 0_usize);
         let mut sums = FrameSums::new(n, local);
+        let mut rows = [[0.0; WIDTH]; 2];
         problem.linearise(state, exposure, |index, row| {
             if weights[index] > 0.5 {
                 images += 1;
-                for axis in 0..2 {
-                    let columns: Vec<f64> = (0..n).map(|k| row.by_parameter[axis][k] / scale[k]).collect();
-                    sums.add(&columns, &row.by_rotation[axis][..local], row.residual[axis]);
+                for (axis, whole) in rows.iter_mut().enumerate() {
+                    for (place, (column, scale)) in whole.iter_mut().zip(row.by_parameter[axis].iter().zip(scale)) {
+                        *place = column / scale;
+                    }
+                    whole[n..n + local].copy_from_slice(&row.by_rotation[axis][..local]);
+                    whole[n + local] = row.residual[axis];
                 }
+                sums.add_both(&rows);
             }
         });
         sums.eliminate(0.0, &mut seen);
+        (seen.matrix, images)
+    };
+    let parts: Vec<_> = weights.par_iter().enumerate().with_min_len(8).map(of).collect();
+    let (mut seen, mut images) = (DMatrix::<f64>::zeros(n, n), 0_usize);
+    for (part, of_part) in parts {
+        seen += part;
+        images += of_part;
     }
     let mut gram = DMatrix::<f64>::zeros(n, n);
     for column in map.iter().flat_map(|place| &place.columns) {
-        let scaled = nalgebra::DVector::from_fn(n, |k, _| column[k] / scale[k]);
-        gram += &scaled * scaled.transpose() / map.len() as f64;
+        for i in 0..n {
+            for j in 0..=i {
+                gram[(i, j)] += column[i] * column[j];
+            }
+        }
+    }
+    // The lower triangle, scaled; the upper one is its mirror image.
+    for i in 0..n {
+        for j in 0..=i {
+            gram[(i, j)] /= scale[i] * scale[j] * map.len() as f64;
+            gram[(j, i)] = gram[(i, j)];
+        }
     }
     let eigen = gram.symmetric_eigen();
     let smallest = NO_EFFECT * eigen.eigenvalues.max();
@@ -116,7 +153,7 @@ pub(in crate::calibrate) fn coverage(
     }
     let basis =
         DMatrix::from_fn(n, kept.len(), |row, column| eigen.eigenvectors[(row, kept[column])] / eigen.eigenvalues[kept[column]].sqrt());
-    let reduced = (basis.transpose() * (seen.matrix / images.max(1) as f64) * &basis).symmetric_eigen();
+    let reduced = (basis.transpose() * (seen / images.max(1) as f64) * &basis).symmetric_eigen();
     let (weakest, value) = reduced.eigenvalues.argmin();
     let direction = &basis * reduced.eigenvectors.column(weakest);
     (value.max(0.0).sqrt(), direction.iter().copied().collect())

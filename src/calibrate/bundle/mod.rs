@@ -7,6 +7,7 @@
 //! |---|---|
 //! | [`solve_for`] | names → parameters of the model |
 //! | [`problem`] | star images, and their linearisation |
+//! | [`reference`] | the reference model's derivatives in closed form |
 //! | [`consensus`] | the start: focal length and attitudes, whatever is wrong |
 //! | [`noise`] | weights, scale, share of wrong identifications |
 //! | [`normal`] | normal equations, attitudes eliminated |
@@ -30,6 +31,7 @@ mod memory;
 mod noise;
 mod normal;
 mod problem;
+mod reference;
 mod selection;
 mod solve_for;
 mod summary;

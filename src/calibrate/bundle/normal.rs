@@ -14,7 +14,9 @@ use super::problem::{MOST_LOCAL, MOST_PARAMETERS};
 /// Shared parameters at most: those of the model and a mount's attitude.
 const MOST_SHARED: usize = MOST_PARAMETERS + 3;
 /// One row of a frame's sums: shared columns, own columns, residual.
-const WIDTH: usize = MOST_SHARED + MOST_LOCAL + 1;
+pub(super) const WIDTH: usize = MOST_SHARED + MOST_LOCAL + 1;
+/// The same of the reference model's six parameters and an attitude.
+const USUAL_WIDTH: usize = 6 + 3 + 1;
 
 /// Sums over the star images of one frame.
 #[derive(Clone, Debug)]
@@ -55,18 +57,21 @@ impl FrameSums {
         Self { shared, local, sums: vec![0.0; width * width], prior_cost: 0.0 }
     }
 
-    /// Adds one whitened row: shared columns, own columns, residual.
-    pub(super) fn add(&mut self, shared: &[f64], local: &[f64], residual: f64) {
-        let width = self.shared + self.local + 1;
-        let mut row = [0.0; WIDTH];
-        row[..self.shared].copy_from_slice(shared);
-        row[self.shared..self.shared + self.local].copy_from_slice(local);
-        row[width - 1] = residual;
-        let row = &row[..width];
-        for (i, line) in self.sums.chunks_exact_mut(width).enumerate() {
-            let factor = row[i];
-            for (sum, value) in line[i..].iter_mut().zip(&row[i..]) {
-                *sum += factor * value;
+    /// Adds both whitened rows of a star image as they stand: shared columns, own columns, residual; what is behind does not count.
+    pub(super) fn add_both(&mut self, rows: &[[f64; WIDTH]; 2]) {
+        match self.shared + self.local + 1 {
+            // The reference model with free attitudes: a width known beforehand is worth its own code.
+            USUAL_WIDTH => Self::add_of_width(&mut self.sums, rows, USUAL_WIDTH),
+            width => Self::add_of_width(&mut self.sums, rows, width),
+        }
+    }
+
+    #[inline(always)]
+    fn add_of_width(sums: &mut [f64], [first, second]: &[[f64; WIDTH]; 2], width: usize) {
+        for (i, line) in sums.chunks_exact_mut(width).enumerate() {
+            let (a, b) = (first[i], second[i]);
+            for ((sum, x), y) in line[i..].iter_mut().zip(&first[i..width]).zip(&second[i..width]) {
+                *sum += a * x + b * y;
             }
         }
     }
@@ -188,17 +193,20 @@ mod tests {
         for frame in 0..frames {
             let mut sums = FrameSums::new(shared, local);
             for _ in 0..rows {
-                let row: Vec<f64> = (0..=shared + local).map(|_| random()).collect();
-                sums.add(&row[..shared], &row[shared..shared + local], row[shared + local]);
-                let mut full = DVector::zeros(size);
-                for k in 0..shared {
-                    full[k] = row[k];
+                let mut both = [[0.0; WIDTH]; 2];
+                for row in &mut both {
+                    row[..=shared + local].fill_with(&mut random);
+                    let mut full = DVector::zeros(size);
+                    for k in 0..shared {
+                        full[k] = row[k];
+                    }
+                    for k in 0..local {
+                        full[shared + frame * local + k] = row[shared + k];
+                    }
+                    whole += &full * full.transpose();
+                    whole_right -= &full * row[shared + local];
                 }
-                for k in 0..local {
-                    full[shared + frame * local + k] = row[shared + k];
-                }
-                whole += &full * full.transpose();
-                whole_right -= &full * row[shared + local];
+                sums.add_both(&both);
             }
             eliminated.push(sums.eliminate(0.0, &mut reduced).unwrap());
         }

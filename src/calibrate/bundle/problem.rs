@@ -11,9 +11,8 @@
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::memory::Carried;
-use crate::camera::{Model, PARAMETER_COUNT, direction_from_pixel};
-use crate::coordinates::PixelPoint;
-use crate::dual::{Jet, Real};
+use super::reference::Reference;
+use crate::camera::{Model, PARAMETER_COUNT};
 use crate::effects::{Context, Observation, StarImage, StarState};
 use crate::identify::{ControlPoints, KnownAttitude};
 
@@ -115,14 +114,32 @@ pub(in crate::calibrate) struct State {
     pub(in crate::calibrate) mount: UnitQuaternion<f64>,
 }
 
-impl State {
-    /// Moves a frame's own parameters: its attitude and its rates.
-    pub(in crate::calibrate) fn move_own(&mut self, exposure: usize, own: [f64; MOST_LOCAL]) {
-        let Some(attitude) = self.attitudes[exposure].as_mut() else { return };
-        *attitude = UnitQuaternion::from_scaled_axis(Vector3::new(own[0], own[1], own[2])) * *attitude;
-        for (rate, step) in self.rates[exposure].iter_mut().zip(&own[3..]) {
+/// What one frame has of its own.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::calibrate) struct Own {
+    /// Camera from ICRS (apparent places).
+    pub(in crate::calibrate) attitude: UnitQuaternion<f64>,
+    /// Rates, rad/s.
+    pub(in crate::calibrate) rates: [f64; 3],
+}
+
+impl Own {
+    /// Moves by a step in the attitude and the rates.
+    pub(in crate::calibrate) fn step(&mut self, step: [f64; MOST_LOCAL]) {
+        self.attitude = UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2])) * self.attitude;
+        for (rate, step) in self.rates.iter_mut().zip(&step[3..]) {
             *rate += step;
         }
+    }
+}
+
+impl State {
+    /// Moves a frame's own parameters: its attitude and its rates.
+    pub(in crate::calibrate) fn move_own(&mut self, exposure: usize, step: [f64; MOST_LOCAL]) {
+        let Some(attitude) = self.attitudes[exposure] else { return };
+        let mut own = Own { attitude, rates: self.rates[exposure] };
+        own.step(step);
+        (self.attitudes[exposure], self.rates[exposure]) = (Some(own.attitude), own.rates);
     }
 }
 
@@ -197,20 +214,29 @@ impl Problem {
     }
 
     /// Calls `each` with every image of an exposure (index) and its linearisation. Images whose pixel has no direction are left out.
-    pub(in crate::calibrate) fn linearise(&self, state: &State, exposure: usize, mut each: impl FnMut(usize, &Row)) {
-        let Some(attitude) = self.attitude(state, exposure) else { return };
-        let (values, rates) = (state.values.as_slice(), state.rates[exposure]);
-        let rotation = attitude.to_rotation_matrix();
+    pub(in crate::calibrate) fn linearise(&self, state: &State, exposure: usize, each: impl FnMut(usize, &Row)) {
+        if let Some(own) = self.own(state, exposure) {
+            self.linearise_at(&state.values, own, exposure, each);
+        }
+    }
+
+    /// What a frame has of its own; `None` where it takes no part.
+    pub(in crate::calibrate) fn own(&self, state: &State, exposure: usize) -> Option<Own> {
+        Some(Own { attitude: self.attitude(state, exposure)?, rates: state.rates[exposure] })
+    }
+
+    /// The same as [`Self::linearise`] from the model's values and what the frame has of its own.
+    pub(in crate::calibrate) fn linearise_at(&self, values: &[f64], own: Own, exposure: usize, mut each: impl FnMut(usize, &Row)) {
+        let rates = own.rates;
+        let rotation = own.attitude.to_rotation_matrix();
         let of = &self.exposures[exposure];
         let plain = self.model.is_reference_behind_the_lens();
-        let fast = (plain && !self.solves_sky && self.free.iter().all(|index| *index < PARAMETER_COUNT)).then(|| {
-            let jets: [Jet; PARAMETER_COUNT] = std::array::from_fn(|k| Jet::variable(values[k], k));
-            jets
-        });
+        let reference =
+            (plain && !self.solves_sky && self.free.iter().all(|index| *index < PARAMETER_COUNT)).then(|| Reference::new(values));
         let mut row = Row { residual: [0.0; 2], by_parameter: [[0.0; MOST_PARAMETERS]; 2], by_rotation: [[0.0; 3]; 2] };
         for (index, image) in of.images.iter().enumerate() {
-            let done = match &fast {
-                Some(jets) => self.row_of_reference(jets, &rotation, image, &mut row),
+            let done = match &reference {
+                Some(reference) => self.row_of_reference(reference, &rotation, image, &mut row),
                 None => self.row_of_model(values, &rotation, of, image, &mut row),
             };
             if done.is_none() {
@@ -227,19 +253,19 @@ impl Problem {
         }
     }
 
-    fn row_of_reference(&self, jets: &[Jet; PARAMETER_COUNT], rotation: &Rotation3<f64>, image: &Image, row: &mut Row) -> Option<()> {
-        let pixel =
-            PixelPoint { x_px: Jet::variable(image.pixel[0], PARAMETER_COUNT), y_px: Jet::variable(image.pixel[1], PARAMETER_COUNT + 1) };
-        let seen = direction_from_pixel(jets, pixel).xyz;
-        let by_pixel = seen.map(|jet| [jet.partials[PARAMETER_COUNT], jet.partials[PARAMETER_COUNT + 1]]);
+    fn row_of_reference(&self, reference: &Reference, rotation: &Rotation3<f64>, image: &Image, row: &mut Row) -> Option<()> {
+        let point = reference.at(image.pixel)?;
         let arrives = rotation * Vector3::from(image.apparent);
-        let inverse = Inverse::of(seen.map(Real::value), by_pixel, arrives, row)?;
-        for (k, index) in self.free.iter().enumerate() {
-            let [x, y] = inverse.pixels(seen.map(|jet| jet.partials[*index]));
-            row.by_parameter[0][k] = x;
-            row.by_parameter[1][k] = y;
+        // J⁺ takes nothing from d itself.
+        row.residual = point.pixels((-arrives).into());
+        for (axis, column) in point.by_rotation(arrives.into()).into_iter().enumerate() {
+            (row.by_rotation[0][axis], row.by_rotation[1][axis]) = (-column[0], -column[1]);
         }
-        Some(())
+        for (k, index) in self.free.iter().enumerate() {
+            let column = point.by_parameter[*index];
+            (row.by_parameter[0][k], row.by_parameter[1][k]) = (column[0], column[1]);
+        }
+        row.residual.iter().all(|r| r.is_finite()).then_some(())
     }
 
     fn row_of_model(&self, values: &[f64], rotation: &Rotation3<f64>, of: &Exposure, image: &Image, row: &mut Row) -> Option<()> {

@@ -1,7 +1,5 @@
 //! From a joint adjustment to the result: residuals, covariance, what is determined badly, held-out frames, warnings.
 
-use std::collections::BTreeSet;
-
 use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 
@@ -12,7 +10,7 @@ use crate::calibrate::calibration::{
 use crate::calibrate::geometry::GRID;
 use crate::calibrate::map::attitude_sigma_rad;
 use crate::calibrate::select::Selection;
-use crate::calibrate::summary::{REJECTED_WEIGHT, angle_rad, degeneracy_warnings, general_warnings, left_out, median};
+use crate::calibrate::summary::{REJECTED_WEIGHT, degeneracy_warnings, general_warnings, left_out, median};
 use crate::calibrate::{CalibrateError, CalibrateOptions};
 use crate::coordinates::{Apparent, Attitude, Direction, PixelPoint};
 use crate::identify::ControlPoints;
@@ -67,7 +65,7 @@ pub(super) fn summarise(
     let rejected: Vec<PointResult> =
         points_results.iter().filter(|point| point.left_out.is_none() && point.weight <= REJECTED_WEIGHT).copied().collect();
     let (mut square, mut stars, mut angles, mut predicted) = (0.0, 0_usize, 0.0, 0.0);
-    let mut distinct = BTreeSet::new();
+    let mut distinct = Vec::new();
     for (exposure, weights) in adjusted.weights.iter().enumerate() {
         let f = state.values[2];
         for (index, image) in problem.exposures[exposure].images.iter().enumerate().filter(|(index, _)| weights[*index] > REJECTED_WEIGHT) {
@@ -82,9 +80,11 @@ pub(super) fn summarise(
             let radial = (x * point[0] + y * point[1]).powi(2) / (point[0] * point[0] + point[1] * point[1]).max(1e-12);
             angles += ((x * x + y * y - radial) / s2 + radial / (s2 * s2)) / (f * f);
             let control = &points.points[image.point];
-            distinct.insert((control.hip, if control.hip == 0 { control.star.direction.map(f64::to_bits) } else { [0; 3] }));
+            distinct.push((control.hip, if control.hip == 0 { control.star.direction.map(f64::to_bits) } else { [0; 3] }));
         }
     }
+    distinct.par_sort_unstable();
+    distinct.dedup();
     let typical = |sum: f64| (stars > 0).then(|| (sum / stars as f64).sqrt());
     let parameters = problem.model.parameters();
     let estimates = problem.free.iter().enumerate().map(|(k, index)| {
@@ -339,6 +339,16 @@ fn attitude_sigma(solved: &Solved, unit: f64) -> Option<AttitudeSigma> {
     (!all.is_empty()).then(|| AttitudeSigma { across: typical(0), about: typical(1) })
 }
 
+/// The angle between two directions less that between two others.
+fn angle_difference_rad(seen: [Vector3<f64>; 2], apparent: [Vector3<f64>; 2]) -> f64 {
+    // Below this the sine's series to its third power is exact.
+    const SMALL_RAD: f64 = 1e-3;
+    let parts = |[a, b]: [Vector3<f64>; 2]| (a.cross(&b).norm(), a.dot(&b));
+    let ((sin, cos), (sin_other, cos_other)) = (parts(seen), parts(apparent));
+    let (sine, cosine) = (sin * cos_other - cos * sin_other, cos * cos_other + sin * sin_other);
+    if sine.abs() < SMALL_RAD && cosine > 0.0 { sine + sine.powi(3) / 6.0 } else { sine.atan2(cosine) }
+}
+
 /// rms difference of angles between stars, measured and catalogue, over the pairs of star images used.
 fn interstar_angle_rms_arcsec(solved: &Solved) -> Option<f64> {
     let (problem, adjusted) = (&solved.problem, &solved.adjusted);
@@ -363,7 +373,7 @@ fn interstar_angle_rms_arcsec(solved: &Solved) -> Option<f64> {
         let (mut sum, mut count) = (0.0, 0_usize);
         for (i, a) in stars.iter().enumerate() {
             for b in &stars[i + 1..] {
-                let difference = angle_rad(a.0.as_ref(), b.0.as_ref()) - angle_rad(a.1.as_ref(), b.1.as_ref());
+                let difference = angle_difference_rad([a.0, b.0], [a.1, b.1]);
                 sum += difference * difference;
                 count += 1;
             }
