@@ -60,6 +60,8 @@ pub(in crate::calibrate) struct Adjusted {
     pub(in crate::calibrate) chi_squared: f64,
     /// Σ w.
     pub(in crate::calibrate) weight_sum: f64,
+    /// What is minimised, with what is known beforehand.
+    pub(in crate::calibrate) cost: f64,
 }
 
 /// Sums over all star images at one place.
@@ -321,6 +323,7 @@ impl Problem {
         Adjusted {
             attitude_information: pass.frames.iter().map(|frame| frame.as_ref().map(FrameSums::own)).collect(),
             weight_sum: pass.totals.weight,
+            cost: pass.cost,
             weights: pass.weights,
             information: reduced.matrix,
             chi_squared: pass.chi_squared,
@@ -362,7 +365,9 @@ impl Problem {
             reduced.matrix[(k, k)] = 1.0;
             reduced.right[k] = 0.0;
         }
-        let step = solve(&reduced);
+        let camera = self.model.camera();
+        let most_px = MOST_OPEN_STEP * (camera.width_px as f64).hypot(camera.height_px as f64);
+        let step = solve(&reduced, self.free.len(), most_px);
         for (k, index) in self.free.iter().enumerate() {
             state.values[*index] += step[k] / scale[k];
         }
@@ -390,21 +395,36 @@ const LEAST_UNIT_VARIANCE: f64 = 1e-4;
 /// Standard deviation of the rates' prior: a quick slew.
 const RATE_SIGMA_RAD_S: f64 = 0.1;
 
-/// The step; along directions that the star images leave open it is zero.
-fn solve(reduced: &Reduced) -> DVector<f64> {
+/// Directions with less than this share of the largest eigenvalue (all parameters scaled alike) are open: no step goes along them, and
+/// no standard error is stated for them.
+pub(in crate::calibrate) const OPEN: f64 = 1e-12;
+/// With less than this share a direction is hardly determined at all.
+const HARDLY: f64 = 1e-4;
+/// A step along such a direction is at most this share of the frame's diagonal: further than that the linearisation is not to be believed,
+/// and the adjustment would begin anew at a place that nothing but noise has chosen.
+const MOST_OPEN_STEP: f64 = 0.005;
+
+/// The step; along directions that the star images leave open it is zero, and short along those hardly determined. The first `free` are
+/// in px.
+fn solve(reduced: &Reduced, free: usize, most_px: f64) -> DVector<f64> {
     let n = reduced.right.len();
     let root: Vec<f64> = (0..n).map(|k| reduced.matrix[(k, k)].max(0.0).sqrt()).collect();
     let inverse = |k: usize| if root[k] > 0.0 { 1.0 / root[k] } else { 0.0 };
     let matrix = DMatrix::from_fn(n, n, |i, j| reduced.matrix[(i, j)] * inverse(i) * inverse(j));
     let right = DVector::from_fn(n, |i, _| reduced.right[i] * inverse(i));
     let solved = match matrix.clone().cholesky() {
-        Some(factor) if factor.l_dirty().diagonal().iter().all(|d| *d > 1e-6) => factor.solve(&right),
+        Some(factor) if factor.l_dirty().diagonal().iter().all(|d| d * d > HARDLY) => factor.solve(&right),
         _ => {
             let eigen = matrix.symmetric_eigen();
             let largest = eigen.eigenvalues.max();
             let mut projected = eigen.eigenvectors.transpose() * right;
-            for (value, eigenvalue) in projected.iter_mut().zip(eigen.eigenvalues.iter()) {
-                *value = if *eigenvalue > 1e-12 * largest { *value / eigenvalue } else { 0.0 };
+            for (k, (value, eigenvalue)) in projected.iter_mut().zip(eigen.eigenvalues.iter()).enumerate() {
+                *value = if *eigenvalue > OPEN * largest { *value / eigenvalue } else { 0.0 };
+                if *eigenvalue < HARDLY * largest {
+                    let px_per_unit = (0..free).map(|i| (eigen.eigenvectors[(i, k)] * inverse(i)).powi(2)).sum::<f64>().sqrt();
+                    let most = most_px / px_per_unit.max(f64::MIN_POSITIVE);
+                    *value = value.clamp(-most, most);
+                }
             }
             eigen.eigenvectors * projected
         }

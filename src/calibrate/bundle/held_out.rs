@@ -33,7 +33,14 @@ pub(in crate::calibrate) fn rms_px(solved: &Solved) -> Option<f64> {
         .map(|exposure| {
             let mut own = Reduced::zero(shared);
             let held = |index: usize, _: &Row, _: &Whitened| adjusted.weights[*exposure][index];
-            let sums = problem.frame_sums(&adjusted.state.values, problem.own(&adjusted.state, *exposure), &adjusted.noise, &adjusted.scale, *exposure, held);
+            let sums = problem.frame_sums(
+                &adjusted.state.values,
+                problem.own(&adjusted.state, *exposure),
+                &adjusted.noise,
+                &adjusted.scale,
+                *exposure,
+                held,
+            );
             sums.eliminate(0.0, &mut own);
             own
         })

@@ -16,6 +16,7 @@
 //! | [`memory`] | what earlier solutions know, in constant size |
 //! | [`update`] | new frames with what earlier solutions know |
 //! | [`change`] | whether these are of the same camera |
+//! | [`profile`] | standard errors of what is hardly determined, from the cost itself |
 //! | [`held_out`] | cross-validation without solving anew |
 //! | [`selection`] | which parameters the data support |
 //! | [`summary`] | the result |
@@ -31,6 +32,7 @@ mod memory;
 mod noise;
 mod normal;
 mod problem;
+mod profile;
 mod reference;
 mod selection;
 mod solve_for;
@@ -236,12 +238,12 @@ fn from_focal_length(
         );
         problem.attitudes = Attitudes::Free;
     }
-    let scale = scales(&problem, &state);
+    let mut scale = scales(&problem, &state);
     if scale.iter().any(|scale| !(scale.is_finite() && *scale > 0.0)) {
         // Said by the summary, which knows names; the parameter is held at its start meanwhile.
         notes.extend(drop_without_effect(&mut problem, &scale));
+        scale = scales(&problem, &state);
     }
-    let scale = scales(&problem, &state);
     if scale.is_empty() {
         return Ok(None);
     }

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 
-use super::{Attitudes, Problem, Solved, State, held_out, mapping, names};
+use super::{Attitudes, Problem, Solved, State, held_out, mapping, names, profile};
 use crate::calibrate::calibration::{
     AttitudeSigma, Calibration, Combination, FORMAT, FrameResult, Iteration, MapSigma, NoiseFound, ParameterEstimate, PointResult, Status,
 };
@@ -20,12 +20,12 @@ use crate::units::ARCSEC_RAD;
 const BLIND_SHARE: f64 = 0.01;
 /// Below this share the map is determined badly enough to be said.
 const WEAK_SHARE: f64 = 0.15;
-/// Smallest ratio of eigenvalues at which the parameters can be told apart at all.
-const SMALLEST_EIGENVALUE_RATIO: f64 = 1e-13;
 /// A residual above this (px) is found by inverting the distortion, not by the linearisation.
 const FAR_PX: f64 = 10.0;
 /// With more pairs of stars than these, the angles between stars are looked at for a part of the stars.
 const MOST_PAIRS: usize = 2_000_000;
+/// Of a combination with a singular value below this the standard error is taken from the cost itself.
+const HARDLY: f64 = 0.1;
 /// A combination with a singular value below this is put into words.
 const BADLY: f64 = 0.2;
 
@@ -54,8 +54,11 @@ pub(super) fn summarise(
     let unit = adjusted.chi_squared / (2.0 * adjusted.weight_sum - lost as f64).max(1.0);
     let scaled = covariance * unit;
     let scale = &adjusted.scale;
-    let in_units: Vec<Vec<f64>> = (0..free).map(|i| (0..free).map(|j| scaled[(i, j)] / (scale[i] * scale[j])).collect()).collect();
-    let dense = DMatrix::from_fn(free, free, |i, j| in_units[i][j]);
+    let linear = DMatrix::from_fn(free, free, |i, j| scaled[(i, j)] / (scale[i] * scale[j]));
+    let combinations = combinations(&map, &linear, &model_names);
+    let wider = profile::wider(solved, &linear, unit, &weakest(&combinations, &model_names));
+    let dense = profile::widened(&linear, &wider);
+    let in_units: Vec<Vec<f64>> = (0..free).map(|i| (0..free).map(|j| dense[(i, j)]).collect()).collect();
     let state = &adjusted.state;
     let mut sigma: Vec<f64> = mapping::sigma_px(&map, &dense).into_iter().map(|(_, sigma)| sigma).collect();
     sigma.sort_by(f64::total_cmp);
@@ -132,7 +135,7 @@ pub(super) fn summarise(
         predicted_sigma_px: typical(predicted).unwrap_or(0.0) / std::f64::consts::SQRT_2,
         degrees_of_freedom: dof,
         covariance: in_units,
-        combinations: combinations(&map, &dense, &model_names),
+        combinations,
         gauge: gauge(problem.attitudes),
         noise: Some(NoiseFound {
             floor_px: adjusted.noise.floor_px2.sqrt(),
@@ -162,6 +165,13 @@ pub(super) fn summarise(
     warnings.extend(general_warnings(&result, without, weak));
     warnings.extend(degeneracy_warnings(&result));
     warnings.extend(result.combinations.iter().filter_map(|combination| combination.sentence.clone()));
+    warnings.extend(wider.iter().map(|wider| {
+        format!(
+            "{} is hardly determined here: the cost rises so slowly away from the solution that its standard error, and those of what goes \
+             with it, are {:.1} times those of the linearisation",
+            model_names[wider.free], wider.factor
+        )
+    }));
     for frame in result.per_frame.iter().filter(|frame| frame.variance_factor > 1.0) {
         warnings.push(format!(
             "frame {} is worse than the others (its positions scatter {:.1} times as much) and is weighted by it: trailed, unsharp, or something moved",
@@ -208,7 +218,7 @@ fn covariance(information: &DMatrix<f64>, names: &[String]) -> Result<DMatrix<f6
     let equilibrated = DMatrix::from_fn(n, n, |i, j| information[(i, j)] / (root[i] * root[j]));
     let eigen = equilibrated.clone().symmetric_eigen();
     let (weakest, smallest) = eigen.eigenvalues.argmin();
-    if smallest.is_nan() || smallest <= SMALLEST_EIGENVALUE_RATIO * eigen.eigenvalues.max() {
+    if smallest.is_nan() || smallest <= super::adjust::OPEN * eigen.eigenvalues.max() {
         let direction: Vec<f64> = eigen.eigenvectors.column(weakest).iter().copied().take(names.len()).collect();
         return Err(CalibrateError::Singular { combination: in_words(&direction, names) });
     }
@@ -267,6 +277,21 @@ fn combinations(map: &[mapping::MapColumns], covariance: &DMatrix<f64>, names: &
         Combination { singular_value, sigma_px, parameters, sentence }
     };
     order.into_iter().map(of).collect()
+}
+
+/// Of each combination that is hardly determined the parameter that has most of it, none twice; one of an effect before those of the
+/// reference model.
+fn weakest(combinations: &[Combination], names: &[String]) -> Vec<usize> {
+    let mut chosen = Vec::new();
+    for combination in combinations.iter().filter(|combination| combination.singular_value < HARDLY) {
+        let place = |of_reference: bool| {
+            let of_kind = combination.parameters.iter().filter(|(name, _)| super::is_reference(name) == of_reference);
+            of_kind.filter_map(|(name, _)| names.iter().position(|other| other == name)).find(|place| !chosen.contains(place))
+        };
+        let found = place(false).or_else(|| place(true));
+        chosen.extend(found);
+    }
+    chosen
 }
 
 /// Measured minus predicted position of every image; by inverting the distortion where it is large.

@@ -3,6 +3,7 @@
 mod bad_input;
 mod compare;
 mod effects;
+mod inseparable;
 mod joint;
 mod joint_statistics;
 mod published;
