@@ -66,7 +66,7 @@ impl FrameSums {
         }
     }
 
-    #[inline(always)]
+    #[inline]
     fn add_of_width(sums: &mut [f64], [first, second]: &[[f64; WIDTH]; 2], width: usize) {
         for (i, line) in sums.chunks_exact_mut(width).enumerate() {
             let (a, b) = (first[i], second[i]);
