@@ -1,0 +1,351 @@
+//! What a diagnosis says: the result, as it stands in files.
+
+use serde::{Deserialize, Serialize};
+
+use crate::provenance::Provenance;
+
+/// The format of the result file.
+pub const FORMAT: &str = "boresight-diagnose/1";
+
+/// The answer to "is something missing?".
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// Nothing is missing: the omnibus test is not significant.
+    Consistent,
+    /// What is missing has a name (or a set of names that cannot be told apart here), and the rest is consistent.
+    Explained,
+    /// Something is missing that no effect of the registry explains.
+    Unexplained,
+}
+
+/// What is known of one effect after the diagnosis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EffectState {
+    /// A finding has this id.
+    Found,
+    /// It stands in a finding's set, but is not its name.
+    Indistinguishable,
+    /// Tested, not significant.
+    NotFound,
+    /// Attitudes and the camera's own parameters take it up, or what it depends on does not vary.
+    NotObservable,
+    /// The recording lacks what it needs.
+    NotApplicable,
+}
+
+/// A parameter as found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FoundParameter {
+    /// Its name, without the effect's.
+    pub name: String,
+    /// Its value, that of the whole effect.
+    pub value: f64,
+    /// Standard error, scaled by the scatter of the residuals.
+    pub sigma: f64,
+    /// Its unit.
+    pub unit: String,
+}
+
+/// An effect that a finding cannot be told apart from, or resembles.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Resemblance {
+    /// The effect.
+    pub id: String,
+    /// Cosine of the (largest) principal angle between the two effects' columns, attitudes and camera projected out.
+    pub cos: f64,
+}
+
+/// A member of a finding's set, with the odds.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Rival {
+    /// The effect.
+    pub id: String,
+    /// Cosine of the largest principal angle between its columns and the finding's.
+    pub cos: f64,
+    /// BIC with the rival in the finding's place minus BIC with the finding.
+    pub delta_bic: f64,
+    /// Probability that the finding, if true, is preferred to the rival at this signal-to-noise ratio: Φ(SNR·√((1 − cos)/2)).
+    pub p_correct: f64,
+}
+
+/// An effect that was left out (or is there at another size than the model has it).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Finding {
+    /// The effect.
+    pub id: String,
+    /// Its parameters.
+    pub parameters: Vec<FoundParameter>,
+    /// The covariates that the mismatch follows, the one that explains most first.
+    pub located_by: Vec<String>,
+    /// Fall of χ² on all frames, everything else refitted.
+    pub delta_chi2: f64,
+    /// Probability of such a fall by chance, for this effect alone.
+    pub p_value: f64,
+    /// The same, all effects tried counted.
+    pub family_p_value: f64,
+    /// Fall of χ² on frames that were not used to find the effect.
+    pub held_out_delta_chi2: f64,
+    /// What was to be expected there.
+    pub held_out_expected: f64,
+    /// The score along the frozen direction on those frames, standard deviations.
+    pub held_out_score: f64,
+    /// Size over standard error of the best determined combination of the parameters.
+    pub snr: f64,
+    /// The effects that explain the mismatch about as well.
+    pub indistinguishable_from: Vec<String>,
+    /// The same with figures, rejected rivals with a cosine above one half included.
+    pub rivals: Vec<Rival>,
+    /// The observation that would decide between the members of the set.
+    pub decided_by: String,
+    /// For an effect of known size: the size found over the known one, and its standard error (what site, air, clock leave open included).
+    pub known_amplitude: Option<[f64; 2]>,
+    /// The finding in one sentence.
+    pub sentence: String,
+}
+
+/// What is left and has no name.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Unknown {
+    /// In which channel it shows.
+    pub channel: String,
+    /// The covariates that it follows.
+    pub located_by: Vec<String>,
+    /// Probability of as much by chance.
+    pub p_value: f64,
+    /// The effects whose columns look most like it.
+    pub resembles: Vec<Resemblance>,
+    /// Why those names do not stand.
+    pub vetoes: Vec<String>,
+    /// The file with the vector map, where one was written.
+    pub map: Option<String>,
+    /// The map itself.
+    pub field: RemainderMap,
+    /// In one sentence.
+    pub sentence: String,
+}
+
+/// A vector map of what is left, on a grid of points over the frame.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RemainderMap {
+    /// Scale over which it changes, px.
+    pub length_px: f64,
+    /// rms of the map over the frame, px.
+    pub rms_px: f64,
+    /// Share of the map's variance that is free of curl (gradient of a potential).
+    pub curl_free_share: f64,
+    /// Gain of log-evidence over no map at all.
+    pub log_evidence_gain: f64,
+    /// Fall of χ² on held-out frames with the map of the others.
+    pub held_out_delta_chi2: f64,
+    /// Points: x, y, dx, dy, standard error per axis, px.
+    pub points: Vec<[f64; 5]>,
+}
+
+/// Limit of a parameter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Limit {
+    /// The parameter, without the effect's name.
+    pub name: String,
+    /// Its absolute value is below this with 95 % confidence.
+    pub value: f64,
+    /// Unit.
+    pub unit: String,
+}
+
+/// One effect of the registry.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EffectStatus {
+    /// The effect.
+    pub id: String,
+    /// What is known of it.
+    pub status: EffectState,
+    /// Probability of its score by chance, given the findings.
+    pub p_value: Option<f64>,
+    /// Share of its displacement (rms) that attitudes and camera parameters leave.
+    pub survival: Option<f64>,
+    /// Its parameters refitted beside the findings: what was found of it.
+    pub parameters: Vec<FoundParameter>,
+    /// Upper limit of its first parameter; for an effect that is found: none.
+    pub upper_limit_95: Option<Limit>,
+    /// Why, where that is not plain.
+    pub reason: String,
+}
+
+/// How well a model describes the star images.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FitQuality {
+    /// 2-D rms of the star images used, px.
+    pub rms_px: f64,
+    /// χ² per degree of freedom, with the noise of the final model.
+    pub chi2_per_dof: f64,
+    /// 2-D rms on held-out frames.
+    pub held_out_rms_px: Option<f64>,
+    /// χ² per degree of freedom on held-out frames (attitudes refitted).
+    pub held_out_chi2_per_dof: Option<f64>,
+}
+
+/// Before and after.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Fit {
+    /// The model that the recording was held against.
+    pub baseline: FitQuality,
+    /// With the findings in it.
+    #[serde(rename = "final")]
+    pub after: FitQuality,
+}
+
+/// The test of one channel.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ChannelTest {
+    /// Probability of as large a mismatch by chance.
+    pub p_value: f64,
+    /// What was largest.
+    pub largest: String,
+}
+
+/// The channels. `None`: not looked at.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Channels {
+    /// Positions.
+    pub astrometry: Option<ChannelTest>,
+    /// Brightness.
+    pub flux: Option<ChannelTest>,
+    /// Width and elongation.
+    pub shape: Option<ChannelTest>,
+    /// Stamps.
+    pub stamp: Option<ChannelTest>,
+    /// Background and noise.
+    pub noise: Option<ChannelTest>,
+}
+
+/// Star images that took part.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StarsUsed {
+    /// Of stars whose proper motion is known.
+    pub with_proper_motion: usize,
+    /// Of stars whose proper motion is not.
+    pub without: usize,
+    /// Left out.
+    pub left_out: usize,
+}
+
+/// A covariate that residuals were held against.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Located {
+    /// The covariate.
+    pub covariate: String,
+    /// Variance of the residuals that it explains beyond chance, as a share.
+    pub explained: f64,
+    /// Probability by chance, all covariates counted.
+    pub p_value: f64,
+    /// The same once the covariates before it in this list are taken out.
+    pub conditional_p_value: Option<f64>,
+}
+
+/// The noise of the star positions as the residuals show it, once everything found is modelled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct NoiseState {
+    /// Added to every star image's stated error in quadrature, px per axis.
+    pub floor_px: f64,
+    /// Stated variances times this.
+    pub variance_factor: f64,
+    /// Degrees of freedom of the t distribution that fits the tails (large: normal).
+    pub tail_degrees: f64,
+    /// Share of identifications held to be wrong.
+    pub wrong_share: f64,
+}
+
+/// Which frames were set aside.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LockBox {
+    /// `blocks` of frames, or `leave-one-out`.
+    pub kind: String,
+    /// The frames set aside (of blocks).
+    pub frames: Vec<usize>,
+}
+
+/// One star image's residuals, for tables and pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ResidualRow {
+    /// Index of the control point.
+    pub point: usize,
+    /// Frame.
+    pub frame: usize,
+    /// Star.
+    pub hip: u32,
+    /// Measured place.
+    pub x_px: f64,
+    /// Measured place.
+    pub y_px: f64,
+    /// Measured minus predicted by the baseline, px.
+    pub before_px: [f64; 2],
+    /// Measured minus predicted by the final model, px.
+    pub after_px: [f64; 2],
+    /// Standard error per axis, px.
+    pub sigma_px: f64,
+    /// Weight.
+    pub weight: f64,
+}
+
+/// A covariate's picture: residuals in bins, and the model through them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Profile {
+    /// The effect whose finding it shows.
+    pub id: String,
+    /// The covariate.
+    pub covariate: String,
+    /// The component of the residual that is drawn, in words ("along the radius", "toward the zenith").
+    pub component: String,
+    /// By bin: mean of the covariate, mean of that component of the residual with everything but this effect modelled, its standard
+    /// error, and the model's mean, px.
+    pub bins: Vec<[f64; 4]>,
+}
+
+/// The result.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Diagnosis {
+    /// [`FORMAT`].
+    pub format: String,
+    /// The answer.
+    pub verdict: Verdict,
+    /// The effects of the model that the recording was held against.
+    pub physics: Vec<String>,
+    /// What was left out.
+    pub findings: Vec<Finding>,
+    /// What is left and has no name.
+    pub unknown: Option<Unknown>,
+    /// Every effect of the registry.
+    pub effects: Vec<EffectStatus>,
+    /// Before and after.
+    pub fit: Fit,
+    /// The tests by channel.
+    pub channels: Channels,
+    /// Star images that took part.
+    pub stars_used: StarsUsed,
+    /// The covariates that the baseline's residuals follow, the one that explains most first.
+    pub located: Vec<Located>,
+    /// The noise found.
+    pub noise: NoiseState,
+    /// What was set aside.
+    pub lock_box: LockBox,
+    /// Simulated recordings without any effect that the omnibus test was held against.
+    pub nulls: usize,
+    /// Number of independent hypotheses that the family of tests amounts to.
+    pub effective_hypotheses: f64,
+    /// The summary in plain sentences.
+    pub summary: Vec<String>,
+    /// What to mind.
+    pub warnings: Vec<String>,
+    /// The camera and sky with the findings in force: names and values of all parameters.
+    pub camera: Option<crate::camera::Model>,
+    /// Residuals of every star image.
+    pub residuals: Vec<ResidualRow>,
+    /// Pictures' data: one for each finding.
+    pub profiles: Vec<Profile>,
+    /// Wall time.
+    pub seconds: f64,
+    /// Where it comes from.
+    pub provenance: Option<Provenance>,
+}

@@ -1,0 +1,71 @@
+//! ControlPoints → Diagnosis: is physics missing, where, which, how large, what else could it be, does the fit improve, what is left.
+
+mod diagnosis;
+
+pub use diagnosis::*;
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::calibrate::CalibrateError;
+use crate::identify::ControlPoints;
+
+/// How to diagnose.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DiagnoseOptions {
+    /// Simulated recordings without any effect for the omnibus test, at least; more are drawn where the decision is near.
+    pub nulls: usize,
+    /// Family-wise probability of a false finding in a recording.
+    pub alpha: f64,
+    /// Seed of nulls and permutations.
+    pub seed: u64,
+    /// Ids of the effects that the model contains; those of the sky are in the points' directions.
+    pub physics: Vec<String>,
+    /// Terms behind the lens that the model contains, with their parameters.
+    pub terms: Vec<crate::camera::Term>,
+    /// Parameters of the camera that are free in the baseline.
+    pub solve: Vec<String>,
+    /// Leave out stars without known proper motion.
+    pub proper_motion_only: bool,
+}
+
+impl Default for DiagnoseOptions {
+    fn default() -> Self {
+        Self {
+            nulls: 1000,
+            alpha: 3e-4,
+            seed: 0,
+            physics: Vec::new(),
+            terms: Vec::new(),
+            solve: crate::camera::PARAMETER_NAMES.map(str::to_owned).to_vec(),
+            proper_motion_only: false,
+        }
+    }
+}
+
+/// Why there is no diagnosis.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum DiagnoseError {
+    /// The baseline cannot be fitted.
+    #[error("the camera that the recording is held against cannot be fitted: {0}")]
+    Baseline(#[from] CalibrateError),
+    /// Too little to judge.
+    #[error("{images} star images in {frames} frames are too few to judge anything beside attitudes and camera: give more frames")]
+    TooFew {
+        /// Star images.
+        images: usize,
+        /// Frames.
+        frames: usize,
+    },
+}
+
+/// Numbers of a frame that a mismatch may follow, by name: `temperature`, and every extra number of the manifest under its own name.
+pub type Telemetry = Vec<BTreeMap<String, f64>>;
+
+/// Diagnoses the control points of a recording. `telemetry` by frame; may be empty.
+pub fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &DiagnoseOptions) -> Result<Diagnosis, DiagnoseError> {
+    run::diagnose(points, telemetry, options)
+}
