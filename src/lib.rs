@@ -5,6 +5,7 @@ pub mod camera;
 pub mod catalog;
 pub mod coordinates;
 pub mod detect;
+pub mod diagnose;
 pub mod dual;
 pub mod effects;
 pub mod exchange;

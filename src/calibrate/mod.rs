@@ -12,6 +12,7 @@ mod calibration;
 mod compare;
 mod geometry;
 mod held_out;
+mod joint;
 mod least_squares;
 mod map;
 mod pairs;
@@ -32,6 +33,7 @@ pub use calibration::{
     NoiseFound, ParameterEstimate, PointResult, Reidentified, Status,
 };
 pub use compare::{Comparison, MapChange, ParameterDifference, compare, map_change};
+pub use joint::{Column, GivenNoise, Joint, JointImage, MOST_OWN};
 pub use map::{Map, MapPoint, MappingError, map, map_difference, map_sigma, mapping_error_of_models_px, mapping_error_px};
 pub use reidentify::{StarImage, calibrate_identifying_anew};
 pub use residuals::residuals_px;

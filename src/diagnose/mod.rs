@@ -1,6 +1,22 @@
 //! ControlPoints → Diagnosis: is physics missing, where, which, how large, what else could it be, does the fit improve, what is left.
 
+mod adequacy;
+mod attribute;
+mod covariates;
 mod diagnosis;
+mod evidence;
+mod findings;
+mod hypotheses;
+mod left;
+mod noise;
+mod profile;
+mod prove;
+mod remainder;
+mod rivals;
+mod run;
+mod scan;
+mod sheet;
+mod words;
 
 pub use diagnosis::*;
 

@@ -1,5 +1,6 @@
 //! Noise model, robust location and scale, weights, tests: one place for all of them.
 
 pub mod robust;
+pub mod significance;
 
 pub use robust::{Clipped, clipped, mad_sigma, median, median_in_place};

@@ -46,8 +46,8 @@ pub(super) use adjust::{Adjusted, Run, scales};
 pub(super) use mapping::map_sigma_px;
 pub(super) use memory::{CLASSES, NoiseMemory};
 pub(super) use noise::Noise;
-pub(super) use problem::{Attitudes, Prior, Problem, State, earth_from_icrs};
-pub(super) use solve_for::checked as check_name;
+pub(super) use problem::{Attitudes, Exposure, MOST_LOCAL as MOST_OWN, Prior, Problem, State, earth_from_icrs};
+pub(super) use solve_for::{checked as check_name, solve_for};
 pub(super) use update::{Known, Updated, inverse, update};
 
 use super::select::Selection;
@@ -125,7 +125,7 @@ pub(super) fn pose(
     let observations: Vec<_> = exposures.iter().map(|exposure| exposure.observation).collect();
     let first = exposures.first().and_then(|exposure| exposure.images.first().map(|image| image.context(&exposure.observation)));
     let first = first.ok_or(CalibrateError::TooFewPoints { offered: points.points.len(), usable: 0, frames: 0 })?;
-    let free = solve_for::solve_for(&mut model, &options.solve, &first, &observations)?;
+    let free = solve_for(&mut model, &options.solve, &first, &observations)?;
     solve_for::images_tell(&model, &free, &exposures)?;
     let parameters = model.parameters();
     let priors = options
@@ -156,7 +156,7 @@ pub(super) fn pose(
 }
 
 /// Whether the rows are exposed one after the other while nobody says how the camera turned.
-fn rates_are_unknown(exposures: &[problem::Exposure]) -> bool {
+fn rates_are_unknown(exposures: &[Exposure]) -> bool {
     exposures.iter().all(|exposure| {
         let rolling = exposure.observation.sensor.is_some_and(|sensor| sensor.line_time_s.is_some_and(|time| time != 0.0));
         rolling && exposure.observation.rate_rad_s.is_none()
@@ -291,7 +291,7 @@ fn drop_unsupported_frames(problem: &Problem, adjusted: &mut Adjusted) -> bool {
 }
 
 /// Takes parameters that move no star image out of the free ones, and says so.
-fn drop_without_effect(problem: &mut Problem, scale: &[f64]) -> Vec<String> {
+pub(super) fn drop_without_effect(problem: &mut Problem, scale: &[f64]) -> Vec<String> {
     let parameters = problem.model.parameters();
     let has_effect = |k: usize| scale[k].is_finite() && scale[k] > 0.0;
     let notes = (0..problem.free.len())

@@ -1,0 +1,112 @@
+//! Is the name enough: what would betray that an effect only resembles what is there.
+
+use super::attribute::{Entry, Stand, columns};
+use super::evidence::Evidence;
+use super::scan::{Asks, Scan};
+use super::sheet::{Fit, Whitened};
+use crate::statistics::significance::chi_squared_surprise;
+
+/// A veto needs p below this.
+const VETO_P: f64 = 1e-3;
+/// What is left must be this share of what the effect explains, or it is no fault of the name.
+const LEAST_LEFT: f64 = 0.03;
+/// Blocks of time.
+const TIME_BLOCKS: usize = 4;
+/// An improvement in one frame (or star) above this share,
+const CONCENTRATED: f64 = 0.5;
+/// and above this many times its share of the information.
+const DISPROPORTIONATE: f64 = 2.5;
+
+/// What speaks against the name of entry `k`; empty if nothing does. `scan` holds the covariates' patterns beside the whole model.
+pub(super) fn vetoes(evidence: &Evidence, stand: &Stand, scan: &Scan, entries: &[Entry], k: usize, statistic: f64) -> Vec<String> {
+    let mut found = Vec::new();
+    let surprises = scan.surprises(&stand.fit.psi, stand.fit.c);
+    let values = scan.ask(&stand.fit.psi, stand.fit.c);
+    for ((group, surprise), t) in scan.groups.iter().zip(&surprises).zip(values) {
+        let Asks::Covariate(index) = group.asks else { continue };
+        let name = evidence.covariates[index].name.as_str();
+        let is_map = matches!(name, "field-map" | "colour" | "magnitude" | "field-radius" | "x" | "y" | "edge-distance");
+        let left = t - group.rank() as f64;
+        if is_map && (-surprise).exp() < VETO_P && left > LEAST_LEFT * statistic {
+            let over = if name == "field-map" { "the field".to_owned() } else { format!("the field by {name}") };
+            found.push(format!("a pattern over {over} remains beside it (p = {:.1e})", (-surprise).exp()));
+        }
+    }
+    found.truncate(1);
+    if let Some(p) = over_time(evidence, stand, entries, k).filter(|p| *p < VETO_P) {
+        found.push(format!("its size is not the same through the recording (p = {p:.1e})"));
+    }
+    found.extend(concentration(evidence, stand, entries, k));
+    found
+}
+
+/// Probability that the amplitude in four blocks of time differs as much by chance.
+fn over_time(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> Option<f64> {
+    let frames = evidence.frames.len();
+    let hours: Vec<Option<f64>> = evidence.frames.iter().map(|(_, observation)| observation.time_offset_h).collect();
+    let (least, most) = hours.iter().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(*t), b.max(*t)));
+    if frames < 2 * TIME_BLOCKS || (most.is_finite() && most - least <= 0.0) {
+        return None;
+    }
+    let own: Vec<Whitened> = columns(evidence, &entries[k..=k]).map(|column| evidence.white(&stand.noise, column)).collect();
+    let mut split = Vec::new();
+    for column in &own {
+        for block in 1..TIME_BLOCKS {
+            let of = |(k, value): (usize, &f64)| if evidence.place[k / 2] * TIME_BLOCKS / frames == block { *value } else { 0.0 };
+            split.push(column.iter().enumerate().map(of).collect::<Whitened>());
+        }
+    }
+    let (t, rank) = stand.score(&split);
+    (rank > 0).then(|| (-chi_squared_surprise(rank as f64, t)).exp())
+}
+
+/// Whether one frame or one star carries the improvement out of proportion.
+fn concentration(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> Vec<String> {
+    let white = |entry: &Entry| columns(evidence, std::slice::from_ref(entry)).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
+    let others: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(entry)).collect();
+    let without = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());
+    let columns = white(&entries[k]);
+    let (mut gain, mut information) = (vec![0.0; evidence.images.len()], vec![0.0; evidence.images.len()]);
+    let rest: Vec<Whitened> = columns.iter().map(|column| without.project(&stand.sheet, column)).collect();
+    for image in (0..evidence.images.len()).filter(|image| stand.take[*image]) {
+        let of = |residual: &[f64]| residual[2 * image].powi(2) + residual[2 * image + 1].powi(2);
+        gain[image] = of(&without.residual) - of(&stand.fit.residual);
+        // What the effect as found moves this image by.
+        let mut moved = [0.0; 2];
+        let first = stand.fit.change.len() - columns.len() - entries[k + 1..].iter().map(|entry| white(entry).len()).sum::<usize>();
+        for (j, column) in rest.iter().enumerate() {
+            for axis in 0..2 {
+                moved[axis] += stand.fit.change[first + j] * column[2 * image + axis];
+            }
+        }
+        information[image] = moved[0] * moved[0] + moved[1] * moved[1];
+    }
+    let total: f64 = gain.iter().sum();
+    let all: f64 = information.iter().sum();
+    if total <= 0.0 || all <= 0.0 {
+        return Vec::new();
+    }
+    let mut found = Vec::new();
+    if evidence.frames.len() >= 4 {
+        let (mut by_frame, mut expected) = (vec![0.0; evidence.frames.len()], vec![0.0; evidence.frames.len()]);
+        for image in 0..gain.len() {
+            by_frame[evidence.place[image]] += gain[image] / total;
+            expected[evidence.place[image]] += information[image] / all;
+        }
+        for frame in 0..by_frame.len() {
+            if by_frame[frame] > CONCENTRATED.max(DISPROPORTIONATE * expected[frame]) {
+                found.push(format!("{:.0} % of the improvement lie in frame {}", 100.0 * by_frame[frame], evidence.frames[frame].0));
+            }
+        }
+    }
+    let mut stars: std::collections::BTreeMap<usize, [f64; 2]> = std::collections::BTreeMap::new();
+    for image in 0..gain.len() {
+        let of = stars.entry(evidence.images[image].point).or_default();
+        of[0] += gain[image] / total;
+        of[1] += information[image] / all;
+    }
+    if let Some((point, [share, _])) = stars.into_iter().find(|(_, [share, expected])| *share > CONCENTRATED.max(DISPROPORTIONATE * expected)) {
+        found.push(format!("{:.0} % of the improvement lie in one star image (control point {point})", 100.0 * share));
+    }
+    found
+}

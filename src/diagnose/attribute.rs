@@ -1,0 +1,283 @@
+//! Which physics: effects enter one after the other, by the score of their columns, and leave again where others make them superfluous.
+
+use super::evidence::Evidence;
+use super::noise::{NoiseModel, freedom};
+use super::scan::{Asks, Scan};
+use super::sheet::{Fit, Sheet, Whitened, dot};
+use crate::statistics::significance::chi_squared_surprise;
+
+/// Entries at most.
+const MOST: usize = 6;
+/// Rivals whose evidence differs by less (odds of 100 : 1) are as good: 2·ln 100.
+pub(super) const AS_GOOD: f64 = 9.21;
+/// Effects whose columns have a larger cosine are one class; the more usual name is taken.
+pub(super) const SAME: f64 = 0.98;
+/// Below this survival nothing is claimed.
+pub(super) const UNOBSERVABLE: f64 = 0.02;
+/// A known size is believed if the size found agrees within so many standard errors.
+const AGREES: f64 = 3.0;
+/// Range over which a size would be looked for if nobody knew it, in units of the known size.
+const PRIOR_RANGE: f64 = 4.0;
+
+/// An effect that has entered: hypothesis and variant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Entry {
+    /// Index of the hypothesis.
+    pub(super) hypothesis: usize,
+    /// Index of its variant.
+    pub(super) variant: usize,
+}
+
+/// Everything as it stands with some effects accepted.
+#[derive(Clone, Debug)]
+pub(super) struct Stand {
+    /// The noise.
+    pub(super) noise: NoiseModel,
+    /// The linear problem, whitened by it.
+    pub(super) sheet: Sheet,
+    /// The images that take part.
+    pub(super) take: Vec<bool>,
+    /// The accepted effects' columns.
+    pub(super) more: Vec<Whitened>,
+    /// The fit.
+    pub(super) fit: Fit,
+}
+
+impl Stand {
+    /// With effects accepted, on the images allowed. The noise is found anew.
+    pub(super) fn new(evidence: &Evidence, allowed: &[bool], accepted: &[Entry], begin: &NoiseModel) -> Self {
+        const TURNS: usize = 3;
+        let mut noise = begin.clone();
+        let mut take = allowed.to_vec();
+        let mut last: Option<Self> = None;
+        for turn in 0..TURNS {
+            let sheet = evidence.sheet(&noise);
+            let more: Vec<Whitened> = columns(evidence, accepted).map(|column| evidence.white(&noise, column)).collect();
+            let fit = Fit::new(&sheet, &take, &more.iter().collect::<Vec<_>>());
+            let residual_px = noise.unwhiten(&evidence.images, &evidence.place, &full_residual(&sheet, &fit, &more, &take));
+            let free = freedom(&sheet, &take, sheet.camera.len() + more.len());
+            let found = NoiseModel::find(&evidence.images, &evidence.place, &residual_px, &take, free, &evidence.frame_factors);
+            let plausible = found.plausible(&evidence.images, &evidence.place, &residual_px);
+            let next: Vec<bool> = allowed.iter().zip(plausible).map(|(allowed, plausible)| *allowed && plausible).collect();
+            let settled = next == take && (found.factor / noise.factor - 1.0).abs() < 0.01 && found.tail_degrees.total_cmp(&noise.tail_degrees).is_eq();
+            last = Some(Self { noise, sheet, take, more, fit });
+            if settled || turn + 1 == TURNS {
+                break;
+            }
+            (noise, take) = (found, next);
+        }
+        last.unwrap_or_else(|| unreachable!("there is at least one turn"))
+    }
+
+    /// The statistic of some columns: what they explain of ψ, over c; and the degrees of freedom.
+    pub(super) fn score(&self, columns: &[Whitened]) -> (f64, usize) {
+        let rest: Vec<Whitened> = columns.iter().map(|column| self.fit.project(&self.sheet, column)).collect();
+        let (basis, _) = basis(&rest, columns, &self.fit);
+        let t = basis.iter().map(|b| dot(b, &self.fit.psi).powi(2)).sum::<f64>() / self.fit.c;
+        (t, basis.len())
+    }
+
+    /// ln of the numbers that take part.
+    pub(super) fn ln_n(&self) -> f64 {
+        (2.0 * self.take.iter().filter(|take| **take).count() as f64).max(1.0).ln()
+    }
+}
+
+/// Residuals of all images, those not taken too, each frame's attitude as fitted to those taken; x, y, … whitened.
+fn full_residual(sheet: &Sheet, fit: &Fit, more: &[Whitened], take: &[bool]) -> Vec<f64> {
+    // Shared parameters are known; a frame's own change follows from what they leave.
+    let mut residual = sheet.residual.clone();
+    for (column, change) in sheet.camera.iter().chain(more).zip(fit.change.iter()) {
+        for (a, b) in residual.iter_mut().zip(column) {
+            *a += change * b;
+        }
+    }
+    let own = super::sheet::own_changes(sheet, take, &residual, &fit.residual);
+    for (column, changes) in sheet.own.iter().zip(own) {
+        for (k, value) in residual.iter_mut().enumerate() {
+            *value += changes[sheet.frame[k / 2]] * column[k];
+        }
+    }
+    for (k, value) in residual.iter_mut().enumerate() {
+        if take[k / 2] {
+            *value = fit.residual[k];
+        }
+    }
+    residual
+}
+
+/// The accepted effects' columns.
+pub(super) fn columns<'a>(evidence: &'a Evidence, accepted: &'a [Entry]) -> impl Iterator<Item = &'a crate::calibrate::Column> {
+    accepted.iter().flat_map(|entry| evidence.hypotheses[entry.hypothesis].variants[entry.variant].columns.iter())
+}
+
+/// Orthonormal basis of projected columns, those dropped of which too little is left; and the lengths of what is left.
+fn basis(rest: &[Whitened], raw: &[Whitened], fit: &Fit) -> (Vec<Whitened>, Vec<f64>) {
+    let mut found: Vec<Whitened> = Vec::new();
+    let mut lengths = Vec::new();
+    for (column, raw) in rest.iter().zip(raw) {
+        let mut vector = column.clone();
+        for _ in 0..2 {
+            for b in &found {
+                let along = dot(b, &vector);
+                for (v, b) in vector.iter_mut().zip(b) {
+                    *v -= along * b;
+                }
+            }
+        }
+        let length = dot(&vector, &vector).sqrt();
+        lengths.push(dot(column, column).sqrt());
+        if length > 1e-4 * fit.length_squared(raw).sqrt() && length > 0.0 {
+            vector.iter_mut().for_each(|v| *v /= length);
+            found.push(vector);
+        }
+    }
+    (found, lengths)
+}
+
+/// Cosine of the largest principal angle's complement: how alike two sets of projected columns are (their best aligned directions).
+pub(super) fn cosine(stand: &Stand, fit: &Fit, a: &[Whitened], b: &[Whitened]) -> f64 {
+    let projected = |columns: &[Whitened]| columns.iter().map(|column| fit.project(&stand.sheet, column)).collect::<Vec<_>>();
+    let (a, _) = basis(&projected(a), a, fit);
+    let (b, _) = basis(&projected(b), b, fit);
+    if a.is_empty() || b.is_empty() {
+        return 0.0;
+    }
+    let matrix = nalgebra::DMatrix::from_fn(a.len(), b.len(), |i, j| dot(&a[i], &b[j]));
+    matrix.singular_values().max().min(1.0)
+}
+
+/// Share of a hypothesis's displacement (rms) that attitudes and camera leave: of its best surviving parameter.
+pub(super) fn survival(stand: &Stand, columns: &[Whitened]) -> f64 {
+    let of = |column: &Whitened| {
+        let raw = stand.fit.length_squared(column);
+        let rest = stand.fit.project(&stand.sheet, column);
+        if raw > 0.0 { (dot(&rest, &rest) / raw).sqrt() } else { 0.0 }
+    };
+    columns.iter().map(of).fold(0.0, f64::max)
+}
+
+/// Value and standard error of the only parameter of a set of columns, given a fit, as a change from the point of linearisation.
+pub(super) fn amplitude(stand: &Stand, column: &Whitened) -> Option<[f64; 2]> {
+    let rest = stand.fit.project(&stand.sheet, column);
+    let square = dot(&rest, &rest);
+    (square > 0.0).then(|| {
+        let change = -dot(&rest, &stand.fit.psi) / (square * stand.fit.d);
+        [change, (stand.fit.c / square).sqrt() / stand.fit.d]
+    })
+}
+
+/// A hypothesis at its best variant.
+#[derive(Clone, Debug)]
+pub(super) struct Candidate {
+    /// Which.
+    pub(super) entry: Entry,
+    /// −ln p, the search over variants not counted.
+    pub(super) surprise: f64,
+    /// T minus ln n for each parameter, plus what agreement with a known size is worth.
+    pub(super) evidence: f64,
+}
+
+/// The candidates, each at its best variant.
+pub(super) fn candidates(evidence: &Evidence, stand: &Stand, scan: &Scan) -> Vec<Candidate> {
+    let statistics = scan.ask(&stand.fit.psi, stand.fit.c);
+    let mut best: Vec<Option<Candidate>> = vec![None; evidence.hypotheses.len()];
+    for (group, t) in scan.groups.iter().zip(statistics) {
+        let Asks::Hypothesis(hypothesis, variant) = group.asks else { continue };
+        let surprise = chi_squared_surprise(group.rank() as f64, t);
+        if best[hypothesis].as_ref().is_none_or(|best| surprise > best.surprise) {
+            let entry = Entry { hypothesis, variant };
+            let searched = evidence.hypotheses[hypothesis].variants.len();
+            // A place that is searched for is a parameter too.
+            let parameters = group.rank() as f64 + if searched > 1 { 1.0 } else { 0.0 };
+            let mut candidate = Candidate { entry, surprise, evidence: t - parameters * stand.ln_n() };
+            candidate.evidence += agreement(evidence, stand, entry);
+            best[hypothesis] = Some(candidate);
+        }
+    }
+    best.into_iter().flatten().collect()
+}
+
+/// What it is worth that a size is as known beforehand, on the scale of BIC.
+pub(super) fn agreement(evidence: &Evidence, stand: &Stand, entry: Entry) -> f64 {
+    let hypothesis = &evidence.hypotheses[entry.hypothesis];
+    let variant = &hypothesis.variants[entry.variant];
+    let (Some(known), [column]) = (hypothesis.known, variant.columns.as_slice()) else { return 0.0 };
+    let column = evidence.white(&stand.noise, column);
+    let Some([change, sigma]) = amplitude(stand, &column) else { return 0.0 };
+    let value = variant.start[hypothesis.fitted[0]] + change;
+    let (ratio, error) = (value / known, (sigma / known).abs());
+    if (ratio - 1.0).abs() < AGREES * error { 2.0 * (PRIOR_RANGE / error).ln().max(0.0) } else { 0.0 }
+}
+
+/// Effects enter by evidence, among those that are significant for the family of all; each entry is followed by deletions.
+/// `threshold` is the surprise asked for.
+pub(super) fn select(evidence: &Evidence, allowed: &[bool], begin: &NoiseModel, threshold: f64) -> (Vec<Entry>, Stand) {
+    let mut accepted: Vec<Entry> = Vec::new();
+    let mut stand = Stand::new(evidence, allowed, &accepted, begin);
+    for _ in 0..MOST {
+        let free = |index: usize| accepted.iter().all(|entry| entry.hypothesis != index) && !evidence.hypotheses[index].variants.is_empty();
+        let scan = Scan::hypotheses(evidence, &stand.noise, &stand.sheet, &stand.fit, free);
+        let mut found = candidates(evidence, &stand, &scan);
+        found.retain(|candidate| candidate.surprise > threshold + searched(evidence, candidate) && is_observable(evidence, &stand, candidate.entry));
+        let Some(chosen) = choose(evidence, &stand, &found) else { break };
+        accepted.push(chosen);
+        stand = Stand::new(evidence, allowed, &accepted, &stand.noise);
+        // Deletion: whoever is not significant beside the others goes.
+        let mut k = 0;
+        while accepted.len() > 1 && k + 1 < accepted.len() {
+            let mut rest = accepted.clone();
+            let tried = rest.remove(k);
+            let without = Stand::new(evidence, allowed, &rest, &stand.noise);
+            let own: Vec<Whitened> = columns(evidence, &[tried]).map(|column| evidence.white(&without.noise, column)).collect();
+            let (t, rank) = without.score(&own);
+            if chi_squared_surprise(rank as f64, t) < threshold {
+                accepted = rest;
+                stand = without;
+            } else {
+                k += 1;
+            }
+        }
+    }
+    (accepted, stand)
+}
+
+/// What a search over variants costs: the largest of so many.
+pub(super) fn searched(evidence: &Evidence, candidate: &Candidate) -> f64 {
+    let variants = evidence.hypotheses[candidate.entry.hypothesis].variants.len();
+    (variants as f64).ln() * 0.5
+}
+
+pub(super) fn is_observable(evidence: &Evidence, stand: &Stand, entry: Entry) -> bool {
+    let own: Vec<Whitened> = columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect();
+    survival(stand, &own) >= UNOBSERVABLE
+}
+
+/// The candidate of greatest evidence; of those of its class that are about as good, the one that the registry lists as the usual name.
+pub(super) fn choose(evidence: &Evidence, stand: &Stand, found: &[Candidate]) -> Option<Entry> {
+    let best = found.iter().max_by(|a, b| a.evidence.total_cmp(&b.evidence))?;
+    let white = |entry: Entry| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
+    let own = white(best.entry);
+    let mut class: Vec<&Candidate> = found
+        .iter()
+        .filter(|other| best.evidence - other.evidence < AS_GOOD && cosine(stand, &stand.fit, &own, &white(other.entry)) > SAME)
+        .collect();
+    class.sort_by_key(|candidate| usual(evidence.hypotheses[candidate.entry.hypothesis].id()));
+    class.first().map(|candidate| candidate.entry)
+}
+
+/// Within a class of effects that look alike: the smaller, the more usual name.
+fn usual(id: &str) -> usize {
+    match id {
+        "radial-high-order" => 0,
+        "projection" => 2,
+        _ => 1,
+    }
+}
+
+impl Stand {
+    /// Whitened residuals of all images, those that take no part too.
+    pub(super) fn everywhere(&self) -> Vec<f64> {
+        full_residual(&self.sheet, &self.fit, &self.more, &self.take)
+    }
+}

@@ -1,0 +1,100 @@
+//! What the diagnosis works on, in px: star images at the baseline's solution, the columns of every hypothesis, the covariates.
+
+use std::collections::BTreeMap;
+
+use super::covariates::{Covariate, covariates};
+use super::hypotheses::{Hypothesis, hypotheses};
+use super::noise::NoiseModel;
+use super::sheet::{Sheet, Whitened};
+use super::{DiagnoseOptions, Telemetry};
+use crate::calibrate::{Column, Joint, JointImage};
+use crate::effects::Observation;
+use crate::identify::ControlPoints;
+
+/// Everything about the star images at one point of linearisation.
+#[derive(Clone, Debug)]
+pub(super) struct Evidence {
+    /// The star images.
+    pub(super) images: Vec<JointImage>,
+    /// Place of each image's frame among the frames.
+    pub(super) place: Vec<usize>,
+    /// Frames: number in the recording, and what is known of them.
+    pub(super) frames: Vec<(usize, Observation)>,
+    /// Residuals, x, y, x, y, …
+    pub(super) residual_px: Vec<f64>,
+    /// Own columns.
+    pub(super) own: Vec<Column>,
+    /// Columns of the camera's free parameters.
+    pub(super) camera: Vec<Column>,
+    /// The hypotheses.
+    pub(super) hypotheses: Vec<Hypothesis>,
+    /// The covariates.
+    pub(super) covariates: Vec<Covariate>,
+    /// Variance factors of the frames.
+    pub(super) frame_factors: Vec<f64>,
+}
+
+impl Evidence {
+    /// At a joint solution.
+    pub(super) fn at(joint: &Joint, points: &ControlPoints, telemetry: &Telemetry, options: &DiagnoseOptions) -> Self {
+        let mut evidence = Self::without_hypotheses(joint);
+        evidence.hypotheses = hypotheses(joint, &evidence, points, options);
+        evidence.covariates = covariates(joint, &evidence, points, telemetry);
+        evidence
+    }
+
+    /// Star images and camera alone.
+    pub(super) fn without_hypotheses(joint: &Joint) -> Self {
+        let images = joint.images();
+        let frames = joint.frames();
+        let places: BTreeMap<usize, usize> = frames.iter().enumerate().map(|(place, (frame, _))| (*frame, place)).collect();
+        let place: Vec<usize> = images.iter().map(|image| places.get(&image.frame).copied().unwrap_or(0)).collect();
+        let residual_px = images.iter().flat_map(|image| image.residual_px).collect();
+        let column = |k: usize| images.iter().map(|image| [image.own[0][k], image.own[1][k]]).collect::<Column>();
+        let mut own: Vec<Column> = (0..joint.own_count()).map(column).collect();
+        let mut camera = joint.solved_columns();
+        if own.is_empty() {
+            // One attitude for all frames: it is shared as the camera is.
+            camera.extend((0..3).map(column));
+        }
+        own.shrink_to_fit();
+        Self {
+            place,
+            frames,
+            residual_px,
+            own,
+            camera,
+            hypotheses: Vec::new(),
+            covariates: Vec::new(),
+            frame_factors: joint.frame_factors().to_vec(),
+            images,
+        }
+    }
+
+    /// Whitened.
+    pub(super) fn sheet(&self, noise: &NoiseModel) -> Sheet {
+        let white = |column: &Column| noise.whiten(&self.images, &self.place, column);
+        let residual: Column = self.residual_px.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect();
+        Sheet {
+            frame: self.place.clone(),
+            frames: self.frames.len(),
+            residual: white(&residual),
+            own: self.own.iter().map(white).collect(),
+            camera: self.camera.iter().map(white).collect(),
+            tail_degrees: noise.tail_degrees,
+        }
+    }
+
+    /// A column whitened.
+    pub(super) fn white(&self, noise: &NoiseModel, column: &Column) -> Whitened {
+        noise.whiten(&self.images, &self.place, column)
+    }
+
+    /// Positions of the star images.
+    pub(super) fn positions<'a>(&self, points: &'a ControlPoints) -> impl Iterator<Item = [f64; 2]> + use<'a, '_> {
+        self.images.iter().map(|image| {
+            let point = &points.points[image.point];
+            [point.x_px, point.y_px]
+        })
+    }
+}

@@ -1,0 +1,419 @@
+//! From accepted effects to findings: the solution with everything free, sizes with errors, what located them, the status of every effect.
+
+use super::attribute::{self, Entry, Stand, UNOBSERVABLE, amplitude, columns};
+use super::diagnosis::*;
+use super::evidence::Evidence;
+use super::hypotheses::{Hypothesis, with_zenith};
+use super::noise::NoiseModel;
+use super::prove::Proof;
+use super::rivals::{decided_by, rivals};
+use super::run::{Omnibus, among_covariates, family, omnibus, p_of, solve_again};
+use super::scan::{Asks, Chance, Scan};
+use super::sheet::{Fit, Whitened};
+use super::{DiagnoseError, DiagnoseOptions, Telemetry, words};
+use crate::calibrate::Joint;
+use crate::camera::Term;
+use crate::identify::ControlPoints;
+use crate::statistics::significance::chi_squared_surprise;
+
+/// A covariate locates a finding if chance does as well with less than this probability.
+const LOCATES_P: f64 = 0.01;
+/// So many are named.
+const NAMED: usize = 3;
+/// A size that is known beforehand and found to be another by more standard errors is not that effect alone.
+const DISAGREES: f64 = 5.0;
+/// What site, air and clock leave open of a size that is known, as a share.
+const OPEN_SHARE: f64 = 0.04;
+
+/// Everything with the findings in force, all frames, solved without linearisation.
+pub(super) struct Solved {
+    /// The joint solution.
+    pub(super) joint: Joint,
+    /// Linearised there.
+    pub(super) evidence: Evidence,
+    /// The accepted effects there.
+    pub(super) entries: Vec<Entry>,
+    /// The fit there.
+    pub(super) stand: Stand,
+}
+
+impl Solved {
+    /// Solves with the accepted effects from their linear sizes.
+    pub(super) fn new(
+        joint: &Joint,
+        points: &ControlPoints,
+        telemetry: &Telemetry,
+        options: &DiagnoseOptions,
+        evidence: &Evidence,
+        entries: &[Entry],
+    ) -> Result<Self, DiagnoseError> {
+        const TURNS: usize = 3;
+        let all = vec![true; evidence.images.len()];
+        let begin = NoiseModel::stated(evidence.frame_factors.clone());
+        let mut stand = Stand::new(evidence, &all, entries, &begin);
+        if entries.is_empty() {
+            return Ok(Self { joint: joint.clone(), evidence: evidence.clone(), entries: Vec::new(), stand });
+        }
+        let mut at = evidence.sheet(&stand.noise).camera.len();
+        let mut terms = Vec::new();
+        let mut names = Vec::new();
+        let mut now = joint.clone();
+        for entry in entries {
+            let hypothesis = &evidence.hypotheses[entry.hypothesis];
+            let variant = &hypothesis.variants[entry.variant];
+            let mut parameters = variant.start.clone();
+            for (index, _) in hypothesis.fitted.iter().zip(&variant.columns) {
+                parameters[*index] += stand.fit.change[at];
+                at += 1;
+            }
+            for (value, spec) in parameters.iter_mut().zip(hypothesis.effect.parameters()) {
+                *value = value.clamp(spec.range.0, spec.range.1);
+            }
+            if let Some(zenith) = variant.zenith {
+                now = now.with_observations(|observation| with_zenith(observation, zenith));
+            }
+            terms.push(Term { effect: hypothesis.id().to_owned(), parameters });
+            names.extend(hypothesis.full_names());
+        }
+        let mut here = evidence.clone();
+        for turn in 0..TURNS {
+            now = solve_again(&now, options, &here, &stand, if turn == 0 { &terms } else { &[] }, &names)?;
+            here = Evidence::without_hypotheses(&now);
+            here.frame_factors.clone_from(&evidence.frame_factors);
+            // The camera's columns are those of all free parameters, the effects' included.
+            stand = Stand::new(&here, &all, &[], &stand.noise);
+        }
+        let mut full = Evidence::at(&now, points, telemetry, options);
+        full.frame_factors.clone_from(&evidence.frame_factors);
+        full.camera = camera_columns(&now, &full, options);
+        let entries: Vec<Entry> = entries.iter().map(|entry| Entry { hypothesis: entry.hypothesis, variant: 0 }).collect();
+        let stand = Stand::new(&full, &all, &entries, &stand.noise);
+        Ok(Self { joint: now, evidence: full, entries, stand })
+    }
+
+    /// The questions beside the whole model.
+    pub(super) fn scan(&self) -> Scan {
+        let free = |index: usize| self.entries.iter().all(|entry| entry.hypothesis != index);
+        Scan::new(&self.evidence, &self.stand.noise, &self.stand.sheet, &self.stand.fit, free)
+    }
+
+    /// The test of what is left.
+    pub(super) fn omnibus(&self, options: &DiagnoseOptions, stream: u64) -> Omnibus {
+        omnibus(&self.evidence, &self.stand, &self.scan(), options, stream)
+    }
+
+    /// Values and standard errors of an accepted effect's fitted parameters.
+    pub(super) fn parameters(&self, k: usize, start: &[f64]) -> Vec<FoundParameter> {
+        let hypothesis = &self.evidence.hypotheses[self.entries[k].hypothesis];
+        let before: usize = self.entries[..k].iter().map(|entry| self.evidence.hypotheses[entry.hypothesis].variants[0].columns.len()).sum();
+        let first = self.stand.sheet.camera.len() + before;
+        let covariance = self.stand.fit.covariance();
+        let present = &hypothesis.variants[0].start;
+        let mut all: Vec<FoundParameter> = Vec::new();
+        for (j, index) in hypothesis.fitted.iter().enumerate().take(hypothesis.variants[0].columns.len()) {
+            let spec = &hypothesis.effect.parameters()[*index];
+            let value = present[*index] + self.stand.fit.change[first + j] - difference(hypothesis.id(), start, *index);
+            let sigma = covariance[(first + j, first + j)].max(0.0).sqrt();
+            all.push(FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() });
+        }
+        // What was searched over is a parameter too; its error is half the finest step of the search.
+        for (index, spec) in hypothesis.effect.parameters().iter().enumerate().filter(|(index, _)| !hypothesis.fitted.contains(index)) {
+            if matches!(spec.name, "line_px" | "length_px") {
+                all.push(FoundParameter { name: spec.name.to_owned(), value: present[index], sigma: f64::NAN, unit: spec.unit.to_owned() });
+            }
+        }
+        all.iter_mut().filter(|p| p.sigma.is_nan()).for_each(|p| p.sigma = 0.1 * p.value.abs());
+        all
+    }
+
+    /// Whether a size that the recording tells beforehand is another.
+    pub(super) fn amplitude_veto(&self, before: &Evidence, entries: &[Entry], k: usize) -> Option<String> {
+        let hypothesis = &before.hypotheses[entries[k].hypothesis];
+        if hypothesis.in_force {
+            return None; // that it is not there at its known size is the finding itself
+        }
+        let start = &hypothesis.variants[entries[k].variant].start;
+        let parameters = self.parameters(k, start);
+        let [ratio, error] = known_ratio(hypothesis, start, parameters.first()?)?;
+        ((ratio - 1.0).abs() > DISAGREES * error).then(|| {
+            format!("its size is {ratio:.3} ± {error:.3} of what is known of it: not {} alone, or more than this effect", hypothesis.id())
+        })
+    }
+}
+
+/// What the reported value counts from: zero, but for parameters that are differences from the model's value.
+fn difference(id: &str, start: &[f64], index: usize) -> f64 {
+    if id == "proper-motion" { start[index] } else { 0.0 }
+}
+
+/// Size found over size known, and its standard error, what is open of the known size included.
+pub(super) fn known_ratio(hypothesis: &Hypothesis, start: &[f64], found: &FoundParameter) -> Option<[f64; 2]> {
+    let first = *hypothesis.fitted.first()?;
+    let known = if hypothesis.id() == "proper-motion" { -start[first] } else { hypothesis.known? };
+    (known != 0.0).then(|| {
+        let open = if matches!(hypothesis.id(), "refraction") { OPEN_SHARE } else { 0.0 };
+        [found.value / known, (found.sigma / known).abs().hypot(open)]
+    })
+}
+
+/// Columns of the camera's own parameters at a solution where effects are solved too.
+fn camera_columns(joint: &Joint, evidence: &Evidence, options: &DiagnoseOptions) -> Vec<crate::calibrate::Column> {
+    let names = joint.solved_for();
+    let mut all: Vec<crate::calibrate::Column> = joint
+        .solved_columns()
+        .into_iter()
+        .zip(&names)
+        .filter(|(_, name)| options.solve.iter().any(|own| own == *name) || !name.contains('.'))
+        .map(|(column, _)| column)
+        .collect();
+    all.extend(evidence.camera.iter().skip(names.len()).cloned());
+    all
+}
+
+/// T of an accepted effect beside the others, and its degrees of freedom.
+pub(super) fn statistic(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> (f64, usize) {
+    let white = |entry: &Entry| columns(evidence, std::slice::from_ref(entry)).map(|c| evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>();
+    let others: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(entry)).collect();
+    let fit = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());
+    let without = Stand { fit: fit.with_noise_of(&stand.fit), more: others, ..stand.clone() };
+    without.score(&white(&entries[k]))
+}
+
+/// Covariates by how surprisingly residuals follow them.
+fn ranked(evidence: &Evidence, stand: &Stand, scan: &Scan) -> Vec<(usize, f64, f64)> {
+    let statistics = scan.ask(&stand.fit.psi, stand.fit.c);
+    let mut best: Vec<Option<(f64, f64)>> = vec![None; evidence.covariates.len()];
+    for (group, t) in scan.groups.iter().zip(statistics) {
+        let Asks::Covariate(index) = group.asks else { continue };
+        let surprise = chi_squared_surprise(group.rank() as f64, t);
+        let explained = (t - group.rank() as f64) / stand.fit.degrees;
+        if best[index].is_none_or(|(most, _)| surprise > most) {
+            best[index] = Some((surprise, explained));
+        }
+    }
+    let mut all: Vec<(usize, f64, f64)> = best.into_iter().enumerate().filter_map(|(k, b)| b.map(|(s, e)| (k, s, e))).collect();
+    all.sort_by(|a, b| b.1.total_cmp(&a.1));
+    all
+}
+
+/// The covariates that residuals follow, each also with those before it taken out.
+pub(super) fn located(evidence: &Evidence, stand: &Stand, scan: &Scan, chance: &Chance) -> Vec<Located> {
+    let all = ranked(evidence, stand, scan);
+    let mut leaders: Vec<Whitened> = Vec::new();
+    let mut found = Vec::new();
+    for (place, (index, surprise, explained)) in all.into_iter().enumerate() {
+        let p_value = among_covariates(chance, surprise);
+        if p_value > 0.05 && place > 0 {
+            break;
+        }
+        let conditional_p_value = (place > 0 && place <= NAMED).then(|| {
+            let fit = Fit::new(&stand.sheet, &stand.take, &leaders.iter().collect::<Vec<_>>());
+            let beside = Stand { fit, ..stand.clone() };
+            let most = evidence.covariates[index].patterns.iter().map(|pattern| {
+                let own: Vec<Whitened> = pattern.iter().map(|column| evidence.white(&stand.noise, column)).collect();
+                let (t, rank) = beside.score(&own);
+                chi_squared_surprise(rank as f64, t)
+            });
+            among_covariates(chance, most.fold(0.0, f64::max))
+        });
+        if place < NAMED {
+            let patterns = evidence.covariates[index].patterns.iter().flatten();
+            leaders.extend(patterns.map(|column| evidence.white(&stand.noise, column)));
+        }
+        let covariate = evidence.covariates[index].name.clone();
+        found.push(Located { covariate, explained: explained.max(0.0), p_value, conditional_p_value });
+    }
+    found
+}
+
+/// The noise, for the result.
+pub(super) fn noise_state(stand: &Stand) -> NoiseState {
+    let wrong = stand.take.iter().filter(|take| !**take).count() as f64 / stand.take.len().max(1) as f64;
+    NoiseState {
+        floor_px: stand.noise.floor_px2.sqrt(),
+        variance_factor: stand.noise.factor,
+        tail_degrees: if stand.noise.tail_degrees.is_finite() { stand.noise.tail_degrees } else { 1e9 },
+        wrong_share: wrong,
+    }
+}
+
+/// Residuals of every star image before and after.
+pub(super) fn residual_rows(evidence: &Evidence, before: &Stand, after: &Stand, points: &ControlPoints) -> Vec<ResidualRow> {
+    let px = |stand: &Stand| stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.everywhere());
+    let (before_px, after_px) = (px(before), px(after));
+    let of = |(k, image): (usize, &crate::calibrate::JointImage)| {
+        let point = &points.points[image.point];
+        let q = after.fit.residual[2 * k].powi(2) + after.fit.residual[2 * k + 1].powi(2);
+        ResidualRow {
+            point: image.point,
+            frame: image.frame,
+            hip: point.hip,
+            x_px: point.x_px,
+            y_px: point.y_px,
+            before_px: [before_px[2 * k], before_px[2 * k + 1]],
+            after_px: [after_px[2 * k], after_px[2 * k + 1]],
+            sigma_px: after.noise.sigma_px(image, evidence.place[k]),
+            weight: if after.take[k] { super::sheet::weight(after.noise.tail_degrees, q) } else { 0.0 },
+        }
+    };
+    evidence.images.iter().enumerate().map(of).collect()
+}
+
+/// What the findings are made of.
+pub(super) struct Context<'a> {
+    pub(super) evidence: &'a Evidence,
+    pub(super) joint: &'a Joint,
+    pub(super) points: &'a ControlPoints,
+    pub(super) base: &'a Stand,
+    pub(super) with_all: &'a Stand,
+    pub(super) entries: &'a [Entry],
+    pub(super) proofs: &'a [Proof],
+    pub(super) hypotheses: f64,
+    pub(super) locked: bool,
+}
+
+impl Context<'_> {
+    /// The model without entry `k`, all others in it.
+    fn without(&self, k: usize) -> Stand {
+        let others: Vec<Entry> = self.entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
+        let own: Vec<Whitened> = columns(self.evidence, &others).map(|c| self.evidence.white(&self.with_all.noise, c)).collect();
+        let fit = Fit::new(&self.with_all.sheet, &self.with_all.take, &own.iter().collect::<Vec<_>>());
+        Stand { fit: fit.with_noise_of(&self.with_all.fit), more: own, ..self.with_all.clone() }
+    }
+
+    /// The finding of entry `k`.
+    pub(super) fn finding(&self, k: usize, solved: &Solved, options: &DiagnoseOptions) -> Finding {
+        let entry = self.entries[k];
+        let hypothesis = &self.evidence.hypotheses[entry.hypothesis];
+        let start = &hypothesis.variants[entry.variant].start;
+        let parameters = solved.parameters(k, start);
+        let (t, rank) = statistic(self.evidence, self.with_all, self.entries, k);
+        let p_value = p_of(t, rank);
+        let without = self.without(k);
+        let scan = Scan::new(self.evidence, &without.noise, &without.sheet, &without.fit, |_| false);
+        let chance = scan.chance(&without.fit, &without.take, options.seed ^ 0x10ca7e, 0, options.nulls.min(200));
+        let mut located_by: Vec<String> = Vec::new();
+        for (index, surprise, _) in ranked(self.evidence, &without, &scan) {
+            if located_by.is_empty() || (located_by.len() < NAMED && among_covariates(&chance, surprise) < LOCATES_P) {
+                located_by.push(self.evidence.covariates[index].name.clone());
+            }
+        }
+        let listed = rivals(self.evidence, self.with_all, self.entries, k);
+        let set: Vec<String> = listed.iter().filter(|(_, in_set)| *in_set).map(|(rival, _)| rival.id.clone()).collect();
+        let magnitudes: Vec<f64> = self.evidence.images.iter().map(|image| self.points.points[image.point].magnitude).collect();
+        let mean = magnitudes.iter().sum::<f64>() / magnitudes.len().max(1) as f64;
+        let faintness: Vec<f64> = magnitudes.iter().map(|m| m - mean).collect();
+        let nearest = set.first().or_else(|| listed.first().map(|(rival, _)| &rival.id));
+        let rival = nearest.and_then(|id| self.evidence.hypotheses.iter().position(|hypothesis| hypothesis.id() == id));
+        let decided = rival.and_then(|index| {
+            let other = Entry { hypothesis: index, variant: self.evidence.hypotheses[index].variants.len() / 2 };
+            decided_by(self.evidence, self.with_all, self.joint, entry, other, &faintness)
+        });
+        let proof = self.proofs.get(k).copied().unwrap_or_default();
+        let mut finding = Finding {
+            id: hypothesis.id().to_owned(),
+            known_amplitude: parameters.first().and_then(|found| known_ratio(hypothesis, start, found)),
+            parameters,
+            located_by,
+            delta_chi2: t,
+            p_value,
+            family_p_value: family(p_value, self.hypotheses),
+            held_out_delta_chi2: proof.delta_chi2,
+            held_out_expected: proof.expected,
+            held_out_score: proof.score,
+            snr: (t - rank as f64 + 1.0).max(0.0).sqrt(),
+            indistinguishable_from: set,
+            rivals: listed.into_iter().map(|(rival, _)| rival).collect(),
+            decided_by: decided.unwrap_or_else(|| "nothing stands beside it that would have to be decided from".to_owned()),
+            sentence: String::new(),
+        };
+        finding.sentence = words::finding(&finding, hypothesis.effect, hypothesis.in_force, self.locked);
+        finding
+    }
+
+    /// The status of every effect of the registry.
+    pub(super) fn effects(&self, solved: &Solved, found: &[Finding], kept: &[Entry]) -> Vec<EffectStatus> {
+        let sets: Vec<&String> = found.iter().flat_map(|finding| &finding.indistinguishable_from).collect();
+        let all = vec![true; self.evidence.images.len()];
+        let stand = Stand::new(self.evidence, &all, kept, &solved.stand.noise);
+        let of = |(index, hypothesis): (usize, &Hypothesis)| {
+            let id = hypothesis.id().to_owned();
+            let mut status = EffectStatus {
+                id: id.clone(),
+                status: EffectState::NotFound,
+                p_value: None,
+                survival: None,
+                parameters: Vec::new(),
+                upper_limit_95: None,
+                reason: String::new(),
+            };
+            if let Some(reason) = &hypothesis.missing {
+                status.status = EffectState::NotApplicable;
+                status.reason.clone_from(reason);
+                return status;
+            }
+            // At its best variant, beside what was found.
+            let own = |variant: usize| {
+                let entry = Entry { hypothesis: index, variant };
+                columns(self.evidence, &[entry]).map(|c| self.evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>()
+            };
+            let scored = (0..hypothesis.variants.len()).map(|variant| (variant, stand.score(&own(variant))));
+            let best = scored.max_by(|a, b| a.1.0.total_cmp(&b.1.0));
+            let Some((variant, (t, rank))) = best else { return status };
+            let white = own(variant);
+            status.survival = Some(attribute::survival(self.base, &white));
+            if let Some(finding) = found.iter().find(|finding| finding.id == id) {
+                status.status = EffectState::Found;
+                status.p_value = Some(finding.p_value);
+                status.parameters.clone_from(&finding.parameters);
+                return status;
+            }
+            let searched = hypothesis.variants.len() as f64;
+            status.p_value = (rank > 0).then(|| (p_of(t, rank) * searched.sqrt()).min(1.0));
+            let moves = white.iter().any(|column| stand.fit.length_squared(column) > 0.0);
+            if !moves {
+                status.status = EffectState::NotObservable;
+                status.reason = "what it depends on does not vary or is not known: it moves no star image here".to_owned();
+                return status;
+            }
+            let start = &hypothesis.variants[variant].start;
+            let first = hypothesis.fitted[0];
+            let spec = &hypothesis.effect.parameters()[first];
+            // The other parameters of the effect are free beside the first.
+            let rest: Vec<&Whitened> = stand.more.iter().chain(white.iter().skip(1)).collect();
+            let beside = Stand { fit: Fit::new(&stand.sheet, &stand.take, &rest).with_noise_of(&stand.fit), ..stand.clone() };
+            if let Some([change, sigma]) = amplitude(&beside, &white[0]) {
+                let value = start[first] + change - difference(&id, start, first);
+                status.parameters.push(FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() });
+                status.upper_limit_95 = Some(Limit { name: spec.name.to_owned(), value: value.abs() + 1.645 * sigma, unit: spec.unit.to_owned() });
+                if sigma.is_nan() || sigma > spec.range.1 - spec.range.0 {
+                    status.upper_limit_95 = None;
+                }
+            }
+            if sets.contains(&&id) {
+                status.status = EffectState::Indistinguishable;
+                let of: Vec<&str> = found.iter().filter(|f| f.indistinguishable_from.contains(&id)).map(|f| f.id.as_str()).collect();
+                status.reason = format!("explains about as much as {}", of.join(", "));
+            } else if status.survival.is_some_and(|survival| survival < UNOBSERVABLE) {
+                status.status = EffectState::NotObservable;
+                status.reason = "attitudes and camera parameters take it up".to_owned();
+            } else if hypothesis.in_force {
+                status.reason = "in the model; its size there is confirmed within the errors".to_owned();
+            }
+            status
+        };
+        self.evidence.hypotheses.iter().enumerate().map(of).collect()
+    }
+
+    /// Data for a picture of each finding: residuals against the covariate that located it.
+    pub(super) fn profiles(&self, standing: &[usize]) -> Vec<Profile> {
+        standing.iter().filter_map(|k| super::profile::profile(self, *k)).collect()
+    }
+
+    /// The covariates that residuals without entry `k` follow, the most surprising first.
+    pub(super) fn located_names(&self, k: usize) -> Vec<String> {
+        let without = self.without(k);
+        let scan = Scan::new(self.evidence, &without.noise, &without.sheet, &without.fit, |_| false);
+        ranked(self.evidence, &without, &scan).into_iter().map(|(index, ..)| self.evidence.covariates[index].name.clone()).collect()
+    }
+}

@@ -1,0 +1,215 @@
+//! Every displacement of the registry as a hypothesis: what it would do to the star images, at the solution at hand.
+//!
+//! A hypothesis is the columns of the effect's fitted parameters. What it needs and the recording lacks makes it not applicable. A
+//! parameter that its columns depend on in a way that no tangent shows (the place of a seam, a length, a zenith that nobody knows) is
+//! searched over: one variant for each of its values; the search is paid for in the probabilities, which come from the largest of all.
+
+use nalgebra::Vector3;
+
+use super::DiagnoseOptions;
+use super::evidence::Evidence;
+use crate::calibrate::{Column, Joint};
+use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Segment, StarState};
+use crate::identify::ControlPoints;
+
+/// Places of a seam that are tried, in a first search.
+const SEAMS: usize = 15;
+/// Lengths of an edge's roll-off that are tried, px.
+const ROLL_OFF_LENGTHS_PX: [f64; 3] = [8.0, 15.0, 30.0];
+/// Directions of an unknown zenith that are tried.
+const ZENITHS: usize = 60;
+/// Stars are seen down to this altitude, radians, when a zenith is looked for.
+const LOWEST_RAD: f64 = 0.09;
+
+/// One value of what is searched over.
+#[derive(Clone, Debug)]
+pub(super) struct Variant {
+    /// All parameters of the effect, at which the columns are taken.
+    pub(super) start: Vec<f64>,
+    /// The zenith that it supposes: a direction in axes fixed to the Earth where the times are known, ICRS else.
+    pub(super) zenith: Option<[f64; 3]>,
+    /// Columns of the fitted parameters, px per unit.
+    pub(super) columns: Vec<Column>,
+}
+
+/// An effect that may have been left out.
+#[derive(Clone)]
+pub(super) struct Hypothesis {
+    /// The effect.
+    pub(super) effect: &'static dyn AnyDisplacement,
+    /// Indices of the parameters that are fitted.
+    pub(super) fitted: Vec<usize>,
+    /// Its variants; none where it is not applicable.
+    pub(super) variants: Vec<Variant>,
+    /// What the recording lacks.
+    pub(super) missing: Option<String>,
+    /// The first fitted parameter's value at the effect's known size, where the recording tells it.
+    pub(super) known: Option<f64>,
+    /// Whether the model contains it.
+    pub(super) in_force: bool,
+}
+
+impl std::fmt::Debug for Hypothesis {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} ({} variants)", self.id(), self.variants.len())
+    }
+}
+
+impl Hypothesis {
+    /// Its id.
+    pub(super) fn id(&self) -> &'static str {
+        self.effect.id()
+    }
+
+    /// Full name of a fitted parameter.
+    pub(super) fn full_names(&self) -> Vec<String> {
+        self.fitted.iter().map(|index| format!("{}.{}", self.id(), self.effect.parameters()[*index].name)).collect()
+    }
+}
+
+/// All of them, in the registry's order.
+pub(super) fn hypotheses(joint: &Joint, evidence: &Evidence, points: &ControlPoints, options: &DiagnoseOptions) -> Vec<Hypothesis> {
+    let is_hypothesis = |effect: &&&'static dyn AnyDisplacement| effect.segment() != Segment::Projection && effect.id() != "brown-conrady";
+    DISPLACEMENTS.iter().filter(is_hypothesis).map(|effect| hypothesis(*effect, joint, evidence, points, options)).collect()
+}
+
+fn hypothesis(
+    effect: &'static dyn AnyDisplacement,
+    joint: &Joint,
+    evidence: &Evidence,
+    points: &ControlPoints,
+    options: &DiagnoseOptions,
+) -> Hypothesis {
+    let first = evidence.frames.first().map_or_else(Observation::default, |(_, observation)| *observation);
+    let present = joint.model().terms().find(|(id, _)| *id == effect.id()).map(|(_, parameters)| parameters.to_vec());
+    let known: Vec<Option<Vec<f64>>> = evidence.frames.iter().map(|(_, observation)| effect.known(observation)).collect();
+    let fitted = effect.fitted(&first);
+    let whole = |parameters: &Vec<f64>| fitted.first().and_then(|index| parameters.get(*index)).copied();
+    // A size that differs from frame to frame (pressure) is known as its mean: the columns are in proportion to it.
+    let sizes: Vec<f64> = known.iter().flatten().filter_map(whole).collect();
+    let known = (!sizes.is_empty() && sizes.len() == evidence.frames.len()).then(|| sizes.iter().sum::<f64>() / sizes.len() as f64);
+    let mut found = Hypothesis {
+        effect,
+        fitted,
+        variants: Vec::new(),
+        missing: None,
+        known: known.filter(|known| *known != 0.0),
+        in_force: options.physics.iter().any(|id| id == effect.id()),
+    };
+    if matches!(effect.id(), "refraction") && evidence.frames.iter().any(|(_, observation)| observation.zenith.is_none()) {
+        found.known = None;
+        found.fitted = vec![0, 1, 2];
+        match unknown_zeniths(evidence, points) {
+            Ok(zeniths) => found.variants = zeniths.into_iter().filter_map(|zenith| free_zenith(joint, effect, &found.fitted, zenith)).collect(),
+            Err(reason) => found.missing = Some(reason),
+        }
+        return found;
+    }
+    let lacks = evidence.frames.iter().filter_map(|(_, observation)| effect.missing(observation)).collect::<Vec<_>>();
+    if let Some(reason) = lacks.first() {
+        let some = if lacks.len() < evidence.frames.len() { "in some of the frames " } else { "" };
+        found.missing = Some(format!("{some}{reason}"));
+        return found;
+    }
+    let star = evidence.images.first().map_or_else(StarState::default, |image| points.points[image.point].star);
+    let start = present.or_else(|| effect.identity(&Context::new(star, first))).unwrap_or_else(|| vec![0.0; effect.parameters().len()]);
+    found.variants = starts(effect.id(), start, &first)
+        .into_iter()
+        .filter_map(|start| {
+            let columns = joint.columns_of(effect.id(), &start, &found.fitted)?;
+            Some(Variant { start, zenith: None, columns })
+        })
+        .collect();
+    if found.variants.is_empty() {
+        found.missing = Some("it cannot be computed for this camera".to_owned());
+    }
+    found
+}
+
+/// The values searched over.
+fn starts(id: &str, start: Vec<f64>, observation: &Observation) -> Vec<Vec<f64>> {
+    let with = |index: usize, value: f64| {
+        let mut own = start.clone();
+        own[index] = value;
+        own
+    };
+    match (id, observation.sensor) {
+        ("sensor-step", Some(sensor)) if start[0] == 0.0 && start[1] == 0.0 => {
+            (1..=SEAMS).map(|k| with(2, (sensor.width_px as f64 * k as f64 / (SEAMS + 1) as f64).round())).collect()
+        }
+        ("edge-roll-off", _) if start[0] == 0.0 => ROLL_OFF_LENGTHS_PX.iter().map(|length| with(1, *length)).collect(),
+        _ => vec![start],
+    }
+}
+
+/// A finer search about a variant, for effects that have one.
+pub(super) fn finer(hypothesis: &Hypothesis, best: &Variant, joint: &Joint, step: usize) -> Vec<Variant> {
+    let halves = 0.5_f64.powi(i32::try_from(step).unwrap_or(10));
+    let starts: Vec<Vec<f64>> = match hypothesis.id() {
+        "sensor-step" => {
+            let width = joint.model().camera().width_px as f64 / (SEAMS + 1) as f64 * halves;
+            [-1.0, -0.5, 0.5, 1.0].iter().map(|k| vec![0.0, 0.0, (best.start[2] + k * width).max(1.0)]).collect()
+        }
+        "edge-roll-off" => [1.0 - 0.4 * halves, 1.0 + 0.4 * halves].iter().map(|k| vec![0.0, (best.start[1] * k).clamp(2.0, 150.0)]).collect(),
+        _ => Vec::new(),
+    };
+    starts
+        .into_iter()
+        .filter_map(|start| {
+            let columns = joint.columns_of(hypothesis.id(), &start, &hypothesis.fitted)?;
+            Some(Variant { start, zenith: None, columns })
+        })
+        .collect()
+}
+
+/// Zeniths under which every star image is above the horizon, evenly spread; in axes fixed to the Earth where all times are known.
+fn unknown_zeniths(evidence: &Evidence, points: &ControlPoints) -> Result<Vec<[f64; 3]>, String> {
+    let timed = evidence.frames.iter().filter(|(_, observation)| observation.earth_from_icrs.is_some()).count();
+    if timed > 0 && timed < evidence.frames.len() {
+        return Err("the site is not known, and the time of some frames only".to_owned());
+    }
+    let in_earth = timed > 0;
+    let turned = |direction: [f64; 3], observation: &Observation| match observation.earth_from_icrs.filter(|_| in_earth) {
+        Some(rows) => std::array::from_fn(|k| rows[k].iter().zip(direction).map(|(a, b)| a * b).sum()),
+        None => direction,
+    };
+    let stars: Vec<Vector3<f64>> = evidence
+        .images
+        .iter()
+        .zip(&evidence.place)
+        .map(|(image, place)| Vector3::from(turned(points.points[image.point].direction.xyz, &evidence.frames[*place].1)))
+        .collect();
+    // A spiral over the whole sphere, thinned by what must be above the horizon.
+    let count = 12 * ZENITHS;
+    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    let all = (0..count).map(|k| {
+        let z = 1.0 - 2.0 * (k as f64 + 0.5) / count as f64;
+        let (r, angle) = ((1.0 - z * z).sqrt(), golden * k as f64);
+        [r * angle.cos(), r * angle.sin(), z]
+    });
+    let least = LOWEST_RAD.sin();
+    let possible: Vec<[f64; 3]> = all.filter(|zenith| stars.iter().all(|star| star.dot(&Vector3::from(*zenith)) > least)).collect();
+    if possible.is_empty() {
+        return Err("neither site nor time is known, and no one horizon has all frames above it".to_owned());
+    }
+    let every = possible.len().div_ceil(ZENITHS);
+    Ok(possible.into_iter().step_by(every).collect())
+}
+
+/// What is known of a frame with the zenith supposed.
+pub(super) fn with_zenith(observation: &Observation, zenith: [f64; 3]) -> Observation {
+    let icrs = match observation.earth_from_icrs {
+        Some(rows) => std::array::from_fn(|k| (0..3).map(|row| rows[row][k] * zenith[row]).sum()),
+        None => zenith,
+    };
+    Observation { zenith: Some(icrs), zenith_is_guessed: true, ..*observation }
+}
+
+fn free_zenith(joint: &Joint, effect: &'static dyn AnyDisplacement, fitted: &[usize], zenith: [f64; 3]) -> Option<Variant> {
+    let supposed = joint.with_observations(|observation| with_zenith(observation, zenith));
+    let start = vec![0.0; effect.parameters().len()];
+    // Where there is no refraction yet the zenith's own parameters have no columns: the search stands in their place.
+    let columns = supposed.columns_of(effect.id(), &start, &fitted[..1])?;
+    Some(Variant { start, zenith: Some(zenith), columns })
+}
+

@@ -1,0 +1,100 @@
+//! What is left after the findings: its map, what it follows, and which effects it resembles without being one of them.
+
+use super::attribute::{Entry, Stand};
+use super::diagnosis::{Resemblance, Unknown};
+use super::evidence::Evidence;
+use super::remainder::{Left, map};
+use super::run::Omnibus;
+use super::scan::{Asks, Scan};
+use crate::calibrate::Joint;
+use crate::identify::ControlPoints;
+use crate::statistics::significance::chi_squared_surprise;
+
+/// Covariates named at most.
+const NAMED: usize = 3;
+/// Nearest relatives named at most.
+const RELATIVES: usize = 4;
+
+/// The unknown part, beside the findings that stand.
+#[allow(clippy::too_many_arguments, reason = "what is left is what nothing else took")]
+pub(super) fn unknown(
+    evidence: &Evidence,
+    stand: &Stand,
+    vetoed: &[(Entry, Vec<String>)],
+    test: &Omnibus,
+    points: &ControlPoints,
+    joint: &Joint,
+    folds: &[Vec<bool>],
+) -> Unknown {
+    let scan = Scan::new(evidence, &stand.noise, &stand.sheet, &stand.fit, |_| true);
+    let statistics = scan.ask(&stand.fit.psi, stand.fit.c);
+    let mut covariates: Vec<(usize, f64)> = Vec::new();
+    let mut effects: Vec<(usize, f64)> = Vec::new();
+    let mut most_explained = 0.0_f64;
+    for (group, t) in scan.groups.iter().zip(statistics) {
+        let surprise = chi_squared_surprise(group.rank() as f64, t);
+        let explained = (t - group.rank() as f64).max(0.0);
+        most_explained = most_explained.max(explained);
+        let (list, index, value) = match group.asks {
+            Asks::Covariate(index) => (&mut covariates, index, surprise),
+            Asks::Hypothesis(index, _) => (&mut effects, index, explained),
+        };
+        match list.iter_mut().find(|(known, _)| *known == index) {
+            Some((_, most)) => *most = most.max(value),
+            None => list.push((index, value)),
+        }
+    }
+    covariates.sort_by(|a, b| b.1.total_cmp(&a.1));
+    effects.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let mut located_by: Vec<String> = Vec::new();
+    for (index, surprise) in &covariates {
+        let p = super::run::among_covariates(&test.chance, *surprise);
+        if located_by.is_empty() || (located_by.len() < NAMED && p < 0.01) {
+            located_by.push(evidence.covariates[*index].name.clone());
+        }
+    }
+    let mut resembles: Vec<Resemblance> = effects
+        .iter()
+        .filter(|(_, explained)| *explained > 0.0 && most_explained > 0.0)
+        .map(|(index, explained)| Resemblance {
+            id: evidence.hypotheses[*index].id().to_owned(),
+            cos: (explained / most_explained).sqrt().min(1.0),
+        })
+        .take(RELATIVES)
+        .collect();
+    // Names that were tried and vetoed stand first.
+    let is_vetoed = |id: &str| vetoed.iter().any(|(entry, _)| evidence.hypotheses[entry.hypothesis].id() == id);
+    resembles.sort_by_key(|resemblance| !is_vetoed(&resemblance.id));
+    let residual_px = stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.fit.residual);
+    let places: Vec<[f64; 2]> = evidence.positions(points).collect();
+    let held = |k: usize| folds.len() == 1 && folds[0][k];
+    let of = |k: usize| -> Left {
+        let sigma = stand.noise.sigma_px(&evidence.images[k], evidence.place[k]);
+        (places[k], [residual_px[2 * k], residual_px[2 * k + 1]], sigma)
+    };
+    let taken = (0..places.len()).filter(|k| stand.take[*k]);
+    let (judged, used): (Vec<usize>, Vec<usize>) = taken.partition(|k| held(*k));
+    let camera = joint.model().camera();
+    let size = [camera.width_px as f64, camera.height_px as f64];
+    let field = map(&used.into_iter().map(of).collect::<Vec<_>>(), &judged.into_iter().map(of).collect::<Vec<_>>(), size);
+    let vetoes: Vec<String> = vetoed
+        .iter()
+        .map(|(entry, against)| format!("{}: {}", evidence.hypotheses[entry.hypothesis].id(), against.join("; ")))
+        .collect();
+    let relatives: Vec<String> = resembles.iter().map(|r| format!("{} (cos {:.2})", r.id, r.cos)).collect();
+    let follows = located_by.join(", ");
+    let mut sentence = format!("Something is left that no effect of the registry explains (p = {:.1e}); it follows {follows}", test.p_value);
+    if !relatives.is_empty() {
+        sentence += &format!("; most like it are {}", relatives.join(", "));
+    }
+    if field.log_evidence_gain > 12.0 {
+        sentence += &format!(
+            ". Its map over the field has an rms of {:.3} px on a scale of {:.0} px, {:.0} % of it free of curl",
+            field.rms_px,
+            field.length_px,
+            100.0 * field.curl_free_share
+        );
+    }
+    sentence.push('.');
+    Unknown { channel: "astrometry".to_owned(), located_by, p_value: test.p_value, resembles, vetoes, map: None, field, sentence }
+}

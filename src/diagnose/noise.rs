@@ -1,0 +1,170 @@
+//! Noise first: how large the errors of star positions are, and how heavy their tails, as the residuals show it.
+//!
+//! The covariance of a star image is taken to be s·κ_h·(Σ_i + φ), Σ_i what its measurement and the catalogue state, κ_h the factor of a
+//! frame that is worse than the others, φ a floor, s one factor; its error has a two-dimensional t distribution of ν degrees of freedom
+//! with that scatter. s, φ and ν are those of greatest likelihood. So declared errors may be wrong by any factor, and every test here is
+//! one of shape against the noise found, never one against the noise declared.
+
+use super::sheet::Sheet;
+use crate::calibrate::{Column, JointImage};
+
+/// Degrees of freedom tried; the last means normal errors.
+const TAILS: &[f64] = &[3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, f64::INFINITY];
+/// Floors tried, in units of the median stated variance.
+const FLOORS: &[f64] = &[0.0, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
+/// Tails must gain so much in log-likelihood over normal errors.
+const TAIL_GAIN: f64 = 4.0;
+/// And a floor so much.
+const FLOOR_GAIN: f64 = 2.0;
+/// An image whose residual is larger is left to identification to explain, standard errors.
+const GROSS: f64 = 20.0;
+
+/// The noise of all star images.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct NoiseModel {
+    /// s.
+    pub(super) factor: f64,
+    /// s·φ, px² per axis.
+    pub(super) floor_px2: f64,
+    /// ν.
+    pub(super) tail_degrees: f64,
+    /// κ of each frame taking part.
+    pub(super) frame_factors: Vec<f64>,
+}
+
+impl NoiseModel {
+    /// Before anything is known: the stated errors.
+    pub(super) fn stated(frame_factors: Vec<f64>) -> Self {
+        Self { factor: 1.0, floor_px2: 0.0, tail_degrees: 10.0, frame_factors }
+    }
+
+    /// Scatter of an image: xx, xy, yy, px².
+    pub(super) fn scatter_px2(&self, image: &JointImage, place: usize) -> [f64; 3] {
+        let worse = self.frame_factors[place];
+        let [xx, xy, yy] = image.stated_px2;
+        let of = |variance: f64| (worse * (self.factor * variance + self.floor_px2)).max(1e-12);
+        [of(xx), worse * self.factor * xy, of(yy)]
+    }
+
+    /// Standard error per axis (of the core of the distribution), px.
+    pub(super) fn sigma_px(&self, image: &JointImage, place: usize) -> f64 {
+        let [xx, _, yy] = self.scatter_px2(image, place);
+        f64::midpoint(xx, yy).sqrt()
+    }
+
+    /// L⁻¹ with L·Lᵀ the scatter: xx, yx, yy.
+    pub(super) fn whitener(&self, image: &JointImage, place: usize) -> [f64; 3] {
+        let [xx, xy, yy] = self.scatter_px2(image, place);
+        let l_xx = xx.sqrt();
+        let l_yx = xy / l_xx;
+        let l_yy = (yy - l_yx * l_yx).max(1e-6 * yy).sqrt();
+        [1.0 / l_xx, -l_yx / (l_xx * l_yy), 1.0 / l_yy]
+    }
+
+    /// The noise of greatest likelihood. `residual_px` x, y, x, y, … of the images; `freedom` = degrees of freedom over numbers, by which the
+    /// fit has made residuals smaller than errors.
+    pub(super) fn find(images: &[JointImage], place: &[usize], residual_px: &[f64], take: &[bool], freedom: f64, frame_factors: &[f64]) -> Self {
+        let taken: Vec<usize> = (0..images.len()).filter(|k| take[*k]).collect();
+        let mut variances: Vec<f64> =
+            taken.iter().map(|k| frame_factors[place[*k]] * f64::midpoint(images[*k].stated_px2[0], images[*k].stated_px2[2])).collect();
+        let unit = crate::statistics::median_in_place(&mut variances).unwrap_or(1.0).max(1e-12);
+        let mut best: Option<(f64, Self)> = None;
+        for &relative in FLOORS {
+            let floor = relative * unit;
+            // Squares and log-determinants for s = 1.
+            let terms: Vec<[f64; 2]> = taken
+                .iter()
+                .map(|k| {
+                    let model = Self { factor: 1.0, floor_px2: floor, tail_degrees: 1.0, frame_factors: frame_factors.to_vec() };
+                    square_and_log(&model, &images[*k], place[*k], [residual_px[2 * k], residual_px[2 * k + 1]], freedom)
+                })
+                .collect();
+            for &tail_degrees in TAILS {
+                let (scale, likelihood) = scale_of(&terms, tail_degrees);
+                let penalty = if tail_degrees.is_finite() { TAIL_GAIN } else { 0.0 } + if relative > 0.0 { FLOOR_GAIN } else { 0.0 };
+                let value = likelihood - penalty;
+                if best.as_ref().is_none_or(|(most, _)| value > *most) {
+                    let model =
+                        Self { factor: scale, floor_px2: scale * floor, tail_degrees, frame_factors: frame_factors.to_vec() };
+                    best = Some((value, model));
+                }
+            }
+        }
+        best.map_or_else(|| Self::stated(frame_factors.to_vec()), |(_, model)| model)
+    }
+
+    /// Which images take part: all but those that are no images of their stars.
+    pub(super) fn plausible(&self, images: &[JointImage], place: &[usize], residual_px: &[f64]) -> Vec<bool> {
+        let of = |k: usize| {
+            let white = apply(self.whitener(&images[k], place[k]), [residual_px[2 * k], residual_px[2 * k + 1]]);
+            let q = white[0] * white[0] + white[1] * white[1];
+            q.is_finite() && q < GROSS * GROSS
+        };
+        (0..images.len()).map(of).collect()
+    }
+
+    /// A column whitened.
+    pub(super) fn whiten(&self, images: &[JointImage], place: &[usize], column: &Column) -> Vec<f64> {
+        let mut out = Vec::with_capacity(2 * column.len());
+        for (k, value) in column.iter().enumerate() {
+            out.extend(apply(self.whitener(&images[k], place[k]), *value));
+        }
+        out
+    }
+
+    /// Whitened numbers back in px.
+    pub(super) fn unwhiten(&self, images: &[JointImage], place: &[usize], white: &[f64]) -> Vec<f64> {
+        let mut out = Vec::with_capacity(white.len());
+        for k in 0..images.len() {
+            let [a, b, c] = self.whitener(&images[k], place[k]);
+            let x = white[2 * k] / a;
+            out.extend([x, (white[2 * k + 1] - b * x) / c]);
+        }
+        out
+    }
+}
+
+fn apply(whitener: [f64; 3], [x, y]: [f64; 2]) -> [f64; 2] {
+    [whitener[0] * x, whitener[1] * x + whitener[2] * y]
+}
+
+fn square_and_log(model: &NoiseModel, image: &JointImage, place: usize, residual: [f64; 2], freedom: f64) -> [f64; 2] {
+    let [xx, xy, yy] = model.scatter_px2(image, place);
+    let [x, y] = apply(model.whitener(image, place), residual);
+    [(x * x + y * y) / freedom, (xx * yy - xy * xy).max(1e-30).ln()]
+}
+
+/// s of greatest likelihood and its log-likelihood. Gross errors do not take part.
+fn scale_of(terms: &[[f64; 2]], tail_degrees: f64) -> (f64, f64) {
+    let mut squares: Vec<f64> = terms.iter().map(|[q, _]| *q).collect();
+    let median = crate::statistics::median_in_place(&mut squares).unwrap_or(1.0);
+    let mut scale = (median / (2.0 * std::f64::consts::LN_2)).max(1e-12);
+    let cut = GROSS * GROSS * scale;
+    let used: Vec<&[f64; 2]> = terms.iter().filter(|[q, _]| *q < cut).collect();
+    for _ in 0..12 {
+        let sum: f64 = used.iter().map(|[q, _]| super::sheet::weight(tail_degrees, q / scale) * q).sum();
+        let next = (sum / (2.0 * used.len().max(1) as f64)).max(1e-12);
+        let settled = (next / scale - 1.0).abs() < 1e-4;
+        scale = next;
+        if settled {
+            break;
+        }
+    }
+    let of = |[q, log]: &&[f64; 2]| {
+        let q = q / scale;
+        let body = if tail_degrees.is_finite() { 0.5 * (tail_degrees + 2.0) * (q / tail_degrees).ln_1p() } else { 0.5 * q };
+        -0.5 * log - scale.ln() - body
+    };
+    (scale, used.iter().map(of).sum())
+}
+
+/// Degrees of freedom over numbers.
+pub(super) fn freedom(sheet: &Sheet, take: &[bool], shared: usize) -> f64 {
+    let taken = take.iter().filter(|take| **take).count() as f64;
+    let mut seen = vec![false; sheet.frames];
+    for (frame, _) in sheet.frame.iter().zip(take).filter(|(_, take)| **take) {
+        seen[*frame] = true;
+    }
+    let own = (sheet.own.len() * seen.iter().filter(|seen| **seen).count()) as f64;
+    ((2.0 * taken - own - shared as f64) / (2.0 * taken).max(1.0)).clamp(0.05, 1.0)
+}

@@ -1,0 +1,150 @@
+//! What else could it be: every other effect in a finding's place, and the observation that would decide.
+
+use super::attribute::{AS_GOOD, Entry, Stand, UNOBSERVABLE, agreement, columns, cosine, survival};
+use super::diagnosis::Rival;
+use super::evidence::Evidence;
+use super::sheet::{Fit, Whitened, dot, project_own};
+use crate::calibrate::{Column, Joint};
+use crate::effects::Observation;
+use crate::statistics::significance::normal_cdf;
+
+/// Rivals that are no rivals are listed from this cosine on.
+const LISTED_FROM: f64 = 0.5;
+
+/// A finding's rivals, the members of its set first; `true` for those in the set.
+pub(super) fn rivals(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> Vec<(Rival, bool)> {
+    let white = |entry: Entry| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
+    let others: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(*entry)).collect();
+    let fit = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());
+    // The noise is that of the whole model: a model without the finding has no noise of its own to be judged by.
+    let without = Stand { fit: fit.with_noise_of(&stand.fit), more: others.clone(), ..stand.clone() };
+    let ln_n = stand.ln_n();
+    let criterion = |entry: Entry, own: &[Whitened]| {
+        let (t, rank) = without.score(own);
+        let searched = if evidence.hypotheses[entry.hypothesis].variants.len() > 1 { 1.0 } else { 0.0 };
+        (t, t - (rank as f64 + searched) * ln_n + agreement(evidence, &without, entry))
+    };
+    let mine = white(entries[k]);
+    let (t_mine, best) = criterion(entries[k], &mine);
+    let snr = t_mine.max(0.0).sqrt();
+    let mut found: Vec<(Rival, bool)> = Vec::new();
+    for (index, hypothesis) in evidence.hypotheses.iter().enumerate() {
+        if entries.iter().any(|entry| entry.hypothesis == index) {
+            continue;
+        }
+        let at_best = (0..hypothesis.variants.len())
+            .map(|variant| {
+                let entry = Entry { hypothesis: index, variant };
+                let own = white(entry);
+                let (_, value) = criterion(entry, &own);
+                (value, own)
+            })
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((value, own)) = at_best else { continue };
+        if survival(&without, &own) < UNOBSERVABLE {
+            continue;
+        }
+        let cos = cosine(&without, &without.fit, &mine, &own);
+        let delta_bic = best - value;
+        let in_set = delta_bic < AS_GOOD;
+        if in_set || cos > LISTED_FROM {
+            let p_correct = normal_cdf(snr * ((1.0 - cos) / 2.0).max(0.0).sqrt());
+            found.push((Rival { id: hypothesis.id().to_owned(), cos, delta_bic, p_correct }, in_set));
+        }
+    }
+    found.sort_by(|a, b| a.0.delta_bic.total_cmp(&b.0.delta_bic));
+    found
+}
+
+/// One kind of further observation.
+struct Further {
+    text: &'static str,
+    change: fn(usize, &Observation) -> Observation,
+    /// How much more each image counts, by its place on the frame (ξ, η in half widths) and magnitude above the mean.
+    weight: fn([f64; 2], f64) -> f64,
+}
+
+/// A number in −1…1 that looks random, from a frame's number and which number it is.
+fn scattered(frame: usize, which: usize) -> f64 {
+    let x = (frame as f64 + 1.0) * 0.754_877_666 + which as f64 * 0.569_840_291;
+    2.0 * (x - x.floor()) - 1.0
+}
+
+const MENU: &[Further] = &[
+    Further {
+        text: "more frames like these",
+        change: |_, observation| *observation,
+        weight: |_, _| 1.0,
+    },
+    Further {
+        text: "frames at other temperatures, not in step with time or pointing",
+        change: |frame, o| Observation { temperature_offset_k: o.temperature_offset_k.map(|_| 10.0 * scattered(frame, 0)), ..*o },
+        weight: |_, _| 1.0,
+    },
+    Further {
+        text: "frames at other times, far from these",
+        change: |frame, o| Observation {
+            time_offset_h: o.time_offset_h.map(|t| t + 20.0 * scattered(frame, 1)),
+            order_offset: o.order_offset.map(|t| t + 100.0 * scattered(frame, 1)),
+            ..*o
+        },
+        weight: |_, _| 1.0,
+    },
+    Further {
+        text: "frames while the camera turns at other rates, in both senses",
+        change: |frame, o| Observation {
+            rate_rad_s: o.rate_rad_s.map(|_| [2, 3, 4].map(|which| 0.01 * scattered(frame, which))),
+            ..*o
+        },
+        weight: |_, _| 1.0,
+    },
+    Further {
+        text: "frames pointed elsewhere with respect to the velocity",
+        change: |frame, o| Observation {
+            velocity_km_s: o.velocity_km_s.map(|_| [5, 6, 7].map(|which| 30.0 * scattered(frame, which))),
+            ..*o
+        },
+        weight: |_, _| 1.0,
+    },
+    Further { text: "more stars in the corners of the frame", change: |_, o| *o, weight: |[x, y], _| if x.hypot(y) > 0.9 { 9.0 } else { 0.0 } },
+    Further { text: "more bright stars", change: |_, o| *o, weight: |_, fainter| if fainter < -0.5 { 9.0 } else { 0.0 } },
+    Further { text: "longer exposures, for faint stars", change: |_, o| *o, weight: |_, fainter| if fainter > 0.5 { 9.0 } else { 0.0 } },
+];
+
+/// The observation of the menu that best tells two effects apart, in words; `None` if none helps.
+pub(super) fn decided_by(evidence: &Evidence, stand: &Stand, joint: &Joint, a: Entry, b: Entry, faintness: &[f64]) -> Option<String> {
+    let camera = joint.model().camera();
+    let (half, middle) = (camera.width_px as f64 / 2.0, [(camera.width_px as f64 - 1.0) / 2.0, (camera.height_px as f64 - 1.0) / 2.0]);
+    let positions = joint.measured_px();
+    let columns_of = |joint: &Joint, entry: Entry| -> Option<Vec<Column>> {
+        let hypothesis = &evidence.hypotheses[entry.hypothesis];
+        joint.columns_of(hypothesis.id(), &hypothesis.variants[entry.variant].start, &hypothesis.fitted)
+    };
+    let apart = |option: &Further| -> Option<f64> {
+        let changed = joint.with_frames(option.change);
+        let roots: Vec<f64> = positions
+            .iter()
+            .zip(faintness)
+            .map(|([x, y], fainter)| (option.weight)([(x - middle[0]) / half, (y - middle[1]) / half], *fainter).sqrt())
+            .collect();
+        let rest = |entry: Entry| -> Option<Vec<Whitened>> {
+            let (here, there) = (columns_of(joint, entry)?, columns_of(&changed, entry)?);
+            let more = here.iter().zip(&there).map(|(here, there)| {
+                let mut first = stand.fit.project(&stand.sheet, &evidence.white(&stand.noise, here));
+                let scaled: Column = there.iter().zip(&roots).map(|([x, y], root)| [x * root, y * root]).collect();
+                // New frames have attitudes of their own; the camera is known well by then.
+                first.extend(project_own(&stand.sheet, &stand.take, &evidence.white(&stand.noise, &scaled)));
+                first
+            });
+            Some(more.collect())
+        };
+        let (a, b) = (rest(a)?, rest(b)?);
+        let (a, b) = (a.first()?, b.first()?);
+        // What is left of a beside b: the information that decides.
+        let (aa, bb, ab) = (dot(a, a), dot(b, b), dot(a, b));
+        Some(if bb > 0.0 && aa > 0.0 { 1.0 - ab * ab / (aa * bb) } else { 0.0 })
+    };
+    let now = apart(&MENU[0])?;
+    let best = MENU[1..].iter().filter_map(|option| Some((apart(option)?, option.text))).max_by(|x, y| x.0.total_cmp(&y.0))?;
+    Some(if best.0 > now * 1.2 { best.1.to_owned() } else { MENU[0].text.to_owned() })
+}

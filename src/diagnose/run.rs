@@ -1,0 +1,355 @@
+//! The diagnosis from end to end.
+
+use std::time::Instant;
+
+use super::adequacy::vetoes;
+use super::attribute::{self, Entry, Stand, candidates, select};
+use super::diagnosis::*;
+use super::evidence::Evidence;
+use super::findings::{self, Solved};
+use super::hypotheses::finer;
+use super::noise::NoiseModel;
+use super::prove::{Proof, folds, held_out_quality, locked_away, prove};
+use super::scan::{Asks, Chance, Scan, family_p, independent};
+use super::sheet::Whitened;
+use super::{DiagnoseError, DiagnoseOptions, Telemetry, left, words};
+use crate::calibrate::{CalibrateOptions, GivenNoise, Joint};
+use crate::camera::Term;
+use crate::identify::ControlPoints;
+use crate::statistics::significance::chi_squared_surprise;
+
+/// Simulations are multiplied by this while a decision is near,
+const MORE: usize = 8;
+/// which is when p lies within this factor of α.
+const NEAR: f64 = 10.0;
+/// Fewer numbers beyond the parameters say nothing.
+const FEWEST_DEGREES: f64 = 20.0;
+
+/// Whether there is something, by the hypotheses and by the covariates; each has half of α.
+pub(super) struct Omnibus {
+    pub(super) p_value: f64,
+    pub(super) largest: String,
+    pub(super) chance: Chance,
+}
+
+/// Asks all questions, and chance too.
+pub(super) fn omnibus(evidence: &Evidence, stand: &Stand, scan: &Scan, options: &DiagnoseOptions, stream: u64) -> Omnibus {
+    let surprises = scan.surprises(&stand.fit.psi, stand.fit.c);
+    let mut most = [(0.0_f64, String::new()), (0.0, String::new())];
+    for (group, surprise) in scan.groups.iter().zip(&surprises) {
+        let (which, name) = match group.asks {
+            Asks::Hypothesis(index, _) => (0, evidence.hypotheses[index].id().to_owned()),
+            Asks::Covariate(index) => (1, evidence.covariates[index].name.clone()),
+        };
+        if *surprise > most[which].0 {
+            most[which] = (*surprise, name);
+        }
+    }
+    let seed = options.seed ^ stream.wrapping_mul(0x517c_c1b7_2722_0a95);
+    let mut chance = scan.chance(&stand.fit, &stand.take, seed, 0, options.nulls);
+    let decide = |chance: &Chance| {
+        let (h, c) = (family_p(&chance.hypotheses, most[0].0), family_p(&chance.covariates, most[1].0));
+        (2.0 * h.min(c)).min(1.0)
+    };
+    let mut p_value = decide(&chance);
+    if p_value < options.alpha * NEAR && p_value > options.alpha / NEAR {
+        chance = chance.and(scan.chance(&stand.fit, &stand.take, seed, options.nulls, options.nulls * MORE));
+        p_value = decide(&chance);
+    }
+    let (h, c) = (family_p(&chance.hypotheses, most[0].0), family_p(&chance.covariates, most[1].0));
+    let largest = if h <= c { most[0].1.clone() } else { most[1].1.clone() };
+    Omnibus { p_value, largest, chance }
+}
+
+/// See [`super::diagnose`].
+pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &DiagnoseOptions) -> Result<Diagnosis, DiagnoseError> {
+    let started = Instant::now();
+    let solve = CalibrateOptions {
+        solve: options.solve.clone(),
+        leave_out_imprecise: false,
+        proper_motion_only: options.proper_motion_only,
+        held_out: false,
+        physics: options.physics.clone(),
+        terms: options.terms.clone(),
+        ..CalibrateOptions::default()
+    };
+    let joint = Joint::solve(points, &solve)?;
+    let evidence = Evidence::at(&joint, points, telemetry, options);
+    let too_few = DiagnoseError::TooFew { images: evidence.images.len(), frames: evidence.frames.len() };
+    let locked = locked_away(evidence.frames.len(), hash(points));
+    let all = vec![true; evidence.images.len()];
+    let training: Vec<bool> = evidence.place.iter().map(|place| !locked.contains(place)).collect();
+    let begin = NoiseModel::stated(evidence.frame_factors.clone());
+    let stand = Stand::new(&evidence, &training, &[], &begin);
+    if stand.fit.degrees < FEWEST_DEGREES {
+        return Err(too_few);
+    }
+    let scan = Scan::new(&evidence, &stand.noise, &stand.sheet, &stand.fit, |_| true);
+    let first = omnibus(&evidence, &stand, &scan, options, 1);
+    let hypotheses = independent(&first.chance.hypotheses);
+    let threshold = (2.0 * hypotheses / options.alpha).ln();
+    let located = findings::located(&evidence, &stand, &scan, &first.chance);
+    let mut warnings: Vec<String> = joint.notes().to_vec();
+
+    // Found on the training part; whoever the lock-box does not confirm goes.
+    let (mut entries, mut on_training) = (Vec::new(), stand);
+    if first.p_value < options.alpha {
+        (entries, on_training) = select(&evidence, &training, &begin, threshold);
+    }
+    let tests = folds(&evidence, &locked);
+    let mut proofs = proofs(&evidence, &on_training, &entries, &tests);
+    let unconfirmed: Vec<usize> = (0..entries.len()).filter(|k| !proofs[*k].confirms).collect();
+    for k in unconfirmed.into_iter().rev() {
+        let id = evidence.hypotheses[entries[k].hypothesis].id();
+        warnings.push(format!(
+            "{id} was found on the training part and not confirmed on the held-out one (χ² falls by {:.1} where {:.1} is expected): it is not claimed",
+            proofs[k].delta_chi2, proofs[k].expected
+        ));
+        entries.remove(k);
+        proofs.remove(k);
+    }
+    let base = Stand::new(&evidence, &all, &[], &begin);
+
+    // All frames: what was found, solved anew with everything free, and with the search made finer.
+    let mut refined = evidence.clone();
+    refine(&mut refined, &joint, &mut entries, &all, &begin);
+    let mut solved = Solved::new(&joint, points, telemetry, options, &refined, &entries)?;
+    let mut final_omnibus = solved.omnibus(options, 2);
+    if first.p_value < options.alpha && final_omnibus.p_value < options.alpha {
+        // More may show on all frames than did on a part of them; it is proved frame by frame.
+        let more = solved.more(&refined, &entries, threshold);
+        if more.len() > entries.len() {
+            let stand = Stand::new(&refined, &all, &more, &begin);
+            let turns = folds(&refined, &[]);
+            let late: Vec<Proof> =
+                (0..more.len()).map(|k| proof(&refined, &stand, &more, k, &turns)).collect();
+            let kept: Vec<usize> = (0..more.len()).filter(|k| *k < entries.len() || late[*k].confirms).collect();
+            if kept.len() > entries.len() {
+                proofs = kept.iter().map(|k| if *k < entries.len() { proofs[*k] } else { late[*k] }).collect();
+                entries = kept.iter().map(|k| more[*k]).collect();
+                refine(&mut refined, &joint, &mut entries, &all, &begin);
+                solved = Solved::new(&joint, points, telemetry, options, &refined, &entries)?;
+                final_omnibus = solved.omnibus(options, 3);
+            }
+        }
+    }
+
+    // Names that do not stand.
+    let with_all = Stand::new(&refined, &all, &entries, &begin);
+    let final_scan = solved.scan();
+    let mut veto: Vec<(usize, Vec<String>)> = Vec::new();
+    for k in 0..entries.len() {
+        let statistic = findings::statistic(&refined, &with_all, &entries, k).0;
+        let mut against = vetoes(&solved.evidence, &solved.stand, &final_scan, &solved.entries, k, statistic);
+        against.extend(solved.amplitude_veto(&refined, &entries, k));
+        if !against.is_empty() {
+            veto.push((k, against));
+        }
+    }
+    let resembling: Vec<(Entry, Vec<String>)> = veto.iter().map(|(k, against)| (entries[*k], against.clone())).collect();
+    let standing: Vec<usize> = (0..entries.len()).filter(|k| veto.iter().all(|(vetoed, _)| vetoed != k)).collect();
+
+    let context = findings::Context {
+        evidence: &refined,
+        joint: &joint,
+        points,
+        base: &base,
+        with_all: &with_all,
+        entries: &entries,
+        proofs: &proofs,
+        hypotheses,
+        locked: !locked.is_empty(),
+    };
+    let found: Vec<Finding> = standing.iter().map(|k| context.finding(*k, &solved, options)).collect();
+    let kept: Vec<Entry> = standing.iter().map(|k| entries[*k]).collect();
+    // What is left has to be significant on all frames, however the training part fell out.
+    let everything = Stand::new(&refined, &all, &kept, &begin);
+    let rest = if veto.is_empty() && !entries.is_empty() {
+        final_omnibus
+    } else {
+        let scan = Scan::new(&refined, &everything.noise, &everything.sheet, &everything.fit, |index| kept.iter().all(|e| e.hypothesis != index));
+        omnibus(&refined, &everything, &scan, options, 4)
+    };
+    let significant = first.p_value < options.alpha || (!entries.is_empty());
+    let something_left = significant && rest.p_value < options.alpha;
+    let unknown = something_left.then(|| left::unknown(&refined, &everything, &resembling, &rest, points, &joint, &tests));
+    let verdict = match (found.is_empty(), something_left) {
+        (_, true) => Verdict::Unexplained,
+        (false, false) => Verdict::Explained,
+        (true, false) => Verdict::Consistent,
+    };
+    if first.p_value < options.alpha && verdict == Verdict::Consistent {
+        warnings.push(format!(
+            "the training part alone looks inconsistent (p = {:.1e}, {}), all frames together do not (p = {:.1e}): taken for chance",
+            first.p_value, first.largest, rest.p_value
+        ));
+    }
+    let effects = context.effects(&solved, &found, &kept);
+    let fit = Fit {
+        baseline: quality(&refined, &base, &solved.stand.noise, &[], &tests),
+        after: quality(&refined, &everything, &solved.stand.noise, &kept, &tests),
+    };
+    let largest = if first.largest.is_empty() { "nothing".to_owned() } else { first.largest.clone() };
+    let mut diagnosis = Diagnosis {
+        format: FORMAT.to_owned(),
+        verdict,
+        physics: options.physics.clone(),
+        findings: found,
+        unknown,
+        effects,
+        fit,
+        channels: Channels { astrometry: Some(ChannelTest { p_value: first.p_value, largest }), ..Channels::default() },
+        stars_used: stars_used(&refined, points, &everything),
+        located,
+        noise: findings::noise_state(&solved.stand),
+        lock_box: LockBox {
+            kind: if locked.is_empty() { "leave-one-out" } else { "blocks" }.to_owned(),
+            frames: locked.iter().map(|place| evidence.frames[*place].0).collect(),
+        },
+        nulls: first.chance.all.len(),
+        effective_hypotheses: hypotheses,
+        summary: Vec::new(),
+        warnings,
+        camera: Some(solved.joint.model().clone()),
+        residuals: findings::residual_rows(&refined, &base, &everything, points),
+        profiles: context.profiles(&standing),
+        seconds: 0.0,
+        provenance: None,
+    };
+    diagnosis.summary = words::summary(&diagnosis, rest.p_value);
+    diagnosis.seconds = started.elapsed().as_secs_f64();
+    Ok(diagnosis)
+}
+
+fn proof(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize, tests: &[Vec<bool>]) -> Proof {
+    let (t, rank) = findings::statistic(evidence, stand, entries, k);
+    prove(evidence, stand, entries, k, tests, t, rank)
+}
+
+fn proofs(evidence: &Evidence, stand: &Stand, entries: &[Entry], tests: &[Vec<bool>]) -> Vec<Proof> {
+    (0..entries.len()).map(|k| proof(evidence, stand, entries, k, tests)).collect()
+}
+
+/// Makes the search over places and lengths finer about what was found.
+fn refine(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry], all: &[bool], begin: &NoiseModel) {
+    for k in 0..entries.len() {
+        for step in 0..4 {
+            let hypothesis = &evidence.hypotheses[entries[k].hypothesis];
+            let best = hypothesis.variants[entries[k].variant].clone();
+            let tried = finer(hypothesis, &best, joint, step);
+            if tried.is_empty() {
+                break;
+            }
+            let at = hypothesis.variants.len();
+            let count = tried.len();
+            evidence.hypotheses[entries[k].hypothesis].variants.extend(tried);
+            let others: Vec<Entry> = entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
+            let stand = Stand::new(evidence, all, &others, begin);
+            let score = |variant: usize| {
+                let entry = Entry { variant, ..entries[k] };
+                let own: Vec<Whitened> = attribute::columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect();
+                stand.score(&own).0
+            };
+            let options = std::iter::once(entries[k].variant).chain(at..at + count);
+            let best = options.map(|variant| (score(variant), variant)).max_by(|a, b| a.0.total_cmp(&b.0));
+            if let Some((_, variant)) = best {
+                entries[k].variant = variant;
+            }
+        }
+    }
+}
+
+impl Solved {
+    /// Effects that all frames show beside those found, the found ones first.
+    fn more(&self, evidence: &Evidence, entries: &[Entry], threshold: f64) -> Vec<Entry> {
+        let mut more = entries.to_vec();
+        let all = vec![true; evidence.images.len()];
+        for _ in 0..4 {
+            let stand = Stand::new(evidence, &all, &more, &self.stand.noise);
+            let scan = Scan::hypotheses(evidence, &stand.noise, &stand.sheet, &stand.fit, |index| more.iter().all(|e| e.hypothesis != index));
+            let mut found = candidates(evidence, &stand, &scan);
+            found.retain(|candidate| candidate.surprise > threshold + attribute::searched(evidence, candidate));
+            found.retain(|candidate| attribute::is_observable(evidence, &stand, candidate.entry));
+            let Some(entry) = attribute::choose(evidence, &stand, &found) else { break };
+            more.push(entry);
+        }
+        more
+    }
+}
+
+/// How well a model does, with the noise of the final one.
+fn quality(evidence: &Evidence, stand: &Stand, noise: &NoiseModel, entries: &[Entry], tests: &[Vec<bool>]) -> FitQuality {
+    let residual_px = stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.fit.residual);
+    let used: Vec<usize> = (0..evidence.images.len()).filter(|k| stand.take[*k]).collect();
+    let square: f64 = used.iter().map(|k| residual_px[2 * k].powi(2) + residual_px[2 * k + 1].powi(2)).sum();
+    let white: Whitened = {
+        let pairs = residual_px.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect();
+        evidence.white(noise, &pairs)
+    };
+    let (psi, _) = super::sheet::psi_of(&white, &stand.take, noise.tail_degrees);
+    let held = {
+        let judged = Stand { noise: noise.clone(), sheet: evidence.sheet(noise), ..stand.clone() };
+        held_out_quality(evidence, &judged, entries, tests)
+    };
+    FitQuality {
+        rms_px: (square / used.len().max(1) as f64).sqrt(),
+        chi2_per_dof: super::sheet::dot(&psi, &white) / stand.fit.degrees,
+        held_out_rms_px: held.map(|(_, rms)| rms),
+        held_out_chi2_per_dof: held.map(|(chi, _)| chi),
+    }
+}
+
+fn stars_used(evidence: &Evidence, points: &ControlPoints, stand: &Stand) -> StarsUsed {
+    let mut used = StarsUsed { left_out: points.points.len() - stand.take.iter().filter(|take| **take).count(), ..StarsUsed::default() };
+    for (image, _) in evidence.images.iter().zip(&stand.take).filter(|(_, take)| **take) {
+        if points.points[image.point].has_proper_motion {
+            used.with_proper_motion += 1;
+        } else {
+            used.without += 1;
+        }
+    }
+    used
+}
+
+/// A number that depends on the recording alone: which blocks are locked away.
+fn hash(points: &ControlPoints) -> u64 {
+    let mut state = 0xcbf2_9ce4_8422_2325_u64;
+    for point in &points.points {
+        for bits in [point.x_px.to_bits(), point.y_px.to_bits()] {
+            state = (state ^ bits).wrapping_mul(0x0100_0000_01b3);
+        }
+    }
+    state ^ (state >> 29)
+}
+
+/// The joint solution with the findings in force, errors and weights as the diagnosis has them.
+pub(super) fn solve_again(joint: &Joint, options: &DiagnoseOptions, evidence: &Evidence, stand: &Stand, terms: &[Term], names: &[String]) -> Result<Joint, DiagnoseError> {
+    let mut solve = options.solve.clone();
+    solve.extend(names.iter().cloned());
+    let weights = (0..evidence.images.len())
+        .map(|k| {
+            let q = stand.fit.residual[2 * k].powi(2) + stand.fit.residual[2 * k + 1].powi(2);
+            if stand.take[k] { super::sheet::weight(stand.noise.tail_degrees, q) } else { 0.0 }
+        })
+        .collect();
+    let factors = stand.noise.frame_factors.iter().map(|factor| factor * stand.noise.factor);
+    // The floor is inside the factors in the joint method: Σ = κ·(stated + φ).
+    let floor_px2 = stand.noise.floor_px2 / stand.noise.factor;
+    let noise = GivenNoise { floor_px2, factors: factors.collect(), weights };
+    Ok(joint.again(terms, &solve, &noise)?)
+}
+
+/// p-value of a statistic of so many degrees of freedom.
+pub(super) fn p_of(t: f64, rank: usize) -> f64 {
+    (-chi_squared_surprise(rank as f64, t)).exp()
+}
+
+/// p-value once all hypotheses are counted.
+pub(super) fn family(p: f64, hypotheses: f64) -> f64 {
+    -(hypotheses * (-p).ln_1p()).exp_m1()
+}
+
+/// p-value of a covariate among all.
+pub(super) fn among_covariates(chance: &Chance, surprise: f64) -> f64 {
+    family_p(&chance.covariates, surprise)
+}
