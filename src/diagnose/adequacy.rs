@@ -36,7 +36,6 @@ pub(super) fn vetoes(evidence: &Evidence, stand: &Stand, scan: &Scan, entries: &
     if let Some(p) = over_time(evidence, stand, entries, k).filter(|p| *p < VETO_P) {
         found.push(format!("its size is not the same through the recording (p = {p:.1e})"));
     }
-    found.extend(concentration(evidence, stand, entries, k));
     found
 }
 
@@ -60,8 +59,9 @@ fn over_time(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) ->
     (rank > 0).then(|| (-chi_squared_surprise(rank as f64, t)).exp())
 }
 
-/// Whether one frame or one star carries the improvement out of proportion.
-fn concentration(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> Vec<String> {
+/// Whether one frame or one star carries the improvement out of proportion. At the baseline's linearisation, where the effect is not yet
+/// in the model.
+pub(super) fn concentration(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> Vec<String> {
     let white = |entry: &Entry| columns(evidence, std::slice::from_ref(entry)).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
     let others: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(entry)).collect();
     let without = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());

@@ -174,7 +174,7 @@ pub(super) struct Candidate {
     pub(super) entry: Entry,
     /// −ln p, the search over variants not counted.
     pub(super) surprise: f64,
-    /// T minus ln n for each parameter, plus what agreement with a known size is worth.
+    /// Twice the surprise, the search over variants counted, plus what agreement with a known size is worth.
     pub(super) evidence: f64,
 }
 
@@ -187,11 +187,8 @@ pub(super) fn candidates(evidence: &Evidence, stand: &Stand, scan: &Scan) -> Vec
         let surprise = chi_squared_surprise(group.rank() as f64, t);
         if best[hypothesis].as_ref().is_none_or(|best| surprise > best.surprise) {
             let entry = Entry { hypothesis, variant };
-            let searched = evidence.hypotheses[hypothesis].variants.len();
-            // A place that is searched for is a parameter too.
-            let parameters = group.rank() as f64 + if searched > 1 { 1.0 } else { 0.0 };
-            let mut candidate = Candidate { entry, surprise, evidence: t - parameters * stand.ln_n() };
-            candidate.evidence += agreement(evidence, stand, entry);
+            let mut candidate = Candidate { entry, surprise, evidence: 2.0 * surprise };
+            candidate.evidence += agreement(evidence, stand, entry) - 2.0 * searched(evidence, &candidate);
             best[hypothesis] = Some(candidate);
         }
     }

@@ -27,8 +27,6 @@ pub(super) struct Covariate {
     pub(super) name: String,
     /// Its value for every star image, NaN where it is not known.
     pub(super) values: Vec<f64>,
-    /// Whether it belongs to the frame as a whole.
-    pub(super) of_frame: bool,
     /// The direction in which it displaces, where it has one of its own (toward the zenith).
     pub(super) direction: Option<Column>,
     /// Patterns of residuals, each a set of columns that are tried together.
@@ -72,8 +70,8 @@ pub(super) fn covariates(joint: &Joint, evidence: &Evidence, points: &ControlPoi
     all.push(map(&fields, evidence));
     for (name, values) in [
         ("colour", star(&|k| point(k).colour)),
-        ("magnitude", star(&|k| Some(point(k).magnitude).filter(|m| *m < 50.0))),
-        ("flux", star(&|k| Some(10.0_f64.powf(-0.4 * point(k).magnitude)).filter(|f| *f > 1e-20))),
+        ("magnitude", star(&|k| point(k).image.magnitude.or(Some(point(k).magnitude)).filter(|m| *m < 50.0))),
+        ("flux", star(&|k| point(k).image.flux_e.or_else(|| Some(10.0_f64.powf(-0.4 * point(k).magnitude)).filter(|f| *f > 1e-20)))),
     ] {
         let name = name.to_owned();
         all.extend(of_star(name, values, &fields));
@@ -94,6 +92,7 @@ pub(super) fn covariates(joint: &Joint, evidence: &Evidence, points: &ControlPoi
         all.extend(of_frame(name, values, &fields));
     }
     all.extend(rate(evidence, &fields));
+    all.extend(background_gradient(evidence, points, &fields));
     all.extend(velocity(joint, evidence, &fields));
     for (name, id) in [("zenith", "refraction"), ("proper-motion", "proper-motion"), ("parallax", "parallax")] {
         all.extend(along(name, id, joint, evidence, points, &fields));
@@ -150,14 +149,14 @@ fn of_star(name: String, values: Vec<f64>, fields: &Fields) -> Option<Covariate>
             let field = |k: usize, weight: f64| if values[k].is_finite() { (values[k] - middle) * weight } else { 0.0 };
             patterns.push(legendre(fields, PRODUCT_DEGREE, field));
         }
-        Covariate { name, values, of_frame: false, direction: None, patterns }
+        Covariate { name, values, direction: None, patterns }
     })
 }
 
 fn of_frame(name: String, values: Vec<f64>, fields: &Fields) -> Option<Covariate> {
     varies(&values).then(|| {
         let patterns = vec![times(&values, fields, &WITH_CUBIC), binned(&values, BINS, fields, &BEHIND_ATTITUDE)];
-        Covariate { name, values, of_frame: true, direction: None, patterns }
+        Covariate { name, values, direction: None, patterns }
     })
 }
 
@@ -191,7 +190,7 @@ fn map(fields: &Fields, evidence: &Evidence) -> Covariate {
     if degree > 4 {
         patterns.push(legendre(fields, 4, |_, p| p));
     }
-    Covariate { name: "field-map".to_owned(), values: vec![0.0; fields.place.len()], of_frame: false, direction: None, patterns }
+    Covariate { name: "field-map".to_owned(), values: vec![0.0; fields.place.len()], direction: None, patterns }
 }
 
 /// Covariates of the place on the frame.
@@ -199,7 +198,7 @@ fn places(fields: &Fields, pixels: &[[f64; 2]], [width, height]: [f64; 2]) -> Ve
     use std::f64::consts::PI;
     let mut all = Vec::new();
     let mut push = |name: &str, values: Vec<f64>, patterns: Vec<Vec<Column>>| {
-        all.push(Covariate { name: name.to_owned(), values, of_frame: false, direction: None, patterns });
+        all.push(Covariate { name: name.to_owned(), values, direction: None, patterns });
     };
     let count = if pixels.len() > 20 * PLACE_BINS { PLACE_BINS } else { BINS };
     for (axis, name) in [(0, "x"), (1, "y")] {
@@ -273,7 +272,26 @@ fn rate(evidence: &Evidence, fields: &Fields) -> Option<Covariate> {
         columns.push(fields.each(|k, [x, y]| [-roll(k) * y * y, roll(k) * x * y]));
         patterns.push(columns);
         patterns.push(binned(&values, BINS, fields, &BEHIND_ATTITUDE));
-        Covariate { name: "rate".to_owned(), values, of_frame: true, direction: None, patterns }
+        Covariate { name: "rate".to_owned(), values, direction: None, patterns }
+    })
+}
+
+/// The local slope of the background over the star's flux: toward where it pulls a centroid.
+fn background_gradient(evidence: &Evidence, points: &ControlPoints, fields: &Fields) -> Option<Covariate> {
+    let slope = |k: usize| {
+        let image = &points.points[evidence.images[k].point].image;
+        let (gradient, flux) = (image.background_gradient_e_px?, image.flux_e.filter(|flux| *flux > 0.0)?);
+        Some(gradient.map(|g| g / flux))
+    };
+    let slopes: Vec<[f64; 2]> = (0..fields.place.len()).map(|k| slope(k).unwrap_or_default()).collect();
+    let values: Vec<f64> = (0..slopes.len()).map(|k| slope(k).map_or(f64::NAN, |[x, y]| x.hypot(y))).collect();
+    varies(&values).then(|| {
+        let patterns = vec![vec![
+            fields.each(|k, _| slopes[k]),
+            fields.each(|k, _| [slopes[k][0], 0.0]),
+            fields.each(|k, _| [-slopes[k][1], slopes[k][0]]),
+        ]];
+        Covariate { name: "background-gradient".to_owned(), values, direction: None, patterns }
     })
 }
 
@@ -292,7 +310,7 @@ fn velocity(joint: &Joint, evidence: &Evidence, fields: &Fields) -> Option<Covar
     let along = component(2);
     varies(&along).then(|| {
         let patterns = vec![times(&along, fields, &WITH_CUBIC), binned(&along, BINS, fields, &BEHIND_ATTITUDE)];
-        Covariate { name: "velocity".to_owned(), values: along, of_frame: true, direction: None, patterns }
+        Covariate { name: "velocity".to_owned(), values: along, direction: None, patterns }
     })
 }
 
@@ -311,6 +329,6 @@ fn along(name: &str, id: &str, joint: &Joint, evidence: &Evidence, points: &Cont
         let highest = own.iter().flatten().max().copied().unwrap_or(0);
         let of = |bin: usize| fields.each(|k, _| if own[k] == Some(bin) { unit[k] } else { [0.0; 2] });
         let patterns = vec![vec![column.clone()], (0..=highest).map(of).collect()];
-        Covariate { name: name.to_owned(), values, of_frame: false, direction: Some(unit.clone()), patterns }
+        Covariate { name: name.to_owned(), values, direction: Some(unit.clone()), patterns }
     })
 }

@@ -111,6 +111,13 @@ fn hypothesis(
         found.missing = Some(format!("{some}{reason}"));
         return found;
     }
+    let mut contexts = evidence.images.iter().map(|image| joint.context(image, points));
+    if let Some(reason) = contexts.next().and_then(|context| effect.missing_in(&context))
+        && contexts.all(|context| effect.missing_in(&context).is_some())
+    {
+        found.missing = Some(reason.to_owned());
+        return found;
+    }
     let star = evidence.images.first().map_or_else(StarState::default, |image| points.points[image.point].star);
     let start = present.or_else(|| effect.identity(&Context::new(star, first))).unwrap_or_else(|| vec![0.0; effect.parameters().len()]);
     found.variants = starts(effect.id(), start, &first)

@@ -1,6 +1,6 @@
 //! What is left after the findings: its map, what it follows, and which effects it resembles without being one of them.
 
-use super::attribute::{Entry, Stand};
+use super::attribute::{Entry, Stand, is_observable};
 use super::diagnosis::{Resemblance, Unknown};
 use super::evidence::Evidence;
 use super::remainder::{Left, map};
@@ -55,7 +55,7 @@ pub(super) fn unknown(
     }
     let mut resembles: Vec<Resemblance> = effects
         .iter()
-        .filter(|(_, explained)| *explained > 0.0 && most_explained > 0.0)
+        .filter(|(index, explained)| *explained > 0.0 && most_explained > 0.0 && is_observable(evidence, stand, Entry { hypothesis: *index, variant: 0 }))
         .map(|(index, explained)| Resemblance {
             id: evidence.hypotheses[*index].id().to_owned(),
             cos: (explained / most_explained).sqrt().min(1.0),

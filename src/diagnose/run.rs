@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::adequacy::vetoes;
+use super::adequacy::{concentration, vetoes};
 use super::attribute::{self, Entry, Stand, candidates, select};
 use super::diagnosis::*;
 use super::evidence::Evidence;
@@ -141,6 +141,7 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
     for k in 0..entries.len() {
         let statistic = findings::statistic(&refined, &with_all, &entries, k).0;
         let mut against = vetoes(&solved.evidence, &solved.stand, &final_scan, &solved.entries, k, statistic);
+        against.extend(concentration(&refined, &with_all, &entries, k));
         against.extend(solved.amplitude_veto(&refined, &entries, k));
         if !against.is_empty() {
             veto.push((k, against));
