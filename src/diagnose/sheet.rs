@@ -254,10 +254,10 @@ pub(super) fn refit_own(sheet: &Sheet, take: &[bool], residual: &[f64]) -> White
     let local = local_basis(sheet, take);
     let mut rest: Whitened = residual.iter().enumerate().map(|(k, value)| if take[k / 2] { *value } else { 0.0 }).collect();
     for turn in 0..20 {
-        let (psi, d) = psi_of(&rest, take, sheet.tail_degrees);
+        // Least squares first: with the shared parameters of other frames a whole frame may stand tens of σ off, where ψ is all tail.
+        let (psi, d) = if turn == 0 { (rest.clone(), 1.0) } else { psi_of(&rest, take, sheet.tail_degrees) };
         let mut step = psi.clone();
         take_out_own(sheet, &local, &mut step);
-        let d = if turn == 0 { 1.0 } else { d };
         let mut largest = 0.0_f64;
         for k in 0..rest.len() {
             let part = (psi[k] - step[k]) / d;
