@@ -107,6 +107,25 @@ impl Attitude {
         Self::new(UnitQuaternion::from_rotation_matrix(&rotation))
     }
 
+    /// Right ascension and declination of the boresight, and the position angle of the image's upward direction there, rad: what
+    /// [`Self::from_pointing`] takes.
+    #[must_use]
+    pub fn pointing_rad(&self) -> [f64; 3] {
+        let [_, down, boresight] = self.rows();
+        let (ra, dec) = Direction::<Apparent>::from_unit(boresight).radec_rad();
+        let (sin_ra, cos_ra) = ra.sin_cos();
+        let (sin_dec, cos_dec) = dec.sin_cos();
+        let north = dot(down, [-cos_ra * sin_dec, -sin_ra * sin_dec, cos_dec]);
+        let east = dot(down, [-sin_ra, cos_ra, 0.0]);
+        [ra, dec, (-east).atan2(-north)]
+    }
+
+    /// The attitude after a turn of the camera by this vector, in its own axes, rad.
+    #[must_use]
+    pub fn turned(&self, by_rad: [f64; 3]) -> Self {
+        Self::new(UnitQuaternion::from_scaled_axis(-Vector3::from(by_rad)) * self.camera_from_icrs)
+    }
+
     /// The three rows of the rotation matrix: the camera's axes in ICRS components.
     #[must_use]
     pub fn rows(&self) -> [[f64; 3]; 3] {

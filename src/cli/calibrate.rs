@@ -21,7 +21,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::identify::SearchArgs;
-use super::options::{InputArgs, OutputArgs, SkyArgs};
+use super::options::{InputArgs, OutputArgs, SkyArgs, SkyChoice};
 use super::pipeline::{IdentifiedFrame, Measured};
 use super::update::{self, NewFrames, UpdateArgs};
 use super::{Answer, calibrate_text, output, pictures, pipeline, star_list};
@@ -53,7 +53,7 @@ pub(crate) struct CalibrateArgs {
 }
 
 /// How the camera is solved, and from which control points.
-#[derive(Clone, Debug, Args)]
+#[derive(Clone, Debug, Default, Args)]
 pub(crate) struct SolveArgs {
     /// Read the solver's options from this TOML file (keys as under "options" in a calibrate.json); what is given here goes before them
     #[arg(long, value_name = "FILE")]
@@ -106,9 +106,10 @@ pub(crate) enum MethodChoice {
 }
 
 /// What a deliberately wrong identification is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum MisidentifyChoice {
     /// Any star of the field
+    #[default]
     Random,
     /// A star near by
     NearNeighbour,
@@ -141,10 +142,13 @@ fn unmirror_priors(options: &mut CalibrateOptions, width_px: usize) {
 /// The name of a parameter or an effect, or `auto`.
 fn solvable(name: &str) -> std::result::Result<String, String> {
     let name = name.trim();
-    if name != "auto" {
-        check_parameter_name(name).map_err(|error| error.to_string())?;
-    }
-    Ok(name.to_owned())
+    if name == "auto" { Ok(name.to_owned()) } else { parameter_name(name) }
+}
+
+/// The name of a parameter or an effect.
+pub(crate) fn parameter_name(name: &str) -> std::result::Result<String, String> {
+    check_parameter_name(name.trim()).map_err(|error| error.to_string())?;
+    Ok(name.trim().to_owned())
 }
 
 /// A prior as written on the command line.
@@ -280,7 +284,7 @@ pub(crate) fn control_points(
 }
 
 /// All star images of the frames, in the un-mirrored image.
-fn star_images(measured: &Measured, points: &Prepared) -> Vec<StarImage> {
+pub(crate) fn star_images(measured: &Measured, points: &Prepared) -> Vec<StarImage> {
     let width_px = points.points.nominal.width_px as f64;
     let place = |x_px: f64| if points.parity < 0 { width_px - 1.0 - x_px } else { x_px };
     let recording_gradient_e_px = points.points.points.iter().find_map(|point| point.image.recording_gradient_e_px);
@@ -298,6 +302,12 @@ fn star_images(measured: &Measured, points: &Prepared) -> Vec<StarImage> {
         usable.map(image).collect::<Vec<_>>()
     };
     measured.frames.iter().flat_map(of).collect()
+}
+
+/// The effects of known size behind the lens that the model is to contain.
+pub(crate) fn known_behind_the_lens(measured: &Measured, points: &Prepared, choice: &SkyChoice) -> Result<Vec<Term>> {
+    let observations: Vec<_> = measured.frames.iter().map(|frame| points.points.observation(frame.index)).collect();
+    Ok(choice.physics.terms_behind_the_lens(&observations)?)
 }
 
 /// Hands on what is known of each frame, and which effects the directions contain.
@@ -365,10 +375,11 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
     provenance.seed = args.solve.misidentify.map(|_| args.solve.misidentify_seed);
     let measured = pipeline::measure(recording)?;
+    let choice = args.sky.choice();
     let identified = if args.trust_identifications {
-        pipeline::take_identifications(&measured, &catalog, &args.sky.physics)?
+        pipeline::take_identifications(&measured, &catalog, &choice)?
     } else {
-        pipeline::identify_frames(&measured, &catalog, &args.sky.physics, &args.search.options(&measured))?
+        pipeline::identify_frames(&measured, &catalog, &choice, &args.search.options(&measured))?
     };
     let points = control_points(&measured, &identified, &catalog, &args.solve, args.trust_identifications)?;
     if let Some(path) = &args.update.update {
@@ -381,9 +392,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     let mut options = args.solve.options(&physics, moved)?;
     options.method = args.method.map_or(options.method, Method::from);
     if options.method == Method::Bundle {
-        let frames: Vec<usize> = measured.frames.iter().map(|frame| frame.index).collect();
-        let observations: Vec<_> = frames.iter().map(|frame| points.points.observation(*frame)).collect();
-        let known = args.sky.physics.terms_behind_the_lens(&observations)?;
+        let known = known_behind_the_lens(&measured, &points, &choice)?;
         options.physics.extend(known.iter().map(|term| term.effect.clone()));
         let given: Vec<String> = options.terms.iter().map(|term| term.effect.clone()).collect();
         options.terms.extend(known.into_iter().filter(|term| !given.contains(&term.effect)));

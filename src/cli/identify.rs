@@ -187,7 +187,7 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
     let measured = pipeline::measure(recording)?;
     let options = args.search.options(&measured);
-    let identified = pipeline::identify_frames(&measured, &catalog, &args.sky.physics, &options)?;
+    let identified = pipeline::identify_frames(&measured, &catalog, &args.sky.choice(), &options)?;
     let mut frames: Vec<FrameObject> = measured
         .frames
         .iter()

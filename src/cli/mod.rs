@@ -6,6 +6,9 @@ mod calibrate;
 mod calibrate_text;
 mod compare;
 mod detect;
+mod diagnose;
+mod diagnose_files;
+mod diagnose_text;
 mod doctor;
 mod effects;
 mod export;
@@ -20,6 +23,7 @@ mod run;
 mod simulate;
 mod star_list;
 mod update;
+mod write_camera;
 
 use std::process::ExitCode;
 
@@ -30,7 +34,7 @@ use clap::{Parser, Subcommand};
 pub(crate) enum Answer {
     /// Done.
     Yes,
-    /// Ran, and the answer is no: not identified, not converged.
+    /// Ran, and the answer is no: not identified, not converged, unexplained.
     No,
 }
 
@@ -61,6 +65,8 @@ enum Verb {
     Identify(identify::IdentifyArgs),
     /// Solve for the camera: principal point, focal length, distortion
     Calibrate(calibrate::CalibrateArgs),
+    /// Say whether physics is missing in the model, which, how large, and what is left
+    Diagnose(diagnose::DiagnoseArgs),
     /// Print pixel → direction of a calibration on a grid
     Map(map::MapArgs),
     /// Compare two calibrations
@@ -94,6 +100,7 @@ pub(crate) fn main() -> ExitCode {
         Verb::Detect(args) => detect::detect(args),
         Verb::Identify(args) => identify::identify(args),
         Verb::Calibrate(args) => calibrate::calibrate(args),
+        Verb::Diagnose(args) => diagnose::diagnose(args),
         Verb::Map(args) => map::map(args),
         Verb::Compare(args) => compare::compare(args),
         Verb::Export(args) => export::export(args),

@@ -47,11 +47,39 @@ pub(crate) struct SkyArgs {
     #[arg(long, value_name = "FILE")]
     pub(crate) catalog: Option<PathBuf>,
     /// The effects of known size that the model contains: a list, `none`, or `known` (all that follow from the recording)
-    #[arg(long, value_name = "LIST|none|known", default_value = "known")]
+    /// [default: known; in `diagnose` proper-motion]
+    #[arg(long, value_name = "LIST|none|known")]
+    physics: Option<Physics>,
+}
+
+/// The physics of a model, and what becomes of it where no time is known.
+#[derive(Clone, Debug)]
+pub(crate) struct SkyChoice {
+    /// The effects.
     pub(crate) physics: Physics,
+    /// Whether stars without a known time are taken where they stood at an assumed one; else effects that need the time are refused.
+    pub(crate) assumes_time: bool,
+}
+
+impl From<Physics> for SkyChoice {
+    fn from(physics: Physics) -> Self {
+        Self { assumes_time: physics == Physics::Known, physics }
+    }
 }
 
 impl SkyArgs {
+    /// What was asked for, or everything that is known.
+    pub(crate) fn choice(&self) -> SkyChoice {
+        SkyChoice::from(self.physics.clone().unwrap_or(Physics::Known))
+    }
+
+    /// What was asked for, or proper motion alone: whatever else is there is then found and not assumed. An effect that nobody asked for
+    /// is no reason to refuse a recording.
+    pub(crate) fn choice_of_diagnosis(&self) -> SkyChoice {
+        let own = || SkyChoice { physics: Physics::List(vec!["proper-motion".to_owned()]), assumes_time: true };
+        self.physics.clone().map_or_else(own, SkyChoice::from)
+    }
+
     /// The catalogue to use.
     pub(crate) fn catalog(&self) -> Result<std::borrow::Cow<'static, Catalog>> {
         open_catalog(self.catalog.as_deref())

@@ -87,6 +87,17 @@ pub(crate) fn progress(what: &'static str, count: usize) -> ProgressBar {
     bar
 }
 
+/// A sign of life on stderr for work whose end nobody knows; nothing where stderr is no terminal or the log is off.
+pub(crate) fn spinner(what: &'static str) -> ProgressBar {
+    let bar = if tracing::enabled!(tracing::Level::WARN) { ProgressBar::new_spinner() } else { ProgressBar::hidden() };
+    if let Ok(style) = ProgressStyle::with_template("{msg:>12} {spinner} {elapsed}") {
+        bar.set_style(style);
+    }
+    bar.set_message(what);
+    bar.enable_steady_tick(std::time::Duration::from_millis(200));
+    bar
+}
+
 /// What a result of this command says of its own making; inputs, seed and adapter are added by the verb.
 pub(crate) fn provenance() -> Provenance {
     Provenance::new(std::env::args().collect())

@@ -42,7 +42,7 @@ const MAP_SIDE: usize = 41;
 /// Three significant digits, plain where that is short.
 pub(crate) fn significant(number: f64) -> String {
     if number == 0.0 || !number.is_finite() {
-        return format!("{number}");
+        return format!("{}", number + 0.0); // no −0
     }
     let digits = (2.0 - number.abs().log10().floor()).clamp(0.0, 9.0) as usize;
     if number.abs() < 1e-4 { format!("{number:.1e}") } else { format!("{number:.digits$}") }

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
-use boresight::camera::{Physics, SkyChain};
+use boresight::camera::SkyChain;
 use boresight::catalog::Catalog;
 use boresight::coordinates::{Apparent, Direction};
 use boresight::detect::{DetectOptions, Detections, detect};
@@ -13,7 +13,7 @@ use boresight::provenance::Provenance;
 use boresight::recording::{OpenOptions, Recording, SkippedFrame};
 use rayon::prelude::*;
 
-use super::options::{InputArgs, SkyArgs};
+use super::options::{InputArgs, SkyArgs, SkyChoice};
 use super::{output, star_list};
 
 /// A recording with its measured frames.
@@ -153,7 +153,7 @@ pub(crate) const ASSUMED_EPOCH_YR: f64 = 2000.0;
 pub(crate) fn identify_frames(
     measured: &Measured,
     catalog: &Catalog,
-    physics: &Physics,
+    physics: &SkyChoice,
     options: &IdentifyOptions,
 ) -> Result<Vec<IdentifiedFrame>> {
     let index = Index::new(catalog);
@@ -179,7 +179,7 @@ pub(crate) fn identify_frames(
 }
 
 /// The frames of a star list whose own identifications are taken: nothing is searched for.
-pub(crate) fn take_identifications(measured: &Measured, catalog: &Catalog, physics: &Physics) -> Result<Vec<IdentifiedFrame>> {
+pub(crate) fn take_identifications(measured: &Measured, catalog: &Catalog, physics: &SkyChoice) -> Result<Vec<IdentifiedFrame>> {
     let known = circumstances(&measured.recording)?;
     measured
         .frames
@@ -193,12 +193,12 @@ pub(crate) fn take_identifications(measured: &Measured, catalog: &Catalog, physi
 }
 
 /// The physics in force during a frame.
-fn sky_chain(known: &[Observation], frame: &MeasuredFrame, physics: &Physics) -> Result<SkyChain> {
+fn sky_chain(known: &[Observation], frame: &MeasuredFrame, choice: &SkyChoice) -> Result<SkyChain> {
     let mut observation = known[frame.index];
-    if observation.epoch_yr.is_none() && *physics == Physics::Known {
+    if observation.epoch_yr.is_none() && choice.assumes_time {
         observation.epoch_yr = Some(ASSUMED_EPOCH_YR);
     }
-    SkyChain::new(physics, observation).with_context(|| frame.name.clone())
+    SkyChain::new(&choice.physics, observation).with_context(|| frame.name.clone())
 }
 
 /// The effects in force in all frames, and a sentence if some act in a part of them only.

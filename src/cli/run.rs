@@ -162,7 +162,7 @@ fn night(
     let recording = Recording::open(&[&recording_path])?;
     let measured = pipeline::measure(recording)?;
     let options = search_options(&measured);
-    let identified = pipeline::identify_frames(&measured, &catalog, &args.sky.physics, &options)?;
+    let identified = pipeline::identify_frames(&measured, &catalog, &args.sky.physics.clone().into(), &options)?;
     let frames_identified = identified.iter().filter(|frame| frame.solution().is_some()).count();
     let true_points = control_points(&measured, &identified, &catalog, &SolveArgs { misidentify: None, ..solve.clone() }, false)?.points;
     let points = control_points(&measured, &identified, &catalog, solve, false)?;

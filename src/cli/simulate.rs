@@ -12,6 +12,7 @@ use boresight::recording::{
 };
 use boresight::render::{Renderer, TrueStar};
 use boresight::scene::{DetectorTable, Exposure, Scene, SiteTable, SkyTable};
+use boresight::units::DEG_RAD;
 use clap::Args;
 use serde::Serialize;
 
@@ -136,7 +137,7 @@ pub(crate) fn write_recording(
         detector: &scene.detector,
         sky: &scene.sky,
         site: scene.site.as_ref(),
-        frames: scene.exposures.iter().enumerate().map(|(index, exposure)| true_frame(index, exposure)).collect(),
+        frames: scene.exposures.iter().enumerate().map(|(index, exposure)| true_frame(index, scene, exposure)).collect(),
         provenance: &provenance,
     };
     write_file(&folder.join("truth.json"), output::json_text(&object)?.as_bytes())?;
@@ -160,15 +161,21 @@ fn write_stars(table: &mut csv::Writer<Vec<u8>>, stars: &[TrueStar]) -> Result<(
     Ok(())
 }
 
-fn true_frame(frame: usize, exposure: &Exposure) -> TrueFrame {
+fn true_frame(frame: usize, scene: &Scene, exposure: &Exposure) -> TrueFrame {
+    let term = |(id, parameters): (&'static str, &[f64])| TrueEffect { id, parameters: parameters.to_vec() };
+    // The camera turns evenly about the attitude at the middle.
+    let turned = |seconds: f64| match exposure.telemetry.rate_deg_s {
+        Some(rate) => exposure.attitude.turned(rate.map(|component| component * DEG_RAD * seconds)),
+        None => exposure.attitude,
+    };
     TrueFrame {
         frame,
         time_utc: exposure.time.map(|time| time.to_isoformat() + "Z"),
         exposure_s: exposure.exposure_s,
-        effects: exposure.sky.effects().into_iter().map(|(id, parameters)| TrueEffect { id, parameters: parameters.to_vec() }).collect(),
-        camera_from_icrs_start: exposure.attitude,
+        effects: exposure.sky.effects().into_iter().chain(scene.model.terms()).map(term).collect(),
+        camera_from_icrs_start: turned(-0.5 * exposure.exposure_s),
         camera_from_icrs_mid: exposure.attitude,
-        camera_from_icrs_end: exposure.attitude,
+        camera_from_icrs_end: turned(0.5 * exposure.exposure_s),
         velocity_km_s: exposure.sky.observation().velocity_km_s,
         zenith_icrs: exposure.sky.observation().zenith,
     }
@@ -204,17 +211,9 @@ fn manifest(scene: &Scene) -> Recording {
             size: Some(size),
             time_utc: exposure.time,
             exposure_s: Some(exposure.exposure_s),
-            velocity_km_s: exposure.velocity_km_s,
-            ..FrameEntry::default()
+            ..exposure.telemetry.entry()
         })
         .collect();
-    let site = scene.site.as_ref().map(|site| Site {
-        latitude_deg: site.latitude_deg,
-        longitude_deg: site.longitude_deg,
-        height_m: site.height_m,
-        pressure_hpa: site.pressure_hpa,
-        temperature_c: site.temperature_c,
-        relative_humidity: site.relative_humidity,
-    });
+    let site = scene.site.as_ref().map(Site::from);
     Recording { mount: Some(Mount::Free), site, frames, form: Form::Manifest, ..Recording::new(camera) }
 }

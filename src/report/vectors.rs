@@ -36,6 +36,8 @@ const LONGEST: f64 = 0.12;
 /// The median of the kept residuals is drawn about this long (share of the larger side). The median, since a fifth of the stars
 /// may be wrong before a calibration has told which.
 const USUAL: f64 = 0.025;
+/// More arrows than these on a common scale hide each other.
+const MOST_ARROWS: usize = 700;
 const PANEL_WIDTH: f64 = 640.0;
 const MARGIN_LEFT: f64 = 76.0;
 const GAP: f64 = 92.0;
@@ -48,6 +50,29 @@ const BOTTOM: f64 = 100.0;
 /// Each panel enlarges its own arrows by a round factor, which it states with an arrow of known length: residuals before and after
 /// a calibration may differ by a factor of a hundred. The 2-D rms of the kept ones stands above.
 pub fn residual_vectors(path: &Path, title: &str, frame_px: (usize, usize), panels: [&VectorPanel; 2]) -> Result<(), ReportError> {
+    write(path, title, frame_px, panels, None)
+}
+
+/// The same with arrows of both panels enlarged by one factor, that of the panel with the larger residuals: what is gained is seen. Of many
+/// arrows only every so manieth is drawn, and that is said.
+pub fn residual_vectors_on_one_scale(
+    path: &Path,
+    title: &str,
+    frame_px: (usize, usize),
+    panels: [&VectorPanel; 2],
+) -> Result<(), ReportError> {
+    let larger_px = frame_px.0.max(frame_px.1) as f64;
+    let factor = |panel: &VectorPanel| {
+        let lengths = panel.vectors.iter().filter(|v| !v.rejected).map(|v| v.dx_px.hypot(v.dy_px));
+        enlargement(lengths.filter(|length| length.is_finite()).collect(), larger_px)
+    };
+    let factors = panels.map(|panel| (panel.vectors.iter().any(|v| !v.rejected), factor(panel)));
+    let factor = factors.iter().filter(|(any, _)| *any).map(|(_, factor)| *factor).fold(f64::INFINITY, f64::min);
+    write(path, title, frame_px, panels, Some(if factor.is_finite() { factor } else { 1.0 }))
+}
+
+/// Writes the panels with this factor, or each with its own.
+fn write(path: &Path, title: &str, frame_px: (usize, usize), panels: [&VectorPanel; 2], factor: Option<f64>) -> Result<(), ReportError> {
     let (columns, rows) = frame_px;
     if columns == 0 || rows == 0 || panels.iter().all(|panel| panel.vectors.is_empty()) {
         return Err(ReportError::Empty { path: path.to_owned(), what: "there are no residuals" });
@@ -62,13 +87,13 @@ pub fn residual_vectors(path: &Path, title: &str, frame_px: (usize, usize), pane
         sheet.text(title, (MARGIN_LEFT, 14.0), 22.0, &INK, HPos::Left, VPos::Top)?;
         for (index, panel) in panels.into_iter().enumerate() {
             let left = MARGIN_LEFT + index as f64 * (slot + GAP);
-            draw(sheet, &FrameBox { corner: (left, TOP), size: (width, height), frame_px }, panel)?;
+            draw(sheet, &FrameBox { corner: (left, TOP), size: (width, height), frame_px }, panel, factor)?;
         }
         Ok(())
     })
 }
 
-fn draw(sheet: &Sheet, frame_box: &FrameBox, panel: &VectorPanel) -> Drawn {
+fn draw(sheet: &Sheet, frame_box: &FrameBox, panel: &VectorPanel, factor: Option<f64>) -> Drawn {
     let (left, top) = frame_box.corner;
     let finite = |v: &&Vector| [v.x_px, v.y_px, v.dx_px, v.dy_px].iter().all(|number| number.is_finite());
     let vectors: Vec<&Vector> = panel.vectors.iter().filter(finite).collect();
@@ -84,11 +109,13 @@ fn draw(sheet: &Sheet, frame_box: &FrameBox, panel: &VectorPanel) -> Drawn {
     frame_box.axes(sheet, INK)?;
 
     let larger_px = frame_box.frame_px.0.max(frame_box.frame_px.1) as f64;
-    let factor = enlargement(kept, larger_px);
+    // On a common scale all panels show the same stars; each by itself shows them all.
+    let every = if factor.is_some() { vectors.len().div_ceil(MOST_ARROWS).max(1) } else { 1 };
+    let factor = factor.unwrap_or_else(|| enlargement(kept, larger_px));
     // Rejected ones below, so that they hide nothing.
     let (mut cut, longest_px) = (0, LONGEST * larger_px);
     for wrong in [true, false] {
-        for vector in vectors.iter().filter(|v| v.rejected == wrong) {
+        for vector in vectors.iter().step_by(every).filter(|v| v.rejected == wrong) {
             let (dx, dy) = (vector.dx_px * factor, vector.dy_px * factor);
             let length = dx.hypot(dy);
             let colour = if wrong { VERMILION } else { BLUE };
@@ -115,7 +142,7 @@ fn draw(sheet: &Sheet, frame_box: &FrameBox, panel: &VectorPanel) -> Drawn {
             sheet.dot(from, 1.5, colour)?;
         }
     }
-    legend(sheet, frame_box, factor, (rejected, cut))
+    legend(sheet, frame_box, factor, (rejected, cut), every)
 }
 
 /// The round factor that makes usual residuals well visible.
@@ -151,7 +178,7 @@ fn broken(sheet: &Sheet, from: (f64, f64), to: (f64, f64), colour: RGBColor) -> 
     Ok(())
 }
 
-fn legend(sheet: &Sheet, frame_box: &FrameBox, factor: f64, (rejected, cut): (usize, usize)) -> Drawn {
+fn legend(sheet: &Sheet, frame_box: &FrameBox, factor: f64, (rejected, cut): (usize, usize), every: usize) -> Drawn {
     let left = frame_box.corner.0;
     let y = frame_box.corner.1 + frame_box.size.1 + 60.0;
     // A round length that is drawn 60 to 150 pixels long.
@@ -159,6 +186,7 @@ fn legend(sheet: &Sheet, frame_box: &FrameBox, factor: f64, (rejected, cut): (us
     let key = key_px * factor * frame_box.scale();
     sheet.arrow((left, y), (left + key, y), INK, 1.5)?;
     let times = format!("{} px, arrows × {}", short(key_px), short(factor));
+    let times = if every > 1 { format!("{times}; one star image in {every} is drawn") } else { times };
     sheet.text(&times, (left + key + 8.0, y), 15.0, &INK, HPos::Left, VPos::Center)?;
     let mut x = left;
     for (count, what, colour) in [(rejected, "rejected", VERMILION), (cut, "longer than drawn (dashed)", INK)] {
@@ -211,6 +239,24 @@ mod tests {
         };
         assert!(blue(5.0, 0.0) && blue(9.0, 0.0), "to the right, ×20, 0.64 pixels of the sheet each");
         assert!(!blue(-8.0, 0.0) && !blue(0.0, 8.0) && !blue(0.0, -8.0));
+    }
+
+    #[test]
+    fn on_one_scale_the_smaller_residual_is_drawn_shorter() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("vectors.png");
+        let panel = |dx_px| VectorPanel { title: "panel".into(), vectors: vec![vector(500.0, 500.0, dx_px, 0.0)] };
+        let length = |path: &Path, second: f64| {
+            let read = image::open(path).unwrap().to_rgb8();
+            let left = MARGIN_LEFT + second * (PANEL_WIDTH + GAP) + PANEL_WIDTH / 2.0;
+            let row = (TOP + PANEL_WIDTH / 2.0) as u32;
+            (0..120).filter(|dx| read.get_pixel(left as u32 + dx, row).0[0] < 160).count()
+        };
+        residual_vectors_on_one_scale(&path, "", (1001, 1001), [&panel(1.0), &panel(0.25)]).unwrap();
+        let (first, second) = (length(&path, 0.0), length(&path, 1.0));
+        assert!(first > 10 && second < first / 2, "{first} {second}");
+        residual_vectors(&path, "", (1001, 1001), [&panel(1.0), &panel(0.25)]).unwrap();
+        assert!(length(&path, 1.0) > second, "on a scale of its own it is longer");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::SceneError;
+use super::{EffectTable, SceneError};
 use crate::camera::Camera;
 use crate::coordinates::PixelPoint;
 
@@ -31,6 +31,9 @@ pub struct SceneFile {
     pub sky: SkyTable,
     /// The place on the ground.
     pub site: Option<SiteTable>,
+    /// Effects with parameters of their own.
+    #[serde(default)]
+    pub effects: Vec<EffectTable>,
     /// Exposures at regular times, pointed by chance.
     pub series: Option<SeriesTable>,
     /// Exposures one by one.
@@ -195,6 +198,12 @@ pub struct FrameTable {
     pub roll_deg: f64,
     /// Camera velocity, barycentric, ICRS axes.
     pub velocity_km_s: Option<[f64; 3]>,
+    /// Rate of the camera in its own axes: for effects that follow it. Stars are not smeared by it.
+    pub rate_deg_s: Option<[f64; 3]>,
+    /// Temperature of the optics.
+    pub temperature_c: Option<f64>,
+    /// Air pressure at the camera.
+    pub pressure_hpa: Option<f64>,
 }
 
 impl TrueCameraTable {
@@ -373,6 +382,15 @@ pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
         if let Some(velocity) = frame.velocity_km_s.filter(|velocity| !velocity.iter().all(|v| v.abs() < 3e5)) {
             let remedy = "must be three numbers in km/s, each below the speed of light";
             return refuse(&format!("frames[{index}].velocity_km_s"), format!("{velocity:?}"), remedy);
+        }
+        if let Some(rate) = frame.rate_deg_s.filter(|rate| !rate.iter().all(|component| component.abs() <= 1e4)) {
+            let remedy = "must be three numbers in degrees per second, not beyond 10000";
+            return refuse(&format!("frames[{index}].rate_deg_s"), format!("{rate:?}"), remedy);
+        }
+        for (key, value) in [("temperature_c", frame.temperature_c), ("pressure_hpa", frame.pressure_hpa)] {
+            if let Some(value) = value.filter(|value| !value.is_finite()) {
+                return refuse(&format!("frames[{index}].{key}"), value.to_string(), "must be a finite number");
+            }
         }
         if !frame.roll_deg.is_finite() {
             return refuse(&format!("frames[{index}].roll_deg"), frame.roll_deg.to_string(), "must be a finite number");

@@ -3,18 +3,21 @@
 //! A scene keeps two cameras apart: `[camera]` is the truth, which is rendered; `[nominal]` is what the maker said of it, which
 //! the recording declares and which may be wrong.
 
+mod effects;
 mod file;
 mod pointing;
 
 use hifitime::Epoch;
 use thiserror::Error;
 
+pub use effects::EffectTable;
 pub use file::{DEMO_TOML, DetectorTable, FrameTable, NominalTable, SceneFile, SeriesTable, SiteTable, SkyTable, TrueCameraTable};
 
-use crate::camera::{Camera, GroundSite, ObserverError, Physics, PhysicsError, SkyChain, observation};
+use crate::camera::{Camera, GroundSite, Model, ObserverError, Physics, PhysicsError, SkyChain, Term, observation};
 use crate::catalog::Catalog;
 use crate::coordinates::{Attitude, PixelPoint};
-use crate::effects::Observation;
+use crate::effects::{Context, Observation, StarImage as ImageState, StarState};
+use crate::recording::{CameraInfo, FrameEntry, Recording, Site};
 use crate::units::DEG_RAD;
 
 /// What is wrong with a scene.
@@ -74,6 +77,8 @@ pub struct Scene {
     pub seed: u64,
     /// The true camera.
     pub camera: Camera,
+    /// The true camera with the effects behind the lens.
+    pub model: Model,
     /// The camera as the recording declares it.
     pub nominal: Camera,
     /// The true detector and PSF.
@@ -95,10 +100,23 @@ pub struct Exposure {
     pub exposure_s: f64,
     /// How the camera is turned, all the time.
     pub attitude: Attitude,
-    /// The displacements in force.
+    /// The displacements in force on the way to the camera.
     pub sky: SkyChain,
-    /// Camera velocity as the scene gives it.
+    /// What the recording says of the frame beside its time.
+    pub telemetry: Telemetry,
+}
+
+/// What is measured beside the image.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Telemetry {
+    /// Camera velocity, barycentric, ICRS axes.
     pub velocity_km_s: Option<[f64; 3]>,
+    /// Rate of the camera in its own axes.
+    pub rate_deg_s: Option<[f64; 3]>,
+    /// Temperature of the optics.
+    pub temperature_c: Option<f64>,
+    /// Air pressure at the camera.
+    pub pressure_hpa: Option<f64>,
 }
 
 /// Where and how bright a star is imaged: the truth of one star in one frame.
@@ -158,8 +176,16 @@ impl Scene {
             .filter(|star| crate::dual::dot(star.direction.xyz, boresight) > cos_radius)
             .filter_map(|star| {
                 let apparent = exposure.sky.apparent(star, catalog.epoch_yr);
-                let position = self.camera.pixel(&exposure.attitude.camera_from_apparent(&apparent))?;
+                let direction = exposure.attitude.camera_from_apparent(&apparent);
                 let electrons = self.detector.zero_point_e_per_s * 10.0_f64.powf(-0.4 * star.magnitude) * exposure.exposure_s;
+                let position = if self.model.is_reference_behind_the_lens() {
+                    self.camera.pixel(&direction)?
+                } else {
+                    let image =
+                        ImageState { flux_e: Some(electrons), psf_sigma_px: Some(self.detector.psf_sigma_px), ..ImageState::default() };
+                    let context = Context::new(StarState::of(star, catalog.epoch_yr), *exposure.sky.observation());
+                    self.model.pixel(&direction, &context.with_image(image))?
+                };
                 (reach(position.x_px, self.camera.width_px) && reach(position.y_px, self.camera.height_px)).then_some(StarImage {
                     hip: star.hip,
                     position,
@@ -194,19 +220,58 @@ impl SceneFile {
         let circumstances = |time: Option<Epoch>, velocity| -> Result<Observation, SceneError> {
             observation(time, site.as_ref(), velocity).map_err(|source| SceneError::Time { path: path.to_owned(), source })
         };
-        let mut exposures = Vec::new();
-        for plan in pointing::plan(path, &self, &circumstances)? {
-            let observation = circumstances(plan.time, plan.velocity_km_s)?;
-            let sky = SkyChain::new(&physics, observation).map_err(|source| SceneError::Physics { path: path.to_owned(), source })?;
-            exposures.push(Exposure {
-                time: plan.time,
-                exposure_s: plan.exposure_s,
-                attitude: plan.attitude,
-                sky,
-                velocity_km_s: plan.velocity_km_s,
-            });
+        let terms = effects::terms(path, &self.effects)?;
+        let mut model = Model::new(camera);
+        effects::behind_the_lens(path, &mut model, &terms)?;
+        let plans = pointing::plan(path, &self, &circumstances)?;
+        let exposures = self.exposures(path, plans, &physics, &terms)?;
+        Ok(Scene { seed: self.seed, camera, model, nominal, detector: self.detector, sky: self.sky, site: self.site, exposures })
+    }
+
+    /// The exposures, each with the physics in force. Its circumstances are those that a recording with this telemetry tells.
+    fn exposures(&self, path: &str, plans: Vec<pointing::Plan>, physics: &Physics, terms: &[Term]) -> Result<Vec<Exposure>, SceneError> {
+        let info = CameraInfo { width_px: self.camera.width_px, height_px: self.camera.height_px, ..CameraInfo::default() };
+        let frames = plans.iter().enumerate().map(|(number, plan)| FrameEntry {
+            number,
+            time_utc: plan.time,
+            exposure_s: Some(plan.exposure_s),
+            ..plan.telemetry.entry()
+        });
+        let recording = Recording { site: self.site.as_ref().map(Site::from), frames: frames.collect(), ..Recording::new(info) };
+        let observations = recording.observations().map_err(|(_, source)| SceneError::Time { path: path.to_owned(), source })?;
+        let exposure = |(plan, observation): (pointing::Plan, Observation)| {
+            let known = SkyChain::new(physics, observation).map_err(|source| SceneError::Physics { path: path.to_owned(), source })?;
+            let sky = effects::on_the_sky(&known, terms);
+            Ok(Exposure { time: plan.time, exposure_s: plan.exposure_s, attitude: plan.attitude, sky, telemetry: plan.telemetry })
+        };
+        plans.into_iter().zip(observations).map(exposure).collect()
+    }
+}
+
+impl Telemetry {
+    /// As a recording has it.
+    #[must_use]
+    pub fn entry(&self) -> FrameEntry {
+        FrameEntry {
+            velocity_km_s: self.velocity_km_s,
+            rate_deg_s: self.rate_deg_s,
+            temperature_c: self.temperature_c,
+            covariates: self.pressure_hpa.map(|pressure| ("pressure_hpa".to_owned(), pressure)).into_iter().collect(),
+            ..FrameEntry::default()
         }
-        Ok(Scene { seed: self.seed, camera, nominal, detector: self.detector, sky: self.sky, site: self.site, exposures })
+    }
+}
+
+impl From<&SiteTable> for Site {
+    fn from(site: &SiteTable) -> Self {
+        Self {
+            latitude_deg: site.latitude_deg,
+            longitude_deg: site.longitude_deg,
+            height_m: site.height_m,
+            pressure_hpa: site.pressure_hpa,
+            temperature_c: site.temperature_c,
+            relative_humidity: site.relative_humidity,
+        }
     }
 }
 

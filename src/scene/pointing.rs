@@ -4,7 +4,7 @@ use hifitime::{Epoch, Unit};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-use super::{SceneError, SceneFile};
+use super::{SceneError, SceneFile, Telemetry};
 use crate::coordinates::Attitude;
 use crate::dual::dot;
 use crate::effects::Observation;
@@ -15,7 +15,7 @@ pub(super) struct Plan {
     pub(super) time: Option<Epoch>,
     pub(super) exposure_s: f64,
     pub(super) attitude: Attitude,
-    pub(super) velocity_km_s: Option<[f64; 3]>,
+    pub(super) telemetry: Telemetry,
 }
 
 /// The exposures of a scene in order of time.
@@ -44,7 +44,12 @@ pub(super) fn plan(
                 }
             };
             let roll = rng.random_range(0.0..std::f64::consts::TAU);
-            Ok(Plan { time, exposure_s: series.exposure_s, attitude: Attitude::from_pointing(ra, dec, roll), velocity_km_s: None })
+            Ok(Plan {
+                time,
+                exposure_s: series.exposure_s,
+                attitude: Attitude::from_pointing(ra, dec, roll),
+                telemetry: Telemetry::default(),
+            })
         })
         .collect()
 }
@@ -62,7 +67,13 @@ fn listed(path: &str, file: &SceneFile) -> Result<Vec<Plan>, SceneError> {
         }
         let [ra_deg, dec_deg] = frame.boresight_radec_deg;
         let attitude = Attitude::from_pointing(ra_deg * DEG_RAD, dec_deg * DEG_RAD, frame.roll_deg * DEG_RAD);
-        plans.push(Plan { time, exposure_s: frame.exposure_s, attitude, velocity_km_s: frame.velocity_km_s });
+        let telemetry = Telemetry {
+            velocity_km_s: frame.velocity_km_s,
+            rate_deg_s: frame.rate_deg_s,
+            temperature_c: frame.temperature_c,
+            pressure_hpa: frame.pressure_hpa,
+        };
+        plans.push(Plan { time, exposure_s: frame.exposure_s, attitude, telemetry });
     }
     Ok(plans)
 }

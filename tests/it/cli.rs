@@ -8,13 +8,13 @@ use serde_json::Value;
 use crate::common::{log_gpu_test, recordings_dir};
 
 /// What a command left behind.
-struct Ran {
-    code: i32,
-    stdout: String,
-    stderr: String,
+pub(crate) struct Ran {
+    pub(crate) code: i32,
+    pub(crate) stdout: String,
+    pub(crate) stderr: String,
 }
 
-fn run(args: &[&str]) -> Ran {
+pub(crate) fn run(args: &[&str]) -> Ran {
     let output = Command::cargo_bin("boresight").unwrap().args(args).output().unwrap();
     Ran {
         code: output.status.code().expect("not killed by a signal"),
@@ -30,16 +30,16 @@ fn json(args: &[&str]) -> Value {
     serde_json::from_str(&ran.stdout).unwrap_or_else(|error| panic!("{args:?}: stdout is not one JSON object ({error}): {}", ran.stdout))
 }
 
-fn text(path: &Path) -> &str {
+pub(crate) fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-fn number(value: &Value, pointer: &str) -> f64 {
+pub(crate) fn number(value: &Value, pointer: &str) -> f64 {
     value.pointer(pointer).and_then(Value::as_f64).unwrap_or_else(|| panic!("no number at {pointer} in {value}"))
 }
 
 /// A short night for quick tests: the demo's sky through a camera of 512² pixels, 16° wide.
-fn short_night(directory: &Path, changes: &[(&str, &str)]) -> PathBuf {
+pub(crate) fn short_night(directory: &Path, changes: &[(&str, &str)]) -> PathBuf {
     let mut scene = boresight::scene::DEMO_TOML.to_owned();
     let all = [
         ("width_px = 1024", "width_px = 512"),

@@ -3,7 +3,7 @@
 //! ```text
 //!             main → cli → report
 //!                ↙             ↘
-//!   render → scene → imaging   calibrate → identify → detect
+//!   render → scene → imaging   diagnose → calibrate → identify → detect
 //!                ↘             ↙
 //!                  the basement
 //! ```
@@ -25,10 +25,11 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("detect", &[]),
     ("identify", &["detect"]),
     ("calibrate", &["identify", "detect"]),
+    ("diagnose", &["calibrate", "identify", "detect"]),
     ("exchange", &["calibrate"]),
-    ("report", &["imaging", "scene", "render", "detect", "identify", "calibrate"]),
-    ("cli", &["imaging", "scene", "render", "detect", "identify", "calibrate", "exchange", "report"]),
-    ("main", &["imaging", "scene", "render", "detect", "identify", "calibrate", "exchange", "report", "cli"]),
+    ("report", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose"]),
+    ("cli", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose", "exchange", "report"]),
+    ("main", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose", "exchange", "report", "cli"]),
 ];
 
 /// Why `from` may not import `to`, or `None` if it may.

@@ -7,6 +7,7 @@ mod catalog;
 mod cli;
 mod common;
 mod detect;
+mod diagnose_cli;
 mod displacements;
 mod exchange;
 mod house;

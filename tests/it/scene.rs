@@ -1,5 +1,6 @@
 //! Scene files: what is read, and what is refused in which words.
 
+use boresight::catalog::Catalog;
 use boresight::scene::{DEMO_TOML, Scene};
 
 fn refusal(change: &str, to: &str) -> String {
@@ -51,6 +52,80 @@ fn bad_scenes_get_one_clear_sentence() {
         ("latitude_deg = 37.22", "latitude_deg = 137.22", &["site.latitude_deg = 137.22", "between -90 and 90"][..]),
     ] {
         let message = refusal(change, to);
+        assert!(message.starts_with("scene.toml: ") && !message.contains('\n'), "{message}");
+        for part in parts {
+            assert!(message.contains(part), "{part:?} is not in: {message}");
+        }
+    }
+}
+
+/// The demo scene with more at its end.
+fn demo_with(more: &str) -> Scene {
+    Scene::parse("scene.toml", &format!("{DEMO_TOML}\n{more}")).unwrap()
+}
+
+#[test]
+fn any_displacement_moves_the_stars_of_a_scene() {
+    let catalog = Catalog::embedded();
+    let plain = Scene::demo().unwrap();
+    let aspect = demo_with("[[effects]]\nid = \"pixel-aspect\"\nparameters = { epsilon = 1e-3 }");
+    let images = |scene: &Scene| scene.star_images(catalog, 3, 0.0);
+    let (before, after) = (images(&plain), images(&aspect));
+    let mut compared = 0;
+    for star in &before {
+        let Some(moved) = after.iter().find(|other| other.hip == star.hip) else { continue };
+        // fx/fy − 1 = ε: half of it in x, half of it against y, from the principal point.
+        let expected = [0.5e-3 * (star.position.x_px - 518.3), -0.5e-3 * (star.position.y_px - 506.1)];
+        let found = [moved.position.x_px - star.position.x_px, moved.position.y_px - star.position.y_px];
+        for axis in 0..2 {
+            assert!((found[axis] - expected[axis]).abs() < 5e-3, "HIP {}: {found:?} instead of {expected:?}", star.hip);
+        }
+        compared += 1;
+    }
+    assert!(compared > 100, "{compared}");
+    // Without parameters an effect is there and does nothing; one of the sky takes the place of its known size.
+    let idle = demo_with("[[effects]]\nid = \"shear\"");
+    assert!(images(&idle).iter().zip(&before).all(|(a, b)| a.hip == b.hip && (a.position.x_px - b.position.x_px).abs() < 1e-7));
+    let still = demo_with("[[effects]]\nid = \"stellar-aberration\"\nparameters = { amplitude = 0.0 }");
+    assert_eq!(still.exposures[0].sky.ids(), plain.exposures[0].sky.ids());
+    let shift = images(&still)[0].position.x_px - before[0].position.x_px;
+    assert!(shift.abs() > 1e-3, "the stars are not aberrated: {shift}");
+}
+
+#[test]
+fn rows_of_a_turning_camera_see_other_skies() {
+    let frame = "boresight_radec_deg = [83.0, 5.0]\nexposure_s = 0.1";
+    let text = |rate: &str, effects: &str| {
+        let start = DEMO_TOML.find("[site]").unwrap();
+        format!("{}\n[[frames]]\n{frame}\n{rate}\n{effects}", &DEMO_TOML[..start])
+    };
+    let shutter = "[[effects]]\nid = \"rolling-shutter\"\nparameters = { line_time_us = 12.0 }";
+    let [still, turning] = ["", "rate_deg_s = [0.0, 1.0, 0.0]"].map(|rate| Scene::parse("scene.toml", &text(rate, shutter)).unwrap());
+    let [before, after] = [&still, &turning].map(|scene| scene.star_images(Catalog::embedded(), 0, 0.0));
+    let mut largest: f64 = 0.0;
+    for star in &before {
+        let Some(moved) = after.iter().find(|other| other.hip == star.hip) else { continue };
+        // A turn about y by ω·t moves the image along x by f·ω·t; t is that of the row.
+        let expected = 2900.0 * 1.0_f64.to_radians() * 12e-6 * (star.position.y_px - 511.5);
+        let found = moved.position.x_px - star.position.x_px;
+        assert!((found.abs() / expected.abs() - 1.0).abs() < 0.1 || expected.abs() < 0.02, "{found} instead of {expected}");
+        largest = largest.max(found.abs());
+    }
+    assert!(largest > 0.2, "{largest}");
+    assert_eq!(turning.exposures[0].telemetry.rate_deg_s, Some([0.0, 1.0, 0.0]));
+}
+
+#[test]
+fn bad_effects_get_one_clear_sentence() {
+    for (more, parts) in [
+        ("[[effects]]\nid = \"sheer\"", &["effects[0]", "did you mean shear?"][..]),
+        ("[[effects]]\nid = \"shear\"\nparameters = { sheer = 1.0 }", &["shear has no parameter sheer; it has shear_rad"][..]),
+        ("[[effects]]\nid = \"pinhole\"", &["pinhole is part of [camera]"][..]),
+        ("[[effects]]\nid = \"brown-conrady\"", &["brown-conrady is part of [camera]"][..]),
+        ("[[effects]]\nid = \"shear\"\n[[effects]]\nid = \"shear\"", &["effects[1]", "shear is listed twice"][..]),
+        ("[[effects]]\nid = \"rolling-shutter\"\nparameters = { line_time_us = 1e9 }", &["line_time_us = 1000000000 must lie between"][..]),
+    ] {
+        let message = Scene::parse("scene.toml", &format!("{DEMO_TOML}\n{more}")).unwrap_err().to_string();
         assert!(message.starts_with("scene.toml: ") && !message.contains('\n'), "{message}");
         for part in parts {
             assert!(message.contains(part), "{part:?} is not in: {message}");

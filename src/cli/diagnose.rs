@@ -1,0 +1,285 @@
+//! `boresight diagnose`: is physics missing in the model, which, how large, what else could it be, and what is left.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use boresight::calibrate::{CalibrateOptions, Calibration, calibrate, calibrate_identifying_anew};
+use boresight::catalog::Catalog;
+use boresight::diagnose::{DiagnoseOptions, Diagnosis, Telemetry, Verdict};
+use boresight::provenance::Provenance;
+use boresight::recording::{Recording, SkippedFrame};
+use clap::Args;
+use serde::Serialize;
+
+use super::calibrate::{Prepared, SolveArgs, control_points, known_behind_the_lens, parameter_name, star_images};
+use super::identify::SearchArgs;
+use super::options::{InputArgs, OutputArgs, SkyArgs, SkyChoice};
+use super::pipeline::Measured;
+use super::{Answer, diagnose_files, diagnose_text, output, pipeline, write_camera};
+
+/// Arguments of `diagnose`.
+#[derive(Debug, Args)]
+pub(crate) struct DiagnoseArgs {
+    #[command(flatten)]
+    input: InputArgs,
+    #[command(flatten)]
+    sky: SkyArgs,
+    #[command(flatten)]
+    search: SearchArgs,
+    /// Read options from this TOML file (nulls, alpha, seed, solve, terms, `proper_motion_only`); what is given here goes before them
+    #[arg(long, value_name = "FILE")]
+    options: Option<PathBuf>,
+    /// At least so many simulated recordings without any effect for the question whether something is missing [default: 1000]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    nulls: Option<u32>,
+    /// Probability of a false finding in a recording [default: 3e-4]
+    #[arg(long, value_name = "P", value_parser = probability)]
+    alpha: Option<f64>,
+    /// Seed of what is drawn by chance [default: 0]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// The camera's parameters that are free in the model held against the recording [default: x0,y0,f,k1,p1,p2]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = parameter_name)]
+    solve: Option<Vec<String>>,
+    /// Use only stars brighter than this V magnitude
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    max_magnitude: Option<f64>,
+    /// Use stars without known proper motion too, where the time is known and they are off by it
+    #[arg(long)]
+    all_stars: bool,
+    /// Take the identifications of a star list (`hip`, or `ra_deg` and `dec_deg`) as they are, instead of making our own
+    #[arg(long)]
+    trust_identifications: bool,
+    /// Write the camera and the sky with what was found into this scene, which `boresight simulate` renders
+    #[arg(long, value_name = "FILE")]
+    write_camera: Option<PathBuf>,
+    #[command(flatten)]
+    output: OutputArgs,
+}
+
+fn probability(text: &str) -> std::result::Result<f64, String> {
+    text.parse::<f64>().ok().filter(|value| *value > 0.0 && *value < 1.0).ok_or_else(|| "give a probability between 0 and 1".into())
+}
+
+/// The result: the diagnosis, and what was done to its input.
+#[derive(Serialize)]
+struct DiagnoseObject<'a> {
+    #[serde(flatten)]
+    diagnosis: &'a Diagnosis,
+    /// −1 if the images are mirrored. Columns are those of the images as stored; parameters are those of the un-mirrored image.
+    parity: i8,
+    skipped: &'a [SkippedFrame],
+    notes: &'a [String],
+}
+
+impl DiagnoseArgs {
+    /// The options of the diagnosis: those of the file, with what the command line says in their place.
+    fn options(&self, times_are_known: bool) -> Result<DiagnoseOptions> {
+        let (mut options, is_given) = match &self.options {
+            None => (DiagnoseOptions::default(), false),
+            Some(path) => {
+                let name = path.display();
+                let text = std::fs::read_to_string(path).with_context(|| format!("--options {name}: the file cannot be read"))?;
+                let table: toml::Table = toml::from_str(&text).with_context(|| format!("--options {name}"))?;
+                let is_given = table.contains_key("proper_motion_only");
+                (toml::from_str(&text).with_context(|| format!("--options {name}"))?, is_given)
+            }
+        };
+        options.nulls = self.nulls.map_or(options.nulls, |nulls| nulls as usize);
+        options.alpha = self.alpha.unwrap_or(options.alpha);
+        options.seed = self.seed.unwrap_or(options.seed);
+        if let Some(solve) = &self.solve {
+            options.solve.clone_from(solve);
+        }
+        // Where the time is known a star whose motion is not known is off by more than it is measured to.
+        if !is_given || self.all_stars {
+            options.proper_motion_only = times_are_known && !self.all_stars;
+        }
+        Ok(options)
+    }
+}
+
+/// Diagnoses, and prints a page.
+pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
+    let catalog = args.sky.catalog()?;
+    let recording = pipeline::open(&args.input)?;
+    let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
+    let measured = pipeline::measure(recording)?;
+    let mut options = args.options(measured.times_are_known())?;
+    provenance.seed = Some(options.seed);
+    let choice = args.sky.choice_of_diagnosis();
+    let identified = if args.trust_identifications {
+        pipeline::take_identifications(&measured, &catalog, &choice)?
+    } else {
+        pipeline::identify_frames(&measured, &catalog, &choice, &args.search.options(&measured))?
+    };
+    let limits = SolveArgs { max_magnitude: args.max_magnitude, ..SolveArgs::default() };
+    let prepared = control_points(&measured, &identified, &catalog, &limits, args.trust_identifications)?;
+    let (physics, uneven) = pipeline::physics_in_force(&identified);
+    options.physics = physics.iter().map(|id| (*id).to_owned()).collect();
+    for term in known_behind_the_lens(&measured, &prepared, &choice)? {
+        options.physics.push(term.effect.clone());
+        if options.terms.iter().all(|given| given.effect != term.effect) {
+            options.terms.push(term);
+        }
+    }
+    let baseline = baseline(args, &measured, &prepared, &catalog, &options)?;
+    let points = &baseline.control_points;
+    let spinner = output::spinner("diagnosing");
+    let result = boresight::diagnose::diagnose(points, &telemetry(&measured.recording), &options);
+    spinner.finish_and_clear();
+    let mut diagnosis = result?;
+    diagnosis.warnings.extend(warnings(args, &measured, &prepared, &choice));
+    diagnosis.warnings.extend(uneven);
+    if let Some(path) = &args.write_camera {
+        let more = write_camera::write(path, &diagnosis, points, &measured, &catalog, options.seed)?;
+        diagnosis.warnings.extend(more);
+    }
+    finish(args, diagnosis, &measured, &prepared, options.alpha, provenance)
+}
+
+/// Writes everything in the columns of the images as stored.
+fn finish(
+    args: &DiagnoseArgs,
+    mut diagnosis: Diagnosis,
+    measured: &Measured,
+    prepared: &Prepared,
+    alpha: f64,
+    provenance: Provenance,
+) -> Result<Answer> {
+    diagnosis.provenance = Some(provenance);
+    let size = (prepared.points.nominal.width_px, prepared.points.nominal.height_px);
+    if prepared.parity < 0 {
+        store_columns(&mut diagnosis, size.0);
+    }
+    if let Some(directory) = &args.output.output {
+        diagnose_files::write(directory, &mut diagnosis, measured, size, alpha)?;
+    }
+    let object =
+        DiagnoseObject { diagnosis: &diagnosis, parity: prepared.parity, skipped: &measured.skipped, notes: &measured.recording.notes };
+    output::deliver("diagnose", &object, args.output.json, args.output.output.as_deref(), || diagnose_text::text(&diagnosis))?;
+    Ok(if diagnosis.verdict == Verdict::Unexplained { Answer::No } else { Answer::Yes })
+}
+
+/// The camera that the recording is held against, identified anew with it: its control points have few wrong and few missing stars.
+/// Imprecise stars stay, since nothing is known yet of what makes them so.
+fn baseline(
+    args: &DiagnoseArgs,
+    measured: &Measured,
+    prepared: &Prepared,
+    catalog: &Catalog,
+    options: &DiagnoseOptions,
+) -> Result<Calibration> {
+    let solver = CalibrateOptions {
+        solve: options.solve.clone(),
+        terms: options.terms.clone(),
+        physics: options.physics.clone(),
+        leave_out_imprecise: false,
+        proper_motion_only: options.proper_motion_only,
+        held_out: false,
+        ..CalibrateOptions::default()
+    };
+    let result = if args.trust_identifications {
+        calibrate(&prepared.points, &solver)
+    } else {
+        calibrate_identifying_anew(&prepared.points, &star_images(measured, prepared), catalog, args.max_magnitude, &solver)
+    };
+    Ok(result.map_err(boresight::diagnose::DiagnoseError::from)?)
+}
+
+/// What a mismatch may follow from frame to frame: every number of the frames under its own name.
+fn telemetry(recording: &Recording) -> Telemetry {
+    let of = |frame: &boresight::recording::FrameEntry| {
+        let own = [("temperature", frame.temperature_c), ("exposure", frame.exposure_s)];
+        let own = own.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?)));
+        frame.covariates.iter().map(|(name, value)| (name.clone(), *value)).chain(own).collect()
+    };
+    recording.frames.iter().map(of).collect()
+}
+
+/// What is to be minded of how the points came about.
+fn warnings(args: &DiagnoseArgs, measured: &Measured, prepared: &Prepared, choice: &SkyChoice) -> Vec<String> {
+    let mut warnings = prepared.notes.clone();
+    if !measured.times_are_known() {
+        let where_taken = if choice.assumes_time {
+            "stars are taken where they stood at J2000.0"
+        } else {
+            "stars are taken where the catalogue has them"
+        };
+        warnings.push(format!(
+            "the time of the frames is not known: {where_taken}, and those that moved since are off; what needs the time is not judged"
+        ));
+    } else if args.all_stars {
+        warnings.push("stars whose proper motion is not known take part, and are off by it".to_owned());
+    }
+    if prepared.parity < 0 {
+        warnings.push("the images are mirrored: columns are those of the images as stored, parameters are those of the un-mirrored image (x replaced by width − 1 − x)".to_owned());
+    }
+    warnings
+}
+
+/// From the columns of the un-mirrored image to those of the images as stored.
+fn store_columns(diagnosis: &mut Diagnosis, width_px: usize) {
+    let flip = |x_px: &mut f64| *x_px = width_px as f64 - 1.0 - *x_px;
+    for row in &mut diagnosis.residuals {
+        flip(&mut row.x_px);
+        for residual in [&mut row.before_px, &mut row.after_px] {
+            residual[0] = -residual[0];
+        }
+    }
+    for point in diagnosis.unknown.iter_mut().flat_map(|unknown| &mut unknown.field.points) {
+        flip(&mut point[0]);
+        point[2] = -point[2];
+    }
+    for profile in &mut diagnosis.profiles {
+        let turned = matches!(profile.component.as_str(), "along x" | "across the radius");
+        for [at, mean, _, model] in &mut profile.bins {
+            *at = mirrored(&profile.covariate, *at, width_px as f64);
+            if turned {
+                (*mean, *model) = (-*mean, -*model);
+            }
+        }
+    }
+}
+
+/// A covariate's value in the mirrored image.
+fn mirrored(covariate: &str, value: f64, width_px: f64) -> f64 {
+    match covariate {
+        "x" => width_px - 1.0 - value,
+        "column-half" => 1.0 - value,
+        "pixel-phase-x" => -value,
+        "pixel-parity-x" => (width_px - value).rem_euclid(2.0),
+        "field-azimuth" => {
+            let turned = std::f64::consts::PI - value;
+            turned.sin().atan2(turned.cos())
+        }
+        _ => value,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn covariates_are_those_of_the_mirrored_image() {
+        for (x, width) in [(3.2_f64, 10.0_f64), (7.9, 11.0)] {
+            let other = width - 1.0 - x;
+            let phase = |x: f64| (x + 0.5).rem_euclid(1.0) - 0.5;
+            let parity = |x: f64| (x + 0.5).rem_euclid(2.0);
+            let azimuth = |x: f64| 2.0_f64.atan2(x - (width - 1.0) / 2.0);
+            let half = |x: f64| f64::from(u8::from(x > (width - 1.0) / 2.0));
+            for (name, here, there) in [
+                ("x", x, other),
+                ("pixel-phase-x", phase(x), phase(other)),
+                ("pixel-parity-x", parity(x), parity(other)),
+                ("field-azimuth", azimuth(x), azimuth(other)),
+                ("column-half", half(x), half(other)),
+                ("y", 4.0, 4.0),
+            ] {
+                let found = mirrored(name, here, width);
+                assert!((found - there).abs() < 1e-12, "{name}: {found} instead of {there}");
+            }
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! What a diagnosis leaves in its folder beside diagnose.json: the page, tables, pictures.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use boresight::diagnose::{Diagnosis, EffectState, Profile, Unknown};
+use boresight::recording::write_file;
+use boresight::report;
+
+use super::diagnose_text;
+use super::pictures::{probability, significant};
+use super::pipeline::Measured;
+
+/// The map of the remainder.
+const MAP_TABLE: &str = "map.csv";
+/// Its picture.
+const MAP_PICTURE: &str = "map.png";
+/// Pictures of findings begin so.
+const PROFILE: &str = "profile-";
+
+/// Writes summary.txt, residuals.csv, map.csv and the pictures. `size`: columns and rows of the frames. The diagnosis is told where its map is.
+pub(crate) fn write(directory: &Path, diagnosis: &mut Diagnosis, measured: &Measured, size: (usize, usize), alpha: f64) -> Result<()> {
+    std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
+    remove_former(directory)?;
+    if let Some(unknown) = diagnosis.unknown.as_mut().filter(|unknown| !unknown.field.points.is_empty()) {
+        unknown.map = Some(MAP_TABLE.to_owned());
+        write_file(&directory.join(MAP_TABLE), &map_table(unknown)?)?;
+        map_picture(&directory.join(MAP_PICTURE), unknown, size)?;
+    }
+    write_file(&directory.join("residuals.csv"), &residual_table(diagnosis, measured)?)?;
+    write_file(&directory.join("summary.txt"), diagnose_text::text(diagnosis).as_bytes())?;
+    if !diagnosis.residuals.is_empty() {
+        residuals(&directory.join("residuals.png"), diagnosis, size)?;
+    }
+    let ranking = ranking(diagnosis, alpha);
+    if !ranking.ranks.is_empty() {
+        ranking.write(&directory.join("ranking.png"))?;
+    }
+    for profile in diagnosis.profiles.iter().filter(|profile| !profile.bins.is_empty()) {
+        let name = format!("{PROFILE}{}-{}.png", profile.id, profile.covariate.replace(|c: char| !c.is_ascii_alphanumeric(), "-"));
+        profile_plot(profile, diagnosis).write(&directory.join(name))?;
+    }
+    Ok(())
+}
+
+/// Takes away what an earlier diagnosis left and this one may not have.
+fn remove_former(directory: &Path) -> Result<()> {
+    for entry in std::fs::read_dir(directory).with_context(|| format!("reading {}", directory.display()))? {
+        let path = entry.with_context(|| format!("reading {}", directory.display()))?.path();
+        let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let is_picture = Path::new(&name).extension().is_some_and(|extension| extension == "png");
+        if [MAP_TABLE, MAP_PICTURE, "ranking.png", "residuals.png"].contains(&name.as_str()) || name.starts_with(PROFILE) && is_picture {
+            std::fs::remove_file(&path).with_context(|| format!("removing the former {}", path.display()))?;
+        }
+    }
+    Ok(())
+}
+
+fn residual_table(diagnosis: &Diagnosis, measured: &Measured) -> Result<Vec<u8>> {
+    let mut table = csv::Writer::from_writer(Vec::new());
+    table.write_record([
+        "frame",
+        "file",
+        "hip",
+        "x_px",
+        "y_px",
+        "before_x_px",
+        "before_y_px",
+        "after_x_px",
+        "after_y_px",
+        "sigma_px",
+        "weight",
+    ])?;
+    for row in &diagnosis.residuals {
+        let file = measured.recording.frame_name(row.frame);
+        let [before, after] = [row.before_px, row.after_px];
+        let numbers = [row.x_px, row.y_px, before[0], before[1], after[0], after[1], row.sigma_px, row.weight];
+        let words = [row.frame.to_string(), file, row.hip.to_string()];
+        table.write_record(words.into_iter().chain(numbers.map(|number| number.to_string())))?;
+    }
+    table.into_inner().context("writing residuals.csv")
+}
+
+fn map_table(unknown: &Unknown) -> Result<Vec<u8>> {
+    let mut table = csv::Writer::from_writer(Vec::new());
+    table.write_record(["x_px", "y_px", "dx_px", "dy_px", "sigma_px"])?;
+    for point in &unknown.field.points {
+        table.write_record(point.map(|number| number.to_string()))?;
+    }
+    table.into_inner().context("writing map.csv")
+}
+
+/// The residual vectors before and after, on one scale.
+fn residuals(path: &Path, diagnosis: &Diagnosis, size: (usize, usize)) -> Result<()> {
+    let panel = |title: &str, residual: fn(&boresight::diagnose::ResidualRow) -> [f64; 2]| {
+        let vectors = diagnosis.residuals.iter().map(|row| {
+            let [dx_px, dy_px] = residual(row);
+            report::Vector { x_px: row.x_px, y_px: row.y_px, dx_px, dy_px, rejected: row.weight <= 0.5 }
+        });
+        report::VectorPanel { title: title.to_owned(), vectors: vectors.collect() }
+    };
+    let ids: Vec<&str> = diagnosis.findings.iter().map(|finding| finding.id.as_str()).collect();
+    let after = if ids.is_empty() { "after (nothing was found)".to_owned() } else { format!("after, with {}", ids.join(", ")) };
+    let panels = [&panel("before", |row| row.before_px), &panel(&after, |row| row.after_px)];
+    Ok(report::residual_vectors_on_one_scale(path, "Residuals of the stars, one free attitude a frame, both on one scale", size, panels)?)
+}
+
+/// What is left, in each point of the frame.
+fn map_picture(path: &Path, unknown: &Unknown, size: (usize, usize)) -> Result<()> {
+    let field = &unknown.field;
+    let summary = format!(
+        "rms {} px, changes over {} px, {:.0} % of it without curl; p = {}",
+        significant(field.rms_px),
+        significant(field.length_px),
+        100.0 * field.curl_free_share,
+        probability(unknown.p_value)
+    );
+    Ok(report::remainder_map(path, "What is left and has no name", &summary, size, &field.points)?)
+}
+
+/// The hypotheses by significance; a finding by the probability of its own fall of χ².
+fn ranking(diagnosis: &Diagnosis, alpha: f64) -> report::Ranking {
+    let kind = |state: EffectState| match state {
+        EffectState::Found => Some(report::RankKind::Found),
+        EffectState::Indistinguishable => Some(report::RankKind::InSet),
+        EffectState::NotFound => Some(report::RankKind::Tested),
+        EffectState::NotObservable | EffectState::NotApplicable => None,
+    };
+    let ranks = diagnosis.effects.iter().filter_map(|effect| {
+        let finding = diagnosis.findings.iter().find(|finding| finding.id == effect.id);
+        let p_value = finding.map(|finding| finding.p_value).or(effect.p_value)?;
+        Some(report::Rank { label: effect.id.clone(), p_value, kind: kind(effect.status)? })
+    });
+    let ranks: Vec<report::Rank> = ranks.collect();
+    let hypotheses = diagnosis.effective_hypotheses;
+    report::Ranking {
+        title: "How significant each effect would be".to_owned(),
+        summary: format!("{} effects tested; they count as {} independent hypotheses", ranks.len(), significant(hypotheses)),
+        ranks,
+        threshold: (hypotheses >= 1.0).then(|| alpha / hypotheses),
+    }
+}
+
+/// The residuals against what located a finding.
+fn profile_plot(profile: &Profile, diagnosis: &Diagnosis) -> report::ProfilePlot {
+    let finding = diagnosis.findings.iter().find(|finding| finding.id == profile.id);
+    let summary = finding.map(|finding| finding.parameters.iter().map(diagnose_text::measured).collect::<Vec<_>>().join(", "));
+    report::ProfilePlot {
+        title: format!("{}: what it leaves, against {}", profile.id, profile.covariate),
+        summary: summary.unwrap_or_default(),
+        x_label: axis(&profile.covariate),
+        y_label: format!("residual {} / px", profile.component),
+        bins: profile
+            .bins
+            .iter()
+            .map(|[at, mean, sigma, model]| report::ProfileBin { at: *at, mean: *mean, sigma: *sigma, model: *model })
+            .collect(),
+    }
+}
+
+/// A covariate with its unit.
+fn axis(covariate: &str) -> String {
+    let what = match covariate {
+        "x" | "y" | "edge-distance" | "pixel-phase-x" | "pixel-phase-y" | "pixel-parity-x" | "pixel-parity-y" => " / px",
+        "field-radius" => " / half the frame's width",
+        "field-azimuth" => " / rad",
+        "magnitude" => " V / mag",
+        "colour" => " B − V / mag",
+        "flux" => " relative to V = 0",
+        "time" => " from the mean / h",
+        "temperature" => " from the mean / K",
+        "exposure" => " / s",
+        "rate" => " / rad s⁻¹",
+        "velocity" => " along the boresight / km s⁻¹",
+        "zenith" => ": displacement for 1″ of refraction at 45° / px",
+        "proper-motion" => ": displacement in a year / px",
+        "parallax" => ": displacement by parallax / px",
+        _ => "",
+    };
+    format!("{covariate}{what}")
+}

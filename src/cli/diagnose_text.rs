@@ -1,0 +1,323 @@
+//! A diagnosis for people: one page in plain sentences and one table. Fits a terminal of 100 columns.
+
+use std::collections::BTreeMap;
+
+use boresight::diagnose::{Diagnosis, EffectState, EffectStatus, Finding, FitQuality, FoundParameter, Rival, Unknown, Verdict};
+use boresight::report::table;
+
+use super::calibrate_text::{with_sigma, wrapped};
+use super::pictures::{probability, significant};
+
+/// Columns of a terminal.
+const WIDTH: usize = 100;
+/// Columns of the words on the left.
+const LABEL: usize = 12;
+/// Rejected rivals of a finding shown.
+const MOST_RIVALS: usize = 3;
+/// Covariates shown.
+const MOST_LOCATED: usize = 5;
+
+/// The page.
+pub(crate) fn text(diagnosis: &Diagnosis) -> String {
+    let verdict = match diagnosis.verdict {
+        Verdict::Consistent => "CONSISTENT",
+        Verdict::Explained => "EXPLAINED",
+        Verdict::Unexplained => "UNEXPLAINED",
+    };
+    let mut text = String::new();
+    for (index, sentence) in diagnosis.summary.iter().enumerate() {
+        text += &wrapped(if index == 0 { verdict } else { "" }, sentence, LABEL);
+    }
+    // What the summary says is not said twice.
+    let said = |sentence: &str| diagnosis.summary.iter().any(|known| known.contains(sentence));
+    for finding in &diagnosis.findings {
+        text += "\n";
+        text += &found(finding, said(&finding.sentence));
+    }
+    if let Some(unknown) = &diagnosis.unknown {
+        text += "\n";
+        text += &remainder(unknown, said(&unknown.sentence));
+    }
+    text += "\n";
+    text += &overview(diagnosis);
+    text += "\n";
+    text += &effects(&diagnosis.effects);
+    for warning in &diagnosis.warnings {
+        text += &wrapped("warning:", warning, "warning: ".len());
+    }
+    text
+}
+
+/// What was found: the sentence, the numbers, the evidence, and what else it could be.
+fn found(finding: &Finding, is_said: bool) -> String {
+    let mut text = String::new();
+    let mut line = |label: &str, words: &str| text += &wrapped(label, words, LABEL);
+    let parameters: Vec<String> = finding.parameters.iter().map(measured).collect();
+    line("found", &format!("{}: {}", finding.id, parameters.join(", ")));
+    if !is_said {
+        line("", &finding.sentence);
+    }
+    if let Some([amplitude, sigma]) = finding.known_amplitude {
+        let [value, sigma] = with_sigma(amplitude, sigma);
+        line("", &format!("{value} ± {sigma} of the size that is known"));
+    }
+    if !finding.located_by.is_empty() {
+        line("  follows", &finding.located_by.join(", "));
+    }
+    line(
+        "  evidence",
+        &format!(
+            "p = {}, {} with all hypotheses counted; signal over noise {}; {} σ on frames not used to find it",
+            probability(finding.p_value),
+            probability(finding.family_p_value),
+            significant(finding.snr),
+            significant(finding.held_out_score)
+        ),
+    );
+    let odds = |rival: &Rival| format!("{} (cosine {:.2}, ΔBIC {})", rival.id, rival.cos, significant(rival.delta_bic));
+    if finding.indistinguishable_from.is_empty() {
+        let rivals: Vec<String> = finding.rivals.iter().take(MOST_RIVALS).map(odds).collect();
+        if !rivals.is_empty() {
+            line("  not", &rivals.join(", "));
+        }
+    } else {
+        let alike = |id: &String| finding.rivals.iter().find(|rival| rival.id == *id).map_or_else(|| id.clone(), odds);
+        line("  or", &finding.indistinguishable_from.iter().map(alike).collect::<Vec<_>>().join(", "));
+        if !finding.decided_by.is_empty() {
+            line("  decided", &format!("by {}", finding.decided_by));
+        }
+    }
+    text
+}
+
+/// What is left and has no name.
+fn remainder(unknown: &Unknown, is_said: bool) -> String {
+    let mut text = String::new();
+    let mut line = |label: &str, words: &str| text += &wrapped(label, words, LABEL);
+    let follows = if unknown.located_by.is_empty() { "nothing that is known".to_owned() } else { unknown.located_by.join(", ") };
+    line("unknown", &format!("in {}, p = {}; it follows {follows}", unknown.channel, probability(unknown.p_value)));
+    if !is_said {
+        line("", &unknown.sentence);
+    }
+    if !unknown.field.points.is_empty() {
+        line(
+            "  map",
+            &format!(
+                "{} px rms, changes over {} px, {:.0} % of it without curl; on frames not used χ² falls by {} with it{}",
+                significant(unknown.field.rms_px),
+                significant(unknown.field.length_px),
+                100.0 * unknown.field.curl_free_share,
+                significant(unknown.field.held_out_delta_chi2),
+                unknown.map.as_ref().map_or_else(String::new, |file| format!("; {file}"))
+            ),
+        );
+    }
+    if !unknown.resembles.is_empty() {
+        let alike: Vec<String> = unknown.resembles.iter().map(|other| format!("{} (cosine {:.2})", other.id, other.cos)).collect();
+        line("  resembles", &alike.join(", "));
+    }
+    for veto in &unknown.vetoes {
+        line("  yet", veto);
+    }
+    text
+}
+
+/// What it was held against, how it fits, what the residuals follow, and the noise: one line each.
+fn overview(diagnosis: &Diagnosis) -> String {
+    let mut text = String::new();
+    let mut line = |label: &str, words: &str| text += &wrapped(label, words, LABEL);
+    line("model", &if diagnosis.physics.is_empty() { "no physics".to_owned() } else { diagnosis.physics.join(", ") });
+    let stars = diagnosis.stars_used;
+    line(
+        "star images",
+        &format!("{} of stars with proper motion, {} without; {} left out", stars.with_proper_motion, stars.without, stars.left_out),
+    );
+    let (before, after) = (diagnosis.fit.baseline, diagnosis.fit.after);
+    line("fit before", &quality(&before));
+    line("fit after", &quality(&after));
+    if !diagnosis.located.is_empty() {
+        let located = |located: &boresight::diagnose::Located| {
+            let alone = located.conditional_p_value.map_or_else(String::new, |p| format!(", {} beside those before it", probability(p)));
+            format!(
+                "{} ({:.1} % of the variance, p = {}{alone})",
+                located.covariate,
+                100.0 * located.explained,
+                probability(located.p_value)
+            )
+        };
+        let shown: Vec<String> = diagnosis.located.iter().take(MOST_LOCATED).map(located).collect();
+        line("followed", &shown.join("; "));
+    }
+    let channels = &diagnosis.channels;
+    let all = [
+        ("positions", &channels.astrometry),
+        ("brightness", &channels.flux),
+        ("width", &channels.shape),
+        ("stamps", &channels.stamp),
+        ("background", &channels.noise),
+    ];
+    let tested = |(name, test): &(&str, &Option<boresight::diagnose::ChannelTest>)| {
+        let test = test.as_ref()?;
+        Some(format!("{name} p = {} ({})", probability(test.p_value), test.largest))
+    };
+    let not: Vec<&str> = all.iter().filter(|(_, test)| test.is_none()).map(|(name, _)| *name).collect();
+    let not = if not.is_empty() { String::new() } else { format!("; not looked at: {}", not.join(", ")) };
+    line("channels", &(all.iter().filter_map(tested).collect::<Vec<_>>().join(", ") + &not));
+    let noise = diagnosis.noise;
+    line(
+        "noise",
+        &format!(
+            "{} px per axis beyond the stated errors, stated variances × {}; {} % of the identifications wrong",
+            significant(noise.floor_px),
+            significant(noise.variance_factor),
+            significant(100.0 * noise.wrong_share)
+        ),
+    );
+    text
+}
+
+fn quality(fit: &FitQuality) -> String {
+    let held_out = match (fit.held_out_rms_px, fit.held_out_chi2_per_dof) {
+        (None, None) => "no frames held out".to_owned(),
+        (rms, chi2) => {
+            let parts = [rms.map(|rms| format!("{} px", significant(rms))), chi2.map(|chi2| format!("χ²/dof {chi2:.3}"))];
+            format!("{} held out", parts.into_iter().flatten().collect::<Vec<_>>().join(", "))
+        }
+    };
+    format!("rms {} px, χ²/dof {:.3} in sample; {held_out}", significant(fit.rms_px), fit.chi2_per_dof)
+}
+
+/// The table of what was tested, then what could not be.
+fn effects(all: &[EffectStatus]) -> String {
+    let order = |state: EffectState| match state {
+        EffectState::Found => 0,
+        EffectState::Indistinguishable => 1,
+        EffectState::NotFound => 2,
+        EffectState::NotObservable => 3,
+        EffectState::NotApplicable => 4,
+    };
+    let mut tested: Vec<&EffectStatus> = all.iter().filter(|effect| order(effect.status) < 3).collect();
+    tested.sort_by(|a, b| {
+        let p = |effect: &EffectStatus| effect.p_value.unwrap_or(1.0);
+        order(a.status).cmp(&order(b.status)).then(p(a).total_cmp(&p(b))).then(a.id.cmp(&b.id))
+    });
+    let rows: Vec<[String; 6]> = tested.iter().map(|effect| row(effect)).collect();
+    let lines = table(&["effect", "p", "left", "first parameter", "95 %", ""], &rows);
+    let mut text = String::new();
+    let mut state = None;
+    for (index, line) in lines.lines().enumerate() {
+        let effect = index.checked_sub(2).map(|row| tested[row]);
+        if let Some(effect) = effect.filter(|effect| state != Some(effect.status)) {
+            state = Some(effect.status);
+            text += match effect.status {
+                EffectState::Found => "found:\n",
+                EffectState::Indistinguishable => "not told apart from what was found:\n",
+                _ => "not found:\n",
+            };
+        }
+        text += line.chars().take(WIDTH).collect::<String>().trim_end();
+        text += "\n";
+        if let Some(effect) = effect.filter(|effect| !effect.reason.is_empty()) {
+            text += &wrapped("", &effect.reason, LABEL);
+        }
+    }
+    text += "(left: the share of the displacement that attitudes and camera do not take up; 95 %: upper limit)\n";
+    for (label, state) in [("not observable in this recording", EffectState::NotObservable), ("not applicable", EffectState::NotApplicable)]
+    {
+        let mut by_reason: BTreeMap<&str, Vec<String>> = BTreeMap::new();
+        for effect in all.iter().filter(|effect| effect.status == state) {
+            let share = effect.survival.map_or_else(String::new, |share| format!(" {}", significant(share)));
+            by_reason.entry(&effect.reason).or_default().push(format!("{}{share}", effect.id));
+        }
+        if !by_reason.is_empty() {
+            text += &format!("{label}:\n");
+        }
+        for (reason, ids) in by_reason {
+            let reason = if reason.is_empty() { String::new() } else { format!(" – {reason}") };
+            text += &wrapped(" ", &format!("{}{reason}", ids.join(", ")), 2);
+        }
+    }
+    text
+}
+
+/// A line of the table. The parameter's name is last: what does not fit of it is left out, and stands in the file.
+fn row(effect: &EffectStatus) -> [String; 6] {
+    let first = effect.parameters.first();
+    [
+        format!("  {}", effect.id),
+        effect.p_value.map_or_else(|| "–".to_owned(), probability),
+        effect.survival.map_or_else(|| "–".to_owned(), |share| format!("{share:.2}")),
+        first.map_or_else(String::new, |parameter| with_error(parameter.value, parameter.sigma)),
+        effect.upper_limit_95.as_ref().map_or_else(String::new, |limit| format!("< {}", compact(limit.value))),
+        first.map_or_else(String::new, |parameter| parameter.name.clone()),
+    ]
+}
+
+/// Three significant digits at most, short for small and large numbers alike.
+fn compact(number: f64) -> String {
+    if number != 0.0 && !(1e-3..1e5).contains(&number.abs()) { format!("{number:.1e}") } else { significant(number) }
+}
+
+/// A number with its error, small ones with a common power of ten.
+fn with_error(value: f64, sigma: f64) -> String {
+    if !(sigma > 0.0 && sigma.is_finite()) {
+        return compact(value);
+    }
+    if (5e-3..1e5).contains(&sigma) {
+        let [value, sigma] = with_sigma(value, sigma);
+        return format!("{value} ± {sigma}");
+    }
+    let power = sigma.log10().floor();
+    let unit = 10.0_f64.powi(power as i32);
+    format!("({:.1} ± {:.1})e{power}", value / unit, sigma / unit)
+}
+
+/// `name = value ± sigma unit`, the unit where the name does not end with it.
+pub(super) fn measured(parameter: &FoundParameter) -> String {
+    let number = with_error(parameter.value, parameter.sigma);
+    let is_named = parameter.name.split('_').any(|part| part == parameter.unit);
+    let unit = if parameter.unit.is_empty() || is_named { String::new() } else { format!(" {}", parameter.unit) };
+    format!("{} {number}{unit}", parameter.name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn status(id: &str, status: EffectState, p_value: Option<f64>, reason: &str) -> EffectStatus {
+        EffectStatus {
+            id: id.to_owned(),
+            status,
+            p_value,
+            survival: Some(0.25),
+            parameters: vec![FoundParameter { name: "x_px".into(), value: 0.0123, sigma: 0.004, unit: "px".into() }],
+            upper_limit_95: None,
+            reason: reason.to_owned(),
+        }
+    }
+
+    #[test]
+    fn findings_come_first_and_what_could_not_be_tested_last() {
+        let all = [
+            status("shear", EffectState::NotFound, Some(0.5), ""),
+            status("tilt", EffectState::NotObservable, None, "attitudes take it up"),
+            status("spiral", EffectState::NotFound, Some(0.01), "at the limit"),
+            status("pressure-scale", EffectState::NotApplicable, None, "no pressure"),
+            status("refraction", EffectState::Found, Some(1e-40), ""),
+        ];
+        let text = effects(&all);
+        let at = |part: &str| text.find(part).unwrap_or_else(|| panic!("{part:?} is not in {text}"));
+        assert!(at("refraction") < at("spiral") && at("spiral") < at("at the limit") && at("at the limit") < at("shear"), "{text}");
+        assert!(at("shear") < at("not observable in this recording:\n  tilt 0.250 – attitudes take it up"), "{text}");
+        assert!(at("not applicable:\n  pressure-scale 0.250 – no pressure") > at("tilt"), "{text}");
+        assert!(text.contains("(12.3 ± 4.0)e-3") && text.contains("found:\n  refraction"), "{text}");
+    }
+
+    #[test]
+    fn units_are_said_once() {
+        let parameter = |name: &str, unit: &str| FoundParameter { name: name.into(), value: 55.2, sigma: 0.31, unit: unit.into() };
+        assert_eq!(measured(&parameter("refraction_at_45deg_arcsec", "arcsec")), "refraction_at_45deg_arcsec 55.20 ± 0.31");
+        assert_eq!(measured(&parameter("tilt", "rad")), "tilt 55.20 ± 0.31 rad");
+        assert_eq!(measured(&parameter("amplitude", "")), "amplitude 55.20 ± 0.31");
+    }
+}

@@ -1,0 +1,240 @@
+//! The camera and the sky with what a diagnosis found, as a scene that `boresight simulate` renders.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use anyhow::{Context as _, Result, bail};
+use boresight::camera::Model;
+use boresight::catalog::Catalog;
+use boresight::coordinates::{Attitude, PixelPoint};
+use boresight::detect::Detection;
+use boresight::diagnose::Diagnosis;
+use boresight::effects::{Context, displacement};
+use boresight::identify::{ControlPoint, ControlPoints};
+use boresight::recording::{Site, write_file};
+use boresight::scene::{DetectorTable, EffectTable, FrameTable, NominalTable, Scene, SceneFile, SiteTable, SkyTable, TrueCameraTable};
+use boresight::units::DEG_RAD;
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+
+use super::pipeline::Measured;
+
+/// Where nobody says how long frames were exposed; the stars' brightness counts for the same time.
+const ASSUMED_EXPOSURE_S: f64 = 1.0;
+/// Stars that much fainter than the faintest identified are rendered too.
+const FAINTER: f64 = 0.3;
+
+/// Writes the scene; returns what to mind of it. `points`: those that were diagnosed, of the un-mirrored image.
+pub(crate) fn write(
+    path: &Path,
+    diagnosis: &Diagnosis,
+    points: &ControlPoints,
+    measured: &Measured,
+    catalog: &Catalog,
+    seed: u64,
+) -> Result<Vec<String>> {
+    let model = model(diagnosis, points)?;
+    let attitudes = attitudes(diagnosis, points, &model);
+    let matched = matched(points, measured);
+    let (mut frames, mut missing) = (Vec::new(), Vec::new());
+    for frame in &measured.frames {
+        match attitudes.get(&frame.index) {
+            Some(attitude) => frames.push(frame_table(measured, frame.index, attitude)),
+            None => missing.push(frame.name.clone()),
+        }
+    }
+    if frames.is_empty() {
+        bail!("--write-camera: no frame has an attitude");
+    }
+    let camera = *model.camera();
+    let nominal = points.nominal;
+    let file = SceneFile {
+        format: "boresight-scene/1".to_owned(),
+        seed,
+        camera: TrueCameraTable {
+            width_px: camera.width_px,
+            height_px: camera.height_px,
+            focal_length_px: camera.focal_length_px,
+            principal_point_px: Some(camera.principal_point_px),
+            k1: camera.k1,
+            p1: camera.p1,
+            p2: camera.p2,
+        },
+        nominal: NominalTable {
+            focal_length_px: Some(nominal.focal_length_px),
+            principal_point_px: Some(nominal.principal_point_px),
+            k1: Some(nominal.k1),
+            p1: Some(nominal.p1),
+            p2: Some(nominal.p2),
+        },
+        detector: detector(measured, &matched),
+        sky: SkyTable {
+            background_e_per_px_s: background_e_per_px_s(measured),
+            faintest_magnitude: faintest(points),
+            physics: "none".to_owned(),
+        },
+        site: measured.recording.site.as_ref().map(site),
+        effects: effects(&model, points, catalog),
+        series: None,
+        frames,
+    };
+    let name = path.display().to_string();
+    let text =
+        "# The camera, its attitudes and every effect in force as `boresight diagnose` found them. Render it with `boresight simulate`.\n"
+            .to_owned()
+            + &toml::to_string(&file).context("writing the scene as TOML")?;
+    // What cannot be rendered is said now, and not when somebody tries.
+    Scene::parse(&name, &text).context("--write-camera: the camera found cannot be rendered")?;
+    write_file(path, text.as_bytes())?;
+    let mut notes = Vec::new();
+    if !missing.is_empty() {
+        notes.push(format!("the scene {name} lacks the frames without a known attitude: {}", missing.join(", ")));
+    }
+    if measured.frames.iter().any(|frame| measured.recording.frames[frame.index].exposure_s.is_none()) {
+        notes.push(format!("the scene {name} takes {ASSUMED_EXPOSURE_S} s for exposures of which nothing is said"));
+    }
+    Ok(notes)
+}
+
+/// The model found, with the effects that the points' directions contain.
+fn model(diagnosis: &Diagnosis, points: &ControlPoints) -> Result<Model> {
+    let mut model = diagnosis.camera.clone().context("--write-camera: the diagnosis has no camera")?;
+    let in_force: Vec<String> = model.terms().map(|(id, _)| id.to_owned()).collect();
+    for term in points.sky.iter().filter(|term| !in_force.contains(&term.effect)) {
+        model.set(&term.effect, &term.parameters)?;
+    }
+    Ok(model)
+}
+
+fn effects(model: &Model, points: &ControlPoints, catalog: &Catalog) -> Vec<EffectTable> {
+    let table = |(id, values): (&'static str, &[f64])| {
+        let specs = displacement(id).map_or(&[][..], |effect| effect.parameters());
+        let mut parameters: BTreeMap<String, f64> = specs.iter().zip(values).map(|(spec, value)| (spec.name.to_owned(), *value)).collect();
+        // Where no time is known the stars were taken at an assumed one, and a scene without times has them at the catalogue's epoch.
+        let assumed = points.frames.iter().find_map(|frame| frame.observation.epoch_yr).filter(|_| !times_are_known(points));
+        if let (Some(epoch), Some(offset)) = (assumed, parameters.get_mut("epoch_offset_yr")) {
+            *offset += epoch - catalog.epoch_yr;
+        }
+        EffectTable { id: id.to_owned(), parameters }
+    };
+    model.terms().map(table).collect()
+}
+
+/// Whether the epochs of the frames are those of known times: only then the place of the Earth is known too.
+fn times_are_known(points: &ControlPoints) -> bool {
+    points.frames.iter().any(|frame| frame.observation.position_au.is_some())
+}
+
+/// Each frame's attitude at the model: the rotation with the least sum of squared distances between the directions seen and those from
+/// which the light arrives, weighted with the star images' errors (Kabsch's solution of Wahba's problem).
+fn attitudes(diagnosis: &Diagnosis, points: &ControlPoints, model: &Model) -> BTreeMap<usize, Attitude> {
+    const FEWEST: usize = 2;
+    let mut sums: BTreeMap<usize, (Matrix3<f64>, usize)> = BTreeMap::new();
+    for row in diagnosis.residuals.iter().filter(|row| row.weight > 0.5 && row.sigma_px > 0.0) {
+        let Some(ControlPoint { frame, x_px, y_px, star, image, .. }) = points.points.get(row.point) else { continue };
+        let context = Context::new(*star, points.observation(*frame)).with_image(*image);
+        let Some(seen) = model.direction(PixelPoint { x_px: *x_px, y_px: *y_px }, &context) else { continue };
+        let apparent = model.apparent(&context);
+        let (sum, count) = sums.entry(*frame).or_insert((Matrix3::zeros(), 0));
+        *sum += Vector3::from(seen.xyz) * Vector3::from(apparent.xyz).transpose() * (row.weight / (row.sigma_px * row.sigma_px));
+        *count += 1;
+    }
+    let attitude = |(frame, (sum, count)): (usize, (Matrix3<f64>, usize))| {
+        let svd = sum.svd(true, true);
+        let (u, v) = (svd.u?, svd.v_t?);
+        let turned = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v).determinant().signum()));
+        let rotation = Rotation3::from_matrix_unchecked(u * turned * v);
+        (count >= FEWEST).then(|| (frame, Attitude::new(UnitQuaternion::from_rotation_matrix(&rotation))))
+    };
+    sums.into_iter().filter_map(attitude).collect()
+}
+
+fn frame_table(measured: &Measured, index: usize, attitude: &Attitude) -> FrameTable {
+    let entry = &measured.recording.frames[index];
+    let [ra, dec, roll] = attitude.pointing_rad();
+    FrameTable {
+        time_utc: entry.time_utc.map(|time| time.to_isoformat() + "Z"),
+        exposure_s: entry.exposure_s.unwrap_or(ASSUMED_EXPOSURE_S),
+        boresight_radec_deg: [ra / DEG_RAD, dec / DEG_RAD],
+        roll_deg: roll / DEG_RAD,
+        velocity_km_s: entry.velocity_km_s,
+        rate_deg_s: entry.rate_deg_s,
+        temperature_c: entry.temperature_c,
+        pressure_hpa: entry.covariates.get("pressure_hpa").copied(),
+    }
+}
+
+fn site(site: &Site) -> SiteTable {
+    SiteTable {
+        latitude_deg: site.latitude_deg,
+        longitude_deg: site.longitude_deg,
+        height_m: site.height_m,
+        pressure_hpa: site.pressure_hpa,
+        temperature_c: site.temperature_c,
+        relative_humidity: site.relative_humidity,
+    }
+}
+
+/// The control points with their measurements.
+fn matched<'a>(points: &'a ControlPoints, measured: &'a Measured) -> Vec<(&'a ControlPoint, &'a Detection)> {
+    let last_px = points.nominal.width_px as f64 - 1.0;
+    let of = |point: &'a ControlPoint| {
+        let frame = measured.frames.iter().find(|frame| frame.index == point.frame)?;
+        let same = |x_px: f64| (x_px - point.x_px).abs() < 1e-6 || (last_px - x_px - point.x_px).abs() < 1e-6;
+        let star = frame.detections.stars.iter().find(|star| (star.y_px - point.y_px).abs() < 1e-6 && same(star.x_px))?;
+        Some((point, star))
+    };
+    points.points.iter().filter_map(of).collect()
+}
+
+/// The detector as the recording declares it, and as the star images show it where it says nothing.
+fn detector(measured: &Measured, matched: &[(&ControlPoint, &Detection)]) -> DetectorTable {
+    let camera = &measured.recording.camera;
+    let plain = DetectorTable::default();
+    let gain_e_per_dn = camera.gain_e_per_dn.unwrap_or(1.0);
+    let bias_dn = camera.bias_dn.unwrap_or(0.0);
+    let saturation_dn = camera.saturation_dn.unwrap_or(plain.saturation_dn).clamp(bias_dn + 1.0, plain.saturation_dn);
+    let usable = || matched.iter().filter(|(point, star)| point.magnitude < 90.0 && !star.flags.saturated && star.flux_dn > 0.0);
+    let exposure_s = |frame: usize| measured.recording.frames[frame].exposure_s.unwrap_or(ASSUMED_EXPOSURE_S);
+    let zero_point = |(point, star): &(&ControlPoint, &Detection)| {
+        star.flux_dn * gain_e_per_dn * 10.0_f64.powf(0.4 * point.magnitude) / exposure_s(point.frame)
+    };
+    DetectorTable {
+        psf_sigma_px: median(usable().map(|(_, star)| star.width_px)).unwrap_or(plain.psf_sigma_px).clamp(0.2, 20.0),
+        zero_point_e_per_s: camera.zero_point_e_per_s.or_else(|| median(usable().map(zero_point))).unwrap_or(plain.zero_point_e_per_s),
+        gain_e_per_dn,
+        bias_dn,
+        read_noise_e: camera.read_noise_e.or_else(|| read_noise_e(measured, gain_e_per_dn, bias_dn)).unwrap_or(plain.read_noise_e),
+        saturation_dn,
+        full_well_e: plain.full_well_e.max((saturation_dn - bias_dn) * gain_e_per_dn),
+    }
+}
+
+/// What the background's noise has beyond that of its own light.
+fn read_noise_e(measured: &Measured, gain_e_per_dn: f64, bias_dn: f64) -> Option<f64> {
+    let seen = measured.frames.iter().map(|frame| &frame.detections).filter(|seen| seen.noise_dn > 0.0);
+    let variance = |seen: &boresight::detect::Detections| {
+        (seen.noise_dn * gain_e_per_dn).powi(2) - ((seen.background_dn - bias_dn) * gain_e_per_dn).max(0.0)
+    };
+    median(seen.map(variance)).map(|variance| variance.max(0.0).sqrt())
+}
+
+fn background_e_per_px_s(measured: &Measured) -> f64 {
+    let camera = &measured.recording.camera;
+    let (gain, bias) = (camera.gain_e_per_dn.unwrap_or(1.0), camera.bias_dn.unwrap_or(0.0));
+    let of = |frame: &super::pipeline::MeasuredFrame| {
+        let exposure_s = measured.recording.frames[frame.index].exposure_s.unwrap_or(ASSUMED_EXPOSURE_S);
+        (frame.detections.background_dn - bias) * gain / exposure_s
+    };
+    median(measured.frames.iter().map(of)).unwrap_or(0.0).max(0.0)
+}
+
+fn faintest(points: &ControlPoints) -> f64 {
+    let known = points.points.iter().map(|point| point.magnitude).filter(|magnitude| *magnitude < 90.0);
+    known.reduce(f64::max).map_or(SkyTable::default().faintest_magnitude, |magnitude| magnitude + FAINTER)
+}
+
+fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.filter(|value| value.is_finite()).collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}

@@ -1,0 +1,169 @@
+//! `boresight diagnose` as its user runs it: its result, its files, its exit codes.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::cli::{number, run, short_night, text};
+
+/// Few simulated recordings: what is tested here is not the statistics.
+const QUICK: [&str; 3] = ["--nulls", "20", "--quiet"];
+
+/// Runs a diagnosis, whose answer may be yes or no, and reads its object.
+fn diagnosed(args: &[&str]) -> Value {
+    let all: Vec<&str> = ["diagnose"].iter().chain(args).chain(&QUICK).copied().collect();
+    let ran = run(&all);
+    let object: Value = serde_json::from_str(&ran.stdout).unwrap_or_else(|error| panic!("{all:?}: {error}: {} {}", ran.stdout, ran.stderr));
+    let expected = if object["verdict"] == "unexplained" { 3 } else { 0 };
+    assert_eq!(ran.code, expected, "{}", object["verdict"]);
+    object
+}
+
+/// A recording of a few frames.
+fn recorded(folder: &Path, changes: &[(&str, &str)]) -> std::path::PathBuf {
+    let scene =
+        short_night(folder, &[&[("count = 12", "count = 5"), ("faintest_magnitude = 8.5", "faintest_magnitude = 7.0")], changes].concat());
+    let recording = folder.join("night");
+    assert_eq!(run(&["simulate", text(&scene), "-o", text(&recording), "--backend", "cpu"]).code, 0);
+    recording
+}
+
+fn rows(path: &Path) -> Vec<csv::StringRecord> {
+    csv::Reader::from_path(path).unwrap().records().map(Result::unwrap).collect()
+}
+
+#[test]
+fn a_diagnosis_is_an_object_a_page_tables_and_pictures() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = recorded(folder.path(), &[]);
+    let (out, scene) = (folder.path().join("out"), folder.path().join("found.toml"));
+    let object = diagnosed(&[text(&recording), "--json", "-o", text(&out), "--write-camera", text(&scene)]);
+    assert_eq!(object["format"], "boresight-diagnose/1");
+    assert_eq!(object["physics"], serde_json::json!(["proper-motion"]));
+    for key in ["findings", "effects", "warnings"] {
+        assert!(object[key].is_array(), "{key}: {}", object[key]);
+    }
+    for pointer in ["/fit/baseline/rms_px", "/fit/final/chi2_per_dof", "/stars_used/with_proper_motion", "/stars_used/without", "/parity"] {
+        let _ = number(&object, pointer);
+    }
+    for key in ["astrometry", "flux", "shape", "stamp", "noise"] {
+        assert!(object["channels"].get(key).is_some(), "{key}");
+    }
+    assert!(object.get("unknown").is_some());
+    let states = ["found", "indistinguishable", "not-found", "not-observable", "not-applicable"];
+    for effect in object["effects"].as_array().unwrap() {
+        assert!(states.contains(&effect["status"].as_str().unwrap()), "{effect}");
+    }
+    assert_eq!(object["provenance"]["seed"], 0);
+    assert!(object["provenance"]["inputs"].as_array().is_some_and(|inputs| !inputs.is_empty()), "{}", object["provenance"]);
+
+    let file: Value = serde_json::from_slice(&std::fs::read(out.join("diagnose.json")).unwrap()).unwrap();
+    assert_eq!(file["residuals"], object["residuals"]);
+    let table = rows(&out.join("residuals.csv"));
+    assert_eq!(table.len(), object["residuals"].as_array().unwrap().len());
+    assert!(table.len() > 60 && table[0][1].contains("0000"), "{} rows, {:?}", table.len(), table[0]);
+    let page = std::fs::read_to_string(out.join("summary.txt")).unwrap();
+    assert!(page.lines().all(|line| line.chars().count() <= 100 || line.contains('─')), "{page}");
+    let verdict = object["verdict"].as_str().unwrap().to_uppercase();
+    assert!(page.starts_with(&verdict), "{page}");
+    for picture in ["residuals.png", "ranking.png"] {
+        assert!(image::image_dimensions(out.join(picture)).unwrap().0 > 500, "{picture}");
+    }
+    assert_eq!(out.join("map.csv").exists(), !object["unknown"].is_null());
+
+    // What was found is rendered again, and the stars are where they were.
+    let again = folder.path().join("again");
+    let ran = run(&["simulate", text(&scene), "-o", text(&again), "--backend", "cpu"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let stars = |folder: &Path| -> std::collections::BTreeMap<(String, String), [f64; 2]> {
+        let number = |text: &str| text.parse().unwrap();
+        rows(&folder.join("truth/stars.csv"))
+            .iter()
+            .map(|row| ((row[0].to_owned(), row[1].to_owned()), [number(&row[2]), number(&row[3])]))
+            .collect()
+    };
+    let (truth, found) = (stars(&recording), stars(&again));
+    let mut distances: Vec<f64> = truth.iter().filter_map(|(star, [x, y])| found.get(star).map(|[a, b]| (x - a).hypot(y - b))).collect();
+    distances.sort_by(f64::total_cmp);
+    assert!(distances.len() > 150, "{}", distances.len());
+    let median = distances[distances.len() / 2];
+    assert!(median < 0.08, "{median} px");
+}
+
+#[test]
+fn without_times_the_stars_are_taken_at_j2000_unless_motion_was_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = recorded(folder.path(), &[("start_utc = \"2026-03-01T20:00:00Z\"\n", "")]);
+    let object = diagnosed(&[text(&recording), "--json"]);
+    assert_eq!(object["physics"], serde_json::json!(["proper-motion"]));
+    let warned = |word: &str| object["warnings"].as_array().unwrap().iter().any(|warning| warning.as_str().unwrap().contains(word));
+    assert!(warned("J2000.0"), "{}", object["warnings"]);
+    assert!(number(&object, "/stars_used/without") > 0.0, "nothing says that they have moved: {}", object["stars_used"]);
+    let asked = run(&["diagnose", text(&recording), "--physics", "proper-motion"]);
+    assert_eq!(asked.code, 1);
+    assert!(asked.stderr.contains("proper-motion: the effect cannot be computed"), "{}", asked.stderr);
+}
+
+#[test]
+fn mirrored_images_are_diagnosed_in_their_own_columns() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = recorded(folder.path(), &[]);
+    let opened = boresight::recording::Recording::open(&[&recording]).unwrap();
+    let (straight, mirrored) = (folder.path().join("straight"), folder.path().join("mirrored"));
+    for path in [&straight, &mirrored] {
+        std::fs::create_dir(path).unwrap();
+    }
+    let mut paths = [Vec::new(), Vec::new()];
+    for index in 0..opened.frames.len() {
+        let frame = opened.load_frame(index).unwrap();
+        let pixels: Vec<u16> = frame.pixels_dn.iter().map(|count| *count as u16).collect();
+        let turned: Vec<u16> = pixels.chunks(512).flat_map(|row| row.iter().rev().copied()).collect();
+        for (place, (path, pixels)) in [(&straight, &pixels), (&mirrored, &turned)].into_iter().enumerate() {
+            let file = path.join(format!("{index}.png"));
+            boresight::recording::write_png_u16(&file, 512, 512, pixels).unwrap();
+            paths[place].push(file);
+        }
+    }
+    let [plain, turned] = paths.map(|paths| {
+        let mut args: Vec<&str> = paths.iter().map(|path| text(path)).collect();
+        args.push("--json");
+        diagnosed(&args)
+    });
+    assert_eq!((number(&plain, "/parity"), number(&turned, "/parity")), (1.0, -1.0));
+    let rows = |object: &Value| -> std::collections::BTreeMap<(u64, u64), [f64; 4]> {
+        let row = |row: &Value| {
+            let key = (row["frame"].as_u64().unwrap(), row["hip"].as_u64().unwrap());
+            (key, ["/x_px", "/y_px", "/before_px/0", "/before_px/1"].map(|pointer| number(row, pointer)))
+        };
+        object["residuals"].as_array().unwrap().iter().map(row).collect()
+    };
+    let (plain, turned) = (rows(&plain), rows(&turned));
+    let mut compared = 0;
+    for (star, [x, y, dx, dy]) in &plain {
+        let Some([other_x, other_y, other_dx, other_dy]) = turned.get(star) else { continue };
+        assert!((511.0 - x - other_x).abs() < 0.05 && (y - other_y).abs() < 0.05, "{star:?}: {x} {other_x}, {y} {other_y}");
+        compared += usize::from((dx + other_dx).abs() < 0.03 && (dy - other_dy).abs() < 0.03);
+    }
+    assert!(10 * compared > 9 * plain.len() && compared > 60, "{compared} of {}", plain.len());
+}
+
+#[test]
+fn wrong_arguments_are_refused_in_one_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = folder.path().join("options.toml");
+    std::fs::write(&options, "nuls = 3\n").unwrap();
+    let image = folder.path().join("dark.png");
+    image::GrayImage::from_pixel(64, 64, image::Luma([7])).save(&image).unwrap();
+    for (args, code, part) in [
+        (vec!["diagnose", "x.png", "--alpha", "2"], 2, "between 0 and 1"),
+        (vec!["diagnose", "x.png", "--nulls", "0"], 2, "--nulls"),
+        (vec!["diagnose", "x.png", "--solve", "k9"], 2, "k9"),
+        (vec!["diagnose", text(&image), "--options", text(&options)], 1, "nuls"),
+        (vec!["diagnose", text(&image)], 1, "control points"),
+        (vec!["diagnose", text(&image), "--trust-identifications"], 1, "only a star list names its stars"),
+    ] {
+        let ran = run(&args);
+        assert_eq!(ran.code, code, "{args:?}: {}", ran.stderr);
+        assert!(ran.stderr.contains(part) && ran.stdout.is_empty(), "{args:?}: {} {}", ran.stdout, ran.stderr);
+    }
+}
