@@ -196,7 +196,8 @@ impl Joint {
     /// `solve` names free, and the errors as given. What is minimised is the plain weighted sum of squares.
     pub fn again(&self, terms: &[Term], solve: &[String], noise: &GivenNoise) -> Result<Self, CalibrateError> {
         let mut problem = self.solved.problem.clone();
-        let refuse = |name: &str, error: crate::camera::ModelError| CalibrateError::NotSolvable { name: name.to_owned(), reason: error.to_string() };
+        let refuse =
+            |name: &str, error: crate::camera::ModelError| CalibrateError::NotSolvable { name: name.to_owned(), reason: error.to_string() };
         for term in terms {
             problem.model.set(&term.effect, &term.parameters).map_err(|error| refuse(&term.effect, error))?;
         }
@@ -259,4 +260,3 @@ fn columns(problem: &Problem, state: &State) -> Vec<Column> {
     }
     all
 }
-

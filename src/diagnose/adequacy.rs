@@ -62,7 +62,9 @@ fn over_time(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) ->
 /// Whether one frame or one star carries the improvement out of proportion. At the baseline's linearisation, where the effect is not yet
 /// in the model.
 pub(super) fn concentration(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> Vec<String> {
-    let white = |entry: &Entry| columns(evidence, std::slice::from_ref(entry)).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
+    let white = |entry: &Entry| {
+        columns(evidence, std::slice::from_ref(entry)).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>()
+    };
     let others: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(entry)).collect();
     let without = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());
     let columns = white(&entries[k]);
@@ -105,7 +107,9 @@ pub(super) fn concentration(evidence: &Evidence, stand: &Stand, entries: &[Entry
         of[0] += gain[image] / total;
         of[1] += information[image] / all;
     }
-    if let Some((point, [share, _])) = stars.into_iter().find(|(_, [share, expected])| *share > CONCENTRATED.max(DISPROPORTIONATE * expected)) {
+    if let Some((point, [share, _])) =
+        stars.into_iter().find(|(_, [share, expected])| *share > CONCENTRATED.max(DISPROPORTIONATE * expected))
+    {
         found.push(format!("{:.0} % of the improvement lie in one star image (control point {point})", 100.0 * share));
     }
     found

@@ -59,7 +59,9 @@ impl Stand {
             let found = NoiseModel::find(&evidence.images, &evidence.place, &residual_px, &take, free, &evidence.frame_factors);
             let plausible = found.plausible(&evidence.images, &evidence.place, &residual_px);
             let next: Vec<bool> = allowed.iter().zip(plausible).map(|(allowed, plausible)| *allowed && plausible).collect();
-            let settled = next == take && (found.factor / noise.factor - 1.0).abs() < 0.01 && found.tail_degrees.total_cmp(&noise.tail_degrees).is_eq();
+            let settled = next == take
+                && (found.factor / noise.factor - 1.0).abs() < 0.01
+                && found.tail_degrees.total_cmp(&noise.tail_degrees).is_eq();
             last = Some(Self { noise, sheet, take, more, fit });
             if settled || turn + 1 == TURNS {
                 break;
@@ -216,7 +218,9 @@ pub(super) fn select(evidence: &Evidence, allowed: &[bool], begin: &NoiseModel, 
         let free = |index: usize| accepted.iter().all(|entry| entry.hypothesis != index) && !evidence.hypotheses[index].variants.is_empty();
         let scan = Scan::hypotheses(evidence, &stand.noise, &stand.sheet, &stand.fit, free);
         let mut found = candidates(evidence, &stand, &scan);
-        found.retain(|candidate| candidate.surprise > threshold + searched(evidence, candidate) && is_observable(evidence, &stand, candidate.entry));
+        found.retain(|candidate| {
+            candidate.surprise > threshold + searched(evidence, candidate) && is_observable(evidence, &stand, candidate.entry)
+        });
         let Some(chosen) = choose(evidence, &stand, &found) else { break };
         accepted.push(chosen);
         stand = Stand::new(evidence, allowed, &accepted, &stand.noise);

@@ -144,7 +144,11 @@ fn varies(values: &[f64]) -> bool {
 fn of_star(name: String, values: Vec<f64>, fields: &Fields) -> Option<Covariate> {
     varies(&values).then(|| {
         let mut patterns = vec![times(&values, fields, &LINEAR), binned(&values, BINS, fields, &SHIFT_AND_SCALE)];
-        let middle = if name == "colour" { MIDDLE_COLOUR } else { values.iter().copied().filter(|v| v.is_finite()).sum::<f64>() / values.len() as f64 };
+        let middle = if name == "colour" {
+            MIDDLE_COLOUR
+        } else {
+            values.iter().copied().filter(|v| v.is_finite()).sum::<f64>() / values.len() as f64
+        };
         if name != "flux" {
             let field = |k: usize, weight: f64| if values[k].is_finite() { (values[k] - middle) * weight } else { 0.0 };
             patterns.push(legendre(fields, PRODUCT_DEGREE, field));
@@ -257,9 +261,9 @@ fn places(fields: &Fields, pixels: &[[f64; 2]], [width, height]: [f64; 2]) -> Ve
 
 fn rate(evidence: &Evidence, fields: &Fields) -> Option<Covariate> {
     let rate = |k: usize| evidence.frames[evidence.place[k]].1.rate_rad_s;
-    let values: Vec<f64> =
-        (0..fields.place.len()).map(|k| rate(k).map_or(f64::NAN, |[x, y, z]| (x * x + y * y + z * z).sqrt())).collect();
-    let varied = (0..3).any(|axis| varies(&(0..fields.place.len()).map(|k| rate(k).map_or(f64::NAN, |rate| rate[axis])).collect::<Vec<_>>()));
+    let values: Vec<f64> = (0..fields.place.len()).map(|k| rate(k).map_or(f64::NAN, |[x, y, z]| (x * x + y * y + z * z).sqrt())).collect();
+    let varied =
+        (0..3).any(|axis| varies(&(0..fields.place.len()).map(|k| rate(k).map_or(f64::NAN, |rate| rate[axis])).collect::<Vec<_>>()));
     varied.then(|| {
         let mut patterns = Vec::new();
         let mut columns = Vec::new();
@@ -306,7 +310,8 @@ fn velocity(joint: &Joint, evidence: &Evidence, fields: &Fields) -> Option<Covar
             Some([turned.x, turned.y, turned.z])
         })
         .collect();
-    let component = |axis: usize| -> Vec<f64> { evidence.place.iter().map(|place| in_camera[*place].map_or(f64::NAN, |v| v[axis])).collect() };
+    let component =
+        |axis: usize| -> Vec<f64> { evidence.place.iter().map(|place| in_camera[*place].map_or(f64::NAN, |v| v[axis])).collect() };
     let along = component(2);
     varies(&along).then(|| {
         let patterns = vec![times(&along, fields, &WITH_CUBIC), binned(&along, BINS, fields, &BEHIND_ATTITUDE)];

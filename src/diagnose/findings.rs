@@ -105,7 +105,8 @@ impl Solved {
     /// Values and standard errors of an accepted effect's fitted parameters.
     pub(super) fn parameters(&self, k: usize, start: &[f64]) -> Vec<FoundParameter> {
         let hypothesis = &self.evidence.hypotheses[self.entries[k].hypothesis];
-        let before: usize = self.entries[..k].iter().map(|entry| self.evidence.hypotheses[entry.hypothesis].variants[0].columns.len()).sum();
+        let before: usize =
+            self.entries[..k].iter().map(|entry| self.evidence.hypotheses[entry.hypothesis].variants[0].columns.len()).sum();
         let first = self.stand.sheet.camera.len() + before;
         let covariance = self.stand.fit.covariance();
         let present = &hypothesis.variants[0].start;
@@ -172,7 +173,8 @@ fn camera_columns(joint: &Joint, evidence: &Evidence, options: &DiagnoseOptions)
 
 /// T of an accepted effect beside the others, and its degrees of freedom.
 pub(super) fn statistic(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> (f64, usize) {
-    let white = |entry: &Entry| columns(evidence, std::slice::from_ref(entry)).map(|c| evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>();
+    let white =
+        |entry: &Entry| columns(evidence, std::slice::from_ref(entry)).map(|c| evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>();
     let others: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(entry)).collect();
     let fit = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());
     let without = Stand { fit: fit.with_noise_of(&stand.fit), more: others, ..stand.clone() };
@@ -385,7 +387,8 @@ impl Context<'_> {
             if let Some([change, sigma]) = amplitude(&beside, &white[0]) {
                 let value = start[first] + change - difference(&id, start, first);
                 status.parameters.push(FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() });
-                status.upper_limit_95 = Some(Limit { name: spec.name.to_owned(), value: value.abs() + 1.645 * sigma, unit: spec.unit.to_owned() });
+                status.upper_limit_95 =
+                    Some(Limit { name: spec.name.to_owned(), value: value.abs() + 1.645 * sigma, unit: spec.unit.to_owned() });
                 if sigma.is_nan() || sigma > spec.range.1 - spec.range.0 {
                     status.upper_limit_95 = None;
                 }

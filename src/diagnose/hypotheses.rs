@@ -100,7 +100,9 @@ fn hypothesis(
         found.known = None;
         found.fitted = vec![0, 1, 2];
         match unknown_zeniths(evidence, points) {
-            Ok(zeniths) => found.variants = zeniths.into_iter().filter_map(|zenith| free_zenith(joint, effect, &found.fitted, zenith)).collect(),
+            Ok(zeniths) => {
+                found.variants = zeniths.into_iter().filter_map(|zenith| free_zenith(joint, effect, &found.fitted, zenith)).collect()
+            }
             Err(reason) => found.missing = Some(reason),
         }
         return found;
@@ -157,7 +159,9 @@ pub(super) fn finer(hypothesis: &Hypothesis, best: &Variant, joint: &Joint, step
             let width = joint.model().camera().width_px as f64 / (SEAMS + 1) as f64 * halves;
             [-1.0, -0.5, 0.5, 1.0].iter().map(|k| vec![0.0, 0.0, (best.start[2] + k * width).max(1.0)]).collect()
         }
-        "edge-roll-off" => [1.0 - 0.4 * halves, 1.0 + 0.4 * halves].iter().map(|k| vec![0.0, (best.start[1] * k).clamp(2.0, 150.0)]).collect(),
+        "edge-roll-off" => {
+            [1.0 - 0.4 * halves, 1.0 + 0.4 * halves].iter().map(|k| vec![0.0, (best.start[1] * k).clamp(2.0, 150.0)]).collect()
+        }
         _ => Vec::new(),
     };
     starts
@@ -219,4 +223,3 @@ fn free_zenith(joint: &Joint, effect: &'static dyn AnyDisplacement, fitted: &[us
     let columns = supposed.columns_of(effect.id(), &start, &fitted[..1])?;
     Some(Variant { start, zenith: Some(zenith), columns })
 }
-

@@ -55,7 +55,9 @@ pub(super) fn unknown(
     }
     let mut resembles: Vec<Resemblance> = effects
         .iter()
-        .filter(|(index, explained)| *explained > 0.0 && most_explained > 0.0 && is_observable(evidence, stand, Entry { hypothesis: *index, variant: 0 }))
+        .filter(|(index, explained)| {
+            *explained > 0.0 && most_explained > 0.0 && is_observable(evidence, stand, Entry { hypothesis: *index, variant: 0 })
+        })
         .map(|(index, explained)| Resemblance {
             id: evidence.hypotheses[*index].id().to_owned(),
             cos: (explained / most_explained).sqrt().min(1.0),
@@ -77,13 +79,12 @@ pub(super) fn unknown(
     let camera = joint.model().camera();
     let size = [camera.width_px as f64, camera.height_px as f64];
     let field = map(&used.into_iter().map(of).collect::<Vec<_>>(), &judged.into_iter().map(of).collect::<Vec<_>>(), size);
-    let vetoes: Vec<String> = vetoed
-        .iter()
-        .map(|(entry, against)| format!("{}: {}", evidence.hypotheses[entry.hypothesis].id(), against.join("; ")))
-        .collect();
+    let vetoes: Vec<String> =
+        vetoed.iter().map(|(entry, against)| format!("{}: {}", evidence.hypotheses[entry.hypothesis].id(), against.join("; "))).collect();
     let relatives: Vec<String> = resembles.iter().map(|r| format!("{} (cos {:.2})", r.id, r.cos)).collect();
     let follows = located_by.join(", ");
-    let mut sentence = format!("Something is left that no effect of the registry explains (p = {:.1e}); it follows {follows}", test.p_value);
+    let mut sentence =
+        format!("Something is left that no effect of the registry explains (p = {:.1e}); it follows {follows}", test.p_value);
     if !relatives.is_empty() {
         sentence += &format!("; most like it are {}", relatives.join(", "));
     }

@@ -63,7 +63,14 @@ impl NoiseModel {
 
     /// The noise of greatest likelihood. `residual_px` x, y, x, y, … of the images; `freedom` = degrees of freedom over numbers, by which the
     /// fit has made residuals smaller than errors.
-    pub(super) fn find(images: &[JointImage], place: &[usize], residual_px: &[f64], take: &[bool], freedom: f64, frame_factors: &[f64]) -> Self {
+    pub(super) fn find(
+        images: &[JointImage],
+        place: &[usize],
+        residual_px: &[f64],
+        take: &[bool],
+        freedom: f64,
+        frame_factors: &[f64],
+    ) -> Self {
         let taken: Vec<usize> = (0..images.len()).filter(|k| take[*k]).collect();
         let mut variances: Vec<f64> =
             taken.iter().map(|k| frame_factors[place[*k]] * f64::midpoint(images[*k].stated_px2[0], images[*k].stated_px2[2])).collect();
@@ -84,8 +91,7 @@ impl NoiseModel {
                 let penalty = if tail_degrees.is_finite() { TAIL_GAIN } else { 0.0 } + if relative > 0.0 { FLOOR_GAIN } else { 0.0 };
                 let value = likelihood - penalty;
                 if best.as_ref().is_none_or(|(most, _)| value > *most) {
-                    let model =
-                        Self { factor: scale, floor_px2: scale * floor, tail_degrees, frame_factors: frame_factors.to_vec() };
+                    let model = Self { factor: scale, floor_px2: scale * floor, tail_degrees, frame_factors: frame_factors.to_vec() };
                     best = Some((value, model));
                 }
             }

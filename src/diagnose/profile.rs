@@ -14,7 +14,10 @@ pub(super) fn profile(context: &Context, k: usize) -> Option<Profile> {
     let entry = context.entries[k];
     let hypothesis = &evidence.hypotheses[entry.hypothesis];
     let first = context.with_all.sheet.camera.len()
-        + context.entries[..k].iter().map(|entry| evidence.hypotheses[entry.hypothesis].variants[entry.variant].columns.len()).sum::<usize>();
+        + context.entries[..k]
+            .iter()
+            .map(|entry| evidence.hypotheses[entry.hypothesis].variants[entry.variant].columns.len())
+            .sum::<usize>();
     // The residual falls by the effect: what it displaces is minus its columns times their sizes.
     let mut moved = vec![[0.0; 2]; evidence.images.len()];
     for (j, column) in columns(evidence, &[entry]).enumerate() {
@@ -48,7 +51,13 @@ pub(super) fn profile(context: &Context, k: usize) -> Option<Profile> {
     ];
     let taken: Vec<usize> = (0..moved.len()).filter(|k| context.with_all.take[*k] && covariate.values[*k].is_finite()).collect();
     let power = |component: &dyn Fn(usize) -> [f64; 2]| -> f64 {
-        taken.iter().map(|k| { let [a, b] = component(*k); (moved[*k][0] * a + moved[*k][1] * b).powi(2) }).sum()
+        taken
+            .iter()
+            .map(|k| {
+                let [a, b] = component(*k);
+                (moved[*k][0] * a + moved[*k][1] * b).powi(2)
+            })
+            .sum()
     };
     let (name, component) = components.into_iter().max_by(|a, b| power(a.1).total_cmp(&power(b.1)))?;
     let mut order = taken;

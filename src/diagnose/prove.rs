@@ -59,13 +59,27 @@ fn judge(stand: &Stand, train: &[bool], held: &[bool], kept: &[&Whitened], tried
     };
     let (before, after) = (predict(&without, kept), predict(&with, &all));
     let difference: Whitened = before.iter().zip(&after).map(|(a, b)| a - b).collect();
-    Held { before: refit_own(sheet, held, &before), after: refit_own(sheet, held, &after), direction: project_own(sheet, held, &difference) }
+    Held {
+        before: refit_own(sheet, held, &before),
+        after: refit_own(sheet, held, &after),
+        direction: project_own(sheet, held, &difference),
+    }
 }
 
 /// The proof of entry `k`, over folds given by the masks of their held-out images. `statistic` is its T on the images it was found in,
 /// `rank` its degrees of freedom, `found_in` the share of all images it was found in (1 where every frame takes its turn).
-pub(super) fn prove(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize, folds: &[Vec<bool>], statistic: f64, rank: usize) -> Proof {
-    let own = |entry: &Entry| columns(evidence, std::slice::from_ref(entry)).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<_>>();
+pub(super) fn prove(
+    evidence: &Evidence,
+    stand: &Stand,
+    entries: &[Entry],
+    k: usize,
+    folds: &[Vec<bool>],
+    statistic: f64,
+    rank: usize,
+) -> Proof {
+    let own = |entry: &Entry| {
+        columns(evidence, std::slice::from_ref(entry)).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<_>>()
+    };
     let tried: Vec<Whitened> = own(&entries[k]);
     let kept: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| own(entry)).collect();
     let (kept, tried): (Vec<&Whitened>, Vec<&Whitened>) = (kept.iter().collect(), tried.iter().collect());

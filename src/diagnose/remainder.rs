@@ -120,7 +120,8 @@ pub(super) fn map(left: &[Left], held_out: &[Left], size: [f64; 2]) -> Remainder
         }
         let value = cross.tr_mul(&solved);
         let reduced = factor.solve(&cross);
-        let sigma = (variance - f64::midpoint(cross.column(0).dot(&reduced.column(0)), cross.column(1).dot(&reduced.column(1)))).max(0.0).sqrt();
+        let sigma =
+            (variance - f64::midpoint(cross.column(0).dot(&reduced.column(0)), cross.column(1).dot(&reduced.column(1)))).max(0.0).sqrt();
         ([value[0], value[1]], sigma)
     };
     let mut points = Vec::new();
@@ -176,7 +177,12 @@ mod tests {
         };
         let (seen, fresh, noise) = (field(0.2), field(0.2), field(0.0));
         let found = map(&seen, &fresh, [1000.0, 1000.0]);
-        assert!(found.log_evidence_gain > 50.0 && found.held_out_delta_chi2 > 100.0, "{} {}", found.log_evidence_gain, found.held_out_delta_chi2);
+        assert!(
+            found.log_evidence_gain > 50.0 && found.held_out_delta_chi2 > 100.0,
+            "{} {}",
+            found.log_evidence_gain,
+            found.held_out_delta_chi2
+        );
         assert!(found.curl_free_share > 0.9, "{}", found.curl_free_share);
         let nothing = map(&noise, &fresh, [1000.0, 1000.0]);
         assert!(nothing.log_evidence_gain < 6.0, "{}", nothing.log_evidence_gain);

@@ -71,11 +71,7 @@ fn scattered(frame: usize, which: usize) -> f64 {
 }
 
 const MENU: &[Further] = &[
-    Further {
-        text: "more frames like these",
-        change: |_, observation| *observation,
-        weight: |_, _| 1.0,
-    },
+    Further { text: "more frames like these", change: |_, observation| *observation, weight: |_, _| 1.0 },
     Further {
         text: "frames at other temperatures, not in step with time or pointing",
         change: |frame, o| Observation { temperature_offset_k: o.temperature_offset_k.map(|_| 10.0 * scattered(frame, 0)), ..*o },
@@ -92,10 +88,7 @@ const MENU: &[Further] = &[
     },
     Further {
         text: "frames while the camera turns at other rates, in both senses",
-        change: |frame, o| Observation {
-            rate_rad_s: o.rate_rad_s.map(|_| [2, 3, 4].map(|which| 0.01 * scattered(frame, which))),
-            ..*o
-        },
+        change: |frame, o| Observation { rate_rad_s: o.rate_rad_s.map(|_| [2, 3, 4].map(|which| 0.01 * scattered(frame, which))), ..*o },
         weight: |_, _| 1.0,
     },
     Further {
@@ -106,7 +99,11 @@ const MENU: &[Further] = &[
         },
         weight: |_, _| 1.0,
     },
-    Further { text: "more stars in the corners of the frame", change: |_, o| *o, weight: |[x, y], _| if x.hypot(y) > 0.9 { 9.0 } else { 0.0 } },
+    Further {
+        text: "more stars in the corners of the frame",
+        change: |_, o| *o,
+        weight: |[x, y], _| if x.hypot(y) > 0.9 { 9.0 } else { 0.0 },
+    },
     Further { text: "more bright stars", change: |_, o| *o, weight: |_, fainter| if fainter < -0.5 { 9.0 } else { 0.0 } },
     Further { text: "longer exposures, for faint stars", change: |_, o| *o, weight: |_, fainter| if fainter > 0.5 { 9.0 } else { 0.0 } },
 ];

@@ -121,8 +121,7 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
         if more.len() > entries.len() {
             let stand = Stand::new(&refined, &all, &more, &begin);
             let turns = folds(&refined, &[]);
-            let late: Vec<Proof> =
-                (0..more.len()).map(|k| proof(&refined, &stand, &more, k, &turns)).collect();
+            let late: Vec<Proof> = (0..more.len()).map(|k| proof(&refined, &stand, &more, k, &turns)).collect();
             let kept: Vec<usize> = (0..more.len()).filter(|k| *k < entries.len() || late[*k].confirms).collect();
             if kept.len() > entries.len() {
                 proofs = kept.iter().map(|k| if *k < entries.len() { proofs[*k] } else { late[*k] }).collect();
@@ -168,7 +167,8 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
     let rest = if veto.is_empty() && !entries.is_empty() {
         final_omnibus
     } else {
-        let scan = Scan::new(&refined, &everything.noise, &everything.sheet, &everything.fit, |index| kept.iter().all(|e| e.hypothesis != index));
+        let scan =
+            Scan::new(&refined, &everything.noise, &everything.sheet, &everything.fit, |index| kept.iter().all(|e| e.hypothesis != index));
         omnibus(&refined, &everything, &scan, options, 4)
     };
     let significant = first.p_value < options.alpha || (!entries.is_empty());
@@ -248,7 +248,8 @@ fn refine(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry], all: &[
             let stand = Stand::new(evidence, all, &others, begin);
             let score = |variant: usize| {
                 let entry = Entry { variant, ..entries[k] };
-                let own: Vec<Whitened> = attribute::columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect();
+                let own: Vec<Whitened> =
+                    attribute::columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect();
                 stand.score(&own).0
             };
             let options = std::iter::once(entries[k].variant).chain(at..at + count);
@@ -267,7 +268,8 @@ impl Solved {
         let all = vec![true; evidence.images.len()];
         for _ in 0..4 {
             let stand = Stand::new(evidence, &all, &more, &self.stand.noise);
-            let scan = Scan::hypotheses(evidence, &stand.noise, &stand.sheet, &stand.fit, |index| more.iter().all(|e| e.hypothesis != index));
+            let scan =
+                Scan::hypotheses(evidence, &stand.noise, &stand.sheet, &stand.fit, |index| more.iter().all(|e| e.hypothesis != index));
             let mut found = candidates(evidence, &stand, &scan);
             found.retain(|candidate| candidate.surprise > threshold + attribute::searched(evidence, candidate));
             found.retain(|candidate| attribute::is_observable(evidence, &stand, candidate.entry));
@@ -324,7 +326,14 @@ fn hash(points: &ControlPoints) -> u64 {
 }
 
 /// The joint solution with the findings in force, errors and weights as the diagnosis has them.
-pub(super) fn solve_again(joint: &Joint, options: &DiagnoseOptions, evidence: &Evidence, stand: &Stand, terms: &[Term], names: &[String]) -> Result<Joint, DiagnoseError> {
+pub(super) fn solve_again(
+    joint: &Joint,
+    options: &DiagnoseOptions,
+    evidence: &Evidence,
+    stand: &Stand,
+    terms: &[Term],
+    names: &[String],
+) -> Result<Joint, DiagnoseError> {
     let mut solve = options.solve.clone();
     solve.extend(names.iter().cloned());
     let weights = (0..evidence.images.len())

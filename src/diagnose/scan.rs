@@ -133,8 +133,7 @@ impl Scan {
 
     /// Simulated recordings `from..to` without any effect.
     pub(super) fn chance(&self, fit: &Fit, take: &[bool], seed: u64, from: usize, to: usize) -> Chance {
-        let sizes: Vec<f64> =
-            (0..take.len()).filter(|k| take[*k]).map(|k| fit.psi[2 * k].hypot(fit.psi[2 * k + 1])).collect();
+        let sizes: Vec<f64> = (0..take.len()).filter(|k| take[*k]).map(|k| fit.psi[2 * k].hypot(fit.psi[2 * k + 1])).collect();
         let tables = Tables::new(self.groups.iter().map(Group::rank));
         let batches: Vec<(usize, usize)> = (from..to).step_by(BATCH).map(|first| (first, (first + BATCH).min(to))).collect();
         let largest: Vec<[f64; 3]> = batches

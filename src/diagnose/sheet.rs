@@ -125,7 +125,8 @@ impl Fit {
         let gram = DMatrix::from_fn(count, count, |i, j| scale[i] * scale[j] * dot(&projected[i], &projected[j]));
         let eigen = gram.symmetric_eigen();
         let kept: Vec<usize> = (0..count).filter(|k| eigen.eigenvalues[*k] > 1e-10).collect();
-        self.mixing = DMatrix::from_fn(count, kept.len(), |i, j| scale[i] * eigen.eigenvectors[(i, kept[j])] / eigen.eigenvalues[kept[j]].sqrt());
+        self.mixing =
+            DMatrix::from_fn(count, kept.len(), |i, j| scale[i] * eigen.eigenvectors[(i, kept[j])] / eigen.eigenvalues[kept[j]].sqrt());
         self.basis = (0..kept.len())
             .map(|j| {
                 let mut vector = vec![0.0; 2 * sheet.images()];
@@ -290,7 +291,11 @@ fn local_basis(sheet: &Sheet, take: &[bool]) -> Vec<Whitened> {
         let length = by_frame(sheet, &vector, &vector);
         for (k, value) in vector.iter_mut().enumerate() {
             let frame = sheet.frame[k / 2];
-            *value = if length[frame] > DEPENDENT * DEPENDENT * before[frame] && length[frame] > 0.0 { *value / length[frame].sqrt() } else { 0.0 };
+            *value = if length[frame] > DEPENDENT * DEPENDENT * before[frame] && length[frame] > 0.0 {
+                *value / length[frame].sqrt()
+            } else {
+                0.0
+            };
         }
         basis.push(vector);
     }
