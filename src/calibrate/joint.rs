@@ -104,6 +104,12 @@ impl Joint {
         &self.solved.adjusted.noise.frame_factors
     }
 
+    /// What all star images have beyond their stated errors, px² per axis, as the robust solution found it.
+    #[must_use]
+    pub fn floor_px2(&self) -> f64 {
+        self.solved.adjusted.noise.floor_px2
+    }
+
     /// Every star image that has a residual, frame by frame.
     #[must_use]
     pub fn images(&self) -> Vec<JointImage> {

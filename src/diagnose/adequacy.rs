@@ -2,14 +2,19 @@
 
 use super::attribute::{Entry, Stand, columns};
 use super::evidence::Evidence;
-use super::scan::{Asks, Scan};
-use super::sheet::{Fit, Whitened};
+use super::scan::{Asks, Scan, orthonormal};
+use super::sheet::{Fit, Whitened, dot};
+use crate::calibrate::Column;
 use crate::statistics::significance::chi_squared_surprise;
 
 /// A veto needs p below this.
 const VETO_P: f64 = 1e-3;
 /// What is left must be this share of what the effect explains, or it is no fault of the name.
 const LEAST_LEFT: f64 = 0.03;
+/// Covariates that patterns of the field go by.
+const IN_THE_FIELD: &[&str] = &["field-map", "colour", "magnitude", "field-radius", "x", "y", "edge-distance"];
+/// An effect is of the kind of a pattern if the pattern spans so much of it.
+const OF_THE_KIND: f64 = 0.5;
 /// Blocks of time.
 const TIME_BLOCKS: usize = 4;
 /// An improvement in one frame (or star) above this share,
@@ -22,12 +27,33 @@ pub(super) fn vetoes(evidence: &Evidence, stand: &Stand, scan: &Scan, entries: &
     let mut found = Vec::new();
     let surprises = scan.surprises(&stand.fit.psi, stand.fit.c);
     let values = scan.ask(&stand.fit.psi, stand.fit.c);
+    let white = |columns: &[&Column]| columns.iter().map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
+    let others: Vec<&Column> = entries
+        .iter()
+        .enumerate()
+        .filter(|(index, _)| *index != k)
+        .flat_map(|(_, entry)| columns(evidence, std::slice::from_ref(entry)))
+        .collect();
+    let others = white(&others);
+    let mut without: Option<Fit> = None;
     for ((group, surprise), t) in scan.groups.iter().zip(&surprises).zip(values) {
         let Asks::Covariate(index) = group.asks else { continue };
         let name = evidence.covariates[index].name.as_str();
-        let is_map = matches!(name, "field-map" | "colour" | "magnitude" | "field-radius" | "x" | "y" | "edge-distance");
         let left = t - group.rank() as f64;
-        if is_map && (-surprise).exp() < VETO_P && left > LEAST_LEFT * statistic {
+        if !IN_THE_FIELD.contains(&name) || (-surprise).exp() >= VETO_P || left <= LEAST_LEFT * statistic {
+            continue;
+        }
+        // It speaks against the name only if the effect itself is a pattern of this kind.
+        let without = without.get_or_insert_with(|| Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>()));
+        let pattern = &evidence.covariates[index].patterns[group.pattern];
+        let basis = orthonormal(&stand.sheet, without, &white(&pattern.iter().collect::<Vec<_>>()));
+        let own: Vec<Whitened> = white(&columns(evidence, &entries[k..=k]).collect::<Vec<_>>());
+        let within = own.iter().map(|column| {
+            let rest = without.project(&stand.sheet, column);
+            let inside: f64 = basis.iter().map(|b| dot(b, &rest).powi(2)).sum();
+            inside / dot(&rest, &rest).max(f64::MIN_POSITIVE)
+        });
+        if within.fold(0.0, f64::max) > OF_THE_KIND {
             let over = if name == "field-map" { "the field".to_owned() } else { format!("the field by {name}") };
             found.push(format!("a pattern over {over} remains beside it (p = {:.1e})", (-surprise).exp()));
         }

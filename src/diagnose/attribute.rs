@@ -130,7 +130,9 @@ fn basis(rest: &[Whitened], raw: &[Whitened], fit: &Fit) -> (Vec<Whitened>, Vec<
         let length = dot(&vector, &vector).sqrt();
         lengths.push(dot(column, column).sqrt());
         if length > 1e-4 * fit.length_squared(raw).sqrt() && length > 0.0 {
-            vector.iter_mut().for_each(|v| *v /= length);
+            for v in &mut vector {
+                *v /= length;
+            }
             found.push(vector);
         }
     }

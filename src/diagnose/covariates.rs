@@ -33,6 +33,9 @@ pub(super) struct Covariate {
     pub(super) patterns: Vec<Vec<Column>>,
 }
 
+/// A vector field over the frame, of (ξ, η).
+type Carrier = fn([f64; 2]) -> [f64; 2];
+
 /// The frame's geometry for patterns.
 struct Fields {
     /// ξ, η: from the middle of the frame, in half its width.
@@ -45,13 +48,11 @@ impl Fields {
     }
 }
 
-const LINEAR: [fn([f64; 2]) -> [f64; 2]; 6] =
-    [|_| [1.0, 0.0], |_| [0.0, 1.0], |[x, _]| [x, 0.0], |[_, y]| [y, 0.0], |[x, _]| [0.0, x], |[_, y]| [0.0, y]];
-const BEHIND_ATTITUDE: [fn([f64; 2]) -> [f64; 2]; 3] = [|[x, y]| [x, y], |[x, y]| [x, -y], |[x, y]| [y, x]];
-const WITH_CUBIC: [fn([f64; 2]) -> [f64; 2]; 4] =
-    [|[x, y]| [x, y], |[x, y]| [x, -y], |[x, y]| [y, x], |[x, y]| [x * (x * x + y * y), y * (x * x + y * y)]];
-const SHIFT_AND_SCALE: [fn([f64; 2]) -> [f64; 2]; 3] = [|_| [1.0, 0.0], |_| [0.0, 1.0], |[x, y]| [x, y]];
-const SHIFT: [fn([f64; 2]) -> [f64; 2]; 2] = [|_| [1.0, 0.0], |_| [0.0, 1.0]];
+const LINEAR: [Carrier; 6] = [|_| [1.0, 0.0], |_| [0.0, 1.0], |[x, _]| [x, 0.0], |[_, y]| [y, 0.0], |[x, _]| [0.0, x], |[_, y]| [0.0, y]];
+const BEHIND_ATTITUDE: [Carrier; 3] = [|[x, y]| [x, y], |[x, y]| [x, -y], |[x, y]| [y, x]];
+const WITH_CUBIC: [Carrier; 4] = [|[x, y]| [x, y], |[x, y]| [x, -y], |[x, y]| [y, x], |[x, y]| [x * (x * x + y * y), y * (x * x + y * y)]];
+const SHIFT_AND_SCALE: [Carrier; 3] = [|_| [1.0, 0.0], |_| [0.0, 1.0], |[x, y]| [x, y]];
+const SHIFT: [Carrier; 2] = [|_| [1.0, 0.0], |_| [0.0, 1.0]];
 
 /// All that the recording has.
 pub(super) fn covariates(joint: &Joint, evidence: &Evidence, points: &ControlPoints, telemetry: &Telemetry) -> Vec<Covariate> {
@@ -114,7 +115,7 @@ fn bins(values: &[f64], count: usize) -> Vec<Option<usize>> {
     values.iter().map(of).collect()
 }
 
-fn binned(values: &[f64], count: usize, fields: &Fields, carriers: &[fn([f64; 2]) -> [f64; 2]]) -> Vec<Column> {
+fn binned(values: &[f64], count: usize, fields: &Fields, carriers: &[Carrier]) -> Vec<Column> {
     let own = bins(values, count);
     let highest = own.iter().flatten().max().copied().unwrap_or(0);
     let mut columns = Vec::new();
@@ -126,10 +127,10 @@ fn binned(values: &[f64], count: usize, fields: &Fields, carriers: &[fn([f64; 2]
     columns
 }
 
-fn times(values: &[f64], fields: &Fields, carriers: &[fn([f64; 2]) -> [f64; 2]]) -> Vec<Column> {
+fn times(values: &[f64], fields: &Fields, carriers: &[Carrier]) -> Vec<Column> {
     let known: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
     let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
-    let of = |carrier: &fn([f64; 2]) -> [f64; 2]| {
+    let of = |carrier: &Carrier| {
         fields.each(|k, place| if values[k].is_finite() { carrier(place).map(|c| c * (values[k] - mean)) } else { [0.0; 2] })
     };
     carriers.iter().map(of).collect()
@@ -211,7 +212,7 @@ fn places(fields: &Fields, pixels: &[[f64; 2]], [width, height]: [f64; 2]) -> Ve
         push(name, values, patterns);
     }
     let radius: Vec<f64> = fields.place.iter().map(|[x, y]| x.hypot(*y)).collect();
-    let radial: [fn([f64; 2]) -> [f64; 2]; 2] = [|[x, y]| [x, y], |[x, y]| [-y, x]];
+    let radial: [Carrier; 2] = [|[x, y]| [x, y], |[x, y]| [-y, x]];
     let powers = [2, 4, 6].map(|power| fields.each(|k, [x, y]| [x * radius[k].powi(power), y * radius[k].powi(power)]));
     let patterns = vec![binned(&radius, BINS, fields, &radial), powers.to_vec()];
     push("field-radius", radius, patterns);

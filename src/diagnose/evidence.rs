@@ -38,6 +38,7 @@ impl Evidence {
     /// At a joint solution.
     pub(super) fn at(joint: &Joint, points: &ControlPoints, telemetry: &Telemetry, options: &DiagnoseOptions) -> Self {
         let mut evidence = Self::without_hypotheses(joint);
+        evidence.frame_factors = super::noise::frame_factors(&evidence, points, joint.floor_px2());
         evidence.hypotheses = hypotheses(joint, &evidence, points, options);
         evidence.covariates = covariates(joint, &evidence, points, telemetry);
         evidence

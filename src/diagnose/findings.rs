@@ -1,9 +1,9 @@
 //! From accepted effects to findings: the solution with everything free, sizes with errors, what located them, the status of every effect.
 
 use super::attribute::{self, Entry, Stand, UNOBSERVABLE, amplitude, columns};
-use super::diagnosis::*;
+use super::diagnosis::{EffectState, EffectStatus, Finding, FoundParameter, Limit, Located, NoiseState, Profile, ResidualRow};
 use super::evidence::Evidence;
-use super::hypotheses::{Hypothesis, with_zenith};
+use super::hypotheses::{Hypothesis, Variant, with_zenith};
 use super::noise::NoiseModel;
 use super::prove::Proof;
 use super::rivals::{decided_by, rivals};
@@ -103,11 +103,12 @@ impl Solved {
     }
 
     /// Values and standard errors of an accepted effect's fitted parameters.
-    pub(super) fn parameters(&self, k: usize, start: &[f64]) -> Vec<FoundParameter> {
+    pub(super) fn parameters(&self, k: usize, before: &Variant) -> Vec<FoundParameter> {
+        let (start, searched_sigma) = (&before.start, before.searched_sigma);
         let hypothesis = &self.evidence.hypotheses[self.entries[k].hypothesis];
-        let before: usize =
+        let shared: usize =
             self.entries[..k].iter().map(|entry| self.evidence.hypotheses[entry.hypothesis].variants[0].columns.len()).sum();
-        let first = self.stand.sheet.camera.len() + before;
+        let first = self.stand.sheet.camera.len() + shared;
         let covariance = self.stand.fit.covariance();
         let present = &hypothesis.variants[0].start;
         let mut all: Vec<FoundParameter> = Vec::new();
@@ -117,13 +118,12 @@ impl Solved {
             let sigma = covariance[(first + j, first + j)].max(0.0).sqrt();
             all.push(FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() });
         }
-        // What was searched over is a parameter too; its error is half the finest step of the search.
+        // What was searched over is a parameter too.
         for (index, spec) in hypothesis.effect.parameters().iter().enumerate().filter(|(index, _)| !hypothesis.fitted.contains(index)) {
-            if matches!(spec.name, "line_px" | "length_px") {
-                all.push(FoundParameter { name: spec.name.to_owned(), value: present[index], sigma: f64::NAN, unit: spec.unit.to_owned() });
+            if let Some(sigma) = searched_sigma.filter(|_| matches!(spec.name, "line_px" | "length_px")) {
+                all.push(FoundParameter { name: spec.name.to_owned(), value: present[index], sigma, unit: spec.unit.to_owned() });
             }
         }
-        all.iter_mut().filter(|p| p.sigma.is_nan()).for_each(|p| p.sigma = 0.1 * p.value.abs());
         all
     }
 
@@ -133,9 +133,9 @@ impl Solved {
         if hypothesis.in_force {
             return None; // that it is not there at its known size is the finding itself
         }
-        let start = &hypothesis.variants[entries[k].variant].start;
-        let parameters = self.parameters(k, start);
-        let [ratio, error] = known_ratio(hypothesis, start, parameters.first()?)?;
+        let variant = &hypothesis.variants[entries[k].variant];
+        let parameters = self.parameters(k, variant);
+        let [ratio, error] = known_ratio(hypothesis, &variant.start, parameters.first()?)?;
         ((ratio - 1.0).abs() > DISAGREES * error).then(|| {
             format!("its size is {ratio:.3} ± {error:.3} of what is known of it: not {} alone, or more than this effect", hypothesis.id())
         })
@@ -287,13 +287,14 @@ impl Context<'_> {
     pub(super) fn finding(&self, k: usize, solved: &Solved, options: &DiagnoseOptions) -> Finding {
         let entry = self.entries[k];
         let hypothesis = &self.evidence.hypotheses[entry.hypothesis];
-        let start = &hypothesis.variants[entry.variant].start;
-        let parameters = solved.parameters(k, start);
+        let variant = &hypothesis.variants[entry.variant];
+        let start = &variant.start;
+        let parameters = solved.parameters(k, variant);
         let (t, rank) = statistic(self.evidence, self.with_all, self.entries, k);
         let p_value = p_of(t, rank);
         let without = self.without(k);
         let scan = Scan::new(self.evidence, &without.noise, &without.sheet, &without.fit, |_| false);
-        let chance = scan.chance(&without.fit, &without.take, options.seed ^ 0x10ca7e, 0, options.nulls.min(200));
+        let chance = scan.chance(&without.fit, &without.take, options.seed ^ 0x0010_ca7e, 0, options.nulls.min(200));
         let mut located_by: Vec<String> = Vec::new();
         for (index, surprise, _) in ranked(self.evidence, &without, &scan) {
             if located_by.is_empty() || (located_by.len() < NAMED && among_covariates(&chance, surprise) < LOCATES_P) {
@@ -375,7 +376,7 @@ impl Context<'_> {
             let moves = white.iter().any(|column| stand.fit.length_squared(column) > 0.0);
             if !moves {
                 status.status = EffectState::NotObservable;
-                status.reason = "what it depends on does not vary or is not known: it moves no star image here".to_owned();
+                "what it depends on does not vary or is not known: it moves no star image here".clone_into(&mut status.reason);
                 return status;
             }
             let start = &hypothesis.variants[variant].start;
@@ -399,9 +400,9 @@ impl Context<'_> {
                 status.reason = format!("explains about as much as {}", of.join(", "));
             } else if status.survival.is_some_and(|survival| survival < UNOBSERVABLE) {
                 status.status = EffectState::NotObservable;
-                status.reason = "attitudes and camera parameters take it up".to_owned();
+                "attitudes and camera parameters take it up".clone_into(&mut status.reason);
             } else if hypothesis.in_force {
-                status.reason = "in the model; its size there is confirmed within the errors".to_owned();
+                "in the model; its size there is confirmed within the errors".clone_into(&mut status.reason);
             }
             status
         };

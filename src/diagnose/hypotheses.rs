@@ -30,6 +30,8 @@ pub(super) struct Variant {
     pub(super) zenith: Option<[f64; 3]>,
     /// Columns of the fitted parameters, px per unit.
     pub(super) columns: Vec<Column>,
+    /// Standard error of what was searched over, where the search was made finer.
+    pub(super) searched_sigma: Option<f64>,
 }
 
 /// An effect that may have been left out.
@@ -101,7 +103,7 @@ fn hypothesis(
         found.fitted = vec![0, 1, 2];
         match unknown_zeniths(evidence, points) {
             Ok(zeniths) => {
-                found.variants = zeniths.into_iter().filter_map(|zenith| free_zenith(joint, effect, &found.fitted, zenith)).collect()
+                found.variants = zeniths.into_iter().filter_map(|zenith| free_zenith(joint, effect, &found.fitted, zenith)).collect();
             }
             Err(reason) => found.missing = Some(reason),
         }
@@ -126,7 +128,7 @@ fn hypothesis(
         .into_iter()
         .filter_map(|start| {
             let columns = joint.columns_of(effect.id(), &start, &found.fitted)?;
-            Some(Variant { start, zenith: None, columns })
+            Some(Variant { start, zenith: None, columns, searched_sigma: None })
         })
         .collect();
     if found.variants.is_empty() {
@@ -168,7 +170,7 @@ pub(super) fn finer(hypothesis: &Hypothesis, best: &Variant, joint: &Joint, step
         .into_iter()
         .filter_map(|start| {
             let columns = joint.columns_of(hypothesis.id(), &start, &hypothesis.fitted)?;
-            Some(Variant { start, zenith: None, columns })
+            Some(Variant { start, zenith: None, columns, searched_sigma: None })
         })
         .collect()
 }
@@ -221,5 +223,5 @@ fn free_zenith(joint: &Joint, effect: &'static dyn AnyDisplacement, fitted: &[us
     let start = vec![0.0; effect.parameters().len()];
     // Where there is no refraction yet the zenith's own parameters have no columns: the search stands in their place.
     let columns = supposed.columns_of(effect.id(), &start, &fitted[..1])?;
-    Some(Variant { start, zenith: Some(zenith), columns })
+    Some(Variant { start, zenith: Some(zenith), columns, searched_sigma: None })
 }

@@ -174,3 +174,68 @@ pub(super) fn freedom(sheet: &Sheet, take: &[bool], shared: usize) -> f64 {
     let own = (sheet.own.len() * seen.iter().filter(|seen| **seen).count()) as f64;
     ((2.0 * taken - own - shared as f64) / (2.0 * taken).max(1.0)).clamp(0.05, 1.0)
 }
+
+/// A frame is worse than the others if chance makes it so with less than this probability.
+const WORSE_P: f64 = 1e-4;
+
+/// Variance factors of frames that the joint solution found to be worse than the others: how large they are once a smooth field of the
+/// frame's own is taken out. What is worse in a frame by a displacement is a mismatch, and only what scatters is noise.
+pub(super) fn frame_factors(evidence: &super::evidence::Evidence, points: &crate::identify::ControlPoints, floor_px2: f64) -> Vec<f64> {
+    use nalgebra::{DMatrix, DVector};
+    let places: Vec<[f64; 2]> = evidence.positions(points).collect();
+    let largest = places.iter().flatten().fold(1.0_f64, |most, value| most.max(value.abs()));
+    let scatter = |frame: usize| -> Option<[f64; 2]> {
+        let own: Vec<usize> = (0..places.len()).filter(|k| evidence.place[*k] == frame).collect();
+        let fields = 12 + evidence.own.len();
+        (2 * own.len() > fields + 8).then_some(())?;
+        let mut matrix = DMatrix::zeros(2 * own.len(), fields);
+        let mut right = DVector::zeros(2 * own.len());
+        for (row, k) in own.iter().enumerate() {
+            let [xx, _, yy] = evidence.images[*k].stated_px2;
+            let root = 1.0 / (f64::midpoint(xx, yy) + floor_px2).max(1e-12).sqrt();
+            let [x, y] = places[*k].map(|value| 2.0 * value / largest - 1.0);
+            for axis in 0..2 {
+                for (column, value) in [1.0, x, y, x * x, x * y, y * y].into_iter().enumerate() {
+                    matrix[(2 * row + axis, 6 * axis + column)] = root * value;
+                }
+                for (column, own) in evidence.own.iter().enumerate() {
+                    let scale = 1.0 / own.iter().flatten().fold(1e-300_f64, |most, value| most.max(value.abs()));
+                    matrix[(2 * row + axis, 12 + column)] = root * own[*k][axis] * scale;
+                }
+                right[2 * row + axis] = root * evidence.residual_px[2 * k + axis];
+            }
+        }
+        let svd = matrix.svd(true, false);
+        let u = svd.u?;
+        let kept = svd.singular_values.iter().filter(|value| **value > 1e-9 * svd.singular_values[0]).count();
+        let mut rest = right;
+        for column in 0..kept {
+            let along = u.column(column).dot(&rest);
+            rest -= u.column(column) * along;
+        }
+        // By the median: wrong stars are no reason to call a frame noisy.
+        let mut squares: Vec<f64> = rest.as_slice().chunks_exact(2).map(|pair| pair[0] * pair[0] + pair[1] * pair[1]).collect();
+        let freedom = (2 * own.len() - kept) as f64 / (2 * own.len()) as f64;
+        let median = crate::statistics::median_in_place(&mut squares)?;
+        Some([median / (2.0 * std::f64::consts::LN_2 * freedom), (2 * own.len() - kept) as f64])
+    };
+    if evidence.frame_factors.iter().all(|factor| *factor <= 1.0) {
+        return evidence.frame_factors.clone();
+    }
+    let all: Vec<Option<[f64; 2]>> = (0..evidence.frames.len()).map(scatter).collect();
+    let mut levels: Vec<f64> = all.iter().flatten().map(|[level, _]| *level).collect();
+    let Some(usual) = crate::statistics::median_in_place(&mut levels).filter(|usual| *usual > 0.0) else {
+        return evidence.frame_factors.clone();
+    };
+    let of = |(frame, found): (usize, &Option<[f64; 2]>)| match (evidence.frame_factors[frame], found) {
+        (factor, _) if factor <= 1.0 => 1.0,
+        (factor, None) => factor,
+        (_, Some([level, degrees])) => {
+            let ratio = level / usual;
+            // A median knows as much as half as many numbers.
+            let surprise = crate::statistics::significance::chi_squared_surprise(0.5 * degrees, 0.5 * degrees * ratio);
+            if (-surprise).exp() < WORSE_P { ratio } else { 1.0 }
+        }
+    };
+    all.iter().enumerate().map(of).collect()
+}

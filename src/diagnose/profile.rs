@@ -8,6 +8,9 @@ use super::findings::Context;
 /// Bins of equal counts.
 const BINS: usize = 12;
 
+/// A direction on the frame at every star image, and its name.
+type Component<'a> = (&'static str, &'a dyn Fn(usize) -> [f64; 2]);
+
 /// The profile of entry `k`.
 pub(super) fn profile(context: &Context, k: usize) -> Option<Profile> {
     let evidence = context.evidence;
@@ -39,7 +42,7 @@ pub(super) fn profile(context: &Context, k: usize) -> Option<Profile> {
         [x / r, y / r]
     };
     let own = |k: usize| covariate.direction.as_ref().map_or([0.0; 2], |direction| direction[k]);
-    let components: [(&str, &dyn Fn(usize) -> [f64; 2]); 5] = [
+    let components: [Component; 5] = [
         ("along its own direction", &own),
         ("along the radius", &radial),
         ("along x", &|_| [1.0, 0.0]),

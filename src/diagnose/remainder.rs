@@ -79,6 +79,9 @@ fn covariance(cells: &Cells, length: f64, variance: f64, curl_free: f64) -> DMat
     matrix
 }
 
+/// Evidence, length, variance, share free of curl, the solution and its factor.
+type Best = (f64, f64, f64, f64, DVector<f64>, nalgebra::Cholesky<f64, nalgebra::Dyn>);
+
 /// The map of what is left; `held_out` residuals are predicted by it for its proof.
 pub(super) fn map(left: &[Left], held_out: &[Left], size: [f64; 2]) -> RemainderMap {
     let cells = cells(left, size);
@@ -93,7 +96,7 @@ pub(super) fn map(left: &[Left], held_out: &[Left], size: [f64; 2]) -> Remainder
             -0.5 * square / cells.variance[k] - cells.variance[k].ln()
         })
         .sum();
-    let mut best: Option<(f64, f64, f64, f64, DVector<f64>, nalgebra::Cholesky<f64, nalgebra::Dyn>)> = None;
+    let mut best: Option<Best> = None;
     for length in LENGTHS.map(|length| length * size[0].max(size[1])) {
         for share in SHARES {
             for variance in SIZES.map(|s| (s * rms).powi(2)) {

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::adequacy::{concentration, vetoes};
 use super::attribute::{self, Entry, Stand, candidates, select};
-use super::diagnosis::*;
+use super::diagnosis::{ChannelTest, Channels, Diagnosis, FORMAT, Finding, Fit, FitQuality, LockBox, StarsUsed, Verdict};
 use super::evidence::Evidence;
 use super::findings::{self, Solved};
 use super::hypotheses::finer;
@@ -22,6 +22,8 @@ use crate::statistics::significance::chi_squared_surprise;
 const MORE: usize = 8;
 /// which is when p lies within this factor of α.
 const NEAR: f64 = 10.0;
+/// Halvings of the search over places and lengths.
+const REFINEMENTS: usize = 5;
 /// Fewer numbers beyond the parameters say nothing.
 const FEWEST_DEGREES: f64 = 20.0;
 
@@ -98,6 +100,7 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
     }
     let tests = folds(&evidence, &locked);
     let mut proofs = proofs(&evidence, &on_training, &entries, &tests);
+    let mut rejected: Vec<usize> = Vec::new();
     let unconfirmed: Vec<usize> = (0..entries.len()).filter(|k| !proofs[*k].confirms).collect();
     for k in unconfirmed.into_iter().rev() {
         let id = evidence.hypotheses[entries[k].hypothesis].id();
@@ -105,7 +108,7 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
             "{id} was found on the training part and not confirmed on the held-out one (χ² falls by {:.1} where {:.1} is expected): it is not claimed",
             proofs[k].delta_chi2, proofs[k].expected
         ));
-        entries.remove(k);
+        rejected.push(entries.remove(k).hypothesis);
         proofs.remove(k);
     }
     let base = Stand::new(&evidence, &all, &[], &begin);
@@ -117,7 +120,7 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
     let mut final_omnibus = solved.omnibus(options, 2);
     if first.p_value < options.alpha && final_omnibus.p_value < options.alpha {
         // More may show on all frames than did on a part of them; it is proved frame by frame.
-        let more = solved.more(&refined, &entries, threshold);
+        let more = solved.more(&refined, &entries, &rejected, threshold);
         if more.len() > entries.len() {
             let stand = Stand::new(&refined, &all, &more, &begin);
             let turns = folds(&refined, &[]);
@@ -231,45 +234,64 @@ fn proofs(evidence: &Evidence, stand: &Stand, entries: &[Entry], tests: &[Vec<bo
     (0..entries.len()).map(|k| proof(evidence, stand, entries, k, tests)).collect()
 }
 
-/// Makes the search over places and lengths finer about what was found.
+/// Makes the search over places and lengths finer about what was found, and tells how well it is known.
 fn refine(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry], all: &[bool], begin: &NoiseModel) {
     for k in 0..entries.len() {
-        for step in 0..4 {
-            let hypothesis = &evidence.hypotheses[entries[k].hypothesis];
-            let best = hypothesis.variants[entries[k].variant].clone();
-            let tried = finer(hypothesis, &best, joint, step);
+        let others: Vec<Entry> = entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
+        let hypothesis = entries[k].hypothesis;
+        let mut seen: Vec<(f64, f64)> = Vec::new();
+        for step in 0..REFINEMENTS {
+            let best = evidence.hypotheses[hypothesis].variants[entries[k].variant].clone();
+            let tried = finer(&evidence.hypotheses[hypothesis], &best, joint, step);
             if tried.is_empty() {
                 break;
             }
-            let at = hypothesis.variants.len();
+            let at = evidence.hypotheses[hypothesis].variants.len();
             let count = tried.len();
-            evidence.hypotheses[entries[k].hypothesis].variants.extend(tried);
-            let others: Vec<Entry> = entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
+            evidence.hypotheses[hypothesis].variants.extend(tried);
             let stand = Stand::new(evidence, all, &others, begin);
             let score = |variant: usize| {
-                let entry = Entry { variant, ..entries[k] };
+                let entry = Entry { hypothesis, variant };
                 let own: Vec<Whitened> =
                     attribute::columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect();
                 stand.score(&own).0
             };
-            let options = std::iter::once(entries[k].variant).chain(at..at + count);
-            let best = options.map(|variant| (score(variant), variant)).max_by(|a, b| a.0.total_cmp(&b.0));
-            if let Some((_, variant)) = best {
+            let options: Vec<(f64, usize)> =
+                std::iter::once(entries[k].variant).chain(at..at + count).map(|variant| (score(variant), variant)).collect();
+            seen.extend(options.iter().map(|(t, variant)| (searched_value(&evidence.hypotheses[hypothesis], *variant), *t)));
+            if let Some((_, variant)) = options.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)) {
                 entries[k].variant = variant;
             }
+        }
+        if !seen.is_empty() {
+            let most = seen.iter().map(|(_, t)| *t).fold(0.0, f64::max);
+            let here = searched_value(&evidence.hypotheses[hypothesis], entries[k].variant);
+            // Half the width of where T is within 1 of its largest, or the distance to the nearest place tried where it is not.
+            let inside = seen.iter().filter(|(_, t)| *t > most - 1.0).map(|(value, _)| (value - here).abs()).fold(0.0, f64::max);
+            let outside =
+                seen.iter().filter(|(_, t)| *t <= most - 1.0).map(|(value, _)| (value - here).abs()).fold(f64::INFINITY, f64::min);
+            let sigma = if inside > 0.0 { inside } else { outside };
+            evidence.hypotheses[hypothesis].variants[entries[k].variant].searched_sigma = Some(sigma).filter(|sigma| sigma.is_finite());
         }
     }
 }
 
+/// The value of what is searched over.
+fn searched_value(hypothesis: &super::hypotheses::Hypothesis, variant: usize) -> f64 {
+    let start = &hypothesis.variants[variant].start;
+    if hypothesis.id() == "sensor-step" { start[2] } else { start[1] }
+}
+
 impl Solved {
     /// Effects that all frames show beside those found, the found ones first.
-    fn more(&self, evidence: &Evidence, entries: &[Entry], threshold: f64) -> Vec<Entry> {
+    fn more(&self, evidence: &Evidence, entries: &[Entry], rejected: &[usize], threshold: f64) -> Vec<Entry> {
         let mut more = entries.to_vec();
         let all = vec![true; evidence.images.len()];
         for _ in 0..4 {
             let stand = Stand::new(evidence, &all, &more, &self.stand.noise);
-            let scan =
-                Scan::hypotheses(evidence, &stand.noise, &stand.sheet, &stand.fit, |index| more.iter().all(|e| e.hypothesis != index));
+            let scan = Scan::hypotheses(evidence, &stand.noise, &stand.sheet, &stand.fit, |index| {
+                !rejected.contains(&index) && more.iter().all(|e| e.hypothesis != index)
+            });
             let mut found = candidates(evidence, &stand, &scan);
             found.retain(|candidate| candidate.surprise > threshold + attribute::searched(evidence, candidate));
             found.retain(|candidate| attribute::is_observable(evidence, &stand, candidate.entry));

@@ -14,6 +14,7 @@ use rayon::prelude::*;
 use super::evidence::Evidence;
 use super::noise::NoiseModel;
 use super::sheet::{Fit, Sheet, Whitened, dot};
+use crate::calibrate::Column;
 use crate::statistics::significance::chi_squared_surprise;
 
 /// Simulated recordings drawn together.
@@ -37,6 +38,8 @@ pub(super) enum Asks {
 pub(super) struct Group {
     /// Whose.
     pub(super) asks: Asks,
+    /// Which of the covariate's patterns.
+    pub(super) pattern: usize,
     /// Its columns among all, orthonormal.
     columns: std::ops::Range<usize>,
 }
@@ -86,32 +89,32 @@ impl Scan {
         asked: impl Fn(usize) -> bool,
         with_covariates: bool,
     ) -> Self {
-        let mut wanted: Vec<(Asks, Vec<&crate::calibrate::Column>)> = Vec::new();
+        let mut wanted: Vec<(Asks, usize, Vec<&Column>)> = Vec::new();
         for (index, hypothesis) in evidence.hypotheses.iter().enumerate().filter(|(index, _)| asked(*index)) {
             for (variant, of) in hypothesis.variants.iter().enumerate() {
-                wanted.push((Asks::Hypothesis(index, variant), of.columns.iter().collect()));
+                wanted.push((Asks::Hypothesis(index, variant), 0, of.columns.iter().collect()));
             }
         }
         if with_covariates {
             for (index, covariate) in evidence.covariates.iter().enumerate() {
-                for pattern in &covariate.patterns {
-                    wanted.push((Asks::Covariate(index), pattern.iter().collect()));
+                for (place, pattern) in covariate.patterns.iter().enumerate() {
+                    wanted.push((Asks::Covariate(index), place, pattern.iter().collect()));
                 }
             }
         }
-        let bases: Vec<(Asks, Vec<Whitened>)> = wanted
+        let bases: Vec<(Asks, usize, Vec<Whitened>)> = wanted
             .into_par_iter()
-            .map(|(asks, columns)| {
+            .map(|(asks, pattern, columns)| {
                 let raw: Vec<Whitened> = columns.into_iter().map(|column| evidence.white(noise, column)).collect();
-                (asks, orthonormal(sheet, fit, &raw))
+                (asks, pattern, orthonormal(sheet, fit, &raw))
             })
             .collect();
         let mut groups = Vec::new();
         let mut flat: Vec<f64> = Vec::new();
         let rows = 2 * sheet.images();
         let mut count = 0;
-        for (asks, basis) in bases {
-            groups.push(Group { asks, columns: count..count + basis.len() });
+        for (asks, pattern, basis) in bases {
+            groups.push(Group { asks, pattern, columns: count..count + basis.len() });
             count += basis.len();
             flat.extend(basis.into_iter().flatten());
         }
@@ -213,7 +216,7 @@ pub(super) fn family_p(largest: &[f64], surprise: f64) -> f64 {
 }
 
 /// Orthonormal columns that span what a fit leaves of others.
-fn orthonormal(sheet: &Sheet, fit: &Fit, raw: &[Whitened]) -> Vec<Whitened> {
+pub(super) fn orthonormal(sheet: &Sheet, fit: &Fit, raw: &[Whitened]) -> Vec<Whitened> {
     let rest: Vec<Whitened> = raw.iter().map(|column| fit.project(sheet, column)).collect();
     let length: Vec<f64> = raw.iter().map(|column| fit.length_squared(column).sqrt()).collect();
     let scale: Vec<f64> = length.iter().map(|length| if *length > 0.0 { 1.0 / length } else { 0.0 }).collect();
