@@ -191,8 +191,11 @@ pub(super) fn candidates(evidence: &Evidence, stand: &Stand, scan: &Scan) -> Vec
         let surprise = chi_squared_surprise(group.rank() as f64, t);
         if best[hypothesis].as_ref().is_none_or(|best| surprise > best.surprise) {
             let entry = Entry { hypothesis, variant };
+            let agrees = agreement(evidence, stand, entry);
+            // A size that is known has a sign that is known: chance would have to hit that too.
+            let surprise = if agrees > 0.0 { surprise + std::f64::consts::LN_2 } else { surprise };
             let mut candidate = Candidate { entry, surprise, evidence: 2.0 * surprise };
-            candidate.evidence += agreement(evidence, stand, entry) - 2.0 * searched(evidence, &candidate);
+            candidate.evidence += agrees - 2.0 * searched(evidence, &candidate);
             best[hypothesis] = Some(candidate);
         }
     }

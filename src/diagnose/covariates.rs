@@ -17,6 +17,8 @@ const PLACE_BINS: usize = 16;
 const MAP_DEGREE: usize = 7;
 /// Degree of a map that a covariate multiplies.
 const PRODUCT_DEGREE: usize = 3;
+/// Frames are held against the others one by one up to this number.
+const MOST_SINGLE: usize = 100;
 /// Colours count from here.
 const MIDDLE_COLOUR: f64 = 0.6;
 
@@ -92,6 +94,9 @@ pub(super) fn covariates(joint: &Joint, evidence: &Evidence, points: &ControlPoi
     for (name, values) in of_frames {
         all.extend(of_frame(name, values, &fields));
     }
+    if let Some(frames) = all.iter_mut().find(|covariate| covariate.name == "frame") {
+        frames.patterns.extend(single_frames(evidence, &fields));
+    }
     all.extend(rate(evidence, &fields));
     all.extend(background_gradient(evidence, points, &fields));
     all.extend(velocity(joint, evidence, &fields));
@@ -163,6 +168,19 @@ fn of_frame(name: String, values: Vec<f64>, fields: &Fields) -> Option<Covariate
         let patterns = vec![times(&values, fields, &WITH_CUBIC), binned(&values, BINS, fields, &BEHIND_ATTITUDE)];
         Covariate { name, values, direction: None, patterns }
     })
+}
+
+/// One frame out of line with all others: a pattern for each.
+fn single_frames(evidence: &Evidence, fields: &Fields) -> Vec<Vec<Column>> {
+    let frames = evidence.frames.len();
+    if !(3..=MOST_SINGLE).contains(&frames) {
+        return Vec::new();
+    }
+    let of = |frame: usize| {
+        let column = |carrier: &Carrier| fields.each(|k, place| if evidence.place[k] == frame { carrier(place) } else { [0.0; 2] });
+        BEHIND_ATTITUDE.iter().map(column).collect()
+    };
+    (0..frames).map(of).collect()
 }
 
 /// Vector fields of products of Legendre polynomials up to a degree.

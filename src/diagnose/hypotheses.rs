@@ -13,7 +13,7 @@ use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Segme
 use crate::identify::ControlPoints;
 
 /// Places of a seam that are tried, in a first search.
-const SEAMS: usize = 15;
+const SEAMS: usize = 31;
 /// Lengths of an edge's roll-off that are tried, px.
 const ROLL_OFF_LENGTHS_PX: [f64; 3] = [8.0, 15.0, 30.0];
 /// Directions of an unknown zenith that are tried.

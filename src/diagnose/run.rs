@@ -87,16 +87,35 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
         return Err(too_few);
     }
     let scan = Scan::new(&evidence, &stand.noise, &stand.sheet, &stand.fit, |_| true);
-    let first = omnibus(&evidence, &stand, &scan, options, 1);
+    let mut first = omnibus(&evidence, &stand, &scan, options, 1);
     let hypotheses = independent(&first.chance.hypotheses);
     let threshold = (2.0 * hypotheses / options.alpha).ln();
-    let located = findings::located(&evidence, &stand, &scan, &first.chance);
+    let mut located = findings::located(&evidence, &stand, &scan, &first.chance);
     let mut warnings: Vec<String> = joint.notes().to_vec();
 
-    // Found on the training part; whoever the lock-box does not confirm goes.
+    let base = Stand::new(&evidence, &all, &[], &begin);
+
+    // Found on the training part; whoever the lock-box does not confirm goes. What shows on all frames only is proved frame by frame.
     let (mut entries, mut on_training) = (Vec::new(), stand);
-    if first.p_value < options.alpha {
+    let (mut locked, mut training) = (locked, training);
+    let mut significant = first.p_value < options.alpha;
+    if !significant && !locked.is_empty() {
+        let scan = Scan::new(&evidence, &base.noise, &base.sheet, &base.fit, |_| true);
+        let second = omnibus(&evidence, &base, &scan, options, 5);
+        if second.p_value < options.alpha / 2.0 {
+            significant = true;
+            located = findings::located(&evidence, &base, &scan, &second.chance);
+            first = second;
+            (locked, training) = (Vec::new(), all.clone());
+        }
+    }
+    if significant {
         (entries, on_training) = select(&evidence, &training, &begin, threshold);
+    }
+    let mut evidence = evidence;
+    if !entries.is_empty() {
+        refine(&mut evidence, &joint, &mut entries, &training, &begin);
+        on_training = Stand::new(&evidence, &training, &entries, &begin);
     }
     let tests = folds(&evidence, &locked);
     let mut proofs = proofs(&evidence, &on_training, &entries, &tests);
@@ -111,14 +130,12 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
         rejected.push(entries.remove(k).hypothesis);
         proofs.remove(k);
     }
-    let base = Stand::new(&evidence, &all, &[], &begin);
-
     // All frames: what was found, solved anew with everything free, and with the search made finer.
     let mut refined = evidence.clone();
     refine(&mut refined, &joint, &mut entries, &all, &begin);
     let mut solved = Solved::new(&joint, points, telemetry, options, &refined, &entries)?;
     let mut final_omnibus = solved.omnibus(options, 2);
-    if first.p_value < options.alpha && final_omnibus.p_value < options.alpha {
+    if significant && final_omnibus.p_value < options.alpha {
         // More may show on all frames than did on a part of them; it is proved frame by frame.
         let more = solved.more(&refined, &entries, &rejected, threshold);
         if more.len() > entries.len() {
@@ -174,7 +191,6 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
             Scan::new(&refined, &everything.noise, &everything.sheet, &everything.fit, |index| kept.iter().all(|e| e.hypothesis != index));
         omnibus(&refined, &everything, &scan, options, 4)
     };
-    let significant = first.p_value < options.alpha || (!entries.is_empty());
     let something_left = significant && rest.p_value < options.alpha;
     let unknown = something_left.then(|| left::unknown(&refined, &everything, &resembling, &rest, points, &joint, &tests));
     let verdict = match (found.is_empty(), something_left) {
@@ -182,7 +198,7 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
         (false, false) => Verdict::Explained,
         (true, false) => Verdict::Consistent,
     };
-    if first.p_value < options.alpha && verdict == Verdict::Consistent {
+    if significant && verdict == Verdict::Consistent {
         warnings.push(format!(
             "the training part alone looks inconsistent (p = {:.1e}, {}), all frames together do not (p = {:.1e}): taken for chance",
             first.p_value, first.largest, rest.p_value
