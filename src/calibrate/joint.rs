@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::bundle::{self, Noise, Problem, Run, Solved, State, scales};
 use super::{CalibrateError, CalibrateOptions, check_points, select};
 use crate::camera::{Model, Term};
-use crate::effects::{Context, Observation, Segment, displacement};
+use crate::effects::{Observation, Segment, displacement};
 use crate::identify::ControlPoints;
 
 /// Own parameters of a frame at most: its attitude, and its rates where they are solved.
@@ -235,13 +235,6 @@ impl Joint {
         let adjusted = problem.adjust(state, noise, &scale, &run, Some(&weights));
         problem.model.set_values(&adjusted.state.values);
         Ok(Self { solved: Solved { problem, adjusted, notes } })
-    }
-
-    /// What is known of a star image's star and exposure.
-    #[must_use]
-    pub fn context(&self, image: &JointImage, points: &ControlPoints) -> Context {
-        let point = &points.points[image.point];
-        Context::new(point.star, points.observation(image.frame)).with_image(point.image)
     }
 }
 

@@ -344,7 +344,7 @@ fn along(name: &str, id: &str, joint: &Joint, evidence: &Evidence, points: &Cont
     if evidence.frames.iter().any(|(_, observation)| effect.missing(observation).is_some()) {
         return None;
     }
-    let start = evidence.images.first().and_then(|image| effect.identity(&joint.context(image, points)))?;
+    let start = (!evidence.images.is_empty()).then(|| effect.identity(&evidence.context(0, points)))??;
     let column = joint.columns_of(id, &start, &[0])?.into_iter().next()?;
     let values: Vec<f64> = column.iter().map(|[x, y]| x.hypot(*y)).collect();
     let unit: Column = column.iter().zip(&values).map(|([x, y], size)| if *size > 0.0 { [x / size, y / size] } else { [0.0; 2] }).collect();

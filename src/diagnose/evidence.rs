@@ -8,7 +8,7 @@ use super::noise::NoiseModel;
 use super::sheet::{Sheet, Whitened};
 use super::{DiagnoseOptions, Telemetry};
 use crate::calibrate::{Column, Joint, JointImage};
-use crate::effects::Observation;
+use crate::effects::{Context, Observation};
 use crate::identify::ControlPoints;
 
 /// Everything about the star images at one point of linearisation.
@@ -89,6 +89,12 @@ impl Evidence {
     /// A column whitened.
     pub(super) fn white(&self, noise: &NoiseModel, column: &Column) -> Whitened {
         noise.whiten(&self.images, &self.place, column)
+    }
+
+    /// What is known of a star image: of its star, its exposure, itself.
+    pub(super) fn context(&self, k: usize, points: &ControlPoints) -> Context {
+        let point = &points.points[self.images[k].point];
+        Context::new(point.star, self.frames[self.place[k]].1).with_image(point.image)
     }
 
     /// Positions of the star images.

@@ -115,7 +115,7 @@ fn hypothesis(
         found.missing = Some(format!("{some}{reason}"));
         return found;
     }
-    let mut contexts = evidence.images.iter().map(|image| joint.context(image, points));
+    let mut contexts = (0..evidence.images.len()).map(|k| evidence.context(k, points));
     if let Some(reason) = contexts.next().and_then(|context| effect.missing_in(&context))
         && contexts.all(|context| effect.missing_in(&context).is_some())
     {
