@@ -1,5 +1,6 @@
 //! boresight
 
+pub mod blind;
 pub mod calibrate;
 pub mod camera;
 pub mod catalog;

@@ -11,7 +11,7 @@ use boresight::camera::Term;
 use boresight::catalog::Catalog;
 use boresight::effects;
 use boresight::identify::{
-    ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, MisidentificationKind,
+    ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, MisidentificationKind, add_listed_points,
     control_points as build_control_points, image_state, misidentify,
 };
 use boresight::provenance::Provenance;
@@ -24,7 +24,7 @@ use super::identify::SearchArgs;
 use super::options::{InputArgs, OutputArgs, SkyArgs, SkyChoice};
 use super::pipeline::{IdentifiedFrame, Measured};
 use super::update::{self, NewFrames, UpdateArgs};
-use super::{Answer, calibrate_text, output, pictures, pipeline, star_list};
+use super::{Answer, calibrate_text, output, pictures, pipeline};
 
 /// Arguments of `calibrate`.
 #[derive(Debug, Args)]
@@ -356,7 +356,7 @@ fn trust(
     points.points.clear();
     for (frame, identified) in measured.frames.iter().zip(identified) {
         let stars = list.frames.get(frame.index).map_or(&[][..], Vec::as_slice);
-        let unknown = star_list::listed_control_points(points, frame.index, stars, catalog, &identified.sky);
+        let unknown = add_listed_points(points, frame.index, stars, catalog, &identified.sky);
         if !unknown.is_empty() {
             notes.push(format!("{}: the catalogue does not hold HIP {unknown:?}; these stars are left out", frame.name));
         }

@@ -8,7 +8,7 @@ use boresight::catalog::Catalog;
 use boresight::coordinates::{Apparent, Direction};
 use boresight::detect::{DetectOptions, Detections, detect};
 use boresight::effects::Observation;
-use boresight::identify::{Identification, IdentifyOptions, Index, Solution, identify};
+use boresight::identify::{ASSUMED_EPOCH_YR, Identification, IdentifyOptions, Index, Solution, identify};
 use boresight::provenance::Provenance;
 use boresight::recording::{OpenOptions, Recording, SkippedFrame};
 use rayon::prelude::*;
@@ -145,9 +145,6 @@ pub(crate) fn measure(recording: Recording) -> Result<Measured> {
 pub(crate) fn circumstances(recording: &Recording) -> Result<Vec<Observation>> {
     recording.observations().map_err(|(frame, error)| anyhow::Error::new(error).context(recording.frame_name(frame)))
 }
-
-/// Where no time is known stars are taken to stand where they stood then, and results say so.
-pub(crate) const ASSUMED_EPOCH_YR: f64 = 2000.0;
 
 /// Identifies every frame. Frames that resist alone are tried once more with the focal length that the others agree on.
 pub(crate) fn identify_frames(

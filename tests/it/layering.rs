@@ -27,10 +27,14 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("calibrate", &["identify", "detect"]),
     ("diagnose", &["calibrate", "identify", "detect"]),
     ("exchange", &["calibrate"]),
+    ("blind", &["diagnose", "calibrate", "identify", "detect"]),
     ("report", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose"]),
-    ("cli", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose", "exchange", "report"]),
-    ("main", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose", "exchange", "report", "cli"]),
+    ("cli", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose", "blind", "exchange", "report"]),
+    ("main", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose", "blind", "exchange", "report", "cli"]),
 ];
+
+/// All that the generator of concealed recordings may know of the library, besides itself: nothing of what it hides.
+const KNOWN_TO_THE_GENERATOR: &[&str] = &["catalog", "rng", "units", "blind"];
 
 /// Why `from` may not import `to`, or `None` if it may.
 fn objection(from: &str, to: &str) -> Option<String> {
@@ -239,12 +243,31 @@ fn objections(below_src: &Path, text: &str) -> Vec<String> {
         .filter_map(|to| objection(from, to))
         .map(|reason| format!("src/{}: {reason}", below_src.display()))
         .collect();
+    if module.starts_with(&["blind".to_owned(), "generate".to_owned()]) {
+        let known = |to: &String| KNOWN_TO_THE_GENERATOR.contains(&to.as_str());
+        let strangers = imported_rooms(&module, text, names).into_iter().filter(|to| !known(to));
+        wrong.extend(
+            strangers.map(|to| format!("src/{}: imports `{to}`, but what is hidden is written apart from it", below_src.display())),
+        );
+        if leaves_the_generator(module.len() - 2, &tokens(text)) {
+            wrong.push(format!("src/{}: the generator knows nothing of the rest of `blind`", below_src.display()));
+        }
+    }
     let words = tokens(text);
     let names_wgpu = |pair: &[Token]| pair[0] == Token::Word("wgpu".to_owned()) && pair[1] == Token::PathSeparator;
     if from != "gpu" && words.windows(2).any(names_wgpu) {
         wrong.push(format!("src/{}: names wgpu, which only `gpu` knows", below_src.display()));
     }
     wrong
+}
+
+/// Whether a file of the generator (this deep below it) names the room around it.
+fn leaves_the_generator(depth: usize, tokens: &[Token]) -> bool {
+    let is = |token: Option<&Token>, word: &str| token == Some(&Token::Word(word.to_owned()));
+    let climbs = |from: usize| (0..).take_while(|step| is(tokens.get(from + 2 * step), "super")).count();
+    // A visibility, `pub(super)`, is no path; in tests inside a file one step more leads to the file itself.
+    let in_path = |at: usize| tokens.get(at + 1) == Some(&Token::PathSeparator);
+    (0..tokens.len()).any(|at| is(tokens.get(at), "blind") || (is(tokens.get(at), "super") && in_path(at) && climbs(at) > depth))
 }
 
 #[test]
@@ -290,6 +313,13 @@ fn a_bad_import_is_caught() {
         ("gpu/device.rs", "use crate::camera::Camera;"),
         ("render/mod.rs", "fn f(device: &wgpu::Device) {}"),
         ("report/mod.rs", "use crate::cli::Arguments;"),
+        ("diagnose/mod.rs", "use crate::render::Renderer;"),
+        ("blind/run.rs", "use crate::render::Renderer;"),
+        ("blind/generate/sky.rs", "use crate::effects::sky::refraction;"),
+        ("blind/generate/mod.rs", "use crate::camera::SkyChain;"),
+        ("blind/generate/mod.rs", "use crate::blind::record::recording;"),
+        ("blind/generate/mod.rs", "use super::record::recording;"),
+        ("blind/generate/sky.rs", "use super::super::record::recording;"),
         ("weather.rs", "use crate::units::DEG_RAD;"),
     ];
     for (path, text) in bad {
@@ -309,6 +339,8 @@ fn a_good_import_is_let_through() {
         ("effects/mod.rs", "const QUOTE: char = '\"'; use crate::coordinates::Direction; const END: char = '\"';"),
         ("detect/mod.rs", "#[cfg(test)] mod tests { use super::*; use crate::rng; }"),
         ("gpu/mod.rs", "use wgpu::Device; use crate::provenance::Provenance;"),
+        ("blind/generate/sky.rs", "use super::vector::dot; use crate::{catalog::Catalog, units::DEG_RAD};"),
+        ("blind/run.rs", "use super::generate::concealed; use crate::diagnose::diagnose;"),
         ("main.rs", "use boresight::render; mod cli; fn main() { cli::run(); }"),
         ("cli/identify.rs", "use boresight::identify; use crate::cli::output; use super::Arguments;"),
     ];

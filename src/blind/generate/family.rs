@@ -1,0 +1,177 @@
+//! The families of concealed recordings, and what is hidden in the one of a given index.
+
+use serde::{Deserialize, Serialize};
+
+use super::kind::{ABSORBED, Kind, LIBRARY, OFF_LIBRARY};
+
+/// A family of recordings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Family {
+    /// Nothing is hidden.
+    Null,
+    /// Nothing is hidden, and the data are not as declared.
+    HardNull,
+    /// One effect at 0.5 to 8 times what can just be seen.
+    Ladder,
+    /// An effect of known size that the model leaves out.
+    Natural,
+    /// One effect beside which another looks alike.
+    Confuser,
+    /// Two effects at once.
+    Two,
+    /// What attitudes and camera take up.
+    Absorbed,
+    /// What no library holds.
+    OffLibrary,
+}
+
+/// All families.
+pub const FAMILIES: [Family; 8] =
+    [Family::Null, Family::HardNull, Family::Ladder, Family::Natural, Family::Confuser, Family::Two, Family::Absorbed, Family::OffLibrary];
+
+/// Multiples of the size that is just seen (5 standard errors) on the ladder.
+pub const LADDER: [f64; 7] = [0.5, 0.7, 1.0, 1.4, 2.0, 4.0, 8.0];
+/// Signal-to-noise ratios of confusers and of what is in no library.
+pub const STRENGTHS: [f64; 3] = [8.0, 15.0, 30.0];
+
+/// In what way the data of a hard null are not as declared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Trap {
+    /// The telemetry of the frames is exchanged among them.
+    TelemetryShuffled,
+    /// 10 % of the stars have another's name.
+    Misidentified10,
+    /// 30 % have.
+    Misidentified30,
+    /// Errors follow Student's t with three degrees of freedom.
+    HeavyTails,
+    /// Declared errors are half the true ones.
+    ErrorsHalved,
+    /// Declared errors are twice the true ones.
+    ErrorsDoubled,
+    /// Declared errors of bright stars are far too small.
+    BrightErrors,
+    /// The principal point lies 5 px beside the declared one.
+    CentreOff,
+    /// The distortion is three times larger.
+    DistortionTripled,
+}
+
+/// All traps.
+pub const TRAPS: [Trap; 9] = [
+    Trap::TelemetryShuffled,
+    Trap::Misidentified10,
+    Trap::Misidentified30,
+    Trap::HeavyTails,
+    Trap::ErrorsHalved,
+    Trap::ErrorsDoubled,
+    Trap::BrightErrors,
+    Trap::CentreOff,
+    Trap::DistortionTripled,
+];
+
+/// Pairs that look alike, the first hidden: whether the camera turns at one rate in all frames, too.
+const CONFUSERS: [(Kind, Kind, bool); 22] = [
+    (Kind::ThermalFocalLength, Kind::ThermalDistortion, false),
+    (Kind::ThermalDistortion, Kind::ThermalFocalLength, false),
+    (Kind::PixelAspect, Kind::SensorStep, false),
+    (Kind::SensorStep, Kind::PixelAspect, false),
+    (Kind::Shear, Kind::SensorStep, false),
+    (Kind::SensorStep, Kind::Shear, false),
+    (Kind::PixelAspect, Kind::ChargeTransfer, false),
+    (Kind::ChargeTransfer, Kind::PixelAspect, false),
+    (Kind::MagnitudeEquation, Kind::Overshoot, false),
+    (Kind::Overshoot, Kind::MagnitudeEquation, false),
+    (Kind::ChargeTransfer, Kind::MagnitudeEquation, false),
+    (Kind::MagnitudeEquation, Kind::ChargeTransfer, false),
+    (Kind::FocalLengthDrift, Kind::ThermalFocalLength, false),
+    (Kind::AberrationOfUnknownVelocity, Kind::ThermalFocalLength, false),
+    (Kind::Aberration, Kind::FocalLengthDrift, false),
+    (Kind::ThermalFocalLength, Kind::Aberration, false),
+    (Kind::Refraction, Kind::PixelAspect, false),
+    (Kind::ChromaticRefraction, Kind::WedgeColour, false),
+    (Kind::WedgeColour, Kind::ChromaticRefraction, false),
+    (Kind::RollingShutter, Kind::Shear, true),
+    (Kind::Shear, Kind::RollingShutter, true),
+    (Kind::EdgeRollOff, Kind::PixelAspect, false),
+];
+
+/// What is hidden in a recording, before its size is known.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Plan {
+    /// Effects and their signal-to-noise ratios; 0 stands for the size that the thing has by nature.
+    pub(super) hidden: Vec<(Kind, f64)>,
+    /// How the data are not as declared.
+    pub(super) trap: Option<Trap>,
+    /// An effect that must be tellable: its telemetry is written too.
+    pub(super) beside: Option<Kind>,
+    /// One rate for all frames.
+    pub(super) constant_rate: bool,
+}
+
+impl Family {
+    /// Its number in the counters of random numbers: never to change.
+    pub(super) fn number(self) -> u32 {
+        self as u32 + 1
+    }
+
+    /// Its name in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Null => "null",
+            Self::HardNull => "hard-null",
+            Self::Ladder => "ladder",
+            Self::Natural => "natural",
+            Self::Confuser => "confuser",
+            Self::Two => "two",
+            Self::Absorbed => "absorbed",
+            Self::OffLibrary => "off-library",
+        }
+    }
+
+    /// The family of a name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        FAMILIES.into_iter().find(|family| family.name() == name)
+    }
+
+    /// After so many indices every case of the family has come once.
+    #[must_use]
+    pub fn cycle(self) -> u32 {
+        let cycle = match self {
+            Self::Null => 4,
+            Self::HardNull => TRAPS.len(),
+            Self::Ladder => LIBRARY.len() * LADDER.len(),
+            Self::Natural => 3,
+            Self::Confuser => CONFUSERS.len() * STRENGTHS.len(),
+            Self::Two => 1,
+            Self::Absorbed => ABSORBED.len(),
+            Self::OffLibrary => OFF_LIBRARY.len() * STRENGTHS.len(),
+        };
+        cycle as u32
+    }
+
+    /// What is hidden in the recording of an index. Pairs come from the caller's random numbers.
+    pub(super) fn plan(self, index: u32, pair: impl FnOnce() -> [(Kind, f64); 2]) -> Plan {
+        const JUST_SEEN: f64 = 5.0;
+        let at = index as usize;
+        let of = |hidden: Vec<(Kind, f64)>| Plan { hidden, trap: None, beside: None, constant_rate: false };
+        match self {
+            Self::Null => of(Vec::new()),
+            Self::HardNull => Plan { trap: Some(TRAPS[at % TRAPS.len()]), ..of(Vec::new()) },
+            Self::Ladder => of(vec![(LIBRARY[at % LIBRARY.len()], JUST_SEEN * LADDER[at / LIBRARY.len() % LADDER.len()])]),
+            Self::Natural => of(vec![([Kind::ProperMotionLeftOut, Kind::Aberration, Kind::Refraction][at % 3], 0.0)]),
+            Self::Confuser => {
+                let (truth, rival, constant_rate) = CONFUSERS[at % CONFUSERS.len()];
+                let strength = STRENGTHS[at / CONFUSERS.len() % STRENGTHS.len()];
+                Plan { beside: Some(rival), constant_rate, ..of(vec![(truth, strength)]) }
+            }
+            Self::Two => of(pair().to_vec()),
+            Self::Absorbed => of(vec![(ABSORBED[at % ABSORBED.len()], 0.0)]),
+            Self::OffLibrary => of(vec![(OFF_LIBRARY[at % OFF_LIBRARY.len()], STRENGTHS[at / OFF_LIBRARY.len() % STRENGTHS.len()])]),
+        }
+    }
+}
