@@ -3,7 +3,82 @@
 //! [`generate`] hides something (or nothing) in star lists that it makes from equations of its own. The truth goes into a folder of its own
 //! and is sealed by hashes before anything is diagnosed; what is diagnosed never opens it. The scorer then breaks the seal and counts.
 
+mod answer;
 pub mod generate;
 mod record;
+mod rivals;
+mod score;
+mod seal;
 
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+pub use answer::{Answer, AnswerFinding, AnswerParameter, answers, append};
 pub use record::{control_points, recording, telemetry};
+pub use rivals::{RivalFits, rival_fits};
+pub use score::{ConfuserScore, HeldOutScore, Ladder, NullScore, OffLibraryScore, Pulls, Rate, Rung, SCORE_FORMAT, Score, markdown, score};
+pub use seal::{Seal, open, seal};
+
+use generate::{FAMILIES, Truth};
+
+/// What can go wrong with the files of a benchmark.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum BlindError {
+    /// The operating system refused.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What it said.
+        source: std::io::Error,
+    },
+    /// A file could not be written.
+    #[error(transparent)]
+    Write(#[from] crate::recording::OutputError),
+    /// A file is not what it should be.
+    #[error("{}: {message}", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        message: String,
+    },
+    /// The folder holds recordings of another seed.
+    #[error("{}: holds recordings of seed {sealed}, not {asked}; give another folder", directory.display())]
+    OtherSeed {
+        /// The folder.
+        directory: PathBuf,
+        /// Its seed.
+        sealed: u64,
+        /// The seed asked for.
+        asked: u64,
+    },
+    /// A truth is not what was sealed.
+    #[error("{}: {reason}; the seal is broken", path.display())]
+    Broken {
+        /// The truth.
+        path: PathBuf,
+        /// How.
+        reason: &'static str,
+    },
+    /// Nothing is sealed.
+    #[error("{}: no seal; run `boresight blind generate` first", directory.display())]
+    NoSeal {
+        /// The folder.
+        directory: PathBuf,
+    },
+}
+
+/// Every answer of a folder with its truth, the seal checked.
+pub fn opened(directory: &Path) -> Result<Vec<(Truth, Answer)>, BlindError> {
+    let sealed = Seal::read(directory)?.ok_or_else(|| BlindError::NoSeal { directory: directory.to_owned() })?;
+    let mut pairs = Vec::new();
+    for family in FAMILIES {
+        for answer in answers(directory, family)? {
+            pairs.push((open(directory, &sealed, family, answer.index)?, answer));
+        }
+    }
+    Ok(pairs)
+}

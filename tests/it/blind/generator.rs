@@ -1,4 +1,4 @@
-//! The benchmark of concealed recordings: its generator against the dossier's figures and against the program's own effects.
+//! The generator against the dossier's figures and against the program's own effects.
 
 use boresight::blind::generate::{
     FAMILIES, Family, Fisher, Hidden, Kind, LADDER, LIBRARY, Place, SETUPS, Setup, Wanted, World, concealed, world,

@@ -1,0 +1,134 @@
+//! What a diagnosis answered about a concealed recording: one JSON line, kept without pictures and residuals.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::BlindError;
+use super::generate::Family;
+use super::rivals::RivalFits;
+
+/// A parameter as found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AnswerParameter {
+    /// Name without the effect's.
+    pub name: String,
+    /// Value.
+    pub value: f64,
+    /// Standard error.
+    pub sigma: f64,
+}
+
+/// An effect named.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AnswerFinding {
+    /// Its id.
+    pub id: String,
+    /// Its parameters.
+    pub parameters: Vec<AnswerParameter>,
+    /// Where it was located.
+    pub located_by: Vec<String>,
+    /// Signal-to-noise ratio.
+    pub snr: f64,
+    /// Effects that cannot be told from it.
+    pub set: Vec<String>,
+}
+
+/// The answer for one recording.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Answer {
+    /// Family.
+    pub family: Family,
+    /// Index.
+    pub index: u32,
+    /// Seed.
+    pub seed: u64,
+    /// Version of the program that answered.
+    pub version: String,
+    /// Why there is no diagnosis, if there is none.
+    pub error: Option<String>,
+    /// `consistent`, `explained` or `unexplained`; empty without a diagnosis.
+    pub verdict: String,
+    /// What was named.
+    pub findings: Vec<AnswerFinding>,
+    /// If something is left without a name: what it follows.
+    pub unknown_located_by: Option<Vec<String>>,
+    /// Effects that this build knows, and what it says of each: id and status.
+    pub effects: Vec<(String, String)>,
+    /// Covariates that the baseline's residuals follow, the one that explains most first.
+    pub located: Vec<String>,
+    /// Held-out χ² per degree of freedom of the model without and with what was found.
+    pub held_out: [Option<f64>; 2],
+    /// Frames set aside for it.
+    pub held_out_frames: Vec<usize>,
+    /// The same data by other ways of mending.
+    pub rivals: Option<RivalFits>,
+    /// Wall time of the diagnosis, s.
+    pub seconds: f64,
+}
+
+impl Answer {
+    /// An answer that was not given.
+    #[must_use]
+    pub fn none(family: Family, index: u32, seed: u64, error: String) -> Self {
+        Self {
+            family,
+            index,
+            seed,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            error: Some(error),
+            verdict: String::new(),
+            findings: Vec::new(),
+            unknown_located_by: None,
+            effects: Vec::new(),
+            located: Vec::new(),
+            held_out: [None; 2],
+            held_out_frames: Vec::new(),
+            rivals: None,
+            seconds: 0.0,
+        }
+    }
+
+    /// What is said of an effect; `None` if this build does not know it.
+    #[must_use]
+    pub fn status_of(&self, id: &str) -> Option<&str> {
+        self.effects.iter().find(|(known, _)| known == id).map(|(_, status)| status.as_str())
+    }
+}
+
+/// The file of a family's answers.
+fn file(directory: &Path, family: Family) -> PathBuf {
+    directory.join("answers").join(format!("{}.jsonl", family.name()))
+}
+
+/// Appends an answer, whole: a line that a crash cuts short is left out on reading.
+pub fn append(directory: &Path, answer: &Answer) -> Result<(), BlindError> {
+    let path = file(directory, answer.family);
+    let fault = |source| BlindError::File { path: path.clone(), source };
+    std::fs::create_dir_all(path.parent().unwrap_or(directory)).map_err(fault)?;
+    let mut line = serde_json::to_string(answer).map_err(|error| BlindError::Json { path: path.clone(), message: error.to_string() })?;
+    // A line that an earlier crash cut short must not swallow this one.
+    let cut_short = std::fs::read(&path).is_ok_and(|bytes| bytes.last().is_some_and(|last| *last != b'\n'));
+    if cut_short {
+        line.insert(0, '\n');
+    }
+    line.push('\n');
+    let mut file = std::fs::OpenOptions::new().create(true).append(true).open(&path).map_err(fault)?;
+    file.write_all(line.as_bytes()).map_err(fault)
+}
+
+/// The answers that a family has, in order of index; lines cut short are passed over.
+pub fn answers(directory: &Path, family: Family) -> Result<Vec<Answer>, BlindError> {
+    let path = file(directory, family);
+    let text = match std::fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(source) => return Err(BlindError::File { path, source }),
+    };
+    let mut answers: Vec<Answer> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+    // The first answer counts: there are no second tries.
+    answers.sort_by_key(|answer| answer.index);
+    answers.dedup_by_key(|answer| answer.index);
+    Ok(answers)
+}

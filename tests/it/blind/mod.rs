@@ -1,0 +1,4 @@
+//! The benchmark of concealed recordings.
+
+mod generator;
+mod scorer;
