@@ -52,6 +52,7 @@ pub const SETUPS: [Setup; 4] = [
 
 /// What a world shall have beside its camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(clippy::struct_excessive_bools, reason = "switches that have nothing to do with each other")]
 pub struct Wanted {
     /// Times of the frames are told.
     pub times: bool,

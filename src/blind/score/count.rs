@@ -158,8 +158,7 @@ fn nulls(score: &mut Score, given: &[Pair]) {
 
 fn ladders<'a>(score: &mut Score, given: impl Iterator<Item = Pair<'a>>) {
     let mut ladders: BTreeMap<String, Ladder> = BTreeMap::new();
-    score.all_ladders.label = "all that the program knows".to_owned();
-    score.all_ladders.known = true;
+    score.all_ladders = Ladder { label: "all that the program knows".to_owned(), known: true, ..Ladder::default() };
     for (truth, answer) in given {
         let Some(effect) = truth.effects.first() else { continue };
         let ladder = ladders.entry(effect.label.clone()).or_default();
