@@ -7,6 +7,7 @@ mod answer;
 pub mod generate;
 mod record;
 mod rivals;
+mod run;
 mod score;
 mod seal;
 
@@ -17,6 +18,7 @@ use thiserror::Error;
 pub use answer::{Answer, AnswerFinding, AnswerParameter, answers, append};
 pub use record::{control_points, recording, telemetry};
 pub use rivals::{RivalFits, rival_fits};
+pub use run::{answer, make, run};
 pub use score::{ConfuserScore, HeldOutScore, Ladder, NullScore, OffLibraryScore, Pulls, Rate, Rung, SCORE_FORMAT, Score, markdown, score};
 pub use seal::{Seal, open, seal};
 

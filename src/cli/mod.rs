@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done, 1 failed, 2 wrong usage, 3 "ran, and the answer is no".
 
+mod blind;
 mod calibrate;
 mod calibrate_text;
 mod compare;
@@ -79,6 +80,8 @@ enum Verb {
     Run(run::RunArgs),
     /// `run` on a built-in scene: a night of the real sky
     Demo(run::DemoArgs),
+    /// Hide effects in simulated star lists, diagnose them, and score the answers
+    Blind(blind::BlindArgs),
     /// List the effects that this build knows, or print the page of one
     Effects(effects::EffectsArgs),
     /// Show GPU adapter, driver and versions, and check the GPU against the CPU
@@ -107,6 +110,7 @@ pub(crate) fn main() -> ExitCode {
         Verb::Import(args) => import::import(args),
         Verb::Run(args) => run::run(args),
         Verb::Demo(args) => run::demo(args),
+        Verb::Blind(args) => blind::blind(args),
         Verb::Effects(args) => effects::effects(args),
         Verb::Doctor(args) => doctor::doctor(args),
     };

