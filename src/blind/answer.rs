@@ -54,6 +54,12 @@ pub struct Answer {
     pub findings: Vec<AnswerFinding>,
     /// If something is left without a name: what it follows.
     pub unknown_located_by: Option<Vec<String>>,
+    /// What that resembles: ids with their cosines.
+    #[serde(default)]
+    pub unknown_resembles: Vec<(String, f64)>,
+    /// Why those names do not stand.
+    #[serde(default)]
+    pub unknown_vetoes: Vec<String>,
     /// Effects that this build knows, and what it says of each: id and status.
     pub effects: Vec<(String, String)>,
     /// Covariates that the baseline's residuals follow, the one that explains most first.
@@ -81,6 +87,8 @@ impl Answer {
             verdict: String::new(),
             findings: Vec::new(),
             unknown_located_by: None,
+            unknown_resembles: Vec::new(),
+            unknown_vetoes: Vec::new(),
             effects: Vec::new(),
             located: Vec::new(),
             held_out: [None; 2],

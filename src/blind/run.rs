@@ -109,6 +109,12 @@ fn shortened(diagnosis: &Diagnosis, family: Family, index: u32, seed: u64) -> An
         verdict: verdict.to_owned(),
         findings: diagnosis.findings.iter().map(finding).collect(),
         unknown_located_by: diagnosis.unknown.as_ref().map(|unknown| unknown.located_by.clone()),
+        unknown_resembles: diagnosis
+            .unknown
+            .iter()
+            .flat_map(|unknown| unknown.resembles.iter().map(|resemblance| (resemblance.id.clone(), resemblance.cos)))
+            .collect(),
+        unknown_vetoes: diagnosis.unknown.as_ref().map_or_else(Vec::new, |unknown| unknown.vetoes.clone()),
         effects: diagnosis.effects.iter().map(|effect| (effect.id.clone(), status(effect.status).to_owned())).collect(),
         located: diagnosis.located.iter().map(|located| located.covariate.clone()).collect(),
         held_out: [diagnosis.fit.baseline.held_out_chi2_per_dof, diagnosis.fit.after.held_out_chi2_per_dof],

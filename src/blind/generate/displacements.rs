@@ -111,7 +111,8 @@ impl Hidden {
                 vec![("velocity_x_km_s", s * n(0), "km/s"), ("velocity_y_km_s", s * n(1), "km/s"), ("velocity_z_km_s", s * n(2), "km/s")]
             }
             Kind::EpochOffset => vec![("epoch_offset_yr", s, "yr")],
-            Kind::ProperMotionLeftOut => vec![("epoch_offset_yr", 0.0, "yr")],
+            // The recording's epoch minus that of the model, which is the catalogue's.
+            Kind::ProperMotionLeftOut => vec![("epoch_offset_yr", s * n(0), "yr")],
             Kind::Refraction => vec![("refraction_at_45deg_arcsec", refraction_at_45deg_arcsec(s), "arcsec")],
             Kind::ChromaticRefraction => vec![("arcsec_per_mag_at_45deg", s, "arcsec/mag")],
             Kind::ThermalFocalLength => vec![("relative_per_kelvin", s, "K^-1")],

@@ -1,4 +1,5 @@
 //! The benchmark of concealed recordings.
 
+mod diagnosed;
 mod generator;
 mod scorer;
