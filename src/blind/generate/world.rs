@@ -5,6 +5,9 @@ use hifitime::Epoch;
 use super::kind::Hidden;
 use super::vector::{V3, plus, turned, unit};
 
+/// Steps to the measured point; each shrinks what is left by the slope of the displacement.
+const PASSES: usize = 8;
+
 /// The camera, as it is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Optics {
@@ -166,9 +169,9 @@ impl World {
         let Some(plain) = self.optics.place(turned(&frame.rows, direction)) else {
             return [f64::NAN; 2];
         };
-        // Displacements belong to the measured point: taken at the undisturbed one, then once more where that leads.
+        // Displacements belong to the measured point, which is found by going where they lead.
         let mut place = plain;
-        for _ in 0..2 {
+        for _ in 0..PASSES {
             let mut point = [plain.x, plain.y];
             for one in hidden {
                 let shift = one.plane(self, image, place);
