@@ -264,7 +264,7 @@ fn objections(below_src: &Path, text: &str) -> Vec<String> {
 /// Whether a file of the generator (this deep below it) names the room around it.
 fn leaves_the_generator(depth: usize, tokens: &[Token]) -> bool {
     let is = |token: Option<&Token>, word: &str| token == Some(&Token::Word(word.to_owned()));
-    let climbs = |from: usize| (0..).take_while(|step| is(tokens.get(from + 2 * step), "super")).count();
+    let climbs = |from: usize| tokens[from..].iter().step_by(2).take_while(|token| is(Some(token), "super")).count();
     // A visibility, `pub(super)`, is no path; in tests inside a file one step more leads to the file itself.
     let in_path = |at: usize| tokens.get(at + 1) == Some(&Token::PathSeparator);
     (0..tokens.len()).any(|at| is(tokens.get(at), "blind") || (is(tokens.get(at), "super") && in_path(at) && climbs(at) > depth))

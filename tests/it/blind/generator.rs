@@ -115,7 +115,7 @@ fn displacements_agree_with_the_programs_own() {
         let (mut worst, mut largest) = (0.0_f64, 0.0_f64);
         for image in world.images.iter().step_by(7) {
             let frame = &world.frames[image.frame];
-            let [column, row] = [(image.hip as f64 * 0.37) % 1024.0, (image.hip as f64 * 0.73) % 1024.0];
+            let [column, row] = [0.37, 0.73].map(|share| (f64::from(image.hip) * share) % 1024.0);
             let point_px = [column - middle[0], row - middle[1]];
             // The seam is smooth over a pixel there and sharp here.
             if kind == Kind::SensorStep && (column - 511.5).abs() < 3.0 {

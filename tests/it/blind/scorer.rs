@@ -30,12 +30,12 @@ fn oracle(truth: &Truth, pull: f64) -> Answer {
     let (library, other): (Vec<_>, Vec<_>) = seen.partition(|effect| effect.in_library);
     answer.findings = library.into_iter().map(finding).collect();
     answer.unknown_located_by = other.first().map(|effect| effect.covariates.clone());
-    answer.verdict = match (answer.findings.is_empty(), other.is_empty()) {
+    let verdict = match (answer.findings.is_empty(), other.is_empty()) {
         (true, true) => "consistent",
         (_, true) => "explained",
         (_, false) => "unexplained",
-    }
-    .to_owned();
+    };
+    verdict.clone_into(&mut answer.verdict);
     answer
 }
 
