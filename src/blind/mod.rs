@@ -5,6 +5,7 @@
 
 mod answer;
 pub mod generate;
+mod lasso;
 mod record;
 mod rivals;
 mod run;
@@ -16,6 +17,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 pub use answer::{Answer, AnswerFinding, AnswerParameter, answers, append};
+pub use lasso::{Lasso, lasso};
 pub use record::{control_points, recording, telemetry};
 pub use rivals::{RivalFits, rival_fits};
 pub use run::{answer, make, run};

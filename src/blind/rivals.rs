@@ -4,11 +4,12 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::lasso::lasso;
 use crate::calibrate::{CalibrateOptions, calibrate, residuals_px};
 use crate::identify::ControlPoints;
 
 /// Held-out χ² per degree of freedom, with the declared errors.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RivalFits {
     /// x0, y0, f, k1, p1, p2 alone.
     pub baseline: f64,
@@ -16,6 +17,10 @@ pub struct RivalFits {
     pub radial_clipped: f64,
     /// With all displacements of up to the seventh degree in x and y.
     pub polynomial: f64,
+    /// LASSO on the same library.
+    pub lasso: Option<f64>,
+    /// What LASSO names.
+    pub lasso_names: Option<Vec<String>>,
 }
 
 /// A row pair: a star image that the linear fits use.
@@ -34,9 +39,9 @@ const DEGREE: i32 = 7;
 /// Ridge that keeps what cannot be determined from growing.
 const RIDGE: f64 = 1e-9;
 
-/// The rivals on control points, judged on these frames. `None` if there is no calibration to start from.
+/// The rivals on control points whose model contains the effects `known`, judged on these frames. `None` if there is no calibration to start from.
 #[must_use]
-pub fn rival_fits(points: &ControlPoints, held_out: &[usize]) -> Option<RivalFits> {
+pub fn rival_fits(points: &ControlPoints, known: &[String], held_out: &[usize]) -> Option<RivalFits> {
     let options = CalibrateOptions { held_out: false, leave_out_imprecise: false, ..CalibrateOptions::default() };
     let calibration = calibrate(points, &options).ok()?;
     let camera = calibration.camera;
@@ -74,7 +79,14 @@ pub fn rival_fits(points: &ControlPoints, held_out: &[usize]) -> Option<RivalFit
         let solution = fit(&train, columns, f, clip)?;
         chi2_per_dof(&test, columns, f, &solution)
     };
-    Some(RivalFits { baseline: judge(&base, false)?, radial_clipped: judge(&radial, true)?, polynomial: judge(&polynomial, false)? })
+    let lasso = lasso(points, known, held_out);
+    Some(RivalFits {
+        baseline: judge(&base, false)?,
+        radial_clipped: judge(&radial, true)?,
+        polynomial: judge(&polynomial, false)?,
+        lasso: lasso.as_ref().map(|lasso| lasso.held_out),
+        lasso_names: lasso.map(|lasso| lasso.names),
+    })
 }
 
 /// Legendre polynomial, by its recurrence.

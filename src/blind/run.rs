@@ -68,12 +68,10 @@ pub fn answer(family: Family, index: u32, seed: u64, options: &DiagnoseOptions) 
         Err(error) => Answer::none(family, index, seed, error.to_string()),
         Ok(diagnosis) => {
             let mut answer = shortened(&diagnosis, family, index, seed);
-            if !matches!(family, Family::Null | Family::HardNull | Family::Absorbed) {
-                let frames = points.attitudes.len();
-                let held_out =
-                    if answer.held_out_frames.is_empty() { (3 * frames / 4..frames).collect() } else { answer.held_out_frames.clone() };
-                answer.rivals = rival_fits(&points, &held_out);
-            }
+            let frames = points.attitudes.len();
+            let held_out =
+                if answer.held_out_frames.is_empty() { (3 * frames / 4..frames).collect() } else { answer.held_out_frames.clone() };
+            answer.rivals = rival_fits(&points, &options.physics, &held_out);
             answer
         }
     }

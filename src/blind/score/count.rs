@@ -122,6 +122,7 @@ pub(super) fn score(pairs: &[(Truth, Answer)]) -> Score {
     }
     score.natural = natural.into_iter().map(|(label, rate)| (label.to_owned(), rate)).collect();
     confusers(&mut score, of(Family::Confuser));
+    lasso(&mut score, &given);
     off_library(&mut score, of(Family::OffLibrary));
     pulls(&mut score, &given);
     held_out(&mut score, &given);
@@ -235,6 +236,24 @@ fn off_library<'a>(score: &mut Score, given: impl Iterator<Item = Pair<'a>>) {
     score.off_library = cases.into_values().collect();
 }
 
+/// What LASSO names, counted as the diagnosis is.
+fn lasso(score: &mut Score, given: &[Pair]) {
+    for (truth, answer) in given {
+        let Some(names) = answer.rivals.as_ref().and_then(|rivals| rivals.lasso_names.as_ref()) else { continue };
+        let known = truth.effects.iter().all(|effect| answer.status_of(&effect.id).is_some());
+        let exact = names.len() == truth.effects.len() && truth.effects.iter().all(|effect| names.contains(&effect.id));
+        match (truth.family, truth.effects.as_slice()) {
+            (Family::Null, _) => score.lasso_null.count(!names.is_empty()),
+            (Family::Ladder, [effect]) if known && effect.multiple >= JUDGE_NAME_FROM => {
+                score.lasso_exact.count(exact);
+                score.exact.count(answer.findings.len() == 1 && first_name(answer) == Some(&effect.id));
+            }
+            (Family::Two, [_, _]) if known => score.lasso_two.count(exact),
+            _ => {}
+        }
+    }
+}
+
 fn pulls(score: &mut Score, given: &[Pair]) {
     let mut by_parameter: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     for (truth, answer) in given {
@@ -269,18 +288,19 @@ fn summary(label: &str, pulls: &[f64]) -> Pulls {
 }
 
 fn held_out(score: &mut Score, given: &[Pair]) {
-    let mut by_label: BTreeMap<&str, Vec<[Option<f64>; 4]>> = BTreeMap::new();
+    let mut by_label: BTreeMap<&str, Vec<[Option<f64>; 5]>> = BTreeMap::new();
     for (truth, answer) in given {
         let ([effect], [Some(before), Some(after)]) = (truth.effects.as_slice(), answer.held_out) else { continue };
         if effect.multiple < JUDGE_NAME_FROM || truth.family == Family::OffLibrary {
             continue;
         }
-        let rivals = answer.rivals;
+        let rivals = answer.rivals.as_ref();
         by_label.entry(&effect.label).or_default().push([
             Some(rivals.map_or(before, |rivals| rivals.baseline)),
             Some(after),
             rivals.map(|rivals| rivals.radial_clipped),
             rivals.map(|rivals| rivals.polynomial),
+            rivals.and_then(|rivals| rivals.lasso),
         ]);
     }
     score.held_out = by_label
@@ -294,6 +314,7 @@ fn held_out(score: &mut Score, given: &[Pair]) {
                 after: column(1).unwrap_or(f64::NAN),
                 radial_clipped: column(2),
                 polynomial: column(3),
+                lasso: column(4),
             }
         })
         .collect();

@@ -94,6 +94,8 @@ pub struct HeldOutScore {
     pub radial_clipped: Option<f64>,
     /// Polynomial of the seventh degree.
     pub polynomial: Option<f64>,
+    /// LASSO on the same library.
+    pub lasso: Option<f64>,
 }
 
 /// All figures of merit.
@@ -137,6 +139,14 @@ pub struct Score {
     pub two_exact: Rate,
     /// Two at once: names that are wrong, per recording.
     pub two_false: Option<f64>,
+    /// One effect from 4 × what is just seen: exactly it is named by the diagnosis.
+    pub exact: Rate,
+    /// The same by LASSO.
+    pub lasso_exact: Rate,
+    /// A null in which LASSO names something.
+    pub lasso_null: Rate,
+    /// Two at once: exactly the two are named by LASSO.
+    pub lasso_two: Rate,
     /// Known effects left out at their natural size, by effect: first name right.
     pub natural: Vec<(String, Rate)>,
     /// Confusers.

@@ -87,6 +87,18 @@ fn merit(page: &mut String, score: &Score) {
         line(page, &format!("| left out at its natural size: {label} | | | {} |", rate(named)));
     }
     line(page, "");
+    line(page, "LASSO on the same library (penalty by cross-validation over frames, one standard error), beside the diagnosis:\n");
+    line(page, "| figure | diagnosis | LASSO |");
+    line(page, "|---|---|---|");
+    let rows = [
+        ("a name in a null", null(&score.null_totals[0]), &score.lasso_null),
+        ("one effect, from 4 ×: exactly it", rate(&score.exact), &score.lasso_exact),
+        ("two at once: exactly the two", rate(&score.two_exact), &score.lasso_two),
+    ];
+    for (figure, here, lasso) in rows {
+        line(page, &format!("| {figure} | {here} | {} |", rate(lasso)));
+    }
+    line(page, "");
 }
 
 fn nulls(page: &mut String, score: &Score) {
@@ -173,21 +185,22 @@ fn held_out(page: &mut String, score: &Score) {
     line(page, "## Held-out χ² per degree of freedom, from 4 × what is just seen\n");
     line(
         page,
-        "Frames set aside, attitudes refitted. Rivals: k2, k3 with outliers beyond 3.5σ clipped; a polynomial of the seventh degree.\n",
+        "Frames set aside, attitudes refitted. Rivals: k2, k3 with outliers beyond 3.5σ clipped; a polynomial of the seventh degree; LASSO.\n",
     );
-    line(page, "| hidden | recordings | camera alone | diagnosis | k2, k3, clipped | polynomial |");
-    line(page, "|---|---|---|---|---|---|");
+    line(page, "| hidden | recordings | camera alone | diagnosis | k2, k3, clipped | polynomial | LASSO |");
+    line(page, "|---|---|---|---|---|---|---|");
     for row in &score.held_out {
         line(
             page,
             &format!(
-                "| {} | {} | {:.3} | {:.3} | {} | {} |",
+                "| {} | {} | {:.3} | {:.3} | {} | {} | {} |",
                 row.label,
                 row.count,
                 row.before,
                 row.after,
                 number(row.radial_clipped, 3),
-                number(row.polynomial, 3)
+                number(row.polynomial, 3),
+                number(row.lasso, 3)
             ),
         );
     }
