@@ -104,8 +104,9 @@ const TRIES: u32 = 8;
 const LEAST_SURVIVAL: f64 = 0.02;
 /// Larger displacements are not hidden: they would be seen by eye.
 const LARGEST_RMS_PX: f64 = 3.0;
-/// Displacement (rms) of what is taken up, and the most that may be left of it.
-const ABSORBED_RMS_PX: f64 = 0.5;
+/// Displacement (rms) of what is taken up, and the most that may be left of it. What the principal point takes up must stay small: to stand
+/// in for half a pixel it moves by 40 px, and the square of that way times k1 can be seen, which the linear limit does not know.
+const ABSORBED_RMS_PX: f64 = 0.1;
 const ABSORBED_SNR: f64 = 0.5;
 
 /// Relative standard error of a measured flux.
