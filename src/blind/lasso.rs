@@ -74,7 +74,7 @@ pub fn lasso(points: &ControlPoints, known: &[String], held_out: &[usize]) -> Op
     let whole = Problem::new(&train, camera.len())?;
     let largest = whole.largest_penalty();
     let penalties: Vec<f64> = (0..PENALTIES).map(|step| largest * LEAST_PENALTY.powf(step as f64 / (PENALTIES - 1) as f64)).collect();
-    let mut errors = vec![Vec::with_capacity(FOLDS); PENALTIES];
+    let mut errors = vec![Vec::new(); PENALTIES];
     for fold in &folds {
         let mut rest = Sums::zero(columns.len());
         rest.add(&train, 1.0);
