@@ -259,7 +259,7 @@ pub(super) fn is_observable(evidence: &Evidence, stand: &Stand, entry: Entry) ->
     survival(stand, &own) >= UNOBSERVABLE
 }
 
-/// The candidate of greatest evidence; of those of its class that are about as good, the one that the registry lists as the usual name.
+/// The candidate of greatest evidence; of those of its class that are about as good, the more usual name, and the smaller displacement.
 pub(super) fn choose(evidence: &Evidence, stand: &Stand, found: &[Candidate]) -> Option<Entry> {
     let best = found.iter().max_by(|a, b| a.evidence.total_cmp(&b.evidence))?;
     let white = |entry: Entry| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
@@ -268,7 +268,12 @@ pub(super) fn choose(evidence: &Evidence, stand: &Stand, found: &[Candidate]) ->
         .iter()
         .filter(|other| best.evidence - other.evidence < AS_GOOD && cosine(stand, &stand.fit, &own, &white(other.entry)) > SAME)
         .collect();
-    class.sort_by_key(|candidate| usual(evidence.hypotheses[candidate.entry.hypothesis].id()));
+    // Of two that leave the same trace the one that need not be many times larger than its trace.
+    let raw_size = |entry: Entry| 1.0 / survival(stand, &white(entry)).max(f64::MIN_POSITIVE);
+    class.sort_by(|a, b| {
+        let name = |candidate: &Candidate| usual(evidence.hypotheses[candidate.entry.hypothesis].id());
+        name(a).cmp(&name(b)).then(raw_size(a.entry).total_cmp(&raw_size(b.entry)))
+    });
     class.first().map(|candidate| candidate.entry)
 }
 

@@ -52,7 +52,14 @@ impl Fields {
 
 const LINEAR: [Carrier; 6] = [|_| [1.0, 0.0], |_| [0.0, 1.0], |[x, _]| [x, 0.0], |[_, y]| [y, 0.0], |[x, _]| [0.0, x], |[_, y]| [0.0, y]];
 const BEHIND_ATTITUDE: [Carrier; 3] = [|[x, y]| [x, y], |[x, y]| [x, -y], |[x, y]| [y, x]];
-const WITH_CUBIC: [Carrier; 4] = [|[x, y]| [x, y], |[x, y]| [x, -y], |[x, y]| [y, x], |[x, y]| [x * (x * x + y * y), y * (x * x + y * y)]];
+const OF_FRAMES: [Carrier; 6] = [
+    |[x, y]| [x, y],
+    |[x, y]| [x, -y],
+    |[x, y]| [y, x],
+    |[x, y]| [x * (x * x + y * y), y * (x * x + y * y)],
+    |[x, y]| [x * x - y * y, -2.0 * x * y],
+    |[x, y]| [2.0 * x * y, x * x - y * y],
+];
 const SHIFT_AND_SCALE: [Carrier; 3] = [|_| [1.0, 0.0], |_| [0.0, 1.0], |[x, y]| [x, y]];
 const SHIFT: [Carrier; 2] = [|_| [1.0, 0.0], |_| [0.0, 1.0]];
 
@@ -165,7 +172,7 @@ fn of_star(name: String, values: Vec<f64>, fields: &Fields) -> Option<Covariate>
 
 fn of_frame(name: String, values: Vec<f64>, fields: &Fields) -> Option<Covariate> {
     varies(&values).then(|| {
-        let patterns = vec![times(&values, fields, &WITH_CUBIC), binned(&values, BINS, fields, &BEHIND_ATTITUDE)];
+        let patterns = vec![times(&values, fields, &OF_FRAMES), binned(&values, BINS, fields, &BEHIND_ATTITUDE)];
         Covariate { name, values, direction: None, patterns }
     })
 }
@@ -333,7 +340,7 @@ fn velocity(joint: &Joint, evidence: &Evidence, fields: &Fields) -> Option<Covar
         |axis: usize| -> Vec<f64> { evidence.place.iter().map(|place| in_camera[*place].map_or(f64::NAN, |v| v[axis])).collect() };
     let along = component(2);
     varies(&along).then(|| {
-        let patterns = vec![times(&along, fields, &WITH_CUBIC), binned(&along, BINS, fields, &BEHIND_ATTITUDE)];
+        let patterns = vec![times(&along, fields, &OF_FRAMES), binned(&along, BINS, fields, &BEHIND_ATTITUDE)];
         Covariate { name: "velocity".to_owned(), values: along, direction: None, patterns }
     })
 }

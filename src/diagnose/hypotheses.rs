@@ -65,7 +65,8 @@ impl Hypothesis {
 
     /// Full name of a fitted parameter.
     pub(super) fn full_names(&self) -> Vec<String> {
-        self.fitted.iter().map(|index| format!("{}.{}", self.id(), self.effect.parameters()[*index].name)).collect()
+        let name = |index: &usize| format!("{}.{}", self.id(), self.effect.parameters()[*index].name);
+        fitted_once_found(self.id(), &self.fitted).iter().map(name).collect()
     }
 }
 
@@ -85,7 +86,9 @@ fn hypothesis(
     let first = evidence.frames.first().map_or_else(Observation::default, |(_, observation)| *observation);
     let present = joint.model().terms().find(|(id, _)| *id == effect.id()).map(|(_, parameters)| parameters.to_vec());
     let known: Vec<Option<Vec<f64>>> = evidence.frames.iter().map(|(_, observation)| effect.known(observation)).collect();
+    let is_there = present.as_ref().is_some_and(|parameters| parameters.first().is_some_and(|size| *size != 0.0));
     let fitted = effect.fitted(&first);
+    let fitted = if is_there { fitted_once_found(effect.id(), &fitted) } else { fitted };
     let whole = |parameters: &Vec<f64>| fitted.first().and_then(|index| parameters.get(*index)).copied();
     // A size that differs from frame to frame (pressure) is known as its mean: the columns are in proportion to it.
     let sizes: Vec<f64> = known.iter().flatten().filter_map(whole).collect();
@@ -135,6 +138,11 @@ fn hypothesis(
         found.missing = Some("it cannot be computed for this camera".to_owned());
     }
     found
+}
+
+/// What is fitted of an effect that is there: a length that a search has found is a parameter like others.
+fn fitted_once_found(id: &str, fitted: &[usize]) -> Vec<usize> {
+    if id == "edge-roll-off" { vec![0, 1] } else { fitted.to_vec() }
 }
 
 /// The values searched over.
