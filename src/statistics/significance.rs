@@ -1,4 +1,4 @@
-//! Probabilities so small that they are kept as logarithms, and intervals of shares.
+//! Probabilities so small that they are kept as logarithms.
 
 use statrs::function::gamma::ln_gamma;
 
@@ -68,19 +68,6 @@ pub fn normal_cdf(z: f64) -> f64 {
     0.5 * statrs::function::erf::erfc(-z / std::f64::consts::SQRT_2)
 }
 
-/// The interval in which a share lies with 95 % confidence, from `hits` of `trials`. Source: Wilson, J. Am. Stat. Assoc. 22, 209 (1927).
-#[must_use]
-pub fn wilson_95(hits: usize, trials: usize) -> [f64; 2] {
-    const Z: f64 = 1.959_963_984_540_054;
-    if trials == 0 {
-        return [0.0, 1.0];
-    }
-    let (n, p) = (trials as f64, hits as f64 / trials as f64);
-    let middle = (p + Z * Z / (2.0 * n)) / (1.0 + Z * Z / n);
-    let half = Z / (1.0 + Z * Z / n) * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
-    [(middle - half).max(0.0), (middle + half).min(1.0)]
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -96,11 +83,5 @@ mod tests {
             let (a, b) = (chi_squared_surprise(degrees, degrees + 1.999_999), chi_squared_surprise(degrees, degrees + 2.000_001));
             assert!((a - b).abs() < 1e-5, "the two ways meet");
         }
-    }
-
-    #[test]
-    fn wilson_of_nothing_found() {
-        let [low, high] = wilson_95(0, 1000);
-        assert!(low == 0.0 && (high - 0.003_826_7).abs() < 1e-6, "{high}");
     }
 }
