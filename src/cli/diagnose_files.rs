@@ -172,7 +172,7 @@ fn axis(covariate: &str) -> String {
         "exposure" => " / s",
         "rate" => " / rad s⁻¹",
         "velocity" => " along the boresight / km s⁻¹",
-        "zenith" => ": displacement for 1″ of refraction at 45° / px",
+        "zenith" => ": displacement for 1 arcsec of refraction at 45° / px",
         "proper-motion" => ": displacement in a year / px",
         "parallax" => ": displacement by parallax / px",
         _ => "",

@@ -354,7 +354,9 @@ fn along(name: &str, id: &str, joint: &Joint, evidence: &Evidence, points: &Cont
     let start = (!evidence.images.is_empty()).then(|| effect.identity(&evidence.context(0, points)))??;
     let column = joint.columns_of(id, &start, &[0])?.into_iter().next()?;
     let values: Vec<f64> = column.iter().map(|[x, y]| x.hypot(*y)).collect();
-    let unit: Column = column.iter().zip(&values).map(|([x, y], size)| if *size > 0.0 { [x / size, y / size] } else { [0.0; 2] }).collect();
+    // A residual falls where the model moves along: the star itself moves the other way.
+    let unit: Column =
+        column.iter().zip(&values).map(|([x, y], size)| if *size > 0.0 { [-x / size, -y / size] } else { [0.0; 2] }).collect();
     varies(&values).then(|| {
         let own = bins(&values, BINS);
         let highest = own.iter().flatten().max().copied().unwrap_or(0);

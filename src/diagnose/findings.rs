@@ -1,7 +1,7 @@
 //! From accepted effects to findings: the solution with everything free, sizes with errors, what located them, the status of every effect.
 
 use super::attribute::{self, Entry, Stand, UNOBSERVABLE, amplitude, columns};
-use super::diagnosis::{EffectState, EffectStatus, Finding, FoundParameter, Limit, Located, NoiseState, Profile, ResidualRow};
+use super::diagnosis::{EffectState, EffectStatus, Finding, FoundParameter, Limit, Located, NoiseState, Profile, ResidualRow, Rival};
 use super::evidence::Evidence;
 use super::hypotheses::{Hypothesis, Variant, with_zenith};
 use super::noise::NoiseModel;
@@ -22,6 +22,10 @@ const LOCATES_P: f64 = 0.01;
 const NAMED: usize = 3;
 /// A size that is known beforehand and found to be another by more standard errors is not that effect alone.
 const DISAGREES: f64 = 5.0;
+/// Effects with a larger cosine stand beside a size that is held against the known one,
+const RESEMBLES: f64 = 0.5;
+/// so many of them.
+const MOST_BESIDE: usize = 4;
 /// What site, air and clock leave open of a size that is known, as a share.
 const OPEN_SHARE: f64 = 0.04;
 
@@ -126,20 +130,19 @@ impl Solved {
         }
         all
     }
+}
 
-    /// Whether a size that the recording tells beforehand is another.
-    pub(super) fn amplitude_veto(&self, before: &Evidence, entries: &[Entry], k: usize) -> Option<String> {
-        let hypothesis = &before.hypotheses[entries[k].hypothesis];
-        if hypothesis.in_force {
-            return None; // that it is not there at its known size is the finding itself
-        }
-        let variant = &hypothesis.variants[entries[k].variant];
-        let parameters = self.parameters(k, variant);
-        let [ratio, error] = known_ratio(hypothesis, &variant.start, parameters.first()?)?;
-        ((ratio - 1.0).abs() > DISAGREES * error).then(|| {
-            format!("its size is {ratio:.3} ± {error:.3} of what is known of it: not {} alone, or more than this effect", hypothesis.id())
-        })
+/// Whether a size that the recording tells beforehand is another.
+pub(super) fn amplitude_veto(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> Option<String> {
+    let hypothesis = &evidence.hypotheses[entries[k].hypothesis];
+    if hypothesis.in_force {
+        return None; // that it is not there at its known size is the finding itself
     }
+    let listed: Vec<Rival> = rivals(evidence, stand, entries, k).into_iter().map(|(rival, _)| rival).collect();
+    let [ratio, error] = ratio_beside_rivals(evidence, stand, entries, k, &listed)?;
+    ((ratio - 1.0).abs() > DISAGREES * error).then(|| {
+        format!("its size is {ratio:.3} ± {error:.3} of what is known of it: not {} alone, or more than this effect", hypothesis.id())
+    })
 }
 
 /// What the reported value counts from: zero, but for parameters that are differences from the model's value.
@@ -155,6 +158,30 @@ pub(super) fn known_ratio(hypothesis: &Hypothesis, start: &[f64], found: &FoundP
         let open = if matches!(hypothesis.id(), "refraction") { OPEN_SHARE } else { 0.0 };
         [found.value / known, (found.sigma / known).abs().hypot(open)]
     })
+}
+
+/// Size found over size known of an accepted effect, with the effects free beside it that resemble it: what they could take of it is
+/// in the error. For effects of one parameter.
+pub(super) fn ratio_beside_rivals(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize, rivals: &[Rival]) -> Option<[f64; 2]> {
+    let entry = entries[k];
+    let hypothesis = &evidence.hypotheses[entry.hypothesis];
+    let variant = &hypothesis.variants[entry.variant];
+    let [column] = variant.columns.as_slice() else { return None };
+    let white = |entry: Entry| columns(evidence, &[entry]).map(|c| evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>();
+    let mut beside: Vec<Whitened> =
+        entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(*entry)).collect();
+    for rival in rivals.iter().filter(|rival| rival.cos > RESEMBLES && rival.cos < attribute::SAME).take(MOST_BESIDE) {
+        let index = evidence.hypotheses.iter().position(|other| other.id() == rival.id)?;
+        beside.extend(white(Entry { hypothesis: index, variant: evidence.hypotheses[index].variants.len() / 2 }));
+    }
+    let fit = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>());
+    let free = Stand { fit: fit.with_noise_of(&stand.fit), more: beside, ..stand.clone() };
+    let [change, sigma] = amplitude(&free, &evidence.white(&stand.noise, column))?;
+    let first = *hypothesis.fitted.first()?;
+    let spec = &hypothesis.effect.parameters()[first];
+    let value = variant.start[first] + change - difference(hypothesis.id(), &variant.start, first);
+    let found = FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() };
+    known_ratio(hypothesis, &variant.start, &found)
 }
 
 /// Columns of the camera's own parameters at a solution where effects are solved too.
@@ -288,7 +315,6 @@ impl Context<'_> {
         let entry = self.entries[k];
         let hypothesis = &self.evidence.hypotheses[entry.hypothesis];
         let variant = &hypothesis.variants[entry.variant];
-        let start = &variant.start;
         let parameters = solved.parameters(k, variant);
         let (t, rank) = statistic(self.evidence, self.with_all, self.entries, k);
         let p_value = p_of(t, rank);
@@ -315,7 +341,7 @@ impl Context<'_> {
         let proof = self.proofs.get(k).copied().unwrap_or_default();
         let mut finding = Finding {
             id: hypothesis.id().to_owned(),
-            known_amplitude: parameters.first().and_then(|found| known_ratio(hypothesis, start, found)),
+            known_amplitude: None,
             parameters,
             located_by,
             delta_chi2: t,
@@ -330,6 +356,7 @@ impl Context<'_> {
             decided_by: decided.unwrap_or_else(|| "nothing stands beside it that would have to be decided from".to_owned()),
             sentence: String::new(),
         };
+        finding.known_amplitude = ratio_beside_rivals(self.evidence, self.with_all, self.entries, k, &finding.rivals);
         finding.sentence = words::finding(&finding, hypothesis.effect, hypothesis.in_force, self.locked);
         finding
     }

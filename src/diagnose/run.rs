@@ -161,7 +161,7 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
         let statistic = findings::statistic(&refined, &with_all, &entries, k).0;
         let mut against = vetoes(&solved.evidence, &solved.stand, &final_scan, &solved.entries, k, statistic);
         against.extend(concentration(&refined, &with_all, &entries, k));
-        against.extend(solved.amplitude_veto(&refined, &entries, k));
+        against.extend(findings::amplitude_veto(&refined, &with_all, &entries, k));
         if !against.is_empty() {
             veto.push((k, against));
         }
