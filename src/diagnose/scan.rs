@@ -19,6 +19,8 @@ use crate::statistics::significance::chi_squared_surprise;
 
 /// Simulated recordings drawn together.
 const BATCH: usize = 64;
+/// Directions of simulated errors.
+const DIRECTIONS: usize = 4096;
 /// A combination of columns of which attitudes and camera leave a smaller share is no question.
 const LEAST_SHARE: f64 = 1e-3;
 /// m is read off this part of the simulations, those with the smallest p.
@@ -56,6 +58,7 @@ impl Group {
 pub(super) struct Scan {
     /// The groups.
     pub(super) groups: Vec<Group>,
+    /// Line by line: a product of two matrices in this order is what the library does fast.
     columns: DMatrix<f64>,
 }
 
@@ -119,12 +122,12 @@ impl Scan {
             flat.extend(basis.into_iter().flatten());
         }
         groups.retain(|group| !group.columns.is_empty());
-        Self { groups, columns: DMatrix::from_vec(rows, count, flat) }
+        Self { groups, columns: DMatrix::from_vec(rows, count, flat).transpose() }
     }
 
     /// The statistic of every group.
     pub(super) fn ask(&self, psi: &[f64], c: f64) -> Vec<f64> {
-        let z = self.columns.tr_mul(&DVector::from_column_slice(psi));
+        let z = &self.columns * DVector::from_column_slice(psi);
         self.groups.iter().map(|group| group.columns.clone().map(|k| z[k] * z[k]).sum::<f64>() / c).collect()
     }
 
@@ -137,12 +140,18 @@ impl Scan {
     /// Simulated recordings `from..to` without any effect.
     pub(super) fn chance(&self, fit: &Fit, take: &[bool], seed: u64, from: usize, to: usize) -> Chance {
         let sizes: Vec<f64> = (0..take.len()).filter(|k| take[*k]).map(|k| fit.psi[2 * k].hypot(fit.psi[2 * k + 1])).collect();
+        let directions: Vec<[f64; 2]> = (0..DIRECTIONS)
+            .map(|k| {
+                let (sine, cosine) = (k as f64 * std::f64::consts::TAU / DIRECTIONS as f64).sin_cos();
+                [cosine, sine]
+            })
+            .collect();
         let tables = Tables::new(self.groups.iter().map(Group::rank));
         let batches: Vec<(usize, usize)> = (from..to).step_by(BATCH).map(|first| (first, (first + BATCH).min(to))).collect();
         let largest: Vec<[f64; 3]> = batches
             .into_par_iter()
             .flat_map_iter(|(first, last)| {
-                let rows = self.columns.nrows();
+                let rows = self.columns.ncols();
                 let mut noise = DMatrix::zeros(rows, last - first);
                 let mut c = Vec::with_capacity(last - first);
                 for null in first..last {
@@ -151,14 +160,14 @@ impl Scan {
                     let mut column = noise.column_mut(null - first);
                     for k in (0..take.len()).filter(|k| take[*k]) {
                         let size = sizes[rng.random_range(0..sizes.len())];
-                        let (sine, cosine) = (rng.random::<f64>() * std::f64::consts::TAU).sin_cos();
-                        column[2 * k] = size * cosine;
-                        column[2 * k + 1] = size * sine;
+                        let [x, y] = directions[rng.random_range(0..DIRECTIONS)];
+                        column[2 * k] = size * x;
+                        column[2 * k + 1] = size * y;
                         square += size * size;
                     }
                     c.push(square / (2.0 * sizes.len() as f64));
                 }
-                let z = self.columns.tr_mul(&noise);
+                let z = &self.columns * &noise;
                 let of = |null: usize| {
                     let mut most = [0.0_f64; 3];
                     for group in &self.groups {
