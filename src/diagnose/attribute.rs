@@ -14,6 +14,10 @@ pub(super) const AS_GOOD: f64 = 9.21;
 pub(super) const SAME: f64 = 0.98;
 /// Below this survival nothing is claimed.
 pub(super) const UNOBSERVABLE: f64 = 0.02;
+/// Effects of which less is left have to be of a plausible size,
+const WEAK: f64 = 0.1;
+/// not this many times larger than is usual.
+const IMPLAUSIBLE: f64 = 10.0;
 /// A known size is believed if the size found agrees within so many standard errors.
 const AGREES: f64 = 3.0;
 /// Range over which a size would be looked for if nobody knew it, in units of the known size.
@@ -254,9 +258,21 @@ pub(super) fn searched(evidence: &Evidence, candidate: &Candidate) -> f64 {
     (variants as f64).ln() * 0.5
 }
 
+/// Whether enough of the effect is left to be claimed. Of what is nearly all taken up a small trace needs a large effect: one that is many
+/// times larger than any is no explanation.
 pub(super) fn is_observable(evidence: &Evidence, stand: &Stand, entry: Entry) -> bool {
     let own: Vec<Whitened> = columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect();
-    survival(stand, &own) >= UNOBSERVABLE
+    let left = survival(stand, &own);
+    if left < UNOBSERVABLE {
+        return false;
+    }
+    let hypothesis = &evidence.hypotheses[entry.hypothesis];
+    left > WEAK
+        || hypothesis.fitted.iter().zip(&own).all(|(index, column)| {
+            let typical = hypothesis.effect.parameters()[*index].typical.abs();
+            let value = amplitude(stand, column).map_or(0.0, |[change, _]| change.abs());
+            typical == 0.0 || value < IMPLAUSIBLE * typical
+        })
 }
 
 /// The candidate of greatest evidence; of those of its class that are about as good, the more usual name, and the smaller displacement.

@@ -13,6 +13,9 @@ const BLOCKS: usize = 16;
 /// The score on the held-out frames must be as large, standard deviations.
 const LEAST_SCORE: f64 = 2.0;
 
+/// Held-out frames on which less is expected decide nothing, standard deviations.
+const DECISIVE: f64 = 3.0;
+
 /// The frames set aside, by place; empty where there are too few frames.
 pub(super) fn locked_away(frames: usize, hash: u64) -> Vec<usize> {
     if frames < LOCK_BOX_FROM {
@@ -32,6 +35,8 @@ pub(super) struct Proof {
     pub(super) expected: f64,
     /// Score along the frozen direction, standard deviations.
     pub(super) score: f64,
+    /// Whether the held-out frames hold too little of the effect to decide.
+    pub(super) powerless: bool,
     /// Whether that confirms the effect.
     pub(super) confirms: bool,
 }
@@ -41,6 +46,8 @@ struct Held {
     before: Whitened,
     after: Whitened,
     direction: Whitened,
+    /// |direction|² on the frames fitted to.
+    trained: f64,
 }
 
 /// One fold: fitted to `train`, judged on `held`.
@@ -63,11 +70,15 @@ fn judge(stand: &Stand, train: &[bool], held: &[bool], kept: &[&Whitened], tried
         before: refit_own(sheet, held, &before),
         after: refit_own(sheet, held, &after),
         direction: project_own(sheet, held, &difference),
+        trained: {
+            let seen = project_own(sheet, train, &difference);
+            dot(&seen, &seen)
+        },
     }
 }
 
 /// The proof of entry `k`, over folds given by the masks of their held-out images. `statistic` is its T on the images it was found in,
-/// `rank` its degrees of freedom, `found_in` the share of all images it was found in (1 where every frame takes its turn).
+/// `rank` its degrees of freedom.
 pub(super) fn prove(
     evidence: &Evidence,
     stand: &Stand,
@@ -84,7 +95,7 @@ pub(super) fn prove(
     let kept: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| own(entry)).collect();
     let (kept, tried): (Vec<&Whitened>, Vec<&Whitened>) = (kept.iter().collect(), tried.iter().collect());
     let plausible = evidence_mask(evidence, stand);
-    let (mut delta, mut along, mut length, mut judged, mut trained) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    let (mut delta, mut along, mut length, mut trained) = (0.0, 0.0, 0.0, 0.0);
     for fold in folds {
         let held: Vec<bool> = fold.iter().zip(&plausible).map(|(fold, plausible)| *fold && *plausible).collect();
         let train: Vec<bool> = fold.iter().zip(&plausible).map(|(fold, plausible)| !*fold && *plausible).collect();
@@ -94,15 +105,21 @@ pub(super) fn prove(
         let (psi, _) = psi_of(&result.before, &held, nu);
         along += dot(&psi, &result.direction);
         length += dot(&result.direction, &result.direction);
-        judged += held.iter().filter(|held| **held).count() as f64;
-        trained += train.iter().filter(|train| **train).count() as f64 / folds.len() as f64;
+        trained += result.trained / folds.len() as f64;
     }
     // χ² in units of the noise found: costs are −2 ln p of a t distribution, whose quadratic part is d.
     let score = if length > 0.0 { along / (length * stand.fit.c).sqrt() } else { 0.0 };
-    let found_in = if folds.len() > 1 { trained + judged / folds.len() as f64 } else { trained };
-    let lambda = (statistic - rank as f64).max(0.0) * judged / found_in.max(1.0);
+    // What the effect moves there against what it moves where it was found, not numbers of stars: some effects live on few.
+    let found_in = if folds.len() > 1 { length.max(trained) } else { trained };
+    let lambda = (statistic - rank as f64).max(0.0) * if found_in > 0.0 { length / found_in } else { 0.0 };
     let (expected, sd) = (lambda - rank as f64, 2.0 * lambda.sqrt());
-    Proof { delta_chi2: delta, expected, score, confirms: delta > 0.0 && score >= LEAST_SCORE && delta >= 0.5 * expected - 2.0 * sd }
+    Proof {
+        delta_chi2: delta,
+        expected,
+        score,
+        powerless: lambda.sqrt() < DECISIVE,
+        confirms: delta > 0.0 && score >= LEAST_SCORE && delta >= 0.5 * expected - 2.0 * sd,
+    }
 }
 
 /// Images that are images of their stars under the model that has been found.

@@ -1,6 +1,6 @@
 //! What else could it be: every other effect in a finding's place, and the observation that would decide.
 
-use super::attribute::{AS_GOOD, Entry, Stand, UNOBSERVABLE, agreement, columns, cosine, survival};
+use super::attribute::{AS_GOOD, Entry, Stand, agreement, columns, cosine, is_observable};
 use super::diagnosis::Rival;
 use super::evidence::Evidence;
 use super::sheet::{Fit, Whitened, dot, project_own};
@@ -37,11 +37,11 @@ pub(super) fn rivals(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: u
                 let entry = Entry { hypothesis: index, variant };
                 let own = white(entry);
                 let (_, value) = criterion(entry, &own);
-                (value, own)
+                (value, own, entry)
             })
             .max_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((value, own)) = at_best else { continue };
-        if survival(&without, &own) < UNOBSERVABLE {
+        let Some((value, own, entry)) = at_best else { continue };
+        if !is_observable(evidence, &without, entry) {
             continue;
         }
         let cos = cosine(&without, &without.fit, &mine, &own);

@@ -120,6 +120,14 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
     let tests = folds(&evidence, &locked);
     let mut proofs = proofs(&evidence, &on_training, &entries, &tests);
     let mut rejected: Vec<usize> = Vec::new();
+    if proofs.iter().any(|proof| proof.powerless && !proof.confirms) && tests.len() == 1 {
+        // The locked frames hold too little of it: every frame in its turn decides.
+        let turns = folds(&evidence, &[]);
+        let stand = Stand::new(&evidence, &all, &entries, &begin);
+        for (k, own) in proofs.iter_mut().enumerate().filter(|(_, own)| own.powerless && !own.confirms) {
+            *own = proof(&evidence, &stand, &entries, k, &turns);
+        }
+    }
     let unconfirmed: Vec<usize> = (0..entries.len()).filter(|k| !proofs[*k].confirms).collect();
     for k in unconfirmed.into_iter().rev() {
         let id = evidence.hypotheses[entries[k].hypothesis].id();
@@ -272,8 +280,9 @@ fn refine(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry], all: &[
                     attribute::columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect();
                 stand.score(&own).0
             };
+            let from = if step == 0 { 0 } else { at };
             let options: Vec<(f64, usize)> =
-                std::iter::once(entries[k].variant).chain(at..at + count).map(|variant| (score(variant), variant)).collect();
+                std::iter::once(entries[k].variant).chain(from..at + count).map(|variant| (score(variant), variant)).collect();
             seen.extend(options.iter().map(|(t, variant)| (searched_value(&evidence.hypotheses[hypothesis], *variant), *t)));
             if let Some((_, variant)) = options.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)) {
                 entries[k].variant = variant;
@@ -282,11 +291,12 @@ fn refine(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry], all: &[
         if !seen.is_empty() {
             let most = seen.iter().map(|(_, t)| *t).fold(0.0, f64::max);
             let here = searched_value(&evidence.hypotheses[hypothesis], entries[k].variant);
-            // Half the width of where T is within 1 of its largest, or the distance to the nearest place tried where it is not.
-            let inside = seen.iter().filter(|(_, t)| *t > most - 1.0).map(|(value, _)| (value - here).abs()).fold(0.0, f64::max);
+            // Half of how far T stays within 4 of its largest (two standard errors, other places as good included), or the distance to the
+            // nearest place tried where it does not.
+            let inside = seen.iter().filter(|(_, t)| *t > most - 4.0).map(|(value, _)| (value - here).abs()).fold(0.0, f64::max);
             let outside =
-                seen.iter().filter(|(_, t)| *t <= most - 1.0).map(|(value, _)| (value - here).abs()).fold(f64::INFINITY, f64::min);
-            let sigma = if inside > 0.0 { inside } else { outside };
+                seen.iter().filter(|(_, t)| *t <= most - 4.0).map(|(value, _)| (value - here).abs()).fold(f64::INFINITY, f64::min);
+            let sigma = 0.5 * if inside > 0.0 { inside } else { outside };
             evidence.hypotheses[hypothesis].variants[entries[k].variant].searched_sigma = Some(sigma).filter(|sigma| sigma.is_finite());
         }
     }
