@@ -6,6 +6,10 @@ use super::scan::{Asks, Scan};
 use super::sheet::{Fit, Sheet, Whitened, dot};
 use crate::statistics::significance::chi_squared_surprise;
 
+/// Effects are judged by their likelihood from this surprise of their score on (p of one in a hundred),
+const REFIT_FROM: f64 = 4.6;
+/// to this beyond the threshold.
+const REFIT_BEYOND: f64 = 3.0;
 /// Entries at most.
 const MOST: usize = 6;
 /// Rivals whose evidence differs by less (odds of 100 : 1) are as good: 2·ln 100.
@@ -53,8 +57,8 @@ impl Stand {
         const TURNS: usize = 3;
         let mut noise = begin.clone();
         let mut take = allowed.to_vec();
-        let mut last: Option<Self> = None;
-        for turn in 0..TURNS {
+        let mut turn = 0;
+        loop {
             let sheet = evidence.sheet(&noise);
             let more: Vec<Whitened> = columns(evidence, accepted).map(|column| evidence.white(&noise, column)).collect();
             let fit = Fit::new(&sheet, &take, &more.iter().collect::<Vec<_>>());
@@ -66,13 +70,12 @@ impl Stand {
             let settled = next == take
                 && (found.factor / noise.factor - 1.0).abs() < 0.01
                 && found.tail_degrees.total_cmp(&noise.tail_degrees).is_eq();
-            last = Some(Self { noise, sheet, take, more, fit });
-            if settled || turn + 1 == TURNS {
-                break;
+            turn += 1;
+            if settled || turn == TURNS {
+                return Self { noise, sheet, take, more, fit };
             }
             (noise, take) = (found, next);
         }
-        last.unwrap_or_else(|| unreachable!("there is at least one turn"))
     }
 
     /// The statistic of some columns: what they explain of ψ, over c; and the degrees of freedom.
@@ -186,8 +189,10 @@ pub(super) struct Candidate {
     pub(super) evidence: f64,
 }
 
-/// The candidates, each at its best variant.
-pub(super) fn candidates(evidence: &Evidence, stand: &Stand, scan: &Scan) -> Vec<Candidate> {
+/// The candidates, each at its best variant. `threshold` is the surprise that a finding needs: what comes near to it by its score is judged
+/// by its likelihood.
+pub(super) fn candidates(evidence: &Evidence, stand: &Stand, scan: &Scan, threshold: f64) -> Vec<Candidate> {
+    let refitted = REFIT_FROM..threshold + REFIT_BEYOND;
     let statistics = scan.ask(&stand.fit.psi, stand.fit.c);
     let mut best: Vec<Option<Candidate>> = vec![None; evidence.hypotheses.len()];
     for (group, t) in scan.groups.iter().zip(statistics) {
@@ -195,6 +200,7 @@ pub(super) fn candidates(evidence: &Evidence, stand: &Stand, scan: &Scan) -> Vec
         let surprise = chi_squared_surprise(group.rank() as f64, t);
         if best[hypothesis].as_ref().is_none_or(|best| surprise > best.surprise) {
             let entry = Entry { hypothesis, variant };
+            let surprise = if refitted.contains(&surprise) { surprise.max(after_refit(evidence, stand, entry)) } else { surprise };
             let agrees = agreement(evidence, stand, entry);
             // A size that is known has a sign that is known: chance would have to hit that too.
             let surprise = if agrees > 0.0 { surprise + std::f64::consts::LN_2 } else { surprise };
@@ -204,6 +210,23 @@ pub(super) fn candidates(evidence: &Evidence, stand: &Stand, scan: &Scan) -> Vec
         }
     }
     best.into_iter().flatten().collect()
+}
+
+/// Surprise of the fall of −2·ln of the likelihood once everything is fitted anew with the effect. The score at the start sees stars that the
+/// effect moves far as outliers, and they pull little; with the effect they pull fully. In units of the scatter of the scores.
+fn after_refit(evidence: &Evidence, stand: &Stand, entry: Entry) -> f64 {
+    let own: Vec<Whitened> = columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect();
+    let (_, rank) = stand.score(&own);
+    let more: Vec<&Whitened> = stand.more.iter().chain(&own).collect();
+    let with = Fit::new(&stand.sheet, &stand.take, &more);
+    let fall = fall(stand, &stand.fit, &with);
+    chi_squared_surprise(rank as f64, fall)
+}
+
+/// Fall of −2·ln of the likelihood from one fit to another of the same images, in units in which a superfluous parameter gains one.
+pub(super) fn fall(stand: &Stand, from: &Fit, to: &Fit) -> f64 {
+    let cost = |fit: &Fit| super::sheet::cost(&fit.residual, &stand.take, stand.sheet.tail_degrees);
+    (cost(from) - cost(to)) * stand.fit.d / stand.fit.c
 }
 
 /// What it is worth that a size is as known beforehand, on the scale of BIC.
@@ -226,7 +249,7 @@ pub(super) fn select(evidence: &Evidence, allowed: &[bool], begin: &NoiseModel, 
     for _ in 0..MOST {
         let free = |index: usize| accepted.iter().all(|entry| entry.hypothesis != index) && !evidence.hypotheses[index].variants.is_empty();
         let scan = Scan::hypotheses(evidence, &stand.noise, &stand.sheet, &stand.fit, free);
-        let mut found = candidates(evidence, &stand, &scan);
+        let mut found = candidates(evidence, &stand, &scan, threshold);
         found.retain(|candidate| {
             candidate.surprise > threshold + searched(evidence, candidate) && is_observable(evidence, &stand, candidate.entry)
         });

@@ -122,11 +122,13 @@ impl Solved {
             let sigma = covariance[(first + j, first + j)].max(0.0).sqrt();
             all.push(FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() });
         }
-        // What was searched over is a parameter too.
-        for (index, spec) in hypothesis.effect.parameters().iter().enumerate().filter(|(index, _)| !hypothesis.fitted.contains(index)) {
-            if let Some(sigma) = searched_sigma.filter(|_| matches!(spec.name, "line_px" | "length_px")) {
-                all.push(FoundParameter { name: spec.name.to_owned(), value: present[index], sigma, unit: spec.unit.to_owned() });
-            }
+        // What was searched for and not fitted is a parameter too.
+        if let Some((searched, sigma)) = hypothesis.searched.as_ref().zip(searched_sigma)
+            && !hypothesis.fitted.contains(&searched.parameter)
+        {
+            let spec = &hypothesis.effect.parameters()[searched.parameter];
+            let value = present[searched.parameter];
+            all.push(FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() });
         }
         all
     }
@@ -344,7 +346,7 @@ impl Context<'_> {
             known_amplitude: None,
             parameters,
             located_by,
-            delta_chi2: t,
+            delta_chi2: attribute::fall(self.with_all, &without.fit, &self.with_all.fit),
             p_value,
             family_p_value: family(p_value, self.hypotheses),
             held_out_delta_chi2: proof.delta_chi2,
@@ -391,7 +393,11 @@ impl Context<'_> {
             let best = scored.max_by(|a, b| a.1.0.total_cmp(&b.1.0));
             let Some((variant, (t, rank))) = best else { return status };
             let white = own(variant);
-            status.survival = Some(attribute::survival(self.base, &white));
+            // Beside camera and attitudes alone, and in their units: with other noise nothing would be taken up in full.
+            let entry = Entry { hypothesis: index, variant };
+            let bare: Vec<Whitened> =
+                columns(self.evidence, &[entry]).map(|column| self.evidence.white(&self.base.noise, column)).collect();
+            status.survival = Some(attribute::survival(self.base, &bare));
             if let Some(finding) = found.iter().find(|finding| finding.id == id) {
                 status.status = EffectState::Found;
                 status.p_value = Some(finding.p_value);

@@ -9,13 +9,9 @@ use nalgebra::Vector3;
 use super::DiagnoseOptions;
 use super::evidence::Evidence;
 use crate::calibrate::{Column, Joint};
-use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Segment, StarState};
+use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Searched, Segment, StarState};
 use crate::identify::ControlPoints;
 
-/// Places of a seam that are tried, in a first search.
-const SEAMS: usize = 31;
-/// Lengths of an edge's roll-off that are tried, px.
-const ROLL_OFF_LENGTHS_PX: [f64; 3] = [8.0, 15.0, 30.0];
 /// Directions of an unknown zenith that are tried.
 const ZENITHS: usize = 60;
 /// Stars are seen down to this altitude, radians, when a zenith is looked for.
@@ -47,6 +43,8 @@ pub(super) struct Hypothesis {
     pub(super) missing: Option<String>,
     /// The first fitted parameter's value at the effect's known size, where the recording tells it.
     pub(super) known: Option<f64>,
+    /// What is searched for, as long as the effect is not in the model at some size.
+    pub(super) searched: Option<Searched>,
     /// Whether the model contains it.
     pub(super) in_force: bool,
 }
@@ -66,7 +64,12 @@ impl Hypothesis {
     /// Full name of a fitted parameter.
     pub(super) fn full_names(&self) -> Vec<String> {
         let name = |index: &usize| format!("{}.{}", self.id(), self.effect.parameters()[*index].name);
-        fitted_once_found(self.id(), &self.fitted).iter().map(name).collect()
+        fitted_once_found(&self.fitted, self.searched.as_ref()).iter().map(name).collect()
+    }
+
+    /// The value of what is searched for in a variant.
+    pub(super) fn searched_value(&self, variant: usize) -> Option<f64> {
+        Some(self.variants[variant].start[self.searched.as_ref()?.parameter])
     }
 }
 
@@ -88,7 +91,8 @@ fn hypothesis(
     let known: Vec<Option<Vec<f64>>> = evidence.frames.iter().map(|(_, observation)| effect.known(observation)).collect();
     let is_there = present.as_ref().is_some_and(|parameters| parameters.first().is_some_and(|size| *size != 0.0));
     let fitted = effect.fitted(&first);
-    let fitted = if is_there { fitted_once_found(effect.id(), &fitted) } else { fitted };
+    let searched = effect.searched(&first);
+    let fitted = if is_there { fitted_once_found(&fitted, searched.as_ref()) } else { fitted };
     let whole = |parameters: &Vec<f64>| fitted.first().and_then(|index| parameters.get(*index)).copied();
     // A size that differs from frame to frame (pressure) is known as its mean: the columns are in proportion to it.
     let sizes: Vec<f64> = known.iter().flatten().filter_map(whole).collect();
@@ -99,6 +103,7 @@ fn hypothesis(
         variants: Vec::new(),
         missing: None,
         known: known.filter(|known| *known != 0.0),
+        searched,
         in_force: options.physics.iter().any(|id| id == effect.id()),
     };
     if matches!(effect.id(), "refraction") && evidence.frames.iter().any(|(_, observation)| observation.zenith.is_none()) {
@@ -127,60 +132,47 @@ fn hypothesis(
     }
     let star = evidence.images.first().map_or_else(StarState::default, |image| points.points[image.point].star);
     let start = present.or_else(|| effect.identity(&Context::new(star, first))).unwrap_or_else(|| vec![0.0; effect.parameters().len()]);
-    found.variants = starts(effect.id(), start, &first)
-        .into_iter()
-        .filter_map(|start| {
-            let columns = joint.columns_of(effect.id(), &start, &found.fitted)?;
-            Some(Variant { start, zenith: None, columns, searched_sigma: None })
-        })
-        .collect();
+    let starts = match found.searched.as_ref().filter(|_| !is_there) {
+        Some(searched) => searched.values.iter().map(|value| with(&start, searched.parameter, *value)).collect(),
+        None => vec![start],
+    };
+    found.variants = starts.into_iter().filter_map(|start| variant(joint, &found, start)).collect();
     if found.variants.is_empty() {
         found.missing = Some("it cannot be computed for this camera".to_owned());
     }
     found
 }
 
-/// What is fitted of an effect that is there: a length that a search has found is a parameter like others.
-fn fitted_once_found(id: &str, fitted: &[usize]) -> Vec<usize> {
-    if id == "edge-roll-off" { vec![0, 1] } else { fitted.to_vec() }
+/// What is fitted of an effect that is there: what a search has come near to is a parameter like others, if it can be one.
+fn fitted_once_found(fitted: &[usize], searched: Option<&Searched>) -> Vec<usize> {
+    let more = searched.filter(|searched| searched.then_fitted && !fitted.contains(&searched.parameter));
+    let mut all: Vec<usize> = fitted.iter().copied().chain(more.map(|searched| searched.parameter)).collect();
+    all.sort_unstable();
+    all
 }
 
-/// The values searched over.
-fn starts(id: &str, start: Vec<f64>, observation: &Observation) -> Vec<Vec<f64>> {
-    let with = |index: usize, value: f64| {
-        let mut own = start.clone();
-        own[index] = value;
-        own
-    };
-    match (id, observation.sensor) {
-        ("sensor-step", Some(sensor)) if start[0] == 0.0 && start[1] == 0.0 => {
-            (1..=SEAMS).map(|k| with(2, (sensor.width_px as f64 * k as f64 / (SEAMS + 1) as f64).round())).collect()
-        }
-        ("edge-roll-off", _) if start[0] == 0.0 => ROLL_OFF_LENGTHS_PX.iter().map(|length| with(1, *length)).collect(),
-        _ => vec![start],
-    }
-}
-
-/// A finer search about a variant, for effects that have one.
+/// A finer search about a variant, for effects that have one: halfway to the values tried before, each `step` halving the way once more.
 pub(super) fn finer(hypothesis: &Hypothesis, best: &Variant, joint: &Joint, step: usize) -> Vec<Variant> {
-    let halves = 0.5_f64.powi(i32::try_from(step).unwrap_or(10));
-    let starts: Vec<Vec<f64>> = match hypothesis.id() {
-        "sensor-step" => {
-            let width = joint.model().camera().width_px as f64 / (SEAMS + 1) as f64 * halves;
-            [-1.0, -0.5, 0.5, 1.0].iter().map(|k| vec![0.0, 0.0, (best.start[2] + k * width).max(1.0)]).collect()
-        }
-        "edge-roll-off" => {
-            [1.0 - 0.4 * halves, 1.0 + 0.4 * halves].iter().map(|k| vec![0.0, (best.start[1] * k).clamp(2.0, 150.0)]).collect()
-        }
-        _ => Vec::new(),
-    };
-    starts
-        .into_iter()
-        .filter_map(|start| {
-            let columns = joint.columns_of(hypothesis.id(), &start, &hypothesis.fitted)?;
-            Some(Variant { start, zenith: None, columns, searched_sigma: None })
-        })
-        .collect()
+    let Some(Searched { parameter, values, .. }) = &hypothesis.searched else { return Vec::new() };
+    let here = best.start[*parameter];
+    let share = 0.5_f64.powi(i32::try_from(step + 1).unwrap_or(i32::MAX));
+    // The gaps are those of the first search, on either side; at its ends the one that there is.
+    let at = values.partition_point(|value| *value < here).clamp(1, values.len().max(2) - 1);
+    let Some(gap) = values.get(at).zip(values.get(at - 1)).map(|(high, low)| high - low) else { return Vec::new() };
+    let range = hypothesis.effect.parameters()[*parameter].range;
+    let tried = [-2.0, -1.0, 1.0, 2.0].map(|k| (here + k * share * gap).clamp(range.0, range.1));
+    tried.into_iter().filter_map(|value| variant(joint, hypothesis, with(&best.start, *parameter, value))).collect()
+}
+
+fn with(start: &[f64], parameter: usize, value: f64) -> Vec<f64> {
+    let mut own = start.to_vec();
+    own[parameter] = value;
+    own
+}
+
+fn variant(joint: &Joint, hypothesis: &Hypothesis, start: Vec<f64>) -> Option<Variant> {
+    let columns = joint.columns_of(hypothesis.id(), &start, &hypothesis.fitted)?;
+    Some(Variant { start, zenith: None, columns, searched_sigma: None })
 }
 
 /// Zeniths under which every star image is above the horizon, evenly spread; in axes fixed to the Earth where all times are known.

@@ -33,7 +33,8 @@ use crate::identify::ControlPoints;
 pub struct DiagnoseOptions {
     /// Simulated recordings without any effect for the omnibus test, at least; more are drawn where the decision is near.
     pub nulls: usize,
-    /// Family-wise probability of a false finding in a recording.
+    /// Probability, all questions counted, of seeing a mismatch on the training frames where there is none; half as much is spent on what
+    /// shows on all frames only.
     pub alpha: f64,
     /// Seed of nulls and permutations.
     pub seed: u64,

@@ -5,8 +5,13 @@
 //! with that scatter. s, φ and ν are those of greatest likelihood. So declared errors may be wrong by any factor, and every test here is
 //! one of shape against the noise found, never one against the noise declared.
 
+use nalgebra::{DMatrix, DVector};
+
+use super::evidence::Evidence;
 use super::sheet::Sheet;
 use crate::calibrate::{Column, JointImage};
+use crate::identify::ControlPoints;
+use crate::statistics::significance::chi_squared_surprise;
 
 /// Degrees of freedom tried; the last means normal errors.
 const TAILS: &[f64] = &[3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, f64::INFINITY];
@@ -18,6 +23,9 @@ const TAIL_GAIN: f64 = 4.0;
 const FLOOR_GAIN: f64 = 2.0;
 /// An image whose residual is larger is left to identification to explain, standard errors.
 const GROSS: f64 = 20.0;
+
+/// A frame is worse than the others if chance makes it so with less than this probability.
+const WORSE_P: f64 = 1e-4;
 
 /// The noise of all star images.
 #[derive(Clone, Debug, PartialEq)]
@@ -175,13 +183,9 @@ pub(super) fn freedom(sheet: &Sheet, take: &[bool], shared: usize) -> f64 {
     ((2.0 * taken - own - shared as f64) / (2.0 * taken).max(1.0)).clamp(0.05, 1.0)
 }
 
-/// A frame is worse than the others if chance makes it so with less than this probability.
-const WORSE_P: f64 = 1e-4;
-
 /// Variance factors of frames that the joint solution found to be worse than the others: how large they are once a smooth field of the
 /// frame's own is taken out. What is worse in a frame by a displacement is a mismatch, and only what scatters is noise.
-pub(super) fn frame_factors(evidence: &super::evidence::Evidence, points: &crate::identify::ControlPoints, floor_px2: f64) -> Vec<f64> {
-    use nalgebra::{DMatrix, DVector};
+pub(super) fn frame_factors(evidence: &Evidence, points: &ControlPoints, floor_px2: f64) -> Vec<f64> {
     let places: Vec<[f64; 2]> = evidence.positions(points).collect();
     let largest = places.iter().flatten().fold(1.0_f64, |most, value| most.max(value.abs()));
     let scatter = |frame: usize| -> Option<[f64; 2]> {
@@ -233,7 +237,7 @@ pub(super) fn frame_factors(evidence: &super::evidence::Evidence, points: &crate
         (_, Some([level, degrees])) => {
             let ratio = level / usual;
             // A median knows as much as half as many numbers.
-            let surprise = crate::statistics::significance::chi_squared_surprise(0.5 * degrees, 0.5 * degrees * ratio);
+            let surprise = chi_squared_surprise(0.5 * degrees, 0.5 * degrees * ratio);
             if (-surprise).exp() < WORSE_P { ratio } else { 1.0 }
         }
     };

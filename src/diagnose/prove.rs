@@ -101,13 +101,12 @@ pub(super) fn prove(
         let train: Vec<bool> = fold.iter().zip(&plausible).map(|(fold, plausible)| !*fold && *plausible).collect();
         let result = judge(stand, &train, &held, &kept, &tried);
         let nu = stand.sheet.tail_degrees;
-        delta += cost(&result.before, &held, nu) - cost(&result.after, &held, nu);
+        delta += (cost(&result.before, &held, nu) - cost(&result.after, &held, nu)) * stand.fit.d / stand.fit.c;
         let (psi, _) = psi_of(&result.before, &held, nu);
         along += dot(&psi, &result.direction);
         length += dot(&result.direction, &result.direction);
         trained += result.trained / folds.len() as f64;
     }
-    // χ² in units of the noise found: costs are −2 ln p of a t distribution, whose quadratic part is d.
     let score = if length > 0.0 { along / (length * stand.fit.c).sqrt() } else { 0.0 };
     // What the effect moves there against what it moves where it was found, not numbers of stars: some effects live on few.
     let found_in = if folds.len() > 1 { length.max(trained) } else { trained };

@@ -263,6 +263,10 @@ fn refine(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry], all: &[
     for k in 0..entries.len() {
         let others: Vec<Entry> = entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
         let hypothesis = entries[k].hypothesis;
+        if evidence.hypotheses[hypothesis].searched.is_none() {
+            continue;
+        }
+        let stand = Stand::new(evidence, all, &others, begin);
         let mut seen: Vec<(f64, f64)> = Vec::new();
         for step in 0..REFINEMENTS {
             let best = evidence.hypotheses[hypothesis].variants[entries[k].variant].clone();
@@ -273,7 +277,6 @@ fn refine(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry], all: &[
             let at = evidence.hypotheses[hypothesis].variants.len();
             let count = tried.len();
             evidence.hypotheses[hypothesis].variants.extend(tried);
-            let stand = Stand::new(evidence, all, &others, begin);
             let score = |variant: usize| {
                 let entry = Entry { hypothesis, variant };
                 let own: Vec<Whitened> =
@@ -283,14 +286,13 @@ fn refine(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry], all: &[
             let from = if step == 0 { 0 } else { at };
             let options: Vec<(f64, usize)> =
                 std::iter::once(entries[k].variant).chain(from..at + count).map(|variant| (score(variant), variant)).collect();
-            seen.extend(options.iter().map(|(t, variant)| (searched_value(&evidence.hypotheses[hypothesis], *variant), *t)));
+            seen.extend(options.iter().filter_map(|(t, variant)| Some((evidence.hypotheses[hypothesis].searched_value(*variant)?, *t))));
             if let Some((_, variant)) = options.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)) {
                 entries[k].variant = variant;
             }
         }
-        if !seen.is_empty() {
+        if let Some(here) = evidence.hypotheses[hypothesis].searched_value(entries[k].variant).filter(|_| !seen.is_empty()) {
             let most = seen.iter().map(|(_, t)| *t).fold(0.0, f64::max);
-            let here = searched_value(&evidence.hypotheses[hypothesis], entries[k].variant);
             // Half of how far T stays within 4 of its largest (two standard errors, other places as good included), or the distance to the
             // nearest place tried where it does not.
             let inside = seen.iter().filter(|(_, t)| *t > most - 4.0).map(|(value, _)| (value - here).abs()).fold(0.0, f64::max);
@@ -300,12 +302,6 @@ fn refine(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry], all: &[
             evidence.hypotheses[hypothesis].variants[entries[k].variant].searched_sigma = Some(sigma).filter(|sigma| sigma.is_finite());
         }
     }
-}
-
-/// The value of what is searched over.
-fn searched_value(hypothesis: &super::hypotheses::Hypothesis, variant: usize) -> f64 {
-    let start = &hypothesis.variants[variant].start;
-    if hypothesis.id() == "sensor-step" { start[2] } else { start[1] }
 }
 
 impl Solved {
@@ -318,7 +314,7 @@ impl Solved {
             let scan = Scan::hypotheses(evidence, &stand.noise, &stand.sheet, &stand.fit, |index| {
                 !rejected.contains(&index) && more.iter().all(|e| e.hypothesis != index)
             });
-            let mut found = candidates(evidence, &stand, &scan);
+            let mut found = candidates(evidence, &stand, &scan, threshold);
             found.retain(|candidate| candidate.surprise > threshold + attribute::searched(evidence, candidate));
             found.retain(|candidate| attribute::is_observable(evidence, &stand, candidate.entry));
             let Some(entry) = attribute::choose(evidence, &stand, &found) else { break };

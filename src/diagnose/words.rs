@@ -60,14 +60,19 @@ pub(super) fn finding(finding: &Finding, effect: &dyn AnyDisplacement, in_force:
     )
 }
 
+/// A probability: two decimals, or as a power of ten where these say nothing.
+fn probability(p: f64) -> String {
+    if p >= 0.01 { format!("{p:.2}") } else { format!("{p:.1e}") }
+}
+
 /// The summary.
 pub(super) fn summary(diagnosis: &Diagnosis, left_p: f64) -> Vec<String> {
     let mut lines = Vec::new();
     let p = diagnosis.channels.astrometry.as_ref().map_or(1.0, |test| test.p_value);
     lines.push(match diagnosis.verdict {
-        Verdict::Consistent => format!("Nothing is missing: the star positions are as the model has them (p = {p:.2})."),
+        Verdict::Consistent => format!("Nothing is missing: the star positions are as the model has them (p = {}).", probability(p)),
         Verdict::Explained => {
-            format!("Something was missing (p = {p:.1e}), and is explained by what follows; nothing is left (p = {left_p:.2}).")
+            format!("Something was missing (p = {p:.1e}), and is explained by what follows; nothing is left (p = {}).", probability(left_p))
         }
         Verdict::Unexplained => format!("Something is missing (p = {p:.1e}) that the effects of the registry do not explain in full."),
     });

@@ -28,6 +28,17 @@ pub struct ParameterSpec {
     pub range: (f64, f64),
 }
 
+/// A parameter that has to be searched for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Searched {
+    /// Its index.
+    pub parameter: usize,
+    /// Values to try first, in rising order; between them the search is made finer.
+    pub values: Vec<f64>,
+    /// Whether it is fitted like the others once the search has come near.
+    pub then_fitted: bool,
+}
+
 /// Where along the way of the light a displacement acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Segment {
@@ -285,6 +296,13 @@ pub trait Displacement: Sync {
         (0..Self::PARAMETERS.len()).collect()
     }
 
+    /// A parameter that no derivative tells where to look for (the place of a seam, a length), where there is one: a diagnosis of an effect
+    /// that is not in force yet tries its values.
+    #[must_use]
+    fn searched(_observation: &Observation) -> Option<Searched> {
+        None
+    }
+
     /// Cases from outside.
     fn reference_values() -> Vec<ReferenceValue>;
 
@@ -318,6 +336,8 @@ pub trait AnyDisplacement: Sync {
     fn known(&self, observation: &Observation) -> Option<Vec<f64>>;
     /// See [`Displacement::fitted`].
     fn fitted(&self, observation: &Observation) -> Vec<usize>;
+    /// See [`Displacement::searched`].
+    fn searched(&self, observation: &Observation) -> Option<Searched>;
     /// See [`Displacement::reference_values`].
     fn reference_values(&self) -> Vec<ReferenceValue>;
     /// The effect's page of documentation, Markdown.
@@ -360,6 +380,9 @@ impl<D: Displacement> AnyDisplacement for D {
     }
     fn fitted(&self, observation: &Observation) -> Vec<usize> {
         D::fitted(observation)
+    }
+    fn searched(&self, observation: &Observation) -> Option<Searched> {
+        D::searched(observation)
     }
     fn reference_values(&self) -> Vec<ReferenceValue> {
         D::reference_values()

@@ -21,7 +21,7 @@ mod star_image;
 
 pub use centroid::CentroidShift;
 pub use displacement::{
-    AnyDisplacement, Context, DISPLACEMENTS, Displacement, Light, Observation, ParameterSpec, ReferenceValue, RefractionConstants, Segment,
-    Sensor, StarState, displacement, invert, page_of,
+    AnyDisplacement, Context, DISPLACEMENTS, Displacement, Light, Observation, ParameterSpec, ReferenceValue, RefractionConstants,
+    Searched, Segment, Sensor, StarState, displacement, invert, page_of,
 };
 pub use star_image::{MOST_SHIFTS, MOST_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE, Signature, Signatures, StarImage};

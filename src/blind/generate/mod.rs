@@ -117,20 +117,18 @@ const FLUX_ERROR: f64 = 0.02;
 pub fn concealed(family: Family, index: u32, seed: u64, catalog: &Catalog) -> Concealed {
     let mut rng = stream(seed, family.number(), index, PART_PLAN);
     let plan = family.plan(index, || pair(&mut rng));
-    let mut last = None;
-    for attempt in 0..TRIES {
+    let mut attempt = 0;
+    let (world, wanted, hidden, mut rng) = loop {
         let mut rng = stream(seed, family.number(), index, PART_WORLDS + attempt);
         let setup = choose(&mut rng, &plan, index, attempt);
         let wanted = wanted(&mut rng, &plan);
         let world = setup.draw(&mut rng, &wanted, catalog);
         let (hidden, shown) = sized(&mut rng, &plan, &world);
-        let done = shown || attempt + 1 == TRIES;
-        last = Some((world, wanted, hidden, rng));
-        if done {
-            break;
+        attempt += 1;
+        if shown || attempt == TRIES {
+            break (world, wanted, hidden, rng);
         }
-    }
-    let (world, wanted, hidden, mut rng) = last.unwrap_or_else(|| unreachable!("at least one world is drawn"));
+    };
     let mut noise = stream(seed, family.number(), index, PART_NOISE);
     let lists = lists(&mut rng, &mut noise, &plan, &world, &wanted, &hidden);
     let truth = Truth::new(family, index, seed, &world, &hidden, plan.trap, wanted.times);

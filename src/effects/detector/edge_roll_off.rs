@@ -22,7 +22,7 @@
 //! (2014).
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Searched, Segment, StarState};
 
 /// The displacement near the edges as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -73,6 +73,10 @@ impl Displacement for EdgeRollOff {
 
     fn fitted(_: &Observation) -> Vec<usize> {
         vec![0]
+    }
+
+    fn searched(_: &Observation) -> Option<Searched> {
+        Some(Searched { parameter: 1, values: vec![8.0, 15.0, 30.0], then_fitted: true })
     }
 
     fn reference_values() -> Vec<ReferenceValue> {

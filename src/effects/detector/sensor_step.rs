@@ -24,7 +24,7 @@
 //! 113 (2003), for seams of one chip.
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Searched, Segment, StarState};
 
 /// A step along a column as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -34,6 +34,8 @@ pub struct SensorStep;
 const TRANSITION_PX: f64 = 0.25;
 /// The seam where nothing says where it is: the middle of a common sensor, columns.
 const TYPICAL_LINE_PX: f64 = 512.0;
+/// Places that a search tries first: fewer would lose a tenth of the trace of a seam halfway between two.
+const SEAMS: usize = 31;
 
 /// 1/(1 + e^−z). The exponential is only ever taken of what is not positive, so that it and its derivative stay finite far from the seam.
 pub(super) fn logistic<T: Real>(z: T) -> T {
@@ -77,6 +79,12 @@ impl Displacement for SensorStep {
 
     fn fitted(_: &Observation) -> Vec<usize> {
         vec![0, 1]
+    }
+
+    fn searched(observation: &Observation) -> Option<Searched> {
+        let width = observation.sensor?.width_px as f64;
+        let values = (1..=SEAMS).map(|k| (width * k as f64 / (SEAMS + 1) as f64).round()).collect();
+        Some(Searched { parameter: 2, values, then_fitted: false })
     }
 
     fn reference_values() -> Vec<ReferenceValue> {

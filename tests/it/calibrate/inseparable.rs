@@ -58,7 +58,10 @@ fn what_is_solved_stays_within_its_errors() {
         (&["thin-prism", "detector-tilt"], 1.0, &["p1", "p2"]),
         (&["projection", "radial-high-order"], 1.0, &[]),
     ] {
-        for (pull, warnings) in solve_many(effects, times_typical, with) {
+        let solved = solve_many(effects, times_typical, with);
+        // A refusal by name is an answer too, for two effects that both resemble what is free already; refusing everything would be none.
+        assert!(effects.len() > 1 || 2 * solved.len() > SEEDS as usize, "{effects:?}: {} solved", solved.len());
+        for (pull, warnings) in solved {
             assert!(pull <= 5.0, "{effects:?} × {times_typical} with {with:?}: {pull} σ");
             let said = |warning: &String| warning.contains("cannot be told apart") && effects.iter().any(|id| warning.contains(id));
             assert!(warnings.iter().any(said), "{effects:?}: {warnings:?}");
