@@ -14,6 +14,7 @@ pub mod frame;
 pub mod gpu;
 pub mod identify;
 pub mod imaging;
+pub mod pipeline;
 pub mod provenance;
 pub mod recording;
 pub mod render;

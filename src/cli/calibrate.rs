@@ -4,24 +4,21 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use boresight::calibrate::{
-    AttitudeModel, CalibrateError, CalibrateOptions, Calibration, Method, ParameterPrior, StarImage, Status, calibrate as calibrate_points,
+    AttitudeModel, CalibrateError, CalibrateOptions, Calibration, Method, ParameterPrior, Status, calibrate as calibrate_points,
     calibrate_identifying_anew, check_parameter_name,
 };
-use boresight::camera::Term;
 use boresight::catalog::Catalog;
 use boresight::effects;
-use boresight::identify::{
-    ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, MisidentificationKind, add_listed_points,
-    control_points as build_control_points, image_state, misidentify,
-};
+use boresight::identify::{Misidentification, MisidentificationKind, misidentify};
+use boresight::pipeline::{PipelineError, Prepared, known_behind_the_lens, star_images};
 use boresight::provenance::Provenance;
-use boresight::recording::{Mount, SkippedFrame};
+use boresight::recording::SkippedFrame;
 use boresight::units::ARCSEC_RAD;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::identify::SearchArgs;
-use super::options::{InputArgs, OutputArgs, SkyArgs, SkyChoice};
+use super::options::{InputArgs, OutputArgs, SkyArgs};
 use super::pipeline::{IdentifiedFrame, Measured};
 use super::update::{self, NewFrames, UpdateArgs};
 use super::{Answer, calibrate_text, output, pictures, pipeline};
@@ -222,19 +219,7 @@ fn projection_start(id: &str) -> Vec<f64> {
     effects::displacement(id).map_or_else(Vec::new, |effect| vec![0.0; effect.parameters().len().saturating_sub(3)])
 }
 
-/// Control points with what was done to them on purpose.
-pub(crate) struct Prepared {
-    /// The points, in the un-mirrored image.
-    pub(crate) points: ControlPoints,
-    /// −1 if the images are mirrored.
-    pub(crate) parity: i8,
-    /// The deliberate misidentifications.
-    pub(crate) misidentified: Vec<Misidentification>,
-    /// What was left out, one sentence each.
-    pub(crate) notes: Vec<String>,
-}
-
-/// The control points of identified frames.
+/// The control points of identified frames, some of them made wrong on purpose if that is asked for.
 pub(crate) fn control_points(
     measured: &Measured,
     identified: &[IdentifiedFrame],
@@ -242,126 +227,18 @@ pub(crate) fn control_points(
     args: &SolveArgs,
     trusted: bool,
 ) -> Result<Prepared> {
-    let frames: Vec<boresight::identify::IdentifiedFrame> = measured
-        .frames
-        .iter()
-        .zip(identified)
-        .map(|(frame, identified)| boresight::identify::IdentifiedFrame {
-            frame: frame.index,
-            detections: &frame.detections,
-            identification: &identified.identification,
-            directions: &identified.directions,
-            years_since_epoch: identified.sky.observation().epoch_yr.map_or(0.0, |epoch| epoch - catalog.epoch_yr),
-            gain_e_per_dn: measured.gain_e_per_dn(frame),
-        })
-        .collect();
-    let nominal = measured.recording.nominal_camera();
-    if nominal.is_none() {
-        measured.recording.common_size().context("a calibration is of one camera")?;
-    }
-    let declared = nominal.is_some();
-    let (mut points, mut notes) = build_control_points(&frames, measured.recording.frames.len(), catalog, nominal);
-    if trusted {
-        trust(&mut points, measured, identified, catalog, &mut notes)?;
-    }
-    for (frame, identified) in measured.frames.iter().zip(identified) {
-        if let (Identification::NotIdentified { reason }, false) = (&identified.identification, trusted) {
-            notes.push(format!("{} is not identified and left out: {reason}", frame.name));
-        }
-    }
-    if let Some(limit) = args.max_magnitude {
-        points.points.retain(|point| point.magnitude <= limit);
-    }
-    let parity = points.parity;
-    if parity < 0 && declared {
-        points.nominal = points.nominal.mirrored(); // what is declared is of the images as stored
-    }
-    let mut points = points.unmirrored();
-    let misidentified =
-        misidentify(&mut points, catalog, args.misidentify.unwrap_or(0.0), args.misidentify_kind.into(), args.misidentify_seed);
-    know_frames(&mut points, measured, identified)?;
-    Ok(Prepared { points, parity, misidentified, notes })
+    let mut prepared = boresight::pipeline::control_points(measured, identified, catalog, args.max_magnitude, trusted).map_err(trusting)?;
+    let share = args.misidentify.unwrap_or(0.0);
+    prepared.misidentified = misidentify(&mut prepared.points, catalog, share, args.misidentify_kind.into(), args.misidentify_seed);
+    Ok(prepared)
 }
 
-/// All star images of the frames, in the un-mirrored image.
-pub(crate) fn star_images(measured: &Measured, points: &Prepared) -> Vec<StarImage> {
-    let width_px = points.points.nominal.width_px as f64;
-    let place = |x_px: f64| if points.parity < 0 { width_px - 1.0 - x_px } else { x_px };
-    let recording_gradient_e_px = points.points.points.iter().find_map(|point| point.image.recording_gradient_e_px);
-    let of = |frame: &pipeline::MeasuredFrame| {
-        let index = frame.index;
-        let gain_e_per_dn = measured.gain_e_per_dn(frame);
-        let usable = frame.detections.stars.iter().filter(|star| !star.flags.saturated && !star.flags.edge);
-        let image = move |star: &boresight::detect::Detection| {
-            let [xx, xy, yy] = star.covariance_px2;
-            let xy = if points.parity < 0 { -xy } else { xy };
-            let state = effects::StarImage { recording_gradient_e_px, ..image_state(star, gain_e_per_dn) };
-            let state = if points.parity < 0 { state.mirrored() } else { state };
-            StarImage { frame: index, x_px: place(star.x_px), y_px: star.y_px, covariance_px2: [xx, xy, yy], state }
-        };
-        usable.map(image).collect::<Vec<_>>()
-    };
-    measured.frames.iter().flat_map(of).collect()
-}
-
-/// The effects of known size behind the lens that the model is to contain.
-pub(crate) fn known_behind_the_lens(measured: &Measured, points: &Prepared, choice: &SkyChoice) -> Result<Vec<Term>> {
-    let observations: Vec<_> = measured.frames.iter().map(|frame| points.points.observation(frame.index)).collect();
-    Ok(choice.physics.terms_behind_the_lens(&observations)?)
-}
-
-/// Hands on what is known of each frame, and which effects the directions contain.
-fn know_frames(points: &mut ControlPoints, measured: &Measured, identified: &[IdentifiedFrame]) -> Result<()> {
-    let recording = &measured.recording;
-    let observations = pipeline::circumstances(recording)?;
-    points.frames = recording
-        .frames
-        .iter()
-        .zip(observations)
-        .map(|(entry, observation)| {
-            let known_attitude = entry.camera_from_icrs.zip(entry.attitude_sigma_arcsec);
-            let known_attitude =
-                known_attitude.map(|(camera_from_icrs, sigma)| KnownAttitude { camera_from_icrs, sigma_rad: sigma * ARCSEC_RAD });
-            FrameState { observation, known_attitude }
-        })
-        .collect();
-    // Where no time is known the stars are taken at an assumed one.
-    for (frame, identified) in measured.frames.iter().zip(identified) {
-        points.frames[frame.index].observation.epoch_yr = identified.sky.observation().epoch_yr;
+/// The error with the option that led to it.
+pub(crate) fn trusting(error: PipelineError) -> anyhow::Error {
+    match error {
+        PipelineError::NoList => anyhow::Error::new(error).context("--trust-identifications"),
+        other => other.into(),
     }
-    // Where only some frames know enough for an effect, the others' knowledge is empty and the effect does nothing there.
-    points.sky.clear();
-    for (id, parameters) in identified.iter().flat_map(|frame| frame.sky.effects()) {
-        if points.sky.iter().all(|term| term.effect != id) {
-            points.sky.push(Term { effect: id.to_owned(), parameters: parameters.to_vec() });
-        }
-    }
-    points.fixed_mount = recording.mount == Some(Mount::Fixed);
-    Ok(())
-}
-
-/// Takes the identifications of a star list as they stand, in the place of ours.
-fn trust(
-    points: &mut ControlPoints,
-    measured: &Measured,
-    identified: &[IdentifiedFrame],
-    catalog: &Catalog,
-    notes: &mut Vec<String>,
-) -> Result<()> {
-    let list = measured
-        .recording
-        .stars
-        .as_ref()
-        .context("--trust-identifications: only a star list names its stars; this recording holds images")?;
-    points.points.clear();
-    for (frame, identified) in measured.frames.iter().zip(identified) {
-        let stars = list.frames.get(frame.index).map_or(&[][..], Vec::as_slice);
-        let unknown = add_listed_points(points, frame.index, stars, catalog, &identified.sky);
-        if !unknown.is_empty() {
-            notes.push(format!("{}: the catalogue does not hold HIP {unknown:?}; these stars are left out", frame.name));
-        }
-    }
-    Ok(())
 }
 
 /// Calibrates, and prints the camera.

@@ -3,17 +3,16 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use boresight::calibrate::{CalibrateOptions, Calibration, calibrate, calibrate_identifying_anew};
-use boresight::catalog::Catalog;
-use boresight::diagnose::{DiagnoseOptions, Diagnosis, Telemetry, Verdict};
+use boresight::diagnose::{DiagnoseOptions, Diagnosis, Verdict};
+use boresight::pipeline::{Asked, Prepared, Question, SkyChoice, question};
 use boresight::provenance::Provenance;
-use boresight::recording::{Recording, SkippedFrame};
+use boresight::recording::SkippedFrame;
 use clap::Args;
 use serde::Serialize;
 
-use super::calibrate::{Prepared, SolveArgs, control_points, known_behind_the_lens, parameter_name, star_images};
+use super::calibrate::{SolveArgs, control_points, parameter_name};
 use super::identify::SearchArgs;
-use super::options::{InputArgs, OutputArgs, SkyArgs, SkyChoice};
+use super::options::{InputArgs, OutputArgs, SkyArgs};
 use super::pipeline::Measured;
 use super::{Answer, diagnose_files, diagnose_text, output, pipeline, write_camera};
 
@@ -105,7 +104,7 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
     let measured = pipeline::measure(recording)?;
-    let mut options = args.options(measured.times_are_known())?;
+    let options = args.options(measured.times_are_known())?;
     provenance.seed = Some(options.seed);
     let choice = args.sky.choice_of_diagnosis();
     let identified = if args.trust_identifications {
@@ -115,24 +114,16 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
     };
     let limits = SolveArgs { max_magnitude: args.max_magnitude, ..SolveArgs::default() };
     let prepared = control_points(&measured, &identified, &catalog, &limits, args.trust_identifications)?;
-    let (physics, uneven) = pipeline::physics_in_force(&identified);
-    options.physics = physics.iter().map(|id| (*id).to_owned()).collect();
-    for term in known_behind_the_lens(&measured, &prepared, &choice)? {
-        options.physics.push(term.effect.clone());
-        if options.terms.iter().all(|given| given.effect != term.effect) {
-            options.terms.push(term);
-        }
-    }
-    let baseline = baseline(args, &measured, &prepared, &catalog, &options)?;
-    let points = &baseline.control_points;
+    let asked = Asked { catalog: &catalog, choice: &choice, max_magnitude: args.max_magnitude, trusted: args.trust_identifications };
+    let Question { points, telemetry, options, uneven } = question(&measured, &identified, &prepared, &asked, options)?;
     let spinner = output::spinner("diagnosing");
-    let result = boresight::diagnose::diagnose(points, &telemetry(&measured.recording), &options);
+    let result = boresight::diagnose::diagnose(&points, &telemetry, &options);
     spinner.finish_and_clear();
     let mut diagnosis = result?;
     diagnosis.warnings.extend(warnings(args, &measured, &prepared, &choice));
     diagnosis.warnings.extend(uneven);
     if let Some(path) = &args.write_camera {
-        let more = write_camera::write(path, &diagnosis, points, &measured, &catalog, options.seed)?;
+        let more = write_camera::write(path, &diagnosis, &points, &measured, &catalog, options.seed)?;
         diagnosis.warnings.extend(more);
     }
     finish(args, diagnosis, &measured, &prepared, options.alpha, provenance)
@@ -159,42 +150,6 @@ fn finish(
         DiagnoseObject { diagnosis: &diagnosis, parity: prepared.parity, skipped: &measured.skipped, notes: &measured.recording.notes };
     output::deliver("diagnose", &object, args.output.json, args.output.output.as_deref(), || diagnose_text::text(&diagnosis))?;
     Ok(if diagnosis.verdict == Verdict::Unexplained { Answer::No } else { Answer::Yes })
-}
-
-/// The camera that the recording is held against, identified anew with it: its control points have few wrong and few missing stars.
-/// Imprecise stars stay, since nothing is known yet of what makes them so.
-fn baseline(
-    args: &DiagnoseArgs,
-    measured: &Measured,
-    prepared: &Prepared,
-    catalog: &Catalog,
-    options: &DiagnoseOptions,
-) -> Result<Calibration> {
-    let solver = CalibrateOptions {
-        solve: options.solve.clone(),
-        terms: options.terms.clone(),
-        physics: options.physics.clone(),
-        leave_out_imprecise: false,
-        proper_motion_only: options.proper_motion_only,
-        held_out: false,
-        ..CalibrateOptions::default()
-    };
-    let result = if args.trust_identifications {
-        calibrate(&prepared.points, &solver)
-    } else {
-        calibrate_identifying_anew(&prepared.points, &star_images(measured, prepared), catalog, args.max_magnitude, &solver)
-    };
-    Ok(result.map_err(boresight::diagnose::DiagnoseError::from)?)
-}
-
-/// What a mismatch may follow from frame to frame: every number of the frames under its own name.
-fn telemetry(recording: &Recording) -> Telemetry {
-    let of = |frame: &boresight::recording::FrameEntry| {
-        let own = [("temperature", frame.temperature_c), ("exposure", frame.exposure_s)];
-        let own = own.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?)));
-        frame.covariates.iter().map(|(name, value)| (name.clone(), *value)).chain(own).collect()
-    };
-    recording.frames.iter().map(of).collect()
 }
 
 /// What is to be minded of how the points came about.

@@ -22,7 +22,6 @@ mod pictures;
 mod pipeline;
 mod run;
 mod simulate;
-mod star_list;
 mod update;
 mod write_camera;
 

@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use boresight::camera::Physics;
 use boresight::catalog::Catalog;
 use boresight::imaging::Backend;
+use boresight::pipeline::SkyChoice;
 use boresight::provenance::Provenance;
 use boresight::scene::Scene;
 use clap::{Args, ValueEnum};
@@ -50,21 +51,6 @@ pub(crate) struct SkyArgs {
     /// [default: known; in `diagnose` proper-motion]
     #[arg(long, value_name = "LIST|none|known")]
     physics: Option<Physics>,
-}
-
-/// The physics of a model, and what becomes of it where no time is known.
-#[derive(Clone, Debug)]
-pub(crate) struct SkyChoice {
-    /// The effects.
-    pub(crate) physics: Physics,
-    /// Whether stars without a known time are taken where they stood at an assumed one; else effects that need the time are refused.
-    pub(crate) assumes_time: bool,
-}
-
-impl From<Physics> for SkyChoice {
-    fn from(physics: Physics) -> Self {
-        Self { assumes_time: physics == Physics::Known, physics }
-    }
 }
 
 impl SkyArgs {

@@ -6,13 +6,14 @@ use anyhow::{Context, Result};
 use boresight::calibrate::{Calibration, Method, Status, calibrate, mapping_error_px};
 use boresight::camera::{Camera, PARAMETER_NAMES, PARAMETER_UNITS};
 use boresight::identify::ControlPoints;
+use boresight::pipeline::Prepared;
 use boresight::provenance::Provenance;
 use boresight::recording::{Recording, write_file};
 use boresight::scene::{DEMO_TOML, Scene};
 use clap::Args;
 use serde::Serialize;
 
-use super::calibrate::{Prepared, SolveArgs, control_points};
+use super::calibrate::{SolveArgs, control_points};
 use super::options::{BackendChoice, SceneArgs};
 use super::pipeline::{IdentifiedFrame, Measured};
 use super::{Answer, identify, output, pictures, pipeline, simulate};

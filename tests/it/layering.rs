@@ -27,10 +27,14 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("calibrate", &["identify", "detect"]),
     ("diagnose", &["calibrate", "identify", "detect"]),
     ("exchange", &["calibrate"]),
-    ("blind", &["diagnose", "calibrate", "identify", "detect"]),
+    ("pipeline", &["diagnose", "calibrate", "identify", "detect"]),
+    ("blind", &["pipeline", "diagnose", "calibrate", "identify", "detect"]),
     ("report", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose"]),
-    ("cli", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose", "blind", "exchange", "report"]),
-    ("main", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose", "blind", "exchange", "report", "cli"]),
+    ("cli", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose", "pipeline", "blind", "exchange", "report"]),
+    (
+        "main",
+        &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose", "pipeline", "blind", "exchange", "report", "cli"],
+    ),
 ];
 
 /// All that the generator of concealed recordings may know of the library, besides itself: nothing of what it hides.

@@ -1,18 +1,18 @@
 //! Star lists in the place of images: what a flight unit measured, in the terms of the stages that follow.
 
-use boresight::detect::{Detection, Detections, Flags};
-use boresight::identify::listed_covariance_px2;
-use boresight::recording::{ListedStar, Recording};
+use crate::detect::{Detection, Detections, Flags};
+use crate::identify::listed_covariance_px2;
+use crate::recording::{ListedStar, Recording};
 
 /// The listed stars of a frame as detections, brightest first where the list tells brightness.
-pub(crate) fn detections(recording: &Recording, stars: &[ListedStar]) -> Detections {
+pub(super) fn detections(recording: &Recording, stars: &[ListedStar]) -> Detections {
     let mut stars: Vec<Detection> = stars.iter().map(|star| detection(recording, star)).collect();
     stars.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn));
     Detections { width_px: recording.camera.width_px, height_px: recording.camera.height_px, background_dn: 0.0, noise_dn: 0.0, stars }
 }
 
 /// Electrons per DN in which listed electrons are written as DN.
-pub(crate) fn gain_e_per_dn(recording: &Recording) -> f64 {
+pub(super) fn gain_e_per_dn(recording: &Recording) -> f64 {
     recording.camera.gain_e_per_dn.unwrap_or(1.0)
 }
 

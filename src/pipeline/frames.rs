@@ -1,0 +1,187 @@
+//! Frames measured and identified.
+
+use std::time::Instant;
+
+use rayon::prelude::*;
+
+use super::{Measured, MeasuredFrame, PipelineError, SkyChoice, star_list};
+use crate::camera::SkyChain;
+use crate::catalog::Catalog;
+use crate::coordinates::{Apparent, Direction};
+use crate::detect::{DetectOptions, detect};
+use crate::effects::Observation;
+use crate::frame::Frame;
+use crate::identify::{ASSUMED_EPOCH_YR, Identification, IdentifyOptions, Index, Solution, identify};
+use crate::recording::{Recording, RecordingError, SkippedFrame};
+
+/// A frame whose identification was tried.
+#[derive(Clone, Debug)]
+pub struct IdentifiedFrame {
+    /// The answer.
+    pub identification: Identification,
+    /// The physics in force.
+    pub sky: SkyChain,
+    /// The direction from which every catalogue star's light arrived.
+    pub directions: Vec<Direction<Apparent>>,
+    /// How long it took, measuring included, wall time, s.
+    pub seconds: f64,
+}
+
+impl IdentifiedFrame {
+    /// The solution, if there is one.
+    #[must_use]
+    pub fn solution(&self) -> Option<&Solution> {
+        match &self.identification {
+            Identification::Identified(solution) => Some(solution),
+            Identification::NotIdentified { .. } => None,
+        }
+    }
+}
+
+/// Finds and measures the stars of every frame; `done` is called after each.
+pub fn measure(recording: Recording, done: impl Fn() + Sync) -> Result<Measured, PipelineError> {
+    measure_frames(recording, Recording::load_frame_or_skip, done)
+}
+
+/// The same for frames whose pixels come from elsewhere: `load` gives those of an index, or says why they are to be left out.
+pub fn measure_frames(
+    recording: Recording,
+    load: impl Fn(&Recording, usize) -> Result<Result<Frame, SkippedFrame>, RecordingError> + Sync,
+    done: impl Fn() + Sync,
+) -> Result<Measured, PipelineError> {
+    let options = DetectOptions {
+        gain_e_per_dn: recording.camera.gain_e_per_dn,
+        read_noise_e: recording.camera.read_noise_e,
+        ..DetectOptions::default()
+    };
+    let results: Vec<Result<Result<MeasuredFrame, SkippedFrame>, PipelineError>> = (0..recording.frames.len())
+        .into_par_iter()
+        .map(|index| {
+            let start = Instant::now();
+            let name = recording.frame_name(index);
+            if let Some(stars) = recording.stars.as_ref().and_then(|list| list.frames.get(index)) {
+                let detections = star_list::detections(&recording, stars);
+                return Ok(Ok(MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() }));
+            }
+            let frame = match load(&recording, index)? {
+                Ok(frame) => frame,
+                Err(skipped) => return Ok(Err(skipped)),
+            };
+            let detections = detect(&frame, &options).map_err(|source| PipelineError::Detect { frame: name.clone(), source })?;
+            done();
+            Ok(Ok(MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() }))
+        })
+        .collect();
+    let mut skipped = recording.skipped.clone();
+    let mut frames = Vec::new();
+    for result in results {
+        match result? {
+            Ok(frame) => frames.push(frame),
+            Err(frame) => skipped.push(frame),
+        }
+    }
+    if frames.is_empty() {
+        let reason = skipped.first().map_or_else(|| "there is none".to_owned(), |frame| frame.reason.clone());
+        return Err(PipelineError::NoFrames { skipped: skipped.len(), reason });
+    }
+    for frame in &skipped {
+        tracing::warn!("skipped {}: {}", frame.file, frame.reason);
+    }
+    Ok(Measured { recording, frames, skipped })
+}
+
+/// What the recording knows of the circumstances of its frames.
+pub fn circumstances(recording: &Recording) -> Result<Vec<Observation>, PipelineError> {
+    recording.observations().map_err(|(frame, source)| PipelineError::Observer { frame: recording.frame_name(frame), source })
+}
+
+/// Identifies every frame; `done` is called after each. Frames that resist alone are tried once more with the focal length that the others
+/// agree on.
+pub fn identify_frames(
+    measured: &Measured,
+    catalog: &Catalog,
+    physics: &SkyChoice,
+    options: &IdentifyOptions,
+    done: impl Fn() + Sync,
+) -> Result<Vec<IdentifiedFrame>, PipelineError> {
+    let index = Index::new(catalog);
+    let known = circumstances(&measured.recording)?;
+    let mut frames = measured
+        .frames
+        .par_iter()
+        .map(|frame| -> Result<IdentifiedFrame, PipelineError> {
+            let start = Instant::now();
+            let sky = sky_chain(&known, frame, physics)?;
+            let directions = sky.apparent_all(catalog);
+            let identification = identify(&frame.detections, catalog, &index, &directions, options);
+            done();
+            Ok(IdentifiedFrame { identification, sky, directions, seconds: frame.seconds + start.elapsed().as_secs_f64() })
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    if measured.recording.common_size().is_ok() {
+        retry(measured, catalog, &index, options, &mut frames);
+    }
+    Ok(frames)
+}
+
+/// The frames of a star list whose own identifications are taken: nothing is searched for.
+pub fn take_identifications(measured: &Measured, catalog: &Catalog, physics: &SkyChoice) -> Result<Vec<IdentifiedFrame>, PipelineError> {
+    let known = circumstances(&measured.recording)?;
+    measured
+        .frames
+        .iter()
+        .map(|frame| {
+            let sky = sky_chain(&known, frame, physics)?;
+            let identification = Identification::NotIdentified { reason: "The list's own identifications are taken.".to_owned() };
+            Ok(IdentifiedFrame { identification, directions: sky.apparent_all(catalog), sky, seconds: frame.seconds })
+        })
+        .collect()
+}
+
+/// The physics in force during a frame.
+fn sky_chain(known: &[Observation], frame: &MeasuredFrame, choice: &SkyChoice) -> Result<SkyChain, PipelineError> {
+    let mut observation = known[frame.index];
+    if observation.epoch_yr.is_none() && choice.assumes_time {
+        observation.epoch_yr = Some(ASSUMED_EPOCH_YR);
+    }
+    SkyChain::new(&choice.physics, observation).map_err(|source| PipelineError::Physics { frame: frame.name.clone(), source })
+}
+
+/// The effects in force in all frames, and a sentence if some act in a part of them only.
+#[must_use]
+pub fn physics_in_force(frames: &[IdentifiedFrame]) -> (Vec<&'static str>, Option<String>) {
+    let of = |frame: &IdentifiedFrame| frame.sky.ids();
+    let mut all = frames.first().map_or_else(Vec::new, of);
+    let mut some = Vec::new();
+    for id in frames.iter().flat_map(of) {
+        if !some.contains(&id) && !frames.iter().all(|frame| of(frame).contains(&id)) {
+            some.push(id);
+        }
+    }
+    all.retain(|id| !some.contains(id));
+    let warning = (!some.is_empty()).then(|| {
+        format!("{} could be computed for some of the frames only and is applied there alone: give all frames a time", some.join(", "))
+    });
+    (all, warning)
+}
+
+/// Tries the frames that were not identified with the median focal length of those that were.
+fn retry(measured: &Measured, catalog: &Catalog, index: &Index, options: &IdentifyOptions, frames: &mut [IdentifiedFrame]) {
+    let mut lengths: Vec<f64> = frames.iter().filter_map(|frame| Some(frame.solution()?.camera.focal_length_px)).collect();
+    if lengths.is_empty() || lengths.len() == frames.len() {
+        return;
+    }
+    lengths.sort_by(f64::total_cmp);
+    let options = IdentifyOptions {
+        nominal_focal_length_px: Some(lengths[lengths.len() / 2]),
+        focal_length_tolerance: 0.01,
+        search_beyond_tolerance: false,
+        ..options.clone()
+    };
+    frames.par_iter_mut().zip(&measured.frames).filter(|(frame, _)| frame.solution().is_none()).for_each(|(frame, measured)| {
+        let second = identify(&measured.detections, catalog, index, &frame.directions, &options);
+        if matches!(second, Identification::Identified(_)) {
+            frame.identification = second;
+        }
+    });
+}

@@ -1,0 +1,132 @@
+//! The way of the data: recording → detections → identifications → control points → what a diagnosis is asked.
+//!
+//! The verbs of the program and the benchmark of concealed recordings walk the same way; frames come from files or from memory.
+
+mod frames;
+mod prepare;
+mod star_list;
+
+use crate::calibrate::CalibrateError;
+use crate::camera::{ObserverError, Physics, PhysicsError};
+use crate::detect::{DetectError, Detections};
+use crate::diagnose::DiagnoseError;
+use crate::recording::{Recording, RecordingError, SkippedFrame};
+
+pub use frames::{IdentifiedFrame, circumstances, identify_frames, measure, measure_frames, physics_in_force, take_identifications};
+pub use prepare::{Asked, Prepared, Question, control_points, known_behind_the_lens, question, star_images, telemetry};
+
+/// Why a recording does not lead to control points.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum PipelineError {
+    /// A frame cannot be read.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// A frame cannot be measured.
+    #[error("{frame}")]
+    Detect {
+        /// Its name.
+        frame: String,
+        /// Why.
+        source: DetectError,
+    },
+    /// What a recording tells of a frame cannot be used.
+    #[error("{frame}")]
+    Observer {
+        /// Its name.
+        frame: String,
+        /// Why.
+        source: ObserverError,
+    },
+    /// An effect cannot be computed for a frame.
+    #[error("{frame}")]
+    Physics {
+        /// Its name.
+        frame: String,
+        /// Why.
+        source: PhysicsError,
+    },
+    /// An effect behind the lens cannot be computed.
+    #[error(transparent)]
+    BehindTheLens(#[from] PhysicsError),
+    /// Nothing can be read.
+    #[error("none of the {skipped} frames can be read: {reason}")]
+    NoFrames {
+        /// Frames.
+        skipped: usize,
+        /// Why the first of them cannot.
+        reason: String,
+    },
+    /// The frames are of several sizes.
+    #[error("a calibration is of one camera")]
+    SeveralCameras(#[source] RecordingError),
+    /// Identifications are to be taken from a list, and there is none.
+    #[error("only a star list names its stars; this recording holds images")]
+    NoList,
+    /// There is no camera to hold the recording against.
+    #[error(transparent)]
+    Baseline(#[from] DiagnoseError),
+}
+
+impl From<CalibrateError> for PipelineError {
+    fn from(error: CalibrateError) -> Self {
+        Self::Baseline(error.into())
+    }
+}
+
+/// The physics of a model, and what becomes of it where no time is known.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SkyChoice {
+    /// The effects.
+    pub physics: Physics,
+    /// Whether stars without a known time are taken where they stood at an assumed one; else effects that need the time are refused.
+    pub assumes_time: bool,
+}
+
+impl From<Physics> for SkyChoice {
+    fn from(physics: Physics) -> Self {
+        Self { assumes_time: physics == Physics::Known, physics }
+    }
+}
+
+/// A recording with its measured frames.
+#[derive(Clone, Debug)]
+pub struct Measured {
+    /// The recording.
+    pub recording: Recording,
+    /// The frames that could be read, in order.
+    pub frames: Vec<MeasuredFrame>,
+    /// Those that could not (only where bad frames are skipped).
+    pub skipped: Vec<SkippedFrame>,
+}
+
+/// A frame whose stars are measured.
+#[derive(Clone, Debug)]
+pub struct MeasuredFrame {
+    /// Index into the recording's frames.
+    pub index: usize,
+    /// Its file, or its number.
+    pub name: String,
+    /// Its stars.
+    pub detections: Detections,
+    /// How long it took to measure, wall time, s.
+    pub seconds: f64,
+}
+
+impl Measured {
+    /// Whether the time of every frame is known.
+    #[must_use]
+    pub fn times_are_known(&self) -> bool {
+        self.frames.iter().all(|frame| self.recording.frames[frame.index].time_utc.is_some())
+    }
+
+    /// Electrons per DN of a frame's detections: the camera's. Where a list of stars stands in the image's place, `None` unless it tells
+    /// the electrons of all of them.
+    #[must_use]
+    pub fn gain_e_per_dn(&self, frame: &MeasuredFrame) -> Option<f64> {
+        match self.recording.stars.as_ref().and_then(|list| list.frames.get(frame.index)) {
+            Some(stars) => stars.iter().all(|star| star.flux_e.is_some()).then(|| star_list::gain_e_per_dn(&self.recording)),
+            None => self.recording.camera.gain_e_per_dn,
+        }
+    }
+}

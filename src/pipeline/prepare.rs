@@ -1,0 +1,223 @@
+//! Control points of identified frames, and the camera and options with which a diagnosis is asked about them.
+
+use super::{IdentifiedFrame, Measured, MeasuredFrame, PipelineError, SkyChoice, circumstances, physics_in_force};
+use crate::calibrate::{CalibrateOptions, StarImage, calibrate, calibrate_identifying_anew};
+use crate::camera::Term;
+use crate::catalog::Catalog;
+use crate::diagnose::{DiagnoseOptions, Telemetry};
+use crate::effects;
+use crate::identify::{
+    ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, add_listed_points, control_points as build_control_points,
+    image_state,
+};
+use crate::recording::{FrameEntry, Mount, Recording};
+use crate::units::ARCSEC_RAD;
+
+/// Control points with what is to be minded of them.
+#[derive(Clone, Debug)]
+pub struct Prepared {
+    /// The points, in the un-mirrored image.
+    pub points: ControlPoints,
+    /// −1 if the images are mirrored.
+    pub parity: i8,
+    /// Identifications that were made wrong on purpose afterwards; none from here.
+    pub misidentified: Vec<Misidentification>,
+    /// What was left out, one sentence each.
+    pub notes: Vec<String>,
+}
+
+/// The control points of identified frames. `trusted`: a star list's own identifications are taken in the place of ours.
+pub fn control_points(
+    measured: &Measured,
+    identified: &[IdentifiedFrame],
+    catalog: &Catalog,
+    max_magnitude: Option<f64>,
+    trusted: bool,
+) -> Result<Prepared, PipelineError> {
+    let frames: Vec<crate::identify::IdentifiedFrame> = measured
+        .frames
+        .iter()
+        .zip(identified)
+        .map(|(frame, identified)| crate::identify::IdentifiedFrame {
+            frame: frame.index,
+            detections: &frame.detections,
+            identification: &identified.identification,
+            directions: &identified.directions,
+            years_since_epoch: identified.sky.observation().epoch_yr.map_or(0.0, |epoch| epoch - catalog.epoch_yr),
+            gain_e_per_dn: measured.gain_e_per_dn(frame),
+        })
+        .collect();
+    let nominal = measured.recording.nominal_camera();
+    if nominal.is_none() {
+        measured.recording.common_size().map_err(PipelineError::SeveralCameras)?;
+    }
+    let declared = nominal.is_some();
+    let (mut points, mut notes) = build_control_points(&frames, measured.recording.frames.len(), catalog, nominal);
+    if trusted {
+        trust(&mut points, measured, identified, catalog, &mut notes)?;
+    }
+    for (frame, identified) in measured.frames.iter().zip(identified) {
+        if let (Identification::NotIdentified { reason }, false) = (&identified.identification, trusted) {
+            notes.push(format!("{} is not identified and left out: {reason}", frame.name));
+        }
+    }
+    if let Some(limit) = max_magnitude {
+        points.points.retain(|point| point.magnitude <= limit);
+    }
+    let parity = points.parity;
+    if parity < 0 && declared {
+        points.nominal = points.nominal.mirrored(); // what is declared is of the images as stored
+    }
+    let mut points = points.unmirrored();
+    know_frames(&mut points, measured, identified)?;
+    Ok(Prepared { points, parity, misidentified: Vec::new(), notes })
+}
+
+/// All star images of the frames, in the un-mirrored image.
+#[must_use]
+pub fn star_images(measured: &Measured, points: &Prepared) -> Vec<StarImage> {
+    let width_px = points.points.nominal.width_px as f64;
+    let place = |x_px: f64| if points.parity < 0 { width_px - 1.0 - x_px } else { x_px };
+    let recording_gradient_e_px = points.points.points.iter().find_map(|point| point.image.recording_gradient_e_px);
+    let of = |frame: &MeasuredFrame| {
+        let index = frame.index;
+        let gain_e_per_dn = measured.gain_e_per_dn(frame);
+        let usable = frame.detections.stars.iter().filter(|star| !star.flags.saturated && !star.flags.edge);
+        let image = move |star: &crate::detect::Detection| {
+            let [xx, xy, yy] = star.covariance_px2;
+            let xy = if points.parity < 0 { -xy } else { xy };
+            let state = effects::StarImage { recording_gradient_e_px, ..image_state(star, gain_e_per_dn) };
+            let state = if points.parity < 0 { state.mirrored() } else { state };
+            StarImage { frame: index, x_px: place(star.x_px), y_px: star.y_px, covariance_px2: [xx, xy, yy], state }
+        };
+        usable.map(image).collect::<Vec<_>>()
+    };
+    measured.frames.iter().flat_map(of).collect()
+}
+
+/// The effects of known size behind the lens that the model is to contain.
+pub fn known_behind_the_lens(measured: &Measured, points: &Prepared, choice: &SkyChoice) -> Result<Vec<Term>, PipelineError> {
+    let observations: Vec<_> = measured.frames.iter().map(|frame| points.points.observation(frame.index)).collect();
+    Ok(choice.physics.terms_behind_the_lens(&observations)?)
+}
+
+/// Hands on what is known of each frame, and which effects the directions contain.
+fn know_frames(points: &mut ControlPoints, measured: &Measured, identified: &[IdentifiedFrame]) -> Result<(), PipelineError> {
+    let recording = &measured.recording;
+    let observations = circumstances(recording)?;
+    points.frames = recording
+        .frames
+        .iter()
+        .zip(observations)
+        .map(|(entry, observation)| {
+            let known_attitude = entry.camera_from_icrs.zip(entry.attitude_sigma_arcsec);
+            let known_attitude =
+                known_attitude.map(|(camera_from_icrs, sigma)| KnownAttitude { camera_from_icrs, sigma_rad: sigma * ARCSEC_RAD });
+            FrameState { observation, known_attitude }
+        })
+        .collect();
+    // Where no time is known the stars are taken at an assumed one.
+    for (frame, identified) in measured.frames.iter().zip(identified) {
+        points.frames[frame.index].observation.epoch_yr = identified.sky.observation().epoch_yr;
+    }
+    // Where only some frames know enough for an effect, the others' knowledge is empty and the effect does nothing there.
+    points.sky.clear();
+    for (id, parameters) in identified.iter().flat_map(|frame| frame.sky.effects()) {
+        if points.sky.iter().all(|term| term.effect != id) {
+            points.sky.push(Term { effect: id.to_owned(), parameters: parameters.to_vec() });
+        }
+    }
+    points.fixed_mount = recording.mount == Some(Mount::Fixed);
+    Ok(())
+}
+
+/// Takes the identifications of a star list as they stand, in the place of ours.
+fn trust(
+    points: &mut ControlPoints,
+    measured: &Measured,
+    identified: &[IdentifiedFrame],
+    catalog: &Catalog,
+    notes: &mut Vec<String>,
+) -> Result<(), PipelineError> {
+    let list = measured.recording.stars.as_ref().ok_or(PipelineError::NoList)?;
+    points.points.clear();
+    for (frame, identified) in measured.frames.iter().zip(identified) {
+        let stars = list.frames.get(frame.index).map_or(&[][..], Vec::as_slice);
+        let unknown = add_listed_points(points, frame.index, stars, catalog, &identified.sky);
+        if !unknown.is_empty() {
+            notes.push(format!("{}: the catalogue does not hold HIP {unknown:?}; these stars are left out", frame.name));
+        }
+    }
+    Ok(())
+}
+
+/// What a mismatch may follow from frame to frame: every number of the frames under its own name.
+#[must_use]
+pub fn telemetry(recording: &Recording) -> Telemetry {
+    let of = |frame: &FrameEntry| {
+        let own = [("temperature", frame.temperature_c), ("exposure", frame.exposure_s)];
+        let own = own.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?)));
+        frame.covariates.iter().map(|(name, value)| (name.clone(), *value)).chain(own).collect()
+    };
+    recording.frames.iter().map(of).collect()
+}
+
+/// All that a diagnosis is asked with.
+#[derive(Clone, Debug)]
+pub struct Question {
+    /// The control points of the camera that the recording is held against.
+    pub points: ControlPoints,
+    /// The numbers of its frames.
+    pub telemetry: Telemetry,
+    /// The options, the physics in force filled in.
+    pub options: DiagnoseOptions,
+    /// A sentence if some physics acts in a part of the frames only.
+    pub uneven: Option<String>,
+}
+
+/// How control points come to be a question.
+#[derive(Clone, Copy, Debug)]
+pub struct Asked<'a> {
+    /// The stars.
+    pub catalog: &'a Catalog,
+    /// The physics of the model.
+    pub choice: &'a SkyChoice,
+    /// Fainter stars are left out, V.
+    pub max_magnitude: Option<f64>,
+    /// Identifications stay as they are.
+    pub trusted: bool,
+}
+
+/// What a diagnosis is asked about prepared control points. The camera that the recording is held against is identified anew with itself: its
+/// control points have few wrong and few missing stars. Imprecise stars stay, since nothing is known yet of what makes them so.
+pub fn question(
+    measured: &Measured,
+    identified: &[IdentifiedFrame],
+    prepared: &Prepared,
+    asked: &Asked,
+    mut options: DiagnoseOptions,
+) -> Result<Question, PipelineError> {
+    let (physics, uneven) = physics_in_force(identified);
+    options.physics = physics.iter().map(|id| (*id).to_owned()).collect();
+    for term in known_behind_the_lens(measured, prepared, asked.choice)? {
+        options.physics.push(term.effect.clone());
+        if options.terms.iter().all(|given| given.effect != term.effect) {
+            options.terms.push(term);
+        }
+    }
+    let solver = CalibrateOptions {
+        solve: options.solve.clone(),
+        terms: options.terms.clone(),
+        physics: options.physics.clone(),
+        leave_out_imprecise: false,
+        proper_motion_only: options.proper_motion_only,
+        held_out: false,
+        ..CalibrateOptions::default()
+    };
+    let baseline = if asked.trusted {
+        calibrate(&prepared.points, &solver)?
+    } else {
+        calibrate_identifying_anew(&prepared.points, &star_images(measured, prepared), asked.catalog, asked.max_magnitude, &solver)?
+    };
+    Ok(Question { points: baseline.control_points, telemetry: telemetry(&measured.recording), options, uneven })
+}
