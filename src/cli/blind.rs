@@ -32,7 +32,8 @@ enum Step {
 
 #[derive(Debug, Args)]
 struct Which {
-    /// The family: null, hard-null, ladder, natural, confuser, two, absorbed, off-library
+    /// The family: null, hard-null, ladder, natural, confuser, two, absorbed, off-library; of frames of pixels: pixel-null, pixel-ladder,
+    /// pixel-absorbed, pixel-off-library
     #[arg(long, value_parser = family)]
     family: Family,
     /// The first index

@@ -24,14 +24,38 @@ pub enum Family {
     Absorbed,
     /// What no library holds.
     OffLibrary,
+    /// Frames of pixels, nothing hidden.
+    PixelNull,
+    /// Frames of pixels, one effect at 1 to 8 times what can just be seen.
+    PixelLadder,
+    /// Frames of pixels, what attitudes and camera take up.
+    PixelAbsorbed,
+    /// Frames of pixels, what no library holds.
+    PixelOffLibrary,
 }
 
 /// All families.
-pub const FAMILIES: [Family; 8] =
-    [Family::Null, Family::HardNull, Family::Ladder, Family::Natural, Family::Confuser, Family::Two, Family::Absorbed, Family::OffLibrary];
+pub const FAMILIES: [Family; 12] = [
+    Family::Null,
+    Family::HardNull,
+    Family::Ladder,
+    Family::Natural,
+    Family::Confuser,
+    Family::Two,
+    Family::Absorbed,
+    Family::OffLibrary,
+    Family::PixelNull,
+    Family::PixelLadder,
+    Family::PixelAbsorbed,
+    Family::PixelOffLibrary,
+];
 
 /// Multiples of the size that is just seen (5 standard errors) on the ladder.
 pub const LADDER: [f64; 7] = [0.5, 0.7, 1.0, 1.4, 2.0, 4.0, 8.0];
+/// The same for frames of pixels.
+pub const PIXEL_LADDER: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
+/// Signal-to-noise ratios of what is in no library, for frames of pixels.
+pub const PIXEL_STRENGTHS: [f64; 2] = [15.0, 30.0];
 /// Signal-to-noise ratios of confusers and of what is in no library.
 pub const STRENGTHS: [f64; 3] = [8.0, 15.0, 30.0];
 
@@ -129,6 +153,22 @@ impl Family {
             Self::Two => "two",
             Self::Absorbed => "absorbed",
             Self::OffLibrary => "off-library",
+            Self::PixelNull => "pixel-null",
+            Self::PixelLadder => "pixel-ladder",
+            Self::PixelAbsorbed => "pixel-absorbed",
+            Self::PixelOffLibrary => "pixel-off-library",
+        }
+    }
+
+    /// For frames of pixels: the family of star lists in which the same is hidden.
+    #[must_use]
+    pub fn of_lists(self) -> Option<Self> {
+        match self {
+            Self::PixelNull => Some(Self::Null),
+            Self::PixelLadder => Some(Self::Ladder),
+            Self::PixelAbsorbed => Some(Self::Absorbed),
+            Self::PixelOffLibrary => Some(Self::OffLibrary),
+            _ => None,
         }
     }
 
@@ -148,8 +188,11 @@ impl Family {
             Self::Natural => 3,
             Self::Confuser => CONFUSERS.len() * STRENGTHS.len(),
             Self::Two => 1,
-            Self::Absorbed => ABSORBED.len(),
+            Self::Absorbed | Self::PixelAbsorbed => ABSORBED.len(),
             Self::OffLibrary => OFF_LIBRARY.len() * STRENGTHS.len(),
+            Self::PixelNull => 2,
+            Self::PixelLadder => LIBRARY.len() * PIXEL_LADDER.len(),
+            Self::PixelOffLibrary => OFF_LIBRARY.len() * PIXEL_STRENGTHS.len(),
         };
         cycle as u32
     }
@@ -160,7 +203,7 @@ impl Family {
         let at = index as usize;
         let of = |hidden: Vec<(Kind, f64)>| Plan { hidden, trap: None, beside: None, constant_rate: false };
         match self {
-            Self::Null => of(Vec::new()),
+            Self::Null | Self::PixelNull => of(Vec::new()),
             Self::HardNull => Plan { trap: Some(TRAPS[at % TRAPS.len()]), ..of(Vec::new()) },
             Self::Ladder => of(vec![(LIBRARY[at % LIBRARY.len()], JUST_SEEN * LADDER[at / LIBRARY.len() % LADDER.len()])]),
             Self::Natural => of(vec![([Kind::ProperMotionLeftOut, Kind::Aberration, Kind::Refraction][at % 3], 0.0)]),
@@ -170,8 +213,13 @@ impl Family {
                 Plan { beside: Some(rival), constant_rate, ..of(vec![(truth, strength)]) }
             }
             Self::Two => of(pair().to_vec()),
-            Self::Absorbed => of(vec![(ABSORBED[at % ABSORBED.len()], 0.0)]),
+            Self::PixelLadder => of(vec![(LIBRARY[at % LIBRARY.len()], JUST_SEEN * PIXEL_LADDER[at / LIBRARY.len() % PIXEL_LADDER.len()])]),
+            Self::Absorbed | Self::PixelAbsorbed => of(vec![(ABSORBED[at % ABSORBED.len()], 0.0)]),
             Self::OffLibrary => of(vec![(OFF_LIBRARY[at % OFF_LIBRARY.len()], STRENGTHS[at / OFF_LIBRARY.len() % STRENGTHS.len()])]),
+            Self::PixelOffLibrary => {
+                let strength = PIXEL_STRENGTHS[at / OFF_LIBRARY.len() % PIXEL_STRENGTHS.len()];
+                of(vec![(OFF_LIBRARY[at % OFF_LIBRARY.len()], strength)])
+            }
         }
     }
 }

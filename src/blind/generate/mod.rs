@@ -1,4 +1,4 @@
-//! The generator of concealed star lists.
+//! The generator of concealed recordings: star lists, and frames in which the stars of such lists are painted.
 //!
 //! It stands apart from the program it tests: sky, camera and every displacement are written anew here from the equations, and of the
 //! library it knows the catalogue, random numbers and units alone (a test reads its imports). Where the two agree, they agree about physics;
@@ -9,6 +9,7 @@ mod family;
 mod kind;
 mod limit;
 mod off_library;
+mod paint;
 mod random;
 mod setup;
 mod shape;
@@ -21,10 +22,11 @@ use hifitime::Epoch;
 use rand::Rng;
 use rand_pcg::Pcg64Mcg;
 
-pub use family::{FAMILIES, Family, LADDER, STRENGTHS, TRAPS, Trap};
+pub use family::{FAMILIES, Family, LADDER, PIXEL_LADDER, PIXEL_STRENGTHS, STRENGTHS, TRAPS, Trap};
 pub use kind::{ABSORBED, Hidden, Kind, LIBRARY, OFF_LIBRARY, TrueParameter};
 pub use limit::{Fisher, Signal};
-pub use setup::{SETUPS, Setup, Wanted};
+pub use paint::{Canvas, PaintedStar, centre_sigma_px};
+pub use setup::{PIXEL_SETUPS, SETUPS, Setup, Wanted};
 pub use truth::{Alike, TRUTH_FORMAT, TrueCamera, TrueEffect, Truth};
 pub use world::{FrameTruth, Optics, Place, StarImage, World};
 
@@ -87,8 +89,10 @@ pub struct Lists {
 /// A recording and what is true of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Concealed {
-    /// The recording.
+    /// The recording as star lists.
     pub lists: Lists,
+    /// In the families of pixels: the frames of the same stars, to be painted.
+    pub canvas: Option<Canvas>,
     /// The truth.
     pub truth: Truth,
 }
@@ -120,9 +124,13 @@ pub fn concealed(family: Family, index: u32, seed: u64, catalog: &Catalog) -> Co
     let mut attempt = 0;
     let (world, wanted, hidden, mut rng) = loop {
         let mut rng = stream(seed, family.number(), index, PART_WORLDS + attempt);
-        let setup = choose(&mut rng, &plan, index, attempt);
+        let painted = family.of_lists().is_some();
+        let setup = choose(&mut rng, &plan, index, attempt, if painted { &PIXEL_SETUPS } else { &SETUPS });
         let wanted = wanted(&mut rng, &plan);
-        let world = setup.draw(&mut rng, &wanted, catalog);
+        let mut world = setup.draw(&mut rng, &wanted, catalog);
+        if painted {
+            paint::expose(&mut world, setup.faintest, setup.sigma_px);
+        }
         let (hidden, shown) = sized(&mut rng, &plan, &world);
         attempt += 1;
         if shown || attempt == TRIES {
@@ -132,7 +140,8 @@ pub fn concealed(family: Family, index: u32, seed: u64, catalog: &Catalog) -> Co
     let mut noise = stream(seed, family.number(), index, PART_NOISE);
     let lists = lists(&mut rng, &mut noise, &plan, &world, &wanted, &hidden);
     let truth = Truth::new(family, index, seed, &world, &hidden, plan.trap, wanted.times);
-    Concealed { lists, truth }
+    let canvas = family.of_lists().map(|_| Canvas::new(family, index, seed, &world, &hidden));
+    Concealed { lists, canvas, truth }
 }
 
 /// A world of a camera, with nothing hidden in it: for looking at what can be seen there.
@@ -160,18 +169,19 @@ impl Plan {
     }
 }
 
-fn choose(rng: &mut impl Rng, plan: &Plan, index: u32, attempt: u32) -> &'static Setup {
-    let [reference, .., ground] = &SETUPS;
+/// One of the cameras; the first of them is the reference, the last alone stands on the ground.
+fn choose(rng: &mut impl Rng, plan: &Plan, index: u32, attempt: u32, setups: &'static [Setup]) -> &'static Setup {
+    let (reference, ground) = (&setups[0], &setups[setups.len() - 1]);
     if plan.involves(Kind::needs_ground) {
         ground
     } else if attempt + 1 == TRIES {
         reference
     } else if plan.involves(Kind::needs_space) {
-        &SETUPS[pick(rng, SETUPS.len() - 1)]
+        &setups[pick(rng, setups.len() - 1)]
     } else if plan.hidden.is_empty() {
-        &SETUPS[index as usize % SETUPS.len()]
+        &setups[index as usize % setups.len()]
     } else {
-        &SETUPS[pick(rng, SETUPS.len())]
+        &setups[pick(rng, setups.len())]
     }
 }
 

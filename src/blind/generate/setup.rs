@@ -50,6 +50,9 @@ pub const SETUPS: [Setup; 4] = [
     Setup { name: "ground", size_px: [1600, 1200], focal_px: 1850.0, frames: 36, faintest: 4.9, sigma_px: 0.05, zenith_deg: Some(48.0) },
 ];
 
+/// The cameras whose frames are painted: the small one of the list, in space and on the ground.
+pub const PIXEL_SETUPS: [Setup; 2] = [SETUPS[2], Setup { name: "few-ground", zenith_deg: Some(48.0), ..SETUPS[2] }];
+
 /// What a world shall have beside its camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[allow(clippy::struct_excessive_bools, reason = "switches that have nothing to do with each other")]

@@ -23,11 +23,11 @@ const OFF_LIBRARY_SNR: f64 = 14.0;
 
 type Pair<'a> = (&'a Truth, &'a Answer);
 
-fn alarmed(answer: &Answer) -> bool {
+pub(super) fn alarmed(answer: &Answer) -> bool {
     answer.verdict != "consistent"
 }
 
-fn first_name(answer: &Answer) -> Option<&str> {
+pub(super) fn first_name(answer: &Answer) -> Option<&str> {
     answer.findings.first().map(|finding| finding.id.as_str())
 }
 
@@ -274,7 +274,7 @@ fn pulls(score: &mut Score, given: &[Pair]) {
     score.all_pulls = summary("all", &all);
 }
 
-fn summary(label: &str, pulls: &[f64]) -> Pulls {
+pub(super) fn summary(label: &str, pulls: &[f64]) -> Pulls {
     let mean = mean(pulls).unwrap_or_default();
     let variance = pulls.iter().map(|pull| (pull - mean).powi(2)).sum::<f64>() / (pulls.len() as f64 - 1.0).max(1.0);
     Pulls {

@@ -2,12 +2,14 @@
 
 mod count;
 mod ladder;
+mod pixels;
 mod table;
 mod wilson;
 
 use serde::{Deserialize, Serialize};
 
 pub use ladder::{Ladder, Rung};
+pub use pixels::{Agreement, PixelScore, WayOfPixels};
 pub use table::markdown;
 pub use wilson::Rate;
 
@@ -165,10 +167,20 @@ pub struct Score {
     pub held_out: Vec<HeldOutScore>,
     /// Median and largest time of a diagnosis, s.
     pub seconds: [f64; 2],
+    /// The figures of frames of pixels, which are not in those above.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pixels: Option<Box<PixelScore>>,
 }
 
 /// Scores answers against their truths.
 #[must_use]
 pub fn score(pairs: &[(Truth, Answer)]) -> Score {
-    count::score(pairs)
+    let (painted, listed): (Vec<_>, Vec<_>) = pairs.iter().cloned().partition(|(truth, _)| truth.family.of_lists().is_some());
+    let mut score = count::score(&listed);
+    if let Some((truth, answer)) = painted.first() {
+        // Where there are no star lists, version and seed are known all the same.
+        (score.seed, score.version) = (truth.seed, answer.version.clone());
+        score.pixels = Some(Box::new(pixels::score(&painted)));
+    }
+    score
 }

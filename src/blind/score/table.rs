@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::{NullScore, Rate, Score};
+use super::{NullScore, Rate, Score, pixels};
 
 /// The page.
 #[must_use]
@@ -16,6 +16,9 @@ pub fn markdown(score: &Score) -> String {
     off_library(&mut page, score);
     pulls(&mut page, score);
     held_out(&mut page, score);
+    if let Some(pixels) = &score.pixels {
+        page += &pixels::section(pixels);
+    }
     page
 }
 

@@ -224,6 +224,7 @@ fn every_case_is_made() {
         // Of the ladder the effects at one strength, else a few of each.
         let indices: Vec<u32> = match family {
             Family::Ladder => (0..LIBRARY.len() as u32).map(|effect| effect + 5 * LIBRARY.len() as u32).collect(),
+            Family::PixelLadder => (0..LIBRARY.len() as u32).map(|effect| effect + 2 * LIBRARY.len() as u32).collect(),
             Family::OffLibrary => (14..28).collect(),
             _ => (0..family.cycle().min(9)).collect(),
         };
@@ -234,9 +235,10 @@ fn every_case_is_made() {
             let listed: usize = made.lists.stars.iter().map(Vec::len).sum();
             assert!(listed + listed / 50 >= truth.stars && listed <= truth.stars, "{} {index}: {listed} of {}", family.name(), truth.stars);
             match family {
-                Family::Null | Family::HardNull => assert!(truth.effects.is_empty()),
-                Family::Ladder => {
+                Family::Null | Family::HardNull | Family::PixelNull => assert!(truth.effects.is_empty()),
+                Family::Ladder | Family::PixelLadder => {
                     let [effect] = truth.effects.as_slice() else { panic!("one effect") };
+                    // Rung 5 of the one and rung 2 of the other are at 4 times what is just seen.
                     assert!((effect.multiple / LADDER[5] - 1.0).abs() < 0.02, "{}: {}", effect.label, effect.multiple);
                     assert!(effect.survival > 0.015, "{}: {}", effect.label, effect.survival);
                     assert!(!effect.parameters.is_empty() && effect.raw_rms_px < 5.0, "{}: {effect:?}", effect.label);

@@ -2,4 +2,5 @@
 
 mod diagnosed;
 mod generator;
+mod pixels;
 mod scorer;
