@@ -57,9 +57,9 @@ pub struct PixelAnswer {
     pub frames_identified: usize,
     /// Frames.
     pub frames: usize,
-    /// Stars painted.
+    /// Stars painted alone: no other shines into their images.
     pub stars_painted: usize,
-    /// Stars that the diagnosis used under their right names.
+    /// Of these the stars that the diagnosis used under their right names.
     pub stars_right: usize,
     /// Star images that it used under the name of a star that is not there.
     pub stars_wrong: usize,
@@ -166,7 +166,7 @@ pub fn pixel_answer(family: Family, index: u32, seed: u64, options: &DiagnoseOpt
         lists: answer_of_lists(&lists, family, index, seed, &options, false),
         frames_identified,
         frames: canvas.stars.len(),
-        stars_painted: canvas.stars.iter().map(Vec::len).sum(),
+        stars_painted: canvas.stars.iter().flatten().filter(|star| star.is_alone).count(),
         stars_right,
         stars_wrong,
         centres,
@@ -180,12 +180,15 @@ fn compared(points: &ControlPoints, stars: &[Vec<PaintedStar>]) -> (usize, usize
     let (mut right, mut wrong, mut centres) = (0, 0, Centres::default());
     for point in &points.points {
         let star = stars.get(point.frame).and_then(|stars| stars.iter().find(|star| star.hip == point.hip));
-        match star.map(|star| [point.x_px - star.x_px, point.y_px - star.y_px]) {
-            Some([dx, dy]) if dx.hypot(dy) < SAME_STAR_PX => {
-                right += 1;
-                let [xx, _, yy] = point.covariance_px2;
-                centres.add(dx / xx.sqrt());
-                centres.add(dy / yy.sqrt());
+        match star.map(|star| (star, [point.x_px - star.x_px, point.y_px - star.y_px])) {
+            Some((star, [dx, dy])) if dx.hypot(dy) < SAME_STAR_PX => {
+                // Of light that runs together there is no one right centre.
+                if star.is_alone {
+                    right += 1;
+                    let [xx, _, yy] = point.covariance_px2;
+                    centres.add(dx / xx.sqrt());
+                    centres.add(dy / yy.sqrt());
+                }
             }
             _ => wrong += 1,
         }

@@ -53,11 +53,8 @@ pub fn run(
         Ok::<(), BlindError>(())
     };
     // Frames of pixels keep all processors busy by themselves; one after the other, their time is what a user waits.
-    if family.of_lists().is_some() {
-        open.iter().try_for_each(one)?
-    } else {
-        open.par_iter().try_for_each(one)?
-    }
+    let answered = if family.of_lists().is_some() { open.iter().try_for_each(one) } else { open.par_iter().try_for_each(one) };
+    answered?;
     Ok(open.len())
 }
 

@@ -122,25 +122,27 @@ pub fn concealed(family: Family, index: u32, seed: u64, catalog: &Catalog) -> Co
     let mut rng = stream(seed, family.number(), index, PART_PLAN);
     let plan = family.plan(index, || pair(&mut rng));
     let mut attempt = 0;
-    let (world, wanted, hidden, mut rng) = loop {
+    let (world, whole, wanted, hidden, mut rng) = loop {
         let mut rng = stream(seed, family.number(), index, PART_WORLDS + attempt);
         let painted = family.of_lists().is_some();
         let setup = choose(&mut rng, &plan, index, attempt, if painted { &PIXEL_SETUPS } else { &SETUPS });
         let wanted = wanted(&mut rng, &plan);
         let mut world = setup.draw(&mut rng, &wanted, catalog);
-        if painted {
+        let whole = painted.then(|| {
             paint::expose(&mut world, setup.faintest, setup.sigma_px);
-        }
+            let lone = paint::without_blends(&world);
+            std::mem::replace(&mut world, lone)
+        });
         let (hidden, shown) = sized(&mut rng, &plan, &world);
         attempt += 1;
         if shown || attempt == TRIES {
-            break (world, wanted, hidden, rng);
+            break (world, whole, wanted, hidden, rng);
         }
     };
     let mut noise = stream(seed, family.number(), index, PART_NOISE);
     let lists = lists(&mut rng, &mut noise, &plan, &world, &wanted, &hidden);
     let truth = Truth::new(family, index, seed, &world, &hidden, plan.trap, wanted.times);
-    let canvas = family.of_lists().map(|_| Canvas::new(family, index, seed, &world, &hidden));
+    let canvas = whole.map(|whole| Canvas::new(family, index, seed, &whole, &hidden));
     Concealed { lists, canvas, truth }
 }
 

@@ -14,7 +14,8 @@ use statrs::function::erf::erf;
 use super::family::Family;
 use super::kind::Hidden;
 use super::random::{normal, stream};
-use super::world::World;
+use super::vector::dot;
+use super::world::{StarImage, World};
 
 /// Width of the star images (Gaussian σ) before the pixels integrate them.
 const PSF_SIGMA_PX: f64 = 0.7;
@@ -30,6 +31,9 @@ const GAIN_E_PER_DN: f64 = 2.0;
 const BIAS_DN: f64 = 200.0;
 /// Exposures are shorter than those of star lists by this factor: at 0.2° a second nothing moves by more than a sixth of a pixel.
 const SHORTER: f64 = 10.0;
+/// Stars nearer to each other than this shine into one another's images, px. They are painted, and stand in no list: nobody could measure
+/// them as lists have them, and what is just seen is reckoned without them.
+const APART_PX: f64 = 5.0;
 /// Where brightness is stated: so much brighter than the faintest stars, mag.
 const ABOVE_LIMIT_MAG: f64 = 0.5;
 /// Part of a recording's random numbers that the first frame's noise takes; each frame has its own.
@@ -46,6 +50,8 @@ pub struct PaintedStar {
     pub y_px: f64,
     /// Its light on average.
     pub electrons: f64,
+    /// Whether no other star shines into its image.
+    pub is_alone: bool,
 }
 
 /// All that frames are painted from.
@@ -76,6 +82,24 @@ pub(super) fn expose(world: &mut World, faintest: f64, sigma_px: f64) {
         image.flux_e = world.zero_point_e_per_s * 10.0_f64.powf(-0.4 * image.magnitude) * world.exposure_s;
         image.sigma_px = centre_sigma_px(image.flux_e);
     }
+}
+
+/// The world without the star images that others shine into.
+pub(super) fn without_blends(world: &World) -> World {
+    let alone = alone(world);
+    let images = world.images.iter().zip(alone).filter(|(_, alone)| *alone).map(|(image, _)| *image).collect();
+    World { images, ..world.clone() }
+}
+
+/// For each star image whether no other lies near it. Images come frame by frame.
+fn alone(world: &World) -> Vec<bool> {
+    let near = (APART_PX / world.optics.focal_px).cos();
+    let by_frame = world.images.chunk_by(|a, b| a.frame == b.frame);
+    let of = |images: &[StarImage]| -> Vec<bool> {
+        let lonely = |at: usize| (0..images.len()).all(|other| other == at || dot(images[at].direction, images[other].direction) < near);
+        (0..images.len()).map(lonely).collect()
+    };
+    by_frame.flat_map(of).collect()
 }
 
 /// Electrons of a star whose place is known to this standard error.
@@ -125,9 +149,9 @@ impl Canvas {
     /// The frames of a world with what is hidden in it.
     pub(super) fn new(family: Family, index: u32, seed: u64, world: &World, hidden: &[Hidden]) -> Self {
         let mut stars = vec![Vec::new(); world.frames.len()];
-        for (image, [x_px, y_px]) in world.images.iter().zip(world.predict(hidden)) {
+        for ((image, [x_px, y_px]), is_alone) in world.images.iter().zip(world.predict(hidden)).zip(alone(world)) {
             if x_px.is_finite() && y_px.is_finite() {
-                stars[image.frame].push(PaintedStar { hip: image.hip, x_px, y_px, electrons: image.flux_e });
+                stars[image.frame].push(PaintedStar { hip: image.hip, x_px, y_px, electrons: image.flux_e, is_alone });
             }
         }
         Self {
@@ -227,7 +251,7 @@ impl Dark {
 mod tests {
     use super::*;
 
-    const STAR: PaintedStar = PaintedStar { hip: 1, x_px: 20.3, y_px: 17.8, electrons: 330.0 };
+    const STAR: PaintedStar = PaintedStar { hip: 1, x_px: 20.3, y_px: 17.8, electrons: 330.0, is_alone: true };
 
     fn canvas(stars: Vec<PaintedStar>, frames: usize) -> Canvas {
         Canvas {

@@ -33,7 +33,7 @@ pub struct Agreement {
 pub struct WayOfPixels {
     /// Frames identified.
     pub frames: Rate,
-    /// Painted stars that the diagnosis used under their names.
+    /// Stars painted alone that the diagnosis used under their names.
     pub stars: Rate,
     /// Star images used under the name of a star that is not there, of all that were used.
     pub wrong: Rate,
@@ -147,7 +147,7 @@ pub(super) fn section(score: &PixelScore) -> String {
         "{} recordings of frames of 512² in which the stars are painted (Gaussian images, photons, background, read noise, counts), {} without \
          an answer{}. Stars are found, measured and identified lost in space, as `boresight diagnose` does. Beside them the same worlds with \
          the same things hidden as star lists with normal errors. Hidden is where a star's image falls, in both; effects that act on pixels \
-         are painted by the displacement that they make.\n",
+         are painted by the displacement that they make. Stars that shine into one another are painted too, and stand in no list.\n",
         seen.answers + seen.unanswered,
         seen.unanswered,
         seen.unanswered_reason.as_ref().map_or_else(String::new, |reason| format!(" (first reason: {reason})")),
@@ -195,7 +195,7 @@ pub(super) fn section(score: &PixelScore) -> String {
         ("same first name, where either has one", agreement.first_name.to_string()),
         ("parameters, pixels less lists over both errors: mean, sd", pulls(&agreement.parameters)),
         ("frames identified", way.frames.to_string()),
-        ("painted stars used under their names", way.stars.to_string()),
+        ("stars painted alone, used under their names", way.stars.to_string()),
         ("stars used that are not there", way.wrong.to_string()),
         (
             "errors of centres over the declared: mean, sd",
@@ -216,10 +216,8 @@ pub(super) fn section(score: &PixelScore) -> String {
 /// Two columns a rung: pixels, star lists.
 fn ladders(seen: &[Ladder], all_seen: &Ladder, lists: &[Ladder], all_lists: &Ladder) -> Vec<String> {
     let multiples: Vec<f64> = all_seen.rungs.iter().map(|rung| rung.multiple).collect();
-    let mut lines = vec![
-        format!("| effect |{}", multiples.iter().map(|multiple| format!(" {multiple:.0} × | lists |")).collect::<String>()),
-        format!("|---|{}", "---|---|".repeat(multiples.len())),
-    ];
+    let heads: Vec<String> = multiples.iter().map(|multiple| format!(" {multiple:.0} × | lists |")).collect();
+    let mut lines = vec![format!("| effect |{}", heads.concat()), format!("|---|{}", "---|---|".repeat(multiples.len()))];
     let twins: BTreeMap<&str, &Ladder> = lists.iter().map(|ladder| (ladder.label.as_str(), ladder)).collect();
     let rows = seen.iter().map(|ladder| (ladder, twins.get(ladder.label.as_str()).copied())).chain([(all_seen, Some(all_lists))]);
     for (ladder, twin) in rows {
@@ -227,9 +225,9 @@ fn ladders(seen: &[Ladder], all_seen: &Ladder, lists: &[Ladder], all_lists: &Lad
             let rung = ladder.and_then(|ladder| ladder.rungs.iter().find(|rung| (rung.multiple / multiple - 1.0).abs() < 0.05));
             rung.map_or_else(String::new, |rung| format!("{} ({}) / {}", rung.detected.hits, rung.named.hits, rung.detected.of))
         };
-        let cells: String =
+        let cells: Vec<String> =
             multiples.iter().map(|multiple| format!(" {} | {} |", cell(Some(ladder), *multiple), cell(twin, *multiple))).collect();
-        lines.push(format!("| {} |{cells}", ladder.label));
+        lines.push(format!("| {} |{}", ladder.label, cells.concat()));
     }
     lines
 }
