@@ -25,8 +25,6 @@ const DISPROPORTIONATE: f64 = 2.5;
 /// What speaks against the name of entry `k`; empty if nothing does. `scan` holds the covariates' patterns beside the whole model.
 pub(super) fn vetoes(evidence: &Evidence, stand: &Stand, scan: &Scan, entries: &[Entry], k: usize, statistic: f64) -> Vec<String> {
     let mut found = Vec::new();
-    let surprises = scan.surprises(&stand.fit.psi, stand.fit.c);
-    let values = scan.ask(&stand.fit.psi, stand.fit.c);
     let white = |columns: &[&Column]| columns.iter().map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
     let others: Vec<&Column> = entries
         .iter()
@@ -36,10 +34,10 @@ pub(super) fn vetoes(evidence: &Evidence, stand: &Stand, scan: &Scan, entries: &
         .collect();
     let others = white(&others);
     let mut without: Option<Fit> = None;
-    for ((group, surprise), t) in scan.groups.iter().zip(&surprises).zip(values) {
+    for group in &scan.groups {
         let Asks::Covariate(index) = group.asks else { continue };
         let name = evidence.covariates[index].name.as_str();
-        let left = t - group.rank() as f64;
+        let (surprise, left) = (group.surprise(), group.statistic - group.rank as f64);
         if !IN_THE_FIELD.contains(&name) || (-surprise).exp() >= VETO_P || left <= LEAST_LEFT * statistic {
             continue;
         }
@@ -49,8 +47,8 @@ pub(super) fn vetoes(evidence: &Evidence, stand: &Stand, scan: &Scan, entries: &
         let basis = orthonormal(&stand.sheet, without, &white(&pattern.iter().collect::<Vec<_>>()));
         let own: Vec<Whitened> = white(&columns(evidence, &entries[k..=k]).collect::<Vec<_>>());
         let within = own.iter().map(|column| {
-            let rest = without.project(&stand.sheet, column);
-            let inside: f64 = basis.iter().map(|b| dot(b, &rest).powi(2)).sum();
+            let rest = without.project(column);
+            let inside: f64 = basis.column_iter().map(|b| dot(b.as_slice(), &rest).powi(2)).sum();
             inside / dot(&rest, &rest).max(f64::MIN_POSITIVE)
         });
         if within.fold(0.0, f64::max) > OF_THE_KIND {
@@ -93,15 +91,16 @@ pub(super) fn concentration(evidence: &Evidence, stand: &Stand, entries: &[Entry
     };
     let others: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(entry)).collect();
     let without = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());
-    let columns = white(&entries[k]);
+    let tried = white(&entries[k]);
     let (mut gain, mut information) = (vec![0.0; evidence.images.len()], vec![0.0; evidence.images.len()]);
-    let rest: Vec<Whitened> = columns.iter().map(|column| without.project(&stand.sheet, column)).collect();
+    let rest: Vec<Whitened> = tried.iter().map(|column| without.project(column)).collect();
+    let behind: usize = entries[k + 1..].iter().map(|entry| columns(evidence, std::slice::from_ref(entry)).count()).sum();
+    let first = stand.fit.change.len() - tried.len() - behind;
     for image in (0..evidence.images.len()).filter(|image| stand.take[*image]) {
         let of = |residual: &[f64]| residual[2 * image].powi(2) + residual[2 * image + 1].powi(2);
         gain[image] = of(&without.residual) - of(&stand.fit.residual);
         // What the effect as found moves this image by.
         let mut moved = [0.0; 2];
-        let first = stand.fit.change.len() - columns.len() - entries[k + 1..].iter().map(|entry| white(entry).len()).sum::<usize>();
         for (j, column) in rest.iter().enumerate() {
             for axis in 0..2 {
                 moved[axis] += stand.fit.change[first + j] * column[2 * image + axis];

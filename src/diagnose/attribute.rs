@@ -62,6 +62,10 @@ impl Stand {
             let sheet = evidence.sheet(&noise);
             let more: Vec<Whitened> = columns(evidence, accepted).map(|column| evidence.white(&noise, column)).collect();
             let fit = Fit::new(&sheet, &take, &more.iter().collect::<Vec<_>>());
+            turn += 1;
+            if turn == TURNS {
+                return Self { noise, sheet, take, more, fit };
+            }
             let residual_px = noise.unwhiten(&evidence.images, &evidence.place, &full_residual(&sheet, &fit, &more, &take));
             let free = freedom(&sheet, &take, sheet.camera.len() + more.len());
             let found = NoiseModel::find(&evidence.images, &evidence.place, &residual_px, &take, free, &evidence.frame_factors);
@@ -70,8 +74,7 @@ impl Stand {
             let settled = next == take
                 && (found.factor / noise.factor - 1.0).abs() < 0.01
                 && found.tail_degrees.total_cmp(&noise.tail_degrees).is_eq();
-            turn += 1;
-            if settled || turn == TURNS {
+            if settled {
                 return Self { noise, sheet, take, more, fit };
             }
             (noise, take) = (found, next);
@@ -80,7 +83,7 @@ impl Stand {
 
     /// The statistic of some columns: what they explain of ψ, over c; and the degrees of freedom.
     pub(super) fn score(&self, columns: &[Whitened]) -> (f64, usize) {
-        let rest: Vec<Whitened> = columns.iter().map(|column| self.fit.project(&self.sheet, column)).collect();
+        let rest: Vec<Whitened> = columns.iter().map(|column| self.fit.project(column)).collect();
         let (basis, _) = basis(&rest, columns, &self.fit);
         let t = basis.iter().map(|b| dot(b, &self.fit.psi).powi(2)).sum::<f64>() / self.fit.c;
         (t, basis.len())
@@ -101,7 +104,7 @@ fn full_residual(sheet: &Sheet, fit: &Fit, more: &[Whitened], take: &[bool]) -> 
             *a += change * b;
         }
     }
-    let own = super::sheet::own_changes(sheet, take, &residual, &fit.residual);
+    let own = super::own::own_changes(sheet, take, &residual, &fit.residual);
     for (column, changes) in sheet.own.iter().zip(own) {
         for (k, value) in residual.iter_mut().enumerate() {
             *value += changes[sheet.frame[k / 2]] * column[k];
@@ -147,8 +150,8 @@ fn basis(rest: &[Whitened], raw: &[Whitened], fit: &Fit) -> (Vec<Whitened>, Vec<
 }
 
 /// Cosine of the largest principal angle's complement: how alike two sets of projected columns are (their best aligned directions).
-pub(super) fn cosine(stand: &Stand, fit: &Fit, a: &[Whitened], b: &[Whitened]) -> f64 {
-    let projected = |columns: &[Whitened]| columns.iter().map(|column| fit.project(&stand.sheet, column)).collect::<Vec<_>>();
+pub(super) fn cosine(fit: &Fit, a: &[Whitened], b: &[Whitened]) -> f64 {
+    let projected = |columns: &[Whitened]| columns.iter().map(|column| fit.project(column)).collect::<Vec<_>>();
     let (a, _) = basis(&projected(a), a, fit);
     let (b, _) = basis(&projected(b), b, fit);
     if a.is_empty() || b.is_empty() {
@@ -162,7 +165,7 @@ pub(super) fn cosine(stand: &Stand, fit: &Fit, a: &[Whitened], b: &[Whitened]) -
 pub(super) fn survival(stand: &Stand, columns: &[Whitened]) -> f64 {
     let of = |column: &Whitened| {
         let raw = stand.fit.length_squared(column);
-        let rest = stand.fit.project(&stand.sheet, column);
+        let rest = stand.fit.project(column);
         if raw > 0.0 { (dot(&rest, &rest) / raw).sqrt() } else { 0.0 }
     };
     columns.iter().map(of).fold(0.0, f64::max)
@@ -170,7 +173,7 @@ pub(super) fn survival(stand: &Stand, columns: &[Whitened]) -> f64 {
 
 /// Value and standard error of the only parameter of a set of columns, given a fit, as a change from the point of linearisation.
 pub(super) fn amplitude(stand: &Stand, column: &Whitened) -> Option<[f64; 2]> {
-    let rest = stand.fit.project(&stand.sheet, column);
+    let rest = stand.fit.project(column);
     let square = dot(&rest, &rest);
     (square > 0.0).then(|| {
         let change = -dot(&rest, &stand.fit.psi) / (square * stand.fit.d);
@@ -193,11 +196,10 @@ pub(super) struct Candidate {
 /// by its likelihood.
 pub(super) fn candidates(evidence: &Evidence, stand: &Stand, scan: &Scan, threshold: f64) -> Vec<Candidate> {
     let refitted = REFIT_FROM..threshold + REFIT_BEYOND;
-    let statistics = scan.ask(&stand.fit.psi, stand.fit.c);
     let mut best: Vec<Option<Candidate>> = vec![None; evidence.hypotheses.len()];
-    for (group, t) in scan.groups.iter().zip(statistics) {
+    for group in &scan.groups {
         let Asks::Hypothesis(hypothesis, variant) = group.asks else { continue };
-        let surprise = chi_squared_surprise(group.rank() as f64, t);
+        let surprise = group.surprise();
         if best[hypothesis].as_ref().is_none_or(|best| surprise > best.surprise) {
             let entry = Entry { hypothesis, variant };
             let surprise = if refitted.contains(&surprise) { surprise.max(after_refit(evidence, stand, entry)) } else { surprise };
@@ -225,7 +227,7 @@ fn after_refit(evidence: &Evidence, stand: &Stand, entry: Entry) -> f64 {
 
 /// Fall of −2·ln of the likelihood from one fit to another of the same images, in units in which a superfluous parameter gains one.
 pub(super) fn fall(stand: &Stand, from: &Fit, to: &Fit) -> f64 {
-    let cost = |fit: &Fit| super::sheet::cost(&fit.residual, &stand.take, stand.sheet.tail_degrees);
+    let cost = |fit: &Fit| super::descent::cost(&fit.residual, &stand.take, stand.sheet.tail_degrees);
     (cost(from) - cost(to)) * stand.fit.d / stand.fit.c
 }
 
@@ -305,7 +307,7 @@ pub(super) fn choose(evidence: &Evidence, stand: &Stand, found: &[Candidate]) ->
     let own = white(best.entry);
     let mut class: Vec<&Candidate> = found
         .iter()
-        .filter(|other| best.evidence - other.evidence < AS_GOOD && cosine(stand, &stand.fit, &own, &white(other.entry)) > SAME)
+        .filter(|other| best.evidence - other.evidence < AS_GOOD && cosine(&stand.fit, &own, &white(other.entry)) > SAME)
         .collect();
     // Of two that leave the same trace the one that need not be many times larger than its trace.
     let raw_size = |entry: Entry| 1.0 / survival(stand, &white(entry)).max(f64::MIN_POSITIVE);

@@ -1,10 +1,11 @@
 //! What the diagnosis works on, in px: star images at the baseline's solution, the columns of every hypothesis, the covariates.
 
 use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use super::covariates::{Covariate, covariates};
 use super::hypotheses::{Hypothesis, hypotheses};
-use super::noise::NoiseModel;
+use super::noise::{NoiseModel, whitened};
 use super::sheet::{Sheet, Whitened};
 use super::{DiagnoseOptions, Telemetry};
 use crate::calibrate::{Column, Joint, JointImage};
@@ -28,10 +29,41 @@ pub(super) struct Evidence {
     pub(super) camera: Vec<Column>,
     /// The hypotheses.
     pub(super) hypotheses: Vec<Hypothesis>,
-    /// The covariates.
-    pub(super) covariates: Vec<Covariate>,
+    /// The covariates; they stay the same however often the search among hypotheses is made finer.
+    pub(super) covariates: Arc<Vec<Covariate>>,
     /// Variance factors of the frames.
     pub(super) frame_factors: Vec<f64>,
+    whiteners: Whiteners,
+}
+
+/// What whitens the images under a noise: every column asks for it.
+type Whitener = Arc<Vec<[f64; 3]>>;
+
+/// The whiteners of the noises last asked for.
+#[derive(Debug, Default)]
+struct Whiteners(Mutex<Vec<(NoiseModel, Whitener)>>);
+
+impl Clone for Whiteners {
+    fn clone(&self) -> Self {
+        Self(Mutex::new(self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()))
+    }
+}
+
+impl Whiteners {
+    const KEPT: usize = 4;
+
+    fn of(&self, noise: &NoiseModel, make: impl FnOnce() -> Vec<[f64; 3]>) -> Whitener {
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, whitener)) = kept.iter().find(|(known, _)| known == noise) {
+            return whitener.clone();
+        }
+        let whitener = Arc::new(make());
+        if kept.len() == Self::KEPT {
+            kept.remove(0);
+        }
+        kept.push((noise.clone(), whitener.clone()));
+        whitener
+    }
 }
 
 impl Evidence {
@@ -40,7 +72,7 @@ impl Evidence {
         let mut evidence = Self::without_hypotheses(joint);
         evidence.frame_factors = super::noise::frame_factors(&evidence, points, joint.floor_px2());
         evidence.hypotheses = hypotheses(joint, &evidence, points, options);
-        evidence.covariates = covariates(joint, &evidence, points, telemetry);
+        evidence.covariates = Arc::new(covariates(joint, &evidence, points, telemetry));
         evidence
     }
 
@@ -66,15 +98,16 @@ impl Evidence {
             own,
             camera,
             hypotheses: Vec::new(),
-            covariates: Vec::new(),
+            covariates: Arc::default(),
             frame_factors: joint.frame_factors().to_vec(),
             images,
+            whiteners: Whiteners::default(),
         }
     }
 
     /// Whitened.
     pub(super) fn sheet(&self, noise: &NoiseModel) -> Sheet {
-        let white = |column: &Column| noise.whiten(&self.images, &self.place, column);
+        let white = |column: &Column| self.white(noise, column);
         let residual: Column = self.residual_px.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect();
         Sheet {
             frame: self.place.clone(),
@@ -88,7 +121,8 @@ impl Evidence {
 
     /// A column whitened.
     pub(super) fn white(&self, noise: &NoiseModel, column: &Column) -> Whitened {
-        noise.whiten(&self.images, &self.place, column)
+        let whitener = self.whiteners.of(noise, || noise.whiteners(&self.images, &self.place));
+        whitened(&whitener, column)
     }
 
     /// What is known of a star image: of its star, its exposure, itself.

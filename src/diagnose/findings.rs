@@ -1,14 +1,16 @@
 //! From accepted effects to findings: the solution with everything free, sizes with errors, what located them, the status of every effect.
 
 use super::attribute::{self, Entry, Stand, UNOBSERVABLE, amplitude, columns};
+use super::chance::Chance;
 use super::diagnosis::{EffectState, EffectStatus, Finding, FoundParameter, Limit, Located, NoiseState, Profile, ResidualRow, Rival};
 use super::evidence::Evidence;
 use super::hypotheses::{Hypothesis, Variant, with_zenith};
 use super::noise::NoiseModel;
+use super::omnibus::{Effort, Omnibus, among_covariates, omnibus};
 use super::prove::Proof;
 use super::rivals::{decided_by, rivals};
-use super::run::{Omnibus, among_covariates, family, omnibus, p_of, solve_again};
-use super::scan::{Asks, Chance, Scan};
+use super::run::{family, p_of, solve_again};
+use super::scan::{Asks, Scan};
 use super::sheet::{Fit, Whitened};
 use super::{DiagnoseError, DiagnoseOptions, Telemetry, words};
 use crate::calibrate::Joint;
@@ -42,6 +44,11 @@ pub(super) struct Solved {
 }
 
 impl Solved {
+    /// Where nothing was found: as it was.
+    pub(super) fn unchanged(joint: &Joint, evidence: &Evidence, base: &Stand) -> Self {
+        Self { joint: joint.clone(), evidence: evidence.clone(), entries: Vec::new(), stand: base.clone() }
+    }
+
     /// Solves with the accepted effects from their linear sizes.
     pub(super) fn new(
         joint: &Joint,
@@ -55,9 +62,6 @@ impl Solved {
         let all = vec![true; evidence.images.len()];
         let begin = NoiseModel::stated(evidence.frame_factors.clone());
         let mut stand = Stand::new(evidence, &all, entries, &begin);
-        if entries.is_empty() {
-            return Ok(Self { joint: joint.clone(), evidence: evidence.clone(), entries: Vec::new(), stand });
-        }
         let mut at = evidence.sheet(&stand.noise).camera.len();
         let mut terms = Vec::new();
         let mut names = Vec::new();
@@ -102,8 +106,8 @@ impl Solved {
     }
 
     /// The test of what is left.
-    pub(super) fn omnibus(&self, options: &DiagnoseOptions, stream: u64) -> Omnibus {
-        omnibus(&self.evidence, &self.stand, &self.scan(), options, stream)
+    pub(super) fn omnibus(&self, scan: &Scan, options: &DiagnoseOptions, stream: u64) -> Omnibus {
+        omnibus(&self.evidence, &self.stand, scan, options, (stream, options.alpha, Effort::Whole))
     }
 
     /// Values and standard errors of an accepted effect's fitted parameters.
@@ -212,12 +216,11 @@ pub(super) fn statistic(evidence: &Evidence, stand: &Stand, entries: &[Entry], k
 
 /// Covariates by how surprisingly residuals follow them.
 fn ranked(evidence: &Evidence, stand: &Stand, scan: &Scan) -> Vec<(usize, f64, f64)> {
-    let statistics = scan.ask(&stand.fit.psi, stand.fit.c);
     let mut best: Vec<Option<(f64, f64)>> = vec![None; evidence.covariates.len()];
-    for (group, t) in scan.groups.iter().zip(statistics) {
+    for group in &scan.groups {
         let Asks::Covariate(index) = group.asks else { continue };
-        let surprise = chi_squared_surprise(group.rank() as f64, t);
-        let explained = (t - group.rank() as f64) / stand.fit.degrees;
+        let surprise = group.surprise();
+        let explained = (group.statistic - group.rank as f64) / stand.fit.degrees;
         if best[index].is_none_or(|(most, _)| surprise > most) {
             best[index] = Some((surprise, explained));
         }
@@ -417,7 +420,9 @@ impl Context<'_> {
             let spec = &hypothesis.effect.parameters()[first];
             // The other parameters of the effect are free beside the first.
             let rest: Vec<&Whitened> = stand.more.iter().chain(white.iter().skip(1)).collect();
-            let beside = Stand { fit: Fit::new(&stand.sheet, &stand.take, &rest).with_noise_of(&stand.fit), ..stand.clone() };
+            let fit =
+                if white.len() > 1 { Fit::new(&stand.sheet, &stand.take, &rest).with_noise_of(&stand.fit) } else { stand.fit.clone() };
+            let beside = Stand { fit, ..stand.clone() };
             if let Some([change, sigma]) = amplitude(&beside, &white[0]) {
                 let value = start[first] + change - difference(&id, start, first);
                 status.parameters.push(FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() });
@@ -443,8 +448,8 @@ impl Context<'_> {
     }
 
     /// Data for a picture of each finding: residuals against the covariate that located it.
-    pub(super) fn profiles(&self, standing: &[usize]) -> Vec<Profile> {
-        standing.iter().filter_map(|k| super::profile::profile(self, *k)).collect()
+    pub(super) fn profiles(&self, standing: &[usize], found: &[Finding]) -> Vec<Profile> {
+        standing.iter().zip(found).filter_map(|(k, finding)| super::profile::profile(self, *k, &finding.located_by)).collect()
     }
 
     /// The covariates that residuals without entry `k` follow, the most surprising first.

@@ -3,12 +3,11 @@
 use super::attribute::{Entry, Stand, is_observable};
 use super::diagnosis::{Resemblance, Unknown};
 use super::evidence::Evidence;
+use super::omnibus::{Omnibus, among_covariates};
 use super::remainder::{Left, map};
-use super::run::Omnibus;
 use super::scan::{Asks, Scan};
 use crate::calibrate::Joint;
 use crate::identify::ControlPoints;
-use crate::statistics::significance::chi_squared_surprise;
 
 /// Covariates named at most.
 const NAMED: usize = 3;
@@ -27,13 +26,12 @@ pub(super) fn unknown(
     folds: &[Vec<bool>],
 ) -> Unknown {
     let scan = Scan::new(evidence, &stand.noise, &stand.sheet, &stand.fit, |_| true);
-    let statistics = scan.ask(&stand.fit.psi, stand.fit.c);
     let mut covariates: Vec<(usize, f64)> = Vec::new();
     let mut effects: Vec<(usize, f64)> = Vec::new();
     let mut most_explained = 0.0_f64;
-    for (group, t) in scan.groups.iter().zip(statistics) {
-        let surprise = chi_squared_surprise(group.rank() as f64, t);
-        let explained = (t - group.rank() as f64).max(0.0);
+    for group in &scan.groups {
+        let surprise = group.surprise();
+        let explained = (group.statistic - group.rank as f64).max(0.0);
         most_explained = most_explained.max(explained);
         let (list, index, value) = match group.asks {
             Asks::Covariate(index) => (&mut covariates, index, surprise),
@@ -48,7 +46,7 @@ pub(super) fn unknown(
     effects.sort_by(|a, b| b.1.total_cmp(&a.1));
     let mut located_by: Vec<String> = Vec::new();
     for (index, surprise) in &covariates {
-        let p = super::run::among_covariates(&test.chance, *surprise);
+        let p = among_covariates(&test.chance, *surprise);
         if located_by.is_empty() || (located_by.len() < NAMED && p < 0.01) {
             located_by.push(evidence.covariates[*index].name.clone());
         }

@@ -2,13 +2,17 @@
 
 mod adequacy;
 mod attribute;
+mod chance;
 mod covariates;
+mod descent;
 mod diagnosis;
 mod evidence;
 mod findings;
 mod hypotheses;
 mod left;
 mod noise;
+mod omnibus;
+mod own;
 mod profile;
 mod prove;
 mod remainder;

@@ -87,15 +87,12 @@ impl NoiseModel {
         for &relative in FLOORS {
             let floor = relative * unit;
             // Squares and log-determinants for s = 1.
-            let terms: Vec<[f64; 2]> = taken
-                .iter()
-                .map(|k| {
-                    let model = Self { factor: 1.0, floor_px2: floor, tail_degrees: 1.0, frame_factors: frame_factors.to_vec() };
-                    square_and_log(&model, &images[*k], place[*k], [residual_px[2 * k], residual_px[2 * k + 1]], freedom)
-                })
-                .collect();
+            let model = Self { factor: 1.0, floor_px2: floor, tail_degrees: 1.0, frame_factors: frame_factors.to_vec() };
+            let terms =
+                taken.iter().map(|k| square_and_log(&model, &images[*k], place[*k], [residual_px[2 * k], residual_px[2 * k + 1]], freedom));
+            let squares = Squares::new(terms.collect());
             for &tail_degrees in TAILS {
-                let (scale, likelihood) = scale_of(&terms, tail_degrees);
+                let (scale, likelihood) = squares.scale(tail_degrees);
                 let penalty = if tail_degrees.is_finite() { TAIL_GAIN } else { 0.0 } + if relative > 0.0 { FLOOR_GAIN } else { 0.0 };
                 let value = likelihood - penalty;
                 if best.as_ref().is_none_or(|(most, _)| value > *most) {
@@ -117,13 +114,9 @@ impl NoiseModel {
         (0..images.len()).map(of).collect()
     }
 
-    /// A column whitened.
-    pub(super) fn whiten(&self, images: &[JointImage], place: &[usize], column: &Column) -> Vec<f64> {
-        let mut out = Vec::with_capacity(2 * column.len());
-        for (k, value) in column.iter().enumerate() {
-            out.extend(apply(self.whitener(&images[k], place[k]), *value));
-        }
-        out
+    /// What whitens each image.
+    pub(super) fn whiteners(&self, images: &[JointImage], place: &[usize]) -> Vec<[f64; 3]> {
+        images.iter().zip(place).map(|(image, place)| self.whitener(image, *place)).collect()
     }
 
     /// Whitened numbers back in px.
@@ -138,6 +131,11 @@ impl NoiseModel {
     }
 }
 
+/// A column whitened.
+pub(super) fn whitened(whiteners: &[[f64; 3]], column: &Column) -> Vec<f64> {
+    whiteners.iter().zip(column).flat_map(|(whitener, value)| apply(*whitener, *value)).collect()
+}
+
 fn apply(whitener: [f64; 3], [x, y]: [f64; 2]) -> [f64; 2] {
     [whitener[0] * x, whitener[1] * x + whitener[2] * y]
 }
@@ -148,28 +146,58 @@ fn square_and_log(model: &NoiseModel, image: &JointImage, place: usize, residual
     [(x * x + y * y) / freedom, (xx * yy - xy * xy).max(1e-30).ln()]
 }
 
-/// s of greatest likelihood and its log-likelihood. Gross errors do not take part.
-fn scale_of(terms: &[[f64; 2]], tail_degrees: f64) -> (f64, f64) {
-    let mut squares: Vec<f64> = terms.iter().map(|[q, _]| *q).collect();
-    let median = crate::statistics::median_in_place(&mut squares).unwrap_or(1.0);
-    let mut scale = (median / (2.0 * std::f64::consts::LN_2)).max(1e-12);
-    let cut = GROSS * GROSS * scale;
-    let used: Vec<&[f64; 2]> = terms.iter().filter(|[q, _]| *q < cut).collect();
-    for _ in 0..12 {
-        let sum: f64 = used.iter().map(|[q, _]| super::sheet::weight(tail_degrees, q / scale) * q).sum();
-        let next = (sum / (2.0 * used.len().max(1) as f64)).max(1e-12);
-        let settled = (next / scale - 1.0).abs() < 1e-4;
-        scale = next;
-        if settled {
-            break;
+/// Squares of residuals under s = 1, without gross errors.
+struct Squares {
+    start: f64,
+    used: Vec<f64>,
+    logs: f64,
+}
+
+impl Squares {
+    fn new(terms: Vec<[f64; 2]>) -> Self {
+        let mut squares: Vec<f64> = terms.iter().map(|[q, _]| *q).collect();
+        let median = crate::statistics::median_in_place(&mut squares).unwrap_or(1.0);
+        let start = (median / (2.0 * std::f64::consts::LN_2)).max(1e-12);
+        let cut = GROSS * GROSS * start;
+        let kept = || terms.iter().filter(|[q, _]| *q < cut);
+        Self { start, used: kept().map(|[q, _]| *q).collect(), logs: kept().map(|[_, log]| log).sum() }
+    }
+
+    /// s of greatest likelihood and its log-likelihood.
+    fn scale(&self, tail_degrees: f64) -> (f64, f64) {
+        let count = self.used.len().max(1) as f64;
+        let mut scale = self.start;
+        for _ in 0..12 {
+            let sum = sum_of(&self.used, |q| super::sheet::weight(tail_degrees, q / scale) * q);
+            let next = (sum / (2.0 * count)).max(1e-12);
+            let settled = (next / scale - 1.0).abs() < 1e-4;
+            scale = next;
+            if settled {
+                break;
+            }
+        }
+        let body = if tail_degrees.is_finite() {
+            // A logarithm of a product for many numbers: none is above 1 + GROSS²·start/(s·ν), so that sixteen stay far from overflow.
+            let logs = self.used.chunks(16).map(|part| part.iter().map(|q| 1.0 + q / (scale * tail_degrees)).product::<f64>().ln());
+            0.5 * (tail_degrees + 2.0) * logs.sum::<f64>()
+        } else {
+            0.5 * self.used.iter().sum::<f64>() / scale
+        };
+        (scale, -0.5 * self.logs - self.used.len() as f64 * scale.ln() - body)
+    }
+}
+
+/// A sum in four parts, which the processor adds at once.
+fn sum_of(values: &[f64], of: impl Fn(f64) -> f64) -> f64 {
+    let mut sums = [0.0; 4];
+    let parts = values.chunks_exact(4);
+    let rest: f64 = parts.remainder().iter().map(|value| of(*value)).sum();
+    for part in parts {
+        for (sum, value) in sums.iter_mut().zip(part) {
+            *sum += of(*value);
         }
     }
-    let of = |[q, log]: &&[f64; 2]| {
-        let q = q / scale;
-        let body = if tail_degrees.is_finite() { 0.5 * (tail_degrees + 2.0) * (q / tail_degrees).ln_1p() } else { 0.5 * q };
-        -0.5 * log - scale.ln() - body
-    };
-    (scale, used.iter().map(of).sum())
+    sums.iter().sum::<f64>() + rest
 }
 
 /// Degrees of freedom over numbers.
@@ -209,13 +237,13 @@ pub(super) fn frame_factors(evidence: &Evidence, points: &ControlPoints, floor_p
                 right[2 * row + axis] = root * evidence.residual_px[2 * k + axis];
             }
         }
-        let svd = matrix.svd(true, false);
-        let u = svd.u?;
-        let kept = svd.singular_values.iter().filter(|value| **value > 1e-9 * svd.singular_values[0]).count();
+        let factors = matrix.col_piv_qr();
+        let (q, r) = (factors.q(), factors.r());
+        let kept = (0..r.nrows()).take_while(|k| r[(*k, *k)].abs() > 1e-9 * r[(0, 0)].abs()).count();
         let mut rest = right;
         for column in 0..kept {
-            let along = u.column(column).dot(&rest);
-            rest -= u.column(column) * along;
+            let along = q.column(column).dot(&rest);
+            rest -= q.column(column) * along;
         }
         // By the median: wrong stars are no reason to call a frame noisy.
         let mut squares: Vec<f64> = rest.as_slice().chunks_exact(2).map(|pair| pair[0] * pair[0] + pair[1] * pair[1]).collect();

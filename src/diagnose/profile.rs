@@ -11,8 +11,8 @@ const BINS: usize = 12;
 /// A direction on the frame at every star image, and its name.
 type Component<'a> = (&'static str, &'a dyn Fn(usize) -> [f64; 2]);
 
-/// The profile of entry `k`.
-pub(super) fn profile(context: &Context, k: usize) -> Option<Profile> {
+/// The profile of entry `k`, with the names of the covariates that located it.
+pub(super) fn profile(context: &Context, k: usize, located_by: &[String]) -> Option<Profile> {
     let evidence = context.evidence;
     let entry = context.entries[k];
     let hypothesis = &evidence.hypotheses[entry.hypothesis];
@@ -31,7 +31,7 @@ pub(super) fn profile(context: &Context, k: usize) -> Option<Profile> {
         }
     }
     let residual_px = context.with_all.noise.unwhiten(&evidence.images, &evidence.place, &context.with_all.fit.residual);
-    let located = ranked_name(context, k)?;
+    let located = ranked_name(context, k, located_by)?;
     let covariate = evidence.covariates.iter().find(|covariate| covariate.name == located)?;
     let camera = context.joint.model().camera();
     let middle = [(camera.width_px as f64 - 1.0) / 2.0, (camera.height_px as f64 - 1.0) / 2.0];
@@ -89,6 +89,8 @@ pub(super) fn profile(context: &Context, k: usize) -> Option<Profile> {
 }
 
 /// The covariate that located the finding, of those that can be drawn as a number.
-fn ranked_name(context: &Context, k: usize) -> Option<String> {
-    context.located_names(k).into_iter().find(|name| name != "field-map")
+fn ranked_name(context: &Context, k: usize, located_by: &[String]) -> Option<String> {
+    let drawn = |name: &String| name != "field-map";
+    // Those that located it are the first of all.
+    located_by.iter().find(|name| drawn(name)).cloned().or_else(|| context.located_names(k).into_iter().find(drawn))
 }

@@ -1,8 +1,10 @@
 //! Is the improvement real: frames that were not used to find an effect are predicted with it and without it, only their attitudes fitted.
 
 use super::attribute::{Entry, Stand, columns};
+use super::descent::{cost, psi_of, refit_own};
 use super::evidence::Evidence;
-use super::sheet::{Fit, Whitened, cost, dot, project_own, psi_of, refit_own};
+use super::own::project_own;
+use super::sheet::{Fit, Whitened, dot};
 
 /// From so many frames on a part of them is locked away; below, every frame is left out once.
 pub(super) const LOCK_BOX_FROM: usize = 16;

@@ -3,7 +3,8 @@
 use super::attribute::{AS_GOOD, Entry, Stand, agreement, columns, cosine, is_observable};
 use super::diagnosis::Rival;
 use super::evidence::Evidence;
-use super::sheet::{Fit, Whitened, dot, project_own};
+use super::own::project_own;
+use super::sheet::{Fit, Whitened, dot};
 use crate::calibrate::{Column, Joint};
 use crate::effects::Observation;
 use crate::statistics::significance::normal_cdf;
@@ -44,7 +45,7 @@ pub(super) fn rivals(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: u
         if !is_observable(evidence, &without, entry) {
             continue;
         }
-        let cos = cosine(&without, &without.fit, &mine, &own);
+        let cos = cosine(&without.fit, &mine, &own);
         let delta_bic = best - value;
         let in_set = delta_bic < AS_GOOD;
         if in_set || cos > LISTED_FROM {
@@ -127,7 +128,7 @@ pub(super) fn decided_by(evidence: &Evidence, stand: &Stand, joint: &Joint, a: E
         let rest = |entry: Entry| -> Option<Vec<Whitened>> {
             let (here, there) = (columns_of(joint, entry)?, columns_of(&changed, entry)?);
             let more = here.iter().zip(&there).map(|(here, there)| {
-                let mut first = stand.fit.project(&stand.sheet, &evidence.white(&stand.noise, here));
+                let mut first = stand.fit.project(&evidence.white(&stand.noise, here));
                 let scaled: Column = there.iter().zip(&roots).map(|([x, y], root)| [x * root, y * root]).collect();
                 // New frames have attitudes of their own; the camera is known well by then.
                 first.extend(project_own(&stand.sheet, &stand.take, &evidence.white(&stand.noise, &scaled)));

@@ -4,13 +4,15 @@ use std::time::Instant;
 
 use super::adequacy::{concentration, vetoes};
 use super::attribute::{self, Entry, Stand, candidates, select};
+use super::chance::independent;
 use super::diagnosis::{ChannelTest, Channels, Diagnosis, FORMAT, Finding, Fit, FitQuality, LockBox, StarsUsed, Verdict};
 use super::evidence::Evidence;
 use super::findings::{self, Solved};
 use super::hypotheses::finer;
 use super::noise::NoiseModel;
+use super::omnibus::{Effort, omnibus};
 use super::prove::{Proof, folds, held_out_quality, locked_away, prove};
-use super::scan::{Asks, Chance, Scan, family_p, independent};
+use super::scan::Scan;
 use super::sheet::Whitened;
 use super::{DiagnoseError, DiagnoseOptions, Telemetry, left, words};
 use crate::calibrate::{CalibrateOptions, GivenNoise, Joint};
@@ -18,50 +20,10 @@ use crate::camera::Term;
 use crate::identify::ControlPoints;
 use crate::statistics::significance::chi_squared_surprise;
 
-/// Simulations are multiplied by this while a decision is near,
-const MORE: usize = 8;
-/// which is when p lies within this factor of α.
-const NEAR: f64 = 10.0;
 /// Halvings of the search over places and lengths.
 const REFINEMENTS: usize = 5;
 /// Fewer numbers beyond the parameters say nothing.
 const FEWEST_DEGREES: f64 = 20.0;
-
-/// Whether there is something, by the hypotheses and by the covariates; each has half of α.
-pub(super) struct Omnibus {
-    pub(super) p_value: f64,
-    pub(super) largest: String,
-    pub(super) chance: Chance,
-}
-
-/// Asks all questions, and chance too.
-pub(super) fn omnibus(evidence: &Evidence, stand: &Stand, scan: &Scan, options: &DiagnoseOptions, stream: u64) -> Omnibus {
-    let surprises = scan.surprises(&stand.fit.psi, stand.fit.c);
-    let mut most = [(0.0_f64, String::new()), (0.0, String::new())];
-    for (group, surprise) in scan.groups.iter().zip(&surprises) {
-        let (which, name) = match group.asks {
-            Asks::Hypothesis(index, _) => (0, evidence.hypotheses[index].id().to_owned()),
-            Asks::Covariate(index) => (1, evidence.covariates[index].name.clone()),
-        };
-        if *surprise > most[which].0 {
-            most[which] = (*surprise, name);
-        }
-    }
-    let seed = options.seed ^ stream.wrapping_mul(0x517c_c1b7_2722_0a95);
-    let mut chance = scan.chance(&stand.fit, &stand.take, seed, 0, options.nulls);
-    let decide = |chance: &Chance| {
-        let (h, c) = (family_p(&chance.hypotheses, most[0].0), family_p(&chance.covariates, most[1].0));
-        (2.0 * h.min(c)).min(1.0)
-    };
-    let mut p_value = decide(&chance);
-    if p_value < options.alpha * NEAR && p_value > options.alpha / NEAR {
-        chance = chance.and(scan.chance(&stand.fit, &stand.take, seed, options.nulls, options.nulls * MORE));
-        p_value = decide(&chance);
-    }
-    let (h, c) = (family_p(&chance.hypotheses, most[0].0), family_p(&chance.covariates, most[1].0));
-    let largest = if h <= c { most[0].1.clone() } else { most[1].1.clone() };
-    Omnibus { p_value, largest, chance }
-}
 
 /// See [`super::diagnose`].
 pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &DiagnoseOptions) -> Result<Diagnosis, DiagnoseError> {
@@ -87,7 +49,7 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
         return Err(too_few);
     }
     let scan = Scan::new(&evidence, &stand.noise, &stand.sheet, &stand.fit, |_| true);
-    let mut first = omnibus(&evidence, &stand, &scan, options, 1);
+    let mut first = omnibus(&evidence, &stand, &scan, options, (1, options.alpha, Effort::Whole));
     let hypotheses = independent(&first.chance.hypotheses);
     let threshold = (2.0 * hypotheses / options.alpha).ln();
     let mut located = findings::located(&evidence, &stand, &scan, &first.chance);
@@ -101,7 +63,7 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
     let mut significant = first.p_value < options.alpha;
     if !significant && !locked.is_empty() {
         let scan = Scan::new(&evidence, &base.noise, &base.sheet, &base.fit, |_| true);
-        let second = omnibus(&evidence, &base, &scan, options, 5);
+        let second = omnibus(&evidence, &base, &scan, options, (5, options.alpha / 2.0, Effort::Decide));
         if second.p_value < options.alpha / 2.0 {
             significant = true;
             located = findings::located(&evidence, &base, &scan, &second.chance);
@@ -139,11 +101,17 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
         proofs.remove(k);
     }
     // All frames: what was found, solved anew with everything free, and with the search made finer.
-    let mut refined = evidence.clone();
+    let mut refined = evidence;
     refine(&mut refined, &joint, &mut entries, &all, &begin);
-    let mut solved = Solved::new(&joint, points, telemetry, options, &refined, &entries)?;
-    let mut final_omnibus = solved.omnibus(options, 2);
-    if significant && final_omnibus.p_value < options.alpha {
+    let mut solved = if entries.is_empty() {
+        Solved::unchanged(&joint, &refined, &base)
+    } else {
+        Solved::new(&joint, points, telemetry, options, &refined, &entries)?
+    };
+    // Where nothing shows nothing can be left: it is not asked for.
+    let mut final_scan = significant.then(|| solved.scan());
+    let mut final_omnibus = final_scan.as_ref().map(|scan| solved.omnibus(scan, options, 2));
+    if final_omnibus.as_ref().is_some_and(|test| test.p_value < options.alpha) {
         // More may show on all frames than did on a part of them; it is proved frame by frame.
         let more = solved.more(&refined, &entries, &rejected, threshold);
         if more.len() > entries.len() {
@@ -156,18 +124,21 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
                 entries = kept.iter().map(|k| more[*k]).collect();
                 refine(&mut refined, &joint, &mut entries, &all, &begin);
                 solved = Solved::new(&joint, points, telemetry, options, &refined, &entries)?;
-                final_omnibus = solved.omnibus(options, 3);
+                final_scan = Some(solved.scan());
+                final_omnibus = final_scan.as_ref().map(|scan| solved.omnibus(scan, options, 3));
             }
         }
     }
 
     // Names that do not stand.
-    let with_all = Stand::new(&refined, &all, &entries, &begin);
-    let final_scan = solved.scan();
+    let with_all = if entries.is_empty() { base.clone() } else { Stand::new(&refined, &all, &entries, &begin) };
     let mut veto: Vec<(usize, Vec<String>)> = Vec::new();
     for k in 0..entries.len() {
         let statistic = findings::statistic(&refined, &with_all, &entries, k).0;
-        let mut against = vetoes(&solved.evidence, &solved.stand, &final_scan, &solved.entries, k, statistic);
+        let mut against = Vec::new();
+        if let Some(scan) = &final_scan {
+            against.extend(vetoes(&solved.evidence, &solved.stand, scan, &solved.entries, k, statistic));
+        }
         against.extend(concentration(&refined, &with_all, &entries, k));
         against.extend(findings::amplitude_veto(&refined, &with_all, &entries, k));
         if !against.is_empty() {
@@ -191,28 +162,30 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
     let found: Vec<Finding> = standing.iter().map(|k| context.finding(*k, &solved, options)).collect();
     let kept: Vec<Entry> = standing.iter().map(|k| entries[*k]).collect();
     // What is left has to be significant on all frames, however the training part fell out.
-    let everything = Stand::new(&refined, &all, &kept, &begin);
-    let rest = if veto.is_empty() && !entries.is_empty() {
+    let everything = if kept == entries { with_all.clone() } else { Stand::new(&refined, &all, &kept, &begin) };
+    let rest = if veto.is_empty() {
         final_omnibus
     } else {
         let scan =
             Scan::new(&refined, &everything.noise, &everything.sheet, &everything.fit, |index| kept.iter().all(|e| e.hypothesis != index));
-        omnibus(&refined, &everything, &scan, options, 4)
+        Some(omnibus(&refined, &everything, &scan, options, (4, options.alpha, Effort::Whole)))
     };
-    let something_left = significant && rest.p_value < options.alpha;
-    let unknown = something_left.then(|| left::unknown(&refined, &everything, &resembling, &rest, points, &joint, &tests));
+    let left = rest.as_ref().filter(|rest| rest.p_value < options.alpha);
+    let something_left = left.is_some();
+    let unknown = left.map(|rest| left::unknown(&refined, &everything, &resembling, rest, points, &joint, &tests));
     let verdict = match (found.is_empty(), something_left) {
         (_, true) => Verdict::Unexplained,
         (false, false) => Verdict::Explained,
         (true, false) => Verdict::Consistent,
     };
-    if significant && verdict == Verdict::Consistent {
+    if let Some(rest) = rest.as_ref().filter(|_| verdict == Verdict::Consistent) {
         warnings.push(format!(
             "the training part alone looks inconsistent (p = {:.1e}, {}), all frames together do not (p = {:.1e}): taken for chance",
             first.p_value, first.largest, rest.p_value
         ));
     }
     let effects = context.effects(&solved, &found, &kept);
+    let profiles = context.profiles(&standing, &found);
     let fit = Fit {
         baseline: quality(&refined, &base, &solved.stand.noise, &[], &tests),
         after: quality(&refined, &everything, &solved.stand.noise, &kept, &tests),
@@ -232,19 +205,19 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
         noise: findings::noise_state(&solved.stand),
         lock_box: LockBox {
             kind: if locked.is_empty() { "leave-one-out" } else { "blocks" }.to_owned(),
-            frames: locked.iter().map(|place| evidence.frames[*place].0).collect(),
+            frames: locked.iter().map(|place| refined.frames[*place].0).collect(),
         },
-        nulls: first.chance.all.len(),
+        nulls: first.chance.nulls,
         effective_hypotheses: hypotheses,
         summary: Vec::new(),
         warnings,
         camera: Some(solved.joint.model().clone()),
         residuals: findings::residual_rows(&refined, &base, &everything, points),
-        profiles: context.profiles(&standing),
+        profiles,
         seconds: 0.0,
         provenance: None,
     };
-    diagnosis.summary = words::summary(&diagnosis, rest.p_value);
+    diagnosis.summary = words::summary(&diagnosis, rest.map_or(1.0, |rest| rest.p_value));
     diagnosis.seconds = started.elapsed().as_secs_f64();
     Ok(diagnosis)
 }
@@ -333,7 +306,7 @@ fn quality(evidence: &Evidence, stand: &Stand, noise: &NoiseModel, entries: &[En
         let pairs = residual_px.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect();
         evidence.white(noise, &pairs)
     };
-    let (psi, _) = super::sheet::psi_of(&white, &stand.take, noise.tail_degrees);
+    let (psi, _) = super::descent::psi_of(&white, &stand.take, noise.tail_degrees);
     let held = {
         let judged = Stand { noise: noise.clone(), sheet: evidence.sheet(noise), ..stand.clone() };
         held_out_quality(evidence, &judged, entries, tests)
@@ -401,9 +374,4 @@ pub(super) fn p_of(t: f64, rank: usize) -> f64 {
 /// p-value once all hypotheses are counted.
 pub(super) fn family(p: f64, hypotheses: f64) -> f64 {
     -(hypotheses * (-p).ln_1p()).exp_m1()
-}
-
-/// p-value of a covariate among all.
-pub(super) fn among_covariates(chance: &Chance, surprise: f64) -> f64 {
-    family_p(&chance.covariates, surprise)
 }

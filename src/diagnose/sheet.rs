@@ -11,13 +11,16 @@
 //! effect explains where it is. Source: Huber, Robust Statistics (1981), 7.8 (pseudo-values); Lange, Little and Taylor, J. Am. Stat. Assoc.
 //! 84, 881 (1989), for t.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DMatrixView, DVector};
+
+use super::descent::{descend, psi_of};
+use super::own::Own;
 
 /// Numbers of both axes of all star images: x, y, x, y, …
 pub(super) type Whitened = Vec<f64>;
 
 /// Columns whose rest is smaller than this share of them are taken for linear combinations of those before.
-const DEPENDENT: f64 = 1e-7;
+pub(super) const DEPENDENT: f64 = 1e-7;
 
 /// The linear problem.
 #[derive(Clone, Debug, Default)]
@@ -47,9 +50,9 @@ impl Sheet {
 #[derive(Clone, Debug)]
 pub(super) struct Fit {
     take: Vec<bool>,
-    local: Vec<Whitened>,
+    own: Own,
     /// Orthonormal basis of the shared columns, own columns projected out.
-    basis: Vec<Whitened>,
+    basis: DMatrix<f64>,
     /// Coefficients of the shared columns for each basis vector.
     mixing: DMatrix<f64>,
     /// Change of the shared parameters from the point of linearisation: camera first, then the others.
@@ -79,10 +82,26 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + rest
 }
 
-fn subtract(from: &mut [f64], factor: f64, what: &[f64]) {
+pub(super) fn subtract(from: &mut [f64], factor: f64, what: &[f64]) {
     for (a, b) in from.iter_mut().zip(what) {
         *a -= factor * b;
     }
+}
+
+/// A column on the images taken, zero elsewhere.
+pub(super) fn masked(column: &[f64], take: &[bool]) -> Whitened {
+    column.chunks_exact(2).zip(take).flat_map(|(pair, take)| if *take { [pair[0], pair[1]] } else { [0.0; 2] }).collect()
+}
+
+/// aᵀ·b. The library's own product with a transposed matrix is a loop of single products, many times slower.
+pub(super) fn products(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+    const FEW: usize = 5;
+    if a.ncols() <= FEW || b.ncols() <= FEW {
+        let columns = |matrix: &DMatrix<f64>, k: usize| matrix.nrows() * k..matrix.nrows() * (k + 1);
+        return DMatrix::from_fn(a.ncols(), b.ncols(), |i, j| dot(&a.as_slice()[columns(a, i)], &b.as_slice()[columns(b, j)]));
+    }
+    let turned = DMatrixView::from_slice_with_strides(a.as_slice(), a.ncols(), a.nrows(), a.nrows(), 1);
+    turned * b
 }
 
 /// The weight of a residual with square `q`.
@@ -95,8 +114,8 @@ impl Fit {
     pub(super) fn new(sheet: &Sheet, take: &[bool], more: &[&Whitened]) -> Self {
         let mut fit = Self {
             take: take.to_vec(),
-            local: local_basis(sheet, take),
-            basis: Vec::new(),
+            own: Own::new(sheet, take),
+            basis: DMatrix::zeros(2 * sheet.images(), 0),
             mixing: DMatrix::zeros(0, 0),
             change: DVector::zeros(0),
             residual: Vec::new(),
@@ -111,47 +130,43 @@ impl Fit {
         fit
     }
 
-    fn masked(&self, column: &[f64]) -> Whitened {
-        column.iter().enumerate().map(|(k, value)| if self.take[k / 2] { *value } else { 0.0 }).collect()
-    }
-
     fn set_shared(&mut self, sheet: &Sheet, shared: &[&Whitened]) {
         let count = shared.len();
-        let projected: Vec<Whitened> = shared.iter().map(|column| self.without_own(sheet, column)).collect();
-        let length: Vec<f64> = projected.iter().map(|column| dot(column, column).sqrt()).collect();
+        let projected = self.without_own(sheet, shared.iter().map(|column| column.as_slice()));
+        let length: Vec<f64> = projected.column_iter().map(|column| column.norm()).collect();
         let raw: Vec<f64> = shared.iter().map(|column| dot(column, column).sqrt()).collect();
         let scale: Vec<f64> =
             (0..count).map(|k| if length[k] > DEPENDENT * raw[k] && length[k] > 0.0 { 1.0 / length[k] } else { 0.0 }).collect();
-        let gram = DMatrix::from_fn(count, count, |i, j| scale[i] * scale[j] * dot(&projected[i], &projected[j]));
+        let mut gram = products(&projected, &projected);
+        for (k, value) in gram.iter_mut().enumerate() {
+            *value *= scale[k % count] * scale[k / count];
+        }
         let eigen = gram.symmetric_eigen();
         let kept: Vec<usize> = (0..count).filter(|k| eigen.eigenvalues[*k] > 1e-10).collect();
         self.mixing =
             DMatrix::from_fn(count, kept.len(), |i, j| scale[i] * eigen.eigenvectors[(i, kept[j])] / eigen.eigenvalues[kept[j]].sqrt());
-        self.basis = (0..kept.len())
-            .map(|j| {
-                let mut vector = vec![0.0; 2 * sheet.images()];
-                for (i, column) in projected.iter().enumerate() {
-                    subtract(&mut vector, -self.mixing[(i, j)], column);
-                }
-                vector
-            })
-            .collect();
+        self.basis = projected * &self.mixing;
+    }
+
+    /// The basis of the shared columns, one vector after the other.
+    fn directions(&self) -> impl Iterator<Item = &[f64]> {
+        self.basis.as_slice().chunks_exact(self.basis.nrows().max(1))
     }
 
     fn solve(&mut self, sheet: &Sheet) {
         let taken = self.take.iter().filter(|take| **take).count();
-        let own: usize = self.local.len() * self.frames_taken(sheet);
-        self.degrees = (2.0 * taken as f64 - own as f64 - self.basis.len() as f64).max(1.0);
+        let own: usize = self.own.count() * self.frames_taken(sheet);
+        self.degrees = (2.0 * taken as f64 - own as f64 - self.basis.ncols() as f64).max(1.0);
         let nu = sheet.tail_degrees;
         let project = |column: &mut Whitened| -> Vec<f64> {
-            let along: Vec<f64> = self.basis.iter().map(|basis| dot(basis, column)).collect();
-            self.take_out_own(sheet, column);
-            for (along, basis) in along.iter().zip(&self.basis) {
+            let along: Vec<f64> = self.directions().map(|basis| dot(basis, column)).collect();
+            self.own.take_out(column);
+            for (along, basis) in along.iter().zip(self.directions()) {
                 subtract(column, *along, basis);
             }
             along
         };
-        let (residual, moved) = descend(self.masked(&sheet.residual), &self.take, nu, self.basis.len(), project);
+        let (residual, moved) = descend(masked(&sheet.residual, &self.take), &self.take, nu, self.basis.ncols(), project);
         // c and d are those of errors, and residuals are smaller than errors by what the fit has taken.
         let larger = (2.0 * taken as f64 / self.degrees).sqrt();
         let errors: Whitened = residual.iter().map(|r| r * larger).collect();
@@ -172,26 +187,37 @@ impl Fit {
         seen.into_iter().filter(|seen| *seen).count()
     }
 
-    /// Takes the own columns out of a masked column.
-    fn take_out_own(&self, sheet: &Sheet, column: &mut [f64]) {
-        take_out_own(sheet, &self.local, column);
-    }
-
-    fn without_own(&self, sheet: &Sheet, column: &[f64]) -> Whitened {
-        let mut masked = self.masked(column);
-        self.take_out_own(sheet, &mut masked);
-        masked
+    fn without_own<'a>(&self, sheet: &Sheet, columns: impl Iterator<Item = &'a [f64]>) -> DMatrix<f64> {
+        let mut all = Vec::new();
+        for column in columns {
+            let mut rest = masked(column, &self.take);
+            self.own.take_out(&mut rest);
+            all.extend(rest);
+        }
+        let rows = 2 * sheet.images();
+        DMatrix::from_vec(rows, all.len().checked_div(rows).unwrap_or(0), all)
     }
 
     /// M·a: what attitudes, camera and accepted effects leave of a column, on the images taken.
-    pub(super) fn project(&self, sheet: &Sheet, column: &[f64]) -> Whitened {
-        let mut rest = self.without_own(sheet, column);
+    pub(super) fn project(&self, column: &[f64]) -> Whitened {
+        let mut rest = masked(column, &self.take);
+        self.own.take_out(&mut rest);
         // Twice: a column that is nearly all taken up leaves its rounding errors after the first time.
         for _ in 0..2 {
-            for basis in &self.basis {
+            for basis in self.directions() {
                 let along = dot(basis, &rest);
                 subtract(&mut rest, along, basis);
             }
+        }
+        rest
+    }
+
+    /// M·a of many columns.
+    pub(super) fn project_all(&self, sheet: &Sheet, columns: &[Whitened]) -> DMatrix<f64> {
+        let mut rest = self.without_own(sheet, columns.iter().map(Vec::as_slice));
+        for _ in 0..2 {
+            let along = products(&self.basis, &rest);
+            rest.gemm(-1.0, &self.basis, &along, 1.0);
         }
         rest
     }
@@ -211,170 +237,6 @@ impl Fit {
     pub(super) fn with_noise_of(self, other: &Self) -> Self {
         Self { c: other.c, ..self }
     }
-}
-
-/// −2·ln of the density over its value at zero, summed over the images taken.
-pub(super) fn cost(residual: &[f64], take: &[bool], tail_degrees: f64) -> f64 {
-    let of = |k: usize| {
-        let q = residual[2 * k].powi(2) + residual[2 * k + 1].powi(2);
-        if tail_degrees.is_finite() { (tail_degrees + 2.0) * (q / tail_degrees).ln_1p() } else { q }
-    };
-    (0..take.len()).filter(|k| take[*k]).map(of).sum()
-}
-
-/// ψ and the mean of its derivative.
-pub(super) fn psi_of(residual: &[f64], take: &[bool], tail_degrees: f64) -> (Whitened, f64) {
-    let mut psi = vec![0.0; residual.len()];
-    let (mut slope, mut count) = (0.0, 0.0);
-    for k in (0..take.len()).filter(|k| take[*k]) {
-        let q = residual[2 * k].powi(2) + residual[2 * k + 1].powi(2);
-        let w = weight(tail_degrees, q);
-        psi[2 * k] = w * residual[2 * k];
-        psi[2 * k + 1] = w * residual[2 * k + 1];
-        slope += if tail_degrees.is_finite() { w * tail_degrees / (tail_degrees + q) } else { 1.0 };
-        count += 1.0;
-    }
-    (psi, if count > 0.0 { slope / count } else { 1.0 })
-}
-
-/// Residuals of the images taken with every parameter but the own ones held: the attitudes are refitted, robustly.
-pub(super) fn refit_own(sheet: &Sheet, take: &[bool], residual: &[f64]) -> Whitened {
-    let local = local_basis(sheet, take);
-    let masked = residual.iter().enumerate().map(|(k, value)| if take[k / 2] { *value } else { 0.0 }).collect();
-    let project = |column: &mut Whitened| -> Vec<f64> {
-        take_out_own(sheet, &local, column);
-        Vec::new()
-    };
-    descend(masked, take, sheet.tail_degrees, 0, project).0
-}
-
-/// Residuals of least Σρ that differ from those given by what `project` takes out of a column (it returns the coefficients along some of
-/// what it takes), and the sums of these coefficients.
-///
-/// From the residuals as given, or from those of least squares if their cost is lower: with parameters of other frames a whole frame may
-/// stand tens of σ off, where ψ is all tail. The step Πψ/d is Newton's with a mean slope; where it does not lower the cost the step with
-/// the largest slope there is does (Huber's bound), so the descent cannot run away.
-fn descend(
-    start: Whitened,
-    take: &[bool],
-    tail_degrees: f64,
-    along: usize,
-    project: impl Fn(&mut Whitened) -> Vec<f64>,
-) -> (Whitened, Vec<f64>) {
-    const TURNS: usize = 60;
-    let steepest = if tail_degrees.is_finite() { (tail_degrees + 2.0) / tail_degrees } else { 1.0 };
-    let value = |residual: &Whitened| cost(residual, take, tail_degrees);
-    // The residuals after a step along ψ with a slope, and the coefficients.
-    let stepped = |residual: &Whitened, psi: &Whitened, slope: f64| {
-        let mut left = psi.clone();
-        let part = project(&mut left);
-        let next: Whitened = residual.iter().zip(psi.iter().zip(&left)).map(|(r, (psi, left))| r - (psi - left) / slope).collect();
-        (next, part.into_iter().map(|part| -part / slope).collect::<Vec<f64>>())
-    };
-    let (mut residual, mut moved) = (start, vec![0.0; along]);
-    let mut least = value(&residual);
-    let mut psi = residual.clone();
-    let mut slope = 1.0;
-    for turn in 0..TURNS {
-        let (mut next, mut part) = stepped(&residual, &psi, slope);
-        let mut reached = value(&next);
-        if turn > 0 && reached > least {
-            (next, part) = stepped(&residual, &psi, steepest);
-            reached = value(&next);
-        }
-        if reached < least {
-            for (moved, part) in moved.iter_mut().zip(part) {
-                *moved += part;
-            }
-            let settled = least - reached < 1e-10 * least.abs().max(1.0);
-            (residual, least) = (next, reached);
-            if settled && turn > 0 {
-                break;
-            }
-        } else if turn > 0 {
-            break;
-        }
-        (psi, slope) = psi_of(&residual, take, tail_degrees);
-    }
-    (residual, moved)
-}
-
-/// M_own·a on the images taken.
-pub(super) fn project_own(sheet: &Sheet, take: &[bool], column: &[f64]) -> Whitened {
-    let local = local_basis(sheet, take);
-    let mut rest: Whitened = column.iter().enumerate().map(|(k, value)| if take[k / 2] { *value } else { 0.0 }).collect();
-    take_out_own(sheet, &local, &mut rest);
-    rest
-}
-
-/// The own columns, orthonormal within each frame.
-fn local_basis(sheet: &Sheet, take: &[bool]) -> Vec<Whitened> {
-    let mut basis: Vec<Whitened> = Vec::new();
-    for column in &sheet.own {
-        let mut vector: Whitened = column.iter().enumerate().map(|(k, value)| if take[k / 2] { *value } else { 0.0 }).collect();
-        let before = by_frame(sheet, &vector, &vector);
-        take_out_own(sheet, &basis, &mut vector);
-        take_out_own(sheet, &basis, &mut vector);
-        let length = by_frame(sheet, &vector, &vector);
-        for (k, value) in vector.iter_mut().enumerate() {
-            let frame = sheet.frame[k / 2];
-            *value = if length[frame] > DEPENDENT * DEPENDENT * before[frame] && length[frame] > 0.0 {
-                *value / length[frame].sqrt()
-            } else {
-                0.0
-            };
-        }
-        basis.push(vector);
-    }
-    basis
-}
-
-fn by_frame(sheet: &Sheet, a: &[f64], b: &[f64]) -> Vec<f64> {
-    let mut sums = vec![0.0; sheet.frames];
-    for (image, frame) in sheet.frame.iter().enumerate() {
-        sums[*frame] += a[2 * image] * b[2 * image] + a[2 * image + 1] * b[2 * image + 1];
-    }
-    sums
-}
-
-fn take_out_own(sheet: &Sheet, local: &[Whitened], column: &mut [f64]) {
-    for basis in local {
-        let along = by_frame(sheet, basis, column);
-        for (image, frame) in sheet.frame.iter().enumerate() {
-            column[2 * image] -= along[*frame] * basis[2 * image];
-            column[2 * image + 1] -= along[*frame] * basis[2 * image + 1];
-        }
-    }
-}
-
-/// The change of each own parameter, by parameter and frame, that leads from residuals with the shared parameters moved to those of the
-/// fit: by least squares on the images taken, where it is exact.
-pub(super) fn own_changes(sheet: &Sheet, take: &[bool], shared_moved: &[f64], fitted: &[f64]) -> Vec<Vec<f64>> {
-    let own = sheet.own.len();
-    let mut changes = vec![vec![0.0; sheet.frames]; own];
-    if own == 0 {
-        return changes;
-    }
-    let mut matrices = vec![DMatrix::<f64>::zeros(own, own); sheet.frames];
-    let mut rights = vec![DVector::<f64>::zeros(own); sheet.frames];
-    for k in (0..2 * sheet.images()).filter(|k| take[k / 2]) {
-        let frame = sheet.frame[k / 2];
-        let wanted = fitted[k] - shared_moved[k];
-        for i in 0..own {
-            rights[frame][i] += sheet.own[i][k] * wanted;
-            for j in 0..own {
-                matrices[frame][(i, j)] += sheet.own[i][k] * sheet.own[j][k];
-            }
-        }
-    }
-    for (frame, (matrix, right)) in matrices.into_iter().zip(rights).enumerate() {
-        if let Some(solution) = matrix.pseudo_inverse(0.0).ok().map(|inverse| inverse * right) {
-            for i in 0..own {
-                changes[i][frame] = if solution[i].is_finite() { solution[i] } else { 0.0 };
-            }
-        }
-    }
-    changes
 }
 
 #[cfg(test)]
@@ -431,13 +293,13 @@ mod tests {
         let mut rng = Pcg64Mcg::seed_from_u64(5);
         let (sheet, more) = sheet(&mut rng, [0.0; 3], f64::INFINITY);
         let fit = Fit::new(&sheet, &[true; IMAGES], &[]);
-        let rest = fit.project(&sheet, &more);
+        let rest = fit.project(&more);
         for camera in &sheet.camera {
             assert!(dot(&rest, camera).abs() < 1e-9);
-            assert!(fit.project(&sheet, camera).iter().all(|value| value.abs() < 1e-9));
+            assert!(fit.project(camera).iter().all(|value| value.abs() < 1e-9));
         }
         for own in &sheet.own {
-            assert!(by_frame(&sheet, own, &rest).iter().all(|sum| sum.abs() < 1e-9));
+            assert!(fit.own.by_frame(own, &rest).iter().all(|sum| sum.abs() < 1e-9));
         }
         assert!(dot(&fit.psi, &rest).abs() > 1e-6, "a column that was not fitted still has a score");
     }

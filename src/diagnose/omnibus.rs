@@ -1,0 +1,80 @@
+//! Whether there is something at all: the most surprising hypothesis and the most surprising covariate, held against chance.
+
+use super::DiagnoseOptions;
+use super::attribute::Stand;
+use super::chance::{BATCH, COUNTED_FROM, Chance, family_p, family_p_error};
+use super::evidence::Evidence;
+use super::scan::{Asks, Scan};
+
+/// Where the decision is near, up to this many times the simulations asked for are added.
+const MORE: usize = 8;
+/// It is near while p is within so many standard errors of where it is decided.
+const NEAR: f64 = 6.0;
+
+/// Whether there is something, by the hypotheses and by the covariates; each has half of α.
+pub(super) struct Omnibus {
+    pub(super) p_value: f64,
+    pub(super) largest: String,
+    pub(super) chance: Chance,
+}
+
+/// How thoroughly chance is asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Effort {
+    /// With all simulations: p is told.
+    Whole,
+    /// With a first part of them if it decides: where ten of a few hundred simulations are as surprising there is nothing
+    /// (Besag and Clifford, Biometrika 78, 301, 1991).
+    Decide,
+}
+
+/// Asks all questions, and chance too. `level` is the probability at which it is decided; `stream` makes the simulations those of this call.
+pub(super) fn omnibus(
+    evidence: &Evidence,
+    stand: &Stand,
+    scan: &Scan,
+    options: &DiagnoseOptions,
+    (stream, level, effort): (u64, f64, Effort),
+) -> Omnibus {
+    let mut most = [(0.0_f64, String::new()), (0.0, String::new())];
+    for group in &scan.groups {
+        let (which, name) = match group.asks {
+            Asks::Hypothesis(index, _) => (0, evidence.hypotheses[index].id()),
+            Asks::Covariate(index) => (1, evidence.covariates[index].name.as_str()),
+        };
+        let surprise = group.surprise();
+        if surprise > most[which].0 {
+            most[which] = (surprise, name.to_owned());
+        }
+    }
+    let seed = options.seed ^ stream.wrapping_mul(0x517c_c1b7_2722_0a95);
+    let simulated = |from: usize, to: usize| scan.chance(&stand.fit, &stand.take, seed, from, to);
+    let first = if effort == Effort::Decide { BATCH.min(options.nulls) } else { options.nulls };
+    let mut chance = simulated(0, first);
+    let above = |largest: &[f64], surprise: f64| largest.partition_point(|value| *value >= surprise);
+    let is_plain = |chance: &Chance| above(&chance.hypotheses, most[0].0).min(above(&chance.covariates, most[1].0)) >= COUNTED_FROM;
+    if first < options.nulls && !is_plain(&chance) {
+        chance = chance.and(simulated(first, options.nulls));
+    }
+    // p of the hypotheses and of the covariates, and the standard error of ln p of the smaller.
+    let decide = |chance: &Chance| {
+        let (h, c) = (family_p(&chance.hypotheses, most[0].0), family_p(&chance.covariates, most[1].0));
+        let error = if h <= c { family_p_error(&chance.hypotheses, most[0].0) } else { family_p_error(&chance.covariates, most[1].0) };
+        (h, c, error)
+    };
+    let (mut h, mut c, mut error) = decide(&chance);
+    let p_of = |h: f64, c: f64| (2.0 * h.min(c)).min(1.0);
+    while chance.nulls >= options.nulls && chance.nulls < options.nulls * (1 + MORE) && (p_of(h, c) / level).ln().abs() < NEAR * error {
+        let to = (2 * chance.nulls).min(options.nulls * (1 + MORE));
+        let from = chance.nulls;
+        chance = chance.and(simulated(from, to));
+        (h, c, error) = decide(&chance);
+    }
+    let [of_hypotheses, of_covariates] = most.map(|(_, name)| name);
+    Omnibus { p_value: p_of(h, c), largest: if h <= c { of_hypotheses } else { of_covariates }, chance }
+}
+
+/// p-value of a covariate among all.
+pub(super) fn among_covariates(chance: &Chance, surprise: f64) -> f64 {
+    family_p(&chance.covariates, surprise)
+}
