@@ -305,7 +305,7 @@ impl Model {
     /// [`Self::parameters`]). Those of Sky effects have none here: see [`Self::apparent_columns`].
     #[must_use]
     pub fn seen(&self, values: &[f64], wanted: &[usize], pixel: [f64; 2], context: &Context) -> Option<Seen> {
-        let plain = values.iter().map(|value| Jet::constant(*value)).collect::<Vec<_>>();
+        let mut jets = values.iter().map(|value| Jet::constant(*value)).collect::<Vec<_>>();
         let mut seen = Seen { direction: [0.0; 3], by_pixel: [[0.0; 2]; 3], by_parameter: vec![[0.0; 3]; wanted.len()] };
         let first_sky = self.first_sky_and_count();
         let is_behind = |index: usize| !(first_sky.0..first_sky.0 + first_sky.1).contains(&index);
@@ -316,7 +316,6 @@ impl Model {
         while !pixel_done || !left.is_empty() {
             let room = if pixel_done { PARTIALS } else { PARTIALS - 2 };
             let (now, later) = left.split_at(left.len().min(room));
-            let mut jets = plain.clone();
             for (partial, k) in now.iter().enumerate() {
                 jets[wanted[*k]] = Jet::variable(values[wanted[*k]], partial);
             }
@@ -328,6 +327,7 @@ impl Model {
             let jet = self.backward(&jets, point, context)?;
             for (partial, k) in now.iter().enumerate() {
                 seen.by_parameter[*k] = jet.map(|component| component.partials[partial]);
+                jets[wanted[*k]] = Jet::constant(values[wanted[*k]]);
             }
             if !pixel_done {
                 seen.direction = jet.map(Real::value);

@@ -90,7 +90,7 @@ impl NoiseModel {
             let model = Self { factor: 1.0, floor_px2: floor, tail_degrees: 1.0, frame_factors: frame_factors.to_vec() };
             let terms =
                 taken.iter().map(|k| square_and_log(&model, &images[*k], place[*k], [residual_px[2 * k], residual_px[2 * k + 1]], freedom));
-            let squares = Squares::new(terms.collect());
+            let squares = Squares::new(&terms.collect::<Vec<_>>());
             for &tail_degrees in TAILS {
                 let (scale, likelihood) = squares.scale(tail_degrees);
                 let penalty = if tail_degrees.is_finite() { TAIL_GAIN } else { 0.0 } + if relative > 0.0 { FLOOR_GAIN } else { 0.0 };
@@ -133,7 +133,11 @@ impl NoiseModel {
 
 /// A column whitened.
 pub(super) fn whitened(whiteners: &[[f64; 3]], column: &Column) -> Vec<f64> {
-    whiteners.iter().zip(column).flat_map(|(whitener, value)| apply(*whitener, *value)).collect()
+    let mut white = vec![0.0; 2 * column.len()];
+    for ((white, whitener), value) in white.chunks_exact_mut(2).zip(whiteners).zip(column) {
+        white.copy_from_slice(&apply(*whitener, *value));
+    }
+    white
 }
 
 fn apply(whitener: [f64; 3], [x, y]: [f64; 2]) -> [f64; 2] {
@@ -154,7 +158,7 @@ struct Squares {
 }
 
 impl Squares {
-    fn new(terms: Vec<[f64; 2]>) -> Self {
+    fn new(terms: &[[f64; 2]]) -> Self {
         let mut squares: Vec<f64> = terms.iter().map(|[q, _]| *q).collect();
         let median = crate::statistics::median_in_place(&mut squares).unwrap_or(1.0);
         let start = (median / (2.0 * std::f64::consts::LN_2)).max(1e-12);

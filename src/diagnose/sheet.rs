@@ -90,7 +90,15 @@ pub(super) fn subtract(from: &mut [f64], factor: f64, what: &[f64]) {
 
 /// A column on the images taken, zero elsewhere.
 pub(super) fn masked(column: &[f64], take: &[bool]) -> Whitened {
-    column.chunks_exact(2).zip(take).flat_map(|(pair, take)| if *take { [pair[0], pair[1]] } else { [0.0; 2] }).collect()
+    let mut own = column.to_vec();
+    mask(&mut own, take);
+    own
+}
+
+fn mask(column: &mut [f64], take: &[bool]) {
+    for (pair, _) in column.chunks_exact_mut(2).zip(take).filter(|(_, take)| !**take) {
+        pair.fill(0.0);
+    }
 }
 
 /// aᵀ·b. The library's own product with a transposed matrix is a loop of single products, many times slower.
@@ -188,11 +196,10 @@ impl Fit {
     }
 
     fn without_own<'a>(&self, sheet: &Sheet, columns: impl Iterator<Item = &'a [f64]>) -> DMatrix<f64> {
-        let mut all = Vec::new();
-        for column in columns {
-            let mut rest = masked(column, &self.take);
-            self.own.take_out(&mut rest);
-            all.extend(rest);
+        let mut all: Vec<f64> = columns.flatten().copied().collect();
+        for rest in all.chunks_exact_mut(2 * sheet.images().max(1)) {
+            mask(rest, &self.take);
+            self.own.take_out(rest);
         }
         let rows = 2 * sheet.images();
         DMatrix::from_vec(rows, all.len().checked_div(rows).unwrap_or(0), all)
