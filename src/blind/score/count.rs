@@ -17,7 +17,7 @@ const TWINS_SNR: f64 = 15.0;
 const EQUAL_TO_LIBRARY: f64 = 0.97;
 /// Strengths from which names, places and mended data are judged, in multiples of what is just seen.
 const JUDGE_NAME_FROM: f64 = 3.9;
-pub(super) const JUDGE_PLACE_FROM: f64 = 1.9;
+const JUDGE_PLACE_FROM: f64 = 1.9;
 /// Off-library totals are of signals from here on.
 const OFF_LIBRARY_SNR: f64 = 14.0;
 

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use serde::{Deserialize, Serialize};
 
-use super::count::{self, JUDGE_PLACE_FROM, alarmed, first_name, summary};
+use super::count::{self, alarmed, first_name, summary};
 use super::{Ladder, Pulls, Rate, Score};
 use crate::blind::answer::{Answer, AnswerFinding};
 use crate::blind::generate::Truth;
@@ -24,8 +24,6 @@ pub struct Agreement {
     pub lists_alone: Rate,
     /// The same first name, of those in which either has one.
     pub first_name: Rate,
-    /// The same from 2 × what is just seen on: below, chance decides whether anything is found.
-    pub first_name_when_seen: Rate,
     /// Where both have it: difference of each parameter of the hidden effect, pixels less lists, over both standard errors together.
     pub parameters: Pulls,
 }
@@ -87,9 +85,6 @@ fn agreement(pairs: &[(Truth, Answer)]) -> Agreement {
         agreement.lists_alone.count(by_lists && !by_pixels);
         if first_name(seen).or(first_name(lists)).is_some() {
             agreement.first_name.count(first_name(seen) == first_name(lists));
-            if truth.effects.iter().any(|effect| effect.multiple >= JUDGE_PLACE_FROM) {
-                agreement.first_name_when_seen.count(first_name(seen) == first_name(lists));
-            }
         }
         for effect in &truth.effects {
             let of = |answer: &Answer| answer.findings.iter().find(|finding| finding.id == effect.id).cloned();
@@ -147,7 +142,7 @@ pub(super) fn section(score: &PixelScore) -> String {
         let _ = writeln!(text, "{words}"); // writing to a String cannot fail
     };
     let (seen, lists, agreement, way) = (&score.seen, &score.lists, &score.agreement, &score.way);
-    line("## Pixels\n");
+    line("\n## Pixels\n");
     line(&format!(
         "{} recordings of frames of 512² in which the stars are painted (Gaussian images, photons, background, read noise, counts), {} without \
          an answer{}. Stars are found, measured and identified lost in space, as `boresight diagnose` does. Beside them the same worlds with \
@@ -198,7 +193,6 @@ pub(super) fn section(score: &PixelScore) -> String {
         ("something missing: in the pixels alone", agreement.pixels_alone.to_string()),
         ("something missing: in the star lists alone", agreement.lists_alone.to_string()),
         ("same first name, where either has one", agreement.first_name.to_string()),
-        ("the same, from 2 × what is just seen", agreement.first_name_when_seen.to_string()),
         ("parameters, pixels less lists over both errors: mean, sd", pulls(&agreement.parameters)),
         ("frames identified", way.frames.to_string()),
         ("stars painted alone, used under their names", way.stars.to_string()),

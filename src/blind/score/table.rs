@@ -9,35 +9,17 @@ use super::{NullScore, Rate, Score, pixels};
 pub fn markdown(score: &Score) -> String {
     let mut page = String::new();
     head(&mut page, score);
-    if score.answers + score.unanswered > 0 {
-        lists(&mut page, score);
-    }
+    merit(&mut page, score);
+    nulls(&mut page, score);
+    ladders(&mut page, score);
+    confusers(&mut page, score);
+    off_library(&mut page, score);
+    pulls(&mut page, score);
+    held_out(&mut page, score);
     if let Some(pixels) = &score.pixels {
         page += &pixels::section(pixels);
     }
     page
-}
-
-/// What star lists have shown.
-fn lists(page: &mut String, score: &Score) {
-    line(
-        page,
-        &format!(
-            "Star lists: {} answers, {} recordings without one{}. Median {:.2} s, longest {:.1} s a recording.\n",
-            score.answers,
-            score.unanswered,
-            score.unanswered_reason.as_ref().map_or_else(String::new, |reason| format!(" (first reason: {reason})")),
-            score.seconds[0],
-            score.seconds[1],
-        ),
-    );
-    merit(page, score);
-    nulls(page, score);
-    ladders(page, score);
-    confusers(page, score);
-    off_library(page, score);
-    pulls(page, score);
-    held_out(page, score);
 }
 
 fn line(page: &mut String, text: &str) {
@@ -57,9 +39,16 @@ fn head(page: &mut String, score: &Score) {
     line(
         page,
         &format!(
-            "Written by `boresight blind score`; seed {}, version {}. Shares stand with their Wilson 95 % intervals. Strengths are multiples \
-             of what is just seen: 5σ after one free attitude for each frame and x0, y0, f, k1, p1, p2.\n",
-            score.seed, score.version,
+            "Written by `boresight blind score`; seed {}, version {}; {} answers, {} recordings without one{}. Shares stand with their \
+             Wilson 95 % intervals. Strengths are multiples of what is just seen: 5σ after one free attitude for each frame and x0, y0, f, k1, \
+             p1, p2. Median {:.2} s, longest {:.1} s a recording.\n",
+            score.seed,
+            score.version,
+            score.answers,
+            score.unanswered,
+            score.unanswered_reason.as_ref().map_or_else(String::new, |reason| format!(" (first reason: {reason})")),
+            score.seconds[0],
+            score.seconds[1],
         ),
     );
 }
@@ -218,5 +207,4 @@ fn held_out(page: &mut String, score: &Score) {
             ),
         );
     }
-    line(page, "");
 }
