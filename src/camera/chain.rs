@@ -75,7 +75,7 @@ fn known_effects() -> impl Iterator<Item = &'static str> {
         earth_from_icrs: Some([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
         rate_rad_s: Some([1e-3; 3]),
         exposure_s: Some(1.0),
-        sensor: Some(Sensor { width_px: 1024, height_px: 1024, line_time_s: Some(1e-5) }),
+        sensor: Some(Sensor { width_px: 1024, height_px: 1024, line_time_s: Some(1e-5), last_row_first: false }),
         ..Observation::default()
     };
     DISPLACEMENTS.iter().filter(move |effect| effect.known(&everything).is_some()).map(|effect| effect.id())

@@ -15,6 +15,8 @@ pub trait CentroidShift: Sync {
     const ID: &'static str;
     /// Its parameters: amplitudes, in which the shift is linear, of which zero means no effect. At most [`MOST_SHIFTS`].
     const PARAMETERS: &'static [ParameterSpec];
+    /// See [`Displacement::WITHIN_PIXELS`].
+    const WITHIN_PIXELS: bool = false;
 
     /// Shift (x, y) of the measured centre, px, per unit of the parameter with this index, at the measured point. Zero where what it
     /// depends on is not known of this image.
@@ -42,6 +44,7 @@ pub trait CentroidShift: Sync {
 impl<C: CentroidShift> Displacement for C {
     const ID: &'static str = C::ID;
     const SEGMENT: Segment = Segment::Focal;
+    const WITHIN_PIXELS: bool = C::WITHIN_PIXELS;
     const PARAMETERS: &'static [ParameterSpec] = {
         assert!(C::PARAMETERS.len() <= MOST_SHIFTS);
         C::PARAMETERS

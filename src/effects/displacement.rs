@@ -138,6 +138,9 @@ pub struct Sensor {
     /// With a rolling shutter, how much later each row of a higher number is exposed (negative if the last row is read first); zero
     /// with a global one, absent where nobody says.
     pub line_time_s: Option<f64>,
+    /// Whether the last row is read first, which is known even where the time from row to row is not.
+    #[serde(default)]
+    pub last_row_first: bool,
 }
 
 impl Sensor {
@@ -158,7 +161,7 @@ impl Observation {
     /// Of a camera of which nothing but the size of its frames is known.
     #[must_use]
     pub fn of_sensor(width_px: usize, height_px: usize) -> Self {
-        Self { sensor: Some(Sensor { width_px, height_px, line_time_s: None }), ..Self::default() }
+        Self { sensor: Some(Sensor { width_px, height_px, line_time_s: None, last_row_first: false }), ..Self::default() }
     }
 }
 
@@ -265,6 +268,10 @@ pub trait Displacement: Sync {
     /// Its parameters.
     const PARAMETERS: &'static [ParameterSpec];
 
+    /// Whether it changes from one pixel to the next, so that the error of a measured point is felt in it: an adjustment then takes it at the
+    /// predicted point.
+    const WITHIN_PIXELS: bool = false;
+
     /// The body. `parameters` come in the order of [`Self::PARAMETERS`].
     fn displace<T: Real>(parameters: &[T], light: Light<T>, context: &Context) -> Light<T>;
 
@@ -316,6 +323,8 @@ pub trait AnyDisplacement: Sync {
     fn id(&self) -> &'static str;
     /// See [`Displacement::SEGMENT`].
     fn segment(&self) -> Segment;
+    /// See [`Displacement::WITHIN_PIXELS`].
+    fn is_within_pixels(&self) -> bool;
     /// See [`Displacement::PARAMETERS`].
     fn parameters(&self) -> &'static [ParameterSpec];
     /// The body on plain numbers.
@@ -350,6 +359,9 @@ impl<D: Displacement> AnyDisplacement for D {
     }
     fn segment(&self) -> Segment {
         D::SEGMENT
+    }
+    fn is_within_pixels(&self) -> bool {
+        D::WITHIN_PIXELS
     }
     fn parameters(&self) -> &'static [ParameterSpec] {
         D::PARAMETERS

@@ -79,6 +79,37 @@ pub fn add_listed_points(points: &mut ControlPoints, frame: usize, stars: &[List
     unknown
 }
 
+/// −1 if star images lie on their frames as in a mirror, by the sense of rotation between catalogue and frame that most frames have; 1 else.
+#[must_use]
+pub fn handedness(points: &ControlPoints) -> i8 {
+    let mut votes = 0_i64;
+    for frame in 0..points.attitudes.len() {
+        let own: Vec<&ControlPoint> = points.points.iter().filter(|point| point.frame == frame).collect();
+        let count = own.len() as f64;
+        if own.len() < 3 {
+            continue;
+        }
+        let middle: [f64; 3] = std::array::from_fn(|axis| own.iter().map(|point| point.direction.xyz[axis]).sum::<f64>() / count);
+        let [x, y] = [own.iter().map(|point| point.x_px).sum::<f64>() / count, own.iter().map(|point| point.y_px).sum::<f64>() / count];
+        let z = nalgebra::Vector3::from(middle);
+        let east = nalgebra::Vector3::new(-z.y, z.x, 0.0).try_normalize(1e-9).unwrap_or_else(nalgebra::Vector3::x);
+        let north = z.cross(&east).normalize();
+        // Σ of products of what is seen and what is catalogued: its determinant has the sign of the map from one to the other.
+        let mut sums = [[0.0; 2]; 2];
+        for point in own {
+            let direction = nalgebra::Vector3::from(point.direction.xyz);
+            let sky = [direction.dot(&east), direction.dot(&north)];
+            for (row, seen) in sums.iter_mut().zip([point.x_px - x, point.y_px - y]) {
+                row[0] += seen * sky[0];
+                row[1] += seen * sky[1];
+            }
+        }
+        // Columns to the right, rows downward, seen from within the sphere: a frame that is not mirrored turns as the sky does.
+        votes += if sums[0][0] * sums[1][1] - sums[0][1] * sums[1][0] < 0.0 { -1 } else { 1 };
+    }
+    if votes < 0 { -1 } else { 1 }
+}
+
 /// The control points of a whole star list, its identifications taken as they are, for a model with this physics.
 pub fn listed_control_points(recording: &Recording, catalog: &Catalog, physics: &Physics) -> Result<ControlPoints, ListedError> {
     let list = recording.stars.as_ref().ok_or(ListedError::NoList)?;

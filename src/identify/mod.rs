@@ -33,7 +33,7 @@ use crate::units::DEG_RAD;
 
 pub use control::{IdentifiedFrame, control_points, image_state};
 pub use index::{Index, IndexSize};
-pub use listed::{ASSUMED_EPOCH_YR, ListedError, add_listed_points, listed_control_points, listed_covariance_px2};
+pub use listed::{ASSUMED_EPOCH_YR, ListedError, add_listed_points, handedness, listed_control_points, listed_covariance_px2};
 pub use misidentify::{Misidentification, MisidentificationKind, misidentify};
 pub use solution::catalog_directions;
 

@@ -8,7 +8,7 @@ use crate::diagnose::{DiagnoseOptions, Telemetry};
 use crate::effects;
 use crate::identify::{
     ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, add_listed_points, control_points as build_control_points,
-    image_state,
+    handedness, image_state,
 };
 use crate::recording::{FrameEntry, Mount, Recording};
 use crate::units::ARCSEC_RAD;
@@ -148,6 +148,7 @@ fn trust(
             notes.push(format!("{}: the catalogue does not hold HIP {unknown:?}; these stars are left out", frame.name));
         }
     }
+    points.parity = handedness(points);
     Ok(())
 }
 

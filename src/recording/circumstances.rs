@@ -22,7 +22,12 @@ impl Recording {
     pub fn observations(&self) -> Result<Vec<Observation>, (usize, ObserverError)> {
         const SECONDS_PER_HOUR: f64 = 3600.0;
         let site = self.site.as_ref().map(GroundSite::from);
-        let sensor = Sensor { width_px: self.camera.width_px, height_px: self.camera.height_px, line_time_s: self.line_time_s() };
+        let sensor = Sensor {
+            width_px: self.camera.width_px,
+            height_px: self.camera.height_px,
+            line_time_s: self.line_time_s(),
+            last_row_first: self.camera.first_row == Some(FirstRow::Bottom),
+        };
         let first = self.frames.iter().find_map(|frame| frame.time_utc);
         let hours = self.offsets(|frame| {
             let entry = &self.frames[frame];

@@ -16,6 +16,8 @@ pub(super) const FORMAT: &str = "star-recording/1";
 /// The manifest's name in its folder.
 pub(super) const FILE_NAME: &str = "recording.toml";
 
+/// No camera in the solar system moves faster against its barycentre.
+const FASTEST_KM_S: f64 = 1000.0;
 const TOP_KEYS: &[&str] = &["format", "stars", "camera", "mount", "site", "frames"];
 const CAMERA_KEYS: &[&str] = &[
     "width_px",
@@ -233,9 +235,10 @@ fn telemetry(table: &mut Table<'_>, entry: &mut FrameEntry, time_place: &Place) 
     }
     entry.exposure_s = table.positive("exposure_s")?;
     entry.temperature_c = table.number_within("temperature_c", -273.15, 1000.0)?;
-    entry.velocity_km_s = table.numbers("velocity_km_s", "three numbers [x, y, z] in km/s, below the speed of light", |velocity| {
-        velocity.iter().map(|v| v * v).sum::<f64>().sqrt() < crate::units::SPEED_OF_LIGHT_KM_S
-    })?;
+    entry.velocity_km_s =
+        table.numbers("velocity_km_s", "three numbers [x, y, z] in km/s, together below 1000 km/s (is it m/s?)", |velocity| {
+            velocity.iter().map(|v| v * v).sum::<f64>().sqrt() < FASTEST_KM_S
+        })?;
     entry.rate_deg_s = table.numbers("rate_deg_s", three, |_| true)?;
     let what = "a quaternion of length 1, four numbers [x, y, z, scalar]";
     let quaternion: Option<[f64; 4]> = table.numbers("camera_from_icrs", what, |quaternion| {

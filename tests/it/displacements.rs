@@ -32,7 +32,7 @@ fn context() -> Context {
         pressure_offset_hpa: Some(-20.0),
         rate_rad_s: Some([0.01, -0.02, 0.015]),
         exposure_s: Some(0.2),
-        sensor: Some(Sensor { width_px: 1024, height_px: 768, line_time_s: Some(1.2e-5) }),
+        sensor: Some(Sensor { width_px: 1024, height_px: 768, line_time_s: Some(1.2e-5), last_row_first: false }),
     };
     let image = StarImage {
         flux_e: Some(8000.0),
@@ -293,6 +293,10 @@ fn the_line_time_keeps_the_meaning_of_the_manifest() {
     }
     assert_eq!(effect.displace(&[12.0], before, &with(None)).direction, down, "row 0 first where nobody says");
     assert!(effect.known(&with(None).observation).is_none() && effect.known(&with(Some(0.0)).observation).is_none());
+    // Which row is read first may be known where the time from row to row is not.
+    let mut last_first = with(None);
+    last_first.observation.sensor = last_first.observation.sensor.map(|sensor| Sensor { last_row_first: true, ..sensor });
+    assert_eq!(effect.displace(&[12.0], before, &last_first).direction, up);
 }
 
 #[test]

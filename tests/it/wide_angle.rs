@@ -25,7 +25,7 @@ fn direction(theta_deg: f64, azimuth_deg: f64) -> Direction<CameraAxes> {
 
 /// A camera that turns at 1°/s while its shutter rolls.
 fn turning(model: &Model) -> Context {
-    let sensor = Sensor { width_px: 2048, height_px: 2048, line_time_s: Some(-2e-5) };
+    let sensor = Sensor { width_px: 2048, height_px: 2048, line_time_s: Some(-2e-5), last_row_first: true };
     let rate = [0.5, -0.7, 0.51].map(f64::to_radians);
     let observation = Observation { rate_rad_s: Some(rate), sensor: Some(sensor), ..Observation::default() };
     Context::new(model.reference_context().star, observation)

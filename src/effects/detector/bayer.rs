@@ -32,6 +32,7 @@ pub struct Bayer;
 
 impl CentroidShift for Bayer {
     const ID: &'static str = "bayer";
+    const WITHIN_PIXELS: bool = true;
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "relative_per_mag", unit: "1/mag", typical: 0.2, range: (-1.0, 1.0) }];
 

@@ -16,7 +16,7 @@
 //! (Bayer) has this form times the colour. The background's spectrum has a line at two pixels if this is the cause.
 //!
 //! **Neglected.** The dependence of A₂ on the width of the image and on the estimator, so that ε is no more than an order of magnitude where
-//! these are others; noise of s px in the measured point, by which ε is found too small by the factor e^(−π²s²/2), 5 % at s = 0.1 px; a term
+//! these are others (an adjustment takes the predicted point for the measured one, so that noise does not make ε smaller); a term
 //! in ε²; offsets, which the background takes; rows. In an image stored mirrored, of an even number of columns, ε
 //! has the other sign, since columns are counted from the other side.
 //!
@@ -33,6 +33,7 @@ pub struct EvenOdd;
 
 impl CentroidShift for EvenOdd {
     const ID: &'static str = "even-odd";
+    const WITHIN_PIXELS: bool = true;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "relative", unit: "", typical: 0.03, range: (-0.5, 0.5) }];
 
     fn unit_shift<T: Real>(_: usize, measured: &Light<T>, _: &Context) -> [T; 2] {

@@ -17,8 +17,8 @@
 //! **Confused with.** The response within a pixel, which has the same form: flux that follows the fraction of the pixel tells them apart.
 //!
 //! **Neglected.** Higher harmonics (sin 4πx); the dependence on the image's width, and so on place and colour. The argument is the measured
-//! point where it should be the true one: a difference of πa² at most, 0.0013 px for a = 0.02 px. Noise of s px in that point makes the amplitude
-//! that is found too small by the factor e^(−2π²s²): 5 % at s = 0.05 px, 18 % at 0.1 px.
+//! point where it should be the true one: a difference of πa² at most, 0.0013 px for a = 0.02 px. An adjustment takes the predicted point for
+//! it: with noise of s px in the measured one the amplitude would be found too small by the factor e^(−2π²s²), 5 % at s = 0.05 px.
 //!
 //! **Source.** B. F. Alexander, K. C. Ng, Optical Engineering 30, 1320 (1991); J. Anderson, I. R. King, PASP 112, 1360 (2000).
 
@@ -33,6 +33,7 @@ pub struct SCurve;
 
 impl CentroidShift for SCurve {
     const ID: &'static str = "s-curve";
+    const WITHIN_PIXELS: bool = true;
     // An amplitude beyond 1/2π would give two true places for one measured.
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "x_px", unit: "px", typical: 0.02, range: (-0.15, 0.15) },

@@ -43,7 +43,7 @@ impl Displacement for RollingShutter {
         }
         let axis = constant::<T>(rate.map(|component| component / speed_rad_s));
         let [_, middle_row] = sensor.middle_px();
-        let sign = if sensor.line_time_s.is_some_and(|seconds| seconds < 0.0) { -1.0 } else { 1.0 };
+        let sign = if sensor.last_row_first || sensor.line_time_s.is_some_and(|seconds| seconds < 0.0) { -1.0 } else { 1.0 };
         let angle = parameters[0] * (light.pixel_px[1] - middle_row) * (sign * speed_rad_s * MICROSECOND_S);
         Light { direction: normalize(rotate(light.direction, axis, angle)), ..light }
     }
@@ -76,7 +76,7 @@ impl Displacement for RollingShutter {
         [("scipy 1.17.1, solve_ivp", fast, 12e-6, top), ("pyerfa 2.0.1.5, rv2m", [0.01, -0.02, 0.015], -12e-6, bottom)]
             .into_iter()
             .map(|(source, rate, line_time_s, after)| {
-                let sensor = Sensor { width_px: 1024, height_px: 768, line_time_s: Some(line_time_s) };
+                let sensor = Sensor { width_px: 1024, height_px: 768, line_time_s: Some(line_time_s), last_row_first: line_time_s < 0.0 };
                 let observation = Observation { rate_rad_s: Some(rate), sensor: Some(sensor), ..Observation::default() };
                 let light = |direction| Light { pixel_px: [600.0, 163.5], ..Light::from(direction) };
                 let context = Context::new(StarState::default(), observation);

@@ -62,7 +62,7 @@ impl SkyNight {
                     temperature_offset_k: Some(rng.random_range(-10.0..10.0)),
                     pressure_offset_hpa: Some(rng.random_range(-400.0..400.0)),
                     rate_rad_s: Some(std::array::from_fn(|_| rng.random_range(-0.05..0.05))),
-                    sensor: Some(Sensor { width_px: WIDTH_PX, height_px: HEIGHT_PX, line_time_s: None }),
+                    sensor: Some(Sensor { width_px: WIDTH_PX, height_px: HEIGHT_PX, line_time_s: None, last_row_first: false }),
                     ..known
                 }
             })
