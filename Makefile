@@ -52,19 +52,17 @@ study:
 	$(CARGO) run --locked --release --example misidentification -- -o outputs/misidentification $(STUDY)
 	$(CARGO) run --locked --release --example clean_statistics -- -o outputs/clean-statistics $(STUDY)
 
-# What is answered already is not asked again, so this can be stopped and gone on with. Sizes as family:recordings. Frames of pixels alone, in a
-# quarter of an hour: make blind BLIND_SIZES= BLIND=outputs/blind-pixels BLIND_PAGE=docs/studies/blind-pixels.md
-BLIND ?= outputs/blind
-BLIND_PAGE ?= docs/studies/blind.md
+# What is answered already is not asked again, so this can be stopped and gone on with. Sizes as family:recordings.
+BLIND := outputs/blind
 BLIND_SEED ?= 1
-BLIND_SIZES ?= null:1000 hard-null:450 ladder:1750 natural:30 confuser:660 two:200 absorbed:80 off-library:420
+BLIND_SIZES ?= null:1500 hard-null:450 ladder:1750 natural:60 confuser:528 two:200 absorbed:100 off-library:420
 BLIND_PIXELS ?= pixel-null:150 pixel-ladder:100 pixel-absorbed:12 pixel-off-library:42
 blind:
 	$(CARGO) build --locked --release --bin boresight
 	for part in $(BLIND_SIZES) $(BLIND_PIXELS); do \
 	$(PEERS_PROGRAM) blind generate --family $${part%:*} --to $${part#*:} --seed $(BLIND_SEED) -o $(BLIND) && \
 	$(PEERS_PROGRAM) blind run --family $${part%:*} --to $${part#*:} -o $(BLIND) || exit 1; done
-	$(PEERS_PROGRAM) blind score -o $(BLIND) --page $(BLIND_PAGE)
+	$(PEERS_PROGRAM) blind score -o $(BLIND) --page docs/studies/blind.md
 
 # Other programs on the same data; nothing of it belongs to the tests. PEERS_SETS: synthetic nights of each of the two cameras.
 # PEERS_PROGRAM: a boresight that is built already.

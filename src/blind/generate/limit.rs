@@ -2,7 +2,7 @@
 //! camera's x0, y0, f, k1, p1, p2 have taken up what they can (Fisher information of a linear model with the true errors).
 
 use super::kind::Hidden;
-use super::world::World;
+use super::world::{Optics, StarImage, World};
 
 /// What a displacement of given size leaves.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,20 +81,28 @@ impl<'w> Fisher<'w> {
             })
             .collect();
         let mut fisher = Self { world, starts, attitudes, camera: Vec::new() };
-        let fields: [&dyn Fn(f64, f64) -> [f64; 2]; 6] = [
-            &|_, _| [1.0, 0.0],
-            &|_, _| [0.0, 1.0],
-            &|x, y| [x / half, y / half],
-            &|x, y| {
-                let r2 = (x * x + y * y) / (half * half);
-                [r2 * x / half, r2 * y / half]
-            },
-            &|x, y| [(3.0 * x * x + y * y) / (half * half), 2.0 * x * y / (half * half)],
-            &|x, y| [2.0 * x * y / (half * half), (3.0 * y * y + x * x) / (half * half)],
+        // The camera's columns at its true distortion: what stands in for a hidden displacement moves the principal point by many pixels, and
+        // with decentring that is a change of aspect too.
+        let half2 = half * half;
+        let changes: [fn(&mut Optics, f64); 6] = [
+            |optics, by| optics.centre_px[0] += by,
+            |optics, by| optics.centre_px[1] += by,
+            |optics, by| optics.focal_px += by,
+            |optics, by| optics.k1 += by,
+            |optics, by| optics.p1 += by,
+            |optics, by| optics.p2 += by,
         ];
+        let steps = [0.1, 0.1, 0.1, 0.1 / (half2 * half), 0.1 / half2, 0.1 / half2];
         let mut camera = Vec::new();
-        for field in fields {
-            let mut whole = column(0..world.images.len(), field);
+        for (change, step) in changes.into_iter().zip(steps) {
+            let moved = |by: f64| {
+                let mut other = world.clone();
+                change(&mut other.optics, by);
+                other.predict(&[])
+            };
+            let (more, less) = (moved(step), moved(-step));
+            let of = |((a, b), image): ((&[f64; 2], &[f64; 2]), &StarImage)| [0, 1].map(|axis| (a[axis] - b[axis]) / image.sigma_px);
+            let mut whole: Vec<f64> = more.iter().zip(&less).zip(&world.images).flat_map(of).collect();
             fisher.without_attitudes(&mut whole);
             extend(&mut camera, whole);
         }
