@@ -1,5 +1,6 @@
 //! The joint adjustment for those who ask more of it than a camera: residuals of every star image, the columns of any effect at the
-//! solution, and the solution anew with other effects and given weights. Nothing is left out and nothing is decided here.
+//! solution, and the solution anew with other effects and given weights. Nothing is left out and nothing is decided here. All columns are
+//! taken at the predicted points.
 
 use rayon::prelude::*;
 
@@ -19,6 +20,10 @@ pub struct JointImage {
     pub point: usize,
     /// Its frame in the recording.
     pub frame: usize,
+    /// Catalogue direction of its star, which tells stars apart.
+    pub star_direction: [f64; 3],
+    /// Measured position.
+    pub measured_px: [f64; 2],
     /// Measured minus predicted, px.
     pub residual_px: [f64; 2],
     /// Covariance that the measurement states, the catalogue's error included: xx, xy, yy, px².
@@ -58,7 +63,9 @@ impl Joint {
         if usable == 0 {
             return Err(CalibrateError::TooFewPoints { offered: points.points.len(), usable, frames: selection.frames.len() });
         }
-        Ok(Self { solved: bundle::solve(points, options, &selection)? })
+        let mut solved = bundle::solve(points, options, &selection)?;
+        solved.problem.at_predicted = true;
+        Ok(Self { solved })
     }
 
     /// The model at the solution.
@@ -132,6 +139,8 @@ impl Joint {
                 found.push(JointImage {
                     point: image.point,
                     frame: exposure.frame,
+                    star_direction: image.star.direction,
+                    measured_px: image.pixel,
                     residual_px: row.residual,
                     stated_px2: [xx + catalog, xy, yy + catalog],
                     own,
@@ -185,17 +194,6 @@ impl Joint {
             exposure.observation = change(place, &exposure.observation);
         }
         other
-    }
-
-    /// Measured positions, in the order of [`Joint::images`] (images without a residual have none).
-    #[must_use]
-    pub fn measured_px(&self) -> Vec<[f64; 2]> {
-        let problem = &self.solved.problem;
-        let mut found = Vec::new();
-        for (place, exposure) in problem.exposures.iter().enumerate() {
-            problem.linearise(&self.solved.adjusted.state, place, |index, _| found.push(exposure.images[index].pixel));
-        }
-        found
     }
 
     /// The solution anew, from here: with `terms` in force beside the model's own (replacing those of the same id), the parameters that

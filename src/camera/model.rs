@@ -236,6 +236,12 @@ impl Model {
         self.projection() == PINHOLE && self.terms.iter().all(|term| term.effect().segment() == Segment::Sky)
     }
 
+    /// Whether an effect is in force that changes within a pixel.
+    #[must_use]
+    pub fn changes_within_pixels(&self) -> bool {
+        self.terms.iter().any(|term| term.effect().is_within_pixels())
+    }
+
     /// All parameters.
     #[must_use]
     pub fn parameters(&self) -> Vec<ModelParameter> {

@@ -34,6 +34,9 @@ pub(crate) struct DiagnoseArgs {
     /// Probability of a false finding in a recording [default: 3e-4]
     #[arg(long, value_name = "P", value_parser = probability)]
     alpha: Option<f64>,
+    /// Try the p-values on this recording: hold so many random halves of its frames against one another
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    half_nights: Option<u32>,
     /// Seed of what is drawn by chance [default: 0]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -86,6 +89,7 @@ impl DiagnoseArgs {
         };
         options.nulls = self.nulls.map_or(options.nulls, |nulls| nulls as usize);
         options.alpha = self.alpha.unwrap_or(options.alpha);
+        options.half_nights = self.half_nights.map_or(options.half_nights, |splits| splits as usize);
         options.seed = self.seed.unwrap_or(options.seed);
         if let Some(solve) = &self.solve {
             options.solve.clone_from(solve);

@@ -162,6 +162,21 @@ fn overview(diagnosis: &Diagnosis) -> String {
     };
     let not: Vec<&str> = all.iter().filter(|(_, test)| test.is_none()).map(|(name, _)| *name).collect();
     let not = if not.is_empty() { String::new() } else { format!("; not looked at: {}", not.join(", ")) };
+    if let Some(halves) = &diagnosis.half_nights {
+        let below = |limit: f64| halves.p_values.iter().filter(|p| **p < limit).count();
+        let count = halves.p_values.len();
+        line(
+            "halves",
+            &format!(
+                "{count} random halves of the frames against one another: p below 0.01, 0.1, 0.5 in {}, {}, {}; distance from uniform {:.3} (p = {:.2} if they were independent)",
+                below(0.01),
+                below(0.1),
+                below(0.5),
+                halves.ks_distance,
+                halves.ks_p_value
+            ),
+        );
+    }
     line("channels", &(all.iter().filter_map(tested).collect::<Vec<_>>().join(", ") + &not));
     let noise = diagnosis.noise;
     line(

@@ -5,6 +5,7 @@ use super::evidence::Evidence;
 use super::scan::{Asks, Scan, orthonormal};
 use super::sheet::{Fit, Whitened, dot};
 use crate::calibrate::Column;
+use crate::identify::ControlPoints;
 use crate::statistics::significance::chi_squared_surprise;
 
 /// A veto needs p below this.
@@ -15,6 +16,8 @@ const LEAST_LEFT: f64 = 0.03;
 const IN_THE_FIELD: &[&str] = &["field-map", "colour", "magnitude", "field-radius", "x", "y", "edge-distance"];
 /// An effect is of the kind of a pattern if the pattern spans so much of it.
 const OF_THE_KIND: f64 = 0.5;
+/// An effect is superseded by a pattern if less than this share of its evidence is left beside it.
+const SUPERSEDED: f64 = 0.3;
 /// Blocks of time.
 const TIME_BLOCKS: usize = 4;
 /// An improvement in one frame (or star) above this share,
@@ -63,6 +66,35 @@ pub(super) fn vetoes(evidence: &Evidence, stand: &Stand, scan: &Scan, entries: &
     found
 }
 
+/// Whether an effect is not needed beside the pattern that remains: a focal length that drifts with time resembles one that follows a telescope's
+/// focus, and if the residuals still follow the focus it is the focus that explains both. `threshold` is the surprise that a finding needs.
+pub(super) fn superseded(evidence: &Evidence, stand: &Stand, scan: &Scan, entries: &[Entry], k: usize, threshold: f64) -> Option<String> {
+    // Patterns over the field are so free that they hold every static effect: they have a test of their own.
+    let in_the_field = |index: usize| IN_THE_FIELD.contains(&evidence.covariates[index].name.as_str());
+    let of_covariates = scan.groups.iter().filter(|group| matches!(group.asks, Asks::Covariate(index) if !in_the_field(index)));
+    let most = of_covariates.map(|group| (group, group.surprise())).max_by(|a, b| a.1.total_cmp(&b.1));
+    let (group, surprise) = most.filter(|(_, surprise)| *surprise > threshold)?;
+    let Asks::Covariate(index) = group.asks else { return None };
+    let covariate = &evidence.covariates[index];
+    let white = |column: &Column| evidence.white(&stand.noise, column);
+    let mut beside: Vec<Whitened> = Vec::new();
+    for (_, entry) in entries.iter().enumerate().filter(|(index, _)| *index != k) {
+        beside.extend(columns(evidence, std::slice::from_ref(entry)).map(white));
+    }
+    let own: Vec<Whitened> = columns(evidence, &entries[k..=k]).map(white).collect();
+    let alone = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>()).with_noise_of(&stand.fit);
+    let without = Stand { fit: alone, more: beside.clone(), ..stand.clone() };
+    beside.extend(covariate.patterns[group.pattern].iter().map(white));
+    let fit = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>()).with_noise_of(&stand.fit);
+    let with_pattern = Stand { fit, more: beside, ..stand.clone() };
+    let (before, _) = without.score(&own);
+    let (after, rank) = with_pattern.score(&own);
+    (chi_squared_surprise(rank as f64, after) < threshold && after < SUPERSEDED * before).then(|| {
+        let name = &covariate.name;
+        format!("residuals still follow {name} (p = {:.1e}), and beside a pattern of {name} it is not needed", (-surprise).exp())
+    })
+}
+
 /// Probability that the amplitude in four blocks of time differs as much by chance.
 fn over_time(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> Option<f64> {
     let frames = evidence.frames.len();
@@ -79,13 +111,22 @@ fn over_time(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) ->
             split.push(column.iter().enumerate().map(of).collect::<Whitened>());
         }
     }
-    let (t, rank) = stand.score(&split);
+    // What is there by nature and not yet in the model may vary as it likes: it is free beside.
+    let by_nature = evidence.hypotheses.iter().enumerate().filter(|(index, hypothesis)| {
+        hypothesis.known.is_some() && !hypothesis.in_force && entries.iter().all(|entry| entry.hypothesis != *index)
+    });
+    let mut beside = stand.more.clone();
+    for (index, _) in by_nature.filter(|(_, hypothesis)| hypothesis.variants.len() == 1) {
+        beside.extend(columns(evidence, &[Entry { hypothesis: index, variant: 0 }]).map(|column| evidence.white(&stand.noise, column)));
+    }
+    let fit = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>()).with_noise_of(&stand.fit);
+    let (t, rank) = Stand { fit, more: beside, ..stand.clone() }.score(&split);
     (rank > 0).then(|| (-chi_squared_surprise(rank as f64, t)).exp())
 }
 
 /// Whether one frame or one star carries the improvement out of proportion. At the baseline's linearisation, where the effect is not yet
 /// in the model.
-pub(super) fn concentration(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> Vec<String> {
+pub(super) fn concentration(evidence: &Evidence, points: &ControlPoints, stand: &Stand, entries: &[Entry], k: usize) -> Vec<String> {
     let white = |entry: &Entry| {
         columns(evidence, std::slice::from_ref(entry)).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>()
     };
@@ -126,16 +167,18 @@ pub(super) fn concentration(evidence: &Evidence, stand: &Stand, entries: &[Entry
             }
         }
     }
-    let mut stars: std::collections::BTreeMap<usize, [f64; 2]> = std::collections::BTreeMap::new();
+    let mut stars: std::collections::BTreeMap<[u64; 3], [f64; 2]> = std::collections::BTreeMap::new();
     for image in 0..gain.len() {
-        let of = stars.entry(evidence.images[image].point).or_default();
+        let of = stars.entry(points.points[evidence.images[image].point].star.direction.map(f64::to_bits)).or_default();
         of[0] += gain[image] / total;
         of[1] += information[image] / all;
     }
-    if let Some((point, [share, _])) =
+    if let Some((star, [share, _])) =
         stars.into_iter().find(|(_, [share, expected])| *share > CONCENTRATED.max(DISPROPORTIONATE * expected))
     {
-        found.push(format!("{:.0} % of the improvement lie in one star image (control point {point})", 100.0 * share));
+        let [x, y, z] = star.map(f64::from_bits);
+        let (right_ascension, declination) = (y.atan2(x).to_degrees().rem_euclid(360.0), z.asin().to_degrees());
+        found.push(format!("{:.0} % of the improvement lie in one star, at {right_ascension:.2}° {declination:+.2}°", 100.0 * share));
     }
     found
 }

@@ -1,5 +1,6 @@
 //! Which physics: effects enter one after the other, by the score of their columns, and leave again where others make them superfluous.
 
+use super::clusters::coherent;
 use super::evidence::Evidence;
 use super::noise::{NoiseModel, freedom};
 use super::scan::{Asks, Scan};
@@ -12,6 +13,8 @@ const REFIT_FROM: f64 = 4.6;
 const REFIT_BEYOND: f64 = 3.0;
 /// Entries at most.
 const MOST: usize = 6;
+/// Rounds in which accepted effects may give way to others.
+const EXCHANGES: usize = 2;
 /// Rivals whose evidence differs by less (odds of 100 : 1) are as good: 2·ln 100.
 pub(super) const AS_GOOD: f64 = 9.21;
 /// Effects whose columns have a larger cosine are one class; the more usual name is taken.
@@ -68,9 +71,12 @@ impl Stand {
             }
             let residual_px = noise.unwhiten(&evidence.images, &evidence.place, &full_residual(&sheet, &fit, &more, &take));
             let free = freedom(&sheet, &take, sheet.camera.len() + more.len());
-            let found = NoiseModel::find(&evidence.images, &evidence.place, &residual_px, &take, free, &evidence.frame_factors);
+            let together = coherent(evidence, &noise, &residual_px, allowed);
+            let alone: Vec<bool> = take.iter().zip(&together).map(|(take, together)| *take && !together).collect();
+            let found = NoiseModel::find(&evidence.images, &evidence.place, &residual_px, &alone, free, &evidence.frame_factors);
             let plausible = found.plausible(&evidence.images, &evidence.place, &residual_px);
-            let next: Vec<bool> = allowed.iter().zip(plausible).map(|(allowed, plausible)| *allowed && plausible).collect();
+            let believed = plausible.iter().zip(&together).map(|(plausible, together)| *plausible || *together);
+            let next: Vec<bool> = allowed.iter().zip(believed).map(|(allowed, believed)| *allowed && believed).collect();
             let settled = next == take
                 && (found.factor / noise.factor - 1.0).abs() < 0.01
                 && found.tail_degrees.total_cmp(&noise.tail_degrees).is_eq();
@@ -188,6 +194,8 @@ pub(super) struct Candidate {
     pub(super) entry: Entry,
     /// −ln p, the search over variants not counted.
     pub(super) surprise: f64,
+    /// Whether its size is the known one.
+    pub(super) agrees: bool,
     /// Twice the surprise, the search over variants counted, plus what agreement with a known size is worth.
     pub(super) evidence: f64,
 }
@@ -206,7 +214,7 @@ pub(super) fn candidates(evidence: &Evidence, stand: &Stand, scan: &Scan, thresh
             let agrees = agreement(evidence, stand, entry);
             // A size that is known has a sign that is known: chance would have to hit that too.
             let surprise = if agrees > 0.0 { surprise + std::f64::consts::LN_2 } else { surprise };
-            let mut candidate = Candidate { entry, surprise, evidence: 2.0 * surprise };
+            let mut candidate = Candidate { entry, surprise, agrees: agrees > 0.0, evidence: 2.0 * surprise };
             candidate.evidence += agrees - 2.0 * searched(evidence, &candidate);
             best[hypothesis] = Some(candidate);
         }
@@ -274,6 +282,31 @@ pub(super) fn select(evidence: &Evidence, allowed: &[bool], begin: &NoiseModel, 
             }
         }
     }
+    // Exchange: who entered first was judged without the others.
+    for _ in 0..EXCHANGES {
+        let before = accepted.clone();
+        for k in 0..accepted.len() {
+            let mut others = accepted.clone();
+            let own = others.remove(k);
+            if others.is_empty() {
+                break;
+            }
+            let without = Stand::new(evidence, allowed, &others, &stand.noise);
+            let free =
+                |index: usize| others.iter().all(|entry| entry.hypothesis != index) && !evidence.hypotheses[index].variants.is_empty();
+            let scan = Scan::hypotheses(evidence, &without.noise, &without.sheet, &without.fit, free);
+            let mut found = candidates(evidence, &without, &scan, threshold);
+            found.retain(|candidate| is_observable(evidence, &without, candidate.entry));
+            let better = choose(evidence, &without, &found).filter(|better| better.hypothesis != own.hypothesis);
+            if let Some(better) = better {
+                accepted[k] = better;
+            }
+        }
+        if accepted == before {
+            break;
+        }
+        stand = Stand::new(evidence, allowed, &accepted, &stand.noise);
+    }
     (accepted, stand)
 }
 
@@ -309,11 +342,12 @@ pub(super) fn choose(evidence: &Evidence, stand: &Stand, found: &[Candidate]) ->
         .iter()
         .filter(|other| best.evidence - other.evidence < AS_GOOD && cosine(&stand.fit, &own, &white(other.entry)) > SAME)
         .collect();
-    // Of two that leave the same trace the one that need not be many times larger than its trace.
+    // Of those that leave the same trace one whose size is what the recording tells; else that which need not be many times larger than
+    // its trace.
     let raw_size = |entry: Entry| 1.0 / survival(stand, &white(entry)).max(f64::MIN_POSITIVE);
     class.sort_by(|a, b| {
         let name = |candidate: &Candidate| usual(evidence.hypotheses[candidate.entry.hypothesis].id());
-        name(a).cmp(&name(b)).then(raw_size(a.entry).total_cmp(&raw_size(b.entry)))
+        b.agrees.cmp(&a.agrees).then(name(a).cmp(&name(b))).then(raw_size(a.entry).total_cmp(&raw_size(b.entry)))
     });
     class.first().map(|candidate| candidate.entry)
 }

@@ -5,7 +5,7 @@
 //! in proportion to the covariate and in bins of equal counts, so that laws of any shape are seen.
 
 use super::Telemetry;
-use super::evidence::Evidence;
+use super::evidence::{Evidence, REACH_PX, WITHIN_REACH_PX};
 use crate::calibrate::{Column, Joint};
 use crate::identify::ControlPoints;
 
@@ -17,6 +17,14 @@ const PLACE_BINS: usize = 16;
 const MAP_DEGREE: usize = 7;
 /// Degree of a map that a covariate multiplies.
 const PRODUCT_DEGREE: usize = 3;
+/// Pixels of a block of a compressed image.
+const BLOCK_PX: f64 = 8.0;
+/// Bins of rows, where so many images fall into each.
+const ROW_BINS: usize = 32;
+const ROW_BIN_IMAGES: usize = 20;
+/// Stars are held against themselves if they are seen so often, and so many of them at most.
+const STAR_IMAGES: usize = 3;
+const MOST_STARS: usize = 40;
 /// Frames are held against the others one by one up to this number.
 const MOST_SINGLE: usize = 100;
 /// Colours count from here.
@@ -67,7 +75,8 @@ const SHIFT: [Carrier; 2] = [|_| [1.0, 0.0], |_| [0.0, 1.0]];
 pub(super) fn covariates(joint: &Joint, evidence: &Evidence, points: &ControlPoints, telemetry: &Telemetry) -> Vec<Covariate> {
     let camera = joint.model().camera();
     let (width, height) = (camera.width_px as f64, camera.height_px as f64);
-    let pixels: Vec<[f64; 2]> = evidence.positions(points).collect();
+    let pixels: Vec<[f64; 2]> = evidence.predicted_px(REACH_PX).collect();
+    let within: Vec<[f64; 2]> = evidence.predicted_px(WITHIN_REACH_PX).collect();
     let half = width / 2.0;
     let place = pixels.iter().map(|[x, y]| [(x - (width - 1.0) / 2.0) / half, (y - (height - 1.0) / 2.0) / half]).collect();
     let fields = Fields { place };
@@ -76,7 +85,7 @@ pub(super) fn covariates(joint: &Joint, evidence: &Evidence, points: &ControlPoi
         evidence.place.iter().map(|place| value(*place).unwrap_or(f64::NAN)).collect()
     };
     let point = |k: usize| &points.points[evidence.images[k].point];
-    let mut all = places(&fields, &pixels, [width, height]);
+    let mut all = places(&fields, &pixels, &within, [width, height]);
     all.push(map(&fields, evidence));
     for (name, values) in [
         ("colour", star(&|k| point(k).colour)),
@@ -110,8 +119,30 @@ pub(super) fn covariates(joint: &Joint, evidence: &Evidence, points: &ControlPoi
     for (name, id) in [("zenith", "refraction"), ("proper-motion", "proper-motion"), ("parallax", "parallax")] {
         all.extend(along(name, id, joint, evidence, points, &fields));
     }
+    all.extend(stars(evidence));
     all.retain(|covariate| !covariate.patterns.is_empty());
     all
+}
+
+/// Stars that stand off their catalogue places in all of their images: a shift of each on the sky.
+fn stars(evidence: &Evidence) -> Option<Covariate> {
+    let mut seen = vec![0_usize; evidence.star.iter().max().map_or(0, |last| last + 1)];
+    for star in &evidence.star {
+        seen[*star] += 1;
+    }
+    let mut often: Vec<usize> = (0..seen.len()).filter(|star| seen[*star] >= STAR_IMAGES).collect();
+    often.sort_by(|a, b| seen[*b].cmp(&seen[*a]).then(a.cmp(b)));
+    often.truncate(MOST_STARS);
+    let values: Vec<f64> =
+        evidence.star.iter().map(|star| often.iter().position(|own| own == star).map_or(f64::NAN, |k| k as f64)).collect();
+    let of = |(star, axis): (usize, usize)| -> Column {
+        (0..values.len()).map(|k| if evidence.star[k] == star { evidence.sky_axes[k][axis] } else { [0.0; 2] }).collect()
+    };
+    let columns = often.iter().flat_map(|star| [(*star, 0), (*star, 1)]).map(of).collect();
+    // All together, and each of those that may stand alone.
+    let alone = often.iter().map(|star| vec![of((*star, 0)), of((*star, 1))]);
+    let patterns = std::iter::once(columns).chain(alone).collect();
+    (!often.is_empty()).then(|| Covariate { name: "star".to_owned(), values, direction: None, patterns })
 }
 
 /// Bins of equal counts: for each image its bin.
@@ -224,7 +255,7 @@ fn map(fields: &Fields, evidence: &Evidence) -> Covariate {
 }
 
 /// Covariates of the place on the frame.
-fn places(fields: &Fields, pixels: &[[f64; 2]], [width, height]: [f64; 2]) -> Vec<Covariate> {
+fn places(fields: &Fields, pixels: &[[f64; 2]], within: &[[f64; 2]], [width, height]: [f64; 2]) -> Vec<Covariate> {
     use std::f64::consts::PI;
     let mut all = Vec::new();
     let mut push = |name: &str, values: Vec<f64>, patterns: Vec<Vec<Column>>| {
@@ -233,6 +264,9 @@ fn places(fields: &Fields, pixels: &[[f64; 2]], [width, height]: [f64; 2]) -> Ve
     let count = if pixels.len() > 20 * PLACE_BINS { PLACE_BINS } else { BINS };
     for (axis, name) in [(0, "x"), (1, "y")] {
         let values: Vec<f64> = pixels.iter().map(|pixel| pixel[axis]).collect();
+        if axis == 1 && pixels.len() > ROW_BIN_IMAGES * ROW_BINS {
+            push("row", values.clone(), vec![binned(&values, ROW_BINS, fields, &SHIFT)]);
+        }
         let patterns = vec![binned(&values, count, fields, &SHIFT)];
         push(name, values, patterns);
     }
@@ -273,14 +307,23 @@ fn places(fields: &Fields, pixels: &[[f64; 2]], [width, height]: [f64; 2]) -> Ve
     let patterns = vec![times(&side, fields, &LINEAR)];
     push("column-half", side, patterns);
     for (axis, phase, parity) in [(0, "pixel-phase-x", "pixel-parity-x"), (1, "pixel-phase-y", "pixel-parity-y")] {
-        let wave = |turns: f64, sine: bool| -> [Column; 2] {
-            let of = |pixel: &[f64; 2]| if sine { (2.0 * PI * turns * pixel[axis]).sin() } else { (2.0 * PI * turns * pixel[axis]).cos() };
-            [pixels.iter().map(|pixel| [of(pixel), 0.0]).collect(), pixels.iter().map(|pixel| [0.0, of(pixel)]).collect()]
+        // Both components of a wave along one axis: sine and cosine.
+        let waves = |turns_per_px: f64| -> Vec<Column> {
+            let of = |sine: bool, component: usize| {
+                let value = |pixel: &[f64; 2]| {
+                    let (sin, cos) = (2.0 * PI * turns_per_px * pixel[axis]).sin_cos();
+                    let mut own = [0.0; 2];
+                    own[component] = if sine { sin } else { cos };
+                    own
+                };
+                within.iter().map(value).collect::<Column>()
+            };
+            vec![of(true, 0), of(true, 1), of(false, 0), of(false, 1)]
         };
-        let values: Vec<f64> = pixels.iter().map(|pixel| (pixel[axis] + 0.5).rem_euclid(1.0) - 0.5).collect();
-        push(phase, values, vec![[wave(1.0, true), wave(1.0, false), wave(2.0, true), wave(2.0, false)].concat()]);
-        let values: Vec<f64> = pixels.iter().map(|pixel| (pixel[axis] + 0.5).rem_euclid(2.0)).collect();
-        push(parity, values, vec![[wave(0.5, true), wave(0.5, false)].concat()]);
+        let values: Vec<f64> = within.iter().map(|pixel| (pixel[axis] + 0.5).rem_euclid(1.0) - 0.5).collect();
+        push(phase, values, vec![[waves(1.0), waves(2.0)].concat()]);
+        let values: Vec<f64> = within.iter().map(|pixel| (pixel[axis] + 0.5).rem_euclid(2.0)).collect();
+        push(parity, values, vec![waves(0.5), waves(1.0 / BLOCK_PX)]);
     }
     all
 }

@@ -220,6 +220,19 @@ pub struct Channels {
     pub noise: Option<ChannelTest>,
 }
 
+/// The p-values of random halves of the frames held against one another.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct HalfNights {
+    /// p-values, the smallest first.
+    pub p_values: Vec<f64>,
+    /// How often which effect was the most surprising.
+    pub largest: std::collections::BTreeMap<String, usize>,
+    /// Largest distance of their distribution from the uniform one (Kolmogorov and Smirnov).
+    pub ks_distance: f64,
+    /// Its probability if they were independent; halves of the same frames are not quite.
+    pub ks_p_value: f64,
+}
+
 /// Star images that took part.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StarsUsed {
@@ -332,6 +345,10 @@ pub struct Diagnosis {
     pub lock_box: LockBox,
     /// Simulated recordings without any effect that the omnibus test was held against.
     pub nulls: usize,
+    /// Recordings simulated with the findings in force are as far from their model as this one is from its own in this share of the cases.
+    pub resimulated_p_value: Option<f64>,
+    /// Random halves of the frames held against one another, where asked for.
+    pub half_nights: Option<HalfNights>,
     /// Number of independent hypotheses that the family of tests amounts to.
     pub effective_hypotheses: f64,
     /// The summary in plain sentences.

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use nalgebra::Vector3;
+
 use super::covariates::{Covariate, covariates};
 use super::hypotheses::{Hypothesis, hypotheses};
 use super::noise::{NoiseModel, whitened};
@@ -12,6 +14,11 @@ use crate::calibrate::{Column, Joint, JointImage};
 use crate::effects::{Context, Observation};
 use crate::identify::ControlPoints;
 
+/// A star that is measured farther from where it is predicted may be another one.
+pub(super) const REACH_PX: f64 = 100.0;
+/// One that is measured farther from there tells nothing of what happens within a pixel.
+pub(super) const WITHIN_REACH_PX: f64 = 1.0;
+
 /// Everything about the star images at one point of linearisation.
 #[derive(Clone, Debug)]
 pub(super) struct Evidence {
@@ -19,6 +26,10 @@ pub(super) struct Evidence {
     pub(super) images: Vec<JointImage>,
     /// Place of each image's frame among the frames.
     pub(super) place: Vec<usize>,
+    /// Number of each image's star among the distinct ones.
+    pub(super) star: Vec<usize>,
+    /// Where its star moves on the frame if it stands farther east, and north, px per rad.
+    pub(super) sky_axes: Vec<[[f64; 2]; 2]>,
     /// Frames: number in the recording, and what is known of them.
     pub(super) frames: Vec<(usize, Observation)>,
     /// Residuals, x, y, x, y, …
@@ -70,7 +81,7 @@ impl Evidence {
     /// At a joint solution.
     pub(super) fn at(joint: &Joint, points: &ControlPoints, telemetry: &Telemetry, options: &DiagnoseOptions) -> Self {
         let mut evidence = Self::without_hypotheses(joint);
-        evidence.frame_factors = super::noise::frame_factors(&evidence, points, joint.floor_px2());
+        evidence.frame_factors = super::noise::frame_factors(&evidence, joint.floor_px2());
         evidence.hypotheses = hypotheses(joint, &evidence, points, options);
         evidence.covariates = Arc::new(covariates(joint, &evidence, points, telemetry));
         evidence
@@ -82,6 +93,15 @@ impl Evidence {
         let frames = joint.frames();
         let places: BTreeMap<usize, usize> = frames.iter().enumerate().map(|(place, (frame, _))| (*frame, place)).collect();
         let place: Vec<usize> = images.iter().map(|image| places.get(&image.frame).copied().unwrap_or(0)).collect();
+        let mut numbers: BTreeMap<[u64; 3], usize> = BTreeMap::new();
+        let star = images
+            .iter()
+            .map(|image| {
+                let next = numbers.len();
+                *numbers.entry(image.star_direction.map(f64::to_bits)).or_insert(next)
+            })
+            .collect();
+        let sky_axes = images.iter().zip(&place).map(|(image, place)| sky_axes(joint, image, *place)).collect();
         let residual_px = images.iter().flat_map(|image| image.residual_px).collect();
         let column = |k: usize| images.iter().map(|image| [image.own[0][k], image.own[1][k]]).collect::<Column>();
         let mut own: Vec<Column> = (0..joint.own_count()).map(column).collect();
@@ -93,6 +113,8 @@ impl Evidence {
         own.shrink_to_fit();
         Self {
             place,
+            star,
+            sky_axes,
             frames,
             residual_px,
             own,
@@ -131,11 +153,25 @@ impl Evidence {
         Context::new(point.star, self.frames[self.place[k]].1).with_image(point.image)
     }
 
-    /// Positions of the star images.
-    pub(super) fn positions<'a>(&self, points: &'a ControlPoints) -> impl Iterator<Item = [f64; 2]> + use<'a, '_> {
-        self.images.iter().map(|image| {
-            let point = &points.points[image.point];
-            [point.x_px, point.y_px]
+    /// Where the star images are predicted; where they are measured if that is farther off than the reach. What is held against residuals
+    /// must not hold their errors.
+    pub(super) fn predicted_px(&self, reach_px: f64) -> impl Iterator<Item = [f64; 2]> + use<'_> {
+        self.images.iter().map(move |image| {
+            let ([x, y], [dx, dy]) = (image.measured_px, image.residual_px);
+            if dx.hypot(dy) < reach_px { [x - dx, y - dy] } else { [x, y] }
         })
     }
+}
+
+/// Where a star moves on its frame if it stands farther east, and north, px per rad: as through a pinhole.
+fn sky_axes(joint: &Joint, image: &JointImage, place: usize) -> [[f64; 2]; 2] {
+    let Some(attitude) = joint.attitude(place) else { return [[0.0; 2]; 2] };
+    let focal_px = joint.model().camera().focal_length_px;
+    let direction = Vector3::from(image.star_direction);
+    let east = Vector3::new(-direction.y, direction.x, 0.0).try_normalize(1e-9).unwrap_or_else(Vector3::x);
+    let at = attitude.camera_from_icrs * direction;
+    [east, direction.cross(&east)].map(|along| {
+        let moved = attitude.camera_from_icrs * along;
+        [0, 1].map(|axis| focal_px * (moved[axis] / at.z - at[axis] * moved.z / (at.z * at.z)))
+    })
 }

@@ -28,8 +28,20 @@ const DISAGREES: f64 = 5.0;
 const RESEMBLES: f64 = 0.5;
 /// so many of them.
 const MOST_BESIDE: usize = 4;
+/// An effect of which a smaller share is left is not observable where one of usual size would not be seen at
+const WEAKLY: f64 = 0.1;
+/// so many standard errors.
+const SEEN: f64 = 5.0;
 /// What site, air and clock leave open of a size that is known, as a share.
 const OPEN_SHARE: f64 = 0.04;
+
+/// Whether any parameter of an effect would be seen if it were of usual size.
+fn usual_shows(hypothesis: &Hypothesis, stand: &Stand, white: &[Whitened]) -> bool {
+    hypothesis.fitted.iter().zip(white).any(|(index, column)| {
+        let sigma = amplitude(stand, column).map_or(f64::INFINITY, |[_, sigma]| sigma);
+        SEEN * sigma < hypothesis.effect.parameters()[*index].typical.abs()
+    })
+}
 
 /// Everything with the findings in force, all frames, solved without linearisation.
 pub(super) struct Solved {
@@ -58,7 +70,7 @@ impl Solved {
         evidence: &Evidence,
         entries: &[Entry],
     ) -> Result<Self, DiagnoseError> {
-        const TURNS: usize = 3;
+        const TURNS: usize = 8;
         let all = vec![true; evidence.images.len()];
         let begin = NoiseModel::stated(evidence.frame_factors.clone());
         let mut stand = Stand::new(evidence, &all, entries, &begin);
@@ -89,7 +101,12 @@ impl Solved {
             here = Evidence::without_hypotheses(&now);
             here.frame_factors.clone_from(&evidence.frame_factors);
             // The camera's columns are those of all free parameters, the effects' included.
-            stand = Stand::new(&here, &all, &[], &stand.noise);
+            let next = Stand::new(&here, &all, &[], &stand.noise);
+            let settled = turn > 1 && next.take == stand.take;
+            stand = next;
+            if settled {
+                break;
+            }
         }
         let mut full = Evidence::at(&now, points, telemetry, options);
         full.frame_factors.clone_from(&evidence.frame_factors);
@@ -108,6 +125,32 @@ impl Solved {
     /// The test of what is left.
     pub(super) fn omnibus(&self, scan: &Scan, options: &DiagnoseOptions, stream: u64) -> Omnibus {
         omnibus(&self.evidence, &self.stand, scan, options, (stream, options.alpha, Effort::Whole))
+    }
+
+    /// Size found over size known of an accepted effect, with the effects free beside it that resemble it: what they could take of it is
+    /// in the error. For effects of one parameter.
+    pub(super) fn ratio_beside_rivals(&self, k: usize, before: &Variant, rivals: &[Rival]) -> Option<[f64; 2]> {
+        let (evidence, stand) = (&self.evidence, &self.stand);
+        let hypothesis = &evidence.hypotheses[self.entries[k].hypothesis];
+        let variant = &hypothesis.variants[self.entries[k].variant];
+        let [column] = variant.columns.as_slice() else { return None };
+        let white = |entry: Entry| columns(evidence, &[entry]).map(|c| evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>();
+        let mut beside: Vec<Whitened> =
+            self.entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(*entry)).collect();
+        for rival in rivals.iter().filter(|rival| rival.cos > RESEMBLES && rival.cos < attribute::SAME).take(MOST_BESIDE) {
+            let index = evidence.hypotheses.iter().position(|other| other.id() == rival.id)?;
+            if !evidence.hypotheses[index].variants.is_empty() {
+                beside.extend(white(Entry { hypothesis: index, variant: evidence.hypotheses[index].variants.len() / 2 }));
+            }
+        }
+        let fit = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>());
+        let free = Stand { fit: fit.with_noise_of(&stand.fit), more: beside, ..stand.clone() };
+        let [change, sigma] = amplitude(&free, &evidence.white(&stand.noise, column))?;
+        let first = *hypothesis.fitted.first()?;
+        let spec = &hypothesis.effect.parameters()[first];
+        let value = variant.start[first] + change - difference(hypothesis.id(), &before.start, first);
+        let found = FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() };
+        known_ratio(hypothesis, &before.start, &found)
     }
 
     /// Values and standard errors of an accepted effect's fitted parameters.
@@ -138,17 +181,19 @@ impl Solved {
     }
 }
 
-/// Whether a size that the recording tells beforehand is another.
-pub(super) fn amplitude_veto(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> Option<String> {
-    let hypothesis = &evidence.hypotheses[entries[k].hypothesis];
-    if hypothesis.in_force {
-        return None; // that it is not there at its known size is the finding itself
+/// Whether a size that the recording tells beforehand is another: judged where everything is solved, what resembles the effect free beside it.
+pub(super) fn amplitude_veto(before: &Evidence, stand: &Stand, entries: &[Entry], k: usize, solved: &Solved) -> Option<String> {
+    let hypothesis = &before.hypotheses[entries[k].hypothesis];
+    let id = hypothesis.id();
+    if hypothesis.in_force && id == "proper-motion" {
+        return None; // another epoch is the finding itself
     }
-    let listed: Vec<Rival> = rivals(evidence, stand, entries, k).into_iter().map(|(rival, _)| rival).collect();
-    let [ratio, error] = ratio_beside_rivals(evidence, stand, entries, k, &listed)?;
-    ((ratio - 1.0).abs() > DISAGREES * error).then(|| {
-        format!("its size is {ratio:.3} ± {error:.3} of what is known of it: not {} alone, or more than this effect", hypothesis.id())
-    })
+    let listed: Vec<Rival> = rivals(before, stand, entries, k).into_iter().map(|(rival, _)| rival).collect();
+    let [ratio, error] = solved.ratio_beside_rivals(k, &hypothesis.variants[entries[k].variant], &listed)?;
+    // That what the model has is not there at all is a finding too.
+    let is_absent = hypothesis.in_force && ratio.abs() <= DISAGREES * error;
+    ((ratio - 1.0).abs() > DISAGREES * error && !is_absent)
+        .then(|| format!("its size is {ratio:.3} ± {error:.3} of what is known of it: not {id} alone, or more than this effect"))
 }
 
 /// What the reported value counts from: zero, but for parameters that are differences from the model's value.
@@ -164,30 +209,6 @@ pub(super) fn known_ratio(hypothesis: &Hypothesis, start: &[f64], found: &FoundP
         let open = if matches!(hypothesis.id(), "refraction") { OPEN_SHARE } else { 0.0 };
         [found.value / known, (found.sigma / known).abs().hypot(open)]
     })
-}
-
-/// Size found over size known of an accepted effect, with the effects free beside it that resemble it: what they could take of it is
-/// in the error. For effects of one parameter.
-pub(super) fn ratio_beside_rivals(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize, rivals: &[Rival]) -> Option<[f64; 2]> {
-    let entry = entries[k];
-    let hypothesis = &evidence.hypotheses[entry.hypothesis];
-    let variant = &hypothesis.variants[entry.variant];
-    let [column] = variant.columns.as_slice() else { return None };
-    let white = |entry: Entry| columns(evidence, &[entry]).map(|c| evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>();
-    let mut beside: Vec<Whitened> =
-        entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(*entry)).collect();
-    for rival in rivals.iter().filter(|rival| rival.cos > RESEMBLES && rival.cos < attribute::SAME).take(MOST_BESIDE) {
-        let index = evidence.hypotheses.iter().position(|other| other.id() == rival.id)?;
-        beside.extend(white(Entry { hypothesis: index, variant: evidence.hypotheses[index].variants.len() / 2 }));
-    }
-    let fit = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>());
-    let free = Stand { fit: fit.with_noise_of(&stand.fit), more: beside, ..stand.clone() };
-    let [change, sigma] = amplitude(&free, &evidence.white(&stand.noise, column))?;
-    let first = *hypothesis.fitted.first()?;
-    let spec = &hypothesis.effect.parameters()[first];
-    let value = variant.start[first] + change - difference(hypothesis.id(), &variant.start, first);
-    let found = FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() };
-    known_ratio(hypothesis, &variant.start, &found)
 }
 
 /// Columns of the camera's own parameters at a solution where effects are solved too.
@@ -341,7 +362,7 @@ impl Context<'_> {
         let rival = nearest.and_then(|id| self.evidence.hypotheses.iter().position(|hypothesis| hypothesis.id() == id));
         let decided = rival.and_then(|index| {
             let other = Entry { hypothesis: index, variant: self.evidence.hypotheses[index].variants.len() / 2 };
-            decided_by(self.evidence, self.with_all, self.joint, entry, other, &faintness)
+            decided_by(self.evidence, self.with_all, self.joint, [entry, other], &faintness)
         });
         let proof = self.proofs.get(k).copied().unwrap_or_default();
         let mut finding = Finding {
@@ -361,7 +382,7 @@ impl Context<'_> {
             decided_by: decided.unwrap_or_else(|| "nothing stands beside it that would have to be decided from".to_owned()),
             sentence: String::new(),
         };
-        finding.known_amplitude = ratio_beside_rivals(self.evidence, self.with_all, self.entries, k, &finding.rivals);
+        finding.known_amplitude = solved.ratio_beside_rivals(k, variant, &finding.rivals);
         finding.sentence = words::finding(&finding, hypothesis.effect, hypothesis.in_force, self.locked);
         finding
     }
@@ -439,6 +460,10 @@ impl Context<'_> {
             } else if status.survival.is_some_and(|survival| survival < UNOBSERVABLE) {
                 status.status = EffectState::NotObservable;
                 "attitudes and camera parameters take it up".clone_into(&mut status.reason);
+            } else if status.survival.is_some_and(|survival| survival < WEAKLY) && !usual_shows(hypothesis, &stand, &white) {
+                status.status = EffectState::NotObservable;
+                "attitudes and camera parameters take up most of it, and of one of usual size the rest would not show"
+                    .clone_into(&mut status.reason);
             } else if hypothesis.in_force {
                 "in the model; its size there is confirmed within the errors".clone_into(&mut status.reason);
             }

@@ -12,6 +12,8 @@ use crate::calibrate::{Column, Joint};
 use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Searched, Segment, StarState};
 use crate::identify::ControlPoints;
 
+/// One in so many frames may lack what an effect needs.
+const FEW_OF: usize = 4;
 /// Directions of an unknown zenith that are tried.
 const ZENITHS: usize = 60;
 /// Stars are seen down to this altitude, radians, when a zenith is looked for.
@@ -118,7 +120,9 @@ fn hypothesis(
         return found;
     }
     let lacks = evidence.frames.iter().filter_map(|(_, observation)| effect.missing(observation)).collect::<Vec<_>>();
-    if let Some(reason) = lacks.first() {
+    // Where a few frames do not tell what moves their stars, the effect leaves them alone and the others tell.
+    let a_few = found.known.is_none() && FEW_OF * lacks.len() <= evidence.frames.len();
+    if let Some(reason) = lacks.first().filter(|_| !a_few) {
         let some = if lacks.len() < evidence.frames.len() { "in some of the frames " } else { "" };
         found.missing = Some(format!("{some}{reason}"));
         return found;

@@ -7,10 +7,11 @@ use super::omnibus::{Omnibus, among_covariates};
 use super::remainder::{Left, map};
 use super::scan::{Asks, Scan};
 use crate::calibrate::Joint;
-use crate::identify::ControlPoints;
 
 /// Covariates named at most.
 const NAMED: usize = 3;
+/// What is left looks like an effect from this cosine on.
+const ALIKE: f64 = 0.9;
 /// Nearest relatives named at most.
 const RELATIVES: usize = 4;
 
@@ -21,7 +22,6 @@ pub(super) fn unknown(
     stand: &Stand,
     vetoed: &[(Entry, Vec<String>)],
     test: &Omnibus,
-    points: &ControlPoints,
     joint: &Joint,
     folds: &[Vec<bool>],
 ) -> Unknown {
@@ -66,7 +66,7 @@ pub(super) fn unknown(
     let is_vetoed = |id: &str| vetoed.iter().any(|(entry, _)| evidence.hypotheses[entry.hypothesis].id() == id);
     resembles.sort_by_key(|resemblance| !is_vetoed(&resemblance.id));
     let residual_px = stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.fit.residual);
-    let places: Vec<[f64; 2]> = evidence.positions(points).collect();
+    let places: Vec<[f64; 2]> = evidence.predicted_px(super::evidence::REACH_PX).collect();
     let held = |k: usize| folds.len() == 1 && folds[0][k];
     let of = |k: usize| -> Left {
         let sigma = stand.noise.sigma_px(&evidence.images[k], evidence.place[k]);
@@ -81,8 +81,15 @@ pub(super) fn unknown(
         vetoed.iter().map(|(entry, against)| format!("{}: {}", evidence.hypotheses[entry.hypothesis].id(), against.join("; "))).collect();
     let relatives: Vec<String> = resembles.iter().map(|r| format!("{} (cos {:.2})", r.id, r.cos)).collect();
     let follows = located_by.join(", ");
-    let mut sentence =
-        format!("Something is left that no effect of the registry explains (p = {:.1e}); it follows {follows}", test.p_value);
+    let tried = resembles.first().filter(|nearest| nearest.cos > ALIKE && is_vetoed(&nearest.id));
+    let mut sentence = match tried {
+        Some(nearest) => {
+            let of = |(entry, _): &&(Entry, Vec<String>)| evidence.hypotheses[entry.hypothesis].id() == nearest.id;
+            let against = vetoed.iter().find(of).map_or_else(String::new, |(_, against)| against.join("; "));
+            format!("Something is left (p = {:.1e}) that looks like {}, but {against}; it follows {follows}", test.p_value, nearest.id)
+        }
+        None => format!("Something is left that no effect of the registry explains (p = {:.1e}); it follows {follows}", test.p_value),
+    };
     if !relatives.is_empty() {
         sentence += &format!("; most like it are {}", relatives.join(", "));
     }

@@ -3,11 +3,13 @@
 mod adequacy;
 mod attribute;
 mod chance;
+mod clusters;
 mod covariates;
 mod descent;
 mod diagnosis;
 mod evidence;
 mod findings;
+mod halves;
 mod hypotheses;
 mod left;
 mod noise;
@@ -40,6 +42,8 @@ pub struct DiagnoseOptions {
     /// Probability, all questions counted, of seeing a mismatch on the training frames where there is none; half as much is spent on what
     /// shows on all frames only.
     pub alpha: f64,
+    /// Random halves of the frames that are held against one another to try the p-values on this recording; none unless asked for.
+    pub half_nights: usize,
     /// Seed of nulls and permutations.
     pub seed: u64,
     /// Ids of the effects that the model contains; those of the sky are in the points' directions.
@@ -57,6 +61,7 @@ impl Default for DiagnoseOptions {
         Self {
             nulls: 1000,
             alpha: 3e-4,
+            half_nights: 0,
             seed: 0,
             physics: Vec::new(),
             terms: Vec::new(),

@@ -10,7 +10,6 @@ use nalgebra::{DMatrix, DVector};
 use super::evidence::Evidence;
 use super::sheet::Sheet;
 use crate::calibrate::{Column, JointImage};
-use crate::identify::ControlPoints;
 use crate::statistics::significance::chi_squared_surprise;
 
 /// Degrees of freedom tried; the last means normal errors.
@@ -217,8 +216,8 @@ pub(super) fn freedom(sheet: &Sheet, take: &[bool], shared: usize) -> f64 {
 
 /// Variance factors of frames that the joint solution found to be worse than the others: how large they are once a smooth field of the
 /// frame's own is taken out. What is worse in a frame by a displacement is a mismatch, and only what scatters is noise.
-pub(super) fn frame_factors(evidence: &Evidence, points: &ControlPoints, floor_px2: f64) -> Vec<f64> {
-    let places: Vec<[f64; 2]> = evidence.positions(points).collect();
+pub(super) fn frame_factors(evidence: &Evidence, floor_px2: f64) -> Vec<f64> {
+    let places: Vec<[f64; 2]> = evidence.predicted_px(super::evidence::REACH_PX).collect();
     let largest = places.iter().flatten().fold(1.0_f64, |most, value| most.max(value.abs()));
     let scatter = |frame: usize| -> Option<[f64; 2]> {
         let own: Vec<usize> = (0..places.len()).filter(|k| evidence.place[*k] == frame).collect();

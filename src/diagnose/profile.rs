@@ -35,7 +35,7 @@ pub(super) fn profile(context: &Context, k: usize, located_by: &[String]) -> Opt
     let covariate = evidence.covariates.iter().find(|covariate| covariate.name == located)?;
     let camera = context.joint.model().camera();
     let middle = [(camera.width_px as f64 - 1.0) / 2.0, (camera.height_px as f64 - 1.0) / 2.0];
-    let places: Vec<[f64; 2]> = evidence.positions(context.points).collect();
+    let places: Vec<[f64; 2]> = evidence.predicted_px(super::evidence::REACH_PX).collect();
     let radial = |k: usize| {
         let (x, y) = (places[k][0] - middle[0], places[k][1] - middle[1]);
         let r = x.hypot(y).max(1e-9);

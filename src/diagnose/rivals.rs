@@ -2,7 +2,7 @@
 
 use super::attribute::{AS_GOOD, Entry, Stand, agreement, columns, cosine, is_observable};
 use super::diagnosis::Rival;
-use super::evidence::Evidence;
+use super::evidence::{Evidence, REACH_PX};
 use super::own::project_own;
 use super::sheet::{Fit, Whitened, dot};
 use crate::calibrate::{Column, Joint};
@@ -71,6 +71,9 @@ fn scattered(frame: usize, which: usize) -> f64 {
     2.0 * (x - x.floor()) - 1.0
 }
 
+/// Two effects of which a smaller share tells them apart cannot be told apart by more of the same.
+const HARDLY: f64 = 0.05;
+
 const MENU: &[Further] = &[
     Further { text: "more frames like these", change: |_, observation| *observation, weight: |_, _| 1.0 },
     Further {
@@ -101,6 +104,18 @@ const MENU: &[Further] = &[
         weight: |_, _| 1.0,
     },
     Further {
+        text: "frames at other altitudes and with the horizon at other angles",
+        change: |frame, o| Observation {
+            zenith: o.zenith.map(|zenith| {
+                let tilted: [f64; 3] = std::array::from_fn(|axis| zenith[axis] + 0.5 * scattered(frame, 8 + axis));
+                let length = tilted.iter().map(|component| component * component).sum::<f64>().sqrt();
+                tilted.map(|component| component / length)
+            }),
+            ..*o
+        },
+        weight: |_, _| 1.0,
+    },
+    Further {
         text: "more stars in the corners of the frame",
         change: |_, o| *o,
         weight: |[x, y], _| if x.hypot(y) > 0.9 { 9.0 } else { 0.0 },
@@ -110,14 +125,15 @@ const MENU: &[Further] = &[
 ];
 
 /// The observation of the menu that best tells two effects apart, in words; `None` if none helps.
-pub(super) fn decided_by(evidence: &Evidence, stand: &Stand, joint: &Joint, a: Entry, b: Entry, faintness: &[f64]) -> Option<String> {
+pub(super) fn decided_by(evidence: &Evidence, stand: &Stand, joint: &Joint, [a, b]: [Entry; 2], faintness: &[f64]) -> Option<String> {
     let camera = joint.model().camera();
     let (half, middle) = (camera.width_px as f64 / 2.0, [(camera.width_px as f64 - 1.0) / 2.0, (camera.height_px as f64 - 1.0) / 2.0]);
-    let positions = joint.measured_px();
+    let positions: Vec<[f64; 2]> = evidence.predicted_px(REACH_PX).collect();
     let columns_of = |joint: &Joint, entry: Entry| -> Option<Vec<Column>> {
         let hypothesis = &evidence.hypotheses[entry.hypothesis];
         joint.columns_of(hypothesis.id(), &hypothesis.variants[entry.variant].start, &hypothesis.fitted)
     };
+    let whitened = |entry: Entry| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
     let apart = |option: &Further| -> Option<f64> {
         let changed = joint.with_frames(option.change);
         let roots: Vec<f64> = positions
@@ -142,7 +158,16 @@ pub(super) fn decided_by(evidence: &Evidence, stand: &Stand, joint: &Joint, a: E
         let (aa, bb, ab) = (dot(a, a), dot(b, b), dot(a, b));
         Some(if bb > 0.0 && aa > 0.0 { 1.0 - ab * ab / (aa * bb) } else { 0.0 })
     };
-    let now = apart(&MENU[0])?;
+    // More of the same tells no more than what is there, relative to its size.
+    let same = cosine(&stand.fit, &whitened(a), &whitened(b));
+    let now = 1.0 - same * same;
     let best = MENU[1..].iter().filter_map(|option| Some((apart(option)?, option.text))).max_by(|x, y| x.0.total_cmp(&y.0))?;
-    Some(if best.0 > now * 1.2 { best.1.to_owned() } else { MENU[0].text.to_owned() })
+    Some(if best.0 > (now * 1.2).max(HARDLY) {
+        best.1.to_owned()
+    } else if now > HARDLY {
+        MENU[0].text.to_owned()
+    } else {
+        "nothing that was tried (other temperatures, times, rates, pointings, places on the frame, brightness) would tell them apart"
+            .to_owned()
+    })
 }

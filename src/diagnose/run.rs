@@ -2,12 +2,13 @@
 
 use std::time::Instant;
 
-use super::adequacy::{concentration, vetoes};
+use super::adequacy::{concentration, superseded, vetoes};
 use super::attribute::{self, Entry, Stand, candidates, select};
 use super::chance::independent;
 use super::diagnosis::{ChannelTest, Channels, Diagnosis, FORMAT, Finding, Fit, FitQuality, LockBox, StarsUsed, Verdict};
 use super::evidence::Evidence;
 use super::findings::{self, Solved};
+use super::halves::half_nights;
 use super::hypotheses::finer;
 use super::noise::NoiseModel;
 use super::omnibus::{Effort, omnibus};
@@ -82,23 +83,33 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
     let tests = folds(&evidence, &locked);
     let mut proofs = proofs(&evidence, &on_training, &entries, &tests);
     let mut rejected: Vec<usize> = Vec::new();
-    if proofs.iter().any(|proof| proof.powerless && !proof.confirms) && tests.len() == 1 {
-        // The locked frames hold too little of it: every frame in its turn decides.
-        let turns = folds(&evidence, &[]);
-        let stand = Stand::new(&evidence, &all, &entries, &begin);
-        for (k, own) in proofs.iter_mut().enumerate().filter(|(_, own)| own.powerless && !own.confirms) {
-            *own = proof(&evidence, &stand, &entries, k, &turns);
+    let mut unproven: Vec<(Entry, Vec<String>)> = Vec::new();
+    loop {
+        if proofs.iter().any(|proof| proof.powerless && !proof.confirms) && tests.len() == 1 {
+            // The locked frames hold too little of it: every frame in its turn decides.
+            let turns = folds(&evidence, &[]);
+            let stand = Stand::new(&evidence, &all, &entries, &begin);
+            for (k, own) in proofs.iter_mut().enumerate().filter(|(_, own)| own.powerless && !own.confirms) {
+                *own = proof(&evidence, &stand, &entries, k, &turns);
+            }
         }
-    }
-    let unconfirmed: Vec<usize> = (0..entries.len()).filter(|k| !proofs[*k].confirms).collect();
-    for k in unconfirmed.into_iter().rev() {
-        let id = evidence.hypotheses[entries[k].hypothesis].id();
+        // The least of those that do not stand goes, and the others are asked anew: beside it they may not have been needed.
+        let weakest =
+            (0..entries.len()).filter(|k| !proofs[*k].confirms).min_by(|a, b| proofs[*a].expected.total_cmp(&proofs[*b].expected));
+        let Some(weakest) = weakest else { break };
+        let Proof { delta_chi2: held, expected, .. } = proofs[weakest];
+        let entry = entries.remove(weakest);
+        let id = evidence.hypotheses[entry.hypothesis].id();
         warnings.push(format!(
-            "{id} was found on the training part and not confirmed on the held-out one (χ² falls by {:.1} where {:.1} is expected): it is not claimed",
-            proofs[k].delta_chi2, proofs[k].expected
+            "{id} was found on the training part and not confirmed on the held-out one (χ² falls by {held:.1} where {expected:.1} is expected): it is not claimed"
         ));
-        rejected.push(entries.remove(k).hypothesis);
-        proofs.remove(k);
+        rejected.push(entry.hypothesis);
+        unproven.push((
+            entry,
+            vec![format!("frames that were not used do not confirm it (χ² falls by {held:.1} where {expected:.1} is expected)")],
+        ));
+        on_training = Stand::new(&evidence, &training, &entries, &begin);
+        proofs = self::proofs(&evidence, &on_training, &entries, &tests);
     }
     // All frames: what was found, solved anew with everything free, and with the search made finer.
     let mut refined = evidence;
@@ -132,6 +143,9 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
 
     // Names that do not stand.
     let with_all = if entries.is_empty() { base.clone() } else { Stand::new(&refined, &all, &entries, &begin) };
+    let something_remains = !entries.is_empty() && final_omnibus.as_ref().is_some_and(|test| test.p_value < options.alpha);
+    let is_free = |index: usize| entries.iter().all(|entry| entry.hypothesis != index);
+    let linear_scan = something_remains.then(|| Scan::new(&refined, &with_all.noise, &with_all.sheet, &with_all.fit, is_free));
     let mut veto: Vec<(usize, Vec<String>)> = Vec::new();
     for k in 0..entries.len() {
         let statistic = findings::statistic(&refined, &with_all, &entries, k).0;
@@ -139,13 +153,17 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
         if let Some(scan) = &final_scan {
             against.extend(vetoes(&solved.evidence, &solved.stand, scan, &solved.entries, k, statistic));
         }
-        against.extend(concentration(&refined, &with_all, &entries, k));
-        against.extend(findings::amplitude_veto(&refined, &with_all, &entries, k));
+        against.extend(concentration(&refined, points, &with_all, &entries, k));
+        against.extend(findings::amplitude_veto(&refined, &with_all, &entries, k, &solved));
+        if let Some(scan) = &linear_scan {
+            against.extend(superseded(&refined, &with_all, scan, &entries, k, threshold));
+        }
         if !against.is_empty() {
             veto.push((k, against));
         }
     }
-    let resembling: Vec<(Entry, Vec<String>)> = veto.iter().map(|(k, against)| (entries[*k], against.clone())).collect();
+    let vetoed = veto.iter().map(|(k, against)| (entries[*k], against.clone()));
+    let resembling: Vec<(Entry, Vec<String>)> = vetoed.chain(unproven).collect();
     let standing: Vec<usize> = (0..entries.len()).filter(|k| veto.iter().all(|(vetoed, _)| vetoed != k)).collect();
 
     let context = findings::Context {
@@ -172,7 +190,7 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
     };
     let left = rest.as_ref().filter(|rest| rest.p_value < options.alpha);
     let something_left = left.is_some();
-    let unknown = left.map(|rest| left::unknown(&refined, &everything, &resembling, rest, points, &joint, &tests));
+    let unknown = left.map(|rest| left::unknown(&refined, &everything, &resembling, rest, &joint, &tests));
     let verdict = match (found.is_empty(), something_left) {
         (_, true) => Verdict::Unexplained,
         (false, false) => Verdict::Explained,
@@ -208,6 +226,8 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
             frames: locked.iter().map(|place| refined.frames[*place].0).collect(),
         },
         nulls: first.chance.nulls,
+        resimulated_p_value: rest.as_ref().map(|rest| rest.p_value),
+        half_nights: half_nights(&solved, options),
         effective_hypotheses: hypotheses,
         summary: Vec::new(),
         warnings,

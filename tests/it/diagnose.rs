@@ -2,9 +2,13 @@
 
 use boresight::calibrate::trial::Trial;
 use boresight::catalog::Catalog;
+use boresight::coordinates::Direction;
 use boresight::diagnose::{DiagnoseOptions, Diagnosis, EffectState, Verdict, diagnose};
 use boresight::effects::StarState;
-use boresight::identify::ControlPoints;
+use boresight::identify::{ControlPoint, ControlPoints, handedness};
+use rand::SeedableRng;
+use rand_distr::{Distribution, Normal};
+use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
 /// A night of 20 frames of the published camera at 0.1 px, with what `displace` adds to each measured point: (colour offset, x and y from
@@ -89,4 +93,105 @@ fn a_diagnosis_is_reproducible() {
         serde_json::to_string(&diagnosis).unwrap()
     };
     assert_eq!(of(1), of(3));
+}
+
+/// One field looked at `frames` times, each with noise of its own.
+fn still(seed: u64, frames: usize, displace: impl Fn(usize, u32, [f64; 2]) -> [f64; 2]) -> ControlPoints {
+    let night = Trial { frames: 1, stars_per_frame: 30, noise_px: 0.0, ..Trial::published() }.night(Catalog::embedded(), seed);
+    let first = night.control_points;
+    let noise = Normal::new(0.0, 0.1).unwrap();
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    let mut points = Vec::new();
+    for frame in 0..frames {
+        for point in &first.points {
+            let [dx, dy] = displace(frame, point.hip, [point.x_px - 511.5, point.y_px - 511.5]);
+            let (x_px, y_px) = (point.x_px + dx + noise.sample(&mut rng), point.y_px + dy + noise.sample(&mut rng));
+            points.push(ControlPoint { frame, x_px, y_px, covariance_px2: [0.01, 0.0, 0.01], ..*point });
+        }
+    }
+    ControlPoints::new(first.nominal, vec![first.attitudes[0]; frames], points)
+}
+
+/// Whatever its size, a frame of another scale is seen: what is large and hangs together is not taken for heavy tails.
+#[test]
+fn one_frame_out_of_line_is_seen_however_far_out() {
+    for scale in [1e-3, 3e-3, 1e-2] {
+        let mut points = night(41, |_, _| [0.0; 2]);
+        for point in points.points.iter_mut().filter(|point| point.frame == 7) {
+            point.x_px += scale * (point.x_px - 511.5);
+            point.y_px += scale * (point.y_px - 511.5);
+        }
+        let diagnosis = diagnosed(&points, 1);
+        let unknown = diagnosis.unknown.as_ref().unwrap_or_else(|| panic!("{scale}: {:?}", diagnosis.verdict));
+        assert_eq!((diagnosis.verdict, unknown.located_by[0].as_str()), (Verdict::Unexplained, "frame"), "{scale}");
+    }
+}
+
+/// A star beside its catalogue place is told by name, not by an effect that its images happen to follow.
+#[test]
+fn one_star_out_of_place_is_seen() {
+    let hip = still(5, 1, |_, _, _| [0.0; 2]).points[11].hip;
+    for off_px in [0.3, 3.0] {
+        let points = still(5, 14, |_, own, _| if own == hip { [off_px, -0.5 * off_px] } else { [0.0; 2] });
+        let diagnosis = diagnosed(&points, 1);
+        let unknown = diagnosis.unknown.as_ref().unwrap_or_else(|| panic!("{off_px} px: {:?}", diagnosis.verdict));
+        assert!(unknown.located_by.iter().any(|name| name == "star"), "{off_px} px: {:?}", unknown.located_by);
+        assert!(diagnosis.findings.is_empty(), "{off_px} px: {:?}", diagnosis.findings);
+    }
+}
+
+/// A camera that always looks at one field has the same stars at the same places: columns that hold errors of the measured points would
+/// explain the residuals with them.
+#[test]
+fn one_field_again_and_again_is_no_trap() {
+    for seed in 0..6 {
+        let null = diagnosed(&still(60 + seed, 14, |_, _, _| [0.0; 2]), seed);
+        assert_eq!(null.verdict, Verdict::Consistent, "{seed}");
+        let aspect = diagnosed(&still(80 + seed, 14, |_, _, [x, y]| [2e-4 * x, -2e-4 * y]), seed);
+        let ids: Vec<&str> = aspect.findings.iter().map(|finding| finding.id.as_str()).collect();
+        assert_eq!((aspect.verdict, ids.as_slice()), (Verdict::Explained, ["pixel-aspect"].as_slice()), "{seed}: {:?}", aspect.summary);
+    }
+}
+
+/// The S-curve depends on where the star truly stands within its pixel: its amplitude comes back in full though only noisy places are known.
+#[test]
+fn noise_does_not_make_an_s_curve_smaller() {
+    const NIGHTS: u64 = 8;
+    const AMPLITUDE: f64 = 0.08;
+    let pulls: Vec<f64> = (0..NIGHTS)
+        .into_par_iter()
+        .flat_map_iter(|seed| {
+            let night = Trial { frames: 20, ..Trial::published() }.night(Catalog::embedded(), 500 + seed);
+            let mut points = night.control_points;
+            for point in &mut points.points {
+                let direction = night.attitudes[point.frame].camera_from_icrs * nalgebra::Vector3::from(point.direction.xyz);
+                let truth = night.truth.pixel(&Direction::from_unit(direction.into())).unwrap();
+                let moved = |place: f64| {
+                    let landed = (0..60).fold(place, |at, _| place + AMPLITUDE * (std::f64::consts::TAU * at).sin());
+                    landed - place
+                };
+                point.x_px += moved(truth.x_px);
+                point.y_px += moved(truth.y_px);
+            }
+            let diagnosis = diagnosed(&points, seed);
+            assert_eq!(diagnosis.findings.len(), 1, "{:?}", diagnosis.summary);
+            assert_eq!(diagnosis.findings[0].id, "s-curve");
+            let parameters = diagnosis.findings[0].parameters.clone();
+            parameters.into_iter().map(|parameter| (parameter.value - AMPLITUDE) / parameter.sigma)
+        })
+        .collect();
+    let mean = pulls.iter().sum::<f64>() / pulls.len() as f64;
+    // 16 of them: the mean has a standard error of a quarter. Taken at the measured places it would be less than −2.
+    assert!(mean.abs() < 1.0, "{mean}: {pulls:?}");
+}
+
+/// Whether a list's images are mirrored is seen from its own identifications.
+#[test]
+fn a_mirrored_list_is_recognised() {
+    let mut points = night(3, |_, _| [0.0; 2]);
+    assert_eq!(handedness(&points), 1);
+    for point in &mut points.points {
+        point.x_px = 1023.0 - point.x_px;
+    }
+    assert_eq!(handedness(&points), -1);
 }

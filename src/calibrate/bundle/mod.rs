@@ -152,7 +152,7 @@ pub(super) fn pose(
         notes.push("the mount is said to be fixed, but not all frames have a time: each frame has an attitude of its own".to_owned());
         Attitudes::Free
     };
-    Ok((Problem { model, free, priors, carried: None, exposures, attitudes, solves_sky }, notes))
+    Ok((Problem { model, free, priors, carried: None, exposures, attitudes, solves_sky, at_predicted: false }, notes))
 }
 
 /// Whether the rows are exposed one after the other while nobody says how the camera turned.

@@ -6,7 +6,8 @@
 //! ```text
 //! r = −J⁺·(R·v − d),   ∂r/∂θ = J⁺·(∂d/∂θ − R·∂v/∂θ),   ∂r/∂φ = −J⁺·[φ × R·v]   (R ← exp(φ)·R)
 //! ```
-//! so no distortion has to be inverted. The neglected part is r²/f, a thousandth of a residual of a few pixels.
+//! so no distortion has to be inverted. The neglected part is r²/f, a thousandth of a residual of a few pixels. Where the model changes
+//! within a pixel (S-curve) all of it is taken at the point x − r that is predicted so: at the measured one its error would enter twice.
 
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
@@ -16,8 +17,15 @@ use crate::camera::{Model, PARAMETER_COUNT};
 use crate::effects::{Context, Observation, StarImage, StarState};
 use crate::identify::{ControlPoints, KnownAttitude};
 
+/// Steps to a predicted point at most, and the last of them.
+const PREDICTIONS: usize = 4;
+const PREDICTED_PX: f64 = 1e-3;
 /// The most parameters that one adjustment solves, attitudes not counted.
 pub(in crate::calibrate) const MOST_PARAMETERS: usize = 40;
+/// A star that is measured farther from where it is predicted is no measure of what happens within a pixel,
+const WITHIN_REACH_PX: f64 = 1.0;
+/// nor, this far, of anything.
+const REACH_PX: f64 = 100.0;
 /// Parameters of a frame: its attitude, and its rates where the rows are exposed one after the other.
 pub(in crate::calibrate) const MOST_LOCAL: usize = 6;
 
@@ -99,6 +107,9 @@ pub(in crate::calibrate) struct Problem {
     pub(in crate::calibrate) attitudes: Attitudes,
     /// Whether effects of the sky are among the free parameters.
     pub(in crate::calibrate) solves_sky: bool,
+    /// Whether all is linearised at the predicted points, not at the measured ones: where columns are held against residuals an error
+    /// that stands in both would look like a relation between them.
+    pub(in crate::calibrate) at_predicted: bool,
 }
 
 /// Where the adjustment stands.
@@ -152,6 +163,15 @@ pub(in crate::calibrate) struct Row {
     pub(in crate::calibrate) by_parameter: [[f64; MOST_PARAMETERS]; 2],
     /// ∂r/∂φ by axis, px/rad.
     pub(in crate::calibrate) by_rotation: [[f64; 3]; 2],
+}
+
+impl Row {
+    /// A residual taken at another point than the measured one becomes the measured point's.
+    fn count_from(&mut self, image: &Image, at: [f64; 2]) {
+        for (residual, (measured, at)) in self.residual.iter_mut().zip(image.pixel.iter().zip(at)) {
+            *residual += measured - at;
+        }
+    }
 }
 
 impl Problem {
@@ -231,13 +251,20 @@ impl Problem {
         let rotation = own.attitude.to_rotation_matrix();
         let of = &self.exposures[exposure];
         let plain = self.model.is_reference_behind_the_lens();
+        let reach_px = if self.model.changes_within_pixels() {
+            WITHIN_REACH_PX
+        } else if self.at_predicted {
+            REACH_PX
+        } else {
+            0.0
+        };
         let reference =
             (plain && !self.solves_sky && self.free.iter().all(|index| *index < PARAMETER_COUNT)).then(|| Reference::new(values));
         let mut row = Row { residual: [0.0; 2], by_parameter: [[0.0; MOST_PARAMETERS]; 2], by_rotation: [[0.0; 3]; 2] };
         for (index, image) in of.images.iter().enumerate() {
             let done = match &reference {
-                Some(reference) => self.row_of_reference(reference, &rotation, image, &mut row),
-                None => self.row_of_model(values, &rotation, of, image, &mut row),
+                Some(reference) => self.row_of_reference(reference, &rotation, image, reach_px, &mut row),
+                None => self.row_of_model(values, &rotation, of, image, reach_px, &mut row),
             };
             if done.is_none() {
                 continue;
@@ -253,11 +280,23 @@ impl Problem {
         }
     }
 
-    fn row_of_reference(&self, reference: &Reference, rotation: &Rotation3<f64>, image: &Image, row: &mut Row) -> Option<()> {
-        let point = reference.at(image.pixel)?;
+    fn row_of_reference(
+        &self,
+        reference: &Reference,
+        rotation: &Rotation3<f64>,
+        image: &Image,
+        reach_px: f64,
+        row: &mut Row,
+    ) -> Option<()> {
+        let mut point = reference.at(image.pixel)?;
         let arrives = rotation * Vector3::from(image.apparent);
         // J⁺ takes nothing from d itself.
         row.residual = point.pixels((-arrives).into());
+        if let Some(predicted) = predicted(image, row, reach_px) {
+            point = reference.at(predicted)?;
+            row.residual = point.pixels((-arrives).into());
+            row.count_from(image, predicted);
+        }
         for (axis, column) in point.by_rotation(arrives.into()).into_iter().enumerate() {
             (row.by_rotation[0][axis], row.by_rotation[1][axis]) = (-column[0], -column[1]);
         }
@@ -268,13 +307,39 @@ impl Problem {
         row.residual.iter().all(|r| r.is_finite()).then_some(())
     }
 
-    fn row_of_model(&self, values: &[f64], rotation: &Rotation3<f64>, of: &Exposure, image: &Image, row: &mut Row) -> Option<()> {
+    fn row_of_model(
+        &self,
+        values: &[f64],
+        rotation: &Rotation3<f64>,
+        of: &Exposure,
+        image: &Image,
+        reach_px: f64,
+        row: &mut Row,
+    ) -> Option<()> {
         let context = image.context(&of.observation);
-        let seen = self.model.seen(values, &self.free, image.pixel, &context)?;
         let (apparent, sky) =
             if self.solves_sky { self.model.apparent_columns(values, &self.free, &context) } else { (image.apparent, Vec::new()) };
         let arrives = rotation * Vector3::from(apparent);
+        let mut at = image.pixel;
+        // Once, or to the end where the model bends within the way.
+        let turns = if reach_px <= 0.0 { 0 } else { PREDICTIONS };
+        for _ in 0..turns {
+            let seen = self.model.seen(values, &[], at, &context)?;
+            Inverse::of(seen.direction, seen.by_pixel, arrives, row)?;
+            row.count_from(image, at);
+            let Some(next) = predicted(image, row, reach_px) else {
+                at = image.pixel;
+                break;
+            };
+            let step_px = (next[0] - at[0]).hypot(next[1] - at[1]);
+            at = next;
+            if step_px < PREDICTED_PX {
+                break;
+            }
+        }
+        let seen = self.model.seen(values, &self.free, at, &context)?;
         let inverse = Inverse::of(seen.direction, seen.by_pixel, arrives, row)?;
+        row.count_from(image, at);
         for k in 0..self.free.len() {
             let mut change = seen.by_parameter[k];
             if let Some(sky) = sky.get(k).filter(|sky| **sky != [0.0; 3]) {
@@ -289,6 +354,12 @@ impl Problem {
         }
         Some(())
     }
+}
+
+/// Where a star is predicted, from its residual at the measured point, if that is within reach.
+fn predicted(image: &Image, row: &Row, reach_px: f64) -> Option<[f64; 2]> {
+    let [x, y] = row.residual;
+    (x.hypot(y) < reach_px).then(|| [image.pixel[0] - x, image.pixel[1] - y])
 }
 
 /// J⁺, the change of the pixel that goes with a change of the direction.
