@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use boresight::diagnose::{DiagnoseOptions, Diagnosis, Verdict};
-use boresight::pipeline::{Asked, Prepared, Question, SkyChoice, question};
+use boresight::diagnose::{DiagnoseOptions, Diagnosis, MeasuredNoise, Verdict};
+use boresight::pipeline::{Asked, Prepared, Question, SkyChoice, measured_noise, question};
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
 use clap::Args;
@@ -46,7 +46,7 @@ pub(crate) struct DiagnoseArgs {
     /// Use only stars brighter than this V magnitude
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     max_magnitude: Option<f64>,
-    /// Use stars without known proper motion too, where the time is known and they are off by it
+    /// Use stars without known proper motion too, though they have moved since the catalogue was made
     #[arg(long)]
     all_stars: bool,
     /// Take the identifications of a star list (`hip`, or `ra_deg` and `dec_deg`) as they are, instead of making our own
@@ -58,6 +58,11 @@ pub(crate) struct DiagnoseArgs {
     #[command(flatten)]
     output: OutputArgs,
 }
+
+/// All stars take part where fewer than one in so many has a known proper motion.
+const FEWEST_MOVING: usize = 5;
+/// Noise off by this factor is said.
+const NOISE_OFF: f64 = 1.3;
 
 fn probability(text: &str) -> std::result::Result<f64, String> {
     text.parse::<f64>().ok().filter(|value| *value > 0.0 && *value < 1.0).ok_or_else(|| "give a probability between 0 and 1".into())
@@ -76,7 +81,7 @@ struct DiagnoseObject<'a> {
 
 impl DiagnoseArgs {
     /// The options of the diagnosis: those of the file, with what the command line says in their place.
-    fn options(&self, times_are_known: bool) -> Result<DiagnoseOptions> {
+    fn options(&self) -> Result<DiagnoseOptions> {
         let (mut options, is_given) = match &self.options {
             None => (DiagnoseOptions::default(), false),
             Some(path) => {
@@ -94,9 +99,9 @@ impl DiagnoseArgs {
         if let Some(solve) = &self.solve {
             options.solve.clone_from(solve);
         }
-        // Where the time is known a star whose motion is not known is off by more than it is measured to.
+        // A star whose motion is not known is off by more than it is measured to.
         if !is_given || self.all_stars {
-            options.proper_motion_only = times_are_known && !self.all_stars;
+            options.proper_motion_only = !self.all_stars;
         }
         Ok(options)
     }
@@ -108,7 +113,7 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
     let measured = pipeline::measure(recording)?;
-    let options = args.options(measured.times_are_known())?;
+    let mut options = args.options()?;
     provenance.seed = Some(options.seed);
     let choice = args.sky.choice_of_diagnosis();
     let identified = if args.trust_identifications {
@@ -118,6 +123,9 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
     };
     let limits = SolveArgs { max_magnitude: args.max_magnitude, ..SolveArgs::default() };
     let prepared = control_points(&measured, &identified, &catalog, &limits, args.trust_identifications)?;
+    let moving = prepared.points.points.iter().filter(|point| point.has_proper_motion).count();
+    let too_few_move = options.proper_motion_only && FEWEST_MOVING * moving < prepared.points.points.len();
+    options.proper_motion_only &= !too_few_move;
     let asked = Asked { catalog: &catalog, choice: &choice, max_magnitude: args.max_magnitude, trusted: args.trust_identifications };
     let Question { points, telemetry, options, uneven } = question(&measured, &identified, &prepared, &asked, options)?;
     let spinner = output::spinner("diagnosing");
@@ -126,6 +134,12 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
     let mut diagnosis = result?;
     diagnosis.warnings.extend(warnings(args, &measured, &prepared, &choice));
     diagnosis.warnings.extend(uneven);
+    if too_few_move {
+        let all = prepared.points.points.len();
+        diagnosis.warnings.push(format!("only {moving} of {all} star images are of stars with a known proper motion: all take part"));
+    }
+    diagnosis.noise.measured = measured_noise(&measured);
+    diagnosis.warnings.extend(noise_warning(&diagnosis.noise.measured));
     if let Some(path) = &args.write_camera {
         let more = write_camera::write(path, &diagnosis, &points, &measured, &catalog, options.seed)?;
         diagnosis.warnings.extend(more);
@@ -156,6 +170,14 @@ fn finish(
     Ok(if diagnosis.verdict == Verdict::Unexplained { Answer::No } else { Answer::Yes })
 }
 
+/// Images whose noise is not as the camera is said to have it.
+fn noise_warning(measured: &MeasuredNoise) -> Option<String> {
+    let ratio = measured.background_ratio.filter(|ratio| !(1.0 / NOISE_OFF..NOISE_OFF).contains(ratio))?;
+    Some(format!(
+        "the background scatters {ratio:.2} times as much as gain_e_per_dn, bias_dn and read_noise_e say: one of them is not as declared, or the frames have been processed"
+    ))
+}
+
 /// What is to be minded of how the points came about.
 fn warnings(args: &DiagnoseArgs, measured: &Measured, prepared: &Prepared, choice: &SkyChoice) -> Vec<String> {
     let mut warnings = prepared.notes.clone();
@@ -168,7 +190,8 @@ fn warnings(args: &DiagnoseArgs, measured: &Measured, prepared: &Prepared, choic
         warnings.push(format!(
             "the time of the frames is not known: {where_taken}, and those that moved since are off; what needs the time is not judged"
         ));
-    } else if args.all_stars {
+    }
+    if args.all_stars {
         warnings.push("stars whose proper motion is not known take part, and are off by it".to_owned());
     }
     if prepared.parity < 0 {

@@ -182,10 +182,12 @@ fn overview(diagnosis: &Diagnosis) -> String {
     line(
         "noise",
         &format!(
-            "{} px per axis beyond the stated errors, stated variances × {}; {} % of the identifications wrong",
+            "{} px per axis beyond the stated errors, stated variances × {}; {} % of the identifications wrong{}{}",
             significant(noise.floor_px),
             significant(noise.variance_factor),
-            significant(100.0 * noise.wrong_share)
+            significant(100.0 * noise.wrong_share),
+            noise.measured.stamp_chi2_per_dof.map_or_else(String::new, |chi2| format!("; stamps χ²/dof {chi2:.2}")),
+            noise.measured.background_ratio.map_or_else(String::new, |ratio| format!("; background {ratio:.2} × as declared"))
         ),
     );
     text

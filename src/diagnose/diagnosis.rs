@@ -268,6 +268,17 @@ pub struct NoiseState {
     pub tail_degrees: f64,
     /// Share of identifications held to be wrong.
     pub wrong_share: f64,
+    /// What the images show of it, before any star is named.
+    pub measured: MeasuredNoise,
+}
+
+/// The noise as the frames' pixels show it; nothing where a list of stars stands in their place.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct MeasuredNoise {
+    /// χ² per degree of freedom of the star images' stamps, the median: above one where images are not as the fit has them.
+    pub stamp_chi2_per_dof: Option<f64>,
+    /// Scatter of the background over that of photons and readout as declared (gain, bias and read noise), the median of the frames.
+    pub background_ratio: Option<f64>,
 }
 
 /// Which frames were set aside.

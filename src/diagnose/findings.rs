@@ -2,7 +2,9 @@
 
 use super::attribute::{self, Entry, Stand, UNOBSERVABLE, amplitude, columns};
 use super::chance::Chance;
-use super::diagnosis::{EffectState, EffectStatus, Finding, FoundParameter, Limit, Located, NoiseState, Profile, ResidualRow, Rival};
+use super::diagnosis::{
+    EffectState, EffectStatus, Finding, FoundParameter, Limit, Located, MeasuredNoise, NoiseState, Profile, ResidualRow, Rival,
+};
 use super::evidence::Evidence;
 use super::hypotheses::{Hypothesis, Variant, with_zenith};
 use super::noise::NoiseModel;
@@ -188,8 +190,16 @@ pub(super) fn amplitude_veto(before: &Evidence, stand: &Stand, entries: &[Entry]
     if hypothesis.in_force && id == "proper-motion" {
         return None; // another epoch is the finding itself
     }
+    let variant = &hypothesis.variants[entries[k].variant];
+    if let Some((least, most)) = hypothesis.effect.natural().filter(|_| !hypothesis.in_force && hypothesis.known.is_none())
+        && let Some(found) = solved.parameters(k, variant).first()
+        && (found.value + DISAGREES * found.sigma < least || found.value - DISAGREES * found.sigma > most)
+    {
+        let size = words::with_error(found.value, found.sigma);
+        return Some(format!("its size, {} = {size} {}, is none that nature has ({least} to {most})", found.name, found.unit));
+    }
     let listed: Vec<Rival> = rivals(before, stand, entries, k).into_iter().map(|(rival, _)| rival).collect();
-    let [ratio, error] = solved.ratio_beside_rivals(k, &hypothesis.variants[entries[k].variant], &listed)?;
+    let [ratio, error] = solved.ratio_beside_rivals(k, variant, &listed)?;
     // That what the model has is not there at all is a finding too.
     let is_absent = hypothesis.in_force && ratio.abs() <= DISAGREES * error;
     ((ratio - 1.0).abs() > DISAGREES * error && !is_absent)
@@ -289,6 +299,7 @@ pub(super) fn noise_state(stand: &Stand) -> NoiseState {
         variance_factor: stand.noise.factor,
         tail_degrees: if stand.noise.tail_degrees.is_finite() { stand.noise.tail_degrees } else { 1e9 },
         wrong_share: wrong,
+        measured: MeasuredNoise::default(),
     }
 }
 

@@ -296,6 +296,12 @@ pub trait Displacement: Sync {
     /// Parameters of the effect at its known size, where the recording's own metadata tells it; `None` where they must be fitted.
     fn known(observation: &Observation) -> Option<Vec<f64>>;
 
+    /// Sizes that nature has for the first parameter where it is not known: one found outside is not this effect.
+    #[must_use]
+    fn natural() -> Option<(f64, f64)> {
+        None
+    }
+
     /// Indices of the parameters that are fitted where the effect is asked for by its id alone; the others keep their values unless they
     /// are asked for by name. All, unless the effect says otherwise.
     #[must_use]
@@ -343,6 +349,8 @@ pub trait AnyDisplacement: Sync {
     fn identity(&self, context: &Context) -> Option<Vec<f64>>;
     /// See [`Displacement::known`].
     fn known(&self, observation: &Observation) -> Option<Vec<f64>>;
+    /// See [`Displacement::natural`].
+    fn natural(&self) -> Option<(f64, f64)>;
     /// See [`Displacement::fitted`].
     fn fitted(&self, observation: &Observation) -> Vec<usize>;
     /// See [`Displacement::searched`].
@@ -389,6 +397,9 @@ impl<D: Displacement> AnyDisplacement for D {
     }
     fn known(&self, observation: &Observation) -> Option<Vec<f64>> {
         D::known(observation)
+    }
+    fn natural(&self) -> Option<(f64, f64)> {
+        D::natural()
     }
     fn fitted(&self, observation: &Observation) -> Vec<usize> {
         D::fitted(observation)

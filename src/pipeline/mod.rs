@@ -8,9 +8,10 @@ mod star_list;
 
 use crate::calibrate::CalibrateError;
 use crate::camera::{ObserverError, Physics, PhysicsError};
-use crate::detect::{DetectError, Detections};
-use crate::diagnose::DiagnoseError;
+use crate::detect::{DetectError, Detection, Detections};
+use crate::diagnose::{DiagnoseError, MeasuredNoise};
 use crate::recording::{Recording, RecordingError, SkippedFrame};
+use crate::statistics::median_in_place;
 
 pub use frames::{IdentifiedFrame, circumstances, identify_frames, measure, measure_frames, physics_in_force, take_identifications};
 pub use prepare::{Asked, Prepared, Question, control_points, known_behind_the_lens, question, star_images, telemetry};
@@ -120,6 +121,12 @@ impl Measured {
         self.frames.iter().all(|frame| self.recording.frames[frame.index].time_utc.is_some())
     }
 
+    /// Stars with neither saturation nor an edge nor a neighbour in their stamps.
+    fn clean_stars(&self) -> impl Iterator<Item = &Detection> {
+        let stars = self.frames.iter().flat_map(|frame| &frame.detections.stars);
+        stars.filter(|star| !star.flags.saturated && !star.flags.edge && !star.flags.blended)
+    }
+
     /// Electrons per DN of a frame's detections: the camera's. Where a list of stars stands in the image's place, `None` unless it tells
     /// the electrons of all of them.
     #[must_use]
@@ -129,4 +136,23 @@ impl Measured {
             None => self.recording.camera.gain_e_per_dn,
         }
     }
+}
+
+/// The noise as the pixels show it: the stamps of the stars, and the photon-transfer relation of the background. Nothing for a list of stars.
+#[must_use]
+pub fn measured_noise(measured: &Measured) -> MeasuredNoise {
+    if measured.recording.stars.is_some() {
+        return MeasuredNoise::default();
+    }
+    let mut chi2: Vec<f64> = measured.clean_stars().map(|star| star.chi2_per_dof).filter(|value| value.is_finite()).collect();
+    let camera = &measured.recording.camera;
+    let declared = camera.gain_e_per_dn.zip(camera.bias_dn).zip(camera.read_noise_e);
+    let mut ratios: Vec<f64> = declared.map_or_else(Vec::new, |((gain, bias_dn), read_noise_e)| {
+        let of = |frame: &MeasuredFrame| {
+            let electrons = ((frame.detections.background_dn - bias_dn) * gain).max(0.0);
+            frame.detections.noise_dn * gain / (electrons + read_noise_e * read_noise_e).sqrt()
+        };
+        measured.frames.iter().map(of).filter(|ratio| ratio.is_finite() && *ratio > 0.0).collect()
+    });
+    MeasuredNoise { stamp_chi2_per_dof: median_in_place(&mut chi2), background_ratio: median_in_place(&mut ratios) }
 }

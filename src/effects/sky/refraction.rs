@@ -99,6 +99,11 @@ impl Displacement for Refraction {
         if observation.zenith_is_guessed { vec![0, 1, 2] } else { vec![0] }
     }
 
+    fn natural() -> Option<(f64, f64)> {
+        // From 5000 m of altitude in summer to the sea in a polar winter.
+        Some((27.0, 78.0))
+    }
+
     fn reference_values() -> Vec<ReferenceValue> {
         // pyerfa 2.0.1.5: refco(1013.25 hPa, 10 °C, 0.5, 0.55 µm), then atioq for an observer at the pole (zenith = +z, no diurnal
         // aberration) with apio(0, 0, 0, π/2, 0, 0, 0, refa, refb); true zenith distances 30°, 70°, 86° at right ascension 20°.
