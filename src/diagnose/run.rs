@@ -286,13 +286,19 @@ fn refine(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry], all: &[
         }
         if let Some(here) = evidence.hypotheses[hypothesis].searched_value(entries[k].variant).filter(|_| !seen.is_empty()) {
             let most = seen.iter().map(|(_, t)| *t).fold(0.0, f64::max);
-            // Half of how far T stays within 4 of its largest (two standard errors, other places as good included), or the distance to the
-            // nearest place tried where it does not.
-            let inside = seen.iter().filter(|(_, t)| *t > most - 4.0).map(|(value, _)| (value - here).abs()).fold(0.0, f64::max);
-            let outside =
-                seen.iter().filter(|(_, t)| *t <= most - 4.0).map(|(value, _)| (value - here).abs()).fold(f64::INFINITY, f64::min);
-            let sigma = 0.5 * if inside > 0.0 { inside } else { outside };
-            evidence.hypotheses[hypothesis].variants[entries[k].variant].searched_sigma = Some(sigma).filter(|sigma| sigma.is_finite());
+            // Half of how far T stays within 4 of its largest (two standard errors, other places as good included). Where it falls lies between
+            // two places tried, the last within and the first beyond: halfway.
+            let reach = |sign: f64| {
+                let on_this_side = |within: bool| {
+                    let of = move |(value, t): &(f64, f64)| ((*t > most - 4.0) == within).then_some(sign * (value - here));
+                    seen.iter().filter_map(of).filter(|distance| *distance >= 0.0)
+                };
+                let last = on_this_side(true).fold(0.0, f64::max);
+                let beyond = on_this_side(false).filter(|distance| *distance > last).fold(f64::INFINITY, f64::min);
+                if beyond.is_finite() { f64::midpoint(last, beyond) } else { last }
+            };
+            let sigma = 0.5 * reach(1.0).max(reach(-1.0));
+            evidence.hypotheses[hypothesis].variants[entries[k].variant].searched_sigma = Some(sigma).filter(|sigma| *sigma > 0.0);
         }
     }
 }

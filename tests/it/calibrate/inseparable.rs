@@ -59,8 +59,10 @@ fn what_is_solved_stays_within_its_errors() {
         (&["projection", "radial-high-order"], 1.0, &[]),
     ] {
         let solved = solve_many(effects, times_typical, with);
-        // A refusal by name is an answer too, for two effects that both resemble what is free already; refusing everything would be none.
-        assert!(effects.len() > 1 || 2 * solved.len() > SEEDS as usize, "{effects:?}: {} solved", solved.len());
+        // A refusal by name is an answer too; refusing everything would be none. Prism and tilt together with p1 and p2 are six parameters
+        // for two patterns: there a refusal is right.
+        let is_too_much = effects.len() > 1 && with.len() > 1;
+        assert!(is_too_much || 2 * solved.len() > SEEDS as usize, "{effects:?}: {} solved", solved.len());
         for (pull, warnings) in solved {
             assert!(pull <= 5.0, "{effects:?} × {times_typical} with {with:?}: {pull} σ");
             let said = |warning: &String| warning.contains("cannot be told apart") && effects.iter().any(|id| warning.contains(id));
