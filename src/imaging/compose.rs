@@ -2,12 +2,13 @@
 
 use std::fmt::Write;
 
-use crate::effects::pixel::{AnyPixelEffect, PointSpread};
+use crate::effects::pixel::{AnyPixelEffect, PlaneSpread, PointSpread};
 
 const FRAME: &str = include_str!("../../shaders/lib/frame.wgsl");
 const MATH: &str = include_str!("../../shaders/lib/math.wgsl");
 const RNG: &str = include_str!("../../shaders/lib/rng.wgsl");
 const COLLECT: &str = include_str!("../../shaders/lib/collect.wgsl");
+const COLLECT_PLANE: &str = include_str!("../../shaders/lib/collect_plane.wgsl");
 const TO_COUNTS: &str = include_str!("../../shaders/lib/to_counts.wgsl");
 const TO_ELECTRONS: &str = include_str!("../../shaders/lib/to_electrons.wgsl");
 
@@ -27,6 +28,12 @@ pub enum Output {
 #[must_use]
 pub fn collect_program(spread: &dyn PointSpread) -> String {
     [FRAME, MATH, spread.wgsl(), &COLLECT.replace("POINT_SPREAD(star,", &format!("{}(star,", spread.id()))].join("\n")
+}
+
+/// The program that adds the light of a plane point spread; its entry point is `collect_plane`.
+#[must_use]
+pub fn collect_plane_program(spread: &dyn PlaneSpread) -> String {
+    [FRAME, MATH, spread.wgsl(), &COLLECT_PLANE.replace("SHARE)", &format!("{})", spread.wgsl_share()))].join("\n")
 }
 
 /// The program that sends every pixel through the effects in their order; its entry point is `finish`.

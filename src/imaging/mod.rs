@@ -17,11 +17,15 @@ mod compose;
 mod on_cpu;
 mod on_gpu;
 mod plan;
+mod plane;
+mod stamp;
 mod tiles;
 mod twin_check;
 
-pub use compose::{Output, chain_program, collect_program, uniforms_name};
+pub use compose::{Output, chain_program, collect_plane_program, collect_program, uniforms_name};
 pub use plan::EffectSetting;
+pub use plane::{Deposit, PlaneLight};
+pub use stamp::Stamp;
 pub use twin_check::{TwinReport, compare_counts, twin_check};
 
 pub use crate::effects::pixel::Stage;
@@ -241,13 +245,18 @@ impl Imager {
 
     /// A frame as the detector gives it.
     pub fn expose(&self, exposure: &Exposure<'_>) -> Result<Image16, ImagingError> {
+        self.expose_with(exposure, &[])
+    }
+
+    /// The same with light of plane point spreads besides.
+    pub fn expose_with(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Image16, ImagingError> {
         if !self.plan.has_converter() {
             return Err(ImagingError::NoConverter);
         }
-        let stars = self.plan.stars(exposure)?;
+        let lit = self.plan.light(exposure, planes)?;
         let pixels_dn = match &self.runner {
-            Runner::Cpu => on_cpu::counts(&self.plan, &stars, exposure),
-            Runner::Gpu(gpu) => gpu.counts(&self.plan, &stars, exposure)?,
+            Runner::Cpu => on_cpu::counts(&self.plan, &lit, exposure),
+            Runner::Gpu(gpu) => gpu.counts(&self.plan, &lit, exposure)?,
         };
         Ok(Image16 { width_px: self.plan.width_px, height_px: self.plan.height_px, pixels_dn })
     }
@@ -260,10 +269,26 @@ impl Imager {
     /// The frame after all effects up to and with a stage, row by row; with `None` the light of the stars alone. After [`Stage::Digital`] the
     /// numbers are counts.
     pub fn electrons_after(&self, stage: Option<Stage>, exposure: &Exposure<'_>) -> Result<Vec<f32>, ImagingError> {
-        let stars = self.plan.stars(exposure)?;
+        self.electrons_after_with(stage, exposure, &[])
+    }
+
+    /// The same with light of plane point spreads besides.
+    pub fn electrons_after_with(
+        &self,
+        stage: Option<Stage>,
+        exposure: &Exposure<'_>,
+        planes: &[PlaneLight<'_>],
+    ) -> Result<Vec<f32>, ImagingError> {
+        let lit = self.plan.light(exposure, planes)?;
         match &self.runner {
-            Runner::Cpu => Ok(on_cpu::electrons(&self.plan, stage, &stars, exposure)),
-            Runner::Gpu(gpu) => Ok(gpu.electrons(&self.plan, stage, &stars, exposure)?),
+            Runner::Cpu => Ok(on_cpu::electrons(&self.plan, stage, &lit, exposure)),
+            Runner::Gpu(gpu) => Ok(gpu.electrons(&self.plan, stage, &lit, exposure)?),
         }
+    }
+
+    /// The light that one source sends to the pixels of the frame, on the CPU, before any effect; `None` where none of it reaches the frame.
+    pub fn stamp(&self, stars: &[StarImage], planes: &[PlaneLight<'_>]) -> Result<Option<Stamp>, ImagingError> {
+        let lit = self.plan.light(&Exposure { stars, exposure_s: 0.0, frame_index: 0 }, planes)?;
+        Ok(stamp::stamp(&self.plan, lit))
     }
 }

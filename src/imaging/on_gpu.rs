@@ -1,14 +1,15 @@
 //! The pixel effects on a GPU: programs made for the plan, buffers kept from frame to frame, work split where a limit asks for it.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use bytemuck::{Pod, Zeroable};
 
-use super::compose::{Output, UNIFORM_ALIGNMENT, chain_program, collect_program};
-use super::plan::Plan;
-use super::tiles::{Grid, TILE_PX, bin};
+use super::compose::{Output, UNIFORM_ALIGNMENT, chain_program, collect_plane_program, collect_program};
+use super::plan::{Lit, Plan};
+use super::plane::PlaneBatch;
+use super::tiles::{Entry, Grid, TILE_PX, bin};
 use super::{Exposure, GpuError, SplitLimits};
-use crate::effects::pixel::{AnyPixelEffect, Stage, Star};
+use crate::effects::pixel::{AnyPixelEffect, PlaneStar, Stage, Star};
 use crate::gpu::{Binding, Buffer, Dispatch, Gpu, Kernel};
 
 /// `Frame` of `shaders/lib/frame.wgsl`.
@@ -42,6 +43,10 @@ const WORKGROUP: u64 = 64;
 const COLLECT_BINDINGS: [Binding; 7] =
     [Binding::Uniform, Binding::Uniform, Binding::Read, Binding::Read, Binding::Read, Binding::ReadWrite, Binding::ReadWrite];
 
+/// The bindings of `shaders/lib/collect_plane.wgsl`.
+const PLANE_BINDINGS: [Binding; 7] =
+    [Binding::Uniform, Binding::Uniform, Binding::Read, Binding::Read, Binding::Read, Binding::Read, Binding::ReadWrite];
+
 /// Bytes of an entry's profiles: along the columns and along the rows of its tile.
 const PROFILE_BYTES: usize = 2 * TILE_PX * size_of::<f32>();
 
@@ -50,6 +55,9 @@ const PROFILE_BYTES: usize = 2 * TILE_PX * size_of::<f32>();
 struct Kept {
     profiles: Option<Kernel>,
     collect: Option<Kernel>,
+    /// Programs of plane spreads, by their ids.
+    planes: Vec<(&'static str, Kernel)>,
+    atlas: Option<KeptAtlas>,
     /// Programs that finish a frame, by what they do.
     finish: Vec<(Option<Stage>, Output, Kernel)>,
     stars: Option<Buffer>,
@@ -59,6 +67,13 @@ struct Kept {
     electrons: Option<Buffer>,
     counts: Option<Buffer>,
     staging: Option<Buffer>,
+}
+
+/// Tables on the device, and where they lie in memory: that tells whether they are those wanted.
+#[derive(Debug)]
+struct KeptAtlas {
+    values: Arc<[f32]>,
+    buffer: Buffer,
 }
 
 /// A GPU with the programs of a plan.
@@ -94,20 +109,20 @@ impl GpuImager {
         &self,
         plan: &Plan,
         stage: Option<Stage>,
-        stars: &[Star],
+        lit: &Lit<'_>,
         exposure: &Exposure<'_>,
     ) -> Result<Vec<f32>, GpuError> {
         let mut frame = Vec::with_capacity(plan.width_px * plan.height_px);
-        self.bands(plan, stars, exposure, stage, Output::Electrons, |_, bytes| {
+        self.bands(plan, lit, exposure, stage, Output::Electrons, |_, bytes| {
             frame.extend_from_slice(bytemuck::cast_slice(bytes));
         })?;
         Ok(frame)
     }
 
     /// Counts at the end of the chain.
-    pub(super) fn counts(&self, plan: &Plan, stars: &[Star], exposure: &Exposure<'_>) -> Result<Vec<u16>, GpuError> {
+    pub(super) fn counts(&self, plan: &Plan, lit: &Lit<'_>, exposure: &Exposure<'_>) -> Result<Vec<u16>, GpuError> {
         let mut frame = Vec::with_capacity(plan.width_px * plan.height_px);
-        self.bands(plan, stars, exposure, Some(Stage::Digital), Output::Counts, |pixels, bytes| {
+        self.bands(plan, lit, exposure, Some(Stage::Digital), Output::Counts, |pixels, bytes| {
             frame.extend_from_slice(&bytemuck::cast_slice(bytes)[..pixels]);
         })?;
         Ok(frame)
@@ -117,7 +132,7 @@ impl GpuImager {
     fn bands(
         &self,
         plan: &Plan,
-        stars: &[Star],
+        lit: &Lit<'_>,
         exposure: &Exposure<'_>,
         stage: Option<Stage>,
         output: Output,
@@ -139,7 +154,10 @@ impl GpuImager {
             let pixels = band.rows * plan.width_px;
             let frame_uniforms = self.frame_uniforms(plan, exposure, band)?;
             self.gpu.reserve(&mut kept.electrons, "electrons", (pixels * size_of::<f32>()) as u64)?;
-            self.collect(plan, stars, band, &frame_uniforms, &mut kept)?;
+            self.collect(plan, &lit.stars, band, &frame_uniforms, &mut kept)?;
+            for batch in &lit.planes {
+                self.collect_plane(plan, batch, band, &frame_uniforms, &mut kept)?;
+            }
             let bytes = match output {
                 Output::Electrons => pixels as u64 * 4,
                 Output::Counts => pixels.div_ceil(2) as u64 * 4,
@@ -254,6 +272,77 @@ impl GpuImager {
                 }
             }
         }
+        Ok(())
+    }
+
+    /// Adds the light of a plane spread to the buffer of electrons.
+    fn collect_plane(
+        &self,
+        plan: &Plan,
+        batch: &PlaneBatch<'_>,
+        band: Band,
+        frame: &Buffer,
+        kept: &mut Kept,
+    ) -> Result<(), GpuError> {
+        let spread = batch.spread;
+        if !kept.planes.iter().any(|(id, _)| *id == spread.id()) {
+            let kernel = self.gpu.kernel("collect_plane", &collect_plane_program(spread), "collect_plane", &PLANE_BINDINGS)?;
+            kept.planes.push((spread.id(), kernel));
+        }
+        self.keep_atlas(&batch.atlas.values, kept)?;
+        let grid = Grid { width: plan.width_px, first_row: band.first_row, rows: band.rows, tile_width: TILE_PX };
+        let most_stars = (self.limits.buffer_bytes as usize / size_of::<PlaneStar>()).max(1);
+        let most_entries = (self.limits.buffer_bytes as usize / size_of::<Entry>()).max(1);
+        let budget = crate::gpu::LOOP_BUDGET / (spread.loop_iterations() + 1);
+        let per_dispatch = self.limits.entries_per_dispatch.clamp(1, budget.max(1));
+        for lists in bin(&batch.stars, &grid, most_stars, most_entries) {
+            if lists.entries.is_empty() {
+                continue;
+            }
+            for (buffer, label, bytes) in [
+                (&mut kept.stars, "stars", bytemuck::cast_slice::<_, u8>(&lists.stars)),
+                (&mut kept.starts, "tile starts", bytemuck::cast_slice(&lists.starts)),
+                (&mut kept.entries, "tile entries", bytemuck::cast_slice(&lists.entries)),
+            ] {
+                self.gpu.reserve(buffer, label, (bytes.len() as u64).next_power_of_two())?;
+                if let Some(buffer) = buffer {
+                    self.gpu.upload(buffer, bytes)?;
+                }
+            }
+            let Kept { stars: Some(stars), starts: Some(starts), entries: Some(entries), .. } = &*kept else {
+                continue; // all were made above
+            };
+            let Kept { atlas: Some(atlas), electrons: Some(electrons), planes, .. } = &*kept else {
+                continue; // as above
+            };
+            let Some((_, kernel)) = planes.iter().find(|(id, _)| *id == spread.id()) else {
+                continue; // as above
+            };
+            for first_entry in (0..lists.longest()).step_by(per_dispatch as usize) {
+                let part = PartUniforms { first_entry, entries: per_dispatch, goes_on: 1, all_entries: lists.entries.len() as u32 };
+                let part = self.gpu.uniform("part", bytemuck::bytes_of(&part))?;
+                let buffers = [frame, &part, stars, starts, entries, &atlas.buffer, electrons];
+                let workgroups = [grid.columns() as u32, grid.tile_rows() as u32];
+                self.gpu.submit(&[Dispatch { kernel, buffers: &buffers, workgroups }])?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Brings tables to the device, unless they are there.
+    fn keep_atlas(&self, values: &Arc<[f32]>, kept: &mut Kept) -> Result<(), GpuError> {
+        if kept.atlas.as_ref().is_some_and(|atlas| Arc::ptr_eq(&atlas.values, values)) {
+            return Ok(());
+        }
+        let mut buffer = None;
+        self.gpu.reserve(&mut buffer, "atlas", (size_of_val(&**values) as u64).max(16))?;
+        let Some(buffer) = buffer else {
+            return Ok(()); // it was made above
+        };
+        if !values.is_empty() {
+            self.gpu.upload(&buffer, bytemuck::cast_slice(values))?;
+        }
+        kept.atlas = Some(KeptAtlas { values: Arc::clone(values), buffer });
         Ok(())
     }
 }

@@ -1,5 +1,6 @@
 //! A configuration that was checked: which effects act, in which order, with which parameters.
 
+use super::plane::{PlaneBatch, PlaneLight};
 use super::tiles;
 use super::{Exposure, ImagingConfig, ImagingError};
 use crate::effects::detector::adc::full_pixel_dn;
@@ -73,6 +74,13 @@ impl Enabled {
     }
 }
 
+/// The light of an exposure, ready for the pixels.
+#[derive(Debug)]
+pub(super) struct Lit<'a> {
+    pub(super) stars: Vec<Star>,
+    pub(super) planes: Vec<PlaneBatch<'a>>,
+}
+
 /// The checked configuration.
 pub(super) struct Plan {
     pub(super) width_px: usize,
@@ -131,12 +139,14 @@ impl Plan {
         StageKey { seed: self.seed, frame: exposure.frame_index, stage: effect.rng_stage() }
     }
 
-    /// The stars of an exposure as they go to the pixels.
-    pub(super) fn stars(&self, exposure: &Exposure<'_>) -> Result<Vec<Star>, ImagingError> {
+    /// The light of an exposure as it goes to the pixels.
+    pub(super) fn light<'a>(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'a>]) -> Result<Lit<'a>, ImagingError> {
         let exposure_s = exposure.exposure_s;
         if !exposure_s.is_finite() || exposure_s < 0.0 {
             return Err(ImagingError::BadExposure { exposure_s });
         }
-        tiles::prepare(exposure.stars, self.spread, self.width_px, self.height_px)
+        let stars = tiles::prepare(exposure.stars, self.spread, self.width_px, self.height_px)?;
+        let planes = planes.iter().map(|light| PlaneBatch::new(light, self.width_px, self.height_px)).collect::<Result<_, _>>()?;
+        Ok(Lit { stars, planes })
     }
 }

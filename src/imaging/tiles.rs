@@ -20,18 +20,35 @@ pub(super) struct Entry {
     pub(super) tile: u32,
 }
 
+/// What lies in a square of pixels around a place.
+pub(super) trait Placed: Copy {
+    /// Column and row of the middle.
+    fn place(&self) -> (i32, i32);
+    /// Half the side of the square, px.
+    fn reach(&self) -> i32;
+}
+
+impl Placed for Star {
+    fn place(&self) -> (i32, i32) {
+        (self.column, self.row)
+    }
+    fn reach(&self) -> i32 {
+        self.reach
+    }
+}
+
 /// Which stars may light a tile, for all tiles of a band.
 #[derive(Debug)]
-pub(super) struct TileLists {
+pub(super) struct TileLists<S> {
     /// The stars, in catalogue order.
-    pub(super) stars: Vec<Star>,
+    pub(super) stars: Vec<S>,
     /// Where each tile's entries begin; one more than there are tiles.
     pub(super) starts: Vec<u32>,
     /// The entries, tile by tile, in catalogue order within a tile.
     pub(super) entries: Vec<Entry>,
 }
 
-impl TileLists {
+impl<S> TileLists<S> {
     /// The entries of a tile.
     pub(super) fn of(&self, tile: usize) -> &[Entry] {
         &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize]
@@ -66,13 +83,14 @@ impl Grid {
 
     #[allow(clippy::cast_possible_wrap, reason = "the sides of a frame are at most 65 535 px")]
     /// The tiles that a star's square touches: columns and rows, empty if it lies outside.
-    fn touched(&self, star: &Star) -> (Range<usize>, Range<usize>) {
+    fn touched(&self, star: &impl Placed) -> (Range<usize>, Range<usize>) {
         let along = |middle: i32, first: usize, count: usize, tile: usize| {
-            let low = (i64::from(middle) - i64::from(star.reach) - first as i64).max(0);
-            let high = (i64::from(middle) + i64::from(star.reach) - first as i64).min(count as i64 - 1);
+            let low = (i64::from(middle) - i64::from(star.reach()) - first as i64).max(0);
+            let high = (i64::from(middle) + i64::from(star.reach()) - first as i64).min(count as i64 - 1);
             if low > high { 0..0 } else { low as usize / tile..high as usize / tile + 1 }
         };
-        (along(star.column, 0, self.width, self.tile_width), along(star.row, self.first_row, self.rows, TILE_PX))
+        let (column, row) = star.place();
+        (along(column, 0, self.width, self.tile_width), along(row, self.first_row, self.rows, TILE_PX))
     }
 }
 
@@ -115,9 +133,9 @@ pub(super) fn prepare(images: &[StarImage], spread: &dyn PointSpread, width: usi
 
 /// Lists for a band, in as many chunks as keep below `most_stars` stars and `most_entries` entries each; at least one chunk.
 /// Chunks follow in catalogue order, so their light adds up in the same order as in one list.
-pub(super) fn bin(stars: &[Star], grid: &Grid, most_stars: usize, most_entries: usize) -> Vec<TileLists> {
+pub(super) fn bin<S: Placed>(stars: &[S], grid: &Grid, most_stars: usize, most_entries: usize) -> Vec<TileLists<S>> {
     let mut chunks = Vec::new();
-    let mut chunk: Vec<(Star, Range<usize>, Range<usize>)> = Vec::new();
+    let mut chunk: Vec<(S, Range<usize>, Range<usize>)> = Vec::new();
     let mut entries = 0;
     for star in stars {
         let (columns, rows) = grid.touched(star);
@@ -139,7 +157,7 @@ pub(super) fn bin(stars: &[Star], grid: &Grid, most_stars: usize, most_entries: 
     chunks
 }
 
-fn lists(chunk: &[(Star, Range<usize>, Range<usize>)], grid: &Grid, count: usize) -> TileLists {
+fn lists<S: Placed>(chunk: &[(S, Range<usize>, Range<usize>)], grid: &Grid, count: usize) -> TileLists<S> {
     let columns_of_tiles = grid.columns();
     let mut starts = vec![0_u32; columns_of_tiles * grid.tile_rows() + 1];
     let tiles = |columns: &Range<usize>, rows: &Range<usize>| {

@@ -21,7 +21,7 @@
 
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::math::{normal_upper_tail, poly_exp};
-use crate::effects::pixel::{PointSpread, Rows, Star};
+use crate::effects::pixel::{Atlas, PlaneSpread, PlaneStar, PointSpread, Rows, Star};
 
 /// Gaussian point spread.
 #[derive(Clone, Copy, Debug)]
@@ -104,6 +104,36 @@ impl PointSpread for GaussianPsf {
     }
     fn add(&self, star: &Star, rows: &mut Rows<'_>) {
         gaussian_psf(star, rows);
+    }
+}
+
+/// The same light row by row, where each row has the star at another place.
+impl PlaneSpread for GaussianPsf {
+    fn id(&self) -> &'static str {
+        "gaussian_psf"
+    }
+    fn parameters(&self) -> &'static [ParameterSpec] {
+        PointSpread::parameters(self)
+    }
+    fn wgsl(&self) -> &'static str {
+        PointSpread::wgsl(self)
+    }
+    fn wgsl_share(&self) -> &'static str {
+        "gaussian_psf(star, dx) * gaussian_psf(star, dy)"
+    }
+    fn loop_iterations(&self) -> u32 {
+        1
+    }
+    fn source(&self) -> &'static str {
+        PointSpread::source(self)
+    }
+    fn add_plane(&self, star: &PlaneStar, _: &Atlas, rows: &mut Rows<'_>) {
+        star.for_each_row(rows, |dy, first_dx, pixels, _| {
+            let electrons = star.electrons * pixel_share(dy, star.inverse_sigma);
+            for (i, pixel) in pixels.iter_mut().enumerate() {
+                *pixel += electrons * pixel_share(first_dx + i as f32, star.inverse_sigma);
+            }
+        });
     }
 }
 

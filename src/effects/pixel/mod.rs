@@ -8,10 +8,15 @@
 //! two [`Stage`]s, each of which ends with the frame in one buffer of electrons; no such effect exists yet.
 
 pub mod math;
+mod spread;
 
-use bytemuck::{Pod, Zeroable};
+pub use spread::{
+    Atlas, MOST_NODES, PLANE_SPREADS, POINT_SPREADS, PlaneSpread, PlaneStar, PointSpread, Rows, Star, plane_spread, point_spread,
+};
 
-use super::{ParameterSpec, detector, optics, sky};
+use bytemuck::Pod;
+
+use super::{ParameterSpec, detector, sky};
 use crate::rng::StageKey;
 
 /// Where along the way from light to count a pixel effect acts. The order of the variants is the order of the stages.
@@ -25,59 +30,6 @@ pub enum Stage {
     Readout,
     /// From electrons to counts.
     Digital,
-}
-
-/// A star's image as the GPU and the twins read it: integer pixel plus fraction, so that f32 does not blur its place.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct Star {
-    /// Column of the pixel whose centre is nearest.
-    pub column: i32,
-    /// Its row.
-    pub row: i32,
-    /// Offset from that centre to the right, px, in [−0.5, 0.5].
-    pub fraction_x: f32,
-    /// Offset downwards.
-    pub fraction_y: f32,
-    /// Expected electrons over the exposure.
-    pub electrons: f32,
-    /// 1/σ of the image, px⁻¹.
-    pub inverse_sigma: f32,
-    /// Half the side of the square of pixels that receive light, not counting the middle one.
-    pub reach: i32,
-    /// Keeps the size a multiple of 16 bytes.
-    pub unused: u32,
-}
-
-/// A run of whole rows of a frame, in electrons.
-#[derive(Debug)]
-pub struct Rows<'a> {
-    /// Columns of the frame.
-    pub width: usize,
-    /// The first of the rows.
-    pub first_row: usize,
-    /// Electrons, row by row.
-    pub electrons: &'a mut [f32],
-    /// Space for a twin's own use, kept between calls.
-    pub scratch: &'a mut Vec<f32>,
-}
-
-/// How the light of a star is spread: as the product of a profile along the columns and one along the rows. (A spread that is no such product
-/// needs a second way of collecting light beside `shaders/lib/collect.wgsl`, and a method here that says so.)
-pub trait PointSpread: Sync {
-    /// Its id in files, and the name of its twin and of its WGSL function `fn id(star: Star, offset_px: f32) -> f32`: the share of the star's
-    /// light, along one axis, in a pixel whose centre lies `offset_px` from the star.
-    fn id(&self) -> &'static str;
-    /// Its parameters, which each star carries.
-    fn parameters(&self) -> &'static [ParameterSpec];
-    /// The text of its shader.
-    fn wgsl(&self) -> &'static str;
-    /// The text of its source file, whose head is its page.
-    fn source(&self) -> &'static str;
-    /// [`Star::reach`] for a star of so many electrons and this σ.
-    fn reach(&self, electrons: f64, sigma_px: f64) -> i32;
-    /// The CPU twin: adds the star's light to the rows.
-    fn add(&self, star: &Star, rows: &mut Rows<'_>);
 }
 
 /// Everything of an exposure that an effect may need besides its parameters.
@@ -186,17 +138,8 @@ pub(crate) use uniform_fields;
 pub static PIXEL_EFFECTS: &[&dyn AnyPixelEffect] =
     &[&sky::background::Background, &detector::photon_noise::PhotonNoise, &detector::read_noise::ReadNoise, &detector::adc::Adc];
 
-/// Every point spread.
-pub static POINT_SPREADS: &[&dyn PointSpread] = &[&optics::gaussian_psf::GaussianPsf];
-
 /// The pixel effect with this id.
 #[must_use]
 pub fn pixel_effect(id: &str) -> Option<&'static dyn AnyPixelEffect> {
     PIXEL_EFFECTS.iter().copied().find(|effect| effect.id() == id)
-}
-
-/// The point spread with this id.
-#[must_use]
-pub fn point_spread(id: &str) -> Option<&'static dyn PointSpread> {
-    POINT_SPREADS.iter().copied().find(|spread| spread.id() == id)
 }
