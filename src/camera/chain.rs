@@ -188,7 +188,7 @@ impl SkyChain {
     /// The direction from which a catalogue star's light arrives.
     #[must_use]
     pub fn apparent(&self, star: &Star, epoch_yr: f64) -> Direction<Apparent> {
-        self.apply(&StarState::of(star, epoch_yr))
+        self.apparent_in(&StarState::of(star, epoch_yr), &self.observation)
     }
 
     /// The directions of all stars of a catalogue, in its order.
@@ -207,7 +207,7 @@ impl SkyChain {
         let mut guess = apparent.xyz;
         for _ in 0..STEPS {
             let star = StarState { direction: guess, epoch_yr: self.observation.epoch_yr.unwrap_or_default(), ..StarState::default() };
-            let reached = self.apply(&star).xyz;
+            let reached = self.apparent_in(&star, &self.observation).xyz;
             let error = [0, 1, 2].map(|axis| apparent.xyz[axis] - reached[axis]);
             guess = Direction::<Icrs>::along([0, 1, 2].map(|axis| guess[axis] + error[axis])).xyz;
             if error.iter().all(|component| component.abs() < 1e-15) {
@@ -217,8 +217,10 @@ impl SkyChain {
         Direction::along(guess)
     }
 
-    fn apply(&self, star: &StarState) -> Direction<Apparent> {
-        let context = Context::new(*star, self.observation);
+    /// The same at a moment of other circumstances.
+    #[must_use]
+    pub fn apparent_in(&self, star: &StarState, observation: &Observation) -> Direction<Apparent> {
+        let context = Context::new(*star, *observation);
         let mut light = Light::from(star.direction);
         for (index, parameters) in &self.links {
             light = DISPLACEMENTS[*index].displace(parameters, light, &context);

@@ -8,11 +8,11 @@ use boresight::catalog::Catalog;
 use boresight::coordinates::Attitude;
 use boresight::provenance::Provenance;
 use boresight::recording::{
-    CameraInfo, FitsHeaders, Form, FrameEntry, Mount, OutputDirectory, Recording, Site, Size, write_file, write_fits_u16, write_manifest,
+    CameraInfo, FitsHeaders, Form, FrameEntry, Mount, OutputDirectory, Recording, Shutter, Site, Size, write_file, write_fits_u16,
+    write_manifest,
 };
 use boresight::render::{Renderer, TrueStar};
 use boresight::scene::{DetectorTable, Exposure, Scene, SiteTable, SkyTable};
-use boresight::units::DEG_RAD;
 use clap::Args;
 use serde::Serialize;
 
@@ -163,18 +163,14 @@ fn write_stars(table: &mut csv::Writer<Vec<u8>>, stars: &[TrueStar]) -> Result<(
 
 fn true_frame(frame: usize, scene: &Scene, exposure: &Exposure) -> TrueFrame {
     let term = |(id, parameters): (&'static str, &[f64])| TrueEffect { id, parameters: parameters.to_vec() };
-    // The camera turns evenly about the attitude at the middle.
-    let turned = |seconds: f64| match exposure.telemetry.rate_deg_s {
-        Some(rate) => exposure.attitude.turned(rate.map(|component| component * DEG_RAD * seconds)),
-        None => exposure.attitude,
-    };
+    let turned = |seconds: f64| exposure.motion.attitude(&exposure.course, seconds);
     TrueFrame {
         frame,
         time_utc: exposure.time.map(|time| time.to_isoformat() + "Z"),
         exposure_s: exposure.exposure_s,
         effects: exposure.sky.effects().into_iter().chain(scene.model.terms()).map(term).collect(),
         camera_from_icrs_start: turned(-0.5 * exposure.exposure_s),
-        camera_from_icrs_mid: exposure.attitude,
+        camera_from_icrs_mid: turned(0.0),
         camera_from_icrs_end: turned(0.5 * exposure.exposure_s),
         velocity_km_s: exposure.sky.observation().velocity_km_s,
         zenith_icrs: exposure.sky.observation().zenith,
@@ -198,6 +194,9 @@ fn manifest(scene: &Scene) -> Recording {
         read_noise_e: Some(scene.detector.read_noise_e),
         saturation_dn: Some(scene.detector.full_pixel_dn()),
         zero_point_e_per_s: Some(scene.detector.zero_point_e_per_s),
+        shutter: scene.nominal_line_time_us.map(|_| Shutter::Rolling),
+        line_time_us: scene.nominal_line_time_us,
+        first_row: scene.first_row,
         passband: Some("V".into()),
         ..CameraInfo::default()
     };
@@ -215,5 +214,6 @@ fn manifest(scene: &Scene) -> Recording {
         })
         .collect();
     let site = scene.site.as_ref().map(Site::from);
-    Recording { mount: Some(Mount::Free), site, frames, form: Form::Manifest, ..Recording::new(camera) }
+    let mount = Some(if scene.is_fixed { Mount::Fixed } else { Mount::Free });
+    Recording { mount, site, frames, form: Form::Manifest, ..Recording::new(camera) }
 }

@@ -58,6 +58,8 @@ pub(crate) fn write(
             k1: camera.k1,
             p1: camera.p1,
             p2: camera.p2,
+            line_time_us: None,
+            first_row: measured.recording.camera.first_row,
         },
         nominal: NominalTable {
             focal_length_px: Some(nominal.focal_length_px),
@@ -65,6 +67,7 @@ pub(crate) fn write(
             k1: Some(nominal.k1),
             p1: Some(nominal.p1),
             p2: Some(nominal.p2),
+            line_time_us: measured.recording.camera.line_time_us,
         },
         detector: detector(measured, &matched),
         sky: SkyTable {
@@ -73,6 +76,8 @@ pub(crate) fn write(
             physics: "none".to_owned(),
         },
         site: measured.recording.site.as_ref().map(site),
+        mount: None,
+        jitter: None,
         effects: effects(&model, points, catalog),
         series: None,
         frames,
@@ -154,10 +159,11 @@ fn frame_table(measured: &Measured, index: usize, attitude: &Attitude) -> FrameT
     FrameTable {
         time_utc: entry.time_utc.map(|time| time.to_isoformat() + "Z"),
         exposure_s: entry.exposure_s.unwrap_or(ASSUMED_EXPOSURE_S),
-        boresight_radec_deg: [ra / DEG_RAD, dec / DEG_RAD],
+        boresight_radec_deg: Some([ra / DEG_RAD, dec / DEG_RAD]),
         roll_deg: roll / DEG_RAD,
         velocity_km_s: entry.velocity_km_s,
         rate_deg_s: entry.rate_deg_s,
+        attitude_samples: Vec::new(),
         temperature_c: entry.temperature_c,
         pressure_hpa: entry.covariates.get("pressure_hpa").copied(),
     }

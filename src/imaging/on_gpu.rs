@@ -276,14 +276,7 @@ impl GpuImager {
     }
 
     /// Adds the light of a plane spread to the buffer of electrons.
-    fn collect_plane(
-        &self,
-        plan: &Plan,
-        batch: &PlaneBatch<'_>,
-        band: Band,
-        frame: &Buffer,
-        kept: &mut Kept,
-    ) -> Result<(), GpuError> {
+    fn collect_plane(&self, plan: &Plan, batch: &PlaneBatch<'_>, band: Band, frame: &Buffer, kept: &mut Kept) -> Result<(), GpuError> {
         let spread = batch.spread;
         if !kept.planes.iter().any(|(id, _)| *id == spread.id()) {
             let kernel = self.gpu.kernel("collect_plane", &collect_plane_program(spread), "collect_plane", &PLANE_BINDINGS)?;

@@ -17,6 +17,7 @@ pub struct Stamp {
     pub electrons: Vec<f32>,
 }
 
+#[allow(clippy::cast_possible_wrap, reason = "the sides of a frame are at most 65 535 px")]
 /// Adds the light on the smallest rectangle of the frame that holds it.
 pub(super) fn stamp(plan: &Plan, mut lit: Lit<'_>) -> Option<Stamp> {
     let squares = lit.stars.iter().map(square).chain(lit.planes.iter().flat_map(|batch| batch.stars.iter().map(square)));

@@ -1,12 +1,17 @@
 //! Scene → Frame: projects the catalogue (f64, here), then lets the pixel effects make an image of it (f32, on the GPU or the CPU).
 
+mod light;
 mod truth;
 
-pub use truth::{TrueStar, true_stars};
+pub use truth::TrueStar;
+
+use rayon::prelude::*;
 
 use crate::catalog::Catalog;
-use crate::imaging::{Backend, EffectSetting, Exposure, Imager, ImagingConfig, ImagingError, StarImage};
-use crate::scene::{DetectorTable, Scene};
+use crate::imaging::{Backend, EffectSetting, Exposure, Imager, ImagingConfig, ImagingError, Stage};
+use crate::scene::{DetectorTable, Scene, StarTrack};
+use light::{FrameLight, StarLight};
+use truth::{Landed, true_stars};
 
 /// How far outside the frame a star may lie and still send light into it, in widths of its image: beyond, less than 1e-9 of it.
 const MARGIN_SIGMAS: f64 = 6.0;
@@ -66,14 +71,33 @@ impl<'a> Renderer<'a> {
     /// # Panics
     /// If `index` is not below the number of exposures.
     pub fn render(&self, index: usize) -> Result<Rendered, ImagingError> {
+        let (tracks, lights) = self.light(index);
+        let landed = |light: &StarLight| Ok(Landed::new(self.scene, index, light.stamp(&self.imager)?.as_ref()));
+        let landed = lights.par_iter().map(landed).collect::<Result<Vec<_>, ImagingError>>()?;
+        let stars = true_stars(self.scene, index, &tracks, &landed);
+        let frame: FrameLight = lights.into_iter().collect();
+        let exposure_s = self.scene.exposures[index].exposure_s;
+        let exposure = Exposure { stars: &frame.stars, exposure_s, frame_index: index as u32 };
+        let image = self.imager.expose_with(&exposure, &frame.planes())?;
+        Ok(Rendered { pixels_dn: image.pixels_dn, stars })
+    }
+
+    /// The expected electrons of exposure number `index`, without noise, row by row: stars and sky.
+    ///
+    /// # Panics
+    /// If `index` is not below the number of exposures.
+    pub fn expected_electrons(&self, index: usize) -> Result<Vec<f32>, ImagingError> {
+        let frame: FrameLight = self.light(index).1.into_iter().collect();
+        let exposure_s = self.scene.exposures[index].exposure_s;
+        let exposure = Exposure { stars: &frame.stars, exposure_s, frame_index: index as u32 };
+        self.imager.electrons_after_with(Some(Stage::Light), &exposure, &frame.planes())
+    }
+
+    /// The stars of an exposure on their way over the frame, and their light, brightest first.
+    fn light(&self, index: usize) -> (Vec<StarTrack>, Vec<StarLight>) {
         let sigma_px = self.scene.detector.psf_sigma_px;
-        let images = self.scene.star_images(self.catalog, index, MARGIN_SIGMAS * sigma_px + 1.0);
-        let stars: Vec<StarImage> = images
-            .iter()
-            .map(|image| StarImage { x_px: image.position.x_px, y_px: image.position.y_px, electrons: image.electrons, sigma_px })
-            .collect();
-        let exposure = Exposure { stars: &stars, exposure_s: self.scene.exposures[index].exposure_s, frame_index: index as u32 };
-        let image = self.imager.expose(&exposure)?;
-        Ok(Rendered { pixels_dn: image.pixels_dn, stars: true_stars(self.scene, index, &images) })
+        let tracks = self.scene.star_tracks(self.catalog, index, sigma_px, MARGIN_SIGMAS * sigma_px + 1.0);
+        let lights = tracks.iter().map(|track| StarLight::gaussian(track, sigma_px)).collect();
+        (tracks, lights)
     }
 }

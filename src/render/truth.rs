@@ -1,9 +1,9 @@
 //! The truth of a rendered frame: where every star landed and how bright it was. The measuring side of the program never reads it.
 
+use crate::coordinates::PixelPoint;
+use crate::imaging::Stamp;
+use crate::scene::{DetectorTable, Scene, StarTrack};
 use serde::{Deserialize, Serialize};
-use statrs::function::erf::erf;
-
-use crate::scene::{DetectorTable, Scene, StarImage};
 
 /// One star in one frame; a row of `truth/stars.csv`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -12,14 +12,22 @@ pub struct TrueStar {
     pub frame: usize,
     /// Catalogue number.
     pub hip: u32,
-    /// Column at the middle of the exposure.
+    /// Column at the middle of the exposure (with a rolling shutter: of the exposure of the row that is lit).
     pub x_px: f64,
     /// Row at the middle of the exposure.
     pub y_px: f64,
-    /// Mean column over the exposure.
+    /// Mean column over the time that the star lights the frame: where its light has its centre.
     pub x_mean_px: f64,
-    /// Mean row over the exposure.
+    /// Mean row.
     pub y_mean_px: f64,
+    /// Column at the start of the exposure; absent where the star has no image then.
+    pub x_start_px: Option<f64>,
+    /// Row at the start.
+    pub y_start_px: Option<f64>,
+    /// Column at the end.
+    pub x_end_px: Option<f64>,
+    /// Row at the end.
+    pub y_end_px: Option<f64>,
     /// V magnitude.
     pub magnitude: f64,
     /// Electrons that the star sends during the exposure.
@@ -28,6 +36,8 @@ pub struct TrueStar {
     pub electrons_landed: f64,
     /// Expected electrons of the star in its brightest pixel.
     pub peak_electrons: f64,
+    /// Electrons over their expected standard error where every pixel is weighted in the best way: √Σ s²/(s + background + read noise²).
+    pub snr: f64,
     /// The brightest pixel is expected to be full.
     pub saturated: bool,
     /// Another star with at least a twentieth of this one's light lies within 6 σ of the PSF.
@@ -36,58 +46,118 @@ pub struct TrueStar {
     pub edge: bool,
 }
 
-/// Share of a Gaussian's light between two edges, px from its centre.
-fn share(from_px: f64, to_px: f64, sigma_px: f64) -> f64 {
-    let scale = std::f64::consts::SQRT_2 * sigma_px;
-    0.5 * (erf(to_px / scale) - erf(from_px / scale))
+/// What one star's light is on the frame's pixels, without any other's.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Landed {
+    electrons: f64,
+    peak_electrons: f64,
+    snr: f64,
 }
 
-/// The truth of frame `index`, in the order of `images`.
-#[must_use]
-pub fn true_stars(scene: &Scene, index: usize, images: &[StarImage]) -> Vec<TrueStar> {
-    let blended = blended(images, 6.0 * scene.detector.psf_sigma_px);
-    images.iter().zip(blended).map(|(image, blended)| true_star(scene, index, image, blended)).collect()
-}
-
-fn true_star(scene: &Scene, index: usize, image: &StarImage, blended: bool) -> TrueStar {
-    let DetectorTable { psf_sigma_px: sigma, gain_e_per_dn, bias_dn, .. } = scene.detector;
-    let (x, y) = (image.position.x_px, image.position.y_px);
-    let (width, height) = (scene.camera.width_px as f64, scene.camera.height_px as f64);
-    let on_frame = share(-0.5 - x, width - 0.5 - x, sigma) * share(-0.5 - y, height - 0.5 - y, sigma);
-    let pixel = |centre: f64| share(centre.round() - 0.5 - centre, centre.round() + 0.5 - centre, sigma);
-    let peak_electrons = image.electrons * pixel(x) * pixel(y);
-    let background = scene.sky.background_e_per_px_s * scene.exposures[index].exposure_s;
-    TrueStar {
-        frame: index,
-        hip: image.hip,
-        x_px: x,
-        y_px: y,
-        x_mean_px: x,
-        y_mean_px: y,
-        magnitude: image.magnitude,
-        electrons_asked: image.electrons,
-        electrons_landed: image.electrons * on_frame,
-        peak_electrons,
-        saturated: bias_dn + (peak_electrons + background) / gain_e_per_dn >= scene.detector.full_pixel_dn(),
-        blended,
-        edge: on_frame < 0.99,
+impl Landed {
+    /// Of a star with this light (`None`: none of it reaches the frame) in frame `index`.
+    pub(super) fn new(scene: &Scene, index: usize, stamp: Option<&Stamp>) -> Self {
+        let quiet = background_e(scene, index) + scene.detector.read_noise_e.powi(2);
+        let mut landed = Self::default();
+        let mut information = 0.0;
+        for electrons in stamp.iter().flat_map(|stamp| &stamp.electrons).map(|electrons| f64::from(*electrons)) {
+            landed.electrons += electrons;
+            landed.peak_electrons = landed.peak_electrons.max(electrons);
+            if electrons > 0.0 {
+                information += electrons * electrons / (electrons + quiet);
+            }
+        }
+        Self { snr: information.sqrt(), ..landed }
     }
 }
 
-/// For each image, whether another one close by has at least a twentieth of its light.
-fn blended(images: &[StarImage], reach_px: f64) -> Vec<bool> {
-    let mut order: Vec<usize> = (0..images.len()).collect();
-    order.sort_by(|a, b| images[*a].position.x_px.total_cmp(&images[*b].position.x_px));
-    let mut blended = vec![false; images.len()];
+/// Electrons of the sky in a pixel.
+fn background_e(scene: &Scene, index: usize) -> f64 {
+    scene.sky.background_e_per_px_s * scene.exposures[index].exposure_s
+}
+
+/// The truth of frame `index`: stars with what of each lands on the pixels.
+#[must_use]
+pub(super) fn true_stars(scene: &Scene, index: usize, tracks: &[StarTrack], landed: &[Landed]) -> Vec<TrueStar> {
+    let blended = blended(tracks, 6.0 * scene.detector.psf_sigma_px);
+    let stars = tracks.iter().zip(landed).zip(blended);
+    stars.map(|((track, landed), blended)| true_star(scene, index, track, *landed, blended)).collect()
+}
+
+fn true_star(scene: &Scene, index: usize, track: &StarTrack, landed: Landed, blended: bool) -> TrueStar {
+    let DetectorTable { gain_e_per_dn, bias_dn, .. } = scene.detector;
+    let Landed { electrons, peak_electrons, snr } = landed;
+    let mean = track.mean();
+    let [start, middle, end] = track.start_mid_end;
+    let middle = middle.unwrap_or(mean);
+    let (x, y) = (|point: PixelPoint| point.x_px, |point: PixelPoint| point.y_px);
+    TrueStar {
+        frame: index,
+        hip: track.hip,
+        x_px: middle.x_px,
+        y_px: middle.y_px,
+        x_mean_px: mean.x_px,
+        y_mean_px: mean.y_px,
+        x_start_px: start.map(x),
+        y_start_px: start.map(y),
+        x_end_px: end.map(x),
+        y_end_px: end.map(y),
+        magnitude: track.magnitude,
+        electrons_asked: track.electrons,
+        electrons_landed: electrons,
+        peak_electrons,
+        snr,
+        saturated: bias_dn + (peak_electrons + background_e(scene, index)) / gain_e_per_dn >= scene.detector.full_pixel_dn(),
+        blended,
+        edge: electrons < 0.99 * track.electrons,
+    }
+}
+
+/// For each star, whether the trail of another one with at least a twentieth of its light comes near its own.
+fn blended(tracks: &[StarTrack], reach_px: f64) -> Vec<bool> {
+    let trails: Vec<Vec<PixelPoint>> = tracks.iter().map(trail).collect();
+    let range = |points: &[PixelPoint]| {
+        points.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], point| [low.min(point.x_px), high.max(point.x_px)])
+    };
+    let ranges: Vec<[f64; 2]> = trails.iter().map(|points| range(points)).collect();
+    let mut order: Vec<usize> = (0..tracks.len()).collect();
+    order.sort_by(|a, b| ranges[*a][0].total_cmp(&ranges[*b][0]));
+    let mut blended = vec![false; tracks.len()];
     for (rank, &a) in order.iter().enumerate() {
-        for &b in order[rank + 1..].iter().take_while(|b| images[**b].position.x_px - images[a].position.x_px < reach_px) {
-            let (one, other) = (&images[a], &images[b]);
-            let distance = (one.position.x_px - other.position.x_px).hypot(one.position.y_px - other.position.y_px);
-            if distance < reach_px {
-                blended[a] |= other.electrons >= 0.05 * one.electrons;
-                blended[b] |= one.electrons >= 0.05 * other.electrons;
+        for &b in order[rank + 1..].iter().take_while(|b| ranges[**b][0] - ranges[a][1] < reach_px) {
+            if distance_px(&trails[a], &trails[b]) < reach_px {
+                blended[a] |= tracks[b].electrons >= 0.05 * tracks[a].electrons;
+                blended[b] |= tracks[a].electrons >= 0.05 * tracks[b].electrons;
             }
         }
     }
     blended
+}
+
+/// A star's way as a few points.
+fn trail(track: &StarTrack) -> Vec<PixelPoint> {
+    const PIECES: usize = 8;
+    let places: Vec<PixelPoint> = match track.samples.as_slice() {
+        [only] => return vec![only.place],
+        samples => samples.iter().map(|sample| sample.place).collect(),
+    };
+    (0..=PIECES).map(|piece| places[piece * (places.len() - 1) / PIECES]).collect()
+}
+
+/// The shortest distance between two polylines, px; the points of one from the pieces of the other.
+fn distance_px(a: &[PixelPoint], b: &[PixelPoint]) -> f64 {
+    let one_way = |points: &[PixelPoint], line: &[PixelPoint]| {
+        let nearest = |point: &PixelPoint| {
+            let first = (line[0].x_px - point.x_px).hypot(line[0].y_px - point.y_px);
+            let pieces = line.windows(2).map(|piece| {
+                let (dx, dy) = (piece[1].x_px - piece[0].x_px, piece[1].y_px - piece[0].y_px);
+                let (px, py) = (point.x_px - piece[0].x_px, point.y_px - piece[0].y_px);
+                let along = ((px * dx + py * dy) / (dx * dx + dy * dy).max(1e-30)).clamp(0.0, 1.0);
+                (px - along * dx).hypot(py - along * dy)
+            });
+            pieces.fold(first, f64::min)
+        };
+        points.iter().map(nearest).fold(f64::INFINITY, f64::min)
+    };
+    one_way(a, b).min(one_way(b, a))
 }

@@ -2,9 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{EffectTable, SceneError};
+use super::{EffectTable, JitterTable, SceneError, motion};
 use crate::camera::Camera;
 use crate::coordinates::PixelPoint;
+use crate::recording::{FirstRow, Mount};
 
 /// The scene that `boresight demo` renders.
 pub const DEMO_TOML: &str = include_str!("demo.toml");
@@ -31,6 +32,10 @@ pub struct SceneFile {
     pub sky: SkyTable,
     /// The place on the ground.
     pub site: Option<SiteTable>,
+    /// How the camera stands.
+    pub mount: Option<MountTable>,
+    /// How it trembles.
+    pub jitter: Option<JitterTable>,
     /// Effects with parameters of their own.
     #[serde(default)]
     pub effects: Vec<EffectTable>,
@@ -62,6 +67,18 @@ pub struct TrueCameraTable {
     /// Decentring distortion, px⁻¹.
     #[serde(default)]
     pub p2: f64,
+    /// With a rolling shutter, the time from one row to the next; a global shutter if absent.
+    pub line_time_us: Option<f64>,
+    /// The row that a rolling shutter reads first: `top` (row 0, also if absent) or `bottom`.
+    pub first_row: Option<FirstRow>,
+}
+
+/// `[mount]`: how the camera stands.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MountTable {
+    /// `free`: each exposure has its own attitude. `fixed`: the camera stands fast on the ground as in the first exposure, and the Earth turns.
+    pub kind: Mount,
 }
 
 /// `[nominal]`: what the recording says of the camera. What is absent is said truly, but for the distortion and the principal point, of
@@ -79,6 +96,8 @@ pub struct NominalTable {
     pub p1: Option<f64>,
     /// Decentring distortion, px⁻¹.
     pub p2: Option<f64>,
+    /// Time from row to row of a rolling shutter.
+    pub line_time_us: Option<f64>,
 }
 
 /// `[detector]`: PSF and detector.
@@ -174,6 +193,8 @@ pub struct SeriesTable {
     pub interval_s: f64,
     /// Length of each.
     pub exposure_s: f64,
+    /// Rate of the camera in its own axes during each exposure.
+    pub rate_deg_s: Option<[f64; 3]>,
     /// With a site: the lowest altitude of the boresight.
     #[serde(default = "default_altitude")]
     pub lowest_altitude_deg: f64,
@@ -191,15 +212,20 @@ pub struct FrameTable {
     pub time_utc: Option<String>,
     /// Its length.
     pub exposure_s: f64,
-    /// Where the boresight points, ICRS axes.
-    pub boresight_radec_deg: [f64; 2],
+    /// Where the boresight points at the middle of the exposure, ICRS axes. It is needed unless the attitude follows from `attitude_samples`
+    /// or from a fixed mount and the first exposure.
+    pub boresight_radec_deg: Option<[f64; 2]>,
     /// Position angle of the frame's upward direction, north through east.
     #[serde(default)]
     pub roll_deg: f64,
     /// Camera velocity, barycentric, ICRS axes.
     pub velocity_km_s: Option<[f64; 3]>,
-    /// Rate of the camera in its own axes: for effects that follow it. Stars are not smeared by it.
+    /// Rate of the camera in its own axes: it turns evenly, and the stars are smeared.
     pub rate_deg_s: Option<[f64; 3]>,
+    /// Attitudes on the way: `[t, i, j, k, w]`, t in seconds from the middle of the exposure, the quaternion camera_from_icrs. The camera
+    /// follows a cubic spline through them.
+    #[serde(default)]
+    pub attitude_samples: Vec<[f64; 5]>,
     /// Temperature of the optics.
     pub temperature_c: Option<f64>,
     /// Air pressure at the camera.
@@ -362,7 +388,25 @@ pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
         (Some(_), false) => return refuse("series", "given".into(), "stands beside [[frames]]: keep one of the two"),
         _ => {}
     }
+    let is_line_time = |value: f64| (0.0..=1e6).contains(&value);
+    for (key, value) in [("camera.line_time_us", camera.line_time_us), ("nominal.line_time_us", file.nominal.line_time_us)] {
+        if let Some(value) = value.filter(|value| !is_line_time(*value)) {
+            return refuse(key, value.to_string(), "must lie between 0 and 1000000 (first_row says in which direction rows are read)");
+        }
+    }
+    if camera.line_time_us.is_some() && file.effects.iter().any(|effect| effect.id.replace('_', "-") == "rolling-shutter") {
+        return refuse("camera.line_time_us", "given".into(), "stands beside the effect rolling-shutter: keep one of the two");
+    }
+    if let Some(jitter) = &file.jitter {
+        motion::check(path, jitter)?;
+    }
+    let is_fixed = file.mount.is_some_and(|mount| mount.kind == Mount::Fixed);
+    let is_turning = |rate: Option<[f64; 3]>| rate.is_some_and(|rate| rate != [0.0; 3]);
     if let Some(series) = &file.series {
+        check_rate(path, "series.rate_deg_s", series.rate_deg_s)?;
+        if is_fixed && is_turning(series.rate_deg_s) {
+            return refuse("series.rate_deg_s", "given".into(), "stands beside a fixed mount: keep one of the two");
+        }
         if !(1..=1_000_000).contains(&series.count) {
             return refuse("series.count", series.count.to_string(), "must lie between 1 and 1000000");
         }
@@ -374,7 +418,23 @@ pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
     }
     for (index, frame) in file.frames.iter().enumerate() {
         positive(&format!("frames[{index}].exposure_s"), frame.exposure_s)?;
-        let [ra, dec] = frame.boresight_radec_deg;
+        let follows = !frame.attitude_samples.is_empty() || (is_fixed && index > 0);
+        if frame.boresight_radec_deg.is_some() == follows {
+            let (value, remedy) = if follows {
+                ("given", "is not free: the attitude follows from the samples or from the fixed mount; leave it out")
+            } else {
+                ("none", "must say where the boresight points at the middle of the exposure, or attitude_samples must")
+            };
+            return refuse(&format!("frames[{index}].boresight_radec_deg"), value.into(), remedy);
+        }
+        if !frame.attitude_samples.is_empty() && (is_fixed || frame.rate_deg_s.is_some()) {
+            let remedy = "stand beside a rate or a fixed mount: keep one of them";
+            return refuse(&format!("frames[{index}].attitude_samples"), "given".into(), remedy);
+        }
+        if is_fixed && is_turning(frame.rate_deg_s) {
+            return refuse(&format!("frames[{index}].rate_deg_s"), "given".into(), "stands beside a fixed mount: keep one of the two");
+        }
+        let [ra, dec] = frame.boresight_radec_deg.unwrap_or_default();
         if !ra.is_finite() || !(-90.0..=90.0).contains(&dec) {
             let remedy = "must be right ascension and declination in degrees, the latter between -90 and 90";
             return refuse(&format!("frames[{index}].boresight_radec_deg"), format!("[{ra}, {dec}]"), remedy);
@@ -383,10 +443,7 @@ pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
             let remedy = "must be three numbers in km/s, each below the speed of light";
             return refuse(&format!("frames[{index}].velocity_km_s"), format!("{velocity:?}"), remedy);
         }
-        if let Some(rate) = frame.rate_deg_s.filter(|rate| !rate.iter().all(|component| component.abs() <= 1e4)) {
-            let remedy = "must be three numbers in degrees per second, not beyond 10000";
-            return refuse(&format!("frames[{index}].rate_deg_s"), format!("{rate:?}"), remedy);
-        }
+        check_rate(path, &format!("frames[{index}].rate_deg_s"), frame.rate_deg_s)?;
         for (key, value) in [("temperature_c", frame.temperature_c), ("pressure_hpa", frame.pressure_hpa)] {
             if let Some(value) = value.filter(|value| !value.is_finite()) {
                 return refuse(&format!("frames[{index}].{key}"), value.to_string(), "must be a finite number");
@@ -397,4 +454,16 @@ pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
         }
     }
     Ok(())
+}
+
+fn check_rate(path: &str, key: &str, rate_deg_s: Option<[f64; 3]>) -> Result<(), SceneError> {
+    match rate_deg_s.filter(|rate| !rate.iter().all(|component| component.abs() <= 1e4)) {
+        None => Ok(()),
+        Some(rate) => Err(SceneError::Value {
+            path: path.to_owned(),
+            key: key.to_owned(),
+            value: format!("{rate:?}"),
+            remedy: "must be three numbers in degrees per second, not beyond 10000",
+        }),
+    }
 }

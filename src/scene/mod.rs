@@ -5,19 +5,27 @@
 
 mod effects;
 mod file;
+mod motion;
 mod pointing;
+mod quadrature;
+mod spline;
+mod track;
 
 use hifitime::Epoch;
 use thiserror::Error;
 
 pub use effects::EffectTable;
-pub use file::{DEMO_TOML, DetectorTable, FrameTable, NominalTable, SceneFile, SeriesTable, SiteTable, SkyTable, TrueCameraTable};
+pub use file::{
+    DEMO_TOML, DetectorTable, FrameTable, MountTable, NominalTable, SceneFile, SeriesTable, SiteTable, SkyTable, TrueCameraTable,
+};
+pub use motion::{BandTable, EARTH_RATE_RAD_S, JitterTable, LineTable, Motion};
+pub use spline::RotationSpline;
+pub use track::{Sample, StarTrack};
 
 use crate::camera::{Camera, GroundSite, Model, ObserverError, Physics, PhysicsError, SkyChain, Term, observation};
-use crate::catalog::Catalog;
 use crate::coordinates::{Attitude, PixelPoint};
-use crate::effects::{Context, Observation, StarImage as ImageState, StarState};
-use crate::recording::{CameraInfo, FrameEntry, Recording, Site};
+use crate::effects::Observation;
+use crate::recording::{CameraInfo, FirstRow, FrameEntry, Mount, Recording, Shutter, Site};
 use crate::units::DEG_RAD;
 
 /// What is wrong with a scene.
@@ -70,6 +78,9 @@ pub enum SceneError {
     },
 }
 
+/// The displacement that a scene's shutter is, when the camera turns.
+const ROLLING_SHUTTER: &str = "rolling-shutter";
+
 /// A scene ready to be rendered.
 #[derive(Clone, Debug)]
 pub struct Scene {
@@ -79,6 +90,16 @@ pub struct Scene {
     pub camera: Camera,
     /// The true camera with the effects behind the lens.
     pub model: Model,
+    /// The same without the shutter, which [`Scene::star_tracks`] follows itself.
+    optics: Model,
+    /// How much later each row of a higher number is exposed; 0 with a global shutter.
+    pub line_time_s: f64,
+    /// What the recording declares as the time from row to row of a rolling shutter, µs.
+    pub nominal_line_time_us: Option<f64>,
+    /// The row that is read first, where it is known.
+    pub first_row: Option<FirstRow>,
+    /// Whether the camera stands fast on the ground.
+    pub is_fixed: bool,
     /// The camera as the recording declares it.
     pub nominal: Camera,
     /// The true detector and PSF.
@@ -98,8 +119,12 @@ pub struct Exposure {
     pub time: Option<Epoch>,
     /// Its length.
     pub exposure_s: f64,
-    /// How the camera is turned, all the time.
+    /// How the camera is turned at the middle of the exposure of the middle row.
     pub attitude: Attitude,
+    /// The same without jitter: what [`Motion::attitude`] starts from.
+    pub course: Attitude,
+    /// How it turns during the exposure.
+    pub motion: Motion,
     /// The displacements in force on the way to the camera.
     pub sky: SkyChain,
     /// What the recording says of the frame beside its time.
@@ -157,47 +182,8 @@ impl Scene {
         file.build(path)
     }
 
-    /// The star images of frame number `index` that reach the frame, brightest first.
-    ///
-    /// `margin_px`: how far outside the frame a star's centre may lie and still be listed (the PSF's radius).
-    ///
-    /// # Panics
-    /// If `index` is not below the number of exposures.
-    #[must_use]
-    pub fn star_images(&self, catalog: &Catalog, index: usize, margin_px: f64) -> Vec<StarImage> {
-        let exposure = &self.exposures[index];
-        let boresight = exposure.attitude.rows()[2];
-        let cos_radius = self.cos_field_radius(margin_px);
-        let reach = |centre: f64, length: usize| -0.5 - margin_px <= centre && centre <= length as f64 - 0.5 + margin_px;
-        catalog
-            .stars
-            .iter()
-            .take_while(|star| star.magnitude <= self.sky.faintest_magnitude)
-            .filter(|star| crate::dual::dot(star.direction.xyz, boresight) > cos_radius)
-            .filter_map(|star| {
-                let apparent = exposure.sky.apparent(star, catalog.epoch_yr);
-                let direction = exposure.attitude.camera_from_apparent(&apparent);
-                let electrons = self.detector.zero_point_e_per_s * 10.0_f64.powf(-0.4 * star.magnitude) * exposure.exposure_s;
-                let position = if self.model.is_reference_behind_the_lens() {
-                    self.camera.pixel(&direction)?
-                } else {
-                    let image =
-                        ImageState { flux_e: Some(electrons), psf_sigma_px: Some(self.detector.psf_sigma_px), ..ImageState::default() };
-                    let context = Context::new(StarState::of(star, catalog.epoch_yr), *exposure.sky.observation());
-                    self.model.pixel(&direction, &context.with_image(image))?
-                };
-                (reach(position.x_px, self.camera.width_px) && reach(position.y_px, self.camera.height_px)).then_some(StarImage {
-                    hip: star.hip,
-                    position,
-                    electrons,
-                    magnitude: star.magnitude,
-                })
-            })
-            .collect()
-    }
-
-    /// Cosine of an angle from the boresight beyond which no star reaches the frame.
-    fn cos_field_radius(&self, margin_px: f64) -> f64 {
+    /// An angle from the boresight beyond which no star reaches the frame.
+    fn field_radius_rad(&self, margin_px: f64) -> f64 {
         // What the sky chain moves (refraction and aberration, under 1.5°) and the proper motions of a century.
         const SLACK_RAD: f64 = 1.5 * DEG_RAD;
         let (right, bottom) = (self.camera.width_px as f64 - 0.5 + margin_px, self.camera.height_px as f64 - 0.5 + margin_px);
@@ -205,7 +191,7 @@ impl Scene {
             .into_iter()
             .flat_map(|x_px| [-0.5 - margin_px, bottom].map(|y_px| self.camera.direction(PixelPoint { x_px, y_px }).xyz[2]))
             .fold(1.0_f64, f64::min);
-        (farthest.clamp(-1.0, 1.0).acos() + SLACK_RAD).min(std::f64::consts::PI).cos()
+        farthest.clamp(-1.0, 1.0).acos() + SLACK_RAD
     }
 }
 
@@ -223,14 +209,47 @@ impl SceneFile {
         let terms = effects::terms(path, &self.effects)?;
         let mut model = Model::new(camera);
         effects::behind_the_lens(path, &mut model, &terms)?;
+        if let Some(line_time_us) = self.camera.line_time_us {
+            let shutter = Term { effect: ROLLING_SHUTTER.to_owned(), parameters: vec![line_time_us] };
+            effects::behind_the_lens(path, &mut model, &[shutter])?;
+        }
+        let mut optics = model.clone();
+        optics.remove(ROLLING_SHUTTER);
+        let backwards = if self.camera.first_row == Some(FirstRow::Bottom) { -1.0 } else { 1.0 };
+        let line_time_us = model.terms().find(|(id, _)| *id == ROLLING_SHUTTER).map_or(0.0, |(_, parameters)| parameters[0]);
+        let line_time_s = backwards * 1e-6 * line_time_us;
+        let nominal_line_time_us = self.nominal.line_time_us.or(self.camera.line_time_us);
+        let first_row = self.camera.first_row;
+        let is_fixed = self.mount.is_some_and(|mount| mount.kind == Mount::Fixed);
         let plans = pointing::plan(path, &self, &circumstances)?;
         let exposures = self.exposures(path, plans, &physics, &terms)?;
-        Ok(Scene { seed: self.seed, camera, model, nominal, detector: self.detector, sky: self.sky, site: self.site, exposures })
+        Ok(Scene {
+            seed: self.seed,
+            camera,
+            model,
+            optics,
+            line_time_s,
+            nominal_line_time_us,
+            first_row,
+            is_fixed,
+            nominal,
+            detector: self.detector,
+            sky: self.sky,
+            site: self.site,
+            exposures,
+        })
     }
 
     /// The exposures, each with the physics in force. Its circumstances are those that a recording with this telemetry tells.
     fn exposures(&self, path: &str, plans: Vec<pointing::Plan>, physics: &Physics, terms: &[Term]) -> Result<Vec<Exposure>, SceneError> {
-        let info = CameraInfo { width_px: self.camera.width_px, height_px: self.camera.height_px, ..CameraInfo::default() };
+        let info = CameraInfo {
+            width_px: self.camera.width_px,
+            height_px: self.camera.height_px,
+            shutter: self.camera.line_time_us.map(|_| Shutter::Rolling),
+            line_time_us: self.camera.line_time_us,
+            first_row: self.camera.first_row,
+            ..CameraInfo::default()
+        };
         let frames = plans.iter().enumerate().map(|(number, plan)| FrameEntry {
             number,
             time_utc: plan.time,
@@ -239,12 +258,14 @@ impl SceneFile {
         });
         let recording = Recording { site: self.site.as_ref().map(Site::from), frames: frames.collect(), ..Recording::new(info) };
         let observations = recording.observations().map_err(|(_, source)| SceneError::Time { path: path.to_owned(), source })?;
-        let exposure = |(plan, observation): (pointing::Plan, Observation)| {
+        let exposure = |(number, (plan, observation)): (usize, (pointing::Plan, Observation))| {
             let known = SkyChain::new(physics, observation).map_err(|source| SceneError::Physics { path: path.to_owned(), source })?;
             let sky = effects::on_the_sky(&known, terms);
-            Ok(Exposure { time: plan.time, exposure_s: plan.exposure_s, attitude: plan.attitude, sky, telemetry: plan.telemetry })
+            let pointing::Plan { time, exposure_s, attitude: course, telemetry, .. } = plan;
+            let motion = Motion::new(plan.course, self.jitter.as_ref(), self.seed, number as u32, exposure_s);
+            Ok(Exposure { time, exposure_s, attitude: motion.attitude(&course, 0.0), course, motion, sky, telemetry })
         };
-        plans.into_iter().zip(observations).map(exposure).collect()
+        plans.into_iter().zip(observations).enumerate().map(exposure).collect()
     }
 }
 

@@ -1,13 +1,16 @@
 //! Where the camera points in each exposure.
 
 use hifitime::{Epoch, Unit};
+use nalgebra::{Matrix3, Rotation3, RowVector3, UnitQuaternion};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-use super::{SceneError, SceneFile, Telemetry};
+use super::motion::{Course, through};
+use super::{SceneError, SceneFile, SeriesTable, Telemetry};
 use crate::coordinates::Attitude;
 use crate::dual::dot;
 use crate::effects::Observation;
+use crate::recording::Mount;
 use crate::units::DEG_RAD;
 
 /// One planned exposure.
@@ -15,18 +18,45 @@ pub(super) struct Plan {
     pub(super) time: Option<Epoch>,
     pub(super) exposure_s: f64,
     pub(super) attitude: Attitude,
+    pub(super) course: Course,
     pub(super) telemetry: Telemetry,
 }
 
+/// What is known of an exposure at a time with a velocity.
+type Circumstances<'a> = &'a dyn Fn(Option<Epoch>, Option<[f64; 3]>) -> Result<Observation, SceneError>;
+
 /// The exposures of a scene in order of time.
-pub(super) fn plan(
-    path: &str,
-    file: &SceneFile,
-    circumstances: &dyn Fn(Option<Epoch>, Option<[f64; 3]>) -> Result<Observation, SceneError>,
-) -> Result<Vec<Plan>, SceneError> {
-    let Some(series) = &file.series else {
-        return listed(path, file);
+pub(super) fn plan(path: &str, file: &SceneFile, circumstances: Circumstances<'_>) -> Result<Vec<Plan>, SceneError> {
+    let mut plans = match &file.series {
+        Some(series) => drawn(path, file, series, circumstances)?,
+        None => listed(path, file)?,
     };
+    if file.mount.is_some_and(|mount| mount.kind == Mount::Fixed) {
+        stand_fast(path, &mut plans, circumstances)?;
+    }
+    Ok(plans)
+}
+
+/// Gives every exposure the attitude to the ground that the first one has.
+fn stand_fast(path: &str, plans: &mut [Plan], circumstances: Circumstances<'_>) -> Result<(), SceneError> {
+    let mut camera_from_earth = None;
+    for plan in plans {
+        let Some(rows) = circumstances(plan.time, None)?.earth_from_icrs else {
+            let (key, value) = ("mount.kind".to_owned(), "fixed".to_owned());
+            let remedy = "needs the time of every exposure: give series.start_utc, or time_utc of each frame";
+            return Err(SceneError::Value { path: path.to_owned(), key, value, remedy });
+        };
+        let matrix = Matrix3::from_rows(&rows.map(RowVector3::from));
+        let earth_from_icrs = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix));
+        let stands = *camera_from_earth.get_or_insert(plan.attitude.camera_from_icrs * earth_from_icrs.inverse());
+        plan.attitude = Attitude::new(stands * earth_from_icrs);
+        plan.course = Course::Earth(rows[2]);
+    }
+    Ok(())
+}
+
+/// The exposures of a series.
+fn drawn(path: &str, file: &SceneFile, series: &SeriesTable, circumstances: Circumstances<'_>) -> Result<Vec<Plan>, SceneError> {
     let start = series.start_utc.as_deref().map(|text| time(path, "series.start_utc", text)).transpose()?;
     // Its own stream of random numbers: pointings do not change when the noise of the frames is drawn in another way.
     let mut rng = Pcg64::seed_from_u64(file.seed);
@@ -48,7 +78,8 @@ pub(super) fn plan(
                 time,
                 exposure_s: series.exposure_s,
                 attitude: Attitude::from_pointing(ra, dec, roll),
-                telemetry: Telemetry::default(),
+                course: even(series.rate_deg_s),
+                telemetry: Telemetry { rate_deg_s: series.rate_deg_s, ..Telemetry::default() },
             })
         })
         .collect()
@@ -65,17 +96,33 @@ fn listed(path: &str, file: &SceneFile) -> Result<Vec<Plan>, SceneError> {
             let remedy = "is earlier than the frame before; list the frames in order of time";
             return Err(SceneError::Value { path: path.to_owned(), key, value: now.to_string(), remedy });
         }
-        let [ra_deg, dec_deg] = frame.boresight_radec_deg;
-        let attitude = Attitude::from_pointing(ra_deg * DEG_RAD, dec_deg * DEG_RAD, frame.roll_deg * DEG_RAD);
+        let [ra_deg, dec_deg] = frame.boresight_radec_deg.unwrap_or_default();
+        let mut attitude = Attitude::from_pointing(ra_deg * DEG_RAD, dec_deg * DEG_RAD, frame.roll_deg * DEG_RAD);
+        let mut course = even(frame.rate_deg_s);
+        if !frame.attitude_samples.is_empty() {
+            let rows_s = file.camera.line_time_us.unwrap_or_default() * 1e-6 * file.camera.height_px as f64;
+            (attitude, course) = through(&frame.attitude_samples, 0.5 * (frame.exposure_s + rows_s)).map_err(|remedy| {
+                let key = format!("frames[{index}].attitude_samples");
+                SceneError::Value { path: path.to_owned(), key, value: format!("{} samples", frame.attitude_samples.len()), remedy }
+            })?;
+        }
         let telemetry = Telemetry {
             velocity_km_s: frame.velocity_km_s,
-            rate_deg_s: frame.rate_deg_s,
+            rate_deg_s: frame.rate_deg_s.or_else(|| Some(course.rate_rad_s()?.map(|component| component / DEG_RAD))),
             temperature_c: frame.temperature_c,
             pressure_hpa: frame.pressure_hpa,
         };
-        plans.push(Plan { time, exposure_s: frame.exposure_s, attitude, telemetry });
+        plans.push(Plan { time, exposure_s: frame.exposure_s, attitude, course, telemetry });
     }
     Ok(plans)
+}
+
+/// An even turn, or none.
+fn even(rate_deg_s: Option<[f64; 3]>) -> Course {
+    match rate_deg_s {
+        Some(rate) if rate != [0.0; 3] => Course::Rate(rate.map(|component| component * DEG_RAD)),
+        _ => Course::Still,
+    }
 }
 
 fn time(path: &str, key: &str, text: &str) -> Result<Epoch, SceneError> {

@@ -15,7 +15,7 @@ use crate::common;
 use crate::house::root;
 
 /// An imager on the GPU, or `None` where BORESIGHT_GPU allows to do without.
-fn gpu(test: &str, config: &ImagingConfig, limits: SplitLimits) -> Option<Imager> {
+pub(crate) fn gpu(test: &str, config: &ImagingConfig, limits: SplitLimits) -> Option<Imager> {
     let wish = std::env::var("BORESIGHT_GPU").unwrap_or_default();
     match wish.as_str() {
         "off" => {
@@ -45,7 +45,7 @@ fn gpu(test: &str, config: &ImagingConfig, limits: SplitLimits) -> Option<Imager
     }
 }
 
-fn cpu(config: &ImagingConfig) -> Imager {
+pub(crate) fn cpu(config: &ImagingConfig) -> Imager {
     Imager::new(Backend::Cpu, config).expect("the configuration is sound")
 }
 
@@ -85,7 +85,7 @@ fn exposure(stars: &[StarImage], frame_index: u32) -> Exposure<'_> {
 
 /// Pixels beyond 1e-5 of their electrons and beyond 1e-6 of the brightest of the stars that light them. `floor` is made from the twin's own
 /// single stars. NaN is beyond everything.
-fn beyond_tolerance(a: &[f32], b: &[f32], floor_e: &[f64]) -> usize {
+pub(crate) fn beyond_tolerance(a: &[f32], b: &[f32], floor_e: &[f64]) -> usize {
     assert_eq!(a.len(), b.len());
     let far = |((a, b), floor): ((&f32, &f32), &f64)| {
         let (a, b) = (f64::from(*a), f64::from(*b));

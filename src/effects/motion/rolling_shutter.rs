@@ -14,7 +14,8 @@
 //!
 //! **Confused with.** Shear and pixel aspect, if the rate is the same in all frames; rates of both signs tell them apart.
 //!
-//! **Neglected.** Changes of the rate within a frame. The blur of each row is motion smear, not this.
+//! **Neglected.** Changes of the rate within a frame. The blur of each row is motion smear, not this. The renderer follows the motion itself
+//! row by row, with rates that change; at an even rate it puts the middle of each image where this does.
 //!
 //! **Source.** J. Enright and T. Dzamba, Rolling Shutter Compensation for Star Trackers, AIAA (2012); Rodrigues' formula for the turn.
 
