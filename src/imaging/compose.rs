@@ -2,11 +2,17 @@
 
 use std::fmt::Write;
 
+use crate::effects::pixel::pass::{Along, PassShape};
 use crate::effects::pixel::{AnyPixelEffect, PlaneSpread, PointSpread};
 
 const FRAME: &str = include_str!("../../shaders/lib/frame.wgsl");
 const MATH: &str = include_str!("../../shaders/lib/math.wgsl");
 const RNG: &str = include_str!("../../shaders/lib/rng.wgsl");
+const PATTERN: &str = include_str!("../../shaders/lib/pattern.wgsl");
+const WALK: &str = include_str!("../../shaders/lib/walk.wgsl");
+const NEIGHBOURS: &str = include_str!("../../shaders/lib/neighbours.wgsl");
+const SOURCE_ONE: &str = include_str!("../../shaders/lib/source_one.wgsl");
+const SOURCE_THREE: &str = include_str!("../../shaders/lib/source_three.wgsl");
 const COLLECT: &str = include_str!("../../shaders/lib/collect.wgsl");
 const COLLECT_PLANE: &str = include_str!("../../shaders/lib/collect_plane.wgsl");
 const TO_COUNTS: &str = include_str!("../../shaders/lib/to_counts.wgsl");
@@ -39,9 +45,27 @@ pub fn collect_plane_program(spread: &dyn PlaneSpread) -> String {
 /// The program that sends every pixel through the effects in their order; its entry point is `finish`.
 #[must_use]
 pub fn chain_program(effects: &[&dyn AnyPixelEffect], output: Output) -> String {
-    let mut head = String::from("@group(0) @binding(2) var<storage, read_write> electrons: array<f32>;\n");
-    let mut members = String::new();
-    let mut calls = String::new();
+    let calls: String = effects.iter().map(|effect| format!("    value = {}(value, pixel);\n", effect.id())).collect();
+    let chain = format!(
+        "fn chain(electrons_before: f32, pixel: Pixel) -> f32 {{\n    var value = electrons_before;\n{calls}    return value;\n}}\n"
+    );
+    let head = ELECTRONS.to_owned() + &head(effects);
+    let mut parts = vec![FRAME, MATH, RNG, PATTERN, &head];
+    parts.extend(effects.iter().map(|effect| effect.wgsl()));
+    parts.push(&chain);
+    parts.push(match output {
+        Output::Electrons => TO_ELECTRONS,
+        Output::Counts => TO_COUNTS,
+    });
+    parts.join("\n")
+}
+
+/// The frame as programs change it.
+const ELECTRONS: &str = "@group(0) @binding(2) var<storage, read_write> electrons: array<f32>;\n";
+
+/// Random stages and uniforms of effects.
+fn head(effects: &[&dyn AnyPixelEffect]) -> String {
+    let (mut head, mut members) = (String::new(), String::new());
     for effect in effects {
         let id = effect.id();
         if effect.rng_stage() != 0 {
@@ -50,22 +74,46 @@ pub fn chain_program(effects: &[&dyn AnyPixelEffect], output: Output) -> String 
         if !effect.fields().is_empty() {
             let _ = writeln!(members, "    @align({UNIFORM_ALIGNMENT}) {id}: {},", uniforms_name(id));
         }
-        let _ = writeln!(calls, "    value = {id}(value, pixel);");
     }
     if !members.is_empty() {
         let _ = writeln!(head, "struct Effects {{\n{members}}}\n@group(0) @binding(1) var<uniform> effects: Effects;");
     }
-    let chain = format!(
-        "fn chain(electrons_before: f32, pixel: Pixel) -> f32 {{\n    var value = electrons_before;\n{calls}    return value;\n}}\n"
-    );
-    let mut parts = vec![FRAME, MATH, RNG, &head];
-    parts.extend(effects.iter().map(|effect| effect.wgsl()));
-    parts.push(&chain);
-    parts.push(match output {
-        Output::Electrons => TO_ELECTRONS,
-        Output::Counts => TO_COUNTS,
-    });
-    parts.join("\n")
+    head
+}
+
+/// The program of a sweep of a pass.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PassProgram {
+    /// Its text.
+    pub wgsl: String,
+    /// Its entry point.
+    pub entry: &'static str,
+}
+
+/// The programs of a pass, one for each of its sweeps. `in_bands`: the frame lies in several buffers.
+#[must_use]
+pub fn pass_programs(effect: &dyn AnyPixelEffect, shape: PassShape, in_bands: bool) -> Vec<PassProgram> {
+    let head = head(&[effect]);
+    let program = |sweep: usize, parts: &[&str], shape: &str, entry| {
+        let constants = format!("const SWEEP = {sweep}u;");
+        let shape = shape.replace("STEP(", &format!("{}(", effect.id()));
+        let wgsl = [&[FRAME, MATH, RNG, PATTERN, &head, &constants], parts, &[effect.wgsl(), &shape]].concat().join("\n");
+        PassProgram { wgsl, entry }
+    };
+    match shape {
+        PassShape::Lines(sweeps) => (0..)
+            .zip(sweeps)
+            .map(|(number, sweep)| {
+                let (rows, backward) = (sweep.along == Along::Rows, sweep.backward);
+                let constants = format!("const ALONG_ROWS = {rows};\nconst BACKWARD = {backward};");
+                program(number, &[ELECTRONS, &constants], WALK, "walk")
+            })
+            .collect(),
+        PassShape::Neighbours { sweeps } => {
+            let source = if in_bands { SOURCE_THREE } else { SOURCE_ONE };
+            (0..sweeps).map(|number| program(number, &[source], NEIGHBOURS, "make_anew")).collect()
+        }
+    }
 }
 
 /// The name of an effect's uniforms in WGSL: `read_noise` → `ReadNoiseUniforms`.

@@ -7,7 +7,9 @@
 //!   point spread        expected electrons of the stars         GPU: collect.wgsl   CPU: PointSpread::add
 //!      │
 //!   pixel effects       Light → Charge → Readout → Digital      GPU: one program    CPU: row by row
-//!      ▼                                                        made for the job
+//!      │                                                        made for the job
+//!   passes              charge that moves between pixels        GPU: a program each  CPU: lines or rows on all cores
+//!      ▼                (none, or some with pixel effects between them)
 //!   electrons (f32) or counts (u16)
 //! ```
 //! An [`Imager`] is made once for a camera and asked for frame after frame. A frame is a function of the configuration, its stars and its
@@ -16,13 +18,14 @@
 mod compose;
 mod on_cpu;
 mod on_gpu;
+mod passes_on_gpu;
 mod plan;
 mod plane;
 mod stamp;
 mod tiles;
 mod twin_check;
 
-pub use compose::{Output, chain_program, collect_plane_program, collect_program, uniforms_name};
+pub use compose::{Output, PassProgram, chain_program, collect_plane_program, collect_program, pass_programs, uniforms_name};
 pub use plan::EffectSetting;
 pub use plane::{Deposit, PlaneLight};
 pub use stamp::Stamp;
@@ -106,7 +109,7 @@ pub enum ImagingError {
         exposure_s: f64,
     },
     /// Counts asked of a chain without a converter.
-    #[error("counts were asked for, but no effect of the stage Digital (adc) is switched on; add one or ask for electrons")]
+    #[error("counts were asked for, but the converter (adc) is not switched on; add it or ask for electrons")]
     NoConverter,
     /// The GPU.
     #[error(transparent)]
@@ -135,6 +138,8 @@ pub struct Exposure<'a> {
     pub exposure_s: f64,
     /// Index in the series: with the seed, the key of the noise.
     pub frame_index: u32,
+    /// Temperature of the detector; `None`: that at which its parameters were measured.
+    pub temperature_c: Option<f64>,
 }
 
 /// What stays the same from frame to frame.
@@ -288,7 +293,7 @@ impl Imager {
 
     /// The light that one source sends to the pixels of the frame, on the CPU, before any effect; `None` where none of it reaches the frame.
     pub fn stamp(&self, stars: &[StarImage], planes: &[PlaneLight<'_>]) -> Result<Option<Stamp>, ImagingError> {
-        let lit = self.plan.light(&Exposure { stars, exposure_s: 0.0, frame_index: 0 }, planes)?;
+        let lit = self.plan.light(&Exposure { stars, exposure_s: 0.0, frame_index: 0, temperature_c: None }, planes)?;
         Ok(stamp::stamp(&self.plan, lit))
     }
 }

@@ -1,33 +1,52 @@
-//! The twins on the CPU: bands of rows on all cores, each band small enough to stay in a core's cache through all effects.
+//! The twins on the CPU: bands of rows on all cores, each band small enough to stay in a core's cache through all effects up to the first pass.
 //!
-//! A band depends on nothing but its stars and its place, so the bytes do not depend on the number of threads.
+//! A band depends on nothing but its stars and its place, and a pass on nothing but the frame, so the bytes do not depend on the number of
+//! threads.
 
 use rayon::prelude::*;
 
 use super::Exposure;
-use super::plan::{Lit, Plan};
+use super::plan::{Enabled, Lit, Plan};
 use super::tiles::{Grid, TILE_PX, TileLists, bin};
-use crate::effects::pixel::{PlaneStar, Rows, Stage, Star};
+use crate::effects::pixel::pass::FrameBuffer;
+use crate::effects::pixel::{ExposureContext, PlaneStar, Rows, Stage, Star, Work};
+use crate::rng::StageKey;
 
-/// The chain of effects with everything that a band needs.
+/// Effects that each see one pixel, ready for an exposure.
+struct Pixels(Vec<(fn(&[u8], StageKey, u32, &mut [f32]), StageKey, Vec<u8>)>);
+
+impl Pixels {
+    fn new(plan: &Plan, enabled: &[Enabled], exposure: &Exposure<'_>, context: &ExposureContext) -> Self {
+        let ready = |one: &Enabled| match one.effect.work() {
+            Work::Pixels(apply) => Some((apply, plan.key(one.effect, exposure), one.uniforms(context))),
+            Work::Frame(..) => None, // a plan's segments hold none
+        };
+        Self(enabled.iter().filter_map(ready).collect())
+    }
+
+    fn apply(&self, first_pixel: usize, electrons: &mut [f32]) {
+        for (apply, key, uniforms) in &self.0 {
+            apply(uniforms, *key, first_pixel as u32, electrons);
+        }
+    }
+}
+
+/// The chain of effects up to the first pass, with everything that a band needs.
 struct Chain<'a> {
     plan: &'a Plan,
-    exposure: &'a Exposure<'a>,
     lit: &'a Lit<'a>,
     lists: TileLists<Star>,
     plane_lists: Vec<TileLists<PlaneStar>>,
-    stage: Option<Stage>,
-    uniforms: Vec<Vec<u8>>,
+    pixels: Pixels,
 }
 
 impl<'a> Chain<'a> {
-    fn new(plan: &'a Plan, stage: Option<Stage>, lit: &'a Lit<'a>, exposure: &'a Exposure<'a>) -> Self {
+    fn new(plan: &'a Plan, lit: &'a Lit<'a>, pixels: Pixels) -> Self {
         // One tile spans the frame's width: a twin goes through whole rows.
         let grid = Grid { width: plan.width_px, first_row: 0, rows: plan.height_px, tile_width: plan.width_px };
         let lists = bin(&lit.stars, &grid, usize::MAX, usize::MAX).swap_remove(0);
         let plane_lists = lit.planes.iter().map(|batch| batch.lists(&grid)).collect();
-        let uniforms = plan.effects_up_to(stage).iter().map(|enabled| enabled.uniforms(exposure)).collect();
-        Self { plan, exposure, lit, lists, plane_lists, stage, uniforms }
+        Self { plan, lit, lists, plane_lists, pixels }
     }
 
     /// Fills the `band`-th band of [`TILE_PX`] rows.
@@ -41,27 +60,44 @@ impl<'a> Chain<'a> {
         for (batch, lists) in self.lit.planes.iter().zip(&self.plane_lists) {
             batch.add(lists, lists.of(band), &mut Rows { width, first_row, electrons: &mut *electrons, scratch: &mut *scratch });
         }
-        let first_pixel = (first_row * width) as u32;
-        for (enabled, uniforms) in self.plan.effects_up_to(self.stage).iter().zip(&self.uniforms) {
-            enabled.effect.apply(uniforms, self.plan.key(enabled.effect, self.exposure), first_pixel, electrons);
-        }
+        self.pixels.apply(first_row * width, electrons);
     }
 }
 
 /// Electrons after a stage.
 pub(super) fn electrons(plan: &Plan, stage: Option<Stage>, lit: &Lit<'_>, exposure: &Exposure<'_>) -> Vec<f32> {
-    let chain = Chain::new(plan, stage, lit, exposure);
+    let context = plan.context(exposure, lit);
+    let mut segments = plan.segments(stage).into_iter();
+    let first = segments.next().map_or(&[][..], |segment| segment.pixels);
+    let chain = Chain::new(plan, lit, Pixels::new(plan, first, exposure, &context));
     let mut frame = vec![0.0_f32; plan.width_px * plan.height_px];
-    frame
-        .par_chunks_mut(plan.width_px * TILE_PX)
-        .enumerate()
-        .for_each_init(Vec::new, |scratch, (band, rows)| chain.fill(band, rows, scratch));
+    let band_pixels = plan.width_px * TILE_PX;
+    frame.par_chunks_mut(band_pixels).enumerate().for_each_init(Vec::new, |scratch, (band, rows)| chain.fill(band, rows, scratch));
+    let mut scratch = Vec::new();
+    for segment in segments {
+        if let Some(pass) = segment.pass
+            && let Work::Frame(_, move_charge) = pass.effect.work()
+        {
+            let mut buffer = FrameBuffer { width: plan.width_px, electrons: &mut frame, scratch: &mut scratch };
+            move_charge(&pass.uniforms(&context), &mut buffer);
+        }
+        let pixels = Pixels::new(plan, segment.pixels, exposure, &context);
+        if !pixels.0.is_empty() {
+            frame.par_chunks_mut(band_pixels).enumerate().for_each(|(band, rows)| pixels.apply(band * band_pixels, rows));
+        }
+    }
     frame
 }
 
 /// Counts at the end of the chain.
 pub(super) fn counts(plan: &Plan, lit: &Lit<'_>, exposure: &Exposure<'_>) -> Vec<u16> {
-    let chain = Chain::new(plan, Some(Stage::Digital), lit, exposure);
+    let stage = Some(Stage::Digital);
+    let segments = plan.segments(stage);
+    if segments.len() > 1 {
+        return electrons(plan, stage, lit, exposure).into_par_iter().map(|value| value as u16).collect();
+    }
+    let pixels = Pixels::new(plan, segments[0].pixels, exposure, &plan.context(exposure, lit));
+    let chain = Chain::new(plan, lit, pixels);
     let mut frame = vec![0_u16; plan.width_px * plan.height_px];
     frame.par_chunks_mut(plan.width_px * TILE_PX).enumerate().for_each_init(
         || (Vec::new(), Vec::new()),

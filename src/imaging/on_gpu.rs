@@ -5,11 +5,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use bytemuck::{Pod, Zeroable};
 
 use super::compose::{Output, UNIFORM_ALIGNMENT, chain_program, collect_plane_program, collect_program};
-use super::plan::{Lit, Plan};
+use super::plan::{Enabled, Lit, Plan, Segment};
 use super::plane::PlaneBatch;
 use super::tiles::{Entry, Grid, TILE_PX, bin};
 use super::{Exposure, GpuError, SplitLimits};
-use crate::effects::pixel::{AnyPixelEffect, PlaneStar, Stage, Star};
+use crate::effects::pixel::{ExposureContext, PlaneStar, Stage, Star};
 use crate::gpu::{Binding, Buffer, Dispatch, Gpu, Kernel};
 
 /// `Frame` of `shaders/lib/frame.wgsl`.
@@ -37,7 +37,7 @@ struct PartUniforms {
 }
 
 /// Invocations of a workgroup in the programs that do not go by tiles.
-const WORKGROUP: u64 = 64;
+pub(super) const WORKGROUP: u64 = 64;
 
 /// The bindings of `shaders/lib/collect.wgsl`.
 const COLLECT_BINDINGS: [Binding; 7] =
@@ -50,16 +50,26 @@ const PLANE_BINDINGS: [Binding; 7] =
 /// Bytes of an entry's profiles: along the columns and along the rows of its tile.
 const PROFILE_BYTES: usize = 2 * TILE_PX * size_of::<f32>();
 
+/// Which program of a frame: effects up to this stage, what they write, number of the segment.
+type FinishKey = (Option<Stage>, Output, usize);
+
 /// What is kept between frames.
 #[derive(Debug, Default)]
-struct Kept {
+pub(super) struct Kept {
     profiles: Option<Kernel>,
     collect: Option<Kernel>,
     /// Programs of plane spreads, by their ids.
     planes: Vec<(&'static str, Kernel)>,
     atlas: Option<KeptAtlas>,
-    /// Programs that finish a frame, by what they do.
-    finish: Vec<(Option<Stage>, Output, Kernel)>,
+    /// Programs of effects that each see one pixel.
+    finish: Vec<(FinishKey, Kernel)>,
+    /// The sweeps of passes, by id.
+    pub(super) passes: Vec<(&'static str, Vec<Kernel>)>,
+    /// The whole frame, a buffer for each band, where there are passes; and what a neighbour pass makes of it.
+    pub(super) frame: Vec<Option<Buffer>>,
+    pub(super) made: Vec<Option<Buffer>>,
+    /// What goes along the lines of a line pass.
+    pub(super) carries: Option<Buffer>,
     stars: Option<Buffer>,
     starts: Option<Buffer>,
     entries: Option<Buffer>,
@@ -79,8 +89,8 @@ struct KeptAtlas {
 /// A GPU with the programs of a plan.
 #[derive(Debug)]
 pub(super) struct GpuImager {
-    gpu: Gpu,
-    limits: SplitLimits,
+    pub(super) gpu: Gpu,
+    pub(super) limits: SplitLimits,
     /// Rows of a band: a whole number of tiles.
     band_rows: usize,
     kept: Mutex<Kept>,
@@ -88,9 +98,17 @@ pub(super) struct GpuImager {
 
 /// A band of rows.
 #[derive(Clone, Copy, Debug)]
-struct Band {
-    first_row: usize,
-    rows: usize,
+pub(super) struct Band {
+    pub(super) first_row: usize,
+    pub(super) rows: usize,
+}
+
+/// Bytes of a band's result.
+fn result_bytes(output: Output, pixels: usize) -> u64 {
+    match output {
+        Output::Electrons => pixels as u64 * 4,
+        Output::Counts => pixels.div_ceil(2) as u64 * 4,
+    }
 }
 
 impl GpuImager {
@@ -140,52 +158,101 @@ impl GpuImager {
     ) -> Result<(), GpuError> {
         // A poisoned lock means that another frame's thread died; what is kept is replaced or overwritten before use.
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let enabled = plan.effects_up_to(stage);
-        let effects: Vec<_> = enabled.iter().map(|enabled| enabled.effect).collect();
-        self.compile(plan, &effects, stage, output, &mut kept)?;
-        let mut effect_bytes = Vec::new();
-        for one in enabled {
-            effect_bytes.extend(one.uniforms(exposure));
-            effect_bytes.resize(effect_bytes.len().next_multiple_of(UNIFORM_ALIGNMENT), 0);
-        }
-        let effect_uniforms = self.gpu.uniform("effects", &effect_bytes)?;
-        for first_row in (0..plan.height_px).step_by(self.band_rows) {
-            let band = Band { first_row, rows: self.band_rows.min(plan.height_px - first_row) };
-            let pixels = band.rows * plan.width_px;
-            let frame_uniforms = self.frame_uniforms(plan, exposure, band)?;
-            self.gpu.reserve(&mut kept.electrons, "electrons", (pixels * size_of::<f32>()) as u64)?;
-            self.collect(plan, &lit.stars, band, &frame_uniforms, &mut kept)?;
+        let kept = &mut *kept;
+        let segments = plan.segments(stage);
+        let last = segments.len() - 1;
+        let context = plan.context(exposure, lit);
+        self.compile(plan, &segments, stage, output, kept)?;
+        let uniforms =
+            segments.iter().map(|segment| self.effect_uniforms(segment.pixels, &context)).collect::<Result<Vec<_>, GpuError>>()?;
+        let bands: Vec<Band> = (0..plan.height_px)
+            .step_by(self.band_rows)
+            .map(|first_row| Band { first_row, rows: self.band_rows.min(plan.height_px - first_row) })
+            .collect();
+        let frames = bands.iter().map(|band| self.frame_uniforms(plan, exposure, *band)).collect::<Result<Vec<_>, GpuError>>()?;
+        let key = |number: usize| (stage, if number == last { output } else { Output::Electrons }, number);
+        let finish = |number: usize, band: usize, kept: &mut Kept| {
+            self.finish(
+                key(number),
+                segments[number].pixels.is_empty(),
+                bands[band].rows * plan.width_px,
+                [&frames[band], &uniforms[number]],
+                kept,
+            )
+        };
+        // Where charge moves over the frame, all of it is held, a buffer for each band; else one buffer serves band after band.
+        kept.frame.resize_with(if last == 0 { 0 } else { bands.len() }, || None);
+        for (number, band) in bands.iter().enumerate() {
+            if let Some(held) = kept.frame.get_mut(number) {
+                std::mem::swap(held, &mut kept.electrons);
+            }
+            self.gpu.reserve(&mut kept.electrons, "electrons", (band.rows * plan.width_px * size_of::<f32>()) as u64)?;
+            self.collect(plan, &lit.stars, *band, &frames[number], kept)?;
             for batch in &lit.planes {
-                self.collect_plane(plan, batch, band, &frame_uniforms, &mut kept)?;
+                self.collect_plane(plan, batch, *band, &frames[number], kept)?;
             }
-            let bytes = match output {
-                Output::Electrons => pixels as u64 * 4,
-                Output::Counts => pixels.div_ceil(2) as u64 * 4,
-            };
-            if output == Output::Counts {
-                self.gpu.reserve(&mut kept.counts, "counts", bytes)?;
+            finish(0, number, kept)?;
+            match kept.frame.get_mut(number) {
+                Some(held) => std::mem::swap(held, &mut kept.electrons),
+                None => self.hand_over(output, band.rows * plan.width_px, kept, &mut take)?,
             }
-            let Kept { finish, electrons, counts, staging, .. } = &mut *kept;
-            let (Some(electrons), Some((_, _, kernel))) = (&*electrons, finish.iter().find(|(s, o, _)| (*s, *o) == (stage, output))) else {
-                continue; // both were made above
-            };
-            let mut buffers = vec![&frame_uniforms, &effect_uniforms, electrons];
-            buffers.extend(counts.as_ref().filter(|_| output == Output::Counts));
-            if output == Output::Counts || !effects.is_empty() {
-                let workgroups = Gpu::workgroups_for((bytes / 4).div_ceil(WORKGROUP));
-                self.gpu.submit(&[Dispatch { kernel, buffers: &buffers, workgroups }])?;
+        }
+        for (number, segment) in segments.iter().enumerate().skip(1) {
+            if let Some(pass) = segment.pass {
+                self.pass(plan, pass, &context, &bands, &frames, kept)?;
             }
-            let result = buffers.last().copied().unwrap_or(electrons);
-            self.gpu.download(result, bytes, staging, |bytes| take(pixels, bytes))?;
+            for (band, Band { rows, .. }) in bands.iter().enumerate() {
+                std::mem::swap(&mut kept.frame[band], &mut kept.electrons);
+                finish(number, band, kept)?;
+                if number == last {
+                    self.hand_over(output, rows * plan.width_px, kept, &mut take)?;
+                }
+                std::mem::swap(&mut kept.frame[band], &mut kept.electrons);
+            }
         }
         Ok(())
+    }
+
+    /// The uniforms of effects, one after the other.
+    pub(super) fn effect_uniforms(&self, enabled: &[Enabled], context: &ExposureContext) -> Result<Buffer, GpuError> {
+        let mut bytes = Vec::new();
+        for one in enabled {
+            bytes.extend(one.uniforms(context));
+            bytes.resize(bytes.len().next_multiple_of(UNIFORM_ALIGNMENT), 0);
+        }
+        self.gpu.uniform("effects", &bytes)
+    }
+
+    /// Sends the pixels of a band through a segment's effects.
+    fn finish(&self, key: FinishKey, is_empty: bool, pixels: usize, uniforms: [&Buffer; 2], kept: &mut Kept) -> Result<(), GpuError> {
+        let output = key.1;
+        if output == Output::Counts {
+            self.gpu.reserve(&mut kept.counts, "counts", result_bytes(output, pixels))?;
+        } else if is_empty {
+            return Ok(());
+        }
+        let (Some(electrons), Some((_, kernel))) = (&kept.electrons, kept.finish.iter().find(|(other, _)| *other == key)) else {
+            return Ok(()); // both were made before
+        };
+        let mut buffers = vec![uniforms[0], uniforms[1], electrons];
+        buffers.extend(kept.counts.as_ref().filter(|_| output == Output::Counts));
+        let workgroups = Gpu::workgroups_for((result_bytes(output, pixels) / 4).div_ceil(WORKGROUP));
+        self.gpu.submit(&[Dispatch { kernel, buffers: &buffers, workgroups }])
+    }
+
+    /// Hands the bytes of a finished band to `take`.
+    fn hand_over(&self, output: Output, pixels: usize, kept: &mut Kept, take: &mut impl FnMut(usize, &[u8])) -> Result<(), GpuError> {
+        let Kept { electrons, counts, staging, .. } = kept;
+        let result = if output == Output::Counts { counts } else { electrons };
+        let Some(result) = result else { return Ok(()) }; // it was made before
+        self.gpu.download(result, result_bytes(output, pixels), staging, |bytes| take(pixels, bytes))
     }
 
     /// Makes the programs that are not there yet.
     fn compile(
         &self,
         plan: &Plan,
-        effects: &[&dyn AnyPixelEffect],
+        segments: &[Segment<'_>],
         stage: Option<Stage>,
         output: Output,
         kept: &mut Kept,
@@ -196,11 +263,19 @@ impl GpuImager {
             kept.profiles = Some(self.gpu.kernel("profiles", &program, "profiles", &COLLECT_BINDINGS)?);
             kept.collect = Some(self.gpu.kernel("collect", &program, "collect", &COLLECT_BINDINGS)?);
         }
-        if !kept.finish.iter().any(|(s, o, _)| (*s, *o) == (stage, output)) {
-            let bindings = [Uniform, Uniform, ReadWrite, ReadWrite];
-            let bindings = if output == Output::Counts { &bindings[..] } else { &bindings[..3] };
-            let kernel = self.gpu.kernel("finish", &chain_program(effects, output), "finish", bindings)?;
-            kept.finish.push((stage, output, kernel));
+        for (number, segment) in segments.iter().enumerate() {
+            let output = if number + 1 == segments.len() { output } else { Output::Electrons };
+            if let Some(pass) = segment.pass {
+                self.compile_pass(pass, plan.height_px > self.band_rows, kept)?;
+            }
+            let is_needed = output == Output::Counts || !segment.pixels.is_empty();
+            if is_needed && !kept.finish.iter().any(|(key, _)| *key == (stage, output, number)) {
+                let effects: Vec<_> = segment.pixels.iter().map(|enabled| enabled.effect).collect();
+                let bindings = [Uniform, Uniform, ReadWrite, ReadWrite];
+                let bindings = if output == Output::Counts { &bindings[..] } else { &bindings[..3] };
+                let kernel = self.gpu.kernel("finish", &chain_program(&effects, output), "finish", bindings)?;
+                kept.finish.push(((stage, output, number), kernel));
+            }
         }
         Ok(())
     }

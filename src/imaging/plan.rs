@@ -5,7 +5,7 @@ use super::tiles;
 use super::{Exposure, ImagingConfig, ImagingError};
 use crate::effects::detector::adc::full_pixel_dn;
 use crate::effects::pixel::{
-    AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, PointSpread, Stage, Star, pixel_effect, point_spread,
+    AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, PointSpread, Stage, Star, Work, pixel_effect, point_spread,
 };
 use crate::rng::StageKey;
 
@@ -69,9 +69,20 @@ impl Enabled {
         Ok(Self { effect, parameters })
     }
 
-    pub(super) fn uniforms(&self, exposure: &Exposure<'_>) -> Vec<u8> {
-        self.effect.uniforms(&self.parameters, &ExposureContext { exposure_s: exposure.exposure_s })
+    pub(super) fn uniforms(&self, context: &ExposureContext) -> Vec<u8> {
+        self.effect.uniforms(&self.parameters, context)
     }
+
+    fn is_pass(&self) -> bool {
+        matches!(self.effect.work(), Work::Frame(..))
+    }
+}
+
+/// Effects that each see one pixel, run as one program; before them, if it is not the first of the frame, the pass that they follow.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Segment<'a> {
+    pub(super) pass: Option<&'a Enabled>,
+    pub(super) pixels: &'a [Enabled],
 }
 
 /// The light of an exposure, ready for the pixels.
@@ -122,8 +133,35 @@ impl Plan {
         &self.effects[..count]
     }
 
+    /// The same, cut before every pass. There is at least one segment, and the first has no pass.
+    pub(super) fn segments(&self, stage: Option<Stage>) -> Vec<Segment<'_>> {
+        let mut left = self.effects_up_to(stage);
+        let mut segments = Vec::new();
+        let mut pass = None;
+        loop {
+            let (pixels, rest) = left.split_at(left.iter().position(Enabled::is_pass).unwrap_or(left.len()));
+            segments.push(Segment { pass, pixels });
+            let Some((next, after)) = rest.split_first() else { return segments };
+            (pass, left) = (Some(next), after);
+        }
+    }
+
     pub(super) fn has_converter(&self) -> bool {
-        self.effects.iter().any(|enabled| enabled.effect.stage() == Stage::Digital)
+        self.effects.iter().any(|enabled| enabled.effect.id() == "adc")
+    }
+
+    /// What effects may know of an exposure.
+    pub(super) fn context(&self, exposure: &Exposure<'_>, lit: &Lit<'_>) -> ExposureContext {
+        let of_planes = lit.planes.iter().flat_map(|batch| batch.stars.iter().map(|star| star.electrons));
+        ExposureContext {
+            exposure_s: exposure.exposure_s,
+            frame_index: exposure.frame_index,
+            seed: self.seed,
+            width_px: self.width_px,
+            height_px: self.height_px,
+            temperature_c: exposure.temperature_c,
+            star_light_e: lit.stars.iter().map(|star| star.electrons).chain(of_planes).map(f64::from).sum(),
+        }
     }
 
     pub(super) fn saturation_dn(&self) -> Option<f32> {

@@ -8,8 +8,8 @@ pub use truth::TrueStar;
 use rayon::prelude::*;
 
 use crate::catalog::Catalog;
-use crate::imaging::{Backend, EffectSetting, Exposure, Imager, ImagingConfig, ImagingError, Stage};
-use crate::scene::{DetectorTable, Scene, StarTrack};
+use crate::imaging::{Backend, Exposure, Imager, ImagingConfig, ImagingError, Stage};
+use crate::scene::{Scene, StarTrack};
 use light::{FrameLight, StarLight};
 use truth::{Landed, true_stars};
 
@@ -36,26 +36,12 @@ pub struct Renderer<'a> {
 impl<'a> Renderer<'a> {
     /// Opens the backend for a scene.
     pub fn new(scene: &'a Scene, catalog: &'a Catalog, backend: Backend) -> Result<Self, ImagingError> {
-        let DetectorTable { gain_e_per_dn, bias_dn, read_noise_e, saturation_dn, full_well_e, .. } = scene.detector;
         let config = ImagingConfig {
             width_px: scene.camera.width_px,
             height_px: scene.camera.height_px,
             seed: scene.seed,
             point_spread: "gaussian_psf".to_owned(),
-            effects: vec![
-                EffectSetting::new("background", &[("background_e_per_px_s", scene.sky.background_e_per_px_s)]),
-                EffectSetting::new("photon_noise", &[]),
-                EffectSetting::new("read_noise", &[("read_noise_e", read_noise_e)]),
-                EffectSetting::new(
-                    "adc",
-                    &[
-                        ("gain_e_per_dn", gain_e_per_dn),
-                        ("bias_dn", bias_dn),
-                        ("full_well_e", full_well_e),
-                        ("saturation_dn", saturation_dn),
-                    ],
-                ),
-            ],
+            effects: scene.pixel_effects.clone(),
         };
         Ok(Self { scene, catalog, imager: Imager::new(backend, &config)? })
     }
@@ -76,8 +62,7 @@ impl<'a> Renderer<'a> {
         let landed = lights.par_iter().map(landed).collect::<Result<Vec<_>, ImagingError>>()?;
         let stars = true_stars(self.scene, index, &tracks, &landed);
         let frame: FrameLight = lights.into_iter().collect();
-        let exposure_s = self.scene.exposures[index].exposure_s;
-        let exposure = Exposure { stars: &frame.stars, exposure_s, frame_index: index as u32 };
+        let exposure = self.exposure(index, &frame);
         let image = self.imager.expose_with(&exposure, &frame.planes())?;
         Ok(Rendered { pixels_dn: image.pixels_dn, stars })
     }
@@ -88,9 +73,14 @@ impl<'a> Renderer<'a> {
     /// If `index` is not below the number of exposures.
     pub fn expected_electrons(&self, index: usize) -> Result<Vec<f32>, ImagingError> {
         let frame: FrameLight = self.light(index).1.into_iter().collect();
-        let exposure_s = self.scene.exposures[index].exposure_s;
-        let exposure = Exposure { stars: &frame.stars, exposure_s, frame_index: index as u32 };
+        let exposure = self.exposure(index, &frame);
         self.imager.electrons_after_with(Some(Stage::Light), &exposure, &frame.planes())
+    }
+
+    fn exposure<'b>(&self, index: usize, frame: &'b FrameLight) -> Exposure<'b> {
+        let crate::scene::Exposure { exposure_s, telemetry, .. } = &self.scene.exposures[index];
+        let (frame_index, temperature_c) = (index as u32, telemetry.temperature_c);
+        Exposure { stars: &frame.stars, exposure_s: *exposure_s, frame_index, temperature_c }
     }
 
     /// The stars of an exposure on their way over the frame, and their light, brightest first.

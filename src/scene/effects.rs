@@ -1,12 +1,15 @@
-//! `[[effects]]` of a scene: any displacement of the registry with parameters of its own, beside what `sky.physics` has at its known size.
+//! `[[effects]]` of a scene: any displacement and any pixel effect of the registries with parameters of its own, beside what `sky.physics` has
+//! at its known size and what `[detector]` and `[sky]` say of the everyday ones.
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::SceneError;
+use super::{DetectorTable, SceneError, SkyTable};
 use crate::camera::{Model, SkyChain, Term};
-use crate::effects::{Context, DISPLACEMENTS, Observation, Segment, StarState, displacement};
+use crate::effects::pixel::{AnyPixelEffect, PIXEL_EFFECTS, pixel_effect};
+use crate::effects::{Context, DISPLACEMENTS, Observation, ParameterSpec, Segment, StarState, displacement};
+use crate::imaging::EffectSetting;
 
 /// `[[effects]]`: an effect in force.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -14,45 +17,137 @@ use crate::effects::{Context, DISPLACEMENTS, Observation, Segment, StarState, di
 pub struct EffectTable {
     /// Its id; `boresight effects` lists them.
     pub id: String,
-    /// Its parameters by name; those that are left out have the value at which they do nothing.
+    /// Its parameters by name; those that are left out have the value at which they do nothing. (A pixel effect takes those that `[detector]`
+    /// has under the same name from there.)
     #[serde(default)]
     pub parameters: BTreeMap<String, f64>,
 }
 
+/// What the tables put in force.
+#[derive(Debug, Default)]
+pub(super) struct InForce {
+    /// What moves the stars' images.
+    pub(super) terms: Vec<Term>,
+    /// What works on pixels.
+    pub(super) pixels: Vec<EffectSetting>,
+}
+
 /// Reads the tables: each effect once, its parameters in the order of the effect.
-pub(super) fn terms(path: &str, tables: &[EffectTable]) -> Result<Vec<Term>, SceneError> {
-    let mut terms: Vec<Term> = Vec::new();
+pub(super) fn in_force(path: &str, tables: &[EffectTable], detector: &DetectorTable) -> Result<InForce, SceneError> {
+    let mut found = InForce::default();
     for (index, table) in tables.iter().enumerate() {
         let wrong = |what: String| SceneError::Parse { path: path.to_owned(), message: format!("effects[{index}]: {what}") };
-        let term = term(table).map_err(wrong)?;
-        if terms.iter().any(|other| other.effect == term.effect) {
-            return Err(wrong(format!("{} is listed twice; keep one of the two", term.effect)));
+        let twice = |id: &str| wrong(format!("{id} is listed twice; keep one of the two"));
+        if let Some(effect) = on_pixels(table) {
+            let setting = setting(effect, table, detector).map_err(wrong)?;
+            if found.pixels.iter().any(|other| other.id == setting.id) {
+                return Err(twice(&public_id(effect)));
+            }
+            found.pixels.push(setting);
+        } else {
+            let term = term(table).map_err(wrong)?;
+            if found.terms.iter().any(|other| other.effect == term.effect) {
+                return Err(twice(&term.effect));
+            }
+            found.terms.push(term);
         }
-        terms.push(term);
     }
-    Ok(terms)
+    Ok(found)
+}
+
+/// The id of a pixel effect as files spell it.
+fn public_id(effect: &dyn AnyPixelEffect) -> String {
+    effect.id().replace('_', "-")
+}
+
+/// The pixel effect that a table means. Some causes are both: a displacement with parameters for the calibrator and a pixel effect with others
+/// of its own; the names of the parameters decide.
+fn on_pixels(table: &EffectTable) -> Option<&'static dyn AnyPixelEffect> {
+    let effect = pixel_effect(&table.id.replace('-', "_"))?;
+    let is_known = |name: &String| effect.parameters().iter().any(|spec| spec.name == name);
+    let is_meant = displacement(&public_id(effect)).is_none() || (!table.parameters.is_empty() && table.parameters.keys().all(is_known));
+    is_meant.then_some(effect)
+}
+
+/// The parameters of a pixel effect: those that are given; else, where `[detector]` has a key of that name, its value; else the value at which
+/// the effect does nothing, or where there is none the typical one.
+fn setting(effect: &dyn AnyPixelEffect, table: &EffectTable, detector: &DetectorTable) -> Result<EffectSetting, String> {
+    let (id, specs) = (public_id(effect), effect.parameters());
+    let nothing = effect.identity();
+    let of_detector = |name: &str| match name {
+        "gain_e_per_dn" => Some(detector.gain_e_per_dn),
+        "bias_dn" => Some(detector.bias_dn),
+        "full_well_e" => Some(detector.full_well_e),
+        "saturation_dn" => Some(detector.saturation_dn),
+        "read_noise_e" => Some(detector.read_noise_e),
+        _ => None,
+    };
+    let mut parameters: Vec<(String, f64)> = Vec::with_capacity(specs.len());
+    for (place, spec) in specs.iter().enumerate() {
+        let default = || nothing.as_ref().and_then(|values| values.get(place).copied());
+        let value = of_detector(spec.name).or_else(default).unwrap_or(spec.typical);
+        parameters.push((spec.name.to_owned(), value));
+    }
+    for (name, value) in &table.parameters {
+        let place = place_of(&id, specs, name, *value)?;
+        parameters[place].1 = *value;
+    }
+    Ok(EffectSetting { id: effect.id().to_owned(), parameters })
+}
+
+/// Where a parameter stands among those of its effect, if its value is allowed.
+fn place_of(id: &str, specs: &[ParameterSpec], name: &str, value: f64) -> Result<usize, String> {
+    let Some(place) = specs.iter().position(|spec| spec.name == name) else {
+        let of_pixels = pixel_effect(&id.replace('-', "_")).map_or(&[][..], |effect| effect.parameters());
+        let mut names: Vec<&str> = specs.iter().chain(of_pixels).map(|spec| spec.name).collect();
+        names.dedup();
+        let has = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+        return Err(format!("{id} has no parameter {name}; it has {has}"));
+    };
+    let (low, high) = specs[place].range;
+    if (low..=high).contains(&value) { Ok(place) } else { Err(format!("{id}.{name} = {value} must lie between {low} and {high}")) }
+}
+
+/// The pixel effects of a scene: those that every camera has, by the numbers of `[detector]` and `[sky]`, and those that are listed, which take
+/// the place of the former. What does nothing is left out.
+#[must_use]
+pub(super) fn of_camera(detector: &DetectorTable, sky: &SkyTable, listed: &[EffectSetting]) -> Vec<EffectSetting> {
+    let adc = [
+        ("gain_e_per_dn", detector.gain_e_per_dn),
+        ("bias_dn", detector.bias_dn),
+        ("full_well_e", detector.full_well_e),
+        ("saturation_dn", detector.saturation_dn),
+    ];
+    let mut effects = vec![
+        EffectSetting::new("background", &[("background_e_per_px_s", sky.background_e_per_px_s)]),
+        EffectSetting::new("photon_noise", &[]),
+        EffectSetting::new("read_noise", &[("read_noise_e", detector.read_noise_e)]),
+        EffectSetting::new("adc", &adc),
+    ];
+    effects.retain(|usual| listed.iter().all(|other| other.id != usual.id));
+    let does_nothing = |setting: &EffectSetting| {
+        let nothing = pixel_effect(&setting.id).and_then(AnyPixelEffect::identity);
+        nothing.is_some_and(|values| !values.is_empty() && setting.parameters.iter().map(|(_, value)| *value).eq(values))
+    };
+    effects.extend(listed.iter().filter(|setting| !does_nothing(setting)).cloned());
+    effects
 }
 
 fn term(table: &EffectTable) -> Result<Term, String> {
-    let id = table.id.as_str();
+    let id = table.id.replace('_', "-");
+    let id = id.as_str();
     let Some(effect) = displacement(id) else {
-        let nearest = DISPLACEMENTS.iter().map(|effect| effect.id()).min_by_key(|known| strsim::damerau_levenshtein(id, known));
-        return Err(format!("there is no displacement {id}; did you mean {}?", nearest.unwrap_or_default()));
+        let displacements = DISPLACEMENTS.iter().map(|effect| effect.id().to_owned());
+        let known = displacements.chain(PIXEL_EFFECTS.iter().map(|effect| public_id(*effect)));
+        let nearest = known.min_by_key(|known| strsim::damerau_levenshtein(id, known));
+        return Err(format!("there is no effect {id}; did you mean {}?", nearest.unwrap_or_default()));
     };
     let nothing = Context::new(StarState::default(), Observation::default());
     let Some(mut parameters) = effect.identity(&nothing).filter(|_| id != "brown-conrady") else {
         return Err(format!("{id} is part of [camera] and cannot be added to it; leave it out"));
     };
-    let specs = effect.parameters();
     for (name, value) in &table.parameters {
-        let Some(place) = specs.iter().position(|spec| spec.name == name) else {
-            let names: Vec<&str> = specs.iter().map(|spec| spec.name).collect();
-            return Err(format!("{id} has no parameter {name}; it has {}", names.join(", ")));
-        };
-        let (low, high) = specs[place].range;
-        if !(low..=high).contains(value) {
-            return Err(format!("{id}.{name} = {value} must lie between {low} and {high}"));
-        }
+        let place = place_of(id, effect.parameters(), name, *value)?;
         parameters[place] = *value;
     }
     Ok(Term { effect: id.to_owned(), parameters })

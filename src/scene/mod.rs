@@ -25,6 +25,7 @@ pub use track::{Sample, StarTrack};
 use crate::camera::{Camera, GroundSite, Model, ObserverError, Physics, PhysicsError, SkyChain, Term, observation};
 use crate::coordinates::{Attitude, PixelPoint};
 use crate::effects::Observation;
+use crate::imaging::EffectSetting;
 use crate::recording::{CameraInfo, FirstRow, FrameEntry, Mount, Recording, Shutter, Site};
 use crate::units::DEG_RAD;
 
@@ -106,6 +107,8 @@ pub struct Scene {
     pub detector: DetectorTable,
     /// The true sky.
     pub sky: SkyTable,
+    /// What works on pixels, from the sky to the converter.
+    pub pixel_effects: Vec<EffectSetting>,
     /// The place on the ground, if any.
     pub site: Option<SiteTable>,
     /// The exposures in order of time.
@@ -206,7 +209,7 @@ impl SceneFile {
         let circumstances = |time: Option<Epoch>, velocity| -> Result<Observation, SceneError> {
             observation(time, site.as_ref(), velocity).map_err(|source| SceneError::Time { path: path.to_owned(), source })
         };
-        let terms = effects::terms(path, &self.effects)?;
+        let effects::InForce { terms, pixels } = effects::in_force(path, &self.effects, &self.detector)?;
         let mut model = Model::new(camera);
         effects::behind_the_lens(path, &mut model, &terms)?;
         if let Some(line_time_us) = self.camera.line_time_us {
@@ -223,6 +226,7 @@ impl SceneFile {
         let is_fixed = self.mount.is_some_and(|mount| mount.kind == Mount::Fixed);
         let plans = pointing::plan(path, &self, &circumstances)?;
         let exposures = self.exposures(path, plans, &physics, &terms)?;
+        let pixel_effects = effects::of_camera(&self.detector, &self.sky, &pixels);
         Ok(Scene {
             seed: self.seed,
             camera,
@@ -235,6 +239,7 @@ impl SceneFile {
             nominal,
             detector: self.detector,
             sky: self.sky,
+            pixel_effects,
             site: self.site,
             exposures,
         })

@@ -19,6 +19,7 @@ mod motion;
 mod recording;
 mod scene;
 mod spreads;
+mod stages;
 mod summary;
 mod twins;
 mod wide_angle;

@@ -120,6 +120,13 @@ fn bad_effects_get_one_clear_sentence() {
     for (more, parts) in [
         ("[[effects]]\nid = \"sheer\"", &["effects[0]", "did you mean shear?"][..]),
         ("[[effects]]\nid = \"shear\"\nparameters = { sheer = 1.0 }", &["shear has no parameter sheer; it has shear_rad"][..]),
+        ("[[effects]]\nid = \"bloomin\"", &["effects[0]", "did you mean blooming?"][..]),
+        (
+            "[[effects]]\nid = \"blooming\"\nparameters = { drain = 1.0 }",
+            &["blooming has no parameter drain; it has full_well_e, drained"][..],
+        ),
+        ("[[effects]]\nid = \"blooming\"\nparameters = { drained = 2.0 }", &["blooming.drained = 2 must lie between 0 and 1"][..]),
+        ("[[effects]]\nid = \"blooming\"\n[[effects]]\nid = \"blooming\"", &["effects[1]", "blooming is listed twice"][..]),
         ("[[effects]]\nid = \"pinhole\"", &["pinhole is part of [camera]"][..]),
         ("[[effects]]\nid = \"brown-conrady\"", &["brown-conrady is part of [camera]"][..]),
         ("[[effects]]\nid = \"shear\"\n[[effects]]\nid = \"shear\"", &["effects[1]", "shear is listed twice"][..]),
@@ -131,4 +138,33 @@ fn bad_effects_get_one_clear_sentence() {
             assert!(message.contains(part), "{part:?} is not in: {message}");
         }
     }
+}
+
+/// `[[effects]]` takes pixel effects too: by either spelling, with what `[detector]` has, in the place of the everyday ones; what does nothing
+/// is left out, and where a cause is a displacement too the names of the parameters decide.
+#[test]
+fn pixel_effects_of_a_scene_are_those_of_its_camera_and_those_listed() {
+    let ids = |scene: &Scene| scene.pixel_effects.iter().map(|effect| effect.id.clone()).collect::<Vec<_>>();
+    let of = |scene: &Scene, id: &str, name: &str| {
+        let effect = scene.pixel_effects.iter().find(|effect| effect.id == id).unwrap_or_else(|| panic!("{id} is not in force"));
+        effect.parameters.iter().find(|(other, _)| other == name).unwrap_or_else(|| panic!("{id} has no {name}")).1
+    };
+    let usual = ["background", "photon_noise", "read_noise", "adc"];
+    assert_eq!(ids(&Scene::demo().unwrap()), usual);
+    for id in ["charge-transfer-inefficiency", "charge_transfer_inefficiency"] {
+        let traps = demo_with(&format!("[[effects]]\nid = \"{id}\"\nparameters = {{ traps_per_px = 0.7 }}"));
+        assert_eq!(ids(&traps), [&usual[..], &["charge_transfer_inefficiency"]].concat());
+        assert_eq!(of(&traps, "charge_transfer_inefficiency", "traps_per_px"), 0.7);
+        assert_eq!(of(&traps, "charge_transfer_inefficiency", "full_well_e"), 1e5);
+        assert!(traps.model.is_reference_behind_the_lens());
+        let moved = demo_with(&format!("[[effects]]\nid = \"{id}\"\nparameters = {{ px_at_far_row_10000e = 0.03 }}"));
+        assert_eq!(ids(&moved), usual);
+        assert!(!moved.model.is_reference_behind_the_lens());
+    }
+    let blooming = demo_with("[[effects]]\nid = \"blooming\"");
+    assert_eq!(of(&blooming, "blooming", "full_well_e"), 1e5);
+    let noisy = demo_with("[[effects]]\nid = \"read-noise\"\nparameters = { read_noise_e = 9.0 }");
+    assert_eq!(ids(&noisy), ["background", "photon_noise", "adc", "read_noise"]);
+    assert_eq!(of(&noisy, "read_noise", "read_noise_e"), 9.0);
+    assert_eq!(ids(&demo_with("[[effects]]\nid = \"charge-transfer-inefficiency\"\nparameters = { traps_per_px = 0.0 }")), usual);
 }

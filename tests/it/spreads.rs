@@ -46,7 +46,7 @@ fn light<'a>(spread: &'static dyn PlaneSpread, atlas: &'a Atlas, deposits: &'a [
     [PlaneLight { spread, atlas, deposits }]
 }
 
-const NOTHING: Exposure<'static> = Exposure { stars: &[], exposure_s: 1.0, frame_index: 0 };
+const NOTHING: Exposure<'static> = Exposure { stars: &[], exposure_s: 1.0, frame_index: 0, temperature_c: None };
 
 /// With work split in every way, and with the proof that the comparison can fail.
 #[test]

@@ -41,7 +41,7 @@ pub struct AdcUniforms {
 #[must_use]
 pub fn full_pixel_dn(parameters: &[f64]) -> f32 {
     let mut pixel = [f32::MAX];
-    adc(&Adc::uniforms(parameters, &ExposureContext { exposure_s: 0.0 }), &mut pixel);
+    adc(&Adc::uniforms(parameters, &ExposureContext::default()), &mut pixel);
     pixel[0]
 }
 
@@ -92,7 +92,7 @@ mod tests {
 
     fn converted(parameters: &[f64], electrons: f32) -> f32 {
         let mut pixel = [electrons];
-        adc(&Adc::uniforms(parameters, &ExposureContext { exposure_s: 1.0 }), &mut pixel);
+        adc(&Adc::uniforms(parameters, &ExposureContext::default()), &mut pixel);
         pixel[0]
     }
 

@@ -3,6 +3,7 @@
 pub mod adc;
 pub mod amplifier_step;
 pub mod bayer;
+pub mod blooming;
 pub mod charge_transfer_inefficiency;
 pub mod detector_tilt;
 pub mod edge_roll_off;

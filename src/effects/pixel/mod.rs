@@ -4,10 +4,12 @@
 //! shaders of what is switched on into one program ([`crate::imaging`]); what is off is not in it. A new one needs its two files and one
 //! line in [`PIXEL_EFFECTS`] or [`POINT_SPREADS`]; the tests that walk the registries then compare its twins, its uniforms and its page.
 //!
-//! A pixel effect sees one pixel. What moves charge between pixels (blooming, charge transfer) will be a pass over the whole frame between
-//! two [`Stage`]s, each of which ends with the frame in one buffer of electrons; no such effect exists yet.
+//! A pixel effect sees one pixel. What moves charge between pixels is a pass over the whole frame ([`pass`]), in its place in the same list:
+//! the effects before it and those after it are programs of their own.
 
 pub mod math;
+pub mod pass;
+pub mod pattern;
 mod spread;
 
 pub use spread::{
@@ -16,6 +18,7 @@ pub use spread::{
 
 use bytemuck::Pod;
 
+use self::pass::{FrameBuffer, Lines, PassShape};
 use super::{ParameterSpec, detector, sky};
 use crate::rng::StageKey;
 
@@ -37,6 +40,39 @@ pub enum Stage {
 pub struct ExposureContext {
     /// Exposure time.
     pub exposure_s: f64,
+    /// Index of the frame in its series.
+    pub frame_index: u32,
+    /// The key of all noise.
+    pub seed: u64,
+    /// Columns of the frame.
+    pub width_px: usize,
+    /// Rows of the frame.
+    pub height_px: usize,
+    /// Temperature of the detector; `None`: that at which its parameters were measured.
+    pub temperature_c: Option<f64>,
+    /// Expected electrons of all stars that light the frame, with the part of their light that falls beside it.
+    pub star_light_e: f64,
+}
+
+impl ExposureContext {
+    /// The middle of the frame, px.
+    #[must_use]
+    pub fn middle_px(&self) -> [f64; 2] {
+        [self.width_px, self.height_px].map(|side| (side as f64 - 1.0) / 2.0)
+    }
+
+    /// Distance from the middle of the frame to the outer corner of its last pixel, px.
+    #[must_use]
+    pub fn half_diagonal_px(&self) -> f64 {
+        (self.width_px as f64).hypot(self.height_px as f64) / 2.0
+    }
+}
+
+impl Default for ExposureContext {
+    /// One second of a dark frame of one pixel.
+    fn default() -> Self {
+        Self { exposure_s: 1.0, frame_index: 0, seed: 0, width_px: 1, height_px: 1, temperature_c: None, star_light_e: 0.0 }
+    }
 }
 
 /// What the author of a pixel effect writes.
@@ -68,7 +104,16 @@ pub trait PixelEffect: Sync {
     fn identity() -> Option<Vec<f64>>;
 }
 
-/// A pixel effect as the registry holds it.
+/// What an effect does, as the runner on the CPU calls it. The bytes are those of the effect's uniforms.
+#[derive(Clone, Copy)]
+pub enum Work {
+    /// Changes a run of pixels, each by itself; see [`PixelEffect::apply`].
+    Pixels(fn(&[u8], StageKey, u32, &mut [f32])),
+    /// Moves charge over the whole frame.
+    Frame(PassShape, fn(&[u8], &mut FrameBuffer<'_>)),
+}
+
+/// A pixel effect, or a pass, as the registry holds it.
 pub trait AnyPixelEffect: Sync {
     /// See [`PixelEffect::ID`].
     fn id(&self) -> &'static str;
@@ -86,13 +131,14 @@ pub trait AnyPixelEffect: Sync {
     fn fields(&self) -> &'static [(&'static str, usize)];
     /// The bytes of [`PixelEffect::uniforms`].
     fn uniforms(&self, parameters: &[f64], exposure: &ExposureContext) -> Vec<u8>;
-    /// The CPU twin with the bytes of its uniforms, see [`PixelEffect::apply`].
-    ///
-    /// # Panics
-    /// If the bytes are not those that [`Self::uniforms`] gave.
-    fn apply(&self, uniforms: &[u8], key: StageKey, first_pixel: u32, pixels: &mut [f32]);
+    /// The CPU twin, which takes the bytes of [`Self::uniforms`] and no others.
+    fn work(&self) -> Work;
     /// See [`PixelEffect::identity`].
     fn identity(&self) -> Option<Vec<f64>>;
+    /// Whether the frame holds as much charge after it as before, but for what leaves over an edge.
+    fn conserves_charge(&self) -> bool {
+        false
+    }
 }
 
 impl<E: PixelEffect> AnyPixelEffect for E {
@@ -120,8 +166,8 @@ impl<E: PixelEffect> AnyPixelEffect for E {
     fn uniforms(&self, parameters: &[f64], exposure: &ExposureContext) -> Vec<u8> {
         bytemuck::bytes_of(&E::uniforms(parameters, exposure)).to_vec()
     }
-    fn apply(&self, uniforms: &[u8], key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
-        E::apply(&bytemuck::pod_read_unaligned(uniforms), key, first_pixel, pixels);
+    fn work(&self) -> Work {
+        Work::Pixels(|uniforms, key, first_pixel, pixels| E::apply(&bytemuck::pod_read_unaligned(uniforms), key, first_pixel, pixels))
     }
     fn identity(&self) -> Option<Vec<f64>> {
         E::identity()
@@ -134,9 +180,15 @@ macro_rules! uniform_fields {
 }
 pub(crate) use uniform_fields;
 
-/// Every pixel effect, in the order in which they act.
-pub static PIXEL_EFFECTS: &[&dyn AnyPixelEffect] =
-    &[&sky::background::Background, &detector::photon_noise::PhotonNoise, &detector::read_noise::ReadNoise, &detector::adc::Adc];
+/// Every pixel effect and every pass, in the order in which they act.
+pub static PIXEL_EFFECTS: &[&dyn AnyPixelEffect] = &[
+    &sky::background::Background,
+    &detector::photon_noise::PhotonNoise,
+    &Lines(detector::blooming::Blooming),
+    &Lines(detector::charge_transfer_inefficiency::TrappedCharge),
+    &detector::read_noise::ReadNoise,
+    &detector::adc::Adc,
+];
 
 /// The pixel effect with this id.
 #[must_use]

@@ -1,0 +1,285 @@
+//! Every stage of the registry of pixel effects and passes: its twins, its shader, its page, what it leaves alone.
+
+use boresight::effects::pixel::pass::PassShape;
+use boresight::effects::pixel::{AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, Stage, Star, Work};
+use boresight::imaging::{
+    EffectSetting, Imager, ImagingConfig, Output, SplitLimits, StarImage, chain_program, collect_program, compare_counts, pass_programs,
+    uniforms_name,
+};
+
+use crate::house::root;
+use crate::twins::{config, cpu, exposure, gpu, sky, typical};
+
+/// A context as the twins' own tests have it.
+fn context() -> ExposureContext {
+    ExposureContext { width_px: 400, height_px: 301, star_light_e: 1e6, ..ExposureContext::default() }
+}
+
+/// Stars of 10 to 10⁷ electrons: light for every branch of every effect.
+fn bright_and_faint(width: usize, height: usize) -> Vec<StarImage> {
+    let mut stars = sky(300, width, height, 8);
+    for star in stars.iter_mut().step_by(2) {
+        star.electrons *= 0.1;
+    }
+    stars
+}
+
+/// Pixels that differ by more than 1e-5 of themselves (of 1 electron, where they hold less) and 1e-7 of the brightest pixel of the frame, since
+/// a pass brings the rounding of a bright pixel into faint ones. NaN is beyond everything.
+fn far_apart(a: &[f32], b: &[f32]) -> usize {
+    assert_eq!(a.len(), b.len());
+    let brightest = b.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
+    let far = |(a, b): (&f32, &f32)| a != b && !((a - b).abs() <= 1e-5 * b.abs().max(1.0) + 1e-7 * brightest);
+    a.iter().zip(b).filter(|(a, b)| far((a, b))).count()
+}
+
+/// One effect at a time; what chance rounds may take another step where its input differs in the last bit.
+#[test]
+fn every_effect_agrees_with_its_twin() {
+    for (width, height) in [(400, 301), (37, 23)] {
+        let stars = bright_and_faint(width, height);
+        for effect in PIXEL_EFFECTS {
+            let config = config(width, height, vec![typical(*effect)]);
+            let Some(gpu) = gpu("every_effect_agrees_with_its_twin", &config, SplitLimits::default()) else { return };
+            let twin = cpu(&config);
+            for frame_index in [0, u32::MAX] {
+                let on_gpu = gpu.electrons_after(Some(Stage::Digital), &exposure(&stars, frame_index)).unwrap();
+                let on_cpu = twin.electrons_after(Some(Stage::Digital), &exposure(&stars, frame_index)).unwrap();
+                let before = twin.electrons_after(None, &exposure(&stars, frame_index)).unwrap();
+                assert_ne!(on_cpu, before, "{} does nothing", effect.id());
+                let steps = on_cpu.iter().all(|value| value.fract() == 0.0);
+                let far = far_apart(&on_gpu, &on_cpu);
+                assert!(on_gpu.iter().chain(&on_cpu).all(|value| value.is_finite()), "{}", effect.id());
+                let most = if steps { (1e-4 * on_cpu.len() as f64).max(1.0) } else { 0.0 };
+                assert!(far as f64 <= most, "{} at {width} × {height} px: {far} pixels differ", effect.id());
+                assert!(on_gpu.iter().zip(&on_cpu).all(|(a, b)| (a - b).abs() <= 1.0 + 1e-5 * b.abs()), "{}", effect.id());
+            }
+        }
+    }
+}
+
+/// The negative control: two per cent of the first parameter are seen, and so is one pixel that is twice as
+/// far away as the tolerance allows.
+#[test]
+fn the_comparison_of_stages_can_fail() {
+    let (width, height) = (120, 90);
+    let stars = bright_and_faint(width, height);
+    let mut seen = 0;
+    for effect in PIXEL_EFFECTS.iter().filter(|effect| matches!(effect.work(), Work::Frame(..))) {
+        let right = typical(*effect);
+        let of = |setting: EffectSetting| {
+            cpu(&config(width, height, vec![setting])).electrons_after(Some(Stage::Digital), &exposure(&stars, 0)).unwrap()
+        };
+        let frame = of(right.clone());
+        let mut spoilt = frame.clone();
+        let brightest = frame.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
+        spoilt[5] += 2.0 * (1e-5 * frame[5].abs().max(1.0) + 1e-7 * brightest);
+        assert_eq!(far_apart(&spoilt, &frame), 1, "{}", effect.id());
+        let mut wrong = right.clone();
+        wrong.parameters[0].1 *= 1.02;
+        seen += usize::from(far_apart(&of(wrong), &frame) > 0);
+    }
+    assert!(seen >= 2, "{seen} passes were told from wrong ones");
+}
+
+/// A pass gives the same bytes where the frame lies in several buffers, where lines are walked in parts, and on any number of threads.
+#[test]
+fn passes_do_not_depend_on_how_they_are_split() {
+    let (width, height) = (61, 83);
+    let stars = bright_and_faint(width, height);
+    let test = "passes_do_not_depend_on_how_they_are_split";
+    for effect in PIXEL_EFFECTS.iter().filter(|effect| matches!(effect.work(), Work::Frame(..))) {
+        let config = config(width, height, vec![typical(*effect)]);
+        let frame = |imager: &Imager| imager.electrons_after(Some(Stage::Digital), &exposure(&stars, 1)).unwrap();
+        let in_pool = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| frame(&cpu(&config)))
+        };
+        assert_eq!(in_pool(1), in_pool(2), "{}", effect.id());
+        let Some(whole) = gpu(test, &config, SplitLimits::default()) else { continue };
+        let expected = frame(&whole);
+        for (entries_per_dispatch, buffer_bytes) in [(7, 128 << 20), (60_000, 61 * 4 * 16), (13, 61 * 4 * 40)] {
+            let split = gpu(test, &config, SplitLimits { entries_per_dispatch, buffer_bytes }).expect("there was an adapter before");
+            assert_eq!(frame(&split), expected, "{} in parts of {entries_per_dispatch} and {buffer_bytes} bytes", effect.id());
+            assert_eq!(frame(&split), expected, "{} a second time", effect.id());
+        }
+    }
+}
+
+fn everything(width: usize, height: usize) -> ImagingConfig {
+    config(width, height, PIXEL_EFFECTS.iter().map(|effect| typical(*effect)).collect())
+}
+
+/// All stages at once: the same counts on both sides but for steps of chance, the same bytes at any number of threads, each frame by itself.
+#[test]
+fn the_whole_chain_is_reproducible_and_agrees() {
+    let (width, height) = (251, 187);
+    let config = everything(width, height);
+    let stars = bright_and_faint(width, height);
+    let in_pool = |threads: usize, frame_index: u32| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| cpu(&config).expose(&exposure(&stars, frame_index)).unwrap())
+    };
+    let alone = [in_pool(1, 0), in_pool(1, 1)];
+    assert_ne!(alone[0], alone[1]);
+    let imager = cpu(&config);
+    for frame in [1, 0, 1] {
+        assert_eq!(in_pool(2, frame), alone[frame as usize], "two threads, frame {frame}");
+        assert_eq!(imager.expose(&exposure(&stars, frame)).unwrap(), alone[frame as usize], "in a series, frame {frame}");
+    }
+    let Some(gpu) = gpu("the_whole_chain_is_reproducible_and_agrees", &config, SplitLimits::default()) else { return };
+    let on_gpu = gpu.expose(&exposure(&stars, 1)).unwrap();
+    let (differing, largest) = compare_counts(&on_gpu.pixels_dn, &alone[1].pixels_dn);
+    println!("{width} × {height} px: {differing} differ, by at most {largest} DN");
+    assert!(differing as f64 <= 1e-3 * (width * height) as f64, "{differing} pixels differ, by up to {largest} DN");
+}
+
+#[test]
+fn switched_to_nothing_an_effect_changes_nothing() {
+    let (width, height) = (90, 70);
+    let stars = sky(30, width, height, 9);
+    let without = cpu(&config(width, height, vec![])).electrons_after(Some(Stage::Digital), &exposure(&stars, 0)).unwrap();
+    let mut tried = 0;
+    for effect in PIXEL_EFFECTS {
+        let Some(values) = effect.identity() else { continue };
+        let parameters: Vec<_> = effect.parameters().iter().map(|spec| spec.name).zip(values).collect();
+        let config = config(width, height, vec![EffectSetting::new(effect.id(), &parameters)]);
+        let with = cpu(&config).electrons_after(Some(Stage::Digital), &exposure(&stars, 0)).unwrap();
+        assert_eq!(with, without, "{} on the CPU", effect.id());
+        if let Some(gpu) = gpu("switched_to_nothing_an_effect_changes_nothing", &config, SplitLimits::default()) {
+            let on_gpu = gpu.electrons_after(Some(Stage::Digital), &exposure(&stars, 0)).unwrap();
+            assert_eq!(on_gpu, gpu.electrons_after(None, &exposure(&stars, 0)).unwrap(), "{} on the GPU", effect.id());
+        }
+        tried += 1;
+    }
+    assert!(tried >= 2);
+}
+
+/// What says that it moves charge without loss does: a star in the middle of a dark frame, from which nothing reaches an edge.
+#[test]
+fn charge_is_conserved_where_it_is_said() {
+    let (width, height) = (200, 420);
+    let stars = [StarImage { x_px: 60.3, y_px: 90.7, electrons: 2e6, sigma_px: 1.5 }];
+    let total = |frame: &[f32]| frame.iter().map(|value| f64::from(*value)).sum::<f64>();
+    let mut tried = 0;
+    for effect in PIXEL_EFFECTS.iter().filter(|effect| effect.conserves_charge()) {
+        let imager = cpu(&config(width, height, vec![typical(*effect)]));
+        let before = imager.electrons_after(None, &exposure(&stars, 0)).unwrap();
+        let after = imager.electrons_after(Some(Stage::Digital), &exposure(&stars, 0)).unwrap();
+        let moved: f64 = before.iter().zip(&after).map(|(a, b)| f64::from((a - b).abs())).sum();
+        assert!(moved > 100.0, "{} moves {moved} electrons", effect.id());
+        assert!((total(&after) / total(&before) - 1.0).abs() < 2e-6, "{}: {} of {}", effect.id(), total(&after), total(&before));
+        tried += 1;
+    }
+    assert!(tried >= 2);
+}
+
+fn parse(program: &str) -> naga::Module {
+    let module = naga::front::wgsl::parse_str(program).unwrap_or_else(|error| panic!("{}", error.emit_to_string(program)));
+    naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::empty())
+        .validate(&module)
+        .unwrap_or_else(|error| panic!("{}", error.emit_to_string(program)));
+    module
+}
+
+/// Names and offsets of a struct's members, and its size.
+fn members(module: &naga::Module, name: &str) -> (Vec<(String, usize)>, usize) {
+    let (_, ty) = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(name)).unwrap_or_else(|| panic!("no struct {name}"));
+    let naga::TypeInner::Struct { members, span } = &ty.inner else { panic!("{name} is no struct") };
+    let members = members.iter().map(|member| (member.name.clone().unwrap_or_default(), member.offset as usize)).collect();
+    (members, *span as usize)
+}
+
+/// Whether the uniforms of all these effects lie in the module where their twins have them.
+fn check_uniforms(module: &naga::Module, effects: &[&dyn AnyPixelEffect]) {
+    let mut offset = 0;
+    let mut expected = Vec::new();
+    for effect in effects.iter().filter(|effect| !effect.fields().is_empty()) {
+        let (fields, span) = members(module, &uniforms_name(effect.id()));
+        let rust: Vec<_> = effect.fields().iter().map(|(name, offset)| ((*name).to_owned(), *offset)).collect();
+        assert_eq!(fields, rust, "{}", effect.id());
+        let parameters: Vec<_> = effect.parameters().iter().map(|spec| spec.typical).collect();
+        let bytes = effect.uniforms(&parameters, &context());
+        assert_eq!(bytes.len(), span, "{}", effect.id());
+        expected.push((effect.id().to_owned(), offset));
+        offset += bytes.len().next_multiple_of(16);
+    }
+    if !expected.is_empty() {
+        assert_eq!(members(module, "Effects").0, expected);
+    }
+}
+
+/// Every effect alone, with its neighbour in the list, and all of them make programs that WGSL's own rules accept, with every uniform where the
+/// twin's struct has it; and so does every sweep of every pass, in one buffer and in several.
+#[test]
+fn shaders_are_sound_and_their_uniforms_lie_where_the_twins_have_them() {
+    for spread in POINT_SPREADS {
+        let module = parse(&collect_program(*spread));
+        assert_eq!(members(&module, "Star").1, size_of::<Star>());
+    }
+    let on_pixels: Vec<_> = PIXEL_EFFECTS.iter().copied().filter(|effect| matches!(effect.work(), Work::Pixels(_))).collect();
+    let subsets = (0..=on_pixels.len()).flat_map(|first| (1..=2).map(move |count| (first, count)));
+    let subsets = subsets.filter_map(|(first, count)| on_pixels.get(first..first + count)).chain([&[][..], &on_pixels[..]]);
+    for effects in subsets {
+        for output in [Output::Counts, Output::Electrons] {
+            check_uniforms(&parse(&chain_program(effects, output)), effects);
+        }
+    }
+    for effect in PIXEL_EFFECTS {
+        let Work::Frame(shape, _) = effect.work() else { continue };
+        let sweeps = match shape {
+            PassShape::Lines(sweeps) => sweeps.len(),
+            PassShape::Neighbours { sweeps } => sweeps,
+        };
+        for in_bands in [false, true] {
+            let programs = pass_programs(*effect, shape, in_bands);
+            assert_eq!(programs.len(), sweeps);
+            for program in programs {
+                let module = parse(&program.wgsl);
+                check_uniforms(&module, &[*effect]);
+                assert!(module.entry_points.iter().any(|entry| entry.name == program.entry));
+            }
+        }
+    }
+}
+
+/// Ids, random stages, files and pages of everything in the registries.
+#[test]
+fn every_pixel_effect_has_its_file_its_shader_and_its_page() {
+    let (mut ids, mut stages) = (Vec::new(), Vec::new());
+    let mut order = Stage::Light;
+    let pages = PIXEL_EFFECTS.iter().map(|effect| (effect.id(), effect.source(), effect.wgsl(), effect.parameters()));
+    let spreads = POINT_SPREADS.iter().map(|spread| (spread.id(), spread.source(), spread.wgsl(), spread.parameters()));
+    for (id, source, wgsl, parameters) in pages.chain(spreads) {
+        assert!(!ids.contains(&id), "{id} stands twice in the registries");
+        ids.push(id);
+        let folders = ["sky", "optics", "motion", "detector"].map(|folder| root().join(format!("src/effects/{folder}/{id}.rs")));
+        let file = folders.iter().find(|path| path.is_file()).unwrap_or_else(|| panic!("{id} has no file of its name"));
+        assert_eq!(std::fs::read_to_string(file).unwrap(), source, "{id} shows the source of another");
+        assert_eq!(std::fs::read_to_string(root().join(format!("shaders/{id}.wgsl"))).unwrap(), wgsl, "{id} runs the shader of another");
+        assert!(wgsl.contains(&format!("fn {id}(")) && source.contains(&format!("fn {id}(")), "the twins of {id} have other names");
+        let page = boresight::effects::page_of(source);
+        for part in
+            ["**What it is.**", "**Equation.**", "**What it leaves when left out.**", "**Confused with.**", "**Neglected.**", "**Source.**"]
+        {
+            assert!(page.contains(part), "the page of {id} lacks {part}");
+        }
+        for parameter in parameters {
+            assert!(page.contains(&format!("`{}`", parameter.name)), "the page of {id} is silent about {}", parameter.name);
+            assert!((parameter.range.0..=parameter.range.1).contains(&parameter.typical), "{id}: {}", parameter.name);
+        }
+    }
+    for effect in PIXEL_EFFECTS {
+        assert!(effect.stage() >= order, "{} stands after a later stage", effect.id());
+        order = effect.stage();
+        if effect.rng_stage() != 0 {
+            assert!(!stages.contains(&effect.rng_stage()), "{} draws another effect's random numbers", effect.id());
+            stages.push(effect.rng_stage());
+        }
+        let nothing = effect.identity();
+        assert!(nothing.is_none_or(|values| {
+            values.len() == effect.parameters().len()
+                && values.iter().zip(effect.parameters()).all(|(value, spec)| (spec.range.0..=spec.range.1).contains(value))
+        }));
+    }
+}
