@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use super::bundle::{self, Noise, Problem, Run, Solved, State, scales};
 use super::{CalibrateError, CalibrateOptions, check_points, select};
 use crate::camera::{Model, Term};
+use crate::coordinates::{Apparent, Attitude, Direction};
 use crate::effects::{Observation, Segment, displacement};
 use crate::identify::ControlPoints;
 
@@ -95,8 +96,8 @@ impl Joint {
 
     /// The attitude of a frame (by its place among [`Self::frames`]), if it has one.
     #[must_use]
-    pub fn attitude(&self, place: usize) -> Option<crate::coordinates::Attitude> {
-        self.solved.problem.attitude(&self.solved.adjusted.state, place).map(crate::coordinates::Attitude::new)
+    pub fn attitude(&self, place: usize) -> Option<Attitude> {
+        self.solved.problem.attitude(&self.solved.adjusted.state, place).map(Attitude::new)
     }
 
     /// Own parameters of each frame: 3, or 6 with rates, or none where the mount is fixed.
@@ -150,6 +151,46 @@ impl Joint {
             found
         };
         (0..problem.exposures.len()).into_par_iter().with_min_len(4).flat_map_iter(of).collect()
+    }
+
+    /// The same star images as the solution simulates them, without errors: every star's light sent through the model the way a renderer sends
+    /// it, from the catalogue to the pixel. Control point and place. Where each frame's own rates are solved, from the residuals.
+    #[must_use]
+    pub fn simulated_px(&self) -> Vec<(usize, [f64; 2])> {
+        let (problem, state) = (&self.solved.problem, &self.solved.adjusted.state);
+        let of = |place: usize| {
+            let exposure = &problem.exposures[place];
+            let mut found = Vec::with_capacity(exposure.images.len());
+            let turns = state.rates[place].iter().any(|rate| *rate != 0.0);
+            problem.linearise(state, place, |index, row| {
+                let image = &exposure.images[index];
+                let context = image.context(&exposure.observation);
+                let sent = problem.attitude(state, place).filter(|_| !turns).and_then(|attitude| {
+                    let apparent = if problem.solves_sky {
+                        problem.model.apparent(&context)
+                    } else {
+                        Direction::<Apparent>::from_unit(image.apparent)
+                    };
+                    problem.model.pixel(&Attitude::new(attitude).camera_from_apparent(&apparent), &context)
+                });
+                let [x, y] = [0, 1].map(|axis| image.pixel[axis] - row.residual[axis]);
+                found.push((image.point, sent.map_or([x, y], |point| [point.x_px, point.y_px])));
+            });
+            found
+        };
+        (0..problem.exposures.len()).into_par_iter().with_min_len(4).flat_map_iter(of).collect()
+    }
+
+    /// The same problem with other measured positions, by control point; images of which none is given keep theirs. Not solved yet: see
+    /// [`Self::again`].
+    #[must_use]
+    pub fn with_measured(&self, measured: &[(usize, [f64; 2])]) -> Self {
+        let by_point: std::collections::BTreeMap<usize, [f64; 2]> = measured.iter().copied().collect();
+        let mut other = self.clone();
+        for image in other.solved.problem.exposures.iter_mut().flat_map(|exposure| &mut exposure.images) {
+            image.pixel = by_point.get(&image.point).copied().unwrap_or(image.pixel);
+        }
+        other
     }
 
     /// Columns of the parameters that were solved.

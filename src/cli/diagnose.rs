@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use boresight::diagnose::{DiagnoseOptions, Diagnosis, MeasuredNoise, Verdict};
+use boresight::diagnose::{DiagnoseOptions, Diagnosis, MeasuredNoise, Step, Verdict};
 use boresight::pipeline::{Asked, Prepared, Question, SkyChoice, measured_noise, question};
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
@@ -128,9 +128,12 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
     options.proper_motion_only &= !too_few_move;
     let asked = Asked { catalog: &catalog, choice: &choice, max_magnitude: args.max_magnitude, trusted: args.trust_identifications };
     let Question { points, telemetry, options, uneven } = question(&measured, &identified, &prepared, &asked, options)?;
-    let spinner = output::spinner("diagnosing");
-    let result = boresight::diagnose::diagnose(&points, &telemetry, &options);
-    spinner.finish_and_clear();
+    let bar = output::steps(Step::COUNT);
+    let result = boresight::diagnose::diagnose_telling(&points, &telemetry, &options, &|step| {
+        bar.set_position(step.number() as u64);
+        bar.set_message(step.words());
+    });
+    bar.finish_and_clear();
     let mut diagnosis = result?;
     diagnosis.warnings.extend(warnings(args, &measured, &prepared, &choice));
     diagnosis.warnings.extend(uneven);

@@ -74,7 +74,11 @@ fn found(finding: &Finding, is_said: bool) -> String {
             significant(finding.held_out_score)
         ),
     );
-    let odds = |rival: &Rival| format!("{} (cosine {:.2}, ΔBIC {})", rival.id, rival.cos, significant(rival.delta_bic));
+    line("  agreed", &agreement(finding));
+    let odds = |rival: &Rival| {
+        let held = rival.held_out_delta_chi2.map_or_else(String::new, |held| format!(", χ² of frames not used falls by {held:.0}"));
+        format!("{} (cosine {:.2}, ΔBIC {}{held})", rival.id, rival.cos, significant(rival.delta_bic))
+    };
     if finding.indistinguishable_from.is_empty() {
         let rivals: Vec<String> = finding.rivals.iter().take(MOST_RIVALS).map(odds).collect();
         if !rivals.is_empty() {
@@ -88,6 +92,22 @@ fn found(finding: &Finding, is_said: bool) -> String {
         }
     }
     text
+}
+
+/// Whether frames or stars agree on a finding, whether it is chosen again without each frame, whether it looks the same simulated anew.
+fn agreement(finding: &Finding) -> String {
+    let signs = &finding.signs;
+    let mut parts = vec![match signs.p_value {
+        Some(p) => format!("signs chosen by chance for {} do as well with p = {}", signs.units, probability(p)),
+        None => format!("not testable by signs of {}: it lives on {:.0} of them", signs.units, signs.effective),
+    }];
+    if let Some([times, turns]) = finding.chosen_again {
+        parts.push(format!("chosen again in {times} of {turns} turns that leave a frame out"));
+    }
+    if let Some(p) = finding.resimulated_p_value {
+        parts.push(format!("simulated anew it looks the same (p = {})", probability(p)));
+    }
+    parts.join("; ")
 }
 
 /// What is left and has no name.
@@ -138,8 +158,12 @@ fn overview(diagnosis: &Diagnosis) -> String {
     if !diagnosis.located.is_empty() {
         let located = |located: &boresight::diagnose::Located| {
             let alone = located.conditional_p_value.map_or_else(String::new, |p| format!(", {} beside those before it", probability(p)));
+            let dealt = match (located.permutation_p_value, &located.permuted) {
+                (Some(p), Some(unit)) => format!(", {} if {unit} are dealt out anew", probability(p)),
+                _ => String::new(),
+            };
             format!(
-                "{} ({:.1} % of the variance, p = {}{alone})",
+                "{} ({:.1} % of the variance, p = {}{dealt}{alone})",
                 located.covariate,
                 100.0 * located.explained,
                 probability(located.p_value)
@@ -168,16 +192,22 @@ fn overview(diagnosis: &Diagnosis) -> String {
         line(
             "halves",
             &format!(
-                "{count} random halves of the frames against one another: p below 0.01, 0.1, 0.5 in {}, {}, {}; distance from uniform {:.3} (p = {:.2} if they were independent)",
+                "{count} random halves of the frames against one another: p below 0.01, 0.1, 0.5 in {}, {}, {}; distance from uniform {:.3}, as far in {:.0} % of nights simulated and split alike",
                 below(0.01),
                 below(0.1),
                 below(0.5),
                 halves.ks_distance,
-                halves.ks_p_value
+                100.0 * halves.ks_p_value
             ),
         );
     }
     line("channels", &(all.iter().filter_map(tested).collect::<Vec<_>>().join(", ") + &not));
+    if let Some(p) = diagnosis.resimulated_p_value {
+        line(
+            "simulated",
+            &format!("anew with what was found and held against the same model, it differs from the recording with p = {}", probability(p)),
+        );
+    }
     let noise = diagnosis.noise;
     line(
         "noise",

@@ -87,13 +87,12 @@ pub(crate) fn progress(what: &'static str, count: usize) -> ProgressBar {
     bar
 }
 
-/// A sign of life on stderr for work whose end nobody knows; nothing where stderr is no terminal or the log is off.
-pub(crate) fn spinner(what: &'static str) -> ProgressBar {
-    let bar = if tracing::enabled!(tracing::Level::WARN) { ProgressBar::new_spinner() } else { ProgressBar::hidden() };
-    if let Ok(style) = ProgressStyle::with_template("{msg:>12} {spinner} {elapsed}") {
+/// A bar for work in a few steps of different length, each of which says what it does.
+pub(crate) fn steps(count: usize) -> ProgressBar {
+    let bar = if tracing::enabled!(tracing::Level::WARN) { ProgressBar::new(count as u64) } else { ProgressBar::hidden() };
+    if let Ok(style) = ProgressStyle::with_template("  diagnosing [{bar:20}] {pos}/{len} {elapsed} {msg}") {
         bar.set_style(style);
     }
-    bar.set_message(what);
     bar.enable_steady_tick(std::time::Duration::from_millis(200));
     bar
 }

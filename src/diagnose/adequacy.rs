@@ -1,9 +1,14 @@
 //! Is the name enough: what would betray that an effect only resembles what is there.
 
 use super::attribute::{Entry, Stand, columns};
+use super::diagnosis::Rival;
 use super::evidence::Evidence;
+use super::rivals::rivals;
 use super::scan::{Asks, Scan, orthonormal};
 use super::sheet::{Fit, Whitened, dot};
+use super::signs::{LEVEL, SignTest};
+use super::solved::Solved;
+use super::words;
 use crate::calibrate::Column;
 use crate::identify::ControlPoints;
 use crate::statistics::significance::chi_squared_surprise;
@@ -18,6 +23,8 @@ const IN_THE_FIELD: &[&str] = &["field-map", "colour", "magnitude", "field-radiu
 const OF_THE_KIND: f64 = 0.5;
 /// An effect is superseded by a pattern if less than this share of its evidence is left beside it.
 const SUPERSEDED: f64 = 0.3;
+/// A size that is known beforehand and found to be another by more standard errors is not that effect alone.
+const DISAGREES: f64 = 5.0;
 /// Blocks of time.
 const TIME_BLOCKS: usize = 4;
 /// An improvement in one frame (or star) above this share,
@@ -66,6 +73,12 @@ pub(super) fn vetoes(evidence: &Evidence, stand: &Stand, scan: &Scan, entries: &
     found
 }
 
+/// Whether the frames (or stars) do not agree on it.
+pub(super) fn disagreement(signs: &SignTest) -> Option<String> {
+    let p = signs.p_value.filter(|p| *p >= LEVEL)?;
+    Some(format!("the {} do not agree on it (choosing a sign for each does as well in {:.1} % of the choices)", signs.units, 100.0 * p))
+}
+
 /// Whether an effect is not needed beside the pattern that remains: a focal length that drifts with time resembles one that follows a telescope's
 /// focus, and if the residuals still follow the focus it is the focus that explains both. `threshold` is the surprise that a finding needs.
 pub(super) fn superseded(evidence: &Evidence, stand: &Stand, scan: &Scan, entries: &[Entry], k: usize, threshold: f64) -> Option<String> {
@@ -93,6 +106,29 @@ pub(super) fn superseded(evidence: &Evidence, stand: &Stand, scan: &Scan, entrie
         let name = &covariate.name;
         format!("residuals still follow {name} (p = {:.1e}), and beside a pattern of {name} it is not needed", (-surprise).exp())
     })
+}
+
+/// Whether a size that the recording tells beforehand is another: judged where everything is solved, what resembles the effect free beside it.
+pub(super) fn amplitude_veto(before: &Evidence, stand: &Stand, entries: &[Entry], k: usize, solved: &Solved) -> Option<String> {
+    let hypothesis = &before.hypotheses[entries[k].hypothesis];
+    let id = hypothesis.id();
+    if hypothesis.in_force && id == "proper-motion" {
+        return None; // another epoch is the finding itself
+    }
+    let variant = &hypothesis.variants[entries[k].variant];
+    if let Some((least, most)) = hypothesis.effect.natural().filter(|_| !hypothesis.in_force && hypothesis.known.is_none())
+        && let Some(found) = solved.parameters(k, variant).first()
+        && (found.value + DISAGREES * found.sigma < least || found.value - DISAGREES * found.sigma > most)
+    {
+        let size = words::with_error(found.value, found.sigma);
+        return Some(format!("its size, {} = {size} {}, is none that nature has ({least} to {most})", found.name, found.unit));
+    }
+    let listed: Vec<Rival> = rivals(before, stand, entries, k).into_iter().map(|own| own.rival).collect();
+    let [ratio, error] = solved.ratio_beside_rivals(k, variant, &listed)?;
+    // That what the model has is not there at all is a finding too.
+    let is_absent = hypothesis.in_force && ratio.abs() <= DISAGREES * error;
+    ((ratio - 1.0).abs() > DISAGREES * error && !is_absent)
+        .then(|| format!("its size is {ratio:.3} ± {error:.3} of what is known of it: not {id} alone, or more than this effect"))
 }
 
 /// Probability that the amplitude in four blocks of time differs as much by chance.

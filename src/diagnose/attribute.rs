@@ -130,7 +130,7 @@ pub(super) fn columns<'a>(evidence: &'a Evidence, accepted: &'a [Entry]) -> impl
 }
 
 /// Orthonormal basis of projected columns, those dropped of which too little is left; and the lengths of what is left.
-fn basis(rest: &[Whitened], raw: &[Whitened], fit: &Fit) -> (Vec<Whitened>, Vec<f64>) {
+pub(super) fn basis(rest: &[Whitened], raw: &[Whitened], fit: &Fit) -> (Vec<Whitened>, Vec<f64>) {
     let mut found: Vec<Whitened> = Vec::new();
     let mut lengths = Vec::new();
     for (column, raw) in rest.iter().zip(raw) {

@@ -40,6 +40,16 @@ pub(super) struct Chance {
 impl Scan {
     /// Simulated recordings `from..to` without any effect.
     pub(super) fn chance(&self, fit: &Fit, take: &[bool], seed: u64, from: usize, to: usize) -> Chance {
+        let [hypotheses, covariates] = self.simulated(fit, take, seed, from, to).map(|mut values| {
+            values.sort_by(|a, b| b.total_cmp(a));
+            values
+        });
+        Chance { nulls: to - from, hypotheses, covariates }
+    }
+
+    /// The largest surprise over the hypotheses, and over the covariates, of each of the simulated recordings `from..to`. The errors hang on
+    /// the seed and the number of the recording alone, not on the questions.
+    pub(super) fn simulated(&self, fit: &Fit, take: &[bool], seed: u64, from: usize, to: usize) -> [Vec<f64>; 2] {
         let sizes: Vec<f64> = (0..take.len()).filter(|k| take[*k]).map(|k| fit.psi[2 * k].hypot(fit.psi[2 * k + 1])).collect();
         let directions: Vec<[f64; 2]> = (0..DIRECTIONS)
             .map(|k| {
@@ -73,12 +83,7 @@ impl Scan {
                 self.largest(&z, &c, &tables)
             })
             .collect();
-        let sorted = |which: usize| {
-            let mut values: Vec<f64> = largest.iter().flat_map(|most| &most[which]).copied().collect();
-            values.sort_by(|a, b| b.total_cmp(a));
-            values
-        };
-        Chance { nulls: to - from, hypotheses: sorted(0), covariates: sorted(1) }
+        [0, 1].map(|which| largest.iter().flat_map(|most| &most[which]).copied().collect())
     }
 
     /// The largest surprises of simulated recordings, over the hypotheses and over the covariates, from their sums with all columns.

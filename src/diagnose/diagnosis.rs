@@ -68,6 +68,20 @@ pub struct Rival {
     pub delta_bic: f64,
     /// Probability that the finding, if true, is preferred to the rival at this signal-to-noise ratio: Φ(SNR·√((1 − cos)/2)).
     pub p_correct: f64,
+    /// Fall of χ² on the held-out frames with the rival in the finding's place, of the nearest rivals.
+    pub held_out_delta_chi2: Option<f64>,
+}
+
+/// A test that supposes nothing of how errors within a frame (or of a star) hang together: the share of all choices of a sign for each of
+/// these units that explain as much (wild bootstrap of the score, Rademacher signs).
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Signs {
+    /// The units: frames, parts of frames where frames are few, or stars.
+    pub units: String,
+    /// How many units that tell alike the effect lives on.
+    pub effective: f64,
+    /// The share; nothing where even the smallest that so few units allow would not be small.
+    pub p_value: Option<f64>,
 }
 
 /// An effect that was left out (or is there at another size than the model has it).
@@ -91,6 +105,12 @@ pub struct Finding {
     pub held_out_expected: f64,
     /// The score along the frozen direction on those frames, standard deviations.
     pub held_out_score: f64,
+    /// Where every frame was left out in its turn: in how many of how many turns the frames left chose the effect again, everything repeated.
+    pub chosen_again: Option<[usize; 2]>,
+    /// Whether the frames (or stars) agree on it.
+    pub signs: Signs,
+    /// Probability that the recording simulated anew with what was found differs from the real one along this effect by as much by chance.
+    pub resimulated_p_value: Option<f64>,
     /// Size over standard error of the best determined combination of the parameters.
     pub snr: f64,
     /// The effects that explain the mismatch about as well.
@@ -229,7 +249,8 @@ pub struct HalfNights {
     pub largest: std::collections::BTreeMap<String, usize>,
     /// Largest distance of their distribution from the uniform one (Kolmogorov and Smirnov).
     pub ks_distance: f64,
-    /// Its probability if they were independent; halves of the same frames are not quite.
+    /// Share of nights simulated with errors as the diagnosis takes them, split alike, whose p-values lie as far from uniform: halves of the
+    /// same frames share their errors, so that no single night's p-values are spread evenly.
     pub ks_p_value: f64,
 }
 
@@ -253,6 +274,10 @@ pub struct Located {
     pub explained: f64,
     /// Probability by chance, all covariates counted.
     pub p_value: f64,
+    /// The same among all covariates of its kind dealt out anew, as they are exchangeable; nothing where frames are too few for it.
+    pub permutation_p_value: Option<f64>,
+    /// What was dealt out: star images within their frames, or frames.
+    pub permuted: Option<String>,
     /// The same once the covariates before it in this list are taken out.
     pub conditional_p_value: Option<f64>,
 }
@@ -356,8 +381,11 @@ pub struct Diagnosis {
     pub lock_box: LockBox,
     /// Simulated recordings without any effect that the omnibus test was held against.
     pub nulls: usize,
-    /// Recordings simulated with the findings in force are as far from their model as this one is from its own in this share of the cases.
+    /// Probability that the recording simulated anew with the findings in force, held against the same model, differs from the real one by as
+    /// much by chance.
     pub resimulated_p_value: Option<f64>,
+    /// Probability of what is left beside the findings by chance.
+    pub left_p_value: Option<f64>,
     /// Random halves of the frames held against one another, where asked for.
     pub half_nights: Option<HalfNights>,
     /// Number of independent hypotheses that the family of tests amounts to.

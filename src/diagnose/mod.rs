@@ -4,6 +4,7 @@ mod adequacy;
 mod attribute;
 mod chance;
 mod clusters;
+mod confirm;
 mod covariates;
 mod descent;
 mod diagnosis;
@@ -12,19 +13,29 @@ mod findings;
 mod halves;
 mod hypotheses;
 mod left;
+mod located;
 mod noise;
 mod omnibus;
 mod own;
+mod permute;
 mod profile;
 mod prove;
+mod quality;
+mod refine;
 mod remainder;
+mod resimulate;
 mod rivals;
 mod run;
 mod scan;
 mod sheet;
+mod signs;
+mod solved;
+mod statuses;
+mod step;
 mod words;
 
 pub use diagnosis::*;
+pub use step::Step;
 
 use std::collections::BTreeMap;
 
@@ -93,5 +104,15 @@ pub type Telemetry = Vec<BTreeMap<String, f64>>;
 
 /// Diagnoses the control points of a recording. `telemetry` by frame; may be empty.
 pub fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &DiagnoseOptions) -> Result<Diagnosis, DiagnoseError> {
-    run::diagnose(points, telemetry, options)
+    run::diagnose(points, telemetry, options, &|_| ())
+}
+
+/// The same, telling `tell` each step as it begins.
+pub fn diagnose_telling(
+    points: &ControlPoints,
+    telemetry: &Telemetry,
+    options: &DiagnoseOptions,
+    tell: &dyn Fn(Step),
+) -> Result<Diagnosis, DiagnoseError> {
+    run::diagnose(points, telemetry, options, tell)
 }

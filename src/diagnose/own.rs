@@ -42,6 +42,11 @@ impl Own {
         self.basis.len()
     }
 
+    /// Frames.
+    pub(super) fn frames(&self) -> usize {
+        self.frames
+    }
+
     /// Sums over each frame of the products of two columns.
     pub(super) fn by_frame(&self, a: &[f64], b: &[f64]) -> Vec<f64> {
         let mut sums = vec![0.0; self.frames];

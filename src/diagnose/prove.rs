@@ -5,6 +5,7 @@ use super::descent::{cost, psi_of, refit_own};
 use super::evidence::Evidence;
 use super::own::project_own;
 use super::sheet::{Fit, Whitened, dot};
+use crate::statistics::significance::chi_squared_surprise;
 
 /// From so many frames on a part of them is locked away; below, every frame is left out once.
 pub(super) const LOCK_BOX_FROM: usize = 16;
@@ -15,6 +16,8 @@ const BLOCKS: usize = 16;
 /// The score on the held-out frames must be as large, standard deviations.
 const LEAST_SCORE: f64 = 2.0;
 
+/// The square root of a statistic scatters by one: by so many at most, nearly always.
+const SCATTER: f64 = 2.0;
 /// Held-out frames on which less is expected decide nothing, standard deviations.
 const DECISIVE: f64 = 3.0;
 
@@ -79,16 +82,32 @@ fn judge(stand: &Stand, train: &[bool], held: &[bool], kept: &[&Whitened], tried
     }
 }
 
-/// The proof of entry `k`, over folds given by the masks of their held-out images. `statistic` is its T on the images it was found in,
-/// `rank` its degrees of freedom.
+/// What comes of the choice of effects repeated without the images of each fold.
+#[derive(Clone, Debug)]
+pub(super) struct Again {
+    /// The surprise that a choice needs.
+    pub(super) threshold: f64,
+    /// Whether the effect is chosen, fold by fold.
+    pub(super) chosen: Vec<bool>,
+}
+
+impl Again {
+    /// An effect of which so much shows (χ²) in what is left would be chosen nearly always.
+    fn would_choose(&self, rank: usize, shows: f64) -> bool {
+        let at_least = (shows.sqrt() - SCATTER).max(0.0);
+        chi_squared_surprise(rank as f64, at_least * at_least) > self.threshold
+    }
+}
+
+/// The proof of entry `k`, over folds given by the masks of their held-out images. Where the choice repeated without a fold's images misses it
+/// though enough is left to choose it by, it improves nothing there. `statistic` is its T on the images it was found in, `rank` its degrees of freedom.
 pub(super) fn prove(
     evidence: &Evidence,
     stand: &Stand,
     entries: &[Entry],
     k: usize,
-    folds: &[Vec<bool>],
-    statistic: f64,
-    rank: usize,
+    (folds, again): (&[Vec<bool>], Option<&Again>),
+    (statistic, rank): (f64, usize),
 ) -> Proof {
     let own = |entry: &Entry| {
         columns(evidence, std::slice::from_ref(entry)).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<_>>()
@@ -98,16 +117,21 @@ pub(super) fn prove(
     let (kept, tried): (Vec<&Whitened>, Vec<&Whitened>) = (kept.iter().collect(), tried.iter().collect());
     let plausible = evidence_mask(evidence, stand);
     let (mut delta, mut along, mut length, mut trained) = (0.0, 0.0, 0.0, 0.0);
-    for fold in folds {
+    for (index, fold) in folds.iter().enumerate() {
         let held: Vec<bool> = fold.iter().zip(&plausible).map(|(fold, plausible)| *fold && *plausible).collect();
         let train: Vec<bool> = fold.iter().zip(&plausible).map(|(fold, plausible)| !*fold && *plausible).collect();
         let result = judge(stand, &train, &held, &kept, &tried);
+        length += dot(&result.direction, &result.direction);
+        trained += result.trained / folds.len() as f64;
+        let all_of_it = result.trained + dot(&result.direction, &result.direction);
+        let left = (statistic - rank as f64).max(0.0) * if all_of_it > 0.0 { result.trained / all_of_it } else { 0.0 };
+        if again.is_some_and(|again| again.chosen.get(index) == Some(&false) && again.would_choose(rank, left)) {
+            continue;
+        }
         let nu = stand.sheet.tail_degrees;
         delta += (cost(&result.before, &held, nu) - cost(&result.after, &held, nu)) * stand.fit.d / stand.fit.c;
         let (psi, _) = psi_of(&result.before, &held, nu);
         along += dot(&psi, &result.direction);
-        length += dot(&result.direction, &result.direction);
-        trained += result.trained / folds.len() as f64;
     }
     let score = if length > 0.0 { along / (length * stand.fit.c).sqrt() } else { 0.0 };
     // What the effect moves there against what it moves where it was found, not numbers of stars: some effects live on few.

@@ -1,6 +1,7 @@
 //! What else could it be: every other effect in a finding's place, and the observation that would decide.
 
 use super::attribute::{AS_GOOD, Entry, Stand, agreement, columns, cosine, is_observable};
+use super::confirm::proof;
 use super::diagnosis::Rival;
 use super::evidence::{Evidence, REACH_PX};
 use super::own::project_own;
@@ -11,9 +12,18 @@ use crate::statistics::significance::normal_cdf;
 
 /// Rivals that are no rivals are listed from this cosine on.
 const LISTED_FROM: f64 = 0.5;
+/// So many are tried on held-out frames.
+const HELD_OUT: usize = 3;
 
-/// A finding's rivals, the members of its set first; `true` for those in the set.
-pub(super) fn rivals(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> Vec<(Rival, bool)> {
+/// A rival, whether it is a member of the set, and its columns.
+pub(super) struct Listed {
+    pub(super) rival: Rival,
+    pub(super) in_set: bool,
+    entry: Entry,
+}
+
+/// A finding's rivals, the members of its set first.
+pub(super) fn rivals(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> Vec<Listed> {
     let white = |entry: Entry| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
     let others: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(*entry)).collect();
     let fit = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());
@@ -28,7 +38,7 @@ pub(super) fn rivals(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: u
     let mine = white(entries[k]);
     let (t_mine, best) = criterion(entries[k], &mine);
     let snr = t_mine.max(0.0).sqrt();
-    let mut found: Vec<(Rival, bool)> = Vec::new();
+    let mut found: Vec<Listed> = Vec::new();
     for (index, hypothesis) in evidence.hypotheses.iter().enumerate() {
         if entries.iter().any(|entry| entry.hypothesis == index) {
             continue;
@@ -50,11 +60,28 @@ pub(super) fn rivals(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: u
         let in_set = delta_bic < AS_GOOD;
         if in_set || cos > LISTED_FROM {
             let p_correct = normal_cdf(snr * ((1.0 - cos) / 2.0).max(0.0).sqrt());
-            found.push((Rival { id: hypothesis.id().to_owned(), cos, delta_bic, p_correct }, in_set));
+            let rival = Rival { id: hypothesis.id().to_owned(), cos, delta_bic, p_correct, held_out_delta_chi2: None };
+            found.push(Listed { rival, in_set, entry });
         }
     }
-    found.sort_by(|a, b| a.0.delta_bic.total_cmp(&b.0.delta_bic));
+    found.sort_by(|a, b| a.rival.delta_bic.total_cmp(&b.rival.delta_bic));
     found
+}
+
+/// Falls of χ² on held-out images with each of the nearest rivals in the place of entry `k`.
+pub(super) fn held_out_of_rivals(
+    evidence: &Evidence,
+    stand: &Stand,
+    entries: &[Entry],
+    k: usize,
+    tests: &[Vec<bool>],
+    listed: &mut [Listed],
+) {
+    for own in listed.iter_mut().take(HELD_OUT) {
+        let mut instead = entries.to_vec();
+        instead[k] = own.entry;
+        own.rival.held_out_delta_chi2 = Some(proof(evidence, stand, &instead, k, tests, None).delta_chi2);
+    }
 }
 
 /// One kind of further observation.

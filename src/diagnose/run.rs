@@ -2,32 +2,40 @@
 
 use std::time::Instant;
 
-use super::adequacy::{concentration, superseded, vetoes};
-use super::attribute::{self, Entry, Stand, candidates, select};
+use super::adequacy::{amplitude_veto, concentration, disagreement, superseded, vetoes};
+use super::attribute::{Entry, Stand, select};
 use super::chance::independent;
-use super::diagnosis::{ChannelTest, Channels, Diagnosis, FORMAT, Finding, Fit, FitQuality, LockBox, StarsUsed, Verdict};
+use super::confirm::{Confirmation, Withheld, proof};
+use super::diagnosis::{ChannelTest, Channels, Diagnosis, FORMAT, Finding, Fit, LockBox, Verdict};
 use super::evidence::Evidence;
-use super::findings::{self, Solved};
+use super::findings;
 use super::halves::half_nights;
-use super::hypotheses::finer;
+use super::located::located;
 use super::noise::NoiseModel;
-use super::omnibus::{Effort, omnibus};
-use super::prove::{Proof, folds, held_out_quality, locked_away, prove};
+use super::omnibus::{Effort, Omnibus, omnibus};
+use super::permute::{Deals, deal};
+use super::prove::{LOCK_BOX_FROM, Proof, folds, locked_away};
+use super::quality::{noise_state, quality, residual_rows, stars_used};
+use super::refine::refine;
+use super::resimulate::{DIFFERS, resimulate};
 use super::scan::Scan;
-use super::sheet::Whitened;
-use super::{DiagnoseError, DiagnoseOptions, Telemetry, left, words};
-use crate::calibrate::{CalibrateOptions, GivenNoise, Joint};
-use crate::camera::Term;
+use super::signs::sign_test;
+use super::solved::Solved;
+use super::{DiagnoseError, DiagnoseOptions, Step, Telemetry, left, words};
+use crate::calibrate::{CalibrateOptions, Joint};
 use crate::identify::ControlPoints;
 use crate::statistics::significance::chi_squared_surprise;
 
-/// Halvings of the search over places and lengths.
-const REFINEMENTS: usize = 5;
 /// Fewer numbers beyond the parameters say nothing.
 const FEWEST_DEGREES: f64 = 20.0;
 
 /// See [`super::diagnose`].
-pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &DiagnoseOptions) -> Result<Diagnosis, DiagnoseError> {
+pub(super) fn diagnose(
+    points: &ControlPoints,
+    telemetry: &Telemetry,
+    options: &DiagnoseOptions,
+    tell: &dyn Fn(Step),
+) -> Result<Diagnosis, DiagnoseError> {
     let started = Instant::now();
     let solve = CalibrateOptions {
         solve: options.solve.clone(),
@@ -38,6 +46,7 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
         terms: options.terms.clone(),
         ..CalibrateOptions::default()
     };
+    tell(Step::Baseline);
     let joint = Joint::solve(points, &solve)?;
     let evidence = Evidence::at(&joint, points, telemetry, options);
     let too_few = DiagnoseError::TooFew { images: evidence.images.len(), frames: evidence.frames.len() };
@@ -49,90 +58,72 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
     if stand.fit.degrees < FEWEST_DEGREES {
         return Err(too_few);
     }
+    tell(Step::Omnibus);
     let scan = Scan::new(&evidence, &stand.noise, &stand.sheet, &stand.fit, |_| true);
     let mut first = omnibus(&evidence, &stand, &scan, options, (1, options.alpha, Effort::Whole));
     let hypotheses = independent(&first.chance.hypotheses);
     let threshold = (2.0 * hypotheses / options.alpha).ln();
-    let mut located = findings::located(&evidence, &stand, &scan, &first.chance);
     let mut warnings: Vec<String> = joint.notes().to_vec();
-
     let base = Stand::new(&evidence, &all, &[], &begin);
-
-    // Found on the training part; whoever the lock-box does not confirm goes. What shows on all frames only is proved frame by frame.
-    let (mut entries, mut on_training) = (Vec::new(), stand);
     let (mut locked, mut training) = (locked, training);
     let mut significant = first.p_value < options.alpha;
+    let follows = |stand: &Stand, scan: &Scan, test: &Omnibus, significant: bool| {
+        let deals = if significant { deal(&evidence, stand, scan, options.seed) } else { Deals::default() };
+        located(&evidence, stand, scan, &test.chance, &deals)
+    };
+    let mut follows_now = follows(&stand, &scan, &first, significant);
     if !significant && !locked.is_empty() {
+        // What shows on all frames only is proved frame by frame.
         let scan = Scan::new(&evidence, &base.noise, &base.sheet, &base.fit, |_| true);
         let second = omnibus(&evidence, &base, &scan, options, (5, options.alpha / 2.0, Effort::Decide));
         if second.p_value < options.alpha / 2.0 {
             significant = true;
-            located = findings::located(&evidence, &base, &scan, &second.chance);
+            follows_now = follows(&base, &scan, &second, true);
             first = second;
             (locked, training) = (Vec::new(), all.clone());
         }
     }
-    if significant {
-        (entries, on_training) = select(&evidence, &training, &begin, threshold);
-    }
-    let mut evidence = evidence;
-    if !entries.is_empty() {
-        refine(&mut evidence, &joint, &mut entries, &training, &begin);
-        on_training = Stand::new(&evidence, &training, &entries, &begin);
-    }
-    let tests = folds(&evidence, &locked);
-    let mut proofs = proofs(&evidence, &on_training, &entries, &tests);
-    let mut rejected: Vec<usize> = Vec::new();
-    let mut unproven: Vec<(Entry, Vec<String>)> = Vec::new();
-    loop {
-        if proofs.iter().any(|proof| proof.powerless && !proof.confirms) && tests.len() == 1 {
-            // The locked frames hold too little of it: every frame in its turn decides.
-            let turns = folds(&evidence, &[]);
-            let stand = Stand::new(&evidence, &all, &entries, &begin);
-            for (k, own) in proofs.iter_mut().enumerate().filter(|(_, own)| own.powerless && !own.confirms) {
-                *own = proof(&evidence, &stand, &entries, k, &turns);
-            }
-        }
-        // The least of those that do not stand goes, and the others are asked anew: beside it they may not have been needed.
-        let weakest =
-            (0..entries.len()).filter(|k| !proofs[*k].confirms).min_by(|a, b| proofs[*a].expected.total_cmp(&proofs[*b].expected));
-        let Some(weakest) = weakest else { break };
-        let Proof { delta_chi2: held, expected, .. } = proofs[weakest];
-        let entry = entries.remove(weakest);
-        let id = evidence.hypotheses[entry.hypothesis].id();
-        warnings.push(format!(
-            "{id} was found on the training part and not confirmed on the held-out one (χ² falls by {held:.1} where {expected:.1} is expected): it is not claimed"
-        ));
-        rejected.push(entry.hypothesis);
-        unproven.push((
-            entry,
-            vec![format!("frames that were not used do not confirm it (χ² falls by {held:.1} where {expected:.1} is expected)")],
-        ));
-        on_training = Stand::new(&evidence, &training, &entries, &begin);
-        proofs = self::proofs(&evidence, &on_training, &entries, &tests);
-    }
+    // Found on the training part; whoever the lock-box does not confirm goes.
+    tell(Step::Attribution);
+    let mut entries = if significant { select(&evidence, &training, &begin, threshold).0 } else { Vec::new() };
+    let mut refined = evidence.clone();
+    refine(&mut refined, &joint, &mut entries, &training, &begin);
+    tell(Step::Proof);
+    let tests = folds(&refined, &locked);
+    // Few frames leave no part to lock away: each is left out in its turn, and the choice is made again without it.
+    let repeated = (refined.frames.len() < LOCK_BOX_FROM && !entries.is_empty()).then_some(threshold);
+    let (mut proofs, unproven, mut chosen_again) = {
+        let confirmation = Confirmation::new(&refined, &training, &tests, &begin, repeated);
+        let (proofs, unproven, said) = confirmation.confirm(&mut entries);
+        warnings.extend(said);
+        let again: Vec<Option<[usize; 2]>> = entries.iter().map(|entry| confirmation.chosen_again(*entry)).collect();
+        (proofs, unproven, again)
+    };
     // All frames: what was found, solved anew with everything free, and with the search made finer.
-    let mut refined = evidence;
+    tell(Step::Solution);
     refine(&mut refined, &joint, &mut entries, &all, &begin);
     let mut solved = if entries.is_empty() {
         Solved::unchanged(&joint, &refined, &base)
     } else {
         Solved::new(&joint, points, telemetry, options, &refined, &entries)?
     };
+    tell(Step::Remainder);
     // Where nothing shows nothing can be left: it is not asked for.
     let mut final_scan = significant.then(|| solved.scan());
     let mut final_omnibus = final_scan.as_ref().map(|scan| solved.omnibus(scan, options, 2));
     if final_omnibus.as_ref().is_some_and(|test| test.p_value < options.alpha) {
         // More may show on all frames than did on a part of them; it is proved frame by frame.
+        let rejected: Vec<usize> = unproven.iter().map(|(entry, _)| entry.hypothesis).collect();
         let more = solved.more(&refined, &entries, &rejected, threshold);
         if more.len() > entries.len() {
             let stand = Stand::new(&refined, &all, &more, &begin);
             let turns = folds(&refined, &[]);
-            let late: Vec<Proof> = (0..more.len()).map(|k| proof(&refined, &stand, &more, k, &turns)).collect();
+            let late: Vec<Proof> = (0..more.len()).map(|k| proof(&refined, &stand, &more, k, &turns, None)).collect();
             let kept: Vec<usize> = (0..more.len()).filter(|k| *k < entries.len() || late[*k].confirms).collect();
             if kept.len() > entries.len() {
                 proofs = kept.iter().map(|k| if *k < entries.len() { proofs[*k] } else { late[*k] }).collect();
                 entries = kept.iter().map(|k| more[*k]).collect();
+                chosen_again.resize(entries.len(), None);
                 refine(&mut refined, &joint, &mut entries, &all, &begin);
                 solved = Solved::new(&joint, points, telemetry, options, &refined, &entries)?;
                 final_scan = Some(solved.scan());
@@ -142,10 +133,17 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
     }
 
     // Names that do not stand.
+    tell(Step::Adequacy);
     let with_all = if entries.is_empty() { base.clone() } else { Stand::new(&refined, &all, &entries, &begin) };
     let something_remains = !entries.is_empty() && final_omnibus.as_ref().is_some_and(|test| test.p_value < options.alpha);
     let is_free = |index: usize| entries.iter().all(|entry| entry.hypothesis != index);
     let linear_scan = something_remains.then(|| Scan::new(&refined, &with_all.noise, &with_all.sheet, &with_all.fit, is_free));
+    let signs: Vec<_> = (0..entries.len()).map(|k| sign_test(&refined, &with_all, &entries, k, options.seed)).collect();
+    let simulated = |entries: &[Entry], solved: &Solved| {
+        (!entries.is_empty()).then(|| resimulate(&joint, &refined, entries, solved, &first.chance, options)).flatten()
+    };
+    let anew = simulated(&entries, &solved);
+    let own_anew = anew.as_ref().map_or_else(Vec::new, |anew| anew.own_p.clone());
     let mut veto: Vec<(usize, Vec<String>)> = Vec::new();
     for k in 0..entries.len() {
         let statistic = findings::statistic(&refined, &with_all, &entries, k).0;
@@ -154,7 +152,11 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
             against.extend(vetoes(&solved.evidence, &solved.stand, scan, &solved.entries, k, statistic));
         }
         against.extend(concentration(&refined, points, &with_all, &entries, k));
-        against.extend(findings::amplitude_veto(&refined, &with_all, &entries, k, &solved));
+        against.extend(amplitude_veto(&refined, &with_all, &entries, k, &solved));
+        against.extend(disagreement(&signs[k]));
+        if let Some(p) = own_anew.get(k).filter(|p| **p < DIFFERS) {
+            against.push(format!("the recording simulated anew with it does not look the same (p = {p:.1e})"));
+        }
         if let Some(scan) = &linear_scan {
             against.extend(superseded(&refined, &with_all, scan, &entries, k, threshold));
         }
@@ -163,9 +165,10 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
         }
     }
     let vetoed = veto.iter().map(|(k, against)| (entries[*k], against.clone()));
-    let resembling: Vec<(Entry, Vec<String>)> = vetoed.chain(unproven).collect();
+    let resembling: Vec<Withheld> = vetoed.chain(unproven).collect();
     let standing: Vec<usize> = (0..entries.len()).filter(|k| veto.iter().all(|(vetoed, _)| vetoed != k)).collect();
 
+    tell(Step::Findings);
     let context = findings::Context {
         evidence: &refined,
         joint: &joint,
@@ -174,6 +177,10 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
         with_all: &with_all,
         entries: &entries,
         proofs: &proofs,
+        signs: &signs,
+        chosen_again: &chosen_again,
+        resimulated: &own_anew,
+        tests: &tests,
         hypotheses,
         locked: !locked.is_empty(),
     };
@@ -187,6 +194,11 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
         let scan =
             Scan::new(&refined, &everything.noise, &everything.sheet, &everything.fit, |index| kept.iter().all(|e| e.hypothesis != index));
         Some(omnibus(&refined, &everything, &scan, options, (4, options.alpha, Effort::Whole)))
+    };
+    let anew = if veto.is_empty() || kept.is_empty() {
+        anew.filter(|_| !kept.is_empty())
+    } else {
+        simulated(&kept, &Solved::new(&joint, points, telemetry, options, &refined, &kept)?)
     };
     let left = rest.as_ref().filter(|rest| rest.p_value < options.alpha);
     let something_left = left.is_some();
@@ -202,12 +214,26 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
             first.p_value, first.largest, rest.p_value
         ));
     }
+    if let Some(anew) = anew.as_ref().filter(|anew| verdict == Verdict::Explained && anew.p_value < DIFFERS) {
+        warnings.push(format!(
+            "a recording simulated anew with what was found differs from this one by more than chance would have it (p = {:.1e}): something small may be left",
+            anew.p_value
+        ));
+    }
     let effects = context.effects(&solved, &found, &kept);
     let profiles = context.profiles(&standing, &found);
     let fit = Fit {
         baseline: quality(&refined, &base, &solved.stand.noise, &[], &tests),
         after: quality(&refined, &everything, &solved.stand.noise, &kept, &tests),
     };
+    if options.half_nights > 0 {
+        tell(Step::HalfNights);
+    }
+    let half_nights = half_nights(&solved, options);
+    if options.half_nights > 0 && half_nights.is_none() {
+        let frames = refined.frames.len();
+        warnings.push(format!("--half-nights was not answered: {frames} frames have too few different halves"));
+    }
     let largest = if first.largest.is_empty() { "nothing".to_owned() } else { first.largest.clone() };
     let mut diagnosis = Diagnosis {
         format: FORMAT.to_owned(),
@@ -219,20 +245,21 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
         fit,
         channels: Channels { astrometry: Some(ChannelTest { p_value: first.p_value, largest }), ..Channels::default() },
         stars_used: stars_used(&refined, points, &everything),
-        located,
-        noise: findings::noise_state(&solved.stand),
+        located: follows_now,
+        noise: noise_state(&solved.stand),
         lock_box: LockBox {
             kind: if locked.is_empty() { "leave-one-out" } else { "blocks" }.to_owned(),
             frames: locked.iter().map(|place| refined.frames[*place].0).collect(),
         },
         nulls: first.chance.nulls,
-        resimulated_p_value: rest.as_ref().map(|rest| rest.p_value),
-        half_nights: half_nights(&solved, options),
+        resimulated_p_value: anew.map(|anew| anew.p_value),
+        left_p_value: rest.as_ref().map(|rest| rest.p_value),
+        half_nights,
         effective_hypotheses: hypotheses,
         summary: Vec::new(),
         warnings,
         camera: Some(solved.joint.model().clone()),
-        residuals: findings::residual_rows(&refined, &base, &everything, points),
+        residuals: residual_rows(&refined, &base, &everything, points),
         profiles,
         seconds: 0.0,
         provenance: None,
@@ -240,121 +267,6 @@ pub(super) fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &
     diagnosis.summary = words::summary(&diagnosis, rest.map_or(1.0, |rest| rest.p_value));
     diagnosis.seconds = started.elapsed().as_secs_f64();
     Ok(diagnosis)
-}
-
-fn proof(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize, tests: &[Vec<bool>]) -> Proof {
-    let (t, rank) = findings::statistic(evidence, stand, entries, k);
-    prove(evidence, stand, entries, k, tests, t, rank)
-}
-
-fn proofs(evidence: &Evidence, stand: &Stand, entries: &[Entry], tests: &[Vec<bool>]) -> Vec<Proof> {
-    (0..entries.len()).map(|k| proof(evidence, stand, entries, k, tests)).collect()
-}
-
-/// Makes the search over places and lengths finer about what was found, and tells how well it is known.
-fn refine(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry], all: &[bool], begin: &NoiseModel) {
-    for k in 0..entries.len() {
-        let others: Vec<Entry> = entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
-        let hypothesis = entries[k].hypothesis;
-        if evidence.hypotheses[hypothesis].searched.is_none() {
-            continue;
-        }
-        let stand = Stand::new(evidence, all, &others, begin);
-        let mut seen: Vec<(f64, f64)> = Vec::new();
-        for step in 0..REFINEMENTS {
-            let best = evidence.hypotheses[hypothesis].variants[entries[k].variant].clone();
-            let tried = finer(&evidence.hypotheses[hypothesis], &best, joint, step);
-            if tried.is_empty() {
-                break;
-            }
-            let at = evidence.hypotheses[hypothesis].variants.len();
-            let count = tried.len();
-            evidence.hypotheses[hypothesis].variants.extend(tried);
-            let score = |variant: usize| {
-                let entry = Entry { hypothesis, variant };
-                let own: Vec<Whitened> =
-                    attribute::columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect();
-                stand.score(&own).0
-            };
-            let from = if step == 0 { 0 } else { at };
-            let options: Vec<(f64, usize)> =
-                std::iter::once(entries[k].variant).chain(from..at + count).map(|variant| (score(variant), variant)).collect();
-            seen.extend(options.iter().filter_map(|(t, variant)| Some((evidence.hypotheses[hypothesis].searched_value(*variant)?, *t))));
-            if let Some((_, variant)) = options.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)) {
-                entries[k].variant = variant;
-            }
-        }
-        if let Some(here) = evidence.hypotheses[hypothesis].searched_value(entries[k].variant).filter(|_| !seen.is_empty()) {
-            let most = seen.iter().map(|(_, t)| *t).fold(0.0, f64::max);
-            // Half of how far T stays within 4 of its largest (two standard errors, other places as good included). Where it falls lies between
-            // two places tried, the last within and the first beyond: halfway.
-            let reach = |sign: f64| {
-                let on_this_side = |within: bool| {
-                    let of = move |(value, t): &(f64, f64)| ((*t > most - 4.0) == within).then_some(sign * (value - here));
-                    seen.iter().filter_map(of).filter(|distance| *distance >= 0.0)
-                };
-                let last = on_this_side(true).fold(0.0, f64::max);
-                let beyond = on_this_side(false).filter(|distance| *distance > last).fold(f64::INFINITY, f64::min);
-                if beyond.is_finite() { f64::midpoint(last, beyond) } else { last }
-            };
-            let sigma = 0.5 * reach(1.0).max(reach(-1.0));
-            evidence.hypotheses[hypothesis].variants[entries[k].variant].searched_sigma = Some(sigma).filter(|sigma| *sigma > 0.0);
-        }
-    }
-}
-
-impl Solved {
-    /// Effects that all frames show beside those found, the found ones first.
-    fn more(&self, evidence: &Evidence, entries: &[Entry], rejected: &[usize], threshold: f64) -> Vec<Entry> {
-        let mut more = entries.to_vec();
-        let all = vec![true; evidence.images.len()];
-        for _ in 0..4 {
-            let stand = Stand::new(evidence, &all, &more, &self.stand.noise);
-            let scan = Scan::hypotheses(evidence, &stand.noise, &stand.sheet, &stand.fit, |index| {
-                !rejected.contains(&index) && more.iter().all(|e| e.hypothesis != index)
-            });
-            let mut found = candidates(evidence, &stand, &scan, threshold);
-            found.retain(|candidate| candidate.surprise > threshold + attribute::searched(evidence, candidate));
-            found.retain(|candidate| attribute::is_observable(evidence, &stand, candidate.entry));
-            let Some(entry) = attribute::choose(evidence, &stand, &found) else { break };
-            more.push(entry);
-        }
-        more
-    }
-}
-
-/// How well a model does, with the noise of the final one.
-fn quality(evidence: &Evidence, stand: &Stand, noise: &NoiseModel, entries: &[Entry], tests: &[Vec<bool>]) -> FitQuality {
-    let residual_px = stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.fit.residual);
-    let used: Vec<usize> = (0..evidence.images.len()).filter(|k| stand.take[*k]).collect();
-    let square: f64 = used.iter().map(|k| residual_px[2 * k].powi(2) + residual_px[2 * k + 1].powi(2)).sum();
-    let white: Whitened = {
-        let pairs = residual_px.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect();
-        evidence.white(noise, &pairs)
-    };
-    let (psi, _) = super::descent::psi_of(&white, &stand.take, noise.tail_degrees);
-    let held = {
-        let judged = Stand { noise: noise.clone(), sheet: evidence.sheet(noise), ..stand.clone() };
-        held_out_quality(evidence, &judged, entries, tests)
-    };
-    FitQuality {
-        rms_px: (square / used.len().max(1) as f64).sqrt(),
-        chi2_per_dof: super::sheet::dot(&psi, &white) / stand.fit.degrees,
-        held_out_rms_px: held.map(|(_, rms)| rms),
-        held_out_chi2_per_dof: held.map(|(chi, _)| chi),
-    }
-}
-
-fn stars_used(evidence: &Evidence, points: &ControlPoints, stand: &Stand) -> StarsUsed {
-    let mut used = StarsUsed { left_out: points.points.len() - stand.take.iter().filter(|take| **take).count(), ..StarsUsed::default() };
-    for (image, _) in evidence.images.iter().zip(&stand.take).filter(|(_, take)| **take) {
-        if points.points[image.point].has_proper_motion {
-            used.with_proper_motion += 1;
-        } else {
-            used.without += 1;
-        }
-    }
-    used
 }
 
 /// A number that depends on the recording alone: which blocks are locked away.
@@ -366,30 +278,6 @@ fn hash(points: &ControlPoints) -> u64 {
         }
     }
     state ^ (state >> 29)
-}
-
-/// The joint solution with the findings in force, errors and weights as the diagnosis has them.
-pub(super) fn solve_again(
-    joint: &Joint,
-    options: &DiagnoseOptions,
-    evidence: &Evidence,
-    stand: &Stand,
-    terms: &[Term],
-    names: &[String],
-) -> Result<Joint, DiagnoseError> {
-    let mut solve = options.solve.clone();
-    solve.extend(names.iter().cloned());
-    let weights = (0..evidence.images.len())
-        .map(|k| {
-            let q = stand.fit.residual[2 * k].powi(2) + stand.fit.residual[2 * k + 1].powi(2);
-            if stand.take[k] { super::sheet::weight(stand.noise.tail_degrees, q) } else { 0.0 }
-        })
-        .collect();
-    let factors = stand.noise.frame_factors.iter().map(|factor| factor * stand.noise.factor);
-    // The floor is inside the factors in the joint method: Σ = κ·(stated + φ).
-    let floor_px2 = stand.noise.floor_px2 / stand.noise.factor;
-    let noise = GivenNoise { floor_px2, factors: factors.collect(), weights };
-    Ok(joint.again(terms, &solve, &noise)?)
 }
 
 /// p-value of a statistic of so many degrees of freedom.

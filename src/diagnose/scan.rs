@@ -11,7 +11,7 @@ use crate::calibrate::Column;
 use crate::statistics::significance::chi_squared_surprise;
 
 /// A combination of columns of which attitudes and camera leave a smaller share is no question.
-const LEAST_SHARE: f64 = 1e-3;
+pub(super) const LEAST_SHARE: f64 = 1e-3;
 /// Whose question it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Asks {

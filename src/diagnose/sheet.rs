@@ -46,6 +46,19 @@ impl Sheet {
     }
 }
 
+/// What columns are on each frame, frame by frame: of sums of them with a factor for each frame every score follows.
+#[derive(Clone, Debug)]
+pub(super) struct FrameSums {
+    /// Product of each column with ψ.
+    pub(super) score: Vec<Vec<f64>>,
+    /// Σ|a|² of each column as it is.
+    pub(super) length: Vec<Vec<f64>>,
+    /// Products of the columns with one another, the frame's own columns projected out.
+    pub(super) gram: Vec<DMatrix<f64>>,
+    /// Products of each column with the basis of the shared ones.
+    pub(super) shared: Vec<Vec<Vec<f64>>>,
+}
+
 /// A fit of some of the images.
 #[derive(Clone, Debug)]
 pub(super) struct Fit {
@@ -236,6 +249,35 @@ impl Fit {
             rest.gemm(-1.0, &self.basis, &along, 1.0);
         }
         rest
+    }
+
+    /// Columns frame by frame.
+    pub(super) fn frame_sums(&self, columns: &[Whitened]) -> FrameSums {
+        let raw: Vec<Whitened> = columns.iter().map(|column| masked(column, &self.take)).collect();
+        let mut rest = raw.clone();
+        for column in &mut rest {
+            self.own.take_out(column);
+        }
+        let frames = self.own.frames();
+        let by_frame = |a: &[f64], b: &[f64]| self.own.by_frame(a, b);
+        // Sums by column first, then turned: by frame.
+        let turned =
+            |sums: &[Vec<f64>]| -> Vec<Vec<f64>> { (0..frames).map(|frame| sums.iter().map(|own| own[frame]).collect()).collect() };
+        let score: Vec<Vec<f64>> = rest.iter().map(|column| by_frame(column, &self.psi)).collect();
+        let length: Vec<Vec<f64>> = raw.iter().map(|column| by_frame(column, column)).collect();
+        let n = columns.len();
+        let mut gram = vec![DMatrix::zeros(n, n); frames];
+        for i in 0..n {
+            for j in 0..=i {
+                for (gram, value) in gram.iter_mut().zip(by_frame(&rest[i], &rest[j])) {
+                    (gram[(i, j)], gram[(j, i)]) = (value, value);
+                }
+            }
+        }
+        let along: Vec<Vec<Vec<f64>>> =
+            rest.iter().map(|column| turned(&self.directions().map(|basis| by_frame(column, basis)).collect::<Vec<_>>())).collect();
+        let shared = (0..frames).map(|frame| along.iter().map(|own| own[frame].clone()).collect()).collect();
+        FrameSums { score: turned(&score), length: turned(&length), gram, shared }
     }
 
     /// Σ|a|² of a column over the images taken.

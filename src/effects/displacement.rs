@@ -272,6 +272,10 @@ pub trait Displacement: Sync {
     /// predicted point.
     const WITHIN_PIXELS: bool = false;
 
+    /// Whether it displaces a star by numbers of its own that the catalogue holds (motion, distance), the errors of which all images of the
+    /// star share.
+    const OF_THE_STAR: bool = false;
+
     /// The body. `parameters` come in the order of [`Self::PARAMETERS`].
     fn displace<T: Real>(parameters: &[T], light: Light<T>, context: &Context) -> Light<T>;
 
@@ -331,6 +335,8 @@ pub trait AnyDisplacement: Sync {
     fn segment(&self) -> Segment;
     /// See [`Displacement::WITHIN_PIXELS`].
     fn is_within_pixels(&self) -> bool;
+    /// See [`Displacement::OF_THE_STAR`].
+    fn is_of_the_star(&self) -> bool;
     /// See [`Displacement::PARAMETERS`].
     fn parameters(&self) -> &'static [ParameterSpec];
     /// The body on plain numbers.
@@ -370,6 +376,9 @@ impl<D: Displacement> AnyDisplacement for D {
     }
     fn is_within_pixels(&self) -> bool {
         D::WITHIN_PIXELS
+    }
+    fn is_of_the_star(&self) -> bool {
+        D::OF_THE_STAR
     }
     fn parameters(&self) -> &'static [ParameterSpec] {
         D::PARAMETERS

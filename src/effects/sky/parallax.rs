@@ -26,6 +26,7 @@ pub struct Parallax;
 impl Displacement for Parallax {
     const ID: &'static str = "parallax";
     const SEGMENT: Segment = Segment::Sky;
+    const OF_THE_STAR: bool = true;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "amplitude", unit: "", typical: 1.0, range: (-1000.0, 1000.0) }];
 
     fn displace<T: Real>(parameters: &[T], light: Light<T>, context: &Context) -> Light<T> {

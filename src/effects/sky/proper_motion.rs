@@ -39,6 +39,7 @@ pub fn east_north(direction: [f64; 3]) -> ([f64; 3], [f64; 3]) {
 impl Displacement for ProperMotion {
     const ID: &'static str = "proper-motion";
     const SEGMENT: Segment = Segment::Sky;
+    const OF_THE_STAR: bool = true;
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "epoch_offset_yr", unit: "yr", typical: 0.0, range: (-1000.0, 1000.0) }];
 

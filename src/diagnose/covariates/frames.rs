@@ -1,0 +1,131 @@
+//! What belongs to a frame: its time, its temperature, its rate, every number of its telemetry. It multiplies what the frame's attitude leaves
+//! of simple fields.
+
+use super::{BINS, Carrier, Covariate, Fields, bins, varies};
+use crate::calibrate::{Column, Joint};
+use crate::diagnose::evidence::Evidence;
+
+/// Frames are held against the others one by one up to this number.
+const MOST_SINGLE: usize = 100;
+
+const BEHIND_ATTITUDE: [Carrier; 3] = [|[x, y]| [x, y], |[x, y]| [x, -y], |[x, y]| [y, x]];
+const OF_FRAMES: [Carrier; 6] = [
+    |[x, y]| [x, y],
+    |[x, y]| [x, -y],
+    |[x, y]| [y, x],
+    |[x, y]| [x * (x * x + y * y), y * (x * x + y * y)],
+    |[x, y]| [x * x - y * y, -2.0 * x * y],
+    |[x, y]| [2.0 * x * y, x * x - y * y],
+];
+
+/// A pattern whose columns are fields over the frame, each times a number of the frame.
+#[derive(Clone, Debug)]
+pub(in crate::diagnose) struct Separated {
+    /// The fields.
+    pub(in crate::diagnose) carriers: Vec<Column>,
+    /// Of each column: which field, and the number of every frame.
+    pub(in crate::diagnose) columns: Vec<(usize, Vec<f64>)>,
+}
+
+impl Separated {
+    fn new(fields: &Fields, carriers: &[Carrier], columns: Vec<(usize, Vec<f64>)>) -> Self {
+        Self { carriers: carriers.iter().map(|carrier| fields.each(|_, place| carrier(place))).collect(), columns }
+    }
+
+    /// The columns of the pattern, each image's frame being `place`.
+    fn pattern(&self, place: &[usize]) -> Vec<Column> {
+        let of = |(carrier, number): &(usize, Vec<f64>)| {
+            self.carriers[*carrier].iter().zip(place).map(|(field, place)| field.map(|value| value * number[*place])).collect()
+        };
+        self.columns.iter().map(of).collect()
+    }
+}
+
+/// The number of each image's frame.
+fn by_image(numbers: &[f64], evidence: &Evidence) -> Vec<f64> {
+    evidence.place.iter().map(|place| numbers[*place]).collect()
+}
+
+/// Fields times the numbers of the frames, counted from their mean over the images.
+fn times(numbers: &[f64], evidence: &Evidence, fields: &Fields, carriers: &[Carrier]) -> Separated {
+    let values = by_image(numbers, evidence);
+    let known: Vec<f64> = values.into_iter().filter(|value| value.is_finite()).collect();
+    let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
+    let weights: Vec<f64> = numbers.iter().map(|number| if number.is_finite() { number - mean } else { 0.0 }).collect();
+    Separated::new(fields, carriers, (0..carriers.len()).map(|carrier| (carrier, weights.clone())).collect())
+}
+
+/// Fields in bins of the frames' numbers.
+fn binned(numbers: &[f64], evidence: &Evidence, fields: &Fields, carriers: &[Carrier]) -> Separated {
+    let of_images = bins(&by_image(numbers, evidence), BINS);
+    let mut bin = vec![None; numbers.len()];
+    for (place, own) in evidence.place.iter().zip(&of_images) {
+        bin[*place] = *own;
+    }
+    let highest = bin.iter().flatten().max().copied().unwrap_or(0);
+    let mut columns = Vec::new();
+    for wanted in 0..=highest {
+        let weights: Vec<f64> = bin.iter().map(|own| f64::from(u8::from(*own == Some(wanted)))).collect();
+        columns.extend((0..carriers.len()).map(|carrier| (carrier, weights.clone())));
+    }
+    Separated::new(fields, carriers, columns)
+}
+
+/// A covariate of frames with patterns that are separated.
+fn covariate(name: String, values: Vec<f64>, evidence: &Evidence, by_frame: Vec<Separated>) -> Covariate {
+    let patterns = by_frame.iter().map(|separated| separated.pattern(&evidence.place)).collect();
+    Covariate { name, values, direction: None, patterns, by_frame }
+}
+
+/// A number of each frame; NaN where it is not known.
+pub(super) fn of_frame(name: String, numbers: &[f64], evidence: &Evidence, fields: &Fields) -> Option<Covariate> {
+    let values = by_image(numbers, evidence);
+    varies(&values).then(|| {
+        let by_frame = vec![times(numbers, evidence, fields, &OF_FRAMES), binned(numbers, evidence, fields, &BEHIND_ATTITUDE)];
+        covariate(name, values, evidence, by_frame)
+    })
+}
+
+/// One frame out of line with all others: a pattern for each.
+pub(super) fn single_frames(evidence: &Evidence, fields: &Fields) -> Vec<Vec<Column>> {
+    let frames = evidence.frames.len();
+    if !(3..=MOST_SINGLE).contains(&frames) {
+        return Vec::new();
+    }
+    let of = |frame: usize| {
+        let column = |carrier: &Carrier| fields.each(|k, place| if evidence.place[k] == frame { carrier(place) } else { [0.0; 2] });
+        BEHIND_ATTITUDE.iter().map(column).collect()
+    };
+    (0..frames).map(of).collect()
+}
+
+/// The camera's own rotation: what it displaces follows the row and each component of the rate.
+pub(super) fn rate(evidence: &Evidence, fields: &Fields) -> Option<Covariate> {
+    const BY_ROW: [Carrier; 3] = [|[_, y]| [y, 0.0], |[_, y]| [0.0, y], |[x, y]| [-y * y, x * y]];
+    let component = |axis: usize| -> Vec<f64> {
+        evidence.frames.iter().map(|(_, observation)| observation.rate_rad_s.map_or(f64::NAN, |rate| rate[axis])).collect()
+    };
+    let axes = [0, 1, 2].map(component);
+    let varied = axes.iter().any(|numbers| varies(&by_image(numbers, evidence)));
+    varied.then(|| {
+        let known = axes.clone().map(|numbers| numbers.iter().map(|rate| if rate.is_finite() { *rate } else { 0.0 }).collect::<Vec<f64>>());
+        let mut columns = Vec::new();
+        for own in &known {
+            columns.extend([(0, own.clone()), (1, own.clone())]);
+        }
+        columns.push((2, known[2].clone()));
+        let size: Vec<f64> = (0..evidence.frames.len()).map(|h| axes[0][h].hypot(axes[1][h]).hypot(axes[2][h])).collect();
+        let by_frame = vec![Separated::new(fields, &BY_ROW, columns), binned(&size, evidence, fields, &BEHIND_ATTITUDE)];
+        covariate("rate".to_owned(), by_image(&size, evidence), evidence, by_frame)
+    })
+}
+
+/// The camera's velocity along its axis.
+pub(super) fn velocity(joint: &Joint, evidence: &Evidence, fields: &Fields) -> Option<Covariate> {
+    let along = |(place, (_, observation)): (usize, &(usize, crate::effects::Observation))| {
+        let velocity = nalgebra::Vector3::from(observation.velocity_km_s?);
+        Some((joint.attitude(place)?.camera_from_icrs * velocity).z)
+    };
+    let numbers: Vec<f64> = evidence.frames.iter().enumerate().map(|frame| along(frame).unwrap_or(f64::NAN)).collect();
+    of_frame("velocity".to_owned(), &numbers, evidence, fields)
+}

@@ -1,0 +1,123 @@
+//! What a mismatch may follow: covariates of star images, and the patterns by which residuals are held against each.
+//!
+//! A covariate that belongs to a star image (its colour, its place) multiplies simple vector fields over the frame (a shift, and the four
+//! linear fields); one that belongs to a frame (its temperature) multiplies what the frame's attitude leaves of them. Each is tried twice,
+//! in proportion to the covariate and in bins of equal counts, so that laws of any shape are seen.
+
+mod frames;
+mod places;
+mod stars;
+
+pub(super) use frames::Separated;
+
+use super::Telemetry;
+use super::evidence::{Evidence, REACH_PX, WITHIN_REACH_PX};
+use crate::calibrate::{Column, Joint};
+use crate::identify::ControlPoints;
+
+/// Bins of equal counts.
+const BINS: usize = 8;
+
+/// A covariate with its patterns.
+#[derive(Clone, Debug)]
+pub(super) struct Covariate {
+    /// Its name in files.
+    pub(super) name: String,
+    /// Its value for every star image, NaN where it is not known.
+    pub(super) values: Vec<f64>,
+    /// The direction in which it displaces, where it has one of its own (toward the zenith).
+    pub(super) direction: Option<Column>,
+    /// Patterns of residuals, each a set of columns that are tried together.
+    pub(super) patterns: Vec<Vec<Column>>,
+    /// For a covariate that belongs to the frames: its first patterns once more, the frames' numbers apart from the fields that they multiply.
+    pub(super) by_frame: Vec<Separated>,
+}
+
+/// A vector field over the frame, of (ξ, η).
+type Carrier = fn([f64; 2]) -> [f64; 2];
+
+const SHIFT: [Carrier; 2] = [|_| [1.0, 0.0], |_| [0.0, 1.0]];
+
+/// The frame's geometry for patterns.
+struct Fields {
+    /// ξ, η: from the middle of the frame, in half its width.
+    place: Vec<[f64; 2]>,
+}
+
+impl Fields {
+    fn each(&self, field: impl Fn(usize, [f64; 2]) -> [f64; 2]) -> Column {
+        self.place.iter().enumerate().map(|(k, place)| field(k, *place)).collect()
+    }
+}
+
+/// All that the recording has.
+pub(super) fn covariates(joint: &Joint, evidence: &Evidence, points: &ControlPoints, telemetry: &Telemetry) -> Vec<Covariate> {
+    let camera = joint.model().camera();
+    let (width, height) = (camera.width_px as f64, camera.height_px as f64);
+    let pixels: Vec<[f64; 2]> = evidence.predicted_px(REACH_PX).collect();
+    let within: Vec<[f64; 2]> = evidence.predicted_px(WITHIN_REACH_PX).collect();
+    let half = width / 2.0;
+    let place = pixels.iter().map(|[x, y]| [(x - (width - 1.0) / 2.0) / half, (y - (height - 1.0) / 2.0) / half]).collect();
+    let fields = Fields { place };
+    let star = |value: &dyn Fn(usize) -> Option<f64>| -> Vec<f64> { (0..pixels.len()).map(|k| value(k).unwrap_or(f64::NAN)).collect() };
+    let point = |k: usize| &points.points[evidence.images[k].point];
+    let mut all = places::places(&fields, &pixels, &within, [width, height]);
+    all.push(places::map(&fields, evidence));
+    for (name, values) in [
+        ("colour", star(&|k| point(k).colour)),
+        ("magnitude", star(&|k| point(k).image.magnitude.or(Some(point(k).magnitude)).filter(|m| *m < 50.0))),
+        ("flux", star(&|k| point(k).image.flux_e.or_else(|| Some(10.0_f64.powf(-0.4 * point(k).magnitude)).filter(|f| *f > 1e-20)))),
+    ] {
+        let name = name.to_owned();
+        all.extend(stars::of_star(name, values, &fields));
+    }
+    let observation = |place: usize| &evidence.frames[place].1;
+    let number = |place: usize| evidence.frames[place].0;
+    let frame = |value: &dyn Fn(usize) -> Option<f64>| -> Vec<f64> {
+        (0..evidence.frames.len()).map(|place| value(place).unwrap_or(f64::NAN)).collect()
+    };
+    let mut of_frames: Vec<(String, Vec<f64>)> = vec![
+        ("time".to_owned(), frame(&|place| observation(place).time_offset_h)),
+        ("frame".to_owned(), frame(&|place| Some(number(place) as f64))),
+        ("exposure".to_owned(), frame(&|place| observation(place).exposure_s)),
+        ("temperature".to_owned(), frame(&|place| observation(place).temperature_offset_k)),
+    ];
+    let names: std::collections::BTreeSet<&String> = telemetry.iter().flat_map(|frame| frame.keys()).collect();
+    for name in names.into_iter().filter(|name| !matches!(name.as_str(), "temperature" | "exposure" | "time" | "frame")) {
+        of_frames.push((name.clone(), frame(&|place| telemetry.get(number(place))?.get(name).copied())));
+    }
+    for (name, numbers) in of_frames {
+        all.extend(frames::of_frame(name, &numbers, evidence, &fields));
+    }
+    if let Some(own) = all.iter_mut().find(|covariate| covariate.name == "frame") {
+        own.patterns.extend(frames::single_frames(evidence, &fields));
+    }
+    all.extend(frames::rate(evidence, &fields));
+    all.extend(stars::background_gradient(evidence, points, &fields));
+    all.extend(frames::velocity(joint, evidence, &fields));
+    for (name, id) in [("zenith", "refraction"), ("proper-motion", "proper-motion"), ("parallax", "parallax")] {
+        all.extend(stars::along(name, id, joint, evidence, points, &fields));
+    }
+    all.extend(stars::stars(evidence));
+    all.retain(|covariate| !covariate.patterns.is_empty());
+    all
+}
+
+/// Bins of equal counts: for each image its bin.
+fn bins(values: &[f64], count: usize) -> Vec<Option<usize>> {
+    let mut known: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
+    known.sort_by(f64::total_cmp);
+    if known.is_empty() {
+        return vec![None; values.len()];
+    }
+    let mut edges: Vec<f64> = (1..count).map(|k| known[k * known.len() / count]).collect();
+    edges.dedup();
+    let of = |value: &f64| value.is_finite().then(|| edges.partition_point(|edge| edge <= value));
+    values.iter().map(of).collect()
+}
+
+fn varies(values: &[f64]) -> bool {
+    let known: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
+    let (least, most) = known.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
+    known.len() * 2 > values.len() && most - least > 1e-9 * most.abs().max(least.abs())
+}

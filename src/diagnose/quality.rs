@@ -1,0 +1,79 @@
+//! How well a model describes the star images, and which took part.
+
+use super::attribute::{Entry, Stand};
+use super::descent::psi_of;
+use super::diagnosis::{FitQuality, MeasuredNoise, NoiseState, ResidualRow, StarsUsed};
+use super::evidence::Evidence;
+use super::noise::NoiseModel;
+use super::prove::held_out_quality;
+use super::sheet::{Whitened, dot, weight};
+use crate::identify::ControlPoints;
+
+/// How well a model does, with the noise of the final one.
+pub(super) fn quality(evidence: &Evidence, stand: &Stand, noise: &NoiseModel, entries: &[Entry], tests: &[Vec<bool>]) -> FitQuality {
+    let residual_px = stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.fit.residual);
+    let used: Vec<usize> = (0..evidence.images.len()).filter(|k| stand.take[*k]).collect();
+    let square: f64 = used.iter().map(|k| residual_px[2 * k].powi(2) + residual_px[2 * k + 1].powi(2)).sum();
+    let white: Whitened = {
+        let pairs = residual_px.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect();
+        evidence.white(noise, &pairs)
+    };
+    let (psi, _) = psi_of(&white, &stand.take, noise.tail_degrees);
+    let held = {
+        let judged = Stand { noise: noise.clone(), sheet: evidence.sheet(noise), ..stand.clone() };
+        held_out_quality(evidence, &judged, entries, tests)
+    };
+    FitQuality {
+        rms_px: (square / used.len().max(1) as f64).sqrt(),
+        chi2_per_dof: dot(&psi, &white) / stand.fit.degrees,
+        held_out_rms_px: held.map(|(_, rms)| rms),
+        held_out_chi2_per_dof: held.map(|(chi, _)| chi),
+    }
+}
+
+/// The star images that took part.
+pub(super) fn stars_used(evidence: &Evidence, points: &ControlPoints, stand: &Stand) -> StarsUsed {
+    let mut used = StarsUsed { left_out: points.points.len() - stand.take.iter().filter(|take| **take).count(), ..StarsUsed::default() };
+    for (image, _) in evidence.images.iter().zip(&stand.take).filter(|(_, take)| **take) {
+        if points.points[image.point].has_proper_motion {
+            used.with_proper_motion += 1;
+        } else {
+            used.without += 1;
+        }
+    }
+    used
+}
+
+/// The noise, for the result.
+pub(super) fn noise_state(stand: &Stand) -> NoiseState {
+    let wrong = stand.take.iter().filter(|take| !**take).count() as f64 / stand.take.len().max(1) as f64;
+    NoiseState {
+        floor_px: stand.noise.floor_px2.sqrt(),
+        variance_factor: stand.noise.factor,
+        tail_degrees: if stand.noise.tail_degrees.is_finite() { stand.noise.tail_degrees } else { 1e9 },
+        wrong_share: wrong,
+        measured: MeasuredNoise::default(),
+    }
+}
+
+/// Residuals of every star image before and after.
+pub(super) fn residual_rows(evidence: &Evidence, before: &Stand, after: &Stand, points: &ControlPoints) -> Vec<ResidualRow> {
+    let px = |stand: &Stand| stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.everywhere());
+    let (before_px, after_px) = (px(before), px(after));
+    let of = |(k, image): (usize, &crate::calibrate::JointImage)| {
+        let point = &points.points[image.point];
+        let q = after.fit.residual[2 * k].powi(2) + after.fit.residual[2 * k + 1].powi(2);
+        ResidualRow {
+            point: image.point,
+            frame: image.frame,
+            hip: point.hip,
+            x_px: point.x_px,
+            y_px: point.y_px,
+            before_px: [before_px[2 * k], before_px[2 * k + 1]],
+            after_px: [after_px[2 * k], after_px[2 * k + 1]],
+            sigma_px: after.noise.sigma_px(image, evidence.place[k]),
+            weight: if after.take[k] { weight(after.noise.tail_degrees, q) } else { 0.0 },
+        }
+    };
+    evidence.images.iter().enumerate().map(of).collect()
+}

@@ -1,0 +1,73 @@
+//! The recording simulated anew with what was found: every star sent through the camera and the sky with the findings in force, as a renderer
+//! sends it, and the result held against the same model as the real recording was, with nothing linearised. What the two then differ by is the
+//! errors alone, if the findings are what was missing.
+
+use super::DiagnoseOptions;
+use super::attribute::{Entry, Stand, columns};
+use super::chance::{Chance, family_p};
+use super::evidence::Evidence;
+use super::scan::{Asks, Scan};
+use super::sheet::{Fit, Sheet, Whitened, weight};
+use super::solved::Solved;
+use crate::calibrate::{Column, GivenNoise, Joint};
+use crate::statistics::significance::chi_squared_surprise;
+
+/// Real and simulated recording differ, and what was found is not what is missing, below this.
+pub(super) const DIFFERS: f64 = 0.01;
+
+/// The simulated recording beside the real one.
+#[derive(Clone, Debug)]
+pub(super) struct Resimulated {
+    /// Probability that two recordings of the same camera differ as much by chance, all questions counted.
+    pub(super) p_value: f64,
+    /// The same for each finding's own displacement alone.
+    pub(super) own_p: Vec<f64>,
+}
+
+/// Simulates with the effects of `solved` in force. `baseline` is the model that the recording was held against, `evidence` its linearisation
+/// with the columns of `entries`, `chance` what its questions answer without any effect.
+pub(super) fn resimulate(
+    baseline: &Joint,
+    evidence: &Evidence,
+    entries: &[Entry],
+    solved: &Solved,
+    chance: &Chance,
+    options: &DiagnoseOptions,
+) -> Option<Resimulated> {
+    let stand = &solved.stand;
+    // Both solved alike: by least squares with the same weights.
+    let weights = (0..evidence.images.len()).map(|k| {
+        let q = stand.fit.residual[2 * k].powi(2) + stand.fit.residual[2 * k + 1].powi(2);
+        if stand.take[k] { weight(stand.noise.tail_degrees, q) } else { 0.0 }
+    });
+    let factors = stand.noise.frame_factors.iter().map(|factor| factor * stand.noise.factor).collect();
+    let noise = GivenNoise { floor_px2: stand.noise.floor_px2 / stand.noise.factor, factors, weights: weights.collect() };
+    let fitted = |joint: &Joint| Some(Evidence::without_hypotheses(&joint.again(&[], &options.solve, &noise).ok()?));
+    let real = fitted(baseline)?;
+    let simulated = fitted(&baseline.with_measured(&solved.joint.simulated_px()))?;
+    if [&real, &simulated].iter().any(|other| other.images.len() != evidence.images.len()) {
+        return None;
+    }
+    let difference: Column = real
+        .residual_px
+        .chunks_exact(2)
+        .zip(simulated.residual_px.chunks_exact(2))
+        .map(|(real, simulated)| [real[0] - simulated[0], real[1] - simulated[1]])
+        .collect();
+    let sheet = Sheet { residual: evidence.white(&stand.noise, &difference), ..evidence.sheet(&stand.noise) };
+    let fit = Fit::new(&sheet, &stand.take, &[]);
+    let scan = Scan::new(evidence, &stand.noise, &sheet, &fit, |_| true);
+    let most = |of_hypotheses: bool| {
+        let asked = scan.groups.iter().filter(|group| matches!(group.asks, Asks::Hypothesis(..)) == of_hypotheses);
+        asked.map(super::scan::Group::surprise).fold(0.0, f64::max)
+    };
+    let p = family_p(&chance.hypotheses, most(true)).min(family_p(&chance.covariates, most(false)));
+    let beside = Stand { noise: stand.noise.clone(), sheet, take: stand.take.clone(), more: Vec::new(), fit };
+    let own = |entry: &Entry| {
+        let white: Vec<Whitened> =
+            columns(evidence, std::slice::from_ref(entry)).map(|column| evidence.white(&stand.noise, column)).collect();
+        let (t, rank) = beside.score(&white);
+        (-chi_squared_surprise(rank as f64, t)).exp()
+    };
+    Some(Resimulated { p_value: (2.0 * p).min(1.0), own_p: entries.iter().map(own).collect() })
+}

@@ -1,0 +1,109 @@
+//! The status of every effect of the registry: found, not found with a limit, hidden, or not to be judged here.
+
+use super::attribute::{self, Entry, Stand, UNOBSERVABLE, amplitude, columns};
+use super::diagnosis::{EffectState, EffectStatus, Finding, FoundParameter, Limit};
+use super::findings::Context;
+use super::hypotheses::Hypothesis;
+use super::run::p_of;
+use super::sheet::{Fit, Whitened};
+use super::solved::{Solved, difference};
+
+/// An effect of which a smaller share is left is not observable where one of usual size would not be seen at
+const WEAKLY: f64 = 0.1;
+/// so many standard errors.
+const SEEN: f64 = 5.0;
+
+/// Whether any parameter of an effect would be seen if it were of usual size.
+fn usual_shows(hypothesis: &Hypothesis, stand: &Stand, white: &[Whitened]) -> bool {
+    hypothesis.fitted.iter().zip(white).any(|(index, column)| {
+        let sigma = amplitude(stand, column).map_or(f64::INFINITY, |[_, sigma]| sigma);
+        SEEN * sigma < hypothesis.effect.parameters()[*index].typical.abs()
+    })
+}
+
+impl Context<'_> {
+    /// The status of every effect of the registry.
+    pub(super) fn effects(&self, solved: &Solved, found: &[Finding], kept: &[Entry]) -> Vec<EffectStatus> {
+        let sets: Vec<&String> = found.iter().flat_map(|finding| &finding.indistinguishable_from).collect();
+        let all = vec![true; self.evidence.images.len()];
+        let stand = Stand::new(self.evidence, &all, kept, &solved.stand.noise);
+        let of = |(index, hypothesis): (usize, &Hypothesis)| {
+            let id = hypothesis.id().to_owned();
+            let mut status = EffectStatus {
+                id: id.clone(),
+                status: EffectState::NotFound,
+                p_value: None,
+                survival: None,
+                parameters: Vec::new(),
+                upper_limit_95: None,
+                reason: String::new(),
+            };
+            if let Some(reason) = &hypothesis.missing {
+                status.status = EffectState::NotApplicable;
+                status.reason.clone_from(reason);
+                return status;
+            }
+            // At its best variant, beside what was found.
+            let own = |variant: usize| {
+                let entry = Entry { hypothesis: index, variant };
+                columns(self.evidence, &[entry]).map(|c| self.evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>()
+            };
+            let scored = (0..hypothesis.variants.len()).map(|variant| (variant, stand.score(&own(variant))));
+            let best = scored.max_by(|a, b| a.1.0.total_cmp(&b.1.0));
+            let Some((variant, (t, rank))) = best else { return status };
+            let white = own(variant);
+            // Beside camera and attitudes alone, and in their units: with other noise nothing would be taken up in full.
+            let entry = Entry { hypothesis: index, variant };
+            let bare: Vec<Whitened> =
+                columns(self.evidence, &[entry]).map(|column| self.evidence.white(&self.base.noise, column)).collect();
+            status.survival = Some(attribute::survival(self.base, &bare));
+            if let Some(finding) = found.iter().find(|finding| finding.id == id) {
+                status.status = EffectState::Found;
+                status.p_value = Some(finding.p_value);
+                status.parameters.clone_from(&finding.parameters);
+                return status;
+            }
+            let searched = hypothesis.variants.len() as f64;
+            status.p_value = (rank > 0).then(|| (p_of(t, rank) * searched.sqrt()).min(1.0));
+            let moves = white.iter().any(|column| stand.fit.length_squared(column) > 0.0);
+            if !moves {
+                status.status = EffectState::NotObservable;
+                "what it depends on does not vary or is not known: it moves no star image here".clone_into(&mut status.reason);
+                return status;
+            }
+            let start = &hypothesis.variants[variant].start;
+            let first = hypothesis.fitted[0];
+            let spec = &hypothesis.effect.parameters()[first];
+            // The other parameters of the effect are free beside the first.
+            let rest: Vec<&Whitened> = stand.more.iter().chain(white.iter().skip(1)).collect();
+            let fit =
+                if white.len() > 1 { Fit::new(&stand.sheet, &stand.take, &rest).with_noise_of(&stand.fit) } else { stand.fit.clone() };
+            let beside = Stand { fit, ..stand.clone() };
+            if let Some([change, sigma]) = amplitude(&beside, &white[0]) {
+                let value = start[first] + change - difference(&id, start, first);
+                status.parameters.push(FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() });
+                status.upper_limit_95 =
+                    Some(Limit { name: spec.name.to_owned(), value: value.abs() + 1.645 * sigma, unit: spec.unit.to_owned() });
+                if sigma.is_nan() || sigma > spec.range.1 - spec.range.0 {
+                    status.upper_limit_95 = None;
+                }
+            }
+            if sets.contains(&&id) {
+                status.status = EffectState::Indistinguishable;
+                let of: Vec<&str> = found.iter().filter(|f| f.indistinguishable_from.contains(&id)).map(|f| f.id.as_str()).collect();
+                status.reason = format!("explains about as much as {}", of.join(", "));
+            } else if status.survival.is_some_and(|survival| survival < UNOBSERVABLE) {
+                status.status = EffectState::NotObservable;
+                "attitudes and camera parameters take it up".clone_into(&mut status.reason);
+            } else if status.survival.is_some_and(|survival| survival < WEAKLY) && !usual_shows(hypothesis, &stand, &white) {
+                status.status = EffectState::NotObservable;
+                "attitudes and camera parameters take up most of it, and of one of usual size the rest would not show"
+                    .clone_into(&mut status.reason);
+            } else if hypothesis.in_force {
+                "in the model; its size there is confirmed within the errors".clone_into(&mut status.reason);
+            }
+            status
+        };
+        self.evidence.hypotheses.iter().enumerate().map(of).collect()
+    }
+}
