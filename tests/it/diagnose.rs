@@ -195,3 +195,68 @@ fn a_mirrored_list_is_recognised() {
     }
     assert_eq!(handedness(&points), -1);
 }
+
+/// A covariate of the frames is dealt out among the frames, one of the stars among the images of each frame; and neither is as closely followed
+/// once dealt out.
+#[test]
+fn covariates_are_dealt_out_as_they_are_exchangeable() {
+    let focus = |frame: usize| ((frame * 7919) % 20) as f64 / 20.0 - 0.475;
+    let mut points = night(61, |_, _| [0.0; 2]);
+    for point in &mut points.points {
+        point.x_px += 6e-4 * focus(point.frame) * (point.x_px - 511.5);
+        point.y_px += 6e-4 * focus(point.frame) * (point.y_px - 511.5);
+    }
+    let telemetry = (0..20).map(|frame| [("focus".to_owned(), focus(frame))].into_iter().collect()).collect();
+    let options = DiagnoseOptions { nulls: 200, seed: 1, ..DiagnoseOptions::default() };
+    let diagnosis = diagnose(&points, &telemetry, &options).unwrap();
+    let first = &diagnosis.located[0];
+    assert_eq!((first.covariate.as_str(), first.permuted.as_deref()), ("focus", Some("frames")));
+    assert!(first.permutation_p_value.unwrap() < 0.01, "{first:?}");
+    let colours = diagnosed(&night(301, |colour, [x, y]| [4e-4 * colour * x, 4e-4 * colour * y]), 1);
+    let first = &colours.located[0];
+    assert_eq!((first.covariate.as_str(), first.permuted.as_deref()), ("colour", Some("star images within their frames")));
+    assert!(first.permutation_p_value.unwrap() < 0.01, "{first:?}");
+}
+
+/// Errors that the images of a frame share are no effect, however much of the residuals they make up; and one that all frames have is agreed on
+/// by their signs, chosen again without each frame, and there when the recording is simulated anew.
+#[test]
+fn frames_have_to_agree() {
+    const NIGHTS: u64 = 12;
+    let named: Vec<String> = (0..NIGHTS)
+        .into_par_iter()
+        .flat_map_iter(|seed| {
+            let mut rng = Pcg64Mcg::seed_from_u64(seed);
+            let own: Vec<[f64; 2]> = (0..20).map(|_| [0, 1].map(|_| Normal::new(0.0, 4e-4).unwrap().sample(&mut rng))).collect();
+            let mut points = night(500 + seed, |_, _| [0.0; 2]);
+            for point in &mut points.points {
+                let [a, b] = own[point.frame];
+                let (x, y) = (point.x_px - 511.5, point.y_px - 511.5);
+                point.x_px += a * x + b * y;
+                point.y_px += b * x - a * y;
+            }
+            diagnosed(&points, seed).findings.into_iter().map(|finding| finding.id)
+        })
+        .collect();
+    assert!(named.is_empty(), "{named:?}");
+    let found: Vec<(usize, Diagnosis)> = [8, 20]
+        .into_par_iter()
+        .flat_map_iter(|frames| {
+            (0..8).map(move |seed| (frames, diagnosed(&still(20 + seed, frames, |_, _, [x, y]| [3e-4 * x, -3e-4 * y]), seed)))
+        })
+        .collect();
+    let (mut differs, mut ahead) = ([0; 2], 0.0);
+    for (frames, diagnosis) in &found {
+        let finding = diagnosis.findings.iter().find(|finding| finding.id == "pixel-aspect").unwrap_or_else(|| panic!("{frames} frames"));
+        assert!(finding.signs.p_value.unwrap() < 1e-3 && finding.signs.effective > 10.0, "{:?}", finding.signs);
+        assert_eq!(finding.chosen_again, (*frames == 8).then_some([8, 8]));
+        // Of single recordings a rival may have the luck.
+        ahead += finding.rivals.iter().filter_map(|rival| Some(finding.held_out_delta_chi2 - rival.held_out_delta_chi2?)).sum::<f64>();
+        for (differs, p) in differs.iter_mut().zip([finding.resimulated_p_value, diagnosis.resimulated_p_value]) {
+            *differs += usize::from(p.unwrap() < 0.05);
+        }
+    }
+    // Binomial of 16: five below 0.05 with less than 1e-3.
+    assert!(differs.into_iter().all(|differs| differs < 5), "{differs:?}");
+    assert!(ahead > 100.0, "rivals in its place do as well on frames not used: {ahead}");
+}
