@@ -17,7 +17,7 @@ use super::prove::LOCK_BOX_FROM;
 use super::sheet::{Fit, Whitened};
 
 /// The test is passed below this. It guards against errors that hang together, not against chance, which the family of all tests holds far lower:
-/// at a tenth of this one in eighty right names near the limit of detection failed it, where sixteen frames of unequal worth can say no more.
+/// at a tenth of this three of 250 right names near the limit of detection failed it, where sixteen frames of unequal worth can say no more.
 pub(super) const LEVEL: f64 = 1e-2;
 /// Cells of the field along each axis, where parts of frames are the units.
 const CELLS: usize = 3;
