@@ -145,7 +145,7 @@ pub(super) fn diagnose(
     let anew = simulated(&entries, &solved);
     let own_anew = anew.as_ref().map_or_else(Vec::new, |anew| anew.own_p.clone());
     let mut veto: Vec<(usize, Vec<String>)> = Vec::new();
-    for k in 0..entries.len() {
+    for (k, agreement) in signs.iter().enumerate() {
         let statistic = findings::statistic(&refined, &with_all, &entries, k).0;
         let mut against = Vec::new();
         if let Some(scan) = &final_scan {
@@ -153,7 +153,7 @@ pub(super) fn diagnose(
         }
         against.extend(concentration(&refined, points, &with_all, &entries, k));
         against.extend(amplitude_veto(&refined, &with_all, &entries, k, &solved));
-        against.extend(disagreement(&signs[k]));
+        against.extend(disagreement(agreement));
         if let Some(p) = own_anew.get(k).filter(|p| **p < DIFFERS) {
             against.push(format!("the recording simulated anew with it does not look the same (p = {p:.1e})"));
         }
