@@ -8,7 +8,11 @@
 //! one, else V of the catalogue. The ideal point is the measured one minus Δ. What both halves share is a magnitude equation. A star of
 //! unknown magnitude is not moved.
 //!
+//! **In the pixels.** electrons = N·(1 + g) + o in the rows below the middle, N above. (The lag of charge and the non-linearity are effects of their own.)
+//!
 //! **Parameter.** `px_per_mag` (b): displacement along the columns of a star one magnitude fainter in the lower half against the upper one, px.
+//! In the pixels: `gain_relative` (g) and `offset_e` (o), gain and offset of the lower half against the upper one, of the order of 0.01 and of a
+//! few electrons.
 //!
 //! **What it leaves when left out.** Residuals along y that jump at the middle row and grow with the magnitude: of the order of 0.01 px per
 //! magnitude. 55 frames show that much.
@@ -22,9 +26,13 @@
 //! **Source.** J. R. Janesick, Scientific Charge-Coupled Devices (2001), for split readout; R. Massey et al., MNRAS 401, 371 (2010), for
 //! the lag.
 
+use bytemuck::{Pod, Zeroable};
+
 use super::sensor_step::logistic;
 use crate::dual::Real;
+use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, by_rows, uniform_fields};
 use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, StarState};
+use crate::rng::StageKey;
 
 /// A shift along the columns in proportion to the magnitude, in the lower half of the frame.
 #[derive(Clone, Copy, Debug)]
@@ -60,5 +68,74 @@ impl CentroidShift for AmplifierStep {
 
     fn source() -> &'static str {
         include_str!("amplifier_step.rs")
+    }
+}
+
+/// Gain and offset of the lower half, in the pixels.
+#[derive(Clone, Copy, Debug)]
+pub struct AmplifierHalves;
+
+/// What the shader gets.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct AmplifierStepUniforms {
+    gain: f32,
+    offset_e: f32,
+    first_row_below: u32,
+    width: u32,
+}
+
+/// The twin.
+fn amplifier_step(uniforms: &AmplifierStepUniforms, first_pixel: u32, pixels: &mut [f32]) {
+    by_rows(uniforms.width, first_pixel, pixels, |_, y, row| {
+        if y >= uniforms.first_row_below {
+            for electrons in row {
+                *electrons = *electrons * uniforms.gain + uniforms.offset_e;
+            }
+        }
+    });
+}
+
+impl PixelEffect for AmplifierHalves {
+    const ID: &'static str = "amplifier_step";
+    const STAGE: Stage = Stage::Readout;
+    const PARAMETERS: &'static [ParameterSpec] = &[
+        ParameterSpec { name: "gain_relative", unit: "", typical: 0.01, range: (-0.9, 9.0) },
+        ParameterSpec { name: "offset_e", unit: "e-", typical: 5.0, range: (-1e6, 1e6) },
+    ];
+    const RNG_STAGE: u32 = 0;
+    const WGSL: &'static str = include_str!("../../../shaders/amplifier_step.wgsl");
+    const SOURCE: &'static str = include_str!("amplifier_step.rs");
+    type Uniforms = AmplifierStepUniforms;
+    const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(AmplifierStepUniforms { gain, offset_e, first_row_below, width });
+
+    fn uniforms(parameters: &[f64], exposure: &ExposureContext) -> AmplifierStepUniforms {
+        AmplifierStepUniforms {
+            gain: (1.0 + parameters[0]) as f32,
+            offset_e: parameters[1] as f32,
+            first_row_below: exposure.height_px.div_ceil(2) as u32,
+            width: exposure.width_px as u32,
+        }
+    }
+    fn apply(uniforms: &AmplifierStepUniforms, _key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
+        amplifier_step(uniforms, first_pixel, pixels);
+    }
+    fn identity() -> Option<Vec<f64>> {
+        Some(vec![0.0; 2])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lower_half_begins_below_the_middle() {
+        for (height, expected) in [(4, [10.0, 10.0, 23.0, 23.0]), (3, [10.0, 10.0, 23.0, 10.0])] {
+            let exposure = ExposureContext { width_px: 1, height_px: height, ..ExposureContext::default() };
+            let mut pixels = [10.0; 4];
+            amplifier_step(&AmplifierHalves::uniforms(&[1.0, 3.0], &exposure), 0, &mut pixels[..height]);
+            assert_eq!(pixels, expected);
+        }
     }
 }

@@ -6,8 +6,12 @@
 //! **Equation.** Δx = a·F/10 000, F the electrons of the star, measured where the image has them, else as many as a magnitude of 5 stands for
 //! 10 000; the ideal point is the measured one minus Δ. A star of unknown brightness is not moved.
 //!
+//! **In the pixels.** Along every row electrons = (1 − k)·N + k·m, m the memory of the pixels before: m becomes m + (N − m)·(1 − e^(−1/τ)) with every
+//! pixel and begins with the first pixel's own value, so that an even field stays even. k < 0 is an overshoot.
+//!
 //! **Parameter.** `x_px` (a): displacement along the row of a star of 10 000 electrons (of magnitude 5 where electrons are not measured), px.
-//! Positive: a tail to the right.
+//! Positive: a tail to the right. In the pixels: `tail_relative` (k), part of a pixel that is found after it, ±0.01; `tail_px` (τ), length of the
+//! memory in pixels, 0.1 to 100.
 //!
 //! **What it leaves when left out.** Residuals along the rows that grow with the flux, the same all over the frame: 0.003 to 0.03 px for bright
 //! stars. The attitude takes up the mean.
@@ -21,7 +25,11 @@
 //! **Source.** J. R. Janesick, Scientific Charge-Coupled Devices (2001), on the bandwidth of the video chain. The proportion to the flux is an
 //! engineer's approximation.
 
+use bytemuck::{Pod, Zeroable};
+
 use crate::dual::Real;
+use crate::effects::pixel::pass::{Along, Carry, LinePass, PassHead, Sweep};
+use crate::effects::pixel::{ExposureContext, Stage, uniform_fields};
 use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, StarImage, StarState};
 
 /// A shift along the rows in proportion to the flux.
@@ -49,5 +57,79 @@ impl CentroidShift for Overshoot {
 
     fn source() -> &'static str {
         include_str!("overshoot.rs")
+    }
+}
+
+/// A signal that has not settled, in the pixels.
+#[derive(Clone, Copy, Debug)]
+pub struct Settling;
+
+/// What the shader gets.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct OvershootUniforms {
+    tail_relative: f32,
+    forgets: f32,
+}
+
+/// The twin. The carry is the memory, and whether there is one.
+fn overshoot(uniforms: &OvershootUniforms, electrons: f32, carry: &mut Carry) -> f32 {
+    let memory = if carry[1] > 0.0 { carry[0] } else { electrons };
+    *carry = [memory + (electrons - memory) * uniforms.forgets, 1.0, 0.0, 0.0];
+    electrons + uniforms.tail_relative * (memory - electrons)
+}
+
+impl PassHead for Settling {
+    const ID: &'static str = "overshoot";
+    const STAGE: Stage = Stage::Readout;
+    const PARAMETERS: &'static [ParameterSpec] = &[
+        ParameterSpec { name: "tail_relative", unit: "", typical: 0.004, range: (-0.5, 0.5) },
+        ParameterSpec { name: "tail_px", unit: "px", typical: 0.8, range: (0.01, 1e4) },
+    ];
+    const CONSERVES_CHARGE: bool = true;
+    const WGSL: &'static str = include_str!("../../../shaders/overshoot.wgsl");
+    const SOURCE: &'static str = include_str!("overshoot.rs");
+    type Uniforms = OvershootUniforms;
+    const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(OvershootUniforms { tail_relative, forgets });
+
+    fn uniforms(parameters: &[f64], _: &ExposureContext) -> OvershootUniforms {
+        OvershootUniforms { tail_relative: parameters[0] as f32, forgets: -(-1.0 / parameters[1]).exp_m1() as f32 }
+    }
+    fn identity() -> Option<Vec<f64>> {
+        Some(vec![0.0, 0.8])
+    }
+}
+
+impl LinePass for Settling {
+    const SWEEPS: &'static [Sweep] = &[Sweep { along: Along::Rows, backward: false }];
+
+    #[inline]
+    fn step(uniforms: &OvershootUniforms, _: usize, _: [usize; 2], electrons: f32, carry: &mut Carry) -> f32 {
+        overshoot(uniforms, electrons, carry)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A pixel over an even field leaves a tail k·(1 − e^(−1/τ))·e^(−n/τ) of itself, n pixels after the next.
+    #[test]
+    fn a_bright_pixel_leaves_an_exponential_tail() {
+        let (k, tau) = (0.02_f64, 2.5_f64);
+        let uniforms = Settling::uniforms(&[k, tau], &ExposureContext::default());
+        let mut row = [500.0_f32; 40];
+        row[10] += 80_000.0;
+        let mut carry = Carry::default();
+        for electrons in &mut row {
+            *electrons = overshoot(&uniforms, *electrons, &mut carry);
+        }
+        assert!(row[..10].iter().all(|electrons| *electrons == 500.0));
+        assert!((f64::from(row[10]) - 500.0 - 80_000.0 * (1.0 - k)).abs() < 0.02);
+        for n in 0..20 {
+            let expected = 80_000.0 * k * -(-1.0 / tau).exp_m1() * (-f64::from(n) / tau).exp();
+            let seen = f64::from(row[11 + n as usize]) - 500.0;
+            assert!((seen - expected).abs() < 1e-3 + 1e-5 * expected, "{n}: {seen} for {expected}");
+        }
     }
 }

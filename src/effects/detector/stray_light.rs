@@ -8,9 +8,13 @@
 //! unweighted fit of a Gaussian of width σ that is integrated over pixels: the slope projected on the image's derivative. σ is the
 //! measured width, 0.7 px where there is none. Where G is not known the size of ∇B itself stands in its place.
 //!
+//! **In the pixels.** electrons = max(N + t·(a·(x − x_m) + b·(y − y_m)), 0), t the exposure time, (x_m, y_m) the middle of the frame: a background that
+//! rises evenly. Its level is the sky background's.
+//!
 //! **Parameter.** `gradient_e_per_px` (g): the slope that the estimator leaves in, electrons per pixel per pixel, as the root mean square over
 //! the images. It is G for an estimator that knows of no slope, and zero for one that takes all of it away, whatever the slopes are; where
-//! the slope is the same everywhere, it is that slope.
+//! the slope is the same everywhere, it is that slope. In the pixels: `slope_x_e_per_px_s` (a) and `slope_y_e_per_px_s` (b), rise of the
+//! background's rate from a pixel to the next, electrons per pixel and second.
 //!
 //! **What it leaves when left out.** Residuals along the measured gradient, in proportion to 1/F: 0.013 px for g = 0.5, F = 1000 and
 //! σ = 1 px; 0.025 px for a centre of mass over 5 × 5 px, whose K is 50.
@@ -24,8 +28,12 @@
 //!
 //! **Source.** The projection is that of linear least squares; for the centre of mass see R. C. Stone, AJ 97, 1227 (1989).
 
+use bytemuck::{Pod, Zeroable};
+
 use crate::dual::Real;
+use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, by_rows, uniform_fields};
 use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, StarImage, StarState};
+use crate::rng::StageKey;
 
 /// A shift along the gradient of the background, the larger the fainter the star.
 #[derive(Clone, Copy, Debug)]
@@ -81,5 +89,76 @@ impl CentroidShift for StrayLight {
 
     fn source() -> &'static str {
         include_str!("stray_light.rs")
+    }
+}
+
+/// A background that rises evenly, in the pixels.
+#[derive(Clone, Copy, Debug)]
+pub struct StrayLightSlope;
+
+/// What the shader gets.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct StrayLightUniforms {
+    slope_x_e: f32,
+    slope_y_e: f32,
+    middle_x_px: f32,
+    middle_y_px: f32,
+    width: u32,
+}
+
+/// The twin.
+fn stray_light(uniforms: &StrayLightUniforms, first_pixel: u32, pixels: &mut [f32]) {
+    by_rows(uniforms.width, first_pixel, pixels, |x, y, row| {
+        let of_row = uniforms.slope_y_e * (y as f32 - uniforms.middle_y_px);
+        for (i, electrons) in (0..).zip(row) {
+            let light = *electrons + (uniforms.slope_x_e * ((x + i) as f32 - uniforms.middle_x_px) + of_row);
+            *electrons = if light > 0.0 { light } else { 0.0 };
+        }
+    });
+}
+
+impl PixelEffect for StrayLightSlope {
+    const ID: &'static str = "stray_light";
+    const STAGE: Stage = Stage::Light;
+    const PARAMETERS: &'static [ParameterSpec] = &[
+        ParameterSpec { name: "slope_x_e_per_px_s", unit: "e-/px²/s", typical: 0.1, range: (-1e6, 1e6) },
+        ParameterSpec { name: "slope_y_e_per_px_s", unit: "e-/px²/s", typical: -0.05, range: (-1e6, 1e6) },
+    ];
+    const RNG_STAGE: u32 = 0;
+    const WGSL: &'static str = include_str!("../../../shaders/stray_light.wgsl");
+    const SOURCE: &'static str = include_str!("stray_light.rs");
+    type Uniforms = StrayLightUniforms;
+    const FIELDS: &'static [(&'static str, usize)] =
+        uniform_fields!(StrayLightUniforms { slope_x_e, slope_y_e, middle_x_px, middle_y_px, width });
+
+    fn uniforms(parameters: &[f64], exposure: &ExposureContext) -> StrayLightUniforms {
+        let middle = exposure.middle_px();
+        StrayLightUniforms {
+            slope_x_e: (parameters[0] * exposure.exposure_s) as f32,
+            slope_y_e: (parameters[1] * exposure.exposure_s) as f32,
+            middle_x_px: middle[0] as f32,
+            middle_y_px: middle[1] as f32,
+            width: exposure.width_px as u32,
+        }
+    }
+    fn apply(uniforms: &StrayLightUniforms, _key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
+        stray_light(uniforms, first_pixel, pixels);
+    }
+    fn identity() -> Option<Vec<f64>> {
+        Some(vec![0.0; 2])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_slope_turns_about_the_middle_and_light_is_never_negative() {
+        let exposure = ExposureContext { width_px: 3, height_px: 3, exposure_s: 2.0, ..ExposureContext::default() };
+        let mut pixels = [5.0; 9];
+        stray_light(&StrayLightSlope::uniforms(&[1.0, 2.0], &exposure), 0, &mut pixels);
+        assert_eq!(pixels, [0.0, 1.0, 3.0, 3.0, 5.0, 7.0, 7.0, 9.0, 11.0]);
     }
 }

@@ -18,8 +18,8 @@ pub use spread::{
 
 use bytemuck::Pod;
 
-use self::pass::{FrameBuffer, Lines, PassShape};
-use super::{ParameterSpec, detector, sky};
+use self::pass::{FrameBuffer, Lines, Neighbours, PassShape};
+use super::{ParameterSpec, detector, optics, sky};
 use crate::rng::StageKey;
 
 /// Where along the way from light to count a pixel effect acts. The order of the variants is the order of the stages.
@@ -174,6 +174,17 @@ impl<E: PixelEffect> AnyPixelEffect for E {
     }
 }
 
+/// Goes through a run of pixels, of which the first has the index `first_pixel` in a frame of `width` columns, a piece of a row at a time: its
+/// first column, its row and its pixels.
+pub fn by_rows(width: u32, first_pixel: u32, mut pixels: &mut [f32], mut each: impl FnMut(u32, u32, &mut [f32])) {
+    let (mut x, mut y) = (first_pixel % width, first_pixel / width);
+    while !pixels.is_empty() {
+        let (row, rest) = pixels.split_at_mut(((width - x) as usize).min(pixels.len()));
+        each(x, y, row);
+        (x, y, pixels) = (0, y + 1, rest);
+    }
+}
+
 /// Names and offsets of the members of a `#[repr(C)]` struct.
 macro_rules! uniform_fields {
     ($uniforms:ty { $($field:ident),+ }) => { &[$((stringify!($field), core::mem::offset_of!($uniforms, $field))),+] };
@@ -182,12 +193,28 @@ pub(crate) use uniform_fields;
 
 /// Every pixel effect and every pass, in the order in which they act.
 pub static PIXEL_EFFECTS: &[&dyn AnyPixelEffect] = &[
+    &optics::veiling_glare::VeilingGlare,
     &sky::background::Background,
+    &detector::stray_light::StrayLightSlope,
+    &optics::vignetting::Vignetting,
+    &optics::field_stop::FieldStop,
+    &detector::prnu::Prnu,
+    &detector::dark_current::DarkCurrent,
+    &detector::hot_pixels::HotPixels,
     &detector::photon_noise::PhotonNoise,
+    &Neighbours(detector::brighter_fatter::BrighterFatter),
     &Lines(detector::blooming::Blooming),
     &Lines(detector::charge_transfer_inefficiency::TrappedCharge),
+    &detector::nonlinearity::Nonlinearity,
     &detector::read_noise::ReadNoise,
+    &detector::even_odd::EvenOddGain,
+    &detector::amplifier_step::AmplifierHalves,
+    &Lines(detector::overshoot::Settling),
+    &Neighbours(detector::crosstalk::Crosstalk),
+    &detector::banding::Banding,
+    &detector::dnl::Dnl,
     &detector::adc::Adc,
+    &Neighbours(detector::jpeg::Jpeg),
 ];
 
 /// The pixel effect with this id.

@@ -1,0 +1,83 @@
+//! # Non-linear response
+//!
+//! **What it is.** The amplifier at the pixel gives less voltage for the last electrons than for the first: the capacity that it charges, and its own
+//! gain, change with the level.
+//!
+//! **Equation.** electrons = N·(1 − α·min(max(N/W, 0), 1)).
+//!
+//! **Parameters.** `relative_at_full` (α): part of the signal that a full pixel lacks, 0.005 to 0.05; negative where the response rises;
+//! `full_well_e` (W): electrons of a full pixel.
+//!
+//! **What it leaves when left out.** Fluxes of bright stars too small, images of bright stars too flat in their core; variance against mean bends.
+//!
+//! **Confused with.** Brighter-fatter, which widens images but keeps their flux; a term of colour in the catalogue's magnitudes.
+//!
+//! **Neglected.** Higher orders, and a dependence on the pixel; the response below some ten electrons (deferred charge).
+//!
+//! **Source.** J. R. Janesick, Photon Transfer (SPIE, 2007), chapter 7.
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::effects::ParameterSpec;
+use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
+use crate::rng::StageKey;
+
+/// A response that bends.
+#[derive(Clone, Copy, Debug)]
+pub struct Nonlinearity;
+
+/// What the shader gets.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct NonlinearityUniforms {
+    relative_at_full: f32,
+    per_full_well: f32,
+}
+
+/// The twin.
+fn nonlinearity(uniforms: NonlinearityUniforms, pixels: &mut [f32]) {
+    for electrons in pixels {
+        let filling = *electrons * uniforms.per_full_well;
+        let filling = if filling > 0.0 { filling } else { 0.0 };
+        let filling = if filling < 1.0 { filling } else { 1.0 };
+        *electrons *= 1.0 - uniforms.relative_at_full * filling;
+    }
+}
+
+impl PixelEffect for Nonlinearity {
+    const ID: &'static str = "nonlinearity";
+    const STAGE: Stage = Stage::Readout;
+    const PARAMETERS: &'static [ParameterSpec] = &[
+        ParameterSpec { name: "relative_at_full", unit: "", typical: 0.02, range: (-0.5, 0.5) },
+        ParameterSpec { name: "full_well_e", unit: "e-", typical: 1e5, range: (1.0, 1e12) },
+    ];
+    const RNG_STAGE: u32 = 0;
+    const WGSL: &'static str = include_str!("../../../shaders/nonlinearity.wgsl");
+    const SOURCE: &'static str = include_str!("nonlinearity.rs");
+    type Uniforms = NonlinearityUniforms;
+    const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(NonlinearityUniforms { relative_at_full, per_full_well });
+
+    fn uniforms(parameters: &[f64], _: &ExposureContext) -> NonlinearityUniforms {
+        NonlinearityUniforms { relative_at_full: parameters[0] as f32, per_full_well: (1.0 / parameters[1]) as f32 }
+    }
+    fn apply(uniforms: &NonlinearityUniforms, _key: StageKey, _first_pixel: u32, pixels: &mut [f32]) {
+        nonlinearity(*uniforms, pixels);
+    }
+    fn identity() -> Option<Vec<f64>> {
+        Some(vec![0.0, 1e5])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_pixel_lacks_its_share() {
+        let mut pixels = [-20.0, 0.0, 25_000.0, 50_000.0, 100_000.0];
+        nonlinearity(Nonlinearity::uniforms(&[0.04, 5e4], &ExposureContext::default()), &mut pixels);
+        for (seen, expected) in pixels.iter().zip([-20.0, 0.0, 24_500.0, 48_000.0, 96_000.0_f32]) {
+            assert!((seen - expected).abs() < 0.01, "{seen} for {expected}");
+        }
+    }
+}
