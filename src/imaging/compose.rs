@@ -45,7 +45,10 @@ pub fn collect_plane_program(spread: &dyn PlaneSpread) -> String {
 /// The program that sends every pixel through the effects in their order; its entry point is `finish`.
 #[must_use]
 pub fn chain_program(effects: &[&dyn AnyPixelEffect], output: Output) -> String {
-    let calls: String = effects.iter().map(|effect| format!("    value = {}(value, pixel);\n", effect.id())).collect();
+    let mut calls = String::new();
+    for effect in effects {
+        let _ = writeln!(calls, "    value = {}(value, pixel);", effect.id());
+    }
     let chain = format!(
         "fn chain(electrons_before: f32, pixel: Pixel) -> f32 {{\n    var value = electrons_before;\n{calls}    return value;\n}}\n"
     );

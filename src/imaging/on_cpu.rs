@@ -13,7 +13,10 @@ use crate::effects::pixel::{ExposureContext, PlaneStar, Rows, Stage, Star, Work}
 use crate::rng::StageKey;
 
 /// Effects that each see one pixel, ready for an exposure.
-struct Pixels(Vec<(fn(&[u8], StageKey, u32, &mut [f32]), StageKey, Vec<u8>)>);
+struct Pixels(Vec<(Apply, StageKey, Vec<u8>)>);
+
+/// A twin, see [`Work::Pixels`].
+type Apply = fn(&[u8], StageKey, u32, &mut [f32]);
 
 impl Pixels {
     fn new(plan: &Plan, enabled: &[Enabled], exposure: &Exposure<'_>, context: &ExposureContext) -> Self {

@@ -29,7 +29,7 @@ fn bright_and_faint(width: usize, height: usize) -> Vec<StarImage> {
 fn far_apart(a: &[f32], b: &[f32]) -> usize {
     assert_eq!(a.len(), b.len());
     let brightest = b.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
-    let far = |(a, b): (&f32, &f32)| a != b && !((a - b).abs() <= 1e-5 * b.abs().max(1.0) + 1e-7 * brightest);
+    let far = |(a, b): (&f32, &f32)| a != b && ((a - b).is_nan() || (a - b).abs() > 1e-5 * b.abs().max(1.0) + 1e-7 * brightest);
     a.iter().zip(b).filter(|(a, b)| far((a, b))).count()
 }
 

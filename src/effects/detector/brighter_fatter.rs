@@ -48,17 +48,44 @@ pub struct BrighterFatterUniforms {
     w_22: f32,
 }
 
-/// The twin: what flows over the boundary from pixel `near` to pixel `far`. `at(i, j)` is the difference of the charges i pixels behind the boundary on
-/// both sides, j beside; `sum` that of the two pixels.
+/// The twin: what flows over a boundary. `at(i, j)` is the difference of the charges i pixels behind the boundary on both sides, in the
+/// j-th of five lines across it of which the third is this one; `sum` is that of the two pixels.
 #[inline]
-fn brighter_fatter(uniforms: &BrighterFatterUniforms, sum: f32, at: impl Fn(i64, i64) -> f32) -> f32 {
-    let beside = |i: i64, j: i64| at(i, -j) + at(i, j);
-    let on_axis = uniforms.w_00 * at(0, 0) + uniforms.w_10 * at(1, 0) + uniforms.w_20 * at(2, 0);
+fn brighter_fatter(uniforms: &BrighterFatterUniforms, sum: f32, at: impl Fn(usize, usize) -> f32) -> f32 {
+    let on_axis = uniforms.w_00 * at(0, 2) + uniforms.w_10 * at(1, 2) + uniforms.w_20 * at(2, 2);
+    let beside = |i: usize, j: usize| at(i, 2 - j) + at(i, 2 + j);
     let one_off = uniforms.w_01 * beside(0, 1) + uniforms.w_11 * beside(1, 1) + uniforms.w_21 * beside(2, 1);
     let two_off = uniforms.w_02 * beside(0, 2) + uniforms.w_12 * beside(1, 2) + uniforms.w_22 * beside(2, 2);
     let shift = uniforms.half_shift_per_e * (on_axis + one_off + two_off);
     let shift = if shift > -0.25 { shift } else { -0.25 };
     0.5 * sum * if shift < 0.25 { shift } else { 0.25 }
+}
+
+/// Pixels by which a row is continued on both sides.
+const MARGIN_PX: usize = 3;
+
+/// A row with its end pixels repeated on both sides.
+fn with_margins(row: &[f32]) -> Vec<f32> {
+    let ends = |electrons: Option<&f32>| std::iter::repeat_n(electrons.copied().unwrap_or(0.0), MARGIN_PX);
+    ends(row.first()).chain(row.iter().copied()).chain(ends(row.last())).collect()
+}
+
+/// What flows over the boundary in the middle of six rows from above to below, in every column.
+fn downwards(uniforms: &BrighterFatterUniforms, rows: &[Vec<f32>], flows: &mut [f32]) {
+    let rows: [&[f32]; 6] = std::array::from_fn(|k| &rows[k][..flows.len() + 2 * MARGIN_PX]);
+    for (x, flow) in flows.iter_mut().enumerate() {
+        let at = |i: usize, j: usize| rows[2 - i][x + 1 + j] - rows[3 + i][x + 1 + j];
+        *flow = brighter_fatter(uniforms, rows[2][x + MARGIN_PX] + rows[3][x + MARGIN_PX], at);
+    }
+}
+
+/// What flows over the boundary before every column but the first from left to right, in the middle of five rows.
+fn rightwards(uniforms: &BrighterFatterUniforms, rows: &[Vec<f32>], flows: &mut [f32]) {
+    let rows: [&[f32]; 5] = std::array::from_fn(|k| &rows[k][..flows.len() + 2 * MARGIN_PX]);
+    for (x, flow) in flows.iter_mut().enumerate().skip(1) {
+        let at = |i: usize, j: usize| rows[j][x + 2 - i] - rows[j][x + MARGIN_PX + i];
+        *flow = brighter_fatter(uniforms, rows[2][x + 2] + rows[2][x + MARGIN_PX], at);
+    }
 }
 
 impl PassHead for BrighterFatter {
@@ -101,24 +128,19 @@ impl PassHead for BrighterFatter {
 
 impl NeighbourPass for BrighterFatter {
     fn row(uniforms: &BrighterFatterUniforms, _: usize, source: &Source<'_>, y: usize, row: &mut [f32]) {
-        let (y, last_x) = (y as i64, source.width as i64 - 1);
-        let rows: [&[f32]; 7] = std::array::from_fn(|k| source.row(y + k as i64 - 3));
-        // Electrons `up` rows from this one, 3 at most.
-        let q = |x: i64, up: i64| rows[(up + 3) as usize][x.clamp(0, last_x) as usize];
-        // From (x, y) to the right, and from row y + up to the row below it.
-        let right = |x: i64| {
-            let flow = brighter_fatter(uniforms, q(x, 0) + q(x + 1, 0), |i, j| q(x - i, j) - q(x + 1 + i, j));
-            if x < 0 || x == last_x { 0.0 } else { flow }
-        };
-        let down = |x: i64, up: i64| {
-            let flow = brighter_fatter(uniforms, q(x, up) + q(x, up + 1), |i, j| q(x + j, up - i) - q(x + j, up + 1 + i));
-            if y + up < 0 || y + up == source.height as i64 - 1 { 0.0 } else { flow }
-        };
-        let mut from_left = 0.0;
-        for (x, electrons) in (0..).zip(row) {
-            let to_right = right(x);
-            *electrons = q(x, 0) + (from_left - to_right) + (down(x, -1) - down(x, 0));
-            from_left = to_right;
+        let rows: Vec<Vec<f32>> = (-3..=3).map(|below| with_margins(source.row(y, below))).collect();
+        let width = row.len();
+        let (mut across, mut into, mut out) = (vec![0.0; width + 1], vec![0.0; width], vec![0.0; width]);
+        rightwards(uniforms, &rows[1..6], &mut across[..width]);
+        // Nothing crosses the edge of the frame.
+        if y > 0 {
+            downwards(uniforms, &rows[..6], &mut into);
+        }
+        if y + 1 < source.height {
+            downwards(uniforms, &rows[1..], &mut out);
+        }
+        for (x, electrons) in row.iter_mut().enumerate() {
+            *electrons = rows[3][x + MARGIN_PX] + (across[x] - across[x + 1]) + (into[x] - out[x]);
         }
     }
 }

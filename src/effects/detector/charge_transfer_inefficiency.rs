@@ -207,10 +207,10 @@ mod tests {
         let released = -(-1.0_f64 / tau).exp_m1();
         assert!((f64::from(column[row]) - (packet - taken + taken * released)).abs() < 2e-3, "{}", column[row]);
         let mut held = taken * (1.0 - released);
-        for y in row + 1..row + 12 {
+        for seen in &column[row + 1..row + 12] {
             let expected = held * released;
             held -= expected;
-            assert!((f64::from(column[y]) - expected).abs() < 1e-5 * packet, "{y}: {} for {expected}", column[y]);
+            assert!((f64::from(*seen) - expected).abs() < 1e-5 * packet, "{seen} for {expected}");
         }
         assert!(column[..row].iter().all(|electrons| *electrons == 0.0));
         let total: f64 = column.iter().map(|e| f64::from(*e)).sum::<f64>() + f64::from(carry[0]);

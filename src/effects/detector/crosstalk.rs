@@ -33,7 +33,7 @@ pub struct CrosstalkUniforms {
 }
 
 /// The twin.
-fn crosstalk(uniforms: &CrosstalkUniforms, source: &[f32], row: &mut [f32]) {
+fn crosstalk(uniforms: CrosstalkUniforms, source: &[f32], row: &mut [f32]) {
     let middle = if source.len() % 2 == 1 { source.len() / 2 } else { source.len() };
     for (x, ((electrons, own), other)) in row.iter_mut().zip(source).zip(source.iter().rev()).enumerate() {
         *electrons = own + if x == middle { 0.0 } else { uniforms.relative * other };
@@ -60,7 +60,7 @@ impl PassHead for Crosstalk {
 
 impl NeighbourPass for Crosstalk {
     fn row(uniforms: &CrosstalkUniforms, _: usize, source: &Source<'_>, y: usize, row: &mut [f32]) {
-        crosstalk(uniforms, source.row(y as i64), row);
+        crosstalk(*uniforms, source.row(y, 0), row);
     }
 }
 
@@ -72,10 +72,10 @@ mod tests {
     fn the_copy_lies_at_the_mirror_image() {
         let uniforms = CrosstalkUniforms { relative: 0.01 };
         let mut row = [0.0; 5];
-        crosstalk(&uniforms, &[1000.0, 0.0, 300.0, 0.0, 50.0], &mut row);
+        crosstalk(uniforms, &[1000.0, 0.0, 300.0, 0.0, 50.0], &mut row);
         assert_eq!(row, [1000.5, 0.0, 300.0, 0.0, 60.0]);
         let mut row = [0.0; 4];
-        crosstalk(&uniforms, &[0.0, 200.0, 100.0, 0.0], &mut row);
+        crosstalk(uniforms, &[0.0, 200.0, 100.0, 0.0], &mut row);
         assert_eq!(row, [0.0, 201.0, 102.0, 0.0]);
     }
 }

@@ -99,7 +99,7 @@ impl NeighbourPass for Jpeg {
         let is_row = sweep == 0 || sweep == 3;
         let first_y = y - y % BLOCK_PX;
         let of_rows = table((source.height - first_y).min(BLOCK_PX));
-        let rows: [&[f32]; BLOCK_PX] = std::array::from_fn(|k| source.row((first_y + k) as i64));
+        let rows: [&[f32]; BLOCK_PX] = std::array::from_fn(|k| source.row(first_y + k, 0));
         let (whole, last) = (table(BLOCK_PX), table((row.len() - 1) % BLOCK_PX + 1));
         let width = row.len();
         for (x, value) in row.iter_mut().enumerate() {

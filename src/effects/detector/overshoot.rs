@@ -73,7 +73,7 @@ pub struct OvershootUniforms {
 }
 
 /// The twin. The carry is the memory, and whether there is one.
-fn overshoot(uniforms: &OvershootUniforms, electrons: f32, carry: &mut Carry) -> f32 {
+fn overshoot(uniforms: OvershootUniforms, electrons: f32, carry: &mut Carry) -> f32 {
     let memory = if carry[1] > 0.0 { carry[0] } else { electrons };
     *carry = [memory + (electrons - memory) * uniforms.forgets, 1.0, 0.0, 0.0];
     electrons + uniforms.tail_relative * (memory - electrons)
@@ -105,7 +105,7 @@ impl LinePass for Settling {
 
     #[inline]
     fn step(uniforms: &OvershootUniforms, _: usize, _: [usize; 2], electrons: f32, carry: &mut Carry) -> f32 {
-        overshoot(uniforms, electrons, carry)
+        overshoot(*uniforms, electrons, carry)
     }
 }
 
@@ -122,7 +122,7 @@ mod tests {
         row[10] += 80_000.0;
         let mut carry = Carry::default();
         for electrons in &mut row {
-            *electrons = overshoot(&uniforms, *electrons, &mut carry);
+            *electrons = overshoot(uniforms, *electrons, &mut carry);
         }
         assert!(row[..10].iter().all(|electrons| *electrons == 500.0));
         assert!((f64::from(row[10]) - 500.0 - 80_000.0 * (1.0 - k)).abs() < 0.02);

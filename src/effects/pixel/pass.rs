@@ -71,10 +71,10 @@ pub struct Source<'a> {
 }
 
 impl<'a> Source<'a> {
-    /// A row; beyond the frame's edge the outermost one.
+    /// The row that is `below` rows below row `y`; beyond the frame's edge the outermost one.
     #[must_use]
-    pub fn row(&self, y: i64) -> &'a [f32] {
-        let y = y.clamp(0, self.height as i64 - 1) as usize;
+    pub fn row(&self, y: usize, below: isize) -> &'a [f32] {
+        let y = y.saturating_add_signed(below).min(self.height - 1);
         &self.electrons[y * self.width..][..self.width]
     }
 }
