@@ -4,7 +4,6 @@ struct ReadNoiseUniforms {
     sigma_e: f32,
 }
 
-fn read_noise(electrons: f32, pixel: Pixel) -> f32 {
-    let random = words(pixel.index, READ_NOISE_STAGE, 0u);
-    return electrons + effects.read_noise.sigma_e * standard_normal(random.x, random.y);
+fn read_noise_quad(electrons: vec4<f32>, quad: u32) -> vec4<f32> {
+    return electrons + effects.read_noise.sigma_e * normals(quad, READ_NOISE_STAGE);
 }

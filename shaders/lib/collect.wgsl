@@ -1,7 +1,8 @@
 // Collects the light of the stars whose point spread is a product of two profiles, in two steps and without atomics, so that a run repeats to
-// the bit. POINT_SPREAD(star, offset) is the share of a star's light along an axis.
-//   profiles: for each entry of the tiles' lists, the star's profile along the tile's 16 columns and 16 rows; an invocation is one number.
-//   collect:  a workgroup is a tile, an invocation is a pixel that goes through its tile's list in catalogue order.
+// the bit. POINT_SPREAD_quad(star, first, fraction) is the share of a star's light along an axis in four pixels.
+//   profiles: for each entry of the tiles' lists, the star's profile along the tile's 16 columns and 16 rows; an invocation is four numbers.
+//   collect:  a workgroup is a tile, an invocation is a square of four times four pixels that goes through its tile's list in catalogue order.
+// Some drivers fetch each invocation's memory one after the other: few large accesses are faster than many small ones.
 
 struct Star {
     column: i32,
@@ -33,47 +34,58 @@ struct Entry {
     tile: u32,
 }
 @group(0) @binding(4) var<storage, read> tile_entries: array<Entry>;
-// 32 numbers an entry: electrons along the columns, then shares along the rows.
-@group(0) @binding(5) var<storage, read_write> profile: array<f32>;
-@group(0) @binding(6) var<storage, read_write> electrons: array<f32>;
+// 8 quads an entry: electrons along the columns, then shares along the rows.
+@group(0) @binding(5) var<storage, read_write> profile: array<vec4<f32>>;
 
 @compute @workgroup_size(64)
 fn profiles(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) local: u32) {
     let index = (group.y * groups.x + group.x) * 64u + local;
-    if (index >= 32u * part.all_entries) {
+    if (index >= 8u * part.all_entries) {
         return;
     }
-    let entry = tile_entries[index / 32u];
+    let entry = tile_entries[index / 8u];
     let star = stars[entry.star];
-    let along_columns = (index & 16u) == 0u;
-    let in_tile = i32(index & 15u);
+    let along_columns = (index & 4u) == 0u;
+    let in_tile = i32(4u * (index & 3u));
     let row_of_tiles = entry.tile / frame.tile_columns;
     let column = i32(16u * (entry.tile - row_of_tiles * frame.tile_columns)) + in_tile - star.column;
     let row = i32(16u * row_of_tiles + frame.first_row) + in_tile - star.row;
-    let pixels = select(row, column, along_columns);
-    let fraction = select(star.fraction_y, star.fraction_x, along_columns);
-    let share = POINT_SPREAD(star, f32(pixels) - fraction);
-    let value = select(share, star.electrons * share, along_columns);
-    profile[index] = select(0.0, value, abs(pixels) <= star.reach);
+    let first = select(row, column, along_columns);
+    let shares = POINT_SPREAD_quad(star, f32(first), select(star.fraction_y, star.fraction_x, along_columns));
+    let reached = abs(vec4<i32>(first) + vec4<i32>(0, 1, 2, 3)) <= vec4<i32>(star.reach);
+    profile[index] = select(vec4<f32>(0.0), shares * select(1.0, star.electrons, along_columns), reached);
 }
 
-@compute @workgroup_size(16, 16)
-fn collect(@builtin(global_invocation_id) at: vec3<u32>, @builtin(workgroup_id) tile: vec3<u32>) {
-    if (at.x >= frame.width || at.y >= frame.rows) {
+@compute @workgroup_size(4, 4)
+fn collect(@builtin(local_invocation_id) at: vec3<u32>, @builtin(workgroup_id) tile: vec3<u32>) {
+    let x = 16u * tile.x + 4u * at.x;
+    let y = 16u * tile.y + 4u * at.y;
+    if (x >= frame.width || y >= frame.rows) {
         return;
     }
-    let index = at.y * frame.width + at.x;
     let list = tile.y * frame.tile_columns + tile.x;
     let first = tile_starts[list] + part.first_entry;
     let end = min(tile_starts[list + 1u], first + part.entries);
-    var sum = 0.0;
+    var row_0 = vec4<f32>(0.0);
+    var row_1 = vec4<f32>(0.0);
+    var row_2 = vec4<f32>(0.0);
+    var row_3 = vec4<f32>(0.0);
     if (part.goes_on == 1u) {
-        sum = electrons[index];
+        row_0 = read_quad(x, y);
+        row_1 = read_quad(x, y + 1u);
+        row_2 = read_quad(x, y + 2u);
+        row_3 = read_quad(x, y + 3u);
     }
-    let in_column = at.x & 15u;
-    let in_row = 16u + (at.y & 15u);
     for (var entry = first; entry < end; entry++) {
-        sum += profile[32u * entry + in_column] * profile[32u * entry + in_row];
+        let columns = profile[8u * entry + at.x];
+        let rows = profile[8u * entry + 4u + at.y];
+        row_0 += columns * rows.x;
+        row_1 += columns * rows.y;
+        row_2 += columns * rows.z;
+        row_3 += columns * rows.w;
     }
-    electrons[index] = sum;
+    write_quad(x, y, row_0);
+    write_quad(x, y + 1u, row_1);
+    write_quad(x, y + 2u, row_2);
+    write_quad(x, y + 3u, row_3);
 }

@@ -28,3 +28,9 @@ fn pixel_at(index: u32) -> Pixel {
     let row = index / frame.width;
     return Pixel(index + frame.first_row * frame.width, index - row * frame.width, row + frame.first_row);
 }
+
+// The pixel after this one.
+fn next_pixel(pixel: Pixel) -> Pixel {
+    let wraps = pixel.x + 1u == frame.width;
+    return Pixel(pixel.index + 1u, select(pixel.x + 1u, 0u, wraps), pixel.y + select(0u, 1u, wraps));
+}

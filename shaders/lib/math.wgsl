@@ -37,15 +37,17 @@ fn poly_exp(x: f32) -> f32 {
     return (p * (r * r) + r + 1.0) * bitcast<f32>(u32(n + 127) << 23u);
 }
 
-// Cosine of an angle given as a part of a turn in units of 2^-32: the reduction to an octant is exact.
-fn cos_turn(turn: u32) -> f32 {
+// Cosine and sine of an angle given as a part of a turn in units of 2^-32: the reduction to an octant is exact.
+fn cos_sin_turn(turn: u32) -> vec2<f32> {
     let quadrant = (turn + 0x20000000u) >> 30u;
     let x = f32(i32(turn - (quadrant << 30u))) * 1.46291807926715968e-9; // (pi/2) / 2^30; in [-pi/4, pi/4]
     let z = x * x;
     let sine = ((-1.9515295891e-4 * z + 8.3321608736e-3) * z - 1.6666654611e-1) * z * x + x;
     let cosine = ((2.443315711809948e-5 * z - 1.388731625493765e-3) * z + 4.166664568298827e-2) * (z * z) - 0.5 * z + 1.0;
-    let size = select(cosine, sine, (quadrant & 1u) == 1u);
-    return select(size, -size, quadrant == 1u || quadrant == 2u);
+    let sizes = select(vec2<f32>(cosine, sine), vec2<f32>(sine, cosine), (quadrant & 1u) == 1u);
+    // Signs are bits: the cosine's in the quadrants 1 and 2, the sine's in 2 and 3.
+    let signs = (vec2<u32>(quadrant + 1u, quadrant) & vec2<u32>(2u)) << vec2<u32>(30u);
+    return bitcast<vec2<f32>>(bitcast<vec2<u32>>(sizes) ^ signs);
 }
 
 // A word as a number in (0, 1], fine near 0.
@@ -53,9 +55,14 @@ fn unit_interval(word: u32) -> f32 {
     return (f32(i32(word >> 1u)) + 0.5) * 4.656612873077393e-10;
 }
 
-// A standard normal number from two words (Box and Muller 1958).
+// Two standard normal numbers from two words (Box and Muller 1958).
+fn normal_pair(radius_word: u32, angle_word: u32) -> vec2<f32> {
+    return sqrt(-2.0 * poly_ln(unit_interval(radius_word))) * cos_sin_turn(angle_word);
+}
+
+// A standard normal number from two words.
 fn standard_normal(radius_word: u32, angle_word: u32) -> f32 {
-    return sqrt(-2.0 * poly_ln(unit_interval(radius_word))) * cos_turn(angle_word);
+    return normal_pair(radius_word, angle_word).x;
 }
 
 // Probability that a standard normal number exceeds x >= 0.

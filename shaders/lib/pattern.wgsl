@@ -2,7 +2,7 @@
 
 // Four words for a pixel and a stage that are the same in every frame.
 fn fixed_words(pixel_index: u32, stage: u32, draw: u32) -> vec4<u32> {
-    return philox4x32(vec4<u32>(pixel_index, 0u, stage, draw | 0x80000000u), vec2<u32>(frame.seed_low, frame.seed_high));
+    return threefry4x32(vec4<u32>(pixel_index, draw | 0x80000000u, 0u, 0u), vec4<u32>(frame.seed_low, frame.seed_high, 0u, stage));
 }
 
 // Exponential of a number, held within [-80, 80].

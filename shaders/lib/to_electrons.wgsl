@@ -1,10 +1,10 @@
-// Sends each pixel through the chain of effects and leaves the electrons where they were; an invocation is a pixel.
+// Sends each pixel through the chain of effects and leaves the electrons where they were; an invocation is four pixels.
 
 @compute @workgroup_size(64)
 fn finish(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let index = (group.y * groups.x + group.x) * 64u + local;
-    if (index >= frame.pixels) {
+    let quad = (group.y * groups.x + group.x) * 64u + local;
+    if (4u * quad >= frame.pixels) {
         return;
     }
-    electrons[index] = chain(electrons[index], pixel_at(index));
+    electrons[quad] = chain(electrons[quad], quad);
 }

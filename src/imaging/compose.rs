@@ -15,6 +15,8 @@ const SOURCE_ONE: &str = include_str!("../../shaders/lib/source_one.wgsl");
 const SOURCE_THREE: &str = include_str!("../../shaders/lib/source_three.wgsl");
 const COLLECT: &str = include_str!("../../shaders/lib/collect.wgsl");
 const COLLECT_PLANE: &str = include_str!("../../shaders/lib/collect_plane.wgsl");
+const QUADS_WHOLE: &str = include_str!("../../shaders/lib/quads_whole.wgsl");
+const QUADS_CUT: &str = include_str!("../../shaders/lib/quads_cut.wgsl");
 const TO_COUNTS: &str = include_str!("../../shaders/lib/to_counts.wgsl");
 const TO_ELECTRONS: &str = include_str!("../../shaders/lib/to_electrons.wgsl");
 
@@ -30,10 +32,12 @@ pub enum Output {
     Counts,
 }
 
-/// The program that collects the stars' light; its entry points are `profiles` and `collect`.
+/// The program that collects the stars' light; its entry points are `profiles` and `collect`. A frame whose width is a multiple of four is
+/// written in `whole_quads`.
 #[must_use]
-pub fn collect_program(spread: &dyn PointSpread) -> String {
-    [FRAME, MATH, spread.wgsl(), &COLLECT.replace("POINT_SPREAD(star,", &format!("{}(star,", spread.id()))].join("\n")
+pub fn collect_program(spread: &dyn PointSpread, whole_quads: bool) -> String {
+    let quads = if whole_quads { QUADS_WHOLE } else { QUADS_CUT };
+    [FRAME, MATH, spread.wgsl(), quads, &COLLECT.replace("POINT_SPREAD_quad(star,", &format!("{}_quad(star,", spread.id()))].join("\n")
 }
 
 /// The program that adds the light of a plane point spread; its entry point is `collect_plane`.
@@ -45,14 +49,9 @@ pub fn collect_plane_program(spread: &dyn PlaneSpread) -> String {
 /// The program that sends every pixel through the effects in their order; its entry point is `finish`.
 #[must_use]
 pub fn chain_program(effects: &[&dyn AnyPixelEffect], output: Output) -> String {
-    let mut calls = String::new();
-    for effect in effects {
-        let _ = writeln!(calls, "    value = {}(value, pixel);", effect.id());
-    }
-    let chain = format!(
-        "fn chain(electrons_before: f32, pixel: Pixel) -> f32 {{\n    var value = electrons_before;\n{calls}    return value;\n}}\n"
-    );
-    let head = ELECTRONS.to_owned() + &head(effects);
+    let calls: String = effects.iter().map(|effect| call(*effect)).collect();
+    let chain = format!("{CHAIN_HEAD}{calls}    return value;\n}}\n");
+    let head = ELECTRONS_IN_QUADS.to_owned() + &head(effects);
     let mut parts = vec![FRAME, MATH, RNG, PATTERN, &head];
     parts.extend(effects.iter().map(|effect| effect.wgsl()));
     parts.push(&chain);
@@ -63,8 +62,30 @@ pub fn chain_program(effects: &[&dyn AnyPixelEffect], output: Output) -> String 
     parts.join("\n")
 }
 
+/// How the chain begins: with four neighbours. Bands begin with whole quads.
+const CHAIN_HEAD: &str = "fn chain(before: vec4<f32>, quad_of_band: u32) -> vec4<f32> {
+    let first = pixel_at(4u * quad_of_band);
+    let second = next_pixel(first);
+    let third = next_pixel(second);
+    let fourth = next_pixel(third);
+    let quad = first.index / 4u;
+    var value = before;
+";
+
+/// The call of an effect for four pixels.
+fn call(effect: &dyn AnyPixelEffect) -> String {
+    let id = effect.id();
+    if effect.wgsl().contains(&format!("fn {id}_quad(")) {
+        return format!("    value = {id}_quad(value, quad);\n");
+    }
+    format!("    value = vec4<f32>({id}(value.x, first), {id}(value.y, second), {id}(value.z, third), {id}(value.w, fourth));\n")
+}
+
 /// The frame as programs change it.
 const ELECTRONS: &str = "@group(0) @binding(2) var<storage, read_write> electrons: array<f32>;\n";
+
+/// The same in fours.
+const ELECTRONS_IN_QUADS: &str = "@group(0) @binding(2) var<storage, read_write> electrons: array<vec4<f32>>;\n";
 
 /// Random stages and uniforms of effects.
 fn head(effects: &[&dyn AnyPixelEffect]) -> String {

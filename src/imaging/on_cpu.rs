@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::Exposure;
 use super::plan::{Enabled, Lit, Plan};
 use super::tiles::{Grid, TILE_PX, TileLists, bin};
+use crate::effects::pixel::lanes::to_counts;
 use crate::effects::pixel::pass::FrameBuffer;
 use crate::effects::pixel::{ExposureContext, PlaneStar, Rows, Stage, Star, Work};
 use crate::rng::StageKey;
@@ -97,7 +98,10 @@ pub(super) fn counts(plan: &Plan, lit: &Lit<'_>, exposure: &Exposure<'_>) -> Vec
     let stage = Some(Stage::Digital);
     let segments = plan.segments(stage);
     if segments.len() > 1 {
-        return electrons(plan, stage, lit, exposure).into_par_iter().map(|value| value as u16).collect();
+        let values = electrons(plan, stage, lit, exposure);
+        let mut counts = vec![0; values.len()];
+        to_counts(&values, &mut counts);
+        return counts;
     }
     let pixels = Pixels::new(plan, segments[0].pixels, exposure, &plan.context(exposure, lit));
     let chain = Chain::new(plan, lit, pixels);
@@ -107,9 +111,7 @@ pub(super) fn counts(plan: &Plan, lit: &Lit<'_>, exposure: &Exposure<'_>) -> Vec
         |(scratch, electrons), (band, counts)| {
             electrons.resize(counts.len(), 0.0);
             chain.fill(band, electrons, scratch);
-            for (count, value) in counts.iter_mut().zip(electrons.iter()) {
-                *count = *value as u16;
-            }
+            to_counts(electrons, counts);
         },
     );
     frame

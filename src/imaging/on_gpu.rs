@@ -9,6 +9,7 @@ use super::plan::{Enabled, Lit, Plan, Segment};
 use super::plane::PlaneBatch;
 use super::tiles::{Entry, Grid, TILE_PX, bin};
 use super::{Exposure, GpuError, SplitLimits};
+use crate::effects::pixel::lanes::QUAD_PX;
 use crate::effects::pixel::{ExposureContext, PlaneStar, Stage, Star};
 use crate::gpu::{Binding, Buffer, Dispatch, Gpu, Kernel};
 
@@ -236,7 +237,7 @@ impl GpuImager {
         };
         let mut buffers = vec![uniforms[0], uniforms[1], electrons];
         buffers.extend(kept.counts.as_ref().filter(|_| output == Output::Counts));
-        let workgroups = Gpu::workgroups_for((result_bytes(output, pixels) / 4).div_ceil(WORKGROUP));
+        let workgroups = Gpu::workgroups_for((pixels.div_ceil(QUAD_PX) as u64).div_ceil(WORKGROUP));
         self.gpu.submit(&[Dispatch { kernel, buffers: &buffers, workgroups }])
     }
 
@@ -259,7 +260,7 @@ impl GpuImager {
     ) -> Result<(), GpuError> {
         use Binding::{ReadWrite, Uniform};
         if kept.collect.is_none() {
-            let program = collect_program(plan.spread);
+            let program = collect_program(plan.spread, plan.width_px.is_multiple_of(QUAD_PX));
             kept.profiles = Some(self.gpu.kernel("profiles", &program, "profiles", &COLLECT_BINDINGS)?);
             kept.collect = Some(self.gpu.kernel("collect", &program, "collect", &COLLECT_BINDINGS)?);
         }
@@ -333,9 +334,9 @@ impl GpuImager {
                 let part = PartUniforms { first_entry, entries: per_dispatch, goes_on, all_entries };
                 let part = self.gpu.uniform("part", bytemuck::bytes_of(&part))?;
                 let buffers = [frame, &part, stars, starts, entries, profile, electrons];
-                let numbers = u64::from(all_entries) * (PROFILE_BYTES / size_of::<f32>()) as u64;
+                let quads = u64::from(all_entries) * (PROFILE_BYTES / (QUAD_PX * size_of::<f32>())) as u64;
                 let work = [
-                    Dispatch { kernel: profiles, buffers: &buffers, workgroups: Gpu::workgroups_for(numbers.div_ceil(WORKGROUP)) },
+                    Dispatch { kernel: profiles, buffers: &buffers, workgroups: Gpu::workgroups_for(quads.div_ceil(WORKGROUP)) },
                     Dispatch { kernel: collect, buffers: &buffers, workgroups: [grid.columns() as u32, grid.tile_rows() as u32] },
                 ];
                 // The profiles serve all parts of the lists, and an empty list has none.

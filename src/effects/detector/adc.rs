@@ -19,6 +19,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::effects::ParameterSpec;
+use crate::effects::pixel::lanes::vectorised;
 use crate::effects::pixel::math::floor_positive;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
 use crate::rng::StageKey;
@@ -45,13 +46,15 @@ pub fn full_pixel_dn(parameters: &[f64]) -> f32 {
     pixel[0]
 }
 
-/// The twin.
-fn adc(uniforms: &AdcUniforms, pixels: &mut [f32]) {
-    for pixel in pixels {
-        let held = if *pixel < uniforms.full_well_e { *pixel } else { uniforms.full_well_e };
-        let exact = held * uniforms.dn_per_e + uniforms.bias_and_half_dn;
-        let low = if exact > 0.0 { exact } else { 0.0 };
-        *pixel = floor_positive(if low < uniforms.top_dn { low } else { uniforms.top_dn });
+vectorised! {
+    /// The twin.
+    fn adc(uniforms: &AdcUniforms, pixels: &mut [f32]) {
+        for pixel in pixels {
+            let held = if *pixel < uniforms.full_well_e { *pixel } else { uniforms.full_well_e };
+            let exact = held * uniforms.dn_per_e + uniforms.bias_and_half_dn;
+            let low = if exact > 0.0 { exact } else { 0.0 };
+            *pixel = floor_positive(if low < uniforms.top_dn { low } else { uniforms.top_dn });
+        }
     }
 }
 

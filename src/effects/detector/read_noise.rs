@@ -18,7 +18,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::effects::ParameterSpec;
-use crate::effects::pixel::math::standard_normal;
+use crate::effects::pixel::lanes::{vectorised, with_normals};
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
 use crate::rng::StageKey;
 
@@ -33,11 +33,14 @@ pub struct ReadNoiseUniforms {
     sigma_e: f32,
 }
 
-/// The twin.
-fn read_noise(uniforms: ReadNoiseUniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
-    for (i, electrons) in pixels.iter_mut().enumerate() {
-        let words = key.words(first_pixel.wrapping_add(i as u32), 0);
-        *electrons += uniforms.sigma_e * standard_normal(words[0], words[1]);
+vectorised! {
+    /// The twin.
+    fn read_noise(uniforms: ReadNoiseUniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
+        with_normals(key, first_pixel, pixels, |run, normals| {
+            for (electrons, w) in run.iter_mut().zip(normals) {
+                *electrons += uniforms.sigma_e * w;
+            }
+        });
     }
 }
 
@@ -94,14 +97,16 @@ mod tests {
     fn draws_are_independent() {
         let draws = drawn(0, 2);
         let correlation = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>() / (a.len().min(b.len()) as f64).sqrt();
-        for lag in [1, 2, 16, 256, 1024, 4096] {
+        // Squares too: the two numbers of a pair share a radius.
+        let squares = |w: &[f64]| w.iter().map(|x| (x * x - 1.0) / 2.0_f64.sqrt()).collect::<Vec<_>>();
+        let squared = squares(&draws);
+        for lag in (1..=64).chain([255, 256, 257, 1023, 1024, 1025, 2048, 4096, 65_536]) {
             assert!(correlation(&draws, &draws[lag..]).abs() < 4.5, "pixels {lag} apart");
+            assert!(correlation(&squared, &squared[lag..]).abs() < 4.5, "squares of pixels {lag} apart");
         }
         for (what, other) in [("frames", drawn(1, 2)), ("stages", drawn(0, 1)), ("far frames", drawn(1 << 20, 2))] {
             assert!(correlation(&draws, &other).abs() < 4.5, "{what}");
-            // Squares too: a shared radius would not show in the product.
-            let squares = |w: &[f64]| w.iter().map(|x| (x * x - 1.0) / 2.0_f64.sqrt()).collect::<Vec<_>>();
-            assert!(correlation(&squares(&draws), &squares(&other)).abs() < 4.5, "squares of {what}");
+            assert!(correlation(&squared, &squares(&other)).abs() < 4.5, "squares of {what}");
         }
     }
 }

@@ -46,17 +46,19 @@ pub fn poly_exp(x: f32) -> f32 {
     (p * (r * r) + r + 1.0) * f32::from_bits(shifted.to_bits().wrapping_sub(ROUNDER.to_bits()).wrapping_add(127) << 23)
 }
 
-/// Cosine of an angle given as a part of a turn in units of 2⁻³²: the reduction to an octant is exact.
+/// Cosine and sine of an angle given as a part of a turn in units of 2⁻³²: the reduction to an octant is exact.
 #[inline(always)]
 #[must_use]
-pub fn cos_turn(turn: u32) -> f32 {
+pub fn cos_sin_turn(turn: u32) -> [f32; 2] {
     let quadrant = turn.wrapping_add(0x2000_0000) >> 30;
     let x = turn.wrapping_sub(quadrant << 30).cast_signed() as f32 * 1.46291807926715968e-9; // (π/2) / 2³⁰; in [−π/4, π/4]
     let z = x * x;
     let sine = ((-1.9515295891e-4 * z + 8.3321608736e-3) * z - 1.6666654611e-1) * z * x + x;
     let cosine = ((2.443315711809948e-5 * z - 1.388731625493765e-3) * z + 4.166664568298827e-2) * (z * z) - 0.5 * z + 1.0;
-    let size = if quadrant & 1 == 1 { sine } else { cosine };
-    if quadrant == 1 || quadrant == 2 { -size } else { size }
+    let [size_of_cosine, size_of_sine] = if quadrant & 1 == 1 { [sine, cosine] } else { [cosine, sine] };
+    // Signs are bits: the cosine's in the quadrants 1 and 2, the sine's in 2 and 3.
+    let signed = |size: f32, quadrant: u32| f32::from_bits(size.to_bits() ^ ((quadrant & 2) << 30));
+    [signed(size_of_cosine, quadrant.wrapping_add(1)), signed(size_of_sine, quadrant)]
 }
 
 /// A word as a number in (0, 1], fine near 0.
@@ -66,11 +68,19 @@ pub fn unit_interval(word: u32) -> f32 {
     ((word >> 1).cast_signed() as f32 + 0.5) * 4.656612873077393e-10
 }
 
-/// A standard normal number from two words (Box and Muller 1958). Its largest size is 6.7.
+/// Two independent standard normal numbers from two words (Box and Muller 1958). Their largest size is 6.7.
+#[inline(always)]
+#[must_use]
+pub fn normal_pair(radius_word: u32, angle_word: u32) -> [f32; 2] {
+    let radius = (-2.0 * poly_ln(unit_interval(radius_word))).sqrt();
+    cos_sin_turn(angle_word).map(|share| radius * share)
+}
+
+/// A standard normal number from two words: the first of [`normal_pair`].
 #[inline(always)]
 #[must_use]
 pub fn standard_normal(radius_word: u32, angle_word: u32) -> f32 {
-    (-2.0 * poly_ln(unit_interval(radius_word))).sqrt() * cos_turn(angle_word)
+    normal_pair(radius_word, angle_word)[0]
 }
 
 /// Probability that a standard normal number exceeds `x` ≥ 0.
@@ -106,7 +116,15 @@ pub fn floor(x: f32) -> f32 {
     if x.abs() < 4_194_304.0 { below } else { x }
 }
 
-/// The same for `x` ≥ 0, exact at any size.
+/// The nearest whole number; exact for |x| < 2²², else `x` itself.
+#[inline(always)]
+#[must_use]
+pub fn round(x: f32) -> f32 {
+    let nearest = (x + ROUNDER) - ROUNDER;
+    if x.abs() < 4_194_304.0 { nearest } else { x }
+}
+
+/// The largest whole number not above `x` ≥ 0, exact at any size.
 #[inline(always)]
 #[must_use]
 pub fn floor_positive(x: f32) -> f32 {
@@ -131,7 +149,9 @@ mod tests {
             let x = -87.0 * u;
             exp = exp.max((f64::from(poly_exp(x)) / f64::from(x).exp() - 1.0).abs());
             let turn = i.wrapping_mul(0x85EB_CA6B);
-            cos = cos.max((f64::from(cos_turn(turn)) - (f64::from(turn) * std::f64::consts::TAU / 4_294_967_296.0).cos()).abs());
+            let [c, s] = cos_sin_turn(turn).map(f64::from);
+            let (exact_s, exact_c) = (f64::from(turn) * std::f64::consts::TAU / 4_294_967_296.0).sin_cos();
+            cos = cos.max((c - exact_c).abs()).max((s - exact_s).abs());
         }
         assert!(ln < 2e-7 && exp < 2e-7 && cos < 2e-7, "ln {ln:.1e}, exp {exp:.1e}, cos {cos:.1e}");
         assert!(unit_interval(0) > 0.0 && unit_interval(u32::MAX) <= 1.0);
@@ -153,6 +173,7 @@ mod tests {
     fn floor_is_floor() {
         for x in [-2.5_f32, -2.0, -0.1, 0.0, 0.9, 1.0, 123_456.7] {
             assert_eq!(floor(x), x.floor());
+            assert_eq!(round(x + 0.1), (x + 0.1).round());
         }
         for x in [0.0_f32, 0.3, 0.5, 0.999_999_94, 1.5, 2.5, 4_194_305.5, 8_388_607.5, 8_388_609.0, 1e20] {
             assert_eq!(floor_positive(x), x.floor());

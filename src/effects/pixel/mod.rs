@@ -7,6 +7,7 @@
 //! A pixel effect sees one pixel. What moves charge between pixels is a pass over the whole frame ([`pass`]), in its place in the same list:
 //! the effects before it and those after it are programs of their own.
 
+pub(crate) mod lanes;
 pub mod math;
 pub mod pass;
 pub mod pattern;
@@ -77,7 +78,8 @@ impl Default for ExposureContext {
 
 /// What the author of a pixel effect writes.
 pub trait PixelEffect: Sync {
-    /// Its id in files, and the name of its twin and of its WGSL function `fn id(electrons: f32, pixel: Pixel) -> f32`.
+    /// Its id in files, and the name of its twin and of its WGSL function: `fn id(electrons: f32, pixel: Pixel) -> f32`, or
+    /// `fn id_quad(electrons: vec4<f32>, quad: u32) -> vec4<f32>` for the pixels 4 quad … 4 quad + 3 of the frame, where they share work.
     const ID: &'static str;
     /// Where it acts.
     const STAGE: Stage;

@@ -48,8 +48,9 @@ pub struct Rows<'a> {
 /// How the light of a star is spread: as the product of a profile along the columns and one along the rows. A spread that is no such product is
 /// a [`PlaneSpread`].
 pub trait PointSpread: Sync {
-    /// Its id in files, and the name of its twin and of its WGSL function `fn id(star: Star, offset_px: f32) -> f32`: the share of the star's
-    /// light, along one axis, in a pixel whose centre lies `offset_px` from the star.
+    /// Its id in files, and the name of its twin and of its WGSL function `fn id_quad(star: Star, first_px: f32, fraction_px: f32) -> vec4<f32>`:
+    /// the shares of the star's light, along one axis, in four pixels of which the first lies `first_px` (a whole number) from the star's
+    /// own pixel; the star lies `fraction_px` from that one's centre.
     fn id(&self) -> &'static str;
     /// Its parameters, which each star carries.
     fn parameters(&self) -> &'static [ParameterSpec];

@@ -17,6 +17,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::effects::ParameterSpec;
+use crate::effects::pixel::lanes::vectorised;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
 use crate::rng::StageKey;
 
@@ -31,10 +32,12 @@ pub struct BackgroundUniforms {
     electrons_per_px: f32,
 }
 
-/// The twin.
-fn background(uniforms: BackgroundUniforms, pixels: &mut [f32]) {
-    for electrons in pixels {
-        *electrons += uniforms.electrons_per_px;
+vectorised! {
+    /// The twin.
+    fn background(uniforms: BackgroundUniforms, pixels: &mut [f32]) {
+        for electrons in pixels {
+            *electrons += uniforms.electrons_per_px;
+        }
     }
 }
 
