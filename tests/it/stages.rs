@@ -263,7 +263,8 @@ fn every_pixel_effect_has_its_file_its_shader_and_its_page() {
         let file = folders.iter().find(|path| path.is_file()).unwrap_or_else(|| panic!("{id} has no file of its name"));
         assert_eq!(std::fs::read_to_string(file).unwrap(), source, "{id} shows the source of another");
         assert_eq!(std::fs::read_to_string(root().join(format!("shaders/{id}.wgsl"))).unwrap(), wgsl, "{id} runs the shader of another");
-        assert!(wgsl.contains(&format!("fn {id}(")) && source.contains(&format!("fn {id}(")), "the twins of {id} have other names");
+        let in_shader = wgsl.contains(&format!("fn {id}(")) || wgsl.contains(&format!("fn {id}_quad("));
+        assert!(in_shader && source.contains(&format!("fn {id}(")), "the twins of {id} have other names");
         let page = boresight::effects::page_of(source);
         for part in
             ["**What it is.**", "**Equation.**", "**What it leaves when left out.**", "**Confused with.**", "**Neglected.**", "**Source.**"]

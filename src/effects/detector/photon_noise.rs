@@ -238,6 +238,50 @@ mod tests {
         }
     }
 
+    /// The number at a normal quantile, by the same lines as the twin's.
+    fn at_quantile(lambda: f32, w: f32) -> f64 {
+        let mut pixel = [poisson_quantile(lambda.max(EXPANSION_FROM_E), w)];
+        if lambda < EXPANSION_FROM_E {
+            sum_faint(&[lambda; BLOCK_PX], &[w], &mut pixel);
+        }
+        f64::from(pixel[0])
+    }
+
+    /// The law itself, not draws of it: where along w each number begins, found by bisection, and what lies between has the right probability.
+    #[test]
+    fn the_law_is_exact() {
+        use statrs::function::{erf::erfc, gamma::ln_gamma};
+        for lambda in [0.003_f32, 0.1, 0.7, 1.0, 3.3, 8.0, 11.9, 12.0, 12.6, 14.0, 17.3, 20.0, 31.0, 50.0, 100.0, 1000.0, 12_345.6, 1e5] {
+            let l = f64::from(lambda);
+            let survival = |k: f64| {
+                let (mut low, mut high) = (-6.6_f32, 6.6_f32);
+                if at_quantile(lambda, low) >= k {
+                    return 1.0;
+                }
+                for _ in 0..45 {
+                    let middle = 0.5 * (low + high);
+                    if at_quantile(lambda, middle) >= k { high = middle } else { low = middle }
+                }
+                0.5 * erfc(f64::from(high) * std::f64::consts::FRAC_1_SQRT_2)
+            };
+            let (first, last) = ((l - 7.0 * l.sqrt()).floor().max(0.0), (l + 7.0 * l.sqrt() + 10.0).ceil());
+            let (mut distance, mut moments) = (0.0, [0.0; 3]);
+            let mut above = survival(first);
+            for k in first as u32..last as u32 {
+                let k = f64::from(k);
+                let next = survival(k + 1.0);
+                let error = (above - next) - (k * l.ln() - l - ln_gamma(k + 1.0)).exp();
+                above = next;
+                distance += 0.5 * error.abs();
+                for (power, moment) in (1..).zip(&mut moments) {
+                    *moment += error * (k - l).powi(power);
+                }
+            }
+            println!("λ {lambda}: distance {distance:.1e}, moments {:.1e} {:.1e} {:.1e}", moments[0], moments[1], moments[2]);
+            assert!(distance < 5e-6, "λ {lambda}: total variation distance {distance:.1e}");
+        }
+    }
+
     /// Faint light keeps its mean: the uniform number is fine near the tail that decides.
     #[test]
     fn nothing_comes_from_nothing_and_little_from_little() {
