@@ -220,8 +220,10 @@ fn check_uniforms(module: &naga::Module, effects: &[&dyn AnyPixelEffect]) {
 #[test]
 fn shaders_are_sound_and_their_uniforms_lie_where_the_twins_have_them() {
     for spread in POINT_SPREADS {
-        let module = parse(&collect_program(*spread));
-        assert_eq!(members(&module, "Star").1, size_of::<Star>());
+        for whole_quads in [true, false] {
+            let module = parse(&collect_program(*spread, whole_quads));
+            assert_eq!(members(&module, "Star").1, size_of::<Star>());
+        }
     }
     let on_pixels: Vec<_> = PIXEL_EFFECTS.iter().copied().filter(|effect| matches!(effect.work(), Work::Pixels(_))).collect();
     let subsets = (0..=on_pixels.len()).flat_map(|first| (1..=2).map(move |count| (first, count)));
