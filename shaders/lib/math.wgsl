@@ -50,6 +50,11 @@ fn cos_sin_turn(turn: u32) -> vec2<f32> {
     return bitcast<vec2<f32>>(bitcast<vec2<u32>>(sizes) ^ signs);
 }
 
+// The cosine alone.
+fn cos_turn(turn: u32) -> f32 {
+    return cos_sin_turn(turn).x;
+}
+
 // A word as a number in (0, 1], fine near 0.
 fn unit_interval(word: u32) -> f32 {
     return (f32(i32(word >> 1u)) + 0.5) * 4.656612873077393e-10;

@@ -61,6 +61,13 @@ pub fn cos_sin_turn(turn: u32) -> [f32; 2] {
     [signed(size_of_cosine, quadrant.wrapping_add(1)), signed(size_of_sine, quadrant)]
 }
 
+/// The cosine alone.
+#[inline(always)]
+#[must_use]
+pub fn cos_turn(turn: u32) -> f32 {
+    cos_sin_turn(turn)[0]
+}
+
 /// A word as a number in (0, 1], fine near 0.
 #[inline(always)]
 #[must_use]
