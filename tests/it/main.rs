@@ -16,6 +16,7 @@ mod house;
 mod identify;
 mod layering;
 mod motion;
+mod noise;
 mod recording;
 mod scene;
 mod spreads;

@@ -247,6 +247,20 @@ mod tests {
         f64::from(pixel[0])
     }
 
+    /// Vectors of whatever width the processor has, and single numbers compiled for any, are the same to the bit.
+    #[test]
+    fn wide_registers_change_no_bit() {
+        let key = StageKey { seed: 4, frame: 5, stage: 6 };
+        let lambda: Vec<f32> = (0..20_011_u16).map(|i| (f32::from(i) * 0.02).powi(2)).collect();
+        let mut w = vec![0.0; lambda.len()];
+        with_normals(key, 3, &mut w, |run, normals| run.copy_from_slice(normals));
+        let mut pixels = lambda.clone();
+        photon_noise(key, 3, &mut pixels);
+        for ((pixel, lambda), w) in pixels.iter().zip(&lambda).zip(&w) {
+            assert_eq!(f64::from(*pixel), at_quantile(*lambda, *w), "λ {lambda}, w {w}");
+        }
+    }
+
     /// The law itself, not draws of it: where along w each number begins, found by bisection, and what lies between has the right probability.
     #[test]
     fn the_law_is_exact() {
