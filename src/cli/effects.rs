@@ -1,7 +1,9 @@
 //! `boresight effects`: what this build knows.
 
 use anyhow::{Result, bail};
-use boresight::effects::pixel::{PIXEL_EFFECTS, POINT_SPREADS, pixel_effect, point_spread};
+use boresight::effects::optics::sampled_psf;
+use boresight::effects::optics::tables::IMAGE_KINDS;
+use boresight::effects::pixel::{PIXEL_EFFECTS, PLANE_SPREADS, POINT_SPREADS, pixel_effect, plane_spread, point_spread};
 use boresight::effects::{DISPLACEMENTS, ParameterSpec, Segment, page_of};
 use clap::Args;
 use serde::Serialize;
@@ -87,6 +89,10 @@ fn lines() -> Vec<Line> {
         line(effect.id(), acts_on, effect.parameters())
     });
     let spreads = POINT_SPREADS.iter().map(|spread| line(spread.id(), "star image", &[]));
+    let planes = PLANE_SPREADS.iter().filter(|spread| point_spread(spread.id()).is_none());
+    let spreads = spreads.chain(planes.map(|spread| line(spread.id(), "star image", spread.parameters())));
+    let spreads = spreads.chain(IMAGE_KINDS.iter().map(|kind| line(&kind_id(kind.id()), "star image", kind.parameters())));
+    let spreads = spreads.chain([line(SAMPLED, "star image", &[])]);
     let pixels = PIXEL_EFFECTS.iter().map(|effect| line(effect.id(), "pixels", effect.parameters()));
     displacements.chain(spreads).chain(pixels).collect()
 }
@@ -97,5 +103,16 @@ fn page(id: &str) -> Option<String> {
     let name = id.replace('-', "_");
     let pixels = || pixel_effect(&name).map(|effect| page_of(effect.source()));
     let spread = || point_spread(&name).map(|spread| page_of(spread.source()));
-    displacement.or_else(pixels).or_else(spread)
+    let plane = || plane_spread(&name).map(|spread| page_of(spread.source()));
+    let kind = || IMAGE_KINDS.iter().find(|kind| kind_id(kind.id()) == id).map(|kind| page_of(kind.source()));
+    let sampled = || (id == SAMPLED).then(|| page_of(sampled_psf::source()));
+    displacement.or_else(pixels).or_else(spread).or_else(plane).or_else(kind).or_else(sampled)
+}
+
+/// The name of the page of an image given point by point.
+const SAMPLED: &str = "sampled-image";
+
+/// The name of the page of a kind of image that fills tables.
+fn kind_id(kind: &str) -> String {
+    format!("{kind}-image")
 }

@@ -11,8 +11,8 @@ use boresight::recording::{
     CameraInfo, FitsHeaders, Form, FrameEntry, Mount, OutputDirectory, Recording, Shutter, Site, Size, write_file, write_fits_u16,
     write_manifest,
 };
-use boresight::render::{Renderer, TrueStar};
-use boresight::scene::{DetectorTable, Exposure, Scene, SiteTable, SkyTable};
+use boresight::render::Renderer;
+use boresight::scene::{DetectorTable, Exposure, PsfTable, Scene, SiteTable, SkyTable};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
@@ -65,6 +65,8 @@ struct TruthObject<'a> {
     camera: &'a Camera,
     nominal: &'a Camera,
     detector: &'a DetectorTable,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    psf: Option<&'a PsfTable>,
     sky: &'a SkyTable,
     site: Option<&'a SiteTable>,
     frames: Vec<TrueFrame>,
@@ -126,6 +128,7 @@ pub(crate) fn write_recording(
     let recording = manifest(scene);
     let bar = output::progress("rendering", scene.exposures.len());
     let mut truth = csv::Writer::from_writer(Vec::new());
+    let mut lights = csv::Writer::from_writer(Vec::new());
     let mut stars = 0;
     for (index, entry) in recording.frames.iter().enumerate() {
         let frame = renderer.render(index)?;
@@ -134,18 +137,24 @@ pub(crate) fn write_recording(
         let path = directory.path().join(file);
         write_fits_u16(&path, scene.camera.width_px, scene.camera.height_px, &frame.pixels_dn, &headers)?;
         stars += frame.stars.len();
-        write_stars(&mut truth, &frame.stars)?;
+        write_rows(&mut truth, &frame.stars, "truth/stars.csv")?;
+        write_rows(&mut lights, &frame.lights, "truth/lights.csv")?;
         bar.inc(1);
     }
     bar.finish_and_clear();
     write_manifest(directory.path(), &recording)?;
     let folder = directory.path().join("truth");
     write_file(&folder.join("stars.csv"), &truth.into_inner().context("writing truth/stars.csv")?)?;
+    let lights = lights.into_inner().context("writing truth/lights.csv")?;
+    if !lights.is_empty() {
+        write_file(&folder.join("lights.csv"), &lights)?;
+    }
     let object = TruthObject {
         format: "boresight-truth/1",
         camera: &scene.camera,
         nominal: &scene.nominal,
         detector: &scene.detector,
+        psf: scene.psf_table.as_ref(),
         sky: &scene.sky,
         site: scene.site.as_ref(),
         frames: scene.exposures.iter().enumerate().map(|(index, exposure)| true_frame(index, scene, exposure)).collect(),
@@ -165,9 +174,9 @@ pub(crate) fn write_recording(
     Ok(object)
 }
 
-fn write_stars(table: &mut csv::Writer<Vec<u8>>, stars: &[TrueStar]) -> Result<()> {
-    for star in stars {
-        table.serialize(star).context("writing truth/stars.csv")?;
+fn write_rows(table: &mut csv::Writer<Vec<u8>>, rows: &[impl Serialize], name: &'static str) -> Result<()> {
+    for row in rows {
+        table.serialize(row).context(format!("writing {name}"))?;
     }
     Ok(())
 }

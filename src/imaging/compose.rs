@@ -43,7 +43,7 @@ pub fn collect_program(spread: &dyn PointSpread, whole_quads: bool) -> String {
 /// The program that adds the light of a plane point spread; its entry point is `collect_plane`.
 #[must_use]
 pub fn collect_plane_program(spread: &dyn PlaneSpread) -> String {
-    [FRAME, MATH, spread.wgsl(), &COLLECT_PLANE.replace("SHARE)", &format!("{})", spread.wgsl_share()))].join("\n")
+    [FRAME, MATH, spread.wgsl_library(), spread.wgsl(), &COLLECT_PLANE.replace("SHARE)", &format!("{})", spread.wgsl_share()))].join("\n")
 }
 
 /// The program that sends every pixel through the effects in their order; its entry point is `finish`.

@@ -1,15 +1,30 @@
 //! From a star's way over the frame to points of light.
 
+use rayon::prelude::*;
+
+use crate::effects::optics::atlas_psf::AtlasPsf;
+use crate::effects::optics::disc_psf::{self, DiscPsf};
+use crate::effects::optics::elliptic_gaussian_psf::{self, EllipticGaussianPsf};
 use crate::effects::optics::gaussian_psf::GaussianPsf;
-use crate::effects::pixel::{Atlas, PointSpread};
+use crate::effects::optics::tables::AtlasBuilder;
+use crate::effects::pixel::{Atlas, PlaneSpread, PointSpread};
 use crate::imaging::{Deposit, Imager, ImagingError, PlaneLight, Stamp, StarImage};
-use crate::scene::{Sample, StarTrack};
+use crate::scene::{LightForm, OtherLight, Psf, PsfKind, Sample, Spot, StarTrack};
+use crate::units::DEG_RAD;
+
+/// Spreads the light of stars as a scene's `[psf]` says.
+#[derive(Debug)]
+pub(super) struct Spreader {
+    psf: Psf,
+    atlas: Atlas,
+}
 
 /// The light of one star: what the fast, separable spread takes, and what has to be spread point by point.
 #[derive(Clone, Debug, Default)]
 pub(super) struct StarLight {
-    pub(super) stars: Vec<StarImage>,
-    pub(super) deposits: Vec<Deposit>,
+    stars: Vec<StarImage>,
+    deposits: Vec<Deposit>,
+    discs: Vec<Deposit>,
 }
 
 /// All the light of an exposure.
@@ -17,7 +32,7 @@ pub(super) struct StarLight {
 pub(super) struct FrameLight {
     pub(super) stars: Vec<StarImage>,
     deposits: Vec<Deposit>,
-    atlas: Atlas,
+    discs: Vec<Deposit>,
 }
 
 impl FromIterator<StarLight> for FrameLight {
@@ -26,68 +41,196 @@ impl FromIterator<StarLight> for FrameLight {
         for light in lights {
             frame.stars.extend(light.stars);
             frame.deposits.extend(light.deposits);
+            frame.discs.extend(light.discs);
         }
         frame
     }
 }
 
-impl FrameLight {
-    /// What goes to the pixels besides the separable stars.
-    pub(super) fn planes(&self) -> Vec<PlaneLight<'_>> {
-        let batch = PlaneLight { spread: &GaussianPsf, atlas: &self.atlas, deposits: &self.deposits };
-        [batch].into_iter().filter(|batch| !batch.deposits.is_empty()).collect()
+impl Spreader {
+    /// Works out the tables, if the scene's images need any.
+    pub(super) fn new(psf: &Psf) -> Self {
+        let atlas = psf.grid().map_or_else(Atlas::default, |grid| {
+            let mut builder = AtlasBuilder::new(grid, psf.reach_px);
+            let table = |node: usize| {
+                let image = match &psf.kind {
+                    PsfKind::Tables(kind) => kind.transfer(&psf.parameters_at(&psf.node(node)), &grid),
+                    PsfKind::Sampled(image) => image.transfer(&grid, image.grid(psf.reach_px).1),
+                    PsfKind::Gaussian | PsfKind::Elliptic => Vec::new(), // they have no grid
+                };
+                builder.table(image, &psf.pixel)
+            };
+            let tables: Vec<Vec<f32>> = (0..psf.nodes.count()).into_par_iter().map(table).collect();
+            for table in &tables {
+                builder.add(table);
+            }
+            builder.finish()
+        });
+        Self { psf: psf.clone(), atlas }
     }
-}
 
-impl StarLight {
-    /// A star as a round Gaussian of this width.
-    ///
-    /// Motion that is faster than the exposure widens it: by the smaller of the two variances in all directions, and by the rest along the
-    /// axis of the larger, point by point.
-    pub(super) fn gaussian(track: &StarTrack, sigma_px: f64) -> Self {
-        let [xx, xy, yy] = track.blur_px2;
-        let (middle, half) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
-        let (least, rest) = ((middle - half).max(0.0), 2.0 * half);
-        let sigma_px = (sigma_px * sigma_px + least).sqrt();
-        let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
-        let spread = rest.sqrt();
-        let offsets = if spread > 1e-3 * sigma_px { normal_nodes(spread, sigma_px) } else { vec![[0.0, 1.0]] };
-        let mut light = Self::default();
+    /// How far outside the frame a star may stand and still light it, px.
+    pub(super) fn margin_px(&self) -> f64 {
+        /// Beyond so many widths lies less than 1e-9 of a Gaussian's light.
+        const SIGMAS: f64 = 6.0;
+        match self.psf.kind {
+            PsfKind::Gaussian | PsfKind::Elliptic => SIGMAS * self.widest_px() + 1.0,
+            PsfKind::Tables(_) | PsfKind::Sampled(_) => self.psf.reach_px as f64 + 2.0,
+        }
+    }
+
+    /// The largest width over the field and all colours, px.
+    fn widest_px(&self) -> f64 {
+        self.psf.widest_px()
+    }
+
+    fn spread(&self) -> &'static dyn PlaneSpread {
+        match self.psf.kind {
+            PsfKind::Gaussian => &GaussianPsf,
+            PsfKind::Elliptic => &EllipticGaussianPsf,
+            PsfKind::Tables(_) | PsfKind::Sampled(_) => &AtlasPsf,
+        }
+    }
+
+    /// What goes to the pixels besides the separable stars.
+    pub(super) fn planes<'a>(&'a self, frame: &'a FrameLight) -> Vec<PlaneLight<'a>> {
+        self.batches(&frame.deposits, &frame.discs)
+    }
+
+    fn batches<'a>(&'a self, deposits: &'a [Deposit], discs: &'a [Deposit]) -> Vec<PlaneLight<'a>> {
+        let own = PlaneLight { spread: self.spread(), atlas: &self.atlas, deposits };
+        let ghosts = PlaneLight { spread: &DiscPsf, atlas: &self.atlas, deposits: discs };
+        [own, ghosts].into_iter().filter(|batch| !batch.deposits.is_empty()).collect()
+    }
+
+    /// Its light on the pixels, and no other.
+    pub(super) fn stamp(&self, light: &StarLight, imager: &Imager) -> Result<Option<Stamp>, ImagingError> {
+        imager.stamp(&light.stars, &self.batches(&light.deposits, &light.discs))
+    }
+
+    /// The light of a star. Motion that is faster than the exposure widens Gaussians; other images are put down at several places.
+    pub(super) fn light(&self, track: &StarTrack) -> StarLight {
+        let mut light = StarLight::default();
         for sample in &track.samples {
-            for [node, weight] in &offsets {
-                light.put(track, sample, sigma_px, [node * angle.cos(), node * angle.sin()], *weight);
+            match self.psf.kind {
+                PsfKind::Gaussian => self.round(track, sample, &mut light),
+                PsfKind::Elliptic => self.elliptic(track, sample, &mut light),
+                PsfKind::Tables(_) | PsfKind::Sampled(_) => self.tabled(track, sample, &mut light),
             }
         }
         light
     }
 
-    fn put(&mut self, track: &StarTrack, sample: &Sample, sigma_px: f64, offset_px: [f64; 2], share: f64) {
-        let image = StarImage {
-            x_px: sample.place.x_px + offset_px[0],
-            y_px: sample.place.y_px + offset_px[1],
-            electrons: track.electrons * sample.weight * share,
-            sigma_px,
-        };
-        if sample.shear == [0.0; 2] {
-            self.stars.push(image);
-        } else {
-            let reach = GaussianPsf.reach(track.electrons, sigma_px) as u16;
-            self.deposits.push(Deposit { shear: sample.shear, ..Deposit::round(&image, reach) });
+    /// The light of what is no star.
+    pub(super) fn other(&self, other: &OtherLight) -> StarLight {
+        /// Widths of charge along a track between two points of light at most.
+        const STEP: f64 = 1.1;
+        match &other.form {
+            LightForm::Trail(track) => self.light(track),
+            LightForm::Disc { radius_px, hole_px } => {
+                let [place, _] = other.ends;
+                let image = StarImage { x_px: place.x_px, y_px: place.y_px, electrons: other.electrons, sigma_px: 1.0 };
+                let shape = disc_psf::shape(*radius_px, *hole_px);
+                let disc = Deposit { shape, ..Deposit::round(&image, (radius_px + 1.5).ceil() as u16) };
+                StarLight { discs: vec![disc], ..StarLight::default() }
+            }
+            LightForm::Track { sigma_px } => {
+                let [from, to] = other.ends;
+                let (dx, dy) = (to.x_px - from.x_px, to.y_px - from.y_px);
+                let count = (dx.hypot(dy) / (STEP * sigma_px)).ceil().clamp(1.0, 1e5);
+                let point = |k: usize| {
+                    let share = (k as f64 + 0.5) / count;
+                    let (x_px, y_px) = (from.x_px + share * dx, from.y_px + share * dy);
+                    StarImage { x_px, y_px, electrons: other.electrons / count, sigma_px: *sigma_px }
+                };
+                StarLight { stars: (0..count as usize).map(point).collect(), ..StarLight::default() }
+            }
         }
     }
 
-    /// Its light on the pixels, and no other.
-    pub(super) fn stamp(&self, imager: &Imager) -> Result<Option<Stamp>, ImagingError> {
-        let atlas = Atlas::default();
-        let batch = PlaneLight { spread: &GaussianPsf, atlas: &atlas, deposits: &self.deposits };
-        imager.stamp(&self.stars, &[batch])
+    fn parameters(&self, track: &StarTrack, sample: &Sample) -> Vec<f64> {
+        self.psf.parameters_at(&spot(track, sample))
+    }
+
+    /// By the smaller of the two variances the Gaussian is wider in all directions; the rest, along the axis of the larger, is put down point by
+    /// point.
+    fn round(&self, track: &StarTrack, sample: &Sample, light: &mut StarLight) {
+        let sigma_px = self.parameters(track, sample)[0];
+        let [least, rest] = principal_px2(track.blur_px2);
+        let sigma_px = (sigma_px * sigma_px + least.variance).sqrt();
+        let spread = (rest.variance - least.variance).max(0.0).sqrt();
+        for [offset, share] in normal_nodes(spread, sigma_px) {
+            let image = StarImage {
+                x_px: sample.place.x_px + offset * rest.axis[0],
+                y_px: sample.place.y_px + offset * rest.axis[1],
+                electrons: track.electrons * sample.weight * share,
+                sigma_px,
+            };
+            if sample.shear == [0.0; 2] {
+                light.stars.push(image);
+            } else {
+                let reach = GaussianPsf.reach(track.electrons, sigma_px) as u16;
+                light.deposits.push(Deposit { shear: sample.shear, ..Deposit::round(&image, reach) });
+            }
+        }
+    }
+
+    fn elliptic(&self, track: &StarTrack, sample: &Sample, light: &mut StarLight) {
+        let parameters = self.parameters(track, sample);
+        let own = elliptic_gaussian_psf::covariance_px2(parameters[0], parameters[1], parameters[2] * DEG_RAD);
+        let covariance = [0, 1, 2].map(|k| own[k] + track.blur_px2[k]);
+        let [_, major] = principal_px2(covariance);
+        let (sigma_px, shape) = elliptic_gaussian_psf::shape(covariance);
+        let image = StarImage { x_px: sample.place.x_px, y_px: sample.place.y_px, electrons: track.electrons * sample.weight, sigma_px };
+        let reach = GaussianPsf.reach(track.electrons, major.variance.sqrt()) as u16;
+        light.deposits.push(Deposit { shear: sample.shear, shape, ..Deposit::round(&image, reach) });
+    }
+
+    fn tabled(&self, track: &StarTrack, sample: &Sample, light: &mut StarLight) {
+        let nodes = self.psf.mixture(&spot(track, sample));
+        let [minor, major] = principal_px2(track.blur_px2).map(|one| (normal_nodes(one.variance.sqrt(), self.psf.smooth_px), one.axis));
+        for [along, share] in &major.0 {
+            for [across, part] in &minor.0 {
+                let image = StarImage {
+                    x_px: sample.place.x_px + along * major.1[0] + across * minor.1[0],
+                    y_px: sample.place.y_px + along * major.1[1] + across * minor.1[1],
+                    electrons: track.electrons * sample.weight * share * part,
+                    sigma_px: 1.0,
+                };
+                let reach = self.psf.reach_px as u16 + 1;
+                light.deposits.push(Deposit { shear: sample.shear, nodes, ..Deposit::round(&image, reach) });
+            }
+        }
     }
 }
 
+/// What a star's image depends on at a moment.
+fn spot(track: &StarTrack, sample: &Sample) -> Spot {
+    let (x_px, y_px) = (sample.place.x_px, sample.place.y_px);
+    Spot { x_px, y_px, colour: track.colour, temperature_offset_k: track.temperature_offset_k }
+}
+
+/// A principal axis of a covariance.
+#[derive(Clone, Copy, Debug)]
+struct Principal {
+    variance: f64,
+    axis: [f64; 2],
+}
+
+/// The principal axes of a covariance (xx, xy, yy), that of the smaller variance first.
+fn principal_px2([xx, xy, yy]: [f64; 3]) -> [Principal; 2] {
+    let (middle, half) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
+    let (sine, cosine) = (0.5 * (2.0 * xy).atan2(xx - yy)).sin_cos();
+    [Principal { variance: (middle - half).max(0.0), axis: [-sine, cosine] }, Principal { variance: middle + half, axis: [cosine, sine] }]
+}
+
 /// Nodes and weights of a normal distribution of width `spread_px` for functions as smooth as a Gaussian of width `sigma_px`: the trapezoidal
-/// rule, whose error falls as exp(−2π²w²/h²) with the step h and the width w of the product of the two.
+/// rule, whose error falls as exp(−2π²w²/h²) with the step h and the width w of the product of the two. A single node for a width of nothing.
 fn normal_nodes(spread_px: f64, sigma_px: f64) -> Vec<[f64; 2]> {
     const REACH: f64 = 5.3;
+    if spread_px < 1e-3 * sigma_px {
+        return vec![[0.0, 1.0]];
+    }
     let step = 1.1 * spread_px * sigma_px / spread_px.hypot(sigma_px);
     let half = (REACH * spread_px / step).ceil() as i32;
     let nodes = (-half..=half).map(|index| f64::from(index) * step);

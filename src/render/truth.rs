@@ -2,7 +2,7 @@
 
 use crate::coordinates::PixelPoint;
 use crate::imaging::Stamp;
-use crate::scene::{DetectorTable, Scene, StarTrack};
+use crate::scene::{DetectorTable, LightKind, OtherLight, Scene, StarTrack};
 use serde::{Deserialize, Serialize};
 
 /// One star in one frame; a row of `truth/stars.csv`.
@@ -44,6 +44,50 @@ pub struct TrueStar {
     pub blended: bool,
     /// Part of the light falls beside the frame (more than 1 %).
     pub edge: bool,
+}
+
+/// What shines or leaves charge and is no star; a row of `truth/lights.csv`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrueLight {
+    /// Index of the frame.
+    pub frame: usize,
+    /// What it is.
+    pub kind: LightKind,
+    /// Of a ghost: the catalogue number of its star.
+    pub hip: Option<u32>,
+    /// Column where it begins; of a ghost, its middle.
+    pub x_start_px: f64,
+    /// Row where it begins.
+    pub y_start_px: f64,
+    /// Column where it ends.
+    pub x_end_px: f64,
+    /// Row where it ends.
+    pub y_end_px: f64,
+    /// Electrons that it sends or leaves.
+    pub electrons_asked: f64,
+    /// Of these, how many are expected on the frame's pixels.
+    pub electrons_landed: f64,
+    /// Expected electrons in its brightest pixel.
+    pub peak_electrons: f64,
+}
+
+impl TrueLight {
+    /// Of a light in frame `index` of which this lands.
+    pub(super) fn new(index: usize, other: &OtherLight, landed: Landed) -> Self {
+        let [start, end] = other.ends;
+        Self {
+            frame: index,
+            kind: other.kind,
+            hip: other.hip,
+            x_start_px: start.x_px,
+            y_start_px: start.y_px,
+            x_end_px: end.x_px,
+            y_end_px: end.y_px,
+            electrons_asked: other.electrons,
+            electrons_landed: landed.electrons,
+            peak_electrons: landed.peak_electrons,
+        }
+    }
 }
 
 /// What one star's light is on the frame's pixels, without any other's.

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{EffectTable, JitterTable, SceneError, motion};
+use super::{CosmicRayTable, EffectTable, GhostTable, JitterTable, PsfTable, SceneError, StreakTable, lights, motion};
 use crate::camera::Camera;
 use crate::coordinates::PixelPoint;
 use crate::recording::{FirstRow, Mount};
@@ -32,8 +32,18 @@ pub struct SceneFile {
     pub sky: SkyTable,
     /// The place on the ground.
     pub site: Option<SiteTable>,
+    /// How the light of a star is spread; if absent, as a Gaussian of `detector.psf_sigma_px`.
+    pub psf: Option<PsfTable>,
     /// How the camera stands.
     pub mount: Option<MountTable>,
+    /// Ghosts of bright stars.
+    #[serde(default)]
+    pub ghosts: Vec<GhostTable>,
+    /// Trails of satellites and meteors.
+    #[serde(default)]
+    pub streaks: Vec<StreakTable>,
+    /// Particles that cross the detector.
+    pub cosmic_rays: Option<CosmicRayTable>,
     /// How it trembles.
     pub jitter: Option<JitterTable>,
     /// Effects with parameters of their own.
@@ -104,7 +114,7 @@ pub struct NominalTable {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct DetectorTable {
-    /// Gaussian σ of the PSF.
+    /// Gaussian σ of the PSF; a `[psf]` of its own goes before it.
     pub psf_sigma_px: f64,
     /// Electrons per second of a star of V = 0.
     pub zero_point_e_per_s: f64,
@@ -400,6 +410,7 @@ pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
     if let Some(jitter) = &file.jitter {
         motion::check(path, jitter)?;
     }
+    lights::check(path, &file.ghosts, &file.streaks, file.cosmic_rays.as_ref())?;
     let is_fixed = file.mount.is_some_and(|mount| mount.kind == Mount::Fixed);
     let is_turning = |rate: Option<[f64; 3]>| rate.is_some_and(|rate| rate != [0.0; 3]);
     if let Some(series) = &file.series {

@@ -5,8 +5,11 @@
 
 mod effects;
 mod file;
+mod lights;
 mod motion;
 mod pointing;
+mod psf;
+mod psf_table;
 mod quadrature;
 mod spline;
 mod track;
@@ -18,7 +21,10 @@ pub use effects::EffectTable;
 pub use file::{
     DEMO_TOML, DetectorTable, FrameTable, MountTable, NominalTable, SceneFile, SeriesTable, SiteTable, SkyTable, TrueCameraTable,
 };
+pub use lights::{CosmicRayTable, GhostTable, LightForm, LightKind, OtherLight, StreakKind, StreakTable};
 pub use motion::{BandTable, EARTH_RATE_RAD_S, JitterTable, LineTable, Motion};
+pub use psf::{Psf, PsfKind, PsfNodes, Spot, Third};
+pub use psf_table::{PixelTable, PsfTable, VaryTable};
 pub use spline::RotationSpline;
 pub use track::{Sample, StarTrack};
 
@@ -103,8 +109,18 @@ pub struct Scene {
     pub is_fixed: bool,
     /// The camera as the recording declares it.
     pub nominal: Camera,
-    /// The true detector and PSF.
+    /// The true detector; its PSF is the width that stands for [`Self::psf`].
     pub detector: DetectorTable,
+    /// How the light of a star is spread.
+    pub psf: Psf,
+    /// The same as written, if it was.
+    pub psf_table: Option<PsfTable>,
+    /// Ghosts of bright stars.
+    pub ghosts: Vec<GhostTable>,
+    /// Trails of satellites and meteors.
+    pub streaks: Vec<StreakTable>,
+    /// Particles that cross the detector.
+    pub cosmic_rays: Option<CosmicRayTable>,
     /// The true sky.
     pub sky: SkyTable,
     /// What works on pixels, from the sky to the converter.
@@ -226,6 +242,11 @@ impl SceneFile {
         let is_fixed = self.mount.is_some_and(|mount| mount.kind == Mount::Fixed);
         let plans = pointing::plan(path, &self, &circumstances)?;
         let exposures = self.exposures(path, plans, &physics, &terms)?;
+        let size_px = [camera.width_px, camera.height_px];
+        let kelvins = exposures.iter().map(|exposure| exposure.sky.observation().temperature_offset_k.unwrap_or_default());
+        let temperatures_k = kelvins.fold([0.0_f64; 2], |[low, high], kelvin| [low.min(kelvin), high.max(kelvin)]);
+        let psf = psf_table::read(path, self.psf.as_ref(), self.detector.psf_sigma_px, size_px, temperatures_k)?;
+        let detector = DetectorTable { psf_sigma_px: psf.typical_px, ..self.detector.clone() };
         let pixel_effects = effects::of_camera(&self.detector, &self.sky, &pixels);
         Ok(Scene {
             seed: self.seed,
@@ -237,7 +258,12 @@ impl SceneFile {
             first_row,
             is_fixed,
             nominal,
-            detector: self.detector,
+            detector,
+            psf,
+            psf_table: self.psf,
+            ghosts: self.ghosts,
+            streaks: self.streaks,
+            cosmic_rays: self.cosmic_rays,
             sky: self.sky,
             pixel_effects,
             site: self.site,

@@ -6,7 +6,7 @@
 //!
 //! **Rolling shutter.** Each row is exposed for the same time, but its middle is t·(y − y_mid) after that of the middle row. At the time u from
 //! a row's own middle the star lights the row y where the equation y = y(u + t·(y − y_mid)) holds; rows beside it see it shifted in
-//! proportion to their distance ([`Sample::shear`]).
+//! proportion to their distance ([`Sample::shear`]). Neglected: motion so fast that a star overtakes the rows as they are exposed.
 
 use super::motion::later;
 use super::quadrature::gauss_legendre;
@@ -46,6 +46,8 @@ pub struct StarTrack {
     pub magnitude: f64,
     /// B − V, where known.
     pub colour: Option<f64>,
+    /// Temperature of the optics minus its mean over the exposures, K; 0 where it is not known.
+    pub temperature_offset_k: f64,
     /// Electrons that the star sends during the whole exposure.
     pub electrons: f64,
     /// Place at the start, the middle and the end of the exposure of the row that it lights; `None` where it has none.
@@ -76,6 +78,15 @@ fn node_count(widths: f64, cycles: f64) -> usize {
         ..0.5 => 3,
         _ => (4.0 + 1.15 * widths).ceil() as usize,
     }
+}
+
+/// Nodes from 0 to 1 and weights, which add up to 1, for an even trail of so many widths of the point spread.
+pub(super) fn nodes_along(widths: f64) -> Vec<[f64; 2]> {
+    let parts = (widths / LONGEST_PIECE).ceil().max(1.0);
+    let rule = gauss_legendre(node_count(widths / parts, 0.0));
+    (0..parts as usize)
+        .flat_map(|part| rule.iter().map(move |[node, weight]| [(part as f64 + 0.5 + 0.5 * node) / parts, weight / parts]))
+        .collect()
 }
 
 /// A star seen by the scene's camera during an exposure.
@@ -261,8 +272,16 @@ impl Scene {
             return None;
         }
         let blur_px2 = sight.blur_px2();
-        let electrons = sight.electrons;
-        Some(StarTrack { hip: star.hip, magnitude: star.magnitude, colour: star.colour, electrons, start_mid_end, samples, blur_px2 })
+        Some(StarTrack {
+            hip: star.hip,
+            magnitude: star.magnitude,
+            colour: star.colour,
+            temperature_offset_k: sight.exposure.sky.observation().temperature_offset_k.unwrap_or_default(),
+            electrons: sight.electrons,
+            start_mid_end,
+            samples,
+            blur_px2,
+        })
     }
 
     /// The moments at which a star lights the frame, from its places at even steps of time through the exposure.

@@ -21,6 +21,7 @@ mod recording;
 mod scene;
 mod spreads;
 mod stages;
+mod star_images;
 mod summary;
 mod twins;
 mod wide_angle;

@@ -32,7 +32,7 @@ pub struct GaussianPsf;
 const FAINTEST_E: f64 = 0.01;
 
 /// Density of the standard normal distribution at 0.
-const DENSITY_AT_CENTRE: f32 = 0.398_942_3;
+pub(super) const DENSITY_AT_CENTRE: f32 = 0.398_942_3;
 
 /// Below this 1/σ (px⁻¹) the pixel is narrow against the image and the integral is taken as a series about its middle.
 const WIDE_BELOW: f32 = 0.4;
@@ -41,7 +41,7 @@ const WIDE_BELOW: f32 = 0.4;
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "inlined into what is compiled for several processors")]
 #[must_use]
-fn pixel_share(d: f32, inverse_sigma: f32) -> f32 {
+pub(super) fn pixel_share(d: f32, inverse_sigma: f32) -> f32 {
     let near = (d.abs() - 0.5) * inverse_sigma;
     let far = (d.abs() + 0.5) * inverse_sigma;
     let tail_near = normal_upper_tail(near.abs());

@@ -1,25 +1,34 @@
 //! In the optics: from the camera's ray to light on the pixels.
 
+pub mod airy_psf;
+pub mod atlas_psf;
 pub mod brown_conrady;
 pub mod coma;
+pub mod disc_psf;
+pub mod elliptic_gaussian_psf;
 pub mod equidistant;
 pub mod equisolid;
 mod field_angle;
 pub mod field_stop;
 pub mod focal_length_drift;
+pub mod gaussian_image;
 pub mod gaussian_psf;
 pub mod kannala_brandt;
 pub mod lateral_colour;
+pub mod moffat_psf;
 pub mod pinhole;
 pub mod pressure_scale;
 pub mod projection;
 pub mod quadratic_rest;
 pub mod radial_high_order;
+pub mod sampled_psf;
 pub mod spiral;
 pub mod stereographic;
+pub mod tables;
 pub mod thermal_distortion;
 pub mod thermal_focal_length;
 pub mod thin_prism;
 pub mod veiling_glare;
 pub mod vignetting;
 pub mod wedge_colour;
+pub mod zernike_psf;

@@ -144,6 +144,10 @@ pub trait PlaneSpread: Sync {
     fn id(&self) -> &'static str;
     /// Its parameters.
     fn parameters(&self) -> &'static [ParameterSpec];
+    /// The text of another shader whose functions its own calls.
+    fn wgsl_library(&self) -> &'static str {
+        ""
+    }
     /// The text of its shader.
     fn wgsl(&self) -> &'static str;
     /// The share of light in the pixel at the offset (`dx`, `dy`) px from `star`, as an expression of WGSL.
@@ -160,7 +164,12 @@ pub trait PlaneSpread: Sync {
 pub static POINT_SPREADS: &[&dyn PointSpread] = &[&optics::gaussian_psf::GaussianPsf];
 
 /// Every plane point spread.
-pub static PLANE_SPREADS: &[&dyn PlaneSpread] = &[&optics::gaussian_psf::GaussianPsf];
+pub static PLANE_SPREADS: &[&dyn PlaneSpread] = &[
+    &optics::gaussian_psf::GaussianPsf,
+    &optics::elliptic_gaussian_psf::EllipticGaussianPsf,
+    &optics::atlas_psf::AtlasPsf,
+    &optics::disc_psf::DiscPsf,
+];
 
 /// The separable point spread with this id.
 #[must_use]
