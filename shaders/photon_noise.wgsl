@@ -37,7 +37,7 @@ fn poisson_inversion(lambda: vec4<f32>, u: vec4<f32>) -> vec4<f32> {
     while (any(more)) {
         k += 1.0;
         count = select(count, vec4<f32>(k), more);
-        probability *= lambda / k;
+        probability *= lambda * (1.0 / k);
         survival -= probability;
         more = more & (u < survival) & (vec4<f32>(k) < last);
     }

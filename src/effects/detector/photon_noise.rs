@@ -40,7 +40,7 @@ const EXPANSION_FROM_E: f32 = 12.0;
 const LANES: usize = 16;
 
 /// a, c₁, c₂ and c₃ of the page as polynomials of t, the constant first.
-#[allow(clippy::excessive_precision, clippy::unreadable_literal, reason = "as fitted")]
+#[allow(clippy::approx_constant, clippy::excessive_precision, clippy::unreadable_literal, reason = "as fitted")]
 mod coefficients {
     pub(super) const A: [f32; 9] =
         [1.41421356, -0.235699955, 0.216110651, -0.105653824, 0.105470141, -0.0598661338, 0.0817357317, -0.108672987, 0.0872841137];
