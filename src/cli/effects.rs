@@ -3,7 +3,7 @@
 use anyhow::{Result, bail};
 use boresight::effects::optics::sampled_psf;
 use boresight::effects::optics::tables::IMAGE_KINDS;
-use boresight::effects::pixel::{PIXEL_EFFECTS, PLANE_SPREADS, POINT_SPREADS, pixel_effect, plane_spread, point_spread};
+use boresight::effects::pixel::{PIXEL_EFFECTS, PLANE_SPREADS, POINT_SPREADS, Work, pixel_effect, plane_spread, point_spread};
 use boresight::effects::{DISPLACEMENTS, ParameterSpec, Segment, page_of};
 use clap::Args;
 use serde::Serialize;
@@ -93,7 +93,13 @@ fn lines() -> Vec<Line> {
     let spreads = spreads.chain(planes.map(|spread| line(spread.id(), "star image", spread.parameters())));
     let spreads = spreads.chain(IMAGE_KINDS.iter().map(|kind| line(&kind_id(kind.id()), "star image", kind.parameters())));
     let spreads = spreads.chain([line(SAMPLED, "star image", &[])]);
-    let pixels = PIXEL_EFFECTS.iter().map(|effect| line(effect.id(), "pixels", effect.parameters()));
+    let pixels = PIXEL_EFFECTS.iter().map(|effect| {
+        let acts_on = match effect.work() {
+            Work::Pixels(_) => "pixels",
+            Work::Frame(..) => "charge between pixels",
+        };
+        line(effect.id(), acts_on, effect.parameters())
+    });
     displacements.chain(spreads).chain(pixels).collect()
 }
 

@@ -1,6 +1,8 @@
 //! Scene files: what is read, and what is refused in which words.
 
 use boresight::catalog::Catalog;
+use boresight::imaging::Backend;
+use boresight::render::Renderer;
 use boresight::scene::{DEMO_TOML, Scene};
 
 fn refusal(change: &str, to: &str) -> String {
@@ -167,4 +169,37 @@ fn pixel_effects_of_a_scene_are_those_of_its_camera_and_those_listed() {
     assert_eq!(ids(&noisy), ["background", "photon_noise", "adc", "read_noise"]);
     assert_eq!(of(&noisy, "read_noise", "read_noise_e"), 9.0);
     assert_eq!(ids(&demo_with("[[effects]]\nid = \"charge-transfer-inefficiency\"\nparameters = { traps_per_px = 0.0 }")), usual);
+}
+
+/// What a scene lists reaches the counts, with the temperature of each frame, on any number of threads.
+#[test]
+fn listed_effects_reach_the_counts() {
+    let start = DEMO_TOML.find("[site]").unwrap();
+    let camera = DEMO_TOML[..start].replace("width_px = 1024", "width_px = 96").replace("height_px = 1024", "height_px = 80");
+    let camera = camera.replace("principal_point_px = [518.3, 506.1]", "");
+    let frame =
+        |temperature_c: f64| format!("[[frames]]\nboresight_radec_deg = [83.0, 5.0]\nexposure_s = 0.1\ntemperature_c = {temperature_c}\n");
+    let dark = "[[effects]]\nid = \"dark-current\"\nparameters = { dark_e_per_px_s = 2000.0, dsnu_relative = 0.2 }\n";
+    let bright = "[[effects]]\nid = \"blooming\"\nparameters = { full_well_e = 450.0 }\n[[effects]]\nid = \"jpeg\"\n";
+    let rendered = |effects: &str, threads: usize| {
+        let text = format!("{camera}\n{}{}{effects}", frame(20.0), frame(26.5));
+        let scene = Scene::parse("scene.toml", &text).unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let renderer = Renderer::new(&scene, Catalog::embedded(), Backend::Cpu).unwrap();
+            [0, 1].map(|index| renderer.render(index).unwrap().pixels_dn)
+        })
+    };
+    let median = |pixels: &[u16]| {
+        let mut sorted = pixels.to_vec();
+        sorted.sort_unstable();
+        f64::from(sorted[sorted.len() / 2])
+    };
+    let plain = rendered("", 1).map(|pixels| median(&pixels));
+    let [cool, warm] = rendered(dark, 1).map(|pixels| median(&pixels));
+    // 200 and 400 electrons at 2 electrons a count; the log-normal grain has its median 2 % below its mean.
+    assert!((cool - plain[0] - 98.0).abs() < 3.0 && (warm - plain[1] - 196.0).abs() < 5.0, "{plain:?} {cool} {warm}");
+    let all = format!("{dark}{bright}");
+    assert_eq!(rendered(&all, 1), rendered(&all, 2));
+    assert_ne!(rendered(&all, 1), rendered(dark, 1));
 }

@@ -7,8 +7,11 @@
 //! 1 − ε, the others (green) 1. That is a ripple of ε/2 along each axis, so Δ = −½·A₂·ε·(sin πx, sin πy), x and y the MEASURED column and
 //! row, A₂ = 0.211 as in `even-odd`; the ideal point is the measured one minus Δ. A star of unknown colour counts as one with c = 0.
 //!
+//! **In the pixels.** electrons ·= r at even columns of even rows, b at odd columns of odd rows, whatever the light's colour.
+//!
 //! **Parameter.** `relative_per_mag` (q): by how much more than green ones red pixels count, per magnitude of B − V. Negative where the blue
-//! pixels stand at even columns and rows.
+//! pixels stand at even columns and rows. In the pixels: `red_relative` (r) and `blue_relative` (b), response of these pixels to the light of
+//! the sky, stars and background alike, against green ones; 0.3 to 1.
 //!
 //! **What it leaves when left out.** Residuals that follow column and row modulo 2 in proportion to the colour: 0.03 px along each axis for
 //! ε = 0.3 with the centre of mass at σ = 0.7 px, three to four times that with an unweighted fit.
@@ -17,14 +20,18 @@
 //!
 //! **Neglected.** The part that stars of all colours share (a filter of another transmission for the Sun's colour too), which is `even-odd`
 //! along the columns; patterns with green at even columns and rows; the dependence of A₂ on the image's width and the estimator; terms in ε²
-//! and in c²; mirrored images of an even number of columns, where the pattern begins with another filter.
+//! and in c²; in the pixels, that stars of different colours share their light differently among the filters; mirrored images of an even number of columns, where the pattern begins with another filter.
 //!
 //! **Source.** B. E. Bayer, US patent 3,971,065 (1976), for the pattern. A₂ is Poisson's sum of the image's moments at the frequency of the
 //! pattern.
 
+use bytemuck::{Pod, Zeroable};
+
 use crate::dual::Real;
 use crate::effects::centroid::ripple_shift;
+use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, by_rows, uniform_fields};
 use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, StarState};
+use crate::rng::StageKey;
 
 /// A ripple of the response along both axes, in proportion to the colour.
 #[derive(Clone, Copy, Debug)]
@@ -57,5 +64,70 @@ impl CentroidShift for Bayer {
 
     fn source() -> &'static str {
         include_str!("bayer.rs")
+    }
+}
+
+/// The filters' transmission for all light alike, in the pixels.
+#[derive(Clone, Copy, Debug)]
+pub struct BayerMosaic;
+
+/// What the shader gets.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct BayerUniforms {
+    red: f32,
+    blue: f32,
+    width: u32,
+}
+
+/// The twin.
+fn bayer(uniforms: &BayerUniforms, first_pixel: u32, pixels: &mut [f32]) {
+    by_rows(uniforms.width, first_pixel, pixels, |x, y, row| {
+        let filter = if y % 2 == 0 { uniforms.red } else { uniforms.blue };
+        // Red ones stand at even columns of even rows, blue ones at odd columns of odd rows.
+        for electrons in row.iter_mut().skip((x % 2 != y % 2).into()).step_by(2) {
+            *electrons *= filter;
+        }
+    });
+}
+
+impl PixelEffect for BayerMosaic {
+    const ID: &'static str = "bayer";
+    const STAGE: Stage = Stage::Light;
+    const PARAMETERS: &'static [ParameterSpec] = &[
+        ParameterSpec { name: "red_relative", unit: "", typical: 0.6, range: (0.0, 10.0) },
+        ParameterSpec { name: "blue_relative", unit: "", typical: 0.5, range: (0.0, 10.0) },
+    ];
+    const RNG_STAGE: u32 = 0;
+    const WGSL: &'static str = include_str!("../../../shaders/bayer.wgsl");
+    const SOURCE: &'static str = include_str!("bayer.rs");
+    type Uniforms = BayerUniforms;
+    const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(BayerUniforms { red, blue, width });
+
+    fn uniforms(parameters: &[f64], exposure: &ExposureContext) -> BayerUniforms {
+        BayerUniforms { red: parameters[0] as f32, blue: parameters[1] as f32, width: exposure.width_px as u32 }
+    }
+    fn apply(uniforms: &BayerUniforms, _key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
+        bayer(uniforms, first_pixel, pixels);
+    }
+    fn identity() -> Option<Vec<f64>> {
+        Some(vec![1.0; 2])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn filters_stand_two_by_two() {
+        let exposure = ExposureContext { width_px: 3, height_px: 3, ..ExposureContext::default() };
+        let uniforms = BayerMosaic::uniforms(&[0.5, 0.25], &exposure);
+        let mut pixels = [8.0; 9];
+        bayer(&uniforms, 0, &mut pixels);
+        assert_eq!(pixels, [4.0, 8.0, 4.0, 8.0, 2.0, 8.0, 4.0, 8.0, 4.0]);
+        let mut part = [8.0; 6];
+        bayer(&uniforms, 2, &mut part);
+        assert_eq!(part, pixels[2..8]);
     }
 }

@@ -200,6 +200,7 @@ pub static PIXEL_EFFECTS: &[&dyn AnyPixelEffect] = &[
     &detector::stray_light::StrayLightSlope,
     &optics::vignetting::Vignetting,
     &optics::field_stop::FieldStop,
+    &detector::bayer::BayerMosaic,
     &detector::prnu::Prnu,
     &detector::dark_current::DarkCurrent,
     &detector::hot_pixels::HotPixels,
