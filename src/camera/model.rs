@@ -195,6 +195,12 @@ impl Model {
         &self.camera
     }
 
+    /// What the projection has beyond focal length and principal point.
+    #[must_use]
+    pub fn projection_parameters(&self) -> &[f64] {
+        &self.projection.parameters
+    }
+
     /// The projection's id.
     #[must_use]
     pub fn projection(&self) -> &'static str {

@@ -20,7 +20,9 @@ mod options;
 mod output;
 mod pictures;
 mod pipeline;
+mod preset;
 mod run;
+mod schema;
 mod simulate;
 mod update;
 mod write_camera;
@@ -83,6 +85,10 @@ enum Verb {
     Blind(blind::BlindArgs),
     /// List the effects that this build knows, or print the page of one
     Effects(effects::EffectsArgs),
+    /// Scenes of real cameras: list them, or print one as a file to begin from
+    Preset(preset::PresetArgs),
+    /// Print the JSON Schema of scene files
+    Schema,
     /// Show GPU adapter, driver and versions, and check the GPU against the CPU
     Doctor(doctor::DoctorArgs),
 }
@@ -111,6 +117,8 @@ pub(crate) fn main() -> ExitCode {
         Verb::Demo(args) => run::demo(args),
         Verb::Blind(args) => blind::blind(args),
         Verb::Effects(args) => effects::effects(args),
+        Verb::Preset(args) => preset::preset(args),
+        Verb::Schema => schema::schema(),
         Verb::Doctor(args) => doctor::doctor(args),
     };
     match answer {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use boresight::calibrate::{Calibration, Method, Status, calibrate, mapping_error_px};
 use boresight::camera::{Camera, PARAMETER_NAMES, PARAMETER_UNITS};
 use boresight::identify::ControlPoints;
@@ -110,6 +110,13 @@ struct Solved {
 /// `boresight run`.
 pub(crate) fn run(args: &RunArgs) -> Result<Answer> {
     let (scene, provenance) = args.common.scene.open(&args.scene)?;
+    let projection = scene.model.projection();
+    if projection != "pinhole" {
+        let file = args.scene.display();
+        bail!(
+            "{file}: camera.projection = {projection:?}: `run` compares pinhole cameras alone; use `simulate`, then `calibrate --projection {projection}`"
+        );
+    }
     let stem = args.scene.file_stem().map_or_else(|| "run".into(), |stem| stem.to_string_lossy().into_owned());
     night(&scene, provenance, &args.common, args.common.scene.backend, &args.common.solve, &Path::new("outputs").join(stem))
 }

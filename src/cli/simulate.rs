@@ -63,6 +63,8 @@ pub(crate) struct SimulateObject {
 struct TruthObject<'a> {
     format: &'static str,
     camera: &'a Camera,
+    projection: &'static str,
+    projection_parameters: &'a [f64],
     nominal: &'a Camera,
     detector: &'a DetectorTable,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -152,6 +154,8 @@ pub(crate) fn write_recording(
     let object = TruthObject {
         format: "boresight-truth/1",
         camera: &scene.camera,
+        projection: scene.model.projection(),
+        projection_parameters: scene.model.projection_parameters(),
         nominal: &scene.nominal,
         detector: &scene.detector,
         psf: scene.psf_table.as_ref(),

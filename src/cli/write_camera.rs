@@ -58,6 +58,8 @@ pub(crate) fn write(
             k1: camera.k1,
             p1: camera.p1,
             p2: camera.p2,
+            projection: Some(model.projection().to_owned()).filter(|id| id != "pinhole"),
+            projection_parameters: model.projection_parameters().to_vec(),
             line_time_us: None,
             first_row: measured.recording.camera.first_row,
         },

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{DetectorTable, SceneError, SkyTable};
@@ -12,7 +13,7 @@ use crate::effects::{Context, DISPLACEMENTS, Observation, ParameterSpec, Segment
 use crate::imaging::EffectSetting;
 
 /// `[[effects]]`: an effect in force.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EffectTable {
     /// Its id; `boresight effects` lists them.
@@ -56,7 +57,7 @@ pub(super) fn in_force(path: &str, tables: &[EffectTable], detector: &DetectorTa
 }
 
 /// The id of a pixel effect as files spell it.
-fn public_id(effect: &dyn AnyPixelEffect) -> String {
+pub(super) fn public_id(effect: &dyn AnyPixelEffect) -> String {
     effect.id().replace('_', "-")
 }
 

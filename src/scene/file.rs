@@ -1,9 +1,10 @@
 //! The scene file: its tables, their defaults and their ranges.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{CosmicRayTable, EffectTable, GhostTable, JitterTable, PsfTable, SceneError, StreakTable, lights, motion};
-use crate::camera::Camera;
+use crate::camera::{Camera, Model};
 use crate::coordinates::PixelPoint;
 use crate::recording::{FirstRow, Mount};
 
@@ -11,7 +12,7 @@ use crate::recording::{FirstRow, Mount};
 pub const DEMO_TOML: &str = include_str!("demo.toml");
 
 /// A scene as written.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SceneFile {
     /// Always `boresight-scene/1`.
@@ -57,7 +58,7 @@ pub struct SceneFile {
 }
 
 /// `[camera]`: the truth, in the units of the reference model.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrueCameraTable {
     /// Columns.
@@ -77,6 +78,11 @@ pub struct TrueCameraTable {
     /// Decentring distortion, px⁻¹.
     #[serde(default)]
     pub p2: f64,
+    /// How the lens maps angles to the focal plane: `pinhole` (if absent), `equidistant`, `equisolid`, `stereographic`, `kannala-brandt`.
+    pub projection: Option<String>,
+    /// What the projection has beyond focal length and principal point: k1 … k4 of `kannala-brandt`.
+    #[serde(default)]
+    pub projection_parameters: Vec<f64>,
     /// With a rolling shutter, the time from one row to the next; a global shutter if absent.
     pub line_time_us: Option<f64>,
     /// The row that a rolling shutter reads first: `top` (row 0, also if absent) or `bottom`.
@@ -84,7 +90,7 @@ pub struct TrueCameraTable {
 }
 
 /// `[mount]`: how the camera stands.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MountTable {
     /// `free`: each exposure has its own attitude. `fixed`: the camera stands fast on the ground as in the first exposure, and the Earth turns.
@@ -93,7 +99,7 @@ pub struct MountTable {
 
 /// `[nominal]`: what the recording says of the camera. What is absent is said truly, but for the distortion and the principal point, of
 /// which a maker says nothing: they are 0 and the middle of the frame.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NominalTable {
     /// Focal length.
@@ -111,7 +117,7 @@ pub struct NominalTable {
 }
 
 /// `[detector]`: PSF and detector.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DetectorTable {
     /// Gaussian σ of the PSF; a `[psf]` of its own goes before it.
@@ -153,7 +159,7 @@ impl Default for DetectorTable {
 }
 
 /// `[sky]`: background, depth and physics.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SkyTable {
     /// Sky background.
@@ -171,7 +177,7 @@ impl Default for SkyTable {
 }
 
 /// `[site]`: as in a recording.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SiteTable {
     /// Geodetic latitude.
@@ -191,7 +197,7 @@ pub struct SiteTable {
 
 /// `[series]`: exposures at regular times, pointed by chance (from the seed) all over the sky, or with a site over the sky above
 /// `lowest_altitude_deg`.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SeriesTable {
     /// How many.
@@ -215,7 +221,7 @@ fn default_altitude() -> f64 {
 }
 
 /// `[[frames]]`: one exposure.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FrameTable {
     /// Middle of the exposure, UTC.
@@ -248,6 +254,21 @@ impl TrueCameraTable {
         let mut camera = Camera::pinhole(self.width_px, self.height_px, self.focal_length_px);
         camera.principal_point_px = self.principal_point_px.unwrap_or(camera.principal_point_px);
         Camera { k1: self.k1, p1: self.p1, p2: self.p2, ..camera }
+    }
+
+    /// The same with what is declared of it in its place.
+    fn declared(&self, nominal: &NominalTable) -> Self {
+        let Camera { focal_length_px, principal_point_px, k1, p1, p2, .. } = nominal.camera(&self.camera());
+        Self { focal_length_px, principal_point_px: Some(principal_point_px), k1, p1, p2, ..self.clone() }
+    }
+
+    /// The same with its projection.
+    pub(super) fn model(&self, path: &str) -> Result<Model, SceneError> {
+        let Some(id) = &self.projection else { return Ok(Model::new(self.camera())) };
+        Model::new(self.camera()).with_projection(id, &self.projection_parameters).map_err(|error| SceneError::Parse {
+            path: path.to_owned(),
+            message: format!("camera.projection = {id:?}: {error}; use pinhole, equidistant, equisolid, stereographic or kannala-brandt"),
+        })
     }
 }
 
@@ -283,15 +304,19 @@ fn with_suggestion(message: &str) -> String {
     }
 }
 
-/// Whether some pixel of the frame's edge has a direction whose image is another pixel, or none.
-fn folds_over(camera: &Camera) -> bool {
+/// Whether some pixel of the frame's edge has a direction whose image is another pixel, or none. A corner outside the circle of a fisheye has no
+/// direction and is dark.
+fn folds_over(model: &Model) -> bool {
     const STEPS: u32 = 32;
+    let camera = model.camera();
+    let context = model.reference_context();
     let (right, bottom) = (camera.width_px as f64 - 0.5, camera.height_px as f64 - 0.5);
     (0..=STEPS).any(|step| {
         let share = f64::from(step) / f64::from(STEPS);
         let (x, y) = (share * (right + 0.5) - 0.5, share * (bottom + 0.5) - 0.5);
         [[x, -0.5], [x, bottom], [-0.5, y], [right, y]].into_iter().any(|[x_px, y_px]| {
-            let back = camera.pixel(&camera.direction(PixelPoint { x_px, y_px }));
+            let Some(direction) = model.direction(PixelPoint { x_px, y_px }, &context) else { return false };
+            let back = model.pixel(&direction, &context);
             back.is_none_or(|back| (back.x_px - x_px).hypot(back.y_px - y_px) > 1e-6)
         })
     })
@@ -337,9 +362,13 @@ pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
             return refuse(key, value.to_string(), "must be a finite number");
         }
     }
-    let truth = camera.camera();
-    for (key, camera) in [("camera", truth), ("nominal", file.nominal.camera(&truth))] {
-        if folds_over(&camera) {
+    if camera.projection.is_none() && !camera.projection_parameters.is_empty() {
+        let remedy = "need a projection that has them: set camera.projection";
+        return refuse("camera.projection_parameters", format!("{:?}", camera.projection_parameters), remedy);
+    }
+    for (key, model) in [("camera", camera.model(path)?), ("nominal", camera.declared(&file.nominal).model(path)?)] {
+        if folds_over(&model) {
+            let camera = model.camera();
             let value = format!("[k1 = {}, p1 = {}, p2 = {}]", camera.k1, camera.p1, camera.p2);
             return refuse(key, value, "is so strong a distortion that the image folds over within the frame; choose smaller values");
         }

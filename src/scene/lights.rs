@@ -13,6 +13,7 @@
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Poisson};
 use rand_pcg::Pcg64;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::track::{Sample, StarTrack};
@@ -27,7 +28,7 @@ const STREAK_STAGE: u32 = 0x5354_524b;
 const COSMIC_RAY_STAGE: u32 = 0x4352_4159;
 
 /// `[[ghosts]]`: a pair of reflecting surfaces; the page of `disc-psf` has the equation.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GhostTable {
     /// How far from the principal point the ghost stands, in distances of its star; below 0 on the other side.
@@ -42,7 +43,7 @@ pub struct GhostTable {
 }
 
 /// `[[streaks]]`: a satellite or a meteor. It moves evenly from start to end and is imaged by the optics like a star.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StreakTable {
     /// `satellite` or `meteor`: what the truth calls it.
@@ -63,7 +64,7 @@ pub struct StreakTable {
 }
 
 /// What leaves a trail.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum StreakKind {
     /// A satellite.
@@ -73,7 +74,7 @@ pub enum StreakKind {
 }
 
 /// `[cosmic_rays]`: particles that cross the detector and leave charge along straight tracks, without the optics.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CosmicRayTable {
     /// Particles that cross the whole frame in a second.
@@ -106,7 +107,7 @@ fn default_diffusion_px() -> f64 {
 }
 
 /// What a light of this kind is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum LightKind {
     /// The ghost of a star.

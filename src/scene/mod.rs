@@ -8,9 +8,11 @@ mod file;
 mod lights;
 mod motion;
 mod pointing;
+mod presets;
 mod psf;
 mod psf_table;
 mod quadrature;
+mod schema;
 mod spline;
 mod track;
 
@@ -23,8 +25,10 @@ pub use file::{
 };
 pub use lights::{CosmicRayTable, GhostTable, LightForm, LightKind, OtherLight, StreakKind, StreakTable};
 pub use motion::{BandTable, EARTH_RATE_RAD_S, JitterTable, LineTable, Motion};
+pub use presets::{PRESETS, Preset, preset};
 pub use psf::{Psf, PsfKind, PsfNodes, Spot, Third};
 pub use psf_table::{PixelTable, PsfTable, VaryTable};
+pub use schema::schema;
 pub use spline::RotationSpline;
 pub use track::{Sample, StarTrack};
 
@@ -206,9 +210,12 @@ impl Scene {
         // What the sky chain moves (refraction and aberration, under 1.5°) and the proper motions of a century.
         const SLACK_RAD: f64 = 1.5 * DEG_RAD;
         let (right, bottom) = (self.camera.width_px as f64 - 0.5 + margin_px, self.camera.height_px as f64 - 0.5 + margin_px);
+        let context = self.optics.reference_context();
+        // A corner that no light reaches (outside the circle of a fisheye) leaves the whole sky.
         let farthest = [-0.5 - margin_px, right]
             .into_iter()
-            .flat_map(|x_px| [-0.5 - margin_px, bottom].map(|y_px| self.camera.direction(PixelPoint { x_px, y_px }).xyz[2]))
+            .flat_map(|x_px| [-0.5 - margin_px, bottom].map(|y_px| PixelPoint { x_px, y_px }))
+            .map(|corner| self.optics.direction(corner, &context).map_or(-1.0, |direction| direction.xyz[2]))
             .fold(1.0_f64, f64::min);
         farthest.clamp(-1.0, 1.0).acos() + SLACK_RAD
     }
@@ -226,7 +233,7 @@ impl SceneFile {
             observation(time, site.as_ref(), velocity).map_err(|source| SceneError::Time { path: path.to_owned(), source })
         };
         let effects::InForce { terms, pixels } = effects::in_force(path, &self.effects, &self.detector)?;
-        let mut model = Model::new(camera);
+        let mut model = self.camera.model(path)?;
         effects::behind_the_lens(path, &mut model, &terms)?;
         if let Some(line_time_us) = self.camera.line_time_us {
             let shutter = Term { effect: ROLLING_SHUTTER.to_owned(), parameters: vec![line_time_us] };

@@ -6,6 +6,7 @@
 //! and is kept as a variance.
 
 use nalgebra::{Unit, UnitQuaternion, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::SceneError;
@@ -28,7 +29,7 @@ const BAND_TONES: u32 = 48;
 const JITTER_STAGE: u32 = 0x4a49_5454;
 
 /// `[jitter]`: how the camera trembles, about its own axes x, y, z.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct JitterTable {
     /// Standard deviation of what is faster than any exposure; it widens the images.
@@ -40,7 +41,7 @@ pub struct JitterTable {
 }
 
 /// A line of the jitter's spectrum.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LineTable {
     /// Frequency.
@@ -50,7 +51,7 @@ pub struct LineTable {
 }
 
 /// A band of the jitter's spectrum.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BandTable {
     /// Lowest frequency.

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::SceneError;
@@ -18,7 +19,7 @@ use crate::recording::Recording;
 pub(super) const MOST_BYTES: u64 = 128 << 20;
 
 /// `[psf]`.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PsfTable {
     /// `gaussian`, `elliptic-gaussian`, `moffat`, `airy`, `zernike` or `sampled`.
@@ -59,7 +60,7 @@ fn default_depth_nodes() -> usize {
 
 /// A term of a parameter: coefficient · Xⁱ·Yʲ·Cᵏ·Tˡ, X and Y = offsets from the middle of the frame in halves of its width, C = B − V − 0.6, T =
 /// temperature of the optics minus its mean over the exposures, K.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct VaryTable {
     /// Which parameter.
@@ -81,7 +82,7 @@ pub struct VaryTable {
 }
 
 /// `[psf.pixel]`: the response along x and y, 1 + a·cos 2πu + b·u at u px from the pixel's centre, and diffusion of the charge.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PixelTable {
     /// a along x and y.

@@ -1,9 +1,10 @@
 //! Scene files: what is read, and what is refused in which words.
 
 use boresight::catalog::Catalog;
+use boresight::effects::pixel::PIXEL_EFFECTS;
 use boresight::imaging::Backend;
 use boresight::render::Renderer;
-use boresight::scene::{DEMO_TOML, Scene};
+use boresight::scene::{DEMO_TOML, PRESETS, Scene, schema};
 
 fn refusal(change: &str, to: &str) -> String {
     assert!(DEMO_TOML.contains(change), "the demo scene has no {change:?}");
@@ -202,4 +203,72 @@ fn listed_effects_reach_the_counts() {
     let all = format!("{dark}{bright}");
     assert_eq!(rendered(&all, 1), rendered(&all, 2));
     assert_ne!(rendered(&all, 1), rendered(dark, 1));
+}
+
+/// Every preset is a scene that shows stars, of which the brightest stand out of the noise and do not fill the frame.
+#[test]
+fn presets_show_stars() {
+    for preset in PRESETS {
+        let scene = Scene::parse(preset.name, preset.toml).unwrap();
+        assert!(preset.title().len() > 20 && preset.toml.contains("Assumed:"), "{} says where its numbers come from", preset.name);
+        let frame = Renderer::new(&scene, Catalog::embedded(), Backend::Cpu).unwrap().render(0).unwrap();
+        let sky = scene.sky.background_e_per_px_s * scene.exposures[0].exposure_s;
+        let noise_e = (sky + scene.detector.read_noise_e.powi(2)).sqrt();
+        let seen = frame.stars.iter().filter(|star| star.peak_electrons > 5.0 * noise_e).count();
+        assert!(seen >= 5, "{}: {seen} of {} stars stand out", preset.name, frame.stars.len());
+        let full = scene.detector.full_pixel_dn();
+        let filled = frame.pixels_dn.iter().filter(|dn| f64::from(**dn) >= full).count();
+        assert!(filled * 1000 < frame.pixels_dn.len(), "{}: {filled} pixels are full", preset.name);
+    }
+}
+
+/// A fisheye shows the sky down to its circle: stars lie where the projection says, and none beyond 95 degrees from the axis.
+#[test]
+fn a_fisheye_is_rendered_by_its_own_projection() {
+    let fisheye = PRESETS.iter().find(|preset| preset.name == "all-sky-fisheye").unwrap();
+    let scene = Scene::parse(fisheye.name, fisheye.toml).unwrap();
+    let stars = scene.star_images(Catalog::embedded(), 0, 0.0);
+    assert!(stars.len() > 1000, "{} stars over half the sky", stars.len());
+    let farthest = stars.iter().map(|star| (star.position.x_px - 1547.5).hypot(star.position.y_px - 1039.5)).fold(0.0, f64::max);
+    // f·θ: the corner of the frame, 1865 px out, would be at 183 degrees.
+    assert!(farthest > 900.0 && farthest <= 583.3 * std::f64::consts::PI, "{farthest} px");
+    let error = Scene::parse("s", &fisheye.toml.replace("\"equidistant\"", "\"fish\"")).unwrap_err().to_string();
+    assert!(error.contains("camera.projection") && error.contains("equisolid"), "{error}");
+}
+
+/// The schema knows every key of every preset, every effect with its parameters, and nothing beside.
+#[test]
+fn the_schema_is_that_of_the_files() {
+    fn check(schema: &serde_json::Value, of: &serde_json::Value, value: &toml::Value, path: &str) {
+        let of = of.get("$ref").map_or(of, |reference| schema.pointer(&reference.as_str().unwrap()[1..]).unwrap());
+        let of = of.get("anyOf").map_or(of, |any| &any[0]);
+        let of = of.get("$ref").map_or(of, |reference| schema.pointer(&reference.as_str().unwrap()[1..]).unwrap());
+        match value {
+            toml::Value::Table(table) => {
+                assert_eq!(of["additionalProperties"], serde_json::json!(false), "{path}");
+                for (key, value) in table {
+                    let own = of["properties"].get(key).unwrap_or_else(|| panic!("{path}.{key} is not in the schema"));
+                    check(schema, own, value, &format!("{path}.{key}"));
+                }
+            }
+            toml::Value::Array(list) => list.iter().for_each(|value| check(schema, &of["items"], value, path)),
+            _ => assert!(
+                of.get("type").is_some() || of.get("const").is_some() || of.get("enum").is_some() || of.get("oneOf").is_some(),
+                "{path}: {of}"
+            ),
+        }
+    }
+    let schema = schema();
+    for preset in PRESETS {
+        check(&schema, &schema, &toml::from_str(preset.toml).unwrap(), preset.name);
+    }
+    let effects = schema["$defs"]["EffectTable"]["oneOf"].as_array().unwrap();
+    for id in boresight::effects::DISPLACEMENTS
+        .iter()
+        .map(|effect| effect.id().to_owned())
+        .chain(PIXEL_EFFECTS.iter().map(|effect| effect.id().replace('_', "-")))
+    {
+        let count = effects.iter().filter(|effect| effect["properties"]["id"]["const"] == serde_json::json!(id)).count();
+        assert_eq!(count, 1, "{id}");
+    }
 }
