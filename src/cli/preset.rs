@@ -32,13 +32,13 @@ pub(crate) fn preset(args: &PresetArgs) -> Result<Answer> {
             let rows: Vec<[String; 2]> = PRESETS.iter().map(|preset| [preset.name.to_owned(), preset.title().to_owned()]).collect();
             output::print(&table(&["preset", "camera"], &rows))?;
         }
-        PresetVerb::Show { name } => match named(name) {
-            Some(preset) => output::print(preset.toml)?,
-            None => {
+        PresetVerb::Show { name } => {
+            let Some(preset) = named(name) else {
                 let nearest = PRESETS.iter().map(|preset| preset.name).min_by_key(|known| strsim::damerau_levenshtein(name, known));
                 bail!("there is no preset {name}; did you mean {}? (`boresight preset list` lists them all)", nearest.unwrap_or_default());
-            }
-        },
+            };
+            output::print(preset.toml)?;
+        }
     }
     Ok(Answer::Yes)
 }

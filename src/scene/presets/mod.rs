@@ -10,11 +10,10 @@ pub struct Preset {
 }
 
 impl Preset {
-    /// What it is: the first sentence of its file.
+    /// What it is: the first line of its file.
     #[must_use]
     pub fn title(&self) -> &'static str {
-        let first = self.toml.lines().next().unwrap_or_default().trim_start_matches(['#', ' ']);
-        first.split_once(": ").map_or(first, |(title, _)| title)
+        self.toml.lines().next().unwrap_or_default().trim_start_matches(['#', ' '])
     }
 }
 
