@@ -93,6 +93,12 @@ fn setting(effect: &dyn AnyPixelEffect, table: &EffectTable, detector: &Detector
         let place = place_of(&id, specs, name, *value)?;
         parameters[place].1 = *value;
     }
+    // Whoever lists an effect wants it; one that is switched to nothing on purpose has its parameter written.
+    let is_idle = || nothing.as_ref().is_some_and(|values| !values.is_empty() && parameters.iter().map(|(_, value)| value).eq(values));
+    if table.parameters.is_empty() && is_idle() {
+        let names: Vec<&str> = specs.iter().map(|spec| spec.name).collect();
+        return Err(format!("{id} does nothing without parameters; give some of {}", names.join(", ")));
+    }
     Ok(EffectSetting { id: effect.id().to_owned(), parameters })
 }
 

@@ -172,6 +172,14 @@ fn pixel_effects_of_a_scene_are_those_of_its_camera_and_those_listed() {
     assert_eq!(ids(&demo_with("[[effects]]\nid = \"charge-transfer-inefficiency\"\nparameters = { traps_per_px = 0.0 }")), usual);
 }
 
+/// An effect that is listed and would do nothing is refused, not dropped.
+#[test]
+fn an_effect_without_parameters_is_refused() {
+    let text = format!("{DEMO_TOML}\n[[effects]]\nid = \"banding\"\n");
+    let error = Scene::parse("scene.toml", &text).unwrap_err().to_string();
+    assert!(error.contains("banding does nothing without parameters") && error.contains("row_sigma_e"), "{error}");
+}
+
 /// What a scene lists reaches the counts, with the temperature of each frame, on any number of threads.
 #[test]
 fn listed_effects_reach_the_counts() {
