@@ -3,6 +3,7 @@
 //! A scene keeps two cameras apart: `[camera]` is the truth, which is rendered; `[nominal]` is what the maker said of it, which
 //! the recording declares and which may be wrong.
 
+mod check;
 mod effects;
 mod file;
 mod lights;
@@ -224,7 +225,7 @@ impl Scene {
 impl SceneFile {
     /// Checks every value and works out the exposures.
     fn build(self, path: &str) -> Result<Scene, SceneError> {
-        file::check(path, &self)?;
+        check::check(path, &self)?;
         let camera = self.camera.camera();
         let nominal = self.nominal.camera(&camera);
         let physics: Physics = self.sky.physics.parse().map_err(|source| SceneError::Physics { path: path.to_owned(), source })?;
