@@ -59,7 +59,7 @@ fn imager(backend: Backend, side: usize, noise: bool) -> Imager {
 }
 
 fn exposure(stars: &[StarImage], frame_index: u32) -> Exposure<'_> {
-    Exposure { stars, exposure_s: 1.0, frame_index, temperature_c: None }
+    Exposure { stars, sky_e: &[], exposure_s: 1.0, frame_index, temperature_c: None }
 }
 
 /// Another program, which makes a frame for each line that it is sent and answers with its CPU time.

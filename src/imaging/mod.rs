@@ -4,8 +4,8 @@
 //!   star images (f64 px, electrons)
 //!      │  integer pixel + f32 fraction, lists per tile          tiles
 //!      ▼
-//!   point spread        expected electrons of the stars         GPU: collect.wgsl   CPU: PointSpread::add
-//!      │
+//!   point spread        expected electrons of the stars, upon   GPU: collect.wgsl   CPU: PointSpread::add
+//!      │                those of the sky
 //!   pixel effects       Light → Charge → Readout → Digital      GPU: one program    CPU: row by row
 //!      │                                                        made for the job
 //!   passes              charge that moves between pixels        GPU: a program each  CPU: lines or rows on all cores
@@ -108,6 +108,14 @@ pub enum ImagingError {
         /// The time.
         exposure_s: f64,
     },
+    /// Light of the sky that does not fit the frame.
+    #[error("the light of the sky has {given} values, but the frame has {expected} pixels; give one finite value for each, or none")]
+    BadSky {
+        /// As many there were.
+        given: usize,
+        /// Pixels of the frame.
+        expected: usize,
+    },
     /// Counts asked of a chain without a converter.
     #[error("counts were asked for, but the converter (adc) is not switched on; add it or ask for electrons")]
     NoConverter,
@@ -134,6 +142,8 @@ pub struct StarImage {
 pub struct Exposure<'a> {
     /// The stars; their order is the order in which light is added, so it counts for the last bit.
     pub stars: &'a [StarImage],
+    /// Expected electrons of the sky over the exposure, row by row, on which the stars' light is put; empty: none.
+    pub sky_e: &'a [f32],
     /// Exposure time (the stars' electrons hold it already).
     pub exposure_s: f64,
     /// Index in the series: with the seed, the key of the noise.
@@ -293,7 +303,7 @@ impl Imager {
 
     /// The light that one source sends to the pixels of the frame, on the CPU, before any effect; `None` where none of it reaches the frame.
     pub fn stamp(&self, stars: &[StarImage], planes: &[PlaneLight<'_>]) -> Result<Option<Stamp>, ImagingError> {
-        let lit = self.plan.light(&Exposure { stars, exposure_s: 0.0, frame_index: 0, temperature_c: None }, planes)?;
+        let lit = self.plan.light(&Exposure { stars, sky_e: &[], exposure_s: 0.0, frame_index: 0, temperature_c: None }, planes)?;
         Ok(stamp::stamp(&self.plan, lit))
     }
 }

@@ -55,8 +55,11 @@ impl<'a> Chain<'a> {
 
     /// Fills the `band`-th band of [`TILE_PX`] rows.
     fn fill(&self, band: usize, electrons: &mut [f32], scratch: &mut Vec<f32>) {
-        electrons.fill(0.0);
         let (width, first_row) = (self.plan.width_px, band * TILE_PX);
+        match self.lit.sky_e.get(first_row * width..first_row * width + electrons.len()) {
+            Some(sky) => electrons.copy_from_slice(sky),
+            None => electrons.fill(0.0), // there is no light of the sky
+        }
         for entry in self.lists.of(band) {
             let mut rows = Rows { width, first_row, electrons: &mut *electrons, scratch: &mut *scratch };
             self.plan.spread.add(&self.lists.stars[entry.star as usize], &mut rows);

@@ -188,7 +188,7 @@ impl GpuImager {
                 std::mem::swap(held, &mut kept.electrons);
             }
             self.gpu.reserve(&mut kept.electrons, "electrons", (band.rows * plan.width_px * size_of::<f32>()) as u64)?;
-            self.collect(plan, &lit.stars, *band, &frames[number], kept)?;
+            self.collect(plan, lit, *band, &frames[number], kept)?;
             for batch in &lit.planes {
                 self.collect_plane(plan, batch, *band, &frames[number], kept)?;
             }
@@ -297,13 +297,19 @@ impl GpuImager {
     }
 
     /// Fills the buffer of electrons with the stars' light, in as many dispatches as the loop budget and the size of buffers ask for.
-    fn collect(&self, plan: &Plan, stars: &[Star], band: Band, frame: &Buffer, kept: &mut Kept) -> Result<(), GpuError> {
+    fn collect(&self, plan: &Plan, lit: &Lit<'_>, band: Band, frame: &Buffer, kept: &mut Kept) -> Result<(), GpuError> {
         let grid = Grid { width: plan.width_px, first_row: band.first_row, rows: band.rows, tile_width: TILE_PX };
         let most_stars = (self.limits.buffer_bytes as usize / size_of::<Star>()).max(1);
         let most_entries = (self.limits.buffer_bytes as usize / PROFILE_BYTES).max(1);
         let per_dispatch = self.limits.entries_per_dispatch.clamp(1, crate::gpu::LOOP_BUDGET);
-        let mut goes_on = 0;
-        for lists in bin(stars, &grid, most_stars, most_entries) {
+        let first_pixel = band.first_row * plan.width_px;
+        let sky = lit.sky_e.get(first_pixel..first_pixel + band.rows * plan.width_px);
+        if let (Some(sky), Some(electrons)) = (sky, &kept.electrons) {
+            self.gpu.upload(electrons, bytemuck::cast_slice(sky))?;
+        }
+        // The stars' light goes on from that of the sky, where there is any.
+        let mut goes_on = u32::from(sky.is_some());
+        for lists in bin(&lit.stars, &grid, most_stars, most_entries) {
             for (buffer, label, bytes) in [
                 (&mut kept.stars, "stars", bytemuck::cast_slice::<_, u8>(&lists.stars)),
                 (&mut kept.starts, "tile starts", bytemuck::cast_slice(&lists.starts)),

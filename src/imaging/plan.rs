@@ -88,6 +88,8 @@ pub(super) struct Segment<'a> {
 /// The light of an exposure, ready for the pixels.
 #[derive(Debug)]
 pub(super) struct Lit<'a> {
+    /// Electrons of the sky, row by row; empty: none.
+    pub(super) sky_e: &'a [f32],
     pub(super) stars: Vec<Star>,
     pub(super) planes: Vec<PlaneBatch<'a>>,
 }
@@ -160,7 +162,7 @@ impl Plan {
             width_px: self.width_px,
             height_px: self.height_px,
             temperature_c: exposure.temperature_c,
-            star_light_e: lit.stars.iter().map(|star| star.electrons).chain(of_planes).map(f64::from).sum(),
+            star_light_e: lit.stars.iter().map(|star| star.electrons).chain(of_planes).chain(lit.sky_e.iter().copied()).map(f64::from).sum(),
         }
     }
 
@@ -178,13 +180,17 @@ impl Plan {
     }
 
     /// The light of an exposure as it goes to the pixels.
-    pub(super) fn light<'a>(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'a>]) -> Result<Lit<'a>, ImagingError> {
+    pub(super) fn light<'a>(&self, exposure: &Exposure<'a>, planes: &[PlaneLight<'a>]) -> Result<Lit<'a>, ImagingError> {
         let exposure_s = exposure.exposure_s;
         if !exposure_s.is_finite() || exposure_s < 0.0 {
             return Err(ImagingError::BadExposure { exposure_s });
         }
+        let (sky_e, expected) = (exposure.sky_e, self.width_px * self.height_px);
+        if !sky_e.is_empty() && (sky_e.len() != expected || !sky_e.iter().all(|electrons| electrons.is_finite())) {
+            return Err(ImagingError::BadSky { given: sky_e.len(), expected });
+        }
         let stars = tiles::prepare(exposure.stars, self.spread, self.width_px, self.height_px)?;
         let planes = planes.iter().map(|light| PlaneBatch::new(light, self.width_px, self.height_px)).collect::<Result<_, _>>()?;
-        Ok(Lit { stars, planes })
+        Ok(Lit { sky_e, stars, planes })
     }
 }

@@ -56,7 +56,7 @@ pub fn twin_check() -> Result<TwinReport, ImagingError> {
             StarImage { x_px: 256.0 * turn(0.754_877_666), y_px: 256.0 * turn(0.569_840_291), electrons, sigma_px: 0.6 + 1.5 * turn(0.22) }
         })
         .collect();
-    let exposure = Exposure { stars: &stars, exposure_s: 0.5, frame_index: 0, temperature_c: None };
+    let exposure = Exposure { stars: &stars, sky_e: &[], exposure_s: 0.5, frame_index: 0, temperature_c: None };
     let (gpu, cpu) = (Imager::new(Backend::Gpu, &config)?, Imager::new(Backend::Cpu, &config)?);
     let (on_gpu, on_cpu) = (gpu.electrons_after(Some(Stage::Light), &exposure)?, cpu.electrons_after(Some(Stage::Light), &exposure)?);
     let electrons_in_tolerances = electrons_in_tolerances(&on_gpu, &on_cpu, &stars, config.width_px);

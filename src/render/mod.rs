@@ -83,7 +83,7 @@ impl<'a> Renderer<'a> {
     fn exposure<'b>(&self, index: usize, frame: &'b FrameLight) -> Exposure<'b> {
         let crate::scene::Exposure { exposure_s, telemetry, .. } = &self.scene.exposures[index];
         let (frame_index, temperature_c) = (index as u32, telemetry.temperature_c);
-        Exposure { stars: &frame.stars, exposure_s: *exposure_s, frame_index, temperature_c }
+        Exposure { stars: &frame.stars, sky_e: &[], exposure_s: *exposure_s, frame_index, temperature_c }
     }
 
     /// Everything that lights an exposure.

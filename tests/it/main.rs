@@ -19,6 +19,7 @@ mod motion;
 mod noise;
 mod recording;
 mod scene;
+mod sky_light;
 mod spreads;
 mod stages;
 mod star_images;

@@ -50,7 +50,7 @@ fn light<'a>(spread: &'static dyn PlaneSpread, atlas: &'a Atlas, deposits: &'a [
     [PlaneLight { spread, atlas, deposits }]
 }
 
-const NOTHING: Exposure<'static> = Exposure { stars: &[], exposure_s: 1.0, frame_index: 0, temperature_c: None };
+const NOTHING: Exposure<'static> = Exposure { stars: &[], sky_e: &[], exposure_s: 1.0, frame_index: 0, temperature_c: None };
 
 /// The points with what a spread needs besides their width.
 fn prepared(spread: &dyn PlaneSpread, mut deposits: Vec<Deposit>) -> (Atlas, Vec<Deposit>) {

@@ -79,7 +79,7 @@ pub(crate) fn sky(count: usize, width: usize, height: usize, seed: u32) -> Vec<S
 }
 
 pub(crate) fn exposure(stars: &[StarImage], frame_index: u32) -> Exposure<'_> {
-    Exposure { stars, exposure_s: 0.5, frame_index, temperature_c: None }
+    Exposure { stars, sky_e: &[], exposure_s: 0.5, frame_index, temperature_c: None }
 }
 
 /// Pixels beyond 1e-5 of their electrons and beyond 1e-6 of the brightest of the stars that light them. `floor` is made from the twin's own
@@ -348,7 +348,7 @@ fn a_wrong_configuration_is_one_clear_sentence() {
     }
     let imager = cpu(&config(5, 5, vec![]));
     assert!(matches!(imager.expose(&exposure(&[], 0)), Err(ImagingError::NoConverter)));
-    let endless = Exposure { stars: &[], exposure_s: f64::INFINITY, frame_index: 0, temperature_c: None };
+    let endless = Exposure { stars: &[], sky_e: &[], exposure_s: f64::INFINITY, frame_index: 0, temperature_c: None };
     assert!(matches!(imager.expected_electrons(&endless), Err(ImagingError::BadExposure { .. })));
     assert!("vulkan".parse::<Backend>().unwrap_err().to_string().contains("auto, gpu or cpu"));
     assert!(["auto", "gpu", "cpu"].iter().all(|word| word.parse::<Backend>().unwrap().to_string() == *word));

@@ -51,7 +51,7 @@ pub struct ExposureContext {
     pub height_px: usize,
     /// Temperature of the detector; `None`: that at which its parameters were measured.
     pub temperature_c: Option<f64>,
-    /// Expected electrons of all stars that light the frame, with the part of their light that falls beside it.
+    /// Expected electrons of all stars that light the frame, with the part of their light that falls beside it, and of the sky behind them.
     pub star_light_e: f64,
 }
 
