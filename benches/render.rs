@@ -49,7 +49,10 @@ fn sky(side: usize, count: usize) -> Vec<StarImage> {
 fn imager(backend: Backend, side: usize, noise: bool) -> Imager {
     let mut effects = vec![
         EffectSetting::new("background", &[("background_e_per_px_s", if noise { 20.0 } else { 0.0 })]),
-        EffectSetting::new("adc", &[("gain_e_per_dn", 1.0), ("bias_dn", 100.0), ("full_well_e", 1e9), ("saturation_dn", 65_535.0)]),
+        EffectSetting::new(
+            "adc",
+            &[("gain_e_per_dn", 1.0), ("bias_dn", 100.0), ("full_well_e", 1e9), ("saturation_dn", 65_535.0), ("bits", 16.0)],
+        ),
     ];
     if noise {
         effects.extend([EffectSetting::new("photon_noise", &[]), EffectSetting::new("read_noise", &[("read_noise_e", 5.0)])]);

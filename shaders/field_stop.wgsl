@@ -9,7 +9,6 @@ struct FieldStopUniforms {
 }
 
 fn field_stop(electrons: f32, pixel: Pixel) -> f32 {
-    let dx = f32(pixel.x) - effects.field_stop.centre_x_px;
-    let dy = f32(pixel.y) - effects.field_stop.centre_y_px;
-    return electrons * clamp((effects.field_stop.outer_px - sqrt(dx * dx + dy * dy)) * effects.field_stop.per_px, 0.0, 1.0);
+    let radius_px = sqrt(radius2_px(pixel, effects.field_stop.centre_x_px, effects.field_stop.centre_y_px));
+    return electrons * clamp((effects.field_stop.outer_px - radius_px) * effects.field_stop.per_px, 0.0, 1.0);
 }

@@ -11,9 +11,8 @@ struct VignettingUniforms {
 }
 
 fn vignetting(electrons: f32, pixel: Pixel) -> f32 {
-    let dx = f32(pixel.x) - effects.vignetting.middle_x_px;
-    let dy = f32(pixel.y) - effects.vignetting.middle_y_px;
-    let r2 = (dx * dx + dy * dy) * effects.vignetting.inverse_radius2;
+    let radius2 = radius2_px(pixel, effects.vignetting.middle_x_px, effects.vignetting.middle_y_px);
+    let r2 = radius2 * effects.vignetting.inverse_radius2;
     let left = max(1.0 - r2 * (effects.vignetting.loss_second + r2 * effects.vignetting.loss_fourth), 0.0);
     let secant2 = 1.0 + r2 * effects.vignetting.tan2_corner;
     return electrons * (left / (secant2 * secant2));

@@ -29,6 +29,13 @@ fn pixel_at(index: u32) -> Pixel {
     return Pixel(index + frame.first_row * frame.width, index - row * frame.width, row + frame.first_row);
 }
 
+// The square of its distance from a point, px².
+fn radius2_px(pixel: Pixel, x_px: f32, y_px: f32) -> f32 {
+    let dx = f32(pixel.x) - x_px;
+    let dy = f32(pixel.y) - y_px;
+    return dx * dx + dy * dy;
+}
+
 // The pixel after this one.
 fn next_pixel(pixel: Pixel) -> Pixel {
     let wraps = pixel.x + 1u == frame.width;

@@ -1,6 +1,7 @@
 //! `boresight effects`: what this build knows.
 
 use anyhow::{Result, bail};
+use boresight::effects::detector::quantum_efficiency;
 use boresight::effects::optics::sampled_psf;
 use boresight::effects::optics::tables::IMAGE_KINDS;
 use boresight::effects::pixel::{PIXEL_EFFECTS, PLANE_SPREADS, POINT_SPREADS, Work, pixel_effect, plane_spread, point_spread};
@@ -100,7 +101,8 @@ fn lines() -> Vec<Line> {
         };
         line(effect.id(), acts_on, effect.parameters())
     });
-    displacements.chain(spreads).chain(pixels).collect()
+    let by_colour = line(QUANTUM_EFFICIENCY, "a star's electrons", quantum_efficiency::PARAMETERS);
+    displacements.chain(spreads).chain([by_colour]).chain(pixels).collect()
 }
 
 fn page(id: &str) -> Option<String> {
@@ -112,8 +114,12 @@ fn page(id: &str) -> Option<String> {
     let plane = || plane_spread(&name).map(|spread| page_of(spread.source()));
     let kind = || IMAGE_KINDS.iter().find(|kind| kind_id(kind.id()) == id).map(|kind| page_of(kind.source()));
     let sampled = || (id == SAMPLED).then(|| page_of(sampled_psf::source()));
-    displacement.or_else(pixels).or_else(spread).or_else(plane).or_else(kind).or_else(sampled)
+    let by_colour = || (id == QUANTUM_EFFICIENCY).then(|| page_of(quantum_efficiency::source()));
+    displacement.or_else(by_colour).or_else(pixels).or_else(spread).or_else(plane).or_else(kind).or_else(sampled)
 }
+
+/// The name of the page of how electrons follow the colour.
+const QUANTUM_EFFICIENCY: &str = "quantum-efficiency";
 
 /// The name of the page of an image given point by point.
 const SAMPLED: &str = "sampled-image";

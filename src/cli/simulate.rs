@@ -8,8 +8,8 @@ use boresight::catalog::Catalog;
 use boresight::coordinates::Attitude;
 use boresight::provenance::Provenance;
 use boresight::recording::{
-    CameraInfo, FitsHeaders, Form, FrameEntry, Mount, OutputDirectory, Recording, Shutter, Site, Size, write_file, write_fits_u16,
-    write_manifest,
+    CameraInfo, FitsHeaders, Form, FrameEntry, Mount, OutputDirectory, Recording, Shutter, Site, Size, write_file, write_fits_u8,
+    write_fits_u16, write_manifest,
 };
 use boresight::render::Renderer;
 use boresight::scene::{DetectorTable, Exposure, PsfTable, Scene, SiteTable, SkyTable};
@@ -137,7 +137,14 @@ pub(crate) fn write_recording(
         let file = entry.file.as_ref().context("a simulated frame has a file")?;
         let headers = FitsHeaders::new(&recording.camera, recording.site.as_ref(), entry);
         let path = directory.path().join(file);
-        write_fits_u16(&path, scene.camera.width_px, scene.camera.height_px, &frame.pixels_dn, &headers)?;
+        let (width_px, height_px) = (scene.camera.width_px, scene.camera.height_px);
+        if scene.detector.bits <= 8 {
+            // What rounding of frequencies adds beyond the top is cut there, as where pictures are kept.
+            let bytes: Vec<u8> = frame.pixels_dn.iter().map(|count| u8::try_from(*count).unwrap_or(u8::MAX)).collect();
+            write_fits_u8(&path, width_px, height_px, &bytes, &headers)?;
+        } else {
+            write_fits_u16(&path, width_px, height_px, &frame.pixels_dn, &headers)?;
+        }
         stars += frame.stars.len();
         write_rows(&mut truth, &frame.stars, "truth/stars.csv")?;
         write_rows(&mut lights, &frame.lights, "truth/lights.csv")?;

@@ -204,7 +204,7 @@ fn detector(measured: &Measured, matched: &[(&ControlPoint, &Detection)]) -> Det
     let plain = DetectorTable::default();
     let gain_e_per_dn = camera.gain_e_per_dn.unwrap_or(1.0);
     let bias_dn = camera.bias_dn.unwrap_or(0.0);
-    let saturation_dn = camera.saturation_dn.unwrap_or(plain.saturation_dn).clamp(bias_dn + 1.0, plain.saturation_dn);
+    let saturation_dn = camera.saturation_dn.unwrap_or(plain.top_dn()).clamp(bias_dn + 1.0, plain.top_dn());
     let usable = || matched.iter().filter(|(point, star)| point.magnitude < 90.0 && !star.flags.saturated && star.flux_dn > 0.0);
     let exposure_s = |frame: usize| measured.recording.frames[frame].exposure_s.unwrap_or(ASSUMED_EXPOSURE_S);
     let zero_point = |(point, star): &(&ControlPoint, &Detection)| {
@@ -216,8 +216,9 @@ fn detector(measured: &Measured, matched: &[(&ControlPoint, &Detection)]) -> Det
         gain_e_per_dn,
         bias_dn,
         read_noise_e: camera.read_noise_e.or_else(|| read_noise_e(measured, gain_e_per_dn, bias_dn)).unwrap_or(plain.read_noise_e),
-        saturation_dn,
+        saturation_dn: Some(saturation_dn),
         full_well_e: plain.full_well_e.max((saturation_dn - bias_dn) * gain_e_per_dn),
+        ..plain
     }
 }
 

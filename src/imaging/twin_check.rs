@@ -45,7 +45,10 @@ pub fn twin_check() -> Result<TwinReport, ImagingError> {
             EffectSetting::new("background", &[("background_e_per_px_s", 20.0)]),
             EffectSetting::new("photon_noise", &[]),
             EffectSetting::new("read_noise", &[("read_noise_e", 5.0)]),
-            EffectSetting::new("adc", &[("gain_e_per_dn", 2.0), ("bias_dn", 200.0), ("full_well_e", 1e5), ("saturation_dn", 65_535.0)]),
+            EffectSetting::new(
+                "adc",
+                &[("gain_e_per_dn", 2.0), ("bias_dn", 200.0), ("full_well_e", 1e5), ("saturation_dn", 65_535.0), ("bits", 16.0)],
+            ),
         ],
     };
     // Places by the golden ratio: even over the frame, with every sub-pixel phase.

@@ -76,15 +76,32 @@ impl FitsHeaders {
 /// FITS knows signed integers only; the counts are stored less 32768 and `BZERO` says so (FITS Standard 4.0, section 5.2.5).
 pub fn write_fits_u16(path: &Path, width_px: usize, height_px: usize, pixels_dn: &[u16], headers: &FitsHeaders) -> Result<(), OutputError> {
     check_count(path, width_px, height_px, pixels_dn.len())?;
+    let bytes: Vec<u8> = pixels_dn.iter().flat_map(|pixel| (pixel ^ 0x8000).to_be_bytes()).collect(); // less 32768, as a signed number
+    write_fits(path, [width_px, height_px], (16, 32768.0), &bytes, headers)
+}
+
+/// Writes an 8-bit FITS image, first row on top. Integers of 8 bits have no sign in FITS (FITS Standard 4.0, section 5.2.1).
+pub fn write_fits_u8(path: &Path, width_px: usize, height_px: usize, pixels_dn: &[u8], headers: &FitsHeaders) -> Result<(), OutputError> {
+    check_count(path, width_px, height_px, pixels_dn.len())?;
+    write_fits(path, [width_px, height_px], (8, 0.0), pixels_dn, headers)
+}
+
+fn write_fits(
+    path: &Path,
+    [width_px, height_px]: [usize; 2],
+    (bits, zero): (i64, f64),
+    data: &[u8],
+    headers: &FitsHeaders,
+) -> Result<(), OutputError> {
     let encode = |error: fitsio_pure::Error| OutputError::Encode { path: path.to_owned(), message: error.to_string() };
     let side = |length: usize| i64::try_from(length).map(Value::Integer).map_err(|_| encode(fitsio_pure::Error::InvalidValue));
     let mandatory = [
         ("SIMPLE", Value::Logical(true), "conforms to FITS standard"),
-        ("BITPIX", Value::Integer(16), "16-bit integers"),
+        ("BITPIX", Value::Integer(bits), if bits == 8 { "8-bit integers" } else { "16-bit integers" }),
         ("NAXIS", Value::Integer(2), ""),
         ("NAXIS1", side(width_px)?, "columns"),
         ("NAXIS2", side(height_px)?, "rows"),
-        ("BZERO", Value::Float(32768.0), "counts are unsigned"),
+        ("BZERO", Value::Float(zero), "counts are unsigned"),
         ("BSCALE", Value::Float(1.0), ""),
         ("ROWORDER", Value::String("TOP-DOWN".to_owned()), "the first row stored is the top one"),
     ];
@@ -96,10 +113,8 @@ pub fn write_fits_u16(path: &Path, width_px: usize, height_px: usize, pixels_dn:
         cards.push(card);
     }
     let mut bytes = serialize_header(&cards).map_err(encode)?;
-    bytes.reserve(pixels_dn.len() * 2 + BLOCK_SIZE);
-    for pixel in pixels_dn {
-        bytes.extend_from_slice(&(pixel ^ 0x8000).to_be_bytes()); // less 32768, as a signed number
-    }
+    bytes.reserve(data.len() + BLOCK_SIZE);
+    bytes.extend_from_slice(data);
     bytes.resize(bytes.len().next_multiple_of(BLOCK_SIZE), 0);
     write_file(path, &bytes)
 }

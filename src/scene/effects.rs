@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{DetectorTable, SceneError, SkyTable};
 use crate::camera::{Model, SkyChain, Term};
+use crate::effects::detector::adc::full_scale_dn;
 use crate::effects::pixel::{AnyPixelEffect, PIXEL_EFFECTS, pixel_effect};
 use crate::effects::{Context, DISPLACEMENTS, Observation, ParameterSpec, Segment, StarState, displacement};
 use crate::imaging::EffectSetting;
@@ -79,7 +80,8 @@ fn setting(effect: &dyn AnyPixelEffect, table: &EffectTable, detector: &Detector
         "gain_e_per_dn" => Some(detector.gain_e_per_dn),
         "bias_dn" => Some(detector.bias_dn),
         "full_well_e" => Some(detector.full_well_e),
-        "saturation_dn" => Some(detector.saturation_dn),
+        "saturation_dn" => Some(detector.top_dn()),
+        "bits" => Some(f64::from(detector.bits)),
         "read_noise_e" => Some(detector.read_noise_e),
         _ => None,
     };
@@ -92,6 +94,12 @@ fn setting(effect: &dyn AnyPixelEffect, table: &EffectTable, detector: &Detector
     for (name, value) in &table.parameters {
         let place = place_of(&id, specs, name, *value)?;
         parameters[place].1 = *value;
+    }
+    let of = |name: &str| parameters.iter().find(|(other, _)| other == name).map(|(_, value)| *value);
+    if let (Some(top), Some(bits)) = (of("saturation_dn"), of("bits"))
+        && top > full_scale_dn(bits)
+    {
+        return Err(format!("{id}.saturation_dn = {top} lies beyond {}, the end of {bits} bits", full_scale_dn(bits)));
     }
     // Whoever lists an effect wants it; one that is switched to nothing on purpose has its parameter written.
     let is_idle = || nothing.as_ref().is_some_and(|values| !values.is_empty() && parameters.iter().map(|(_, value)| value).eq(values));
@@ -123,7 +131,8 @@ pub(super) fn of_camera(detector: &DetectorTable, sky: &SkyTable, listed: &[Effe
         ("gain_e_per_dn", detector.gain_e_per_dn),
         ("bias_dn", detector.bias_dn),
         ("full_well_e", detector.full_well_e),
-        ("saturation_dn", detector.saturation_dn),
+        ("saturation_dn", detector.top_dn()),
+        ("bits", f64::from(detector.bits)),
     ];
     let mut effects = vec![
         EffectSetting::new("background", &[("background_e_per_px_s", sky.background_e_per_px_s)]),
@@ -153,6 +162,12 @@ fn term(table: &EffectTable) -> Result<Term, String> {
     let Some(mut parameters) = effect.identity(&nothing).filter(|_| id != "brown-conrady") else {
         return Err(format!("{id} is part of [camera] and cannot be added to it; leave it out"));
     };
+    if table.parameters.is_empty() && !parameters.is_empty() {
+        let of_pixels = pixel_effect(&id.replace('-', "_")).map_or(&[][..], |effect| effect.parameters());
+        let mut names: Vec<&str> = effect.parameters().iter().chain(of_pixels).map(|spec| spec.name).collect();
+        names.dedup();
+        return Err(format!("{id} does nothing without parameters; give some of {}", names.join(", ")));
+    }
     for (name, value) in &table.parameters {
         let place = place_of(id, effect.parameters(), name, *value)?;
         parameters[place] = *value;

@@ -22,7 +22,8 @@ use thiserror::Error;
 
 pub use effects::EffectTable;
 pub use file::{
-    DEMO_TOML, DetectorTable, FrameTable, MountTable, NominalTable, SceneFile, SeriesTable, SiteTable, SkyTable, TrueCameraTable,
+    DEMO_TOML, DetectorTable, FrameTable, MountTable, NominalTable, QuantumEfficiencyTable, SceneFile, SeriesTable, SiteTable, SkyTable,
+    TrueCameraTable,
 };
 pub use lights::{CosmicRayTable, GhostTable, LightForm, LightKind, OtherLight, StreakKind, StreakTable};
 pub use motion::{BandTable, EARTH_RATE_RAD_S, JitterTable, LineTable, Motion};
@@ -36,6 +37,7 @@ pub use track::{Sample, StarTrack};
 use crate::camera::{Camera, GroundSite, Model, ObserverError, Physics, PhysicsError, SkyChain, Term, observation};
 use crate::coordinates::{Attitude, PixelPoint};
 use crate::effects::Observation;
+use crate::effects::detector::quantum_efficiency::ColourResponse;
 use crate::imaging::EffectSetting;
 use crate::recording::{CameraInfo, FirstRow, FrameEntry, Mount, Recording, Shutter, Site};
 use crate::units::DEG_RAD;
@@ -116,6 +118,8 @@ pub struct Scene {
     pub nominal: Camera,
     /// The true detector; its PSF is the width that stands for [`Self::psf`].
     pub detector: DetectorTable,
+    /// How the electrons of a star follow its colour.
+    pub colour_response: ColourResponse,
     /// How the light of a star is spread.
     pub psf: Psf,
     /// The same as written, if it was.
@@ -254,7 +258,9 @@ impl SceneFile {
         let kelvins = exposures.iter().map(|exposure| exposure.sky.observation().temperature_offset_k.unwrap_or_default());
         let temperatures_k = kelvins.fold([0.0_f64; 2], |[low, high], kelvin| [low.min(kelvin), high.max(kelvin)]);
         let psf = psf_table::read(path, self.psf.as_ref(), self.detector.psf_sigma_px, size_px, temperatures_k)?;
-        let detector = DetectorTable { psf_sigma_px: psf.typical_px, ..self.detector.clone() };
+        let saturation_dn = Some(self.detector.top_dn());
+        let detector = DetectorTable { psf_sigma_px: psf.typical_px, saturation_dn, ..self.detector.clone() };
+        let colour_response = detector.colour_response();
         let pixel_effects = effects::of_camera(&self.detector, &self.sky, &pixels);
         Ok(Scene {
             seed: self.seed,
@@ -267,6 +273,7 @@ impl SceneFile {
             is_fixed,
             nominal,
             detector,
+            colour_response,
             psf,
             psf_table: self.psf,
             ghosts: self.ghosts,

@@ -216,7 +216,8 @@ impl Scene {
 
     fn sight(&self, star: &Star, epoch_yr: f64, index: usize) -> Sight<'_> {
         let exposure = &self.exposures[index];
-        let electrons = self.detector.zero_point_e_per_s * 10.0_f64.powf(-0.4 * star.magnitude) * exposure.exposure_s;
+        let grey = self.detector.zero_point_e_per_s * 10.0_f64.powf(-0.4 * star.magnitude) * exposure.exposure_s;
+        let electrons = grey * self.colour_response.relative(star.colour);
         let refracts = exposure.sky.ids().iter().any(|id| ["refraction", "chromatic-refraction"].contains(id));
         let drifts = refracts && exposure.sky.observation().zenith.is_some();
         Sight { scene: self, exposure, star: StarState::of(star, epoch_yr), electrons, drifts }

@@ -8,6 +8,7 @@ mod catalog;
 mod cli;
 mod common;
 mod detect;
+mod detector;
 mod diagnose;
 mod diagnose_cli;
 mod displacements;

@@ -86,8 +86,8 @@ fn any_displacement_moves_the_stars_of_a_scene() {
         compared += 1;
     }
     assert!(compared > 100, "{compared}");
-    // Without parameters an effect is there and does nothing; one of the sky takes the place of its known size.
-    let idle = demo_with("[[effects]]\nid = \"shear\"");
+    // Switched to nothing an effect is there and does nothing; one of the sky takes the place of its known size.
+    let idle = demo_with("[[effects]]\nid = \"shear\"\nparameters = { shear_rad = 0.0 }");
     assert!(images(&idle).iter().zip(&before).all(|(a, b)| a.hip == b.hip && (a.position.x_px - b.position.x_px).abs() < 1e-7));
     let still = demo_with("[[effects]]\nid = \"stellar-aberration\"\nparameters = { amplitude = 0.0 }");
     assert_eq!(still.exposures[0].sky.ids(), plain.exposures[0].sky.ids());
@@ -132,7 +132,10 @@ fn bad_effects_get_one_clear_sentence() {
         ("[[effects]]\nid = \"blooming\"\n[[effects]]\nid = \"blooming\"", &["effects[1]", "blooming is listed twice"][..]),
         ("[[effects]]\nid = \"pinhole\"", &["pinhole is part of [camera]"][..]),
         ("[[effects]]\nid = \"brown-conrady\"", &["brown-conrady is part of [camera]"][..]),
-        ("[[effects]]\nid = \"shear\"\n[[effects]]\nid = \"shear\"", &["effects[1]", "shear is listed twice"][..]),
+        (
+            "[[effects]]\nid = \"shear\"\nparameters = { shear_rad = 1e-4 }\n[[effects]]\nid = \"shear\"\nparameters = { shear_rad = 1e-4 }",
+            &["effects[1]", "shear is listed twice"][..],
+        ),
         ("[[effects]]\nid = \"rolling-shutter\"\nparameters = { line_time_us = 1e9 }", &["line_time_us = 1000000000 must lie between"][..]),
     ] {
         let message = Scene::parse("scene.toml", &format!("{DEMO_TOML}\n{more}")).unwrap_err().to_string();
@@ -175,9 +178,13 @@ fn pixel_effects_of_a_scene_are_those_of_its_camera_and_those_listed() {
 /// An effect that is listed and would do nothing is refused, not dropped.
 #[test]
 fn an_effect_without_parameters_is_refused() {
-    let text = format!("{DEMO_TOML}\n[[effects]]\nid = \"banding\"\n");
-    let error = Scene::parse("scene.toml", &text).unwrap_err().to_string();
-    assert!(error.contains("banding does nothing without parameters") && error.contains("row_sigma_e"), "{error}");
+    // A pixel effect, a displacement, and a cause that is both.
+    for (id, names) in [("banding", ["row_sigma_e", ""]), ("shear", ["shear_rad", ""]), ("bayer", ["relative_per_mag", "red_relative"])] {
+        let text = format!("{DEMO_TOML}\n[[effects]]\nid = \"{id}\"\n");
+        let error = Scene::parse("scene.toml", &text).unwrap_err().to_string();
+        assert!(error.contains(&format!("{id} does nothing without parameters")), "{error}");
+        assert!(names.iter().all(|name| error.contains(name)), "{error}");
+    }
 }
 
 /// What a scene lists reaches the counts, with the temperature of each frame, on any number of threads.

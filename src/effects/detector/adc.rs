@@ -2,10 +2,10 @@
 //!
 //! **What it is.** A pixel holds no more than its full well; the converter turns electrons into whole counts and stops at its top.
 //!
-//! **Equation.** counts = ⌊min(electrons, full well)/gain + bias + ½⌋, held within 0 … top.
+//! **Equation.** counts = ⌊min(electrons, full well)/gain + bias + ½⌋, held within 0 … top, top = min(`saturation_dn`, 2^bits − 1).
 //!
 //! **Parameters.** `gain_e_per_dn`: electrons per count; `bias_dn`: the count of an empty pixel; `full_well_e`: electrons that a pixel holds;
-//! `saturation_dn`: the converter's highest count, 2^bits − 1 (65535 for 16 bits, 4095 for 12).
+//! `bits`: of the converter, 8 to 16, which end at 2^bits − 1; `saturation_dn`: its highest count, where that lies below the end of the bits.
 //!
 //! **What it leaves when left out.** Cut-off tops of bright stars move centroids and lose flux; rounding adds 1/12 count² of variance.
 //!
@@ -38,6 +38,12 @@ pub struct AdcUniforms {
     top_dn: f32,
 }
 
+/// The highest count that so many bits hold.
+#[must_use]
+pub fn full_scale_dn(bits: f64) -> f64 {
+    bits.floor().exp2() - 1.0
+}
+
 /// The count of a full pixel, from the effect's parameters: the converter's top, or below it that of the full well.
 #[must_use]
 pub fn full_pixel_dn(parameters: &[f64]) -> f32 {
@@ -66,6 +72,7 @@ impl PixelEffect for Adc {
         ParameterSpec { name: "bias_dn", unit: "DN", typical: 200.0, range: (0.0, 65_535.0) },
         ParameterSpec { name: "full_well_e", unit: "e-", typical: 1e5, range: (1.0, 1e12) },
         ParameterSpec { name: "saturation_dn", unit: "DN", typical: 65_535.0, range: (1.0, 65_535.0) },
+        ParameterSpec { name: "bits", unit: "", typical: 16.0, range: (8.0, 16.0) },
     ];
     const RNG_STAGE: u32 = 0;
     const WGSL: &'static str = include_str!("../../../shaders/adc.wgsl");
@@ -78,7 +85,7 @@ impl PixelEffect for Adc {
             dn_per_e: (1.0 / parameters[0]) as f32,
             bias_and_half_dn: (parameters[1] + 0.5) as f32,
             full_well_e: parameters[2] as f32,
-            top_dn: parameters[3].floor() as f32,
+            top_dn: parameters[3].min(full_scale_dn(parameters[4])).floor() as f32,
         }
     }
     fn apply(uniforms: &AdcUniforms, _key: StageKey, _first_pixel: u32, pixels: &mut [f32]) {
@@ -101,13 +108,15 @@ mod tests {
 
     #[test]
     fn rounds_and_stops() {
-        let parameters = [2.0, 100.0, 5000.0, 4095.0];
+        let parameters = [2.0, 100.0, 5000.0, 4095.0, 16.0];
         for (electrons, counts) in [(0.0, 100.0), (0.9, 100.0), (1.0, 101.0), (200.0, 200.0), (-3.0, 99.0), (-1e9, 0.0), (1e9, 2600.0)] {
             assert_eq!(converted(&parameters, electrons), counts, "{electrons} electrons");
         }
         assert_eq!(full_pixel_dn(&parameters), 2600.0);
-        assert_eq!(full_pixel_dn(&[2.0, 100.0, 1e12, 4095.0]), 4095.0);
-        assert_eq!(full_pixel_dn(&[2.0, 100.0, 1e12, 65_535.0]), 65_535.0);
+        assert_eq!(full_pixel_dn(&[2.0, 100.0, 1e12, 4095.0, 16.0]), 4095.0);
+        for (bits, top) in [(8.0, 255.0), (10.0, 1023.0), (12.0, 4095.0), (14.0, 16_383.0), (16.0, 65_535.0)] {
+            assert_eq!(full_pixel_dn(&[2.0, 100.0, 1e12, 65_535.0, bits]), top, "{bits} bits");
+        }
         assert_eq!(converted(&parameters, f32::NAN), 2600.0);
     }
 }

@@ -16,7 +16,7 @@
 //!
 //! **Confused with.** Faint stars, in one frame; cosmic rays, which do not come back.
 //!
-//! **Neglected.** Levels with more than two states and switching within an exposure; clusters and columns of defects; annealing.
+//! **Neglected.** States that last from frame to frame, for which there is `random-telegraph`; levels with more than two states and switching within an exposure; clusters and columns of defects; annealing.
 //!
 //! **Source.** G. R. Hopkinson, V. Goiffon, A. Mohammadzadeh, IEEE TNS 55, 2197 (2008), for telegraph signals; EMVA Standard 1288 for the rest.
 

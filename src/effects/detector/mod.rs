@@ -21,6 +21,8 @@ pub mod overshoot;
 pub mod photon_noise;
 pub mod pixel_aspect;
 pub mod prnu;
+pub mod quantum_efficiency;
+pub mod random_telegraph;
 pub mod read_noise;
 pub mod s_curve;
 pub mod sensor_step;

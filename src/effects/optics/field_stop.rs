@@ -20,7 +20,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::effects::ParameterSpec;
-use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, by_rows, uniform_fields};
+use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, by_radius2, uniform_fields};
 use crate::rng::StageKey;
 
 /// A round end of the field.
@@ -40,14 +40,11 @@ pub struct FieldStopUniforms {
 
 /// The twin.
 fn field_stop(uniforms: &FieldStopUniforms, first_pixel: u32, pixels: &mut [f32]) {
-    by_rows(uniforms.width, first_pixel, pixels, |x, y, row| {
-        let dy = y as f32 - uniforms.centre_y_px;
-        for (i, electrons) in (0..).zip(row) {
-            let dx = (x + i) as f32 - uniforms.centre_x_px;
-            let share = (uniforms.outer_px - (dx * dx + dy * dy).sqrt()) * uniforms.per_px;
-            let share = if share > 0.0 { share } else { 0.0 };
-            *electrons *= if share < 1.0 { share } else { 1.0 };
-        }
+    let centre_px = [uniforms.centre_x_px, uniforms.centre_y_px];
+    by_radius2(uniforms.width, centre_px, first_pixel, pixels, |radius2_px2, electrons| {
+        let share = (uniforms.outer_px - radius2_px2.sqrt()) * uniforms.per_px;
+        let share = if share > 0.0 { share } else { 0.0 };
+        *electrons *= if share < 1.0 { share } else { 1.0 };
     });
 }
 

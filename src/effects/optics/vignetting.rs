@@ -20,7 +20,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::effects::ParameterSpec;
-use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, by_rows, uniform_fields};
+use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, by_radius2, uniform_fields};
 use crate::rng::StageKey;
 
 /// Loss of light towards the corners.
@@ -42,16 +42,13 @@ pub struct VignettingUniforms {
 
 /// The twin.
 fn vignetting(uniforms: &VignettingUniforms, first_pixel: u32, pixels: &mut [f32]) {
-    by_rows(uniforms.width, first_pixel, pixels, |x, y, row| {
-        let dy = y as f32 - uniforms.middle_y_px;
-        for (i, electrons) in (0..).zip(row) {
-            let dx = (x + i) as f32 - uniforms.middle_x_px;
-            let r2 = (dx * dx + dy * dy) * uniforms.inverse_radius2;
-            let left = 1.0 - r2 * (uniforms.loss_second + r2 * uniforms.loss_fourth);
-            let left = if left > 0.0 { left } else { 0.0 };
-            let secant2 = 1.0 + r2 * uniforms.tan2_corner;
-            *electrons *= left / (secant2 * secant2);
-        }
+    let middle_px = [uniforms.middle_x_px, uniforms.middle_y_px];
+    by_radius2(uniforms.width, middle_px, first_pixel, pixels, |radius2_px2, electrons| {
+        let r2 = radius2_px2 * uniforms.inverse_radius2;
+        let left = 1.0 - r2 * (uniforms.loss_second + r2 * uniforms.loss_fourth);
+        let left = if left > 0.0 { left } else { 0.0 };
+        let secant2 = 1.0 + r2 * uniforms.tan2_corner;
+        *electrons *= left / (secant2 * secant2);
     });
 }
 

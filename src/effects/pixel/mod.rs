@@ -187,6 +187,19 @@ pub fn by_rows(width: u32, first_pixel: u32, mut pixels: &mut [f32], mut each: i
     }
 }
 
+/// The same, a pixel at a time, with the square of its distance from a point, px². Its twin in the shaders is `radius2_px`.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "inlined into the loops over pixels, which are vectorised only then")]
+pub fn by_radius2(width: u32, centre_px: [f32; 2], first_pixel: u32, pixels: &mut [f32], mut each: impl FnMut(f32, &mut f32)) {
+    by_rows(width, first_pixel, pixels, |x, y, row| {
+        let dy = y as f32 - centre_px[1];
+        for (i, electrons) in (0..).zip(row) {
+            let dx = (x + i) as f32 - centre_px[0];
+            each(dx * dx + dy * dy, electrons);
+        }
+    });
+}
+
 /// Names and offsets of the members of a `#[repr(C)]` struct.
 macro_rules! uniform_fields {
     ($uniforms:ty { $($field:ident),+ }) => { &[$((stringify!($field), core::mem::offset_of!($uniforms, $field))),+] };
@@ -204,6 +217,7 @@ pub static PIXEL_EFFECTS: &[&dyn AnyPixelEffect] = &[
     &detector::prnu::Prnu,
     &detector::dark_current::DarkCurrent,
     &detector::hot_pixels::HotPixels,
+    &detector::random_telegraph::RandomTelegraph,
     &detector::photon_noise::PhotonNoise,
     &Neighbours(detector::brighter_fatter::BrighterFatter),
     &Lines(detector::blooming::Blooming),

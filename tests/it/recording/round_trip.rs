@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use boresight::camera::Camera;
 use boresight::coordinates::Attitude;
 use boresight::recording::{
-    CameraInfo, FirstRow, FitsHeaders, Form, FrameEntry, ListedStar, Mount, Recording, Shutter, Site, StarList, write_fits_u16,
-    write_manifest, write_png_u16,
+    CameraInfo, FirstRow, FitsHeaders, Form, FrameEntry, ListedStar, Mount, Recording, Shutter, Site, StarList, write_fits_u8,
+    write_fits_u16, write_manifest, write_png_u16,
 };
 use hifitime::{Duration, Epoch};
 
@@ -79,6 +79,20 @@ fn as_written(mut recording: Recording) -> Recording {
     let bare = |frame: FrameEntry| FrameEntry { size: None, place: None, ..frame };
     recording.frames = recording.frames.into_iter().map(bare).collect();
     recording
+}
+
+/// Counts of 8 bits come back as they were, with the top of their range.
+#[test]
+fn images_of_eight_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("one.fits");
+    let pixels: Vec<u8> = (0..=255).collect();
+    write_fits_u8(&path, 32, 8, &pixels, &FitsHeaders::default()).unwrap();
+    let frame = Recording::open(&[&path]).unwrap().load_frame(0).unwrap();
+    assert_eq!((frame.width_px, frame.height_px, frame.saturation_dn), (32, 8, 255.0));
+    assert!(frame.pixels_dn.iter().zip(&pixels).all(|(read, written)| *read == f32::from(*written)));
+    assert_eq!(std::fs::metadata(&path).unwrap().len(), 2 * 2880);
+    assert!(write_fits_u8(&path, 32, 9, &pixels, &FitsHeaders::default()).is_err());
 }
 
 #[test]
