@@ -16,6 +16,7 @@
 //! index alone: any can be made by itself, and its bytes do not depend on threads. GPU and CPU agree as [`twin_check()`] measures.
 
 mod compose;
+mod noise_free;
 mod on_cpu;
 mod on_gpu;
 mod passes_on_gpu;
@@ -26,6 +27,7 @@ mod tiles;
 mod twin_check;
 
 pub use compose::{Output, PassProgram, chain_program, collect_plane_program, collect_program, pass_programs, uniforms_name};
+pub use noise_free::{NoiseFree, Seen};
 pub use plan::EffectSetting;
 pub use plane::{Deposit, PlaneLight};
 pub use stamp::Stamp;

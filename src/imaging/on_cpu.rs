@@ -14,21 +14,29 @@ use crate::effects::pixel::{ExposureContext, PlaneStar, Rows, Stage, Star, Work}
 use crate::rng::StageKey;
 
 /// Effects that each see one pixel, ready for an exposure.
-struct Pixels(Vec<(Apply, StageKey, Vec<u8>)>);
+pub(super) struct Pixels(Vec<(Apply, StageKey, Vec<u8>)>);
 
 /// A twin, see [`Work::Pixels`].
 type Apply = fn(&[u8], StageKey, u32, &mut [f32]);
 
+impl std::fmt::Debug for Pixels {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} effects", self.0.len())
+    }
+}
+
 impl Pixels {
-    fn new(plan: &Plan, enabled: &[Enabled], exposure: &Exposure<'_>, context: &ExposureContext) -> Self {
+    /// Passes among the effects are left out.
+    pub(super) fn new(plan: &Plan, enabled: &[Enabled], exposure: &Exposure<'_>, context: &ExposureContext) -> Self {
         let ready = |one: &Enabled| match one.effect.work() {
             Work::Pixels(apply) => Some((apply, plan.key(one.effect, exposure), one.uniforms(context))),
-            Work::Frame(..) => None, // a plan's segments hold none
+            Work::Frame(..) => None,
         };
         Self(enabled.iter().filter_map(ready).collect())
     }
 
-    fn apply(&self, first_pixel: usize, electrons: &mut [f32]) {
+    /// Changes a run of pixels, of which the first has this index in the frame.
+    pub(super) fn apply(&self, first_pixel: usize, electrons: &mut [f32]) {
         for (apply, key, uniforms) in &self.0 {
             apply(uniforms, *key, first_pixel as u32, electrons);
         }
@@ -73,10 +81,20 @@ impl<'a> Chain<'a> {
 
 /// Electrons after a stage.
 pub(super) fn electrons(plan: &Plan, stage: Option<Stage>, lit: &Lit<'_>, exposure: &Exposure<'_>) -> Vec<f32> {
-    let context = plan.context(exposure, lit);
+    electrons_in(plan, stage, lit, exposure, &plan.context(exposure, lit))
+}
+
+/// The same under circumstances that are not those of the light.
+pub(super) fn electrons_in(
+    plan: &Plan,
+    stage: Option<Stage>,
+    lit: &Lit<'_>,
+    exposure: &Exposure<'_>,
+    context: &ExposureContext,
+) -> Vec<f32> {
     let mut segments = plan.segments(stage).into_iter();
     let first = segments.next().map_or(&[][..], |segment| segment.pixels);
-    let chain = Chain::new(plan, lit, Pixels::new(plan, first, exposure, &context));
+    let chain = Chain::new(plan, lit, Pixels::new(plan, first, exposure, context));
     let mut frame = vec![0.0_f32; plan.width_px * plan.height_px];
     let band_pixels = plan.width_px * TILE_PX;
     frame.par_chunks_mut(band_pixels).enumerate().for_each_init(Vec::new, |scratch, (band, rows)| chain.fill(band, rows, scratch));
@@ -86,9 +104,9 @@ pub(super) fn electrons(plan: &Plan, stage: Option<Stage>, lit: &Lit<'_>, exposu
             && let Work::Frame(_, move_charge) = pass.effect.work()
         {
             let mut buffer = FrameBuffer { width: plan.width_px, electrons: &mut frame, scratch: &mut scratch };
-            move_charge(&pass.uniforms(&context), &mut buffer);
+            move_charge(&pass.uniforms(context), &mut buffer);
         }
-        let pixels = Pixels::new(plan, segment.pixels, exposure, &context);
+        let pixels = Pixels::new(plan, segment.pixels, exposure, context);
         if !pixels.0.is_empty() {
             frame.par_chunks_mut(band_pixels).enumerate().for_each(|(band, rows)| pixels.apply(band * band_pixels, rows));
         }

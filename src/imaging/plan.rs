@@ -95,6 +95,7 @@ pub(super) struct Lit<'a> {
 }
 
 /// The checked configuration.
+#[derive(Clone)]
 pub(super) struct Plan {
     pub(super) width_px: usize,
     pub(super) height_px: usize,
@@ -127,6 +128,18 @@ impl Plan {
             return Err(ImagingError::EffectTwice { id: pair[0].effect.id() });
         }
         Ok(Self { width_px, height_px, seed, spread, effects })
+    }
+
+    /// The same with only some of the effects.
+    pub(super) fn only(&self, keeps: impl Fn(&dyn AnyPixelEffect) -> bool) -> Self {
+        Self { effects: self.effects.iter().filter(|enabled| keeps(enabled.effect)).cloned().collect(), ..self.clone() }
+    }
+
+    /// A parameter of an effect that is switched on.
+    pub(super) fn parameter(&self, id: &str, name: &str) -> Option<f64> {
+        let enabled = self.effects.iter().find(|enabled| enabled.effect.id() == id)?;
+        let place = enabled.effect.parameters().iter().position(|spec| spec.name == name)?;
+        enabled.parameters.get(place).copied()
     }
 
     /// The effects up to and with a stage.

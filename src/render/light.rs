@@ -28,22 +28,33 @@ pub(super) struct StarLight {
 }
 
 /// All the light of an exposure.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct FrameLight {
     pub(super) stars: Vec<StarImage>,
     deposits: Vec<Deposit>,
     discs: Vec<Deposit>,
 }
 
-impl FromIterator<StarLight> for FrameLight {
-    fn from_iter<I: IntoIterator<Item = StarLight>>(lights: I) -> Self {
+impl<'a> FromIterator<&'a StarLight> for FrameLight {
+    fn from_iter<I: IntoIterator<Item = &'a StarLight>>(lights: I) -> Self {
         let mut frame = Self::default();
         for light in lights {
-            frame.stars.extend(light.stars);
-            frame.deposits.extend(light.deposits);
-            frame.discs.extend(light.discs);
+            frame.stars.extend_from_slice(&light.stars);
+            frame.deposits.extend_from_slice(&light.deposits);
+            frame.discs.extend_from_slice(&light.discs);
         }
         frame
+    }
+}
+
+impl FrameLight {
+    /// This light and more.
+    pub(super) fn with(&self, more: &Self) -> Self {
+        let mut all = self.clone();
+        all.stars.extend_from_slice(&more.stars);
+        all.deposits.extend_from_slice(&more.deposits);
+        all.discs.extend_from_slice(&more.discs);
+        all
     }
 }
 
@@ -80,7 +91,7 @@ impl Spreader {
     }
 
     /// The largest width over the field and all colours, px.
-    fn widest_px(&self) -> f64 {
+    pub(super) fn widest_px(&self) -> f64 {
         self.psf.widest_px()
     }
 

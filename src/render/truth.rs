@@ -1,8 +1,9 @@
 //! The truth of a rendered frame: where every star landed and how bright it was. The measuring side of the program never reads it.
 
+use super::pixel_shift::PixelShift;
 use crate::coordinates::PixelPoint;
-use crate::imaging::Stamp;
-use crate::scene::{DetectorTable, LightKind, OtherLight, Scene, StarTrack};
+use crate::imaging::{NoiseFree, Stamp};
+use crate::scene::{LightKind, OtherLight, Scene, StarTrack};
 use serde::{Deserialize, Serialize};
 
 /// One star in one frame; a row of `truth/stars.csv`.
@@ -12,6 +13,11 @@ pub struct TrueStar {
     pub frame: usize,
     /// Catalogue number.
     pub hip: u32,
+    /// Column at which a camera of the true projection, focal length and principal point would show the catalogue's direction at the middle of
+    /// the exposure, if nothing displaced it: neither the sky (from proper motion to refraction) nor distortion nor detector.
+    pub x_ideal_px: Option<f64>,
+    /// Row of the same.
+    pub y_ideal_px: Option<f64>,
     /// Column at the middle of the exposure (with a rolling shutter: of the exposure of the row that is lit).
     pub x_px: f64,
     /// Row at the middle of the exposure.
@@ -32,13 +38,24 @@ pub struct TrueStar {
     pub magnitude: f64,
     /// Electrons that the star sends during the exposure.
     pub electrons_asked: f64,
-    /// Of these, how many are expected to land on the frame's pixels (before saturation).
+    /// Of these, how many are expected to be counted in the frame's pixels, after all that weakens light on the way (vignetting, stops, veiling
+    /// glare, filters, the pixels' response), before charge is moved or cut.
     pub electrons_landed: f64,
-    /// Expected electrons of the star in its brightest pixel.
+    /// The same in its brightest pixel.
     pub peak_electrons: f64,
+    /// Electrons that this pixel is expected to hold without any star: sky, stray light, dark current.
+    pub background_e: f64,
     /// Electrons over their expected standard error where every pixel is weighted in the best way: √Σ s²/(s + background + read noise²).
     pub snr: f64,
-    /// The brightest pixel is expected to be full.
+    /// Shift along the columns that pixel effects add, before saturation and converter: the centre of the star's light, weighted by its electrons,
+    /// after all of them less that before the first. Zero where no such effect is on; absent beside other stars, at the edge, and where it was
+    /// not asked for. Windows reach 4 σ and 3 px beyond the star's way.
+    pub x_pixels_px: Option<f64>,
+    /// The same along the rows.
+    pub y_pixels_px: Option<f64>,
+    /// Electrons in that window after all pixel effects over those before the first.
+    pub flux_pixels_ratio: Option<f64>,
+    /// One of its pixels is expected to be full, by its own light and the background.
     pub saturated: bool,
     /// Another star with at least a twentieth of this one's light lies within 6 σ of the PSF.
     pub blended: bool,
@@ -95,42 +112,50 @@ impl TrueLight {
 pub(super) struct Landed {
     electrons: f64,
     peak_electrons: f64,
+    background_e: f64,
     snr: f64,
+    is_full: bool,
+    /// Electrons that reach the frame, before anything weakens them.
+    on_frame_e: f64,
 }
 
 impl Landed {
-    /// Of a star with this light (`None`: none of it reaches the frame) in frame `index`.
-    pub(super) fn new(scene: &Scene, index: usize, stamp: Option<&Stamp>) -> Self {
-        let quiet = background_e(scene, index) + scene.detector.read_noise_e.powi(2);
-        let mut landed = Self::default();
+    /// Of a source with this light; `None`: none of it reaches the frame.
+    pub(super) fn new(chain: &NoiseFree, stamp: Option<&Stamp>) -> Self {
+        let Some(stamp) = stamp else { return Self::default() };
+        let seen = chain.seen(stamp);
+        let read_variance = chain.read_noise_e().powi(2);
+        let on_frame_e = stamp.electrons.iter().map(|electrons| f64::from(*electrons)).sum();
+        let mut landed = Self { is_full: chain.is_full(stamp, &seen), on_frame_e, ..Self::default() };
         let mut information = 0.0;
-        for electrons in stamp.iter().flat_map(|stamp| &stamp.electrons).map(|electrons| f64::from(*electrons)) {
+        for (electrons, background_e) in seen.electrons.into_iter().zip(seen.background_e) {
             landed.electrons += electrons;
-            landed.peak_electrons = landed.peak_electrons.max(electrons);
+            if electrons > landed.peak_electrons {
+                (landed.peak_electrons, landed.background_e) = (electrons, background_e);
+            }
             if electrons > 0.0 {
-                information += electrons * electrons / (electrons + quiet);
+                information += electrons * electrons / (electrons + background_e + read_variance);
             }
         }
         Self { snr: information.sqrt(), ..landed }
     }
 }
 
-/// Electrons of the sky in a pixel.
-fn background_e(scene: &Scene, index: usize) -> f64 {
-    scene.sky.background_e_per_px_s * scene.exposures[index].exposure_s
-}
-
 /// The truth of frame `index`: stars with what of each lands on the pixels.
 #[must_use]
-pub(super) fn true_stars(scene: &Scene, index: usize, tracks: &[StarTrack], landed: &[Landed]) -> Vec<TrueStar> {
-    let blended = blended(tracks, 6.0 * scene.detector.psf_sigma_px);
-    let stars = tracks.iter().zip(landed).zip(blended);
-    stars.map(|((track, landed), blended)| true_star(scene, index, track, *landed, blended)).collect()
+pub(super) fn true_stars(
+    scene: &Scene,
+    index: usize,
+    tracks: &[StarTrack],
+    landed: &[Landed],
+    shifts: &[Option<PixelShift>],
+) -> Vec<TrueStar> {
+    let blended = blended(tracks, 6.0 * scene.detector.psf_sigma_px, 0.05);
+    let stars = tracks.iter().zip(landed).zip(shifts).zip(blended);
+    stars.map(|(((track, landed), shift), blended)| true_star(index, track, *landed, *shift, blended)).collect()
 }
 
-fn true_star(scene: &Scene, index: usize, track: &StarTrack, landed: Landed, blended: bool) -> TrueStar {
-    let DetectorTable { gain_e_per_dn, bias_dn, .. } = scene.detector;
-    let Landed { electrons, peak_electrons, snr } = landed;
+fn true_star(index: usize, track: &StarTrack, landed: Landed, shift: Option<PixelShift>, blended: bool) -> TrueStar {
     let mean = track.mean();
     let [start, middle, end] = track.start_mid_end;
     let middle = middle.unwrap_or(mean);
@@ -138,6 +163,8 @@ fn true_star(scene: &Scene, index: usize, track: &StarTrack, landed: Landed, ble
     TrueStar {
         frame: index,
         hip: track.hip,
+        x_ideal_px: track.ideal.map(x),
+        y_ideal_px: track.ideal.map(y),
         x_px: middle.x_px,
         y_px: middle.y_px,
         x_mean_px: mean.x_px,
@@ -148,17 +175,21 @@ fn true_star(scene: &Scene, index: usize, track: &StarTrack, landed: Landed, ble
         y_end_px: end.map(y),
         magnitude: track.magnitude,
         electrons_asked: track.electrons,
-        electrons_landed: electrons,
-        peak_electrons,
-        snr,
-        saturated: bias_dn + (peak_electrons + background_e(scene, index)) / gain_e_per_dn >= scene.detector.full_pixel_dn(),
+        electrons_landed: landed.electrons,
+        peak_electrons: landed.peak_electrons,
+        background_e: landed.background_e,
+        snr: landed.snr,
+        x_pixels_px: shift.map(|shift| shift.x_px),
+        y_pixels_px: shift.map(|shift| shift.y_px),
+        flux_pixels_ratio: shift.map(|shift| shift.flux_ratio),
+        saturated: landed.is_full,
         blended,
-        edge: electrons < 0.99 * track.electrons,
+        edge: landed.on_frame_e < 0.99 * track.electrons,
     }
 }
 
-/// For each star, whether the trail of another one with at least a twentieth of its light comes near its own.
-fn blended(tracks: &[StarTrack], reach_px: f64) -> Vec<bool> {
+/// For each star, whether the trail of another one with at least this share of its light comes near its own.
+pub(super) fn blended(tracks: &[StarTrack], reach_px: f64, share: f64) -> Vec<bool> {
     let trails: Vec<Vec<PixelPoint>> = tracks.iter().map(trail).collect();
     let range = |points: &[PixelPoint]| {
         points.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], point| [low.min(point.x_px), high.max(point.x_px)])
@@ -170,8 +201,8 @@ fn blended(tracks: &[StarTrack], reach_px: f64) -> Vec<bool> {
     for (rank, &a) in order.iter().enumerate() {
         for &b in order[rank + 1..].iter().take_while(|b| ranges[**b][0] - ranges[a][1] < reach_px) {
             if distance_px(&trails[a], &trails[b]) < reach_px {
-                blended[a] |= tracks[b].electrons >= 0.05 * tracks[a].electrons;
-                blended[b] |= tracks[a].electrons >= 0.05 * tracks[b].electrons;
+                blended[a] |= tracks[b].electrons >= share * tracks[a].electrons;
+                blended[b] |= tracks[a].electrons >= share * tracks[b].electrons;
             }
         }
     }

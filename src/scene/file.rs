@@ -316,8 +316,17 @@ impl TrueCameraTable {
 
     /// The same with its projection.
     pub(super) fn model(&self, path: &str) -> Result<Model, SceneError> {
-        let Some(id) = &self.projection else { return Ok(Model::new(self.camera())) };
-        Model::new(self.camera()).with_projection(id, &self.projection_parameters).map_err(|error| SceneError::Parse {
+        self.projected(path, self.camera())
+    }
+
+    /// The same without distortion.
+    pub(super) fn undisplaced(&self, path: &str) -> Result<Model, SceneError> {
+        self.projected(path, Camera { k1: 0.0, p1: 0.0, p2: 0.0, ..self.camera() })
+    }
+
+    fn projected(&self, path: &str, camera: Camera) -> Result<Model, SceneError> {
+        let Some(id) = &self.projection else { return Ok(Model::new(camera)) };
+        Model::new(camera).with_projection(id, &self.projection_parameters).map_err(|error| SceneError::Parse {
             path: path.to_owned(),
             message: format!("camera.projection = {id:?}: {error}; use pinhole, equidistant, equisolid, stereographic or kannala-brandt"),
         })

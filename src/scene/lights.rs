@@ -240,6 +240,7 @@ impl Scene {
             colour: None,
             temperature_offset_k,
             electrons: streak.electrons,
+            ideal: None,
             start_mid_end: [Some(place(0.0)), Some(place(0.5)), Some(place(1.0))],
             samples,
             blur_px2: [0.0; 3],

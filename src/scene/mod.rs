@@ -106,6 +106,8 @@ pub struct Scene {
     pub model: Model,
     /// The same without the shutter, which [`Scene::star_tracks`] follows itself.
     optics: Model,
+    /// The true projection, focal length and principal point without any displacement.
+    undisplaced: Model,
     /// How much later each row of a higher number is exposed; 0 with a global shutter.
     pub line_time_s: f64,
     /// What the recording declares as the time from row to row of a rolling shutter, µs.
@@ -239,6 +241,7 @@ impl SceneFile {
         };
         let effects::InForce { terms, pixels } = effects::in_force(path, &self.effects, &self.detector)?;
         let mut model = self.camera.model(path)?;
+        let undisplaced = self.camera.undisplaced(path)?;
         effects::behind_the_lens(path, &mut model, &terms)?;
         if let Some(line_time_us) = self.camera.line_time_us {
             let shutter = Term { effect: ROLLING_SHUTTER.to_owned(), parameters: vec![line_time_us] };
@@ -267,6 +270,7 @@ impl SceneFile {
             camera,
             model,
             optics,
+            undisplaced,
             line_time_s,
             nominal_line_time_us,
             first_row,

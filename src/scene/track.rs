@@ -12,8 +12,8 @@ use super::motion::later;
 use super::quadrature::gauss_legendre;
 use super::{Exposure, Scene, StarImage};
 use crate::catalog::{Catalog, Star};
-use crate::coordinates::PixelPoint;
-use crate::effects::{Context, StarImage as ImageState, StarState};
+use crate::coordinates::{Direction, PixelPoint};
+use crate::effects::{Context, Observation, StarImage as ImageState, StarState};
 
 /// Trails longer than this (in widths of the point spread) are summed up piece by piece.
 const LONGEST_PIECE: f64 = 40.0;
@@ -50,6 +50,9 @@ pub struct StarTrack {
     pub temperature_offset_k: f64,
     /// Electrons that the star sends during the whole exposure.
     pub electrons: f64,
+    /// Where a camera of this projection, focal length and principal point would show the catalogue's direction at the middle of the exposure,
+    /// if nothing displaced it: neither sky nor distortion nor detector. `None` where it would not, and for what is no star.
+    pub ideal: Option<PixelPoint>,
     /// Place at the start, the middle and the end of the exposure of the row that it lights; `None` where it has none.
     pub start_mid_end: [Option<PixelPoint>; 3],
     /// The moments at which it lights the frame, in order of time; their weights add up to 1 where it does so all the time.
@@ -115,6 +118,12 @@ impl Sight<'_> {
         let image =
             ImageState { flux_e: Some(self.electrons), psf_sigma_px: Some(self.scene.detector.psf_sigma_px), ..ImageState::default() };
         self.scene.optics.pixel(&direction, &Context::new(self.star, observation).with_image(image))
+    }
+
+    /// See [`StarTrack::ideal`].
+    fn ideal(&self) -> Option<PixelPoint> {
+        let undisplaced = self.exposure.attitude.camera_from_apparent(&Direction::from_unit(self.star.direction));
+        self.scene.undisplaced.pixel(&undisplaced, &Context::new(self.star, Observation::default()))
     }
 
     fn place(&self, time_s: f64) -> Option<PixelPoint> {
@@ -279,6 +288,7 @@ impl Scene {
             colour: star.colour,
             temperature_offset_k: sight.exposure.sky.observation().temperature_offset_k.unwrap_or_default(),
             electrons: sight.electrons,
+            ideal: sight.ideal(),
             start_mid_end,
             samples,
             blur_px2,

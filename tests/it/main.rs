@@ -25,5 +25,6 @@ mod spreads;
 mod stages;
 mod star_images;
 mod summary;
+mod truth;
 mod twins;
 mod wide_angle;

@@ -17,7 +17,7 @@ fn share(offset_px: f64, sigma_px: f64) -> f64 {
 }
 
 /// A catalogue of one star of magnitude 0 in this direction.
-fn one_star(ra_deg: f64, dec_deg: f64) -> Catalog {
+pub(crate) fn one_star(ra_deg: f64, dec_deg: f64) -> Catalog {
     let mut catalog = Catalog::embedded().clone();
     let star = Star {
         direction: Direction::from_radec_rad(ra_deg * DEG, dec_deg * DEG),

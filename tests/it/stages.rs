@@ -1,11 +1,12 @@
 //! Every stage of the registry of pixel effects and passes: its twins, its shader, its page, what it leaves alone.
 
 use boresight::effects::pixel::pass::PassShape;
-use boresight::effects::pixel::{AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, Stage, Star, Work};
+use boresight::effects::pixel::{AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, Role, Stage, Star, Work};
 use boresight::imaging::{
     EffectSetting, Imager, ImagingConfig, Output, SplitLimits, StarImage, chain_program, collect_program, compare_counts, pass_programs,
     uniforms_name,
 };
+use boresight::rng::StageKey;
 
 use crate::house::root;
 use crate::twins::{config, cpu, exposure, gpu, sky, typical};
@@ -159,6 +160,40 @@ fn switched_to_nothing_an_effect_changes_nothing() {
         tried += 1;
     }
     assert!(tried >= 2);
+}
+
+/// What truth without noise builds on: chance changes from frame to frame and nothing else does, what only adds takes no part of the light, and
+/// the effects on light are a factor and a summand in every pixel.
+#[test]
+fn effects_do_what_their_role_says() {
+    let (width, height) = (64_u32, 48_u32);
+    let exposure = ExposureContext { width_px: 64, height_px: 48, star_light_e: 1e5, ..ExposureContext::default() };
+    for effect in PIXEL_EFFECTS {
+        let Work::Pixels(apply) = effect.work() else {
+            assert!(effect.stage() > Stage::Light && effect.role() != Role::Adds, "{}: light is not moved between pixels", effect.id());
+            continue;
+        };
+        let values: Vec<f64> = effect.parameters().iter().map(|spec| spec.typical).collect();
+        let uniforms = effect.uniforms(&values, &exposure);
+        let of = |level: f32, frame: u32| {
+            let mut pixels = vec![level; (width * height) as usize];
+            apply(&uniforms, StageKey { seed: 5, frame, stage: effect.rng_stage() }, 0, &mut pixels);
+            pixels
+        };
+        let frames = [of(500.0, 0), of(500.0, 1)];
+        let blinks = effect.id() == "hot_pixels"; // some of its pixels are there in half of the frames
+        assert!(blinks || (effect.role() == Role::Noise) == (frames[0] != frames[1]), "{}: chance from frame to frame", effect.id());
+        if effect.role() == Role::Noise || effect.stage() != Stage::Light {
+            continue;
+        }
+        // Stray light that falls over the frame ends at nothing, so there is some light everywhere.
+        let [none, some, more] = [1024.0, 2048.0, 5120.0].map(|level| of(level, 0));
+        for i in 0..none.len() {
+            let (first, second) = (some[i] - none[i], more[i] - none[i]);
+            assert!((second - 4.0 * first).abs() <= 1e-3, "{}: light adds up: {first}, {second}", effect.id());
+            assert!(effect.role() != Role::Adds || (first - 1024.0).abs() <= 1e-3, "{} takes of the light", effect.id());
+        }
+    }
 }
 
 /// What says that it moves charge without loss does: a star in the middle of a dark frame, from which nothing reaches an edge.

@@ -21,7 +21,7 @@ use bytemuck::{Pod, Zeroable};
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::lanes::vectorised;
 use crate::effects::pixel::math::floor_positive;
-use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
+use crate::effects::pixel::{ExposureContext, PixelEffect, Role, Stage, uniform_fields};
 use crate::rng::StageKey;
 
 /// Full well and converter.
@@ -67,6 +67,7 @@ vectorised! {
 impl PixelEffect for Adc {
     const ID: &'static str = "adc";
     const STAGE: Stage = Stage::Digital;
+    const ROLE: Role = Role::Cuts;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "gain_e_per_dn", unit: "e-/DN", typical: 2.0, range: (1e-6, 1e6) },
         ParameterSpec { name: "bias_dn", unit: "DN", typical: 200.0, range: (0.0, 65_535.0) },

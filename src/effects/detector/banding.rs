@@ -21,7 +21,7 @@ use bytemuck::{Pod, Zeroable};
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::math::standard_normal;
 use crate::effects::pixel::pattern::fixed_words;
-use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, by_rows, uniform_fields};
+use crate::effects::pixel::{ExposureContext, PixelEffect, Role, Stage, by_rows, uniform_fields};
 use crate::rng::StageKey;
 
 /// Offsets of rows and columns.
@@ -59,6 +59,7 @@ fn banding(uniforms: &BandingUniforms, key: StageKey, first_pixel: u32, pixels: 
 impl PixelEffect for Banding {
     const ID: &'static str = "banding";
     const STAGE: Stage = Stage::Readout;
+    const ROLE: Role = Role::Noise;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "row_sigma_e", unit: "e-", typical: 1.0, range: (0.0, 1e6) },
         ParameterSpec { name: "column_sigma_e", unit: "e-", typical: 0.5, range: (0.0, 1e6) },

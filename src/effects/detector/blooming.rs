@@ -24,7 +24,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::pass::{Along, Carry, LinePass, PassHead, Sweep};
-use crate::effects::pixel::{ExposureContext, Stage, uniform_fields};
+use crate::effects::pixel::{ExposureContext, Role, Stage, uniform_fields};
 
 /// Excess charge along the columns.
 #[derive(Clone, Copy, Debug)]
@@ -51,6 +51,7 @@ fn blooming(full_well_e: f32, share: f32, stays: f32, electrons: f32, carry: &mu
 impl PassHead for Blooming {
     const ID: &'static str = "blooming";
     const STAGE: Stage = Stage::Charge;
+    const ROLE: Role = Role::Cuts;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "full_well_e", unit: "e-", typical: 1e5, range: (1.0, 1e12) },
         ParameterSpec { name: "drained", unit: "", typical: 0.0, range: (0.0, 1.0) },

@@ -23,7 +23,7 @@ use bytemuck::{Pod, Zeroable};
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::math::standard_normal;
 use crate::effects::pixel::pattern::{exponential, fixed_words};
-use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
+use crate::effects::pixel::{ExposureContext, PixelEffect, Role, Stage, uniform_fields};
 use crate::rng::StageKey;
 
 /// Dark current.
@@ -56,6 +56,7 @@ fn dark_current(uniforms: &DarkCurrentUniforms, key: StageKey, first_pixel: u32,
 impl PixelEffect for DarkCurrent {
     const ID: &'static str = "dark_current";
     const STAGE: Stage = Stage::Light;
+    const ROLE: Role = Role::Adds;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "dark_e_per_px_s", unit: "e-/px/s", typical: 5.0, range: (0.0, 1e9) },
         ParameterSpec { name: "reference_temperature_c", unit: "°C", typical: 20.0, range: (-273.0, 200.0) },

@@ -24,7 +24,7 @@ use bytemuck::{Pod, Zeroable};
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::math::{floor, standard_normal};
 use crate::effects::pixel::pattern::fixed_words;
-use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
+use crate::effects::pixel::{ExposureContext, PixelEffect, Role, Stage, uniform_fields};
 use crate::rng::StageKey;
 
 /// Counts of unequal width.
@@ -64,6 +64,7 @@ fn dnl(uniforms: &DnlUniforms, key: StageKey, pixels: &mut [f32]) {
 impl PixelEffect for Dnl {
     const ID: &'static str = "dnl";
     const STAGE: Stage = Stage::Readout;
+    const ROLE: Role = Role::Cuts;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "dnl_dn", unit: "DN", typical: 0.2, range: (0.0, 1.0) },
         ParameterSpec { name: "gain_e_per_dn", unit: "e-/DN", typical: 2.0, range: (1e-6, 1e6) },

@@ -24,7 +24,7 @@ use bytemuck::{Pod, Zeroable};
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::math::{cos_turn, floor};
 use crate::effects::pixel::pass::{NeighbourPass, PassHead, Source};
-use crate::effects::pixel::{ExposureContext, Stage, uniform_fields};
+use crate::effects::pixel::{ExposureContext, Role, Stage, uniform_fields};
 
 /// Rounding of the frequencies of blocks.
 #[derive(Clone, Copy, Debug)]
@@ -76,6 +76,7 @@ fn jpeg(coefficient: f32, step: f32) -> f32 {
 impl PassHead for Jpeg {
     const ID: &'static str = "jpeg";
     const STAGE: Stage = Stage::Digital;
+    const ROLE: Role = Role::Cuts;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "table_scale_dn", unit: "DN", typical: 1.0, range: (1e-3, 1e4) }];
     const CONSERVES_CHARGE: bool = false;
     const WGSL: &'static str = include_str!("../../../shaders/jpeg.wgsl");

@@ -26,7 +26,7 @@
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::lanes::{BLOCK_PX, vectorised, with_normals};
 use crate::effects::pixel::math::{floor_positive, normal_upper_tail, poly_exp, round};
-use crate::effects::pixel::{ExposureContext, PixelEffect, Stage};
+use crate::effects::pixel::{ExposureContext, PixelEffect, Role, Stage};
 use crate::rng::StageKey;
 
 /// Photon noise.
@@ -163,6 +163,7 @@ fn sum_faint(lambda: &[f32; BLOCK_PX], normals: &[f32], pixels: &mut [f32]) {
 impl PixelEffect for PhotonNoise {
     const ID: &'static str = "photon_noise";
     const STAGE: Stage = Stage::Charge;
+    const ROLE: Role = Role::Noise;
     const PARAMETERS: &'static [ParameterSpec] = &[];
     const RNG_STAGE: u32 = 1;
     const WGSL: &'static str = include_str!("../../../shaders/photon_noise.wgsl");

@@ -19,7 +19,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::lanes::{vectorised, with_normals};
-use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
+use crate::effects::pixel::{ExposureContext, PixelEffect, Role, Stage, uniform_fields};
 use crate::rng::StageKey;
 
 /// Read noise.
@@ -47,6 +47,7 @@ vectorised! {
 impl PixelEffect for ReadNoise {
     const ID: &'static str = "read_noise";
     const STAGE: Stage = Stage::Readout;
+    const ROLE: Role = Role::Noise;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "read_noise_e", unit: "e-", typical: 5.0, range: (0.0, 1e6) }];
     const RNG_STAGE: u32 = 2;
     const WGSL: &'static str = include_str!("../../../shaders/read_noise.wgsl");

@@ -31,7 +31,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::dual::Real;
-use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, by_rows, uniform_fields};
+use crate::effects::pixel::{ExposureContext, PixelEffect, Role, Stage, by_rows, uniform_fields};
 use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, StarImage, StarState};
 use crate::rng::StageKey;
 
@@ -121,6 +121,7 @@ fn stray_light(uniforms: &StrayLightUniforms, first_pixel: u32, pixels: &mut [f3
 impl PixelEffect for StrayLightSlope {
     const ID: &'static str = "stray_light";
     const STAGE: Stage = Stage::Light;
+    const ROLE: Role = Role::Adds;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "slope_x_e_per_px_s", unit: "e-/px²/s", typical: 0.1, range: (-1e6, 1e6) },
         ParameterSpec { name: "slope_y_e_per_px_s", unit: "e-/px²/s", typical: -0.05, range: (-1e6, 1e6) },

@@ -36,6 +36,20 @@ pub enum Stage {
     Digital,
 }
 
+/// What an effect does to the light of a star, as far as truth without noise must know.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Role {
+    /// It changes that light or moves it.
+    #[default]
+    Shapes,
+    /// It adds electrons of its own, the same whether a star is there or not.
+    Adds,
+    /// It is chance, drawn anew in every frame.
+    Noise,
+    /// It ends or rounds what a pixel holds: full well, converter, compression.
+    Cuts,
+}
+
 /// Everything of an exposure that an effect may need besides its parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExposureContext {
@@ -83,6 +97,8 @@ pub trait PixelEffect: Sync {
     const ID: &'static str;
     /// Where it acts.
     const STAGE: Stage;
+    /// What it does to the light of a star.
+    const ROLE: Role = Role::Shapes;
     /// Its parameters.
     const PARAMETERS: &'static [ParameterSpec];
     /// The key of its random numbers, different from that of every other effect; 0 if it draws none.
@@ -121,6 +137,8 @@ pub trait AnyPixelEffect: Sync {
     fn id(&self) -> &'static str;
     /// See [`PixelEffect::STAGE`].
     fn stage(&self) -> Stage;
+    /// See [`PixelEffect::ROLE`].
+    fn role(&self) -> Role;
     /// See [`PixelEffect::PARAMETERS`].
     fn parameters(&self) -> &'static [ParameterSpec];
     /// See [`PixelEffect::RNG_STAGE`].
@@ -149,6 +167,9 @@ impl<E: PixelEffect> AnyPixelEffect for E {
     }
     fn stage(&self) -> Stage {
         E::STAGE
+    }
+    fn role(&self) -> Role {
+        E::ROLE
     }
     fn parameters(&self) -> &'static [ParameterSpec] {
         E::PARAMETERS

@@ -10,7 +10,7 @@
 use bytemuck::Pod;
 use rayon::prelude::*;
 
-use super::{AnyPixelEffect, ExposureContext, Stage, Work};
+use super::{AnyPixelEffect, ExposureContext, Role, Stage, Work};
 use crate::effects::ParameterSpec;
 
 /// Along which lines a sweep goes, and from which end.
@@ -85,6 +85,8 @@ pub trait PassHead: Sync {
     const ID: &'static str;
     /// Where it acts.
     const STAGE: Stage;
+    /// What it does to the light of a star.
+    const ROLE: Role = Role::Shapes;
     /// Its parameters.
     const PARAMETERS: &'static [ParameterSpec];
     /// Whether the frame holds as much charge after it as before, but for what leaves over an edge.
@@ -184,6 +186,9 @@ macro_rules! head {
         }
         fn stage(&self) -> Stage {
             P::STAGE
+        }
+        fn role(&self) -> Role {
+            P::ROLE
         }
         fn parameters(&self) -> &'static [ParameterSpec] {
             P::PARAMETERS

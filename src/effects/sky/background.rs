@@ -18,7 +18,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::lanes::vectorised;
-use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
+use crate::effects::pixel::{ExposureContext, PixelEffect, Role, Stage, uniform_fields};
 use crate::rng::StageKey;
 
 /// Sky background.
@@ -44,6 +44,7 @@ vectorised! {
 impl PixelEffect for Background {
     const ID: &'static str = "background";
     const STAGE: Stage = Stage::Light;
+    const ROLE: Role = Role::Adds;
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "background_e_per_px_s", unit: "e-/px/s", typical: 50.0, range: (0.0, 1e9) }];
     const RNG_STAGE: u32 = 0;
