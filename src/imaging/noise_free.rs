@@ -9,10 +9,10 @@ use crate::effects::pixel::{ExposureContext, Role, Stage};
 
 /// The chain of an exposure without noise.
 #[derive(Debug)]
-pub struct NoiseFree {
+pub struct NoiseFree<'a> {
     /// Without chance and without what cuts.
     plan: Plan,
-    exposure: Exposure<'static>,
+    exposure: Exposure<'a>,
     context: ExposureContext,
     light: Pixels,
     /// What follows the light, pixel by pixel, with the converter.
@@ -34,7 +34,7 @@ pub struct Seen {
 impl Imager {
     /// The chain of an exposure without noise. Effects that depend on all the light of a frame take that of `exposure` and `planes`, now and
     /// in everything that is asked of the result.
-    pub fn noise_free(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<NoiseFree, ImagingError> {
+    pub fn noise_free<'a>(&self, exposure: &Exposure<'a>, planes: &[PlaneLight<'a>]) -> Result<NoiseFree<'a>, ImagingError> {
         let context = self.plan.context(exposure, &self.plan.light(exposure, planes)?);
         let without_noise = self.plan.only(|effect| effect.role() != Role::Noise);
         let ready = |effects| Pixels::new(&self.plan, effects, exposure, &context);
@@ -42,7 +42,7 @@ impl Imager {
         let (light, counts) = (ready(of_light), ready(&without_noise.effects_up_to(Some(Stage::Digital))[of_light.len()..]));
         Ok(NoiseFree {
             plan: without_noise.only(|effect| effect.role() != Role::Cuts),
-            exposure: Exposure { stars: &[], ..*exposure },
+            exposure: *exposure,
             light,
             counts,
             context,
@@ -53,7 +53,7 @@ impl Imager {
     }
 }
 
-impl NoiseFree {
+impl NoiseFree<'_> {
     /// Whether any effect before the converter changes the light of a star or moves it.
     #[must_use]
     pub fn shapes_light(&self) -> bool {
@@ -72,8 +72,8 @@ impl NoiseFree {
     pub fn seen(&self, stamp: &Stamp) -> Seen {
         /// Electrons by which a pixel's share is found; a power of two, so that a share of 1 comes out as 1.
         const PROBE_E: f32 = 1_048_576.0;
-        let mut dark = vec![0.0; stamp.electrons.len()];
-        let mut lit = vec![PROBE_E; stamp.electrons.len()];
+        let mut dark = self.sky_e(stamp);
+        let mut lit: Vec<f32> = dark.iter().map(|electrons| electrons + PROBE_E).collect();
         self.apply(&self.light, stamp, &mut dark);
         self.apply(&self.light, stamp, &mut lit);
         let shares = lit.iter().zip(&dark).map(|(lit, dark)| f64::from(lit - dark) / f64::from(PROBE_E));
@@ -101,14 +101,26 @@ impl NoiseFree {
         self.frame(Some(Stage::Readout), exposure, planes)
     }
 
-    /// The whole frame with this light before any effect, row by row.
+    /// The whole frame with the light of these stars alone, before any effect, row by row.
     pub fn light_alone(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
-        self.frame(None, exposure, planes)
+        self.frame(None, &Exposure { sky_e: &[], ..*exposure }, planes)
     }
 
     fn frame(&self, stage: Option<Stage>, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
         let lit: Lit<'_> = self.plan.light(exposure, planes)?;
         Ok(on_cpu::electrons_in(&self.plan, stage, &lit, &self.exposure, &self.context))
+    }
+
+    /// Electrons of the sky in the pixels of a stamp, before any effect.
+    fn sky_e(&self, stamp: &Stamp) -> Vec<f32> {
+        let mut electrons = vec![0.0; stamp.electrons.len()];
+        for (row, own) in electrons.chunks_exact_mut(stamp.width_px.max(1)).enumerate() {
+            let first = (stamp.top_px + row) * self.plan.width_px + stamp.left_px;
+            if let Some(sky) = self.exposure.sky_e.get(first..first + own.len()) {
+                own.copy_from_slice(sky);
+            }
+        }
+        electrons
     }
 
     /// Sends the pixels of a stamp through effects.

@@ -175,7 +175,14 @@ impl Plan {
             width_px: self.width_px,
             height_px: self.height_px,
             temperature_c: exposure.temperature_c,
-            star_light_e: lit.stars.iter().map(|star| star.electrons).chain(of_planes).chain(lit.sky_e.iter().copied()).map(f64::from).sum(),
+            star_light_e: lit
+                .stars
+                .iter()
+                .map(|star| star.electrons)
+                .chain(of_planes)
+                .chain(lit.sky_e.iter().copied())
+                .map(f64::from)
+                .sum(),
         }
     }
 

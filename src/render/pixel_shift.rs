@@ -43,7 +43,7 @@ pub(super) struct Light<'a> {
 pub(super) fn pixel_shifts(
     scene: &Scene,
     exposure: &Exposure<'_>,
-    chain: &NoiseFree,
+    chain: &NoiseFree<'_>,
     light: &Light<'_>,
     tracks: &[StarTrack],
 ) -> Result<Vec<Option<PixelShift>>, ImagingError> {

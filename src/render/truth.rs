@@ -121,7 +121,7 @@ pub(super) struct Landed {
 
 impl Landed {
     /// Of a source with this light; `None`: none of it reaches the frame.
-    pub(super) fn new(chain: &NoiseFree, stamp: Option<&Stamp>) -> Self {
+    pub(super) fn new(chain: &NoiseFree<'_>, stamp: Option<&Stamp>) -> Self {
         let Some(stamp) = stamp else { return Self::default() };
         let seen = chain.seen(stamp);
         let read_variance = chain.read_noise_e().powi(2);

@@ -35,7 +35,10 @@ fn the_sky_lies_under_the_stars() {
             for stage in [None, Some(Stage::Light)] {
                 let (a, b) = (gpu.electrons_after(stage, &lit).unwrap(), twin.electrons_after(stage, &lit).unwrap());
                 let brightest = stars.iter().fold(0.0_f64, |most, star| most.max(star.electrons)) as f32;
-                assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() <= 1e-5 * b.abs() + 1e-7 * brightest), "{width} × {height}, {limits:?}");
+                assert!(
+                    a.iter().zip(&b).all(|(a, b)| (a - b).abs() <= 1e-5 * b.abs() + 1e-7 * brightest),
+                    "{width} × {height}, {limits:?}"
+                );
             }
             let after = gpu.electrons_after(None, &exposure(&stars, 1)).unwrap();
             assert!(after.iter().zip(&of_stars).all(|(a, b)| (a - b).abs() <= 1e-5 * b.abs() + 0.1), "the sky of another frame shows");

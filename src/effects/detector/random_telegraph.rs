@@ -29,7 +29,7 @@ use super::dark_current::growth;
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::math::{poly_ln, unit_interval};
 use crate::effects::pixel::pattern::{exponential, fixed_words};
-use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
+use crate::effects::pixel::{ExposureContext, PixelEffect, Role, Stage, uniform_fields};
 use crate::rng::StageKey;
 
 /// Pixels that jump between two levels.
@@ -107,6 +107,7 @@ fn random_telegraph(uniforms: &RandomTelegraphUniforms, key: StageKey, first_pix
 impl PixelEffect for RandomTelegraph {
     const ID: &'static str = "random_telegraph";
     const STAGE: Stage = Stage::Light;
+    const ROLE: Role = Role::Adds;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "rts_per_million", unit: "1e-6", typical: 500.0, range: (0.0, 5e5) },
         ParameterSpec { name: "level_e_per_px_s", unit: "e-/px/s", typical: 300.0, range: (0.0, 1e9) },
