@@ -164,7 +164,8 @@ fn night(
             _ => {}
         }
     }
-    let simulated = simulate::write_recording(scene, &catalog, backend, &recording_path, true, provenance.clone())?;
+    let simulated =
+        simulate::write_recording(scene, &catalog, backend, simulate::TruthArgs::default(), &recording_path, true, provenance.clone())?;
     provenance = simulated.provenance;
 
     let recording = Recording::open(&[&recording_path])?;

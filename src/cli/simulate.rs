@@ -8,10 +8,10 @@ use boresight::catalog::Catalog;
 use boresight::coordinates::Attitude;
 use boresight::provenance::Provenance;
 use boresight::recording::{
-    CameraInfo, FitsHeaders, Form, FrameEntry, Mount, OutputDirectory, Recording, Shutter, Site, Size, write_file, write_fits_u8,
-    write_fits_u16, write_manifest,
+    CameraInfo, FitsHeaders, Form, FrameEntry, Mount, OutputDirectory, Recording, Shutter, Site, Size, write_file, write_fits_f32,
+    write_fits_u8, write_fits_u16, write_manifest,
 };
-use boresight::render::Renderer;
+use boresight::render::{MaskFlag, Renderer};
 use boresight::scene::{DetectorTable, Exposure, PsfTable, Scene, SiteTable, SkyTable};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -40,6 +40,8 @@ pub(crate) struct SimulateArgs {
     /// How photons are counted
     #[arg(long, value_enum, default_value_t = NoiseChoice::Exact)]
     noise: NoiseChoice,
+    #[command(flatten)]
+    truth: TruthArgs,
     /// Replace a folder that an earlier run wrote
     #[arg(long)]
     force: bool,
@@ -48,11 +50,30 @@ pub(crate) struct SimulateArgs {
     json: bool,
 }
 
+/// What is told of a simulated recording beside its frames.
+#[derive(Clone, Copy, Debug, Default, Args)]
+pub(crate) struct TruthArgs {
+    /// Also write each frame's expected electrons, without noise, before charge is moved or read: truth/clean/, FITS of real numbers
+    #[arg(long)]
+    clean: bool,
+    /// Also write which pixels are hot, dead, full or lit by trails, ghosts and particles: truth/masks/, FITS; truth.json has the flags
+    #[arg(long)]
+    masks: bool,
+    /// Leave out what pixel effects add to each star (x_pixels_px, y_pixels_px, flux_pixels_ratio), which costs up to three frames without
+    /// noise on the CPU for each frame where such effects are on
+    #[arg(long)]
+    no_pixel_shifts: bool,
+}
+
 #[derive(Serialize)]
 pub(crate) struct SimulateObject {
     format: &'static str,
     pub(crate) recording: PathBuf,
     truth: PathBuf,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    clean: Option<PathBuf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    masks: Option<PathBuf>,
     frames: usize,
     stars: usize,
     pub(crate) provenance: Provenance,
@@ -72,12 +93,18 @@ struct TruthObject<'a> {
     sky: &'a SkyTable,
     site: Option<&'a SiteTable>,
     frames: Vec<TrueFrame>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mask_flags: Option<[MaskFlag; MaskFlag::ALL.len()]>,
     provenance: &'a Provenance,
 }
 
 #[derive(Serialize)]
 struct TrueFrame {
     frame: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    clean_file: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    mask_file: Option<String>,
     time_utc: Option<String>,
     exposure_s: f64,
     effects: Vec<TrueEffect>,
@@ -99,7 +126,7 @@ pub(crate) fn simulate(args: &SimulateArgs) -> Result<Answer> {
     let NoiseChoice::Exact = args.noise;
     let (scene, mut provenance) = args.options.open(&args.scene)?;
     let catalog = args.options.catalog(&mut provenance)?;
-    let object = write_recording(&scene, &catalog, args.options.backend, &args.output, args.force, provenance)?;
+    let object = write_recording(&scene, &catalog, args.options.backend, args.truth, &args.output, args.force, provenance)?;
     if args.json {
         output::print(&output::json_text(&object)?)?;
     } else {
@@ -120,11 +147,15 @@ pub(crate) fn write_recording(
     scene: &Scene,
     catalog: &Catalog,
     backend: BackendChoice,
+    wanted: TruthArgs,
     target: &Path,
     force: bool,
     mut provenance: Provenance,
 ) -> Result<SimulateObject> {
-    let renderer = Renderer::new(scene, catalog, backend.into())?;
+    let renderer = Renderer::new(scene, catalog, backend.into())?
+        .with_clean(wanted.clean)
+        .with_masks(wanted.masks)
+        .with_pixel_shifts(!wanted.no_pixel_shifts);
     provenance.adapter = Some(renderer.adapter());
     let directory = OutputDirectory::create(target, force)?;
     let recording = manifest(scene);
@@ -144,6 +175,13 @@ pub(crate) fn write_recording(
             write_fits_u8(&path, width_px, height_px, &bytes, &headers)?;
         } else {
             write_fits_u16(&path, width_px, height_px, &frame.pixels_dn, &headers)?;
+        }
+        let beside = FitsHeaders { gain_e_per_dn: None, ..headers };
+        if let Some(clean_e) = &frame.clean_e {
+            write_fits_f32(&directory.path().join("truth").join(clean_file(index)), width_px, height_px, clean_e, &beside)?;
+        }
+        if let Some(mask) = &frame.mask {
+            write_fits_u16(&directory.path().join("truth").join(mask_file(index)), width_px, height_px, mask, &beside)?;
         }
         stars += frame.stars.len();
         write_rows(&mut truth, &frame.stars, "truth/stars.csv")?;
@@ -168,7 +206,8 @@ pub(crate) fn write_recording(
         psf: scene.psf_table.as_ref(),
         sky: &scene.sky,
         site: scene.site.as_ref(),
-        frames: scene.exposures.iter().enumerate().map(|(index, exposure)| true_frame(index, scene, exposure)).collect(),
+        frames: scene.exposures.iter().enumerate().map(|(index, exposure)| true_frame(index, scene, exposure, wanted)).collect(),
+        mask_flags: wanted.masks.then_some(MaskFlag::ALL),
         provenance: &provenance,
     };
     write_file(&folder.join("truth.json"), output::json_text(&object)?.as_bytes())?;
@@ -176,6 +215,8 @@ pub(crate) fn write_recording(
         format: "boresight-simulate/1",
         recording: target.to_owned(),
         truth: target.join("truth"),
+        clean: wanted.clean.then(|| target.join("truth/clean")),
+        masks: wanted.masks.then(|| target.join("truth/masks")),
         frames: scene.exposures.len(),
         stars,
         provenance,
@@ -192,11 +233,23 @@ fn write_rows(table: &mut csv::Writer<Vec<u8>>, rows: &[impl Serialize], name: &
     Ok(())
 }
 
-fn true_frame(frame: usize, scene: &Scene, exposure: &Exposure) -> TrueFrame {
+/// Where in truth/ a frame's expected electrons are.
+fn clean_file(frame: usize) -> String {
+    format!("clean/{frame:04}.fits")
+}
+
+/// Where in truth/ a frame's mask is.
+fn mask_file(frame: usize) -> String {
+    format!("masks/{frame:04}.fits")
+}
+
+fn true_frame(frame: usize, scene: &Scene, exposure: &Exposure, wanted: TruthArgs) -> TrueFrame {
     let term = |(id, parameters): (&'static str, &[f64])| TrueEffect { id, parameters: parameters.to_vec() };
     let turned = |seconds: f64| exposure.motion.attitude(&exposure.course, seconds);
     TrueFrame {
         frame,
+        clean_file: wanted.clean.then(|| clean_file(frame)),
+        mask_file: wanted.masks.then(|| mask_file(frame)),
         time_utc: exposure.time.map(|time| time.to_isoformat() + "Z"),
         exposure_s: exposure.exposure_s,
         effects: exposure.sky.effects().into_iter().chain(scene.model.terms()).map(term).collect(),

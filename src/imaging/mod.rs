@@ -16,6 +16,7 @@
 //! index alone: any can be made by itself, and its bytes do not depend on threads. GPU and CPU agree as [`twin_check()`] measures.
 
 mod compose;
+mod marks;
 mod noise_free;
 mod on_cpu;
 mod on_gpu;

@@ -161,8 +161,13 @@ impl Plan {
         }
     }
 
+    /// Whether an effect is switched on.
+    pub(super) fn has(&self, id: &str) -> bool {
+        self.effects.iter().any(|enabled| enabled.effect.id() == id)
+    }
+
     pub(super) fn has_converter(&self) -> bool {
-        self.effects.iter().any(|enabled| enabled.effect.id() == "adc")
+        self.has("adc")
     }
 
     /// What effects may know of an exposure.

@@ -86,6 +86,13 @@ pub fn write_fits_u8(path: &Path, width_px: usize, height_px: usize, pixels_dn: 
     write_fits(path, [width_px, height_px], (8, 0.0), pixels_dn, headers)
 }
 
+/// Writes a FITS image of electrons as 32-bit real numbers, first row on top (FITS Standard 4.0, section 5.3).
+pub fn write_fits_f32(path: &Path, width_px: usize, height_px: usize, pixels_e: &[f32], headers: &FitsHeaders) -> Result<(), OutputError> {
+    check_count(path, width_px, height_px, pixels_e.len())?;
+    let bytes: Vec<u8> = pixels_e.iter().flat_map(|pixel| pixel.to_be_bytes()).collect();
+    write_fits(path, [width_px, height_px], (-32, 0.0), &bytes, &FitsHeaders { gain_e_per_dn: None, ..headers.clone() })
+}
+
 fn write_fits(
     path: &Path,
     [width_px, height_px]: [usize; 2],
@@ -95,19 +102,25 @@ fn write_fits(
 ) -> Result<(), OutputError> {
     let encode = |error: fitsio_pure::Error| OutputError::Encode { path: path.to_owned(), message: error.to_string() };
     let side = |length: usize| i64::try_from(length).map(Value::Integer).map_err(|_| encode(fitsio_pure::Error::InvalidValue));
+    let kind = match bits {
+        8 => "8-bit integers",
+        16 => "16-bit integers",
+        _ => "32-bit real numbers",
+    };
+    let unit = (bits < 0).then(|| ("BUNIT", Value::String("electron".to_owned()), ""));
     let mandatory = [
         ("SIMPLE", Value::Logical(true), "conforms to FITS standard"),
-        ("BITPIX", Value::Integer(bits), if bits == 8 { "8-bit integers" } else { "16-bit integers" }),
+        ("BITPIX", Value::Integer(bits), kind),
         ("NAXIS", Value::Integer(2), ""),
         ("NAXIS1", side(width_px)?, "columns"),
         ("NAXIS2", side(height_px)?, "rows"),
-        ("BZERO", Value::Float(zero), "counts are unsigned"),
+        ("BZERO", Value::Float(zero), if bits < 0 { "" } else { "counts are unsigned" }),
         ("BSCALE", Value::Float(1.0), ""),
         ("ROWORDER", Value::String("TOP-DOWN".to_owned()), "the first row stored is the top one"),
     ];
     let creator = ("CREATOR", Value::String(concat!("boresight ", env!("CARGO_PKG_VERSION")).to_owned()), "");
     let mut cards = Vec::new();
-    for (keyword, value, comment) in mandatory.into_iter().chain(headers.cards()).chain([creator]) {
+    for (keyword, value, comment) in mandatory.into_iter().chain(unit).chain(headers.cards()).chain([creator]) {
         let mut card = Card::new(keyword, value).map_err(encode)?;
         card.comment = Some(comment.to_owned()).filter(|comment| !comment.is_empty());
         cards.push(card);

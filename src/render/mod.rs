@@ -1,9 +1,11 @@
 //! Scene → Frame: projects the catalogue (f64, here), then lets the pixel effects make an image of it (f32, on the GPU or the CPU).
 
 mod light;
+mod mask;
 mod pixel_shift;
 mod truth;
 
+pub use mask::MaskFlag;
 pub use truth::{TrueLight, TrueStar};
 
 use rayon::prelude::*;
@@ -13,6 +15,7 @@ use crate::effects::optics::tables::PixelResponse;
 use crate::imaging::{Backend, Exposure, Imager, ImagingConfig, ImagingError, Stage};
 use crate::scene::{OtherLight, Psf, Scene, StarTrack};
 use light::{FrameLight, Spreader, StarLight};
+use mask::mask;
 use pixel_shift::{Light, PixelShift, pixel_shifts};
 use truth::{Landed, true_stars};
 
@@ -25,6 +28,10 @@ pub struct Rendered {
     pub stars: Vec<TrueStar>,
     /// What else shines or leaves charge.
     pub lights: Vec<TrueLight>,
+    /// Expected electrons without noise, row by row: stars, sky and dark current after [`Stage::Light`]; where they were asked for.
+    pub clean_e: Option<Vec<f32>>,
+    /// Flags of the pixels, row by row, see [`MaskFlag`]; where they were asked for.
+    pub mask: Option<Vec<u16>>,
 }
 
 /// Renders the frames of a scene, in any order: each depends on the scene and its own number alone.
@@ -36,7 +43,15 @@ pub struct Renderer<'a> {
     spreader: Spreader,
     /// For pixels that answer evenly, where the scene's do not.
     even_spreader: Option<Spreader>,
-    tells_pixel_shifts: bool,
+    asked: Asked,
+}
+
+/// What a renderer gives besides frame and places.
+#[derive(Clone, Copy, Debug)]
+struct Asked {
+    pixel_shifts: bool,
+    clean: bool,
+    mask: bool,
 }
 
 impl<'a> Renderer<'a> {
@@ -56,15 +71,30 @@ impl<'a> Renderer<'a> {
             psf.pixel = PixelResponse { cosine: [0.0; 2], slope: [0.0; 2], ..pixel };
             psf
         };
+        let asked = Asked { pixel_shifts: true, clean: false, mask: false };
         let even_spreader = (!is_even).then(|| Spreader::new(&even(scene.psf.clone())));
-        Ok(Self { scene, catalog, imager, spreader: Spreader::new(&scene.psf), even_spreader, tells_pixel_shifts: true })
+        Ok(Self { scene, catalog, imager, spreader: Spreader::new(&scene.psf), even_spreader, asked })
     }
 
     /// Whether the truth tells what pixel effects add to each star's place and flux. Where any is on that changes the stars' light, this costs
     /// three more frames without noise on the CPU for each frame; else nothing.
     #[must_use]
     pub fn with_pixel_shifts(mut self, tells: bool) -> Self {
-        self.tells_pixel_shifts = tells;
+        self.asked.pixel_shifts = tells;
+        self
+    }
+
+    /// Whether rendered frames come with their expected electrons.
+    #[must_use]
+    pub fn with_clean(mut self, gives: bool) -> Self {
+        self.asked.clean = gives;
+        self
+    }
+
+    /// Whether rendered frames come with masks.
+    #[must_use]
+    pub fn with_masks(mut self, gives: bool) -> Self {
+        self.asked.mask = gives;
         self
     }
 
@@ -88,7 +118,7 @@ impl<'a> Renderer<'a> {
         let chain = self.imager.noise_free(&exposure, &planes)?;
         let landed = |light: &StarLight| Ok(Landed::new(&chain, self.spreader.stamp(light, &self.imager)?.as_ref()));
         let landed = lights.par_iter().map(landed).collect::<Result<Vec<_>, ImagingError>>()?;
-        let shifts = if !self.tells_pixel_shifts {
+        let shifts = if !self.asked.pixel_shifts {
             vec![None; tracks.len()]
         } else if chain.shapes_light() || self.even_spreader.is_some() {
             let even = self.even_spreader.as_ref().unwrap_or(&self.spreader);
@@ -98,9 +128,17 @@ impl<'a> Renderer<'a> {
             vec![Some(PixelShift::NONE); tracks.len()]
         };
         let stars = true_stars(self.scene, index, &tracks, &landed, &shifts);
-        let others = others.iter().zip(&landed[tracks.len()..]).map(|(other, landed)| TrueLight::new(index, other, *landed)).collect();
-        let image = self.imager.expose_with(&exposure, &planes)?;
-        Ok(Rendered { pixels_dn: image.pixels_dn, stars, lights: others })
+        let true_lights = others.iter().zip(&landed[tracks.len()..]).map(|(other, landed)| TrueLight::new(index, other, *landed)).collect();
+        let pixels_dn = self.imager.expose_with(&exposure, &planes)?.pixels_dn;
+        let clean_e = self.asked.clean.then(|| self.imager.electrons_after_with(Some(Stage::Light), &exposure, &planes)).transpose()?;
+        let mask = if self.asked.mask {
+            let stamp = |(other, light): (&OtherLight, &StarLight)| Ok((other.kind, self.spreader.stamp(light, &self.imager)?));
+            let stamps = others.iter().zip(&lights[tracks.len()..]).map(stamp).collect::<Result<Vec<_>, ImagingError>>()?;
+            Some(mask(&self.imager, &chain, &exposure, &planes, &pixels_dn, &stamps, self.scene.camera.width_px)?)
+        } else {
+            None
+        };
+        Ok(Rendered { pixels_dn, stars, lights: true_lights, clean_e, mask })
     }
 
     /// The expected electrons of exposure number `index`, without noise, row by row: stars and sky.

@@ -123,6 +123,20 @@ fn the_same_scene_gives_the_same_bytes() {
     assert_ne!(one, render("other", &["--backend", "cpu", "--seed", "5"]));
     let gpu = render("gpu", &["--backend", "gpu"]);
     assert_eq!(gpu, render("gpu-again", &["--backend", "gpu", "--threads", "1"]));
+    // With expected electrons and masks the frames are the same, and beside each lie two images more.
+    let more = render("more", &["--backend", "cpu", "--clean", "--masks"]);
+    assert_eq!(more.len(), one.len() + 6);
+    assert!(one.iter().all(|file| more.contains(file)));
+    let target = folder.path().join("more");
+    let json = |name: &str| serde_json::from_slice::<Value>(&std::fs::read(target.join(name)).unwrap()).unwrap();
+    let (told, truth) = (json("simulate.json"), json("truth/truth.json"));
+    for (key, file) in [("clean", "clean_file"), ("masks", "mask_file")] {
+        assert_eq!(told[key], text(&target.join("truth").join(key)));
+        assert!(target.join("truth").join(truth["frames"][2][file].as_str().unwrap()).is_file());
+    }
+    assert_eq!(truth["mask_flags"][1], serde_json::json!({ "name": "dead", "value": 2, "meaning": "the pixel gives nothing" }));
+    let clean = run(&["detect", text(&target.join("truth/clean/0001.fits")), "--json"]);
+    assert_eq!(clean.code, 0, "expected electrons are a FITS image like any other: {}", clean.stderr);
     // A folder that is there is not overwritten without being asked.
     let again = run(&["simulate", text(&scene), "-o", text(&folder.path().join("one"))]);
     assert_eq!(again.code, 1);

@@ -2,7 +2,7 @@
 
 use boresight::catalog::Catalog;
 use boresight::imaging::Backend;
-use boresight::render::{Renderer, TrueStar};
+use boresight::render::{MaskFlag, Renderer, TrueStar};
 use boresight::scene::Scene;
 
 use crate::motion::one_star;
@@ -175,4 +175,58 @@ fn the_ideal_place_knows_no_displacement() {
         displaced = displaced.max((ideal[0] - star.x_px).hypot(ideal[1] - star.y_px));
     }
     assert!(displaced > 0.3 && displaced < 10.0, "{displaced} px");
+}
+
+/// Masks against what is known of the scene: flags stand where a trail, a ghost, particles, defects and full pixels are, and nowhere else.
+#[test]
+fn masks_say_what_is_in_a_pixel() {
+    let scene_with = |tables: &str| scene("full_well_e = 3.0e4\nread_noise_e = 2.0", tables, 0.5);
+    let masked = |scene: &Scene| {
+        let stars = catalog();
+        let renderer = Renderer::new(scene, &stars, Backend::Cpu).unwrap().with_masks(true).with_clean(true);
+        let frame = renderer.render(0).unwrap();
+        assert_eq!(frame.clean_e.as_ref(), Some(&renderer.expected_electrons(0).unwrap()));
+        (frame.mask.unwrap(), frame.pixels_dn, frame.stars[0])
+    };
+    let of = |mask: &[u16], flag: u16| mask.iter().enumerate().filter(|(_, flags)| *flags & flag != 0).map(|(i, _)| i).collect::<Vec<_>>();
+    let places = |mask: &[u16], flag: u16| of(mask, flag).into_iter().map(|i| ((i % SIDE) as f64, (i / SIDE) as f64)).collect::<Vec<_>>();
+
+    let (mask, ..) = masked(&scene("", "", 0.01)); // a hundredth of a second fills no pixel
+    assert!(mask.iter().all(|flags| *flags == 0), "a frame without faults");
+
+    let lights = "[[streaks]]\nkind = \"satellite\"\nframe = 0\nstart_px = [5.0, 80.0]\nend_px = [30.0, 90.0]\nelectrons = 1.0e5\n\
+                  [[ghosts]]\nscale = -1.0\nfraction = 0.01\nradius_px = 6.0\n[cosmic_rays]\nexpected_per_s = 10.0\n";
+    let (mask, pixels_dn, star) = masked(&scene_with(lights));
+    let trail = places(&mask, MaskFlag::TRAIL);
+    let off_line = |(x, y): &(f64, f64)| ((x - 5.0) * 10.0 - (y - 80.0) * 25.0).abs() / 10.0_f64.hypot(25.0);
+    assert!((80..500).contains(&trail.len()) && trail.iter().all(|place| off_line(place) < 7.0), "{} pixels", trail.len());
+    let ghost = places(&mask, MaskFlag::GHOST);
+    let middle = 0.5 * (SIDE as f64 - 1.0);
+    let off_ghost = |(x, y): &(f64, f64)| (x - 2.0 * middle + star.x_px).hypot(y - 2.0 * middle + star.y_px);
+    assert!((90..150).contains(&ghost.len()) && ghost.iter().all(|place| off_ghost(place) < 7.5), "{} pixels", ghost.len());
+    assert!(!of(&mask, MaskFlag::COSMIC_RAY).is_empty());
+    let full: Vec<usize> =
+        (0..pixels_dn.len()).filter(|i| f64::from(pixels_dn[*i]) >= scene_with(lights).detector.full_pixel_dn()).collect();
+    assert!(star.saturated && !full.is_empty() && of(&mask, MaskFlag::SATURATED) == full, "{} full pixels", full.len());
+    assert!(of(&mask, MaskFlag::HOT | MaskFlag::DEAD | MaskFlag::TELEGRAPH | MaskFlag::BLOOMED).is_empty());
+
+    let defects = effect("hot-pixels", "hot_per_million = 3000.0, dead_per_million = 2000.0, level_e_per_px_s = 4000.0")
+        + &effect(
+            "random-telegraph",
+            "rts_per_million = 4000.0, level_e_per_px_s = 4000.0, low_dwell_frames = 2.0, high_dwell_frames = 2.0",
+        )
+        + &effect("blooming", "full_well_e = 3.0e4");
+    let (mask, ..) = masked(&scene_with(&defects));
+    let with = Renderer::new(&scene_with(&defects), &one_star(260.0, -10.0), Backend::Cpu).unwrap().expected_electrons(0).unwrap();
+    let hotter: Vec<usize> = (0..with.len()).filter(|i| with[*i] > 20.1).collect();
+    let blind: Vec<usize> = (0..with.len()).filter(|i| with[*i] == 0.0).collect();
+    let marked = of(&mask, MaskFlag::HOT | MaskFlag::TELEGRAPH);
+    assert!(!of(&mask, MaskFlag::HOT).is_empty() && !of(&mask, MaskFlag::TELEGRAPH).is_empty() && !blind.is_empty());
+    assert!(hotter.iter().all(|i| marked.contains(i)), "{hotter:?} in {marked:?}");
+    assert_eq!(of(&mask, MaskFlag::DEAD), blind);
+    // Charge goes along the column of the star, up and down.
+    let bloomed = places(&mask, MaskFlag::BLOOMED);
+    assert!(bloomed.len() >= 5 && bloomed.iter().all(|(x, _)| (x - star.x_px).abs() < 5.0), "{bloomed:?}");
+    let rows = bloomed.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], (_, y)| [low.min(*y), high.max(*y)]);
+    assert!(rows[0] < star.y_px - 1.5 && rows[1] > star.y_px + 1.5, "{rows:?}");
 }

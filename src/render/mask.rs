@@ -1,0 +1,100 @@
+//! Masks: why a pixel's count is not that of the sky and the stars alone.
+
+use crate::imaging::{Exposure, Imager, ImagingError, NoiseFree, PlaneLight, Stamp};
+use crate::scene::LightKind;
+use serde::Serialize;
+
+/// A flag of a pixel; a mask holds the sum of its flags' values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct MaskFlag {
+    /// What the flag says, as a word.
+    pub name: &'static str,
+    /// Its value, a power of two.
+    pub value: u16,
+    /// What it says, as a sentence.
+    pub meaning: &'static str,
+}
+
+impl MaskFlag {
+    /// A defect adds charge in this frame.
+    pub const HOT: u16 = 1;
+    /// The pixel gives nothing.
+    pub const DEAD: u16 = 2;
+    /// A telegraph pixel in its high state.
+    pub const TELEGRAPH: u16 = 4;
+    /// A satellite's or a meteor's trail.
+    pub const TRAIL: u16 = 8;
+    /// A ghost.
+    pub const GHOST: u16 = 16;
+    /// A particle's track.
+    pub const COSMIC_RAY: u16 = 32;
+    /// Full.
+    pub const SATURATED: u16 = 64;
+    /// Charge over the full well went from it or came to it.
+    pub const BLOOMED: u16 = 128;
+
+    /// All flags, in the order of their values.
+    pub const ALL: [Self; 8] = [
+        Self::new("hot", Self::HOT, "a defect adds charge in this frame"),
+        Self::new("dead", Self::DEAD, "the pixel gives nothing"),
+        Self::new("telegraph", Self::TELEGRAPH, "a telegraph pixel is in its high state"),
+        Self::new("trail", Self::TRAIL, "a satellite or a meteor leaves half an electron or more"),
+        Self::new("ghost", Self::GHOST, "ghosts of stars leave half an electron or more, each"),
+        Self::new("cosmic-ray", Self::COSMIC_RAY, "a particle leaves half an electron or more"),
+        Self::new("saturated", Self::SATURATED, "the count is that of a full pixel"),
+        Self::new("bloomed", Self::BLOOMED, "charge over the full well went from the pixel or came to it"),
+    ];
+
+    const fn new(name: &'static str, value: u16, meaning: &'static str) -> Self {
+        Self { name, value, meaning }
+    }
+}
+
+/// Less light of a trail, a ghost or a particle is left unmarked, and so is less charge that moved.
+const LEAST_E: f64 = 0.5;
+
+/// The mask of a frame, row by row. `others`: what lights it and is no star.
+pub(super) fn mask(
+    imager: &Imager,
+    chain: &NoiseFree<'_>,
+    exposure: &Exposure<'_>,
+    planes: &[PlaneLight<'_>],
+    pixels_dn: &[u16],
+    others: &[(LightKind, Option<Stamp>)],
+    width_px: usize,
+) -> Result<Vec<u16>, ImagingError> {
+    let mut mask = vec![0; pixels_dn.len()];
+    let mut mark = |flag: u16, is_marked: &dyn Fn(usize) -> bool| {
+        for (_, flags) in mask.iter_mut().enumerate().filter(|(pixel, _)| is_marked(*pixel)) {
+            *flags |= flag;
+        }
+    };
+    if let Some(of_one) = imager.of_one_electron("hot_pixels", exposure)? {
+        mark(MaskFlag::HOT, &|pixel| of_one[pixel] > 1.0);
+        mark(MaskFlag::DEAD, &|pixel| of_one[pixel] == 0.0);
+    }
+    if let Some(of_one) = imager.of_one_electron("random_telegraph", exposure)? {
+        mark(MaskFlag::TELEGRAPH, &|pixel| of_one[pixel] > 1.0);
+    }
+    if let Some(full_dn) = imager.saturation_dn() {
+        mark(MaskFlag::SATURATED, &|pixel| f32::from(pixels_dn[pixel]) >= full_dn);
+    }
+    if let Some([before, after]) = imager.before_and_after("blooming", exposure, planes)? {
+        mark(MaskFlag::BLOOMED, &|pixel| f64::from((after[pixel] - before[pixel]).abs()) >= LEAST_E);
+    }
+    for (kind, stamp) in others {
+        let Some(stamp) = stamp else { continue };
+        let flag = match kind {
+            LightKind::Ghost => MaskFlag::GHOST,
+            LightKind::Satellite | LightKind::Meteor => MaskFlag::TRAIL,
+            LightKind::CosmicRay => MaskFlag::COSMIC_RAY,
+        };
+        for (place, electrons) in chain.seen(stamp).electrons.into_iter().enumerate() {
+            if electrons >= LEAST_E {
+                let (row, column) = (place / stamp.width_px, place % stamp.width_px);
+                mask[(stamp.top_px + row) * width_px + stamp.left_px + column] |= flag;
+            }
+        }
+    }
+    Ok(mask)
+}
