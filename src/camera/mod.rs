@@ -20,10 +20,12 @@ use crate::effects::optics::{brown_conrady, pinhole};
 mod chain;
 mod model;
 mod observer;
+mod sky_bodies;
 
 pub use chain::{Physics, PhysicsError, SkyChain};
 pub use model::{Model, ModelError, ModelParameter, Seen, Term};
 pub use observer::{GroundSite, ObserverError, observation};
+pub use sky_bodies::circumstances;
 
 /// The number of parameters of the reference model.
 pub const PARAMETER_COUNT: usize = 6;

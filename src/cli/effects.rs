@@ -5,6 +5,7 @@ use boresight::effects::detector::quantum_efficiency;
 use boresight::effects::optics::sampled_psf;
 use boresight::effects::optics::tables::IMAGE_KINDS;
 use boresight::effects::pixel::{PIXEL_EFFECTS, PLANE_SPREADS, POINT_SPREADS, Work, pixel_effect, plane_spread, point_spread};
+use boresight::effects::sky::glow::{SKY_GLOWS, sky_glow};
 use boresight::effects::{DISPLACEMENTS, ParameterSpec, Segment, page_of};
 use clap::Args;
 use serde::Serialize;
@@ -102,7 +103,8 @@ fn lines() -> Vec<Line> {
         line(effect.id(), acts_on, effect.parameters())
     });
     let by_colour = line(QUANTUM_EFFICIENCY, "a star's electrons", quantum_efficiency::PARAMETERS);
-    displacements.chain(spreads).chain([by_colour]).chain(pixels).collect()
+    let glows = SKY_GLOWS.iter().map(|glow| line(glow.id(), "sky between the stars", glow.parameters()));
+    displacements.chain(spreads).chain([by_colour]).chain(glows).chain(pixels).collect()
 }
 
 fn page(id: &str) -> Option<String> {
@@ -110,12 +112,13 @@ fn page(id: &str) -> Option<String> {
     // What works on pixels bears the name of a function in its shader.
     let name = id.replace('-', "_");
     let pixels = || pixel_effect(&name).map(|effect| page_of(effect.source()));
+    let glow = || sky_glow(id).map(|glow| page_of(glow.source()));
     let spread = || point_spread(&name).map(|spread| page_of(spread.source()));
     let plane = || plane_spread(&name).map(|spread| page_of(spread.source()));
     let kind = || IMAGE_KINDS.iter().find(|kind| kind_id(kind.id()) == id).map(|kind| page_of(kind.source()));
     let sampled = || (id == SAMPLED).then(|| page_of(sampled_psf::source()));
     let by_colour = || (id == QUANTUM_EFFICIENCY).then(|| page_of(quantum_efficiency::source()));
-    displacement.or_else(by_colour).or_else(pixels).or_else(spread).or_else(plane).or_else(kind).or_else(sampled)
+    displacement.or_else(by_colour).or_else(pixels).or_else(glow).or_else(spread).or_else(plane).or_else(kind).or_else(sampled)
 }
 
 /// The name of the page of how electrons follow the colour.

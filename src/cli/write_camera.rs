@@ -73,9 +73,10 @@ pub(crate) fn write(
         },
         detector: detector(measured, &matched),
         sky: SkyTable {
-            background_e_per_px_s: background_e_per_px_s(measured),
+            background_e_per_px_s: Some(background_e_per_px_s(measured)),
             faintest_magnitude: faintest(points),
             physics: "none".to_owned(),
+            ..SkyTable::default()
         },
         site: measured.recording.site.as_ref().map(site),
         psf: None,

@@ -91,8 +91,8 @@ pub(super) fn probe(path: &Path) -> Result<Probe, FrameProblem> {
     Ok(probe)
 }
 
-/// Reads the pixels. Rows stored from the bottom up (FITS `ROWORDER`) are turned over.
-pub(super) fn load(path: &Path) -> Result<Frame, FrameProblem> {
+/// Reads the pixels of an image file (FITS, PNG, TIFF, JPEG, BMP), whatever its name. Rows stored from the bottom up (FITS `ROWORDER`) are turned over.
+pub fn load(path: &Path) -> Result<Frame, FrameProblem> {
     let file = open(path)?;
     let mut bytes = Vec::new();
     file.take(MAXIMUM_FILE_BYTES).read_to_end(&mut bytes).map_err(FrameProblem::Read)?;

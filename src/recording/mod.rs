@@ -34,6 +34,7 @@ use crate::coordinates::Attitude;
 use crate::frame::Frame;
 
 pub use error::{FrameProblem, Place, RecordingError, Size};
+pub use image_file::load as load_image;
 pub use output::{OutputDirectory, OutputError, write_file};
 pub use star_list::{ListedStar, StarList};
 pub use write::{FitsHeaders, manifest_text, star_list_text, write_fits_f32, write_fits_u8, write_fits_u16, write_manifest, write_png_u16};

@@ -110,10 +110,11 @@ impl<'a> Renderer<'a> {
     /// If `index` is not below the number of exposures.
     pub fn render(&self, index: usize) -> Result<Rendered, ImagingError> {
         let Sources { tracks, others, lights } = self.sources(index);
+        let sky_e = self.scene.sky_light_e(index);
         let (of_stars, of_others) = lights.split_at(tracks.len());
         let [of_stars, of_others] = [of_stars, of_others].map(FrameLight::from_iter);
         let frame = of_stars.with(&of_others);
-        let exposure = self.exposure(index, &frame);
+        let exposure = self.exposure(index, &frame, &sky_e);
         let planes = self.spreader.planes(&frame);
         let chain = self.imager.noise_free(&exposure, &planes)?;
         let landed = |light: &StarLight| Ok(Landed::new(&chain, self.spreader.stamp(light, &self.imager)?.as_ref()));
@@ -147,14 +148,15 @@ impl<'a> Renderer<'a> {
     /// If `index` is not below the number of exposures.
     pub fn expected_electrons(&self, index: usize) -> Result<Vec<f32>, ImagingError> {
         let frame: FrameLight = self.sources(index).lights.iter().collect();
-        let exposure = self.exposure(index, &frame);
+        let sky_e = self.scene.sky_light_e(index);
+        let exposure = self.exposure(index, &frame, &sky_e);
         self.imager.electrons_after_with(Some(Stage::Light), &exposure, &self.spreader.planes(&frame))
     }
 
-    fn exposure<'b>(&self, index: usize, frame: &'b FrameLight) -> Exposure<'b> {
+    fn exposure<'b>(&self, index: usize, frame: &'b FrameLight, sky_e: &'b [f32]) -> Exposure<'b> {
         let crate::scene::Exposure { exposure_s, telemetry, .. } = &self.scene.exposures[index];
         let (frame_index, temperature_c) = (index as u32, telemetry.temperature_c);
-        Exposure { stars: &frame.stars, sky_e: &[], exposure_s: *exposure_s, frame_index, temperature_c }
+        Exposure { stars: &frame.stars, sky_e, exposure_s: *exposure_s, frame_index, temperature_c }
     }
 
     /// Everything that lights an exposure.

@@ -102,7 +102,12 @@ pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
         );
     }
     check_colours(path, detector)?;
-    not_negative("sky.background_e_per_px_s", file.sky.background_e_per_px_s)?;
+    not_negative("sky.background_e_per_px_s", file.sky.even_e_per_px_s())?;
+    not_negative("sky.background_image_scale", file.sky.background_image_scale)?;
+    if !(0.0..=10.0).contains(&file.sky.extinction_mag_per_airmass) {
+        let value = file.sky.extinction_mag_per_airmass.to_string();
+        return refuse("sky.extinction_mag_per_airmass", value, "must lie between 0 and 10");
+    }
     if !file.sky.faintest_magnitude.is_finite() {
         return refuse("sky.faintest_magnitude", file.sky.faintest_magnitude.to_string(), "must be a finite number");
     }

@@ -1,15 +1,17 @@
-//! `[[effects]]` of a scene: any displacement and any pixel effect of the registries with parameters of its own, beside what `sky.physics` has
-//! at its known size and what `[detector]` and `[sky]` say of the everyday ones.
+//! `[[effects]]` of a scene: any displacement, any pixel effect and any light of the sky of the registries with parameters of its own, beside what
+//! `sky.physics` has at its known size and what `[detector]` and `[sky]` say of the everyday ones.
 
 use std::collections::BTreeMap;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::sky_light::GlowSetting;
 use super::{DetectorTable, SceneError, SkyTable};
 use crate::camera::{Model, SkyChain, Term};
 use crate::effects::detector::adc::full_scale_dn;
 use crate::effects::pixel::{AnyPixelEffect, PIXEL_EFFECTS, pixel_effect};
+use crate::effects::sky::glow::{SKY_GLOWS, SkyGlow, sky_glow};
 use crate::effects::{Context, DISPLACEMENTS, Observation, ParameterSpec, Segment, StarState, displacement};
 use crate::imaging::EffectSetting;
 
@@ -20,7 +22,7 @@ pub struct EffectTable {
     /// Its id; `boresight effects` lists them.
     pub id: String,
     /// Its parameters by name; those that are left out have the value at which they do nothing. (A pixel effect takes those that `[detector]`
-    /// has under the same name from there.)
+    /// has under the same name from there; a light of the sky has its typical value.)
     #[serde(default)]
     pub parameters: BTreeMap<String, f64>,
 }
@@ -32,6 +34,8 @@ pub(super) struct InForce {
     pub(super) terms: Vec<Term>,
     /// What works on pixels.
     pub(super) pixels: Vec<EffectSetting>,
+    /// What lights the sky between the stars.
+    pub(super) glows: Vec<GlowSetting>,
 }
 
 /// Reads the tables: each effect once, its parameters in the order of the effect.
@@ -46,6 +50,12 @@ pub(super) fn in_force(path: &str, tables: &[EffectTable], detector: &DetectorTa
                 return Err(twice(&public_id(effect)));
             }
             found.pixels.push(setting);
+        } else if let Some(glow) = sky_glow(&table.id.replace('_', "-")) {
+            let setting = GlowSetting { index, glow, parameters: glow_parameters(glow, table).map_err(wrong)? };
+            if found.glows.iter().any(|other| other.glow.id() == glow.id()) {
+                return Err(twice(glow.id()));
+            }
+            found.glows.push(setting);
         } else {
             let term = term(table).map_err(wrong)?;
             if found.terms.iter().any(|other| other.effect == term.effect) {
@@ -110,6 +120,15 @@ fn setting(effect: &dyn AnyPixelEffect, table: &EffectTable, detector: &Detector
     Ok(EffectSetting { id: effect.id().to_owned(), parameters })
 }
 
+/// The parameters of a light of the sky: those that are given, else the typical ones.
+fn glow_parameters(glow: &dyn SkyGlow, table: &EffectTable) -> Result<Vec<f64>, String> {
+    let mut parameters: Vec<f64> = glow.parameters().iter().map(|spec| spec.typical).collect();
+    for (name, value) in &table.parameters {
+        parameters[place_of(glow.id(), glow.parameters(), name, *value)?] = *value;
+    }
+    Ok(parameters)
+}
+
 /// Where a parameter stands among those of its effect, if its value is allowed.
 fn place_of(id: &str, specs: &[ParameterSpec], name: &str, value: f64) -> Result<usize, String> {
     let Some(place) = specs.iter().position(|spec| spec.name == name) else {
@@ -135,7 +154,7 @@ pub(super) fn of_camera(detector: &DetectorTable, sky: &SkyTable, listed: &[Effe
         ("bits", f64::from(detector.bits)),
     ];
     let mut effects = vec![
-        EffectSetting::new("background", &[("background_e_per_px_s", sky.background_e_per_px_s)]),
+        EffectSetting::new("background", &[("background_e_per_px_s", sky.even_e_per_px_s())]),
         EffectSetting::new("photon_noise", &[]),
         EffectSetting::new("read_noise", &[("read_noise_e", detector.read_noise_e)]),
         EffectSetting::new("adc", &adc),
@@ -155,6 +174,7 @@ fn term(table: &EffectTable) -> Result<Term, String> {
     let Some(effect) = displacement(id) else {
         let displacements = DISPLACEMENTS.iter().map(|effect| effect.id().to_owned());
         let known = displacements.chain(PIXEL_EFFECTS.iter().map(|effect| public_id(*effect)));
+        let known = known.chain(SKY_GLOWS.iter().map(|glow| glow.id().to_owned()));
         let nearest = known.min_by_key(|known| strsim::damerau_levenshtein(id, known));
         return Err(format!("there is no effect {id}; did you mean {}?", nearest.unwrap_or_default()));
     };

@@ -210,12 +210,19 @@ impl Default for DetectorTable {
     }
 }
 
-/// `[sky]`: background, depth and physics.
+/// `[sky]`: background, depth and physics. Light of the sky by models (zodiacal light, starlight, airglow, moonlight, twilight) is listed in `[[effects]]`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SkyTable {
-    /// Sky background.
-    pub background_e_per_px_s: f64,
+    /// Sky background, even over the frame. If absent, 50, or 0 where the sky's light is given by an image or by models.
+    pub background_e_per_px_s: Option<f64>,
+    /// An image (FITS, TIFF, PNG, …) of the size of the frame whose values, times the scale, are a background in electrons per pixel and second.
+    /// A path that is not absolute begins at the folder of the scene.
+    pub background_image: Option<String>,
+    /// Electrons per pixel and second of a value of 1 in that image.
+    pub background_image_scale: f64,
+    /// Extinction of the air in the V band, magnitudes per air mass, for light of the sky by models; without a site there is no air.
+    pub extinction_mag_per_airmass: f64,
     /// Faintest V magnitude rendered.
     pub faintest_magnitude: f64,
     /// Which displacements act at their full, known size: `known`, `none` or a list of effects.
@@ -224,7 +231,24 @@ pub struct SkyTable {
 
 impl Default for SkyTable {
     fn default() -> Self {
-        Self { background_e_per_px_s: 50.0, faintest_magnitude: 9.0, physics: "known".into() }
+        Self {
+            background_e_per_px_s: None,
+            background_image: None,
+            background_image_scale: 1.0,
+            extinction_mag_per_airmass: 0.172,
+            faintest_magnitude: 9.0,
+            physics: "known".into(),
+        }
+    }
+}
+
+impl SkyTable {
+    /// The background that is even over the frame, electrons per pixel and second.
+    #[must_use]
+    pub fn even_e_per_px_s(&self) -> f64 {
+        /// Of a dark sky, a fast lens and pixels of an arcminute.
+        const USUAL: f64 = 50.0;
+        self.background_e_per_px_s.unwrap_or(if self.background_image.is_some() { 0.0 } else { USUAL })
     }
 }
 

@@ -14,6 +14,7 @@ mod psf;
 mod psf_table;
 mod quadrature;
 mod schema;
+mod sky_light;
 mod spline;
 mod track;
 
@@ -33,6 +34,8 @@ pub use psf_table::{PixelTable, PsfTable, VaryTable};
 pub use schema::schema;
 pub use spline::RotationSpline;
 pub use track::{Sample, StarTrack};
+
+use sky_light::SkyLight;
 
 use crate::camera::{Camera, GroundSite, Model, ObserverError, Physics, PhysicsError, SkyChain, Term, observation};
 use crate::coordinates::{Attitude, PixelPoint};
@@ -134,6 +137,8 @@ pub struct Scene {
     pub cosmic_rays: Option<CosmicRayTable>,
     /// The true sky.
     pub sky: SkyTable,
+    /// What lights the sky between the stars unevenly.
+    sky_light: SkyLight,
     /// What works on pixels, from the sky to the converter.
     pub pixel_effects: Vec<EffectSetting>,
     /// The place on the ground, if any.
@@ -239,7 +244,7 @@ impl SceneFile {
         let circumstances = |time: Option<Epoch>, velocity| -> Result<Observation, SceneError> {
             observation(time, site.as_ref(), velocity).map_err(|source| SceneError::Time { path: path.to_owned(), source })
         };
-        let effects::InForce { terms, pixels } = effects::in_force(path, &self.effects, &self.detector)?;
+        let effects::InForce { terms, pixels, glows } = effects::in_force(path, &self.effects, &self.detector)?;
         let mut model = self.camera.model(path)?;
         let undisplaced = self.camera.undisplaced(path)?;
         effects::behind_the_lens(path, &mut model, &terms)?;
@@ -257,6 +262,8 @@ impl SceneFile {
         let is_fixed = self.mount.is_some_and(|mount| mount.kind == Mount::Fixed);
         let plans = pointing::plan(path, &self, &circumstances)?;
         let exposures = self.exposures(path, plans, &physics, &terms)?;
+        let mut sky = self.sky.clone();
+        let sky_light = SkyLight::new(path, &mut sky, glows, [self.camera.width_px, self.camera.height_px], &exposures)?;
         let size_px = [camera.width_px, camera.height_px];
         let kelvins = exposures.iter().map(|exposure| exposure.sky.observation().temperature_offset_k.unwrap_or_default());
         let temperatures_k = kelvins.fold([0.0_f64; 2], |[low, high], kelvin| [low.min(kelvin), high.max(kelvin)]);
@@ -264,7 +271,7 @@ impl SceneFile {
         let saturation_dn = Some(self.detector.top_dn());
         let detector = DetectorTable { psf_sigma_px: psf.typical_px, saturation_dn, ..self.detector.clone() };
         let colour_response = detector.colour_response();
-        let pixel_effects = effects::of_camera(&self.detector, &self.sky, &pixels);
+        let pixel_effects = effects::of_camera(&self.detector, &sky, &pixels);
         Ok(Scene {
             seed: self.seed,
             camera,
@@ -283,7 +290,8 @@ impl SceneFile {
             ghosts: self.ghosts,
             streaks: self.streaks,
             cosmic_rays: self.cosmic_rays,
-            sky: self.sky,
+            sky,
+            sky_light,
             pixel_effects,
             site: self.site,
             exposures,

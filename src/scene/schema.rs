@@ -5,6 +5,7 @@ use serde_json::{Map, Value, json};
 use super::SceneFile;
 use super::effects::public_id;
 use crate::effects::pixel::PIXEL_EFFECTS;
+use crate::effects::sky::glow::SKY_GLOWS;
 use crate::effects::{DISPLACEMENTS, ParameterSpec};
 
 /// The schema (draft 2020-12).
@@ -29,7 +30,8 @@ fn effects() -> Value {
     let displacements = DISPLACEMENTS.iter().map(|effect| (effect.id().to_owned(), effect.parameters()));
     let on_pixels = PIXEL_EFFECTS.iter().map(|effect| (public_id(*effect), effect.parameters()));
     let mut known: std::collections::BTreeMap<String, Vec<ParameterSpec>> = std::collections::BTreeMap::new();
-    for (id, parameters) in displacements.chain(on_pixels) {
+    let of_the_sky = SKY_GLOWS.iter().map(|glow| (glow.id().to_owned(), glow.parameters()));
+    for (id, parameters) in displacements.chain(on_pixels).chain(of_the_sky) {
         known.entry(id).or_default().extend_from_slice(parameters);
     }
     let one = |(id, parameters): (&String, &Vec<ParameterSpec>)| {

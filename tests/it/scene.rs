@@ -227,7 +227,7 @@ fn presets_show_stars() {
         let scene = Scene::parse(preset.name, preset.toml).unwrap();
         assert!(preset.title().len() > 20 && preset.toml.contains("Assumed:"), "{} says where its numbers come from", preset.name);
         let frame = Renderer::new(&scene, Catalog::embedded(), Backend::Cpu).unwrap().render(0).unwrap();
-        let sky = scene.sky.background_e_per_px_s * scene.exposures[0].exposure_s;
+        let sky = scene.sky.even_e_per_px_s() * scene.exposures[0].exposure_s;
         let noise_e = (sky + scene.detector.read_noise_e.powi(2)).sqrt();
         let seen = frame.stars.iter().filter(|star| star.peak_electrons > 5.0 * noise_e).count();
         assert!(seen >= 5, "{}: {seen} of {} stars stand out", preset.name, frame.stars.len());
