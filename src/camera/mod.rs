@@ -20,11 +20,13 @@ use crate::effects::optics::{brown_conrady, pinhole};
 mod chain;
 mod model;
 mod observer;
+mod orbit;
 mod sky_bodies;
 
 pub use chain::{Physics, PhysicsError, SkyChain};
 pub use model::{Model, ModelError, ModelParameter, Seen, Term};
 pub use observer::{GroundSite, ObserverError, observation};
+pub use orbit::{EARTH_RADIUS_KM, Orbit, OrbitError, OrbitState};
 pub use sky_bodies::circumstances;
 
 /// The number of parameters of the reference model.

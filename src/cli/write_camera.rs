@@ -79,6 +79,7 @@ pub(crate) fn write(
             ..SkyTable::default()
         },
         site: measured.recording.site.as_ref().map(site),
+        orbit: None,
         psf: None,
         ghosts: Vec::new(),
         streaks: Vec::new(),

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{CosmicRayTable, EffectTable, GhostTable, JitterTable, PsfTable, SceneError, StreakTable};
+use super::{CosmicRayTable, EffectTable, GhostTable, JitterTable, OrbitTable, PsfTable, SceneError, StreakTable};
 use crate::camera::{Camera, Model};
 use crate::effects::detector::adc::full_scale_dn;
 use crate::effects::detector::quantum_efficiency::{ColourResponse, ResponseCurve};
@@ -34,6 +34,8 @@ pub struct SceneFile {
     pub sky: SkyTable,
     /// The place on the ground.
     pub site: Option<SiteTable>,
+    /// The orbit of a camera in space.
+    pub orbit: Option<OrbitTable>,
     /// How the light of a star is spread; if absent, as a Gaussian of `detector.psf_sigma_px`.
     pub psf: Option<PsfTable>,
     /// How the camera stands.

@@ -8,6 +8,7 @@ mod effects;
 mod file;
 mod lights;
 mod motion;
+mod orbit;
 mod pointing;
 mod presets;
 mod psf;
@@ -28,6 +29,7 @@ pub use file::{
 };
 pub use lights::{CosmicRayTable, GhostTable, LightForm, LightKind, OtherLight, StreakKind, StreakTable};
 pub use motion::{BandTable, EARTH_RATE_RAD_S, JitterTable, LineTable, Motion};
+pub use orbit::OrbitTable;
 pub use presets::{PRESETS, Preset, preset};
 pub use psf::{Psf, PsfKind, PsfNodes, Spot, Third};
 pub use psf_table::{PixelTable, PsfTable, VaryTable};
@@ -260,7 +262,8 @@ impl SceneFile {
         let nominal_line_time_us = self.nominal.line_time_us.or(self.camera.line_time_us);
         let first_row = self.camera.first_row;
         let is_fixed = self.mount.is_some_and(|mount| mount.kind == Mount::Fixed);
-        let plans = pointing::plan(path, &self, &circumstances)?;
+        let mut plans = pointing::plan(path, &self, &circumstances)?;
+        orbit::ride(path, &self, &mut plans, &circumstances)?;
         let exposures = self.exposures(path, plans, &physics, &terms)?;
         let mut sky = self.sky.clone();
         let sky_light = SkyLight::new(path, &mut sky, glows, [self.camera.width_px, self.camera.height_px], &exposures)?;

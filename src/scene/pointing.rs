@@ -23,7 +23,7 @@ pub(super) struct Plan {
 }
 
 /// What is known of an exposure at a time with a velocity.
-type Circumstances<'a> = &'a dyn Fn(Option<Epoch>, Option<[f64; 3]>) -> Result<Observation, SceneError>;
+pub(super) type Circumstances<'a> = &'a dyn Fn(Option<Epoch>, Option<[f64; 3]>) -> Result<Observation, SceneError>;
 
 /// The exposures of a scene in order of time.
 pub(super) fn plan(path: &str, file: &SceneFile, circumstances: Circumstances<'_>) -> Result<Vec<Plan>, SceneError> {
@@ -125,7 +125,8 @@ fn even(rate_deg_s: Option<[f64; 3]>) -> Course {
     }
 }
 
-fn time(path: &str, key: &str, text: &str) -> Result<Epoch, SceneError> {
+/// A time of the file.
+pub(super) fn time(path: &str, key: &str, text: &str) -> Result<Epoch, SceneError> {
     text.parse().map_err(|_| SceneError::Value {
         path: path.to_owned(),
         key: key.to_owned(),

@@ -18,6 +18,7 @@ mod identify;
 mod layering;
 mod motion;
 mod noise;
+mod orbit;
 mod recording;
 mod scene;
 mod sky_light;

@@ -109,9 +109,12 @@ mod tests {
     /// Counts and light of the published law, from another implementation of equation B1 (Python) and a sum over steps of 0.002 mag.
     #[test]
     fn agrees_with_another_implementation() {
-        for (longitude, latitude, m, expected) in
-            [(90.0, 90.0, 10.0, 1.988_065_8), (90.0, 20.0, 15.0, 545.410_41), (0.0, 50.0, 18.0, 1743.599_4), (90.0, 30.0, 22.0, 8820.762_7)]
-        {
+        for (longitude, latitude, m, expected) in [
+            (90.0, 90.0, 10.0, 1.988_065_8),
+            (90.0, 20.0, 15.0, 545.410_41),
+            (0.0, 50.0, 18.0, 1_743.599_4),
+            (90.0, 30.0, 22.0, 8_820.762_7),
+        ] {
             let (sin_b, toward_centre) = places(longitude, latitude);
             assert!((counts(m, sin_b, toward_centre) / expected - 1.0).abs() < 1e-6);
         }

@@ -1,0 +1,103 @@
+//! `[orbit]`: a camera on a satellite, whose velocity follows from the time of each exposure.
+
+use hifitime::Epoch;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::pointing::{Circumstances, Plan, time};
+use super::{SceneError, SceneFile};
+use crate::camera::{EARTH_RADIUS_KM, Orbit, OrbitState};
+use crate::dual::{dot, normalize};
+use crate::recording::Mount;
+use crate::units::DAY_S;
+
+/// Two-line elements older than this are not what they were, days.
+const OLD_DAYS: f64 = 14.0;
+
+/// `[orbit]`: two-line elements, or a state vector at a time. It gives every exposure the velocity of the camera, that of the Earth with it; the few
+/// thousand km by which it stands beside the Earth's centre move no star by a tenth of a milliarcsecond and are left out.
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct OrbitTable {
+    /// Both lines of two-line elements, followed by SGP4.
+    pub tle: Option<[String; 2]>,
+    /// Time of the state, UTC.
+    pub epoch_utc: Option<String>,
+    /// Position from the Earth's centre, axes of the GCRS.
+    pub position_km: Option<[f64; 3]>,
+    /// Velocity, axes of the GCRS; an ellipse about the Earth is followed, without what disturbs it.
+    pub velocity_km_s: Option<[f64; 3]>,
+}
+
+impl OrbitTable {
+    fn orbit(&self, path: &str) -> Result<Orbit, SceneError> {
+        let wrong = |message: String| SceneError::Parse { path: path.to_owned(), message };
+        match (&self.tle, &self.epoch_utc, self.position_km, self.velocity_km_s) {
+            (Some([first, second]), None, None, None) => {
+                Orbit::from_tle([first, second]).map_err(|error| wrong(format!("orbit.tle: {error}")))
+            }
+            (None, Some(epoch), Some(position_km), Some(velocity_km_s)) => {
+                let epoch = time(path, "orbit.epoch_utc", epoch)?;
+                let state = OrbitState { position_km, velocity_km_s };
+                Orbit::from_state(epoch, state).map_err(|error| wrong(format!("orbit.position_km, orbit.velocity_km_s: {error}")))
+            }
+            _ => Err(wrong("orbit: give either tle, or all of epoch_utc, position_km and velocity_km_s".to_owned())),
+        }
+    }
+}
+
+/// Gives every exposure the velocity of a camera in orbit, if the scene has one.
+pub(super) fn ride(path: &str, file: &SceneFile, plans: &mut [Plan], circumstances: Circumstances<'_>) -> Result<(), SceneError> {
+    let Some(table) = &file.orbit else { return Ok(()) };
+    let refuse = |key: String, value: &str, remedy| Err(SceneError::Value { path: path.to_owned(), key, value: value.to_owned(), remedy });
+    if file.site.is_some() {
+        return refuse("orbit".to_owned(), "given", "stands beside a [site] on the ground: keep one of the two");
+    }
+    if file.mount.is_some_and(|mount| mount.kind == Mount::Fixed) {
+        return refuse("orbit".to_owned(), "given", "stands beside a mount that is fixed to the ground: keep one of the two");
+    }
+    if let Some(index) = file.frames.iter().position(|frame| frame.velocity_km_s.is_some()) {
+        return refuse(format!("frames[{index}].velocity_km_s"), "given", "stands beside an [orbit], which gives it: keep one of the two");
+    }
+    let orbit = table.orbit(path)?;
+    let (mut hidden, mut oldest) = (Vec::new(), 0.0_f64);
+    for (number, plan) in plans.iter_mut().enumerate() {
+        let Some(now) = plan.time else {
+            return refuse(
+                "orbit".to_owned(),
+                "given",
+                "needs the time of every exposure: give series.start_utc, or time_utc of each frame",
+            );
+        };
+        let known = circumstances(Some(now), None)?;
+        let error = |error| SceneError::Parse { path: path.to_owned(), message: format!("orbit, exposure {number}: {error}") };
+        let state = orbit.at(now).map_err(error)?;
+        let of_earth = known.velocity_km_s.unwrap_or_default();
+        plan.telemetry.velocity_km_s = Some([0, 1, 2].map(|axis| of_earth[axis] + state.velocity_km_s[axis]));
+        oldest = oldest.max(days_apart(now, orbit.epoch()));
+        if sees_earth(&state, plan.attitude.rows()[2]) {
+            hidden.push(number);
+        }
+    }
+    if table.tle.is_some() && oldest > OLD_DAYS {
+        tracing::warn!("{path}: orbit.tle is {oldest:.0} days from an exposure; elements are good for days, take those nearest to it");
+    }
+    if let Some(first) = hidden.first() {
+        let (count, all) = (hidden.len(), plans.len());
+        tracing::warn!(
+            "{path}: {count} of {all} exposures look at the Earth (the first is {first}); stars are rendered as if it were not there"
+        );
+    }
+    Ok(())
+}
+
+/// Whether the Earth's disc lies in this direction.
+fn sees_earth(state: &OrbitState, direction: [f64; 3]) -> bool {
+    let distance_km = dot(state.position_km, state.position_km).sqrt();
+    let toward_earth = -dot(normalize(state.position_km), direction);
+    toward_earth > (1.0 - (EARTH_RADIUS_KM / distance_km).min(1.0).powi(2)).sqrt()
+}
+
+fn days_apart(a: Epoch, b: Epoch) -> f64 {
+    (a - b).to_seconds().abs() / DAY_S
+}
