@@ -1,7 +1,7 @@
 //! `boresight effects`: what this build knows.
 
 use anyhow::{Result, bail};
-use boresight::effects::detector::quantum_efficiency;
+use boresight::effects::detector::{colour_filters, quantum_efficiency};
 use boresight::effects::optics::sampled_psf;
 use boresight::effects::optics::tables::IMAGE_KINDS;
 use boresight::effects::pixel::{PIXEL_EFFECTS, PLANE_SPREADS, POINT_SPREADS, Work, pixel_effect, plane_spread, point_spread};
@@ -103,8 +103,9 @@ fn lines() -> Vec<Line> {
         line(effect.id(), acts_on, effect.parameters())
     });
     let by_colour = line(QUANTUM_EFFICIENCY, "a star's electrons", quantum_efficiency::PARAMETERS);
+    let by_filter = line(COLOUR_FILTERS, "a star's electrons", colour_filters::PARAMETERS);
     let glows = SKY_GLOWS.iter().map(|glow| line(glow.id(), "sky between the stars", glow.parameters()));
-    displacements.chain(spreads).chain([by_colour]).chain(glows).chain(pixels).collect()
+    displacements.chain(spreads).chain([by_colour, by_filter]).chain(glows).chain(pixels).collect()
 }
 
 fn page(id: &str) -> Option<String> {
@@ -118,11 +119,16 @@ fn page(id: &str) -> Option<String> {
     let kind = || IMAGE_KINDS.iter().find(|kind| kind_id(kind.id()) == id).map(|kind| page_of(kind.source()));
     let sampled = || (id == SAMPLED).then(|| page_of(sampled_psf::source()));
     let by_colour = || (id == QUANTUM_EFFICIENCY).then(|| page_of(quantum_efficiency::source()));
+    let by_filter = || (id == COLOUR_FILTERS).then(|| page_of(colour_filters::source()));
+    let by_colour = || by_colour().or_else(by_filter);
     displacement.or_else(by_colour).or_else(pixels).or_else(glow).or_else(spread).or_else(plane).or_else(kind).or_else(sampled)
 }
 
 /// The name of the page of how electrons follow the colour.
 const QUANTUM_EFFICIENCY: &str = "quantum-efficiency";
+
+/// The name of the page of how filters share it.
+const COLOUR_FILTERS: &str = "colour-filters";
 
 /// The name of the page of an image given point by point.
 const SAMPLED: &str = "sampled-image";

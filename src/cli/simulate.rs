@@ -169,7 +169,7 @@ pub(crate) fn write_recording(
         let headers = FitsHeaders::new(&recording.camera, recording.site.as_ref(), entry);
         let path = directory.path().join(file);
         let (width_px, height_px) = (scene.camera.width_px, scene.camera.height_px);
-        if scene.detector.bits <= 8 {
+        if scene.detector.bits <= 8 && scene.detector.joined(scene.binning).top_dn() <= 255.0 {
             // What rounding of frequencies adds beyond the top is cut there, as where pictures are kept.
             let bytes: Vec<u8> = frame.pixels_dn.iter().map(|count| u8::try_from(*count).unwrap_or(u8::MAX)).collect();
             write_fits_u8(&path, width_px, height_px, &bytes, &headers)?;
@@ -265,6 +265,7 @@ fn true_frame(frame: usize, scene: &Scene, exposure: &Exposure, wanted: TruthArg
 fn manifest(scene: &Scene) -> Recording {
     let Camera { width_px, height_px, principal_point_px, focal_length_px, k1, p1, p2 } = scene.nominal;
     let size = Size { width_px, height_px };
+    let detector = scene.detector.joined(scene.binning);
     let camera = CameraInfo {
         width_px,
         height_px,
@@ -273,10 +274,10 @@ fn manifest(scene: &Scene) -> Recording {
         k1: Some(k1),
         p1: Some(p1),
         p2: Some(p2),
-        gain_e_per_dn: Some(scene.detector.gain_e_per_dn),
-        bias_dn: Some(scene.detector.bias_dn),
-        read_noise_e: Some(scene.detector.read_noise_e),
-        saturation_dn: Some(scene.detector.full_pixel_dn()),
+        gain_e_per_dn: Some(detector.gain_e_per_dn),
+        bias_dn: Some(detector.bias_dn),
+        read_noise_e: Some(detector.read_noise_e),
+        saturation_dn: Some(detector.full_pixel_dn()),
         zero_point_e_per_s: Some(scene.detector.zero_point_e_per_s),
         shutter: scene.nominal_line_time_us.map(|_| Shutter::Rolling),
         line_time_us: scene.nominal_line_time_us,

@@ -51,6 +51,7 @@ pub(crate) fn write(
         format: "boresight-scene/1".to_owned(),
         seed,
         camera: TrueCameraTable {
+            binning: None,
             width_px: camera.width_px,
             height_px: camera.height_px,
             focal_length_px: camera.focal_length_px,

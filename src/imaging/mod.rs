@@ -15,6 +15,7 @@
 //! An [`Imager`] is made once for a camera and asked for frame after frame. A frame is a function of the configuration, its stars and its
 //! index alone: any can be made by itself, and its bytes do not depend on threads. GPU and CPU agree as [`twin_check()`] measures.
 
+mod binning;
 mod compose;
 mod marks;
 mod noise_free;
@@ -27,6 +28,7 @@ mod stamp;
 mod tiles;
 mod twin_check;
 
+pub use binning::{BinnedImager, Binning, BinningPlace};
 pub use compose::{Output, PassProgram, chain_program, collect_plane_program, collect_program, pass_programs, uniforms_name};
 pub use noise_free::{NoiseFree, Seen};
 pub use plan::EffectSetting;
@@ -118,6 +120,16 @@ pub enum ImagingError {
         given: usize,
         /// Pixels of the frame.
         expected: usize,
+    },
+    /// A frame that is no whole number of joined pixels.
+    #[error("a frame of {width_px} × {height_px} px cannot be joined {factor} × {factor}: both sides must be multiples of that")]
+    BadBinning {
+        /// Columns.
+        width_px: usize,
+        /// Rows.
+        height_px: usize,
+        /// Pixels along each side of a joined one.
+        factor: usize,
     },
     /// Counts asked of a chain without a converter.
     #[error("counts were asked for, but the converter (adc) is not switched on; add it or ask for electrons")]

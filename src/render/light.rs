@@ -2,6 +2,8 @@
 
 use rayon::prelude::*;
 
+use super::mosaic;
+use crate::coordinates::PixelPoint;
 use crate::effects::optics::atlas_psf::AtlasPsf;
 use crate::effects::optics::disc_psf::{self, DiscPsf};
 use crate::effects::optics::elliptic_gaussian_psf::{self, EllipticGaussianPsf};
@@ -12,9 +14,10 @@ use crate::imaging::{Deposit, Imager, ImagingError, PlaneLight, Stamp, StarImage
 use crate::scene::{LightForm, OtherLight, Psf, PsfKind, Sample, Spot, StarTrack};
 use crate::units::DEG_RAD;
 
-/// Spreads the light of stars as a scene's `[psf]` says.
+/// Spreads the light of stars as a scene's `[psf]` says, on the detector's own pixels.
 #[derive(Debug)]
 pub(super) struct Spreader {
+    /// Its places are those of the frame, its lengths those of the detector's own pixels.
     psf: Psf,
     atlas: Atlas,
 }
@@ -25,6 +28,8 @@ pub(super) struct StarLight {
     stars: Vec<StarImage>,
     deposits: Vec<Deposit>,
     discs: Vec<Deposit>,
+    /// What red, green and blue pixels count of it, where there are filters.
+    pub(super) through: Option<[f64; 3]>,
 }
 
 /// All the light of an exposure.
@@ -33,27 +38,50 @@ pub(super) struct FrameLight {
     pub(super) stars: Vec<StarImage>,
     deposits: Vec<Deposit>,
     discs: Vec<Deposit>,
+    /// What the filters let through, red, green and blue; empty where there are none.
+    filtered: Vec<FrameLight>,
 }
 
 impl<'a> FromIterator<&'a StarLight> for FrameLight {
     fn from_iter<I: IntoIterator<Item = &'a StarLight>>(lights: I) -> Self {
         let mut frame = Self::default();
         for light in lights {
-            frame.stars.extend_from_slice(&light.stars);
-            frame.deposits.extend_from_slice(&light.deposits);
-            frame.discs.extend_from_slice(&light.discs);
+            frame.add(light, 1.0);
+            if let Some(through) = light.through {
+                frame.filtered.resize_with(through.len(), Self::default);
+                for (filtered, share) in frame.filtered.iter_mut().zip(through) {
+                    filtered.add(light, share);
+                }
+            }
         }
         frame
     }
 }
 
 impl FrameLight {
+    /// Adds a share of a light.
+    fn add(&mut self, light: &StarLight, share: f64) {
+        let weaker = |deposit: &Deposit| Deposit { electrons: share * deposit.electrons, ..*deposit };
+        self.stars.extend(light.stars.iter().map(|star| StarImage { electrons: share * star.electrons, ..*star }));
+        self.deposits.extend(light.deposits.iter().map(weaker));
+        self.discs.extend(light.discs.iter().map(weaker));
+    }
+
+    /// What the filters let through, red, green and blue; `None` where there are none.
+    pub(super) fn filtered(&self) -> Option<&[Self]> {
+        (!self.filtered.is_empty()).then_some(&self.filtered)
+    }
+
     /// This light and more.
     pub(super) fn with(&self, more: &Self) -> Self {
         let mut all = self.clone();
         all.stars.extend_from_slice(&more.stars);
         all.deposits.extend_from_slice(&more.deposits);
         all.discs.extend_from_slice(&more.discs);
+        all.filtered.resize_with(self.filtered.len().max(more.filtered.len()), Self::default);
+        for (own, more) in all.filtered.iter_mut().zip(&more.filtered) {
+            *own = own.with(more);
+        }
         all
     }
 }
@@ -84,10 +112,26 @@ impl Spreader {
     pub(super) fn margin_px(&self) -> f64 {
         /// Beyond so many widths lies less than 1e-9 of a Gaussian's light.
         const SIGMAS: f64 = 6.0;
-        match self.psf.kind {
+        let own_px = match self.psf.kind {
             PsfKind::Gaussian | PsfKind::Elliptic => SIGMAS * self.widest_px() + 1.0,
             PsfKind::Tables(_) | PsfKind::Sampled(_) => self.psf.reach_px as f64 + 2.0,
-        }
+        };
+        own_px / self.finer()
+    }
+
+    /// The detector's own pixels along a pixel of the frame.
+    fn finer(&self) -> f64 {
+        self.psf.own_per_px as f64
+    }
+
+    /// A place of the frame among the detector's own pixels, px.
+    fn own_place(&self, place: PixelPoint) -> [f64; 2] {
+        [place.x_px, place.y_px].map(|place| self.finer() * place + 0.5 * (self.finer() - 1.0))
+    }
+
+    /// Covariance of motion that is faster than the exposure, in the detector's own pixels.
+    fn blur_px2(&self, track: &StarTrack) -> [f64; 3] {
+        track.blur_px2.map(|blur| self.finer() * self.finer() * blur)
     }
 
     /// The largest width over the field and all colours, px.
@@ -116,7 +160,11 @@ impl Spreader {
 
     /// Its light on the pixels, and no other.
     pub(super) fn stamp(&self, light: &StarLight, imager: &Imager) -> Result<Option<Stamp>, ImagingError> {
-        imager.stamp(&light.stars, &self.batches(&light.deposits, &light.discs))
+        let mut stamp = imager.stamp(&light.stars, &self.batches(&light.deposits, &light.discs))?;
+        if let (Some(stamp), Some(through)) = (&mut stamp, light.through) {
+            mosaic::filter(stamp, through);
+        }
+        Ok(stamp)
     }
 
     /// The light of a star. Motion that is faster than the exposure widens Gaussians; other images are put down at several places.
@@ -139,20 +187,22 @@ impl Spreader {
         match &other.form {
             LightForm::Trail(track) => self.light(track),
             LightForm::Disc { radius_px, hole_px } => {
-                let [place, _] = other.ends;
-                let image = StarImage { x_px: place.x_px, y_px: place.y_px, electrons: other.electrons, sigma_px: 1.0 };
-                let shape = disc_psf::shape(*radius_px, *hole_px);
+                let [x_px, y_px] = self.own_place(other.ends[0]);
+                let [radius_px, hole_px] = [radius_px, hole_px].map(|radius| self.finer() * radius);
+                let image = StarImage { x_px, y_px, electrons: other.electrons, sigma_px: 1.0 };
+                let shape = disc_psf::shape(radius_px, hole_px);
                 let disc = Deposit { shape, ..Deposit::round(&image, (radius_px + 1.5).ceil() as u16) };
                 StarLight { discs: vec![disc], ..StarLight::default() }
             }
             LightForm::Track { sigma_px } => {
-                let [from, to] = other.ends;
-                let (dx, dy) = (to.x_px - from.x_px, to.y_px - from.y_px);
+                let sigma_px = self.finer() * sigma_px;
+                let [from, to] = other.ends.map(|end| self.own_place(end));
+                let (dx, dy) = (to[0] - from[0], to[1] - from[1]);
                 let count = (dx.hypot(dy) / (STEP * sigma_px)).ceil().clamp(1.0, 1e5);
                 let point = |k: usize| {
                     let share = (k as f64 + 0.5) / count;
-                    let (x_px, y_px) = (from.x_px + share * dx, from.y_px + share * dy);
-                    StarImage { x_px, y_px, electrons: other.electrons / count, sigma_px: *sigma_px }
+                    let (x_px, y_px) = (from[0] + share * dx, from[1] + share * dy);
+                    StarImage { x_px, y_px, electrons: other.electrons / count, sigma_px }
                 };
                 StarLight { stars: (0..count as usize).map(point).collect(), ..StarLight::default() }
             }
@@ -167,13 +217,14 @@ impl Spreader {
     /// point.
     fn round(&self, track: &StarTrack, sample: &Sample, light: &mut StarLight) {
         let sigma_px = self.parameters(track, sample)[0];
-        let [least, rest] = principal_px2(track.blur_px2);
+        let [least, rest] = principal_px2(self.blur_px2(track));
+        let [x_px, y_px] = self.own_place(sample.place);
         let sigma_px = (sigma_px * sigma_px + least.variance).sqrt();
         let spread = (rest.variance - least.variance).max(0.0).sqrt();
         for [offset, share] in normal_nodes(spread, sigma_px) {
             let image = StarImage {
-                x_px: sample.place.x_px + offset * rest.axis[0],
-                y_px: sample.place.y_px + offset * rest.axis[1],
+                x_px: x_px + offset * rest.axis[0],
+                y_px: y_px + offset * rest.axis[1],
                 electrons: track.electrons * sample.weight * share,
                 sigma_px,
             };
@@ -189,22 +240,26 @@ impl Spreader {
     fn elliptic(&self, track: &StarTrack, sample: &Sample, light: &mut StarLight) {
         let parameters = self.parameters(track, sample);
         let own = elliptic_gaussian_psf::covariance_px2(parameters[0], parameters[1], parameters[2] * DEG_RAD);
-        let covariance = [0, 1, 2].map(|k| own[k] + track.blur_px2[k]);
+        let blur = self.blur_px2(track);
+        let covariance = [0, 1, 2].map(|k| own[k] + blur[k]);
         let [_, major] = principal_px2(covariance);
         let (sigma_px, shape) = elliptic_gaussian_psf::shape(covariance);
-        let image = StarImage { x_px: sample.place.x_px, y_px: sample.place.y_px, electrons: track.electrons * sample.weight, sigma_px };
+        let [x_px, y_px] = self.own_place(sample.place);
+        let image = StarImage { x_px, y_px, electrons: track.electrons * sample.weight, sigma_px };
         let reach = GaussianPsf.reach(track.electrons, major.variance.sqrt()) as u16;
         light.deposits.push(Deposit { shear: sample.shear, shape, ..Deposit::round(&image, reach) });
     }
 
     fn tabled(&self, track: &StarTrack, sample: &Sample, light: &mut StarLight) {
         let nodes = self.psf.mixture(&spot(track, sample));
-        let [minor, major] = principal_px2(track.blur_px2).map(|one| (normal_nodes(one.variance.sqrt(), self.psf.smooth_px), one.axis));
+        let [x_px, y_px] = self.own_place(sample.place);
+        let [minor, major] =
+            principal_px2(self.blur_px2(track)).map(|one| (normal_nodes(one.variance.sqrt(), self.psf.smooth_px), one.axis));
         for [along, share] in &major.0 {
             for [across, part] in &minor.0 {
                 let image = StarImage {
-                    x_px: sample.place.x_px + along * major.1[0] + across * minor.1[0],
-                    y_px: sample.place.y_px + along * major.1[1] + across * minor.1[1],
+                    x_px: x_px + along * major.1[0] + across * minor.1[0],
+                    y_px: y_px + along * major.1[1] + across * minor.1[1],
                     electrons: track.electrons * sample.weight * share * part,
                     sigma_px: 1.0,
                 };

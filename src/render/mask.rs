@@ -98,3 +98,24 @@ pub(super) fn mask(
     }
     Ok(mask)
 }
+
+/// The mask of joined pixels: all that is said of the own pixels of each, `factor` × `factor`, and whether it is full itself.
+pub(super) fn joined_mask(own: &[u16], own_width_px: usize, factor: usize, pixels_dn: &[u16], full_dn: f64) -> Vec<u16> {
+    let mut mask: Vec<u16> = pixels_dn.iter().map(|count| if f64::from(*count) >= full_dn { MaskFlag::SATURATED } else { 0 }).collect();
+    let width_px = own_width_px / factor;
+    for (place, flags) in own.iter().enumerate() {
+        mask[place / own_width_px / factor * width_px + place % own_width_px / factor] |= flags;
+    }
+    mask
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_joined_pixel_has_the_flags_of_its_own() {
+        let own = [MaskFlag::HOT, 0, 0, 0, MaskFlag::TRAIL, 0, 0, MaskFlag::DEAD];
+        assert_eq!(joined_mask(&own, 4, 2, &[7, 900], 900.0), [MaskFlag::HOT | MaskFlag::TRAIL, MaskFlag::DEAD | MaskFlag::SATURATED]);
+    }
+}

@@ -2,6 +2,7 @@
 
 mod light;
 mod mask;
+mod mosaic;
 mod pixel_shift;
 mod truth;
 
@@ -12,10 +13,11 @@ use rayon::prelude::*;
 
 use crate::catalog::Catalog;
 use crate::effects::optics::tables::PixelResponse;
-use crate::imaging::{Backend, Exposure, Imager, ImagingConfig, ImagingError, Stage};
+use crate::imaging::{Backend, BinnedImager, Binning, Exposure, Image16, Imager, ImagingConfig, ImagingError, PlaneLight, Stage};
 use crate::scene::{OtherLight, Psf, Scene, StarTrack};
 use light::{FrameLight, Spreader, StarLight};
-use mask::mask;
+use mask::{joined_mask, mask};
+use mosaic::{OnPixels, on_pixels};
 use pixel_shift::{Light, PixelShift, pixel_shifts};
 use truth::{Landed, true_stars};
 
@@ -39,7 +41,10 @@ pub struct Rendered {
 pub struct Renderer<'a> {
     scene: &'a Scene,
     catalog: &'a Catalog,
+    /// Of the detector's own pixels.
     imager: Imager,
+    /// Where they are joined.
+    binned: Option<BinnedImager>,
     spreader: Spreader,
     /// For pixels that answer evenly, where the scene's do not.
     even_spreader: Option<Spreader>,
@@ -58,26 +63,28 @@ impl<'a> Renderer<'a> {
     /// Opens the backend for a scene.
     pub fn new(scene: &'a Scene, catalog: &'a Catalog, backend: Backend) -> Result<Self, ImagingError> {
         let config = ImagingConfig {
-            width_px: scene.camera.width_px,
-            height_px: scene.camera.height_px,
+            width_px: scene.own_psf.own_per_px * scene.camera.width_px,
+            height_px: scene.own_psf.own_per_px * scene.camera.height_px,
             seed: scene.seed,
             point_spread: "gaussian_psf".to_owned(),
             effects: scene.pixel_effects.clone(),
         };
         let imager = Imager::new(backend, &config)?;
-        let pixel = scene.psf.pixel;
+        let binned = scene.binning.map(|binning| BinnedImager::new(backend, &config, binning)).transpose()?;
+        let pixel = scene.own_psf.pixel;
         let is_even = pixel.cosine == [0.0; 2] && pixel.slope == [0.0; 2];
         let even = |mut psf: Psf| {
             psf.pixel = PixelResponse { cosine: [0.0; 2], slope: [0.0; 2], ..pixel };
             psf
         };
         let asked = Asked { pixel_shifts: true, clean: false, mask: false };
-        let even_spreader = (!is_even).then(|| Spreader::new(&even(scene.psf.clone())));
-        Ok(Self { scene, catalog, imager, spreader: Spreader::new(&scene.psf), even_spreader, asked })
+        let even_spreader = (!is_even).then(|| Spreader::new(&even(scene.own_psf.clone())));
+        let spreader = Spreader::new(&scene.own_psf);
+        Ok(Self { scene, catalog, imager, binned, spreader, even_spreader, asked })
     }
 
     /// Whether the truth tells what pixel effects add to each star's place and flux. Where any is on that changes the stars' light, this costs
-    /// three more frames without noise on the CPU for each frame; else nothing.
+    /// three more frames without noise on the CPU for each frame; else nothing. Of joined pixels it is never told.
     #[must_use]
     pub fn with_pixel_shifts(mut self, tells: bool) -> Self {
         self.asked.pixel_shifts = tells;
@@ -110,18 +117,18 @@ impl<'a> Renderer<'a> {
     /// If `index` is not below the number of exposures.
     pub fn render(&self, index: usize) -> Result<Rendered, ImagingError> {
         let Sources { tracks, others, lights } = self.sources(index);
-        let sky_e = self.scene.sky_light_e(index);
+        let sky_e = self.sky_e(index);
         let (of_stars, of_others) = lights.split_at(tracks.len());
         let [of_stars, of_others] = [of_stars, of_others].map(FrameLight::from_iter);
         let frame = of_stars.with(&of_others);
         let exposure = self.exposure(index, &frame, &sky_e);
         let planes = self.spreader.planes(&frame);
         let chain = self.imager.noise_free(&exposure, &planes)?;
-        let landed = |light: &StarLight| Ok(Landed::new(&chain, self.spreader.stamp(light, &self.imager)?.as_ref()));
+        let landed = |light: &StarLight| Ok(Landed::new(self.scene, &chain, self.spreader.stamp(light, &self.imager)?.as_ref()));
         let landed = lights.par_iter().map(landed).collect::<Result<Vec<_>, ImagingError>>()?;
-        let shifts = if !self.asked.pixel_shifts {
+        let shifts = if !self.asked.pixel_shifts || self.binned.is_some() {
             vec![None; tracks.len()]
-        } else if chain.shapes_light() || self.even_spreader.is_some() {
+        } else if chain.shapes_light() || self.even_spreader.is_some() || frame.filtered().is_some() {
             let even = self.even_spreader.as_ref().unwrap_or(&self.spreader);
             let light = Light { stars: &of_stars, others: &of_others, seen: &self.spreader, even };
             pixel_shifts(self.scene, &exposure, &chain, &light, &tracks)?
@@ -130,12 +137,22 @@ impl<'a> Renderer<'a> {
         };
         let stars = true_stars(self.scene, index, &tracks, &landed, &shifts);
         let true_lights = others.iter().zip(&landed[tracks.len()..]).map(|(other, landed)| TrueLight::new(index, other, *landed)).collect();
-        let pixels_dn = self.imager.expose_with(&exposure, &planes)?.pixels_dn;
-        let clean_e = self.asked.clean.then(|| self.imager.electrons_after_with(Some(Stage::Light), &exposure, &planes)).transpose()?;
+        let lit = self.on_pixels(&exposure, &frame)?;
+        let exposure = Exposure { stars: lit.stars, sky_e: &lit.spread_e, ..exposure };
+        let pixels_dn = self.counts(&exposure, &lit.planes)?.pixels_dn;
+        let clean_e = self.asked.clean.then(|| self.clean_e(&exposure, &lit.planes)).transpose()?;
         let mask = if self.asked.mask {
             let stamp = |(other, light): (&OtherLight, &StarLight)| Ok((other.kind, self.spreader.stamp(light, &self.imager)?));
             let stamps = others.iter().zip(&lights[tracks.len()..]).map(stamp).collect::<Result<Vec<_>, ImagingError>>()?;
-            Some(mask(&self.imager, &chain, &exposure, &planes, &pixels_dn, &stamps, self.scene.camera.width_px)?)
+            let of_own = |own_dn: &[u16]| mask(&self.imager, &chain, &exposure, &lit.planes, own_dn, &stamps, self.own_width_px());
+            Some(match self.scene.binning {
+                None => of_own(&pixels_dn)?,
+                Some(binning) => {
+                    let own = of_own(&vec![0; pixels_dn.len() * binning.factor * binning.factor])?;
+                    let full_dn = self.scene.detector.joined(self.scene.binning).full_pixel_dn();
+                    joined_mask(&own, self.own_width_px(), binning.factor, &pixels_dn, full_dn)
+                }
+            })
         } else {
             None
         };
@@ -148,9 +165,46 @@ impl<'a> Renderer<'a> {
     /// If `index` is not below the number of exposures.
     pub fn expected_electrons(&self, index: usize) -> Result<Vec<f32>, ImagingError> {
         let frame: FrameLight = self.sources(index).lights.iter().collect();
-        let sky_e = self.scene.sky_light_e(index);
+        let sky_e = self.sky_e(index);
         let exposure = self.exposure(index, &frame, &sky_e);
-        self.imager.electrons_after_with(Some(Stage::Light), &exposure, &self.spreader.planes(&frame))
+        let lit = self.on_pixels(&exposure, &frame)?;
+        self.clean_e(&Exposure { stars: lit.stars, sky_e: &lit.spread_e, ..exposure }, &lit.planes)
+    }
+
+    /// Expected electrons of the frame's pixels.
+    fn clean_e(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
+        let own = self.imager.electrons_after_with(Some(Stage::Light), exposure, planes)?;
+        let Some(binning) = self.scene.binning else { return Ok(own) };
+        Ok(Binning { is_mean: false, ..binning }.join(&own, self.own_width_px(), f32::INFINITY))
+    }
+
+    /// The counts of an exposure.
+    fn counts(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Image16, ImagingError> {
+        match &self.binned {
+            Some(binned) => binned.expose_with(exposure, planes),
+            None => self.imager.expose_with(exposure, planes),
+        }
+    }
+
+    /// Light of the sky on the detector's own pixels; empty: none but what is even.
+    fn sky_e(&self, index: usize) -> Vec<f32> {
+        let sky_e = self.scene.sky_light_e(index);
+        match self.scene.binning {
+            Some(binning) => binning.share_out(&sky_e, self.scene.camera.width_px),
+            None => sky_e,
+        }
+    }
+
+    /// Columns of the detector's own pixels.
+    fn own_width_px(&self) -> usize {
+        self.scene.own_psf.own_per_px * self.scene.camera.width_px
+    }
+
+    /// The light of a frame as it goes to the detector's own pixels.
+    fn on_pixels<'b>(&'b self, exposure: &Exposure<'b>, frame: &'b FrameLight) -> Result<OnPixels<'b>, ImagingError> {
+        on_pixels(frame, &self.spreader, self.own_width_px(), exposure.sky_e, |stars, planes| {
+            self.imager.electrons_after_with(None, &Exposure { stars, sky_e: &[], ..*exposure }, planes)
+        })
     }
 
     fn exposure<'b>(&self, index: usize, frame: &'b FrameLight, sky_e: &'b [f32]) -> Exposure<'b> {
@@ -170,6 +224,13 @@ impl<'a> Renderer<'a> {
         let others = self.scene.other_lights(index, &tracks);
         let mut lights: Vec<StarLight> = tracks.par_iter().map(|track| self.spreader.light(track)).collect();
         lights.extend(others.iter().map(|other| self.spreader.other(other)));
+        if let Some(filters) = &self.scene.colour_filters {
+            let of_star = |hip: Option<u32>| tracks.iter().find(|track| Some(track.hip) == hip).and_then(|track| track.colour);
+            let colours = tracks.iter().map(|track| track.colour).chain(others.iter().map(|other| of_star(other.hip)));
+            for (light, colour) in lights.iter_mut().zip(colours) {
+                light.through = Some(filters.relative(colour, &self.scene.colour_response));
+            }
+        }
         Sources { tracks, others, lights }
     }
 }

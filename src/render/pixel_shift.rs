@@ -5,6 +5,7 @@
 //! counted. It is compared, in a window around each star, with the same light before any effect, seen by pixels that answer evenly.
 
 use super::light::{FrameLight, Spreader};
+use super::mosaic::on_pixels;
 use super::truth::blended;
 use crate::imaging::{Exposure, ImagingError, NoiseFree};
 use crate::scene::{Scene, StarTrack};
@@ -48,7 +49,13 @@ pub(super) fn pixel_shifts(
     tracks: &[StarTrack],
 ) -> Result<Vec<Option<PixelShift>>, ImagingError> {
     let all = light.stars.with(light.others);
-    let of = |frame: &FrameLight| chain.readout(&Exposure { stars: &frame.stars, ..*exposure }, &light.seen.planes(frame));
+    let width_px = scene.camera.width_px;
+    let of = |frame: &FrameLight| {
+        let lit = on_pixels(frame, light.seen, width_px, exposure.sky_e, |stars, planes| {
+            chain.light_alone(&Exposure { stars, ..*exposure }, planes)
+        })?;
+        chain.readout(&Exposure { stars: lit.stars, sky_e: &lit.spread_e, ..*exposure }, &lit.planes)
+    };
     let (with, without) = (of(&all)?, of(light.others)?);
     let counted: Vec<f32> = with.iter().zip(&without).map(|(with, without)| with - without).collect();
     let sent = chain.light_alone(&Exposure { stars: &light.stars.stars, ..*exposure }, &light.even.planes(light.stars))?;

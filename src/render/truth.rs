@@ -2,7 +2,7 @@
 
 use super::pixel_shift::PixelShift;
 use crate::coordinates::PixelPoint;
-use crate::imaging::{NoiseFree, Stamp};
+use crate::imaging::{Binning, BinningPlace, NoiseFree, Seen, Stamp};
 use crate::scene::{LightKind, OtherLight, Scene, StarTrack};
 use serde::{Deserialize, Serialize};
 
@@ -48,8 +48,8 @@ pub struct TrueStar {
     /// Electrons over their expected standard error where every pixel is weighted in the best way: √Σ s²/(s + background + read noise²).
     pub snr: f64,
     /// Shift along the columns that pixel effects add, before saturation and converter: the centre of the star's light, weighted by its electrons,
-    /// after all of them less that before the first. Zero where no such effect is on; absent beside other stars, at the edge, and where it was
-    /// not asked for. Windows reach 4 σ and 3 px beyond the star's way.
+    /// after all of them less that before the first. Zero where no such effect is on; absent beside other stars, at the edge, of joined pixels, and
+    /// where it was not asked for. Windows reach 4 σ and 3 px beyond the star's way.
     pub x_pixels_px: Option<f64>,
     /// The same along the rows.
     pub y_pixels_px: Option<f64>,
@@ -121,12 +121,17 @@ pub(super) struct Landed {
 
 impl Landed {
     /// Of a source with this light; `None`: none of it reaches the frame.
-    pub(super) fn new(chain: &NoiseFree<'_>, stamp: Option<&Stamp>) -> Self {
+    pub(super) fn new(scene: &Scene, chain: &NoiseFree<'_>, stamp: Option<&Stamp>) -> Self {
         let Some(stamp) = stamp else { return Self::default() };
         let seen = chain.seen(stamp);
-        let read_variance = chain.read_noise_e().powi(2);
+        let is_full = chain.is_full(stamp, &seen);
+        let (read_noise_e, seen) = match scene.binning {
+            Some(binning) => (chain.read_noise_e() * binning.read_noise_factor(), joined(binning.factor, stamp, &seen)),
+            None => (chain.read_noise_e(), seen),
+        };
+        let read_variance = read_noise_e.powi(2);
         let on_frame_e = stamp.electrons.iter().map(|electrons| f64::from(*electrons)).sum();
-        let mut landed = Self { is_full: chain.is_full(stamp, &seen), on_frame_e, ..Self::default() };
+        let mut landed = Self { is_full: is_full || is_joined_full(scene, &seen), on_frame_e, ..Self::default() };
         let mut information = 0.0;
         for (electrons, background_e) in seen.electrons.into_iter().zip(seen.background_e) {
             landed.electrons += electrons;
@@ -139,6 +144,31 @@ impl Landed {
         }
         Self { snr: information.sqrt(), ..landed }
     }
+}
+
+/// What pixels see, `factor` × `factor` of them joined.
+fn joined(factor: usize, stamp: &Stamp, seen: &Seen) -> Seen {
+    let [left, top] = [stamp.left_px / factor, stamp.top_px / factor];
+    let rows = stamp.electrons.len() / stamp.width_px;
+    let width = (stamp.left_px + stamp.width_px - 1) / factor + 1 - left;
+    let height = (stamp.top_px + rows - 1) / factor + 1 - top;
+    let sums = |own: &[f64]| {
+        let mut sums = vec![0.0; width * height];
+        for (place, value) in own.iter().enumerate() {
+            let [x, y] = [stamp.left_px + place % stamp.width_px, stamp.top_px + place / stamp.width_px];
+            sums[(y / factor - top) * width + x / factor - left] += value;
+        }
+        sums
+    };
+    Seen { electrons: sums(&seen.electrons), background_e: sums(&seen.background_e) }
+}
+
+/// Whether charge that is joined on the chip is expected to reach the top of the converter.
+fn is_joined_full(scene: &Scene, seen: &Seen) -> bool {
+    let Some(Binning { place: BinningPlace::OnChip, .. }) = scene.binning else { return false };
+    let joined = scene.detector.joined(scene.binning);
+    let most = seen.electrons.iter().zip(&seen.background_e).map(|(own, other)| own + other).fold(0.0, f64::max);
+    joined.bias_dn + most / joined.gain_e_per_dn >= joined.full_pixel_dn()
 }
 
 /// The truth of frame `index`: stars with what of each lands on the pixels.

@@ -1,9 +1,8 @@
 //! Every number of a scene file against its range.
 
-use super::{DetectorTable, NominalTable, SceneError, SceneFile, lights, motion};
+use super::{NominalTable, SceneError, SceneFile, binning, detector, lights, motion};
 use crate::camera::Model;
 use crate::coordinates::PixelPoint;
-use crate::effects::detector::adc::full_scale_dn;
 use crate::recording::Mount;
 
 /// Whether some pixel of the frame's edge has a direction whose image is another pixel, or none. A corner outside the circle of a fisheye has no
@@ -78,30 +77,8 @@ pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
     if let Some(f) = file.nominal.focal_length_px {
         positive("nominal.focal_length_px", f)?;
     }
-    let detector = &file.detector;
-    positive("detector.psf_sigma_px", detector.psf_sigma_px)?;
-    if !(0.2..=20.0).contains(&detector.psf_sigma_px) {
-        return refuse("detector.psf_sigma_px", detector.psf_sigma_px.to_string(), "must lie between 0.2 and 20");
-    }
-    positive("detector.zero_point_e_per_s", detector.zero_point_e_per_s)?;
-    positive("detector.gain_e_per_dn", detector.gain_e_per_dn)?;
-    not_negative("detector.bias_dn", detector.bias_dn)?;
-    not_negative("detector.read_noise_e", detector.read_noise_e)?;
-    positive("detector.full_well_e", detector.full_well_e)?;
-    if !(8..=16).contains(&detector.bits) {
-        return refuse("detector.bits", detector.bits.to_string(), "must lie between 8 and 16");
-    }
-    let top_dn = detector.top_dn();
-    if !(top_dn <= full_scale_dn(f64::from(detector.bits)) && top_dn > detector.bias_dn) {
-        let key = if detector.saturation_dn.is_some() { "detector.saturation_dn" } else { "detector.bits" };
-        let value = if detector.saturation_dn.is_some() { top_dn.to_string() } else { detector.bits.to_string() };
-        return refuse(
-            key,
-            value,
-            "must put the converter's top above detector.bias_dn and not above 2^bits - 1 (65535 where no bits are given)",
-        );
-    }
-    check_colours(path, detector)?;
+    detector::check(path, &file.detector)?;
+    binning::check(path, camera, &file.detector)?;
     not_negative("sky.background_e_per_px_s", file.sky.even_e_per_px_s())?;
     not_negative("sky.background_image_scale", file.sky.background_image_scale)?;
     if !(0.0..=10.0).contains(&file.sky.extinction_mag_per_airmass) {
@@ -222,47 +199,4 @@ fn check_rate(path: &str, key: &str, rate_deg_s: Option<[f64; 3]>) -> Result<(),
             remedy: "must be three numbers in degrees per second, not beyond 10000",
         }),
     }
-}
-
-/// What the electrons have to do with the star's colour.
-fn check_colours(path: &str, detector: &DetectorTable) -> Result<(), SceneError> {
-    let refuse = |key: &str, value: String, remedy: &'static str| -> Result<(), SceneError> {
-        Err(SceneError::Value { path: path.to_owned(), key: format!("detector.{key}"), value, remedy })
-    };
-    if let Some(term) = detector.colour_term_mag_per_mag.filter(|term| !(term.abs() <= 2.0)) {
-        return refuse("colour_term_mag_per_mag", term.to_string(), "must lie between -2 and 2");
-    }
-    let Some(table) = &detector.quantum_efficiency else { return Ok(()) };
-    if detector.colour_term_mag_per_mag.is_some() {
-        return refuse("colour_term_mag_per_mag", "given".into(), "stands beside [detector.quantum_efficiency]: keep one of the two");
-    }
-    check_curve(&table.wavelengths_nm, [("values", Some(&table.values)), ("transmission", table.transmission.as_ref())])
-        .or_else(|(name, value, remedy)| refuse(&format!("quantum_efficiency.{name}"), value, remedy))?;
-    let seen = |place: usize| table.values[place] * table.transmission.as_ref().map_or(1.0, |values| values[place]);
-    if (0..table.values.len()).all(|place| seen(place) == 0.0) {
-        return refuse("quantum_efficiency.values", "0 everywhere".into(), "must let some light through");
-    }
-    Ok(())
-}
-
-/// A curve's points: what is wrong with which of them.
-fn check_curve<const N: usize>(
-    wavelengths_nm: &[f64],
-    curves: [(&'static str, Option<&Vec<f64>>); N],
-) -> Result<(), (&'static str, String, &'static str)> {
-    let is_in_range = |value: &f64| (100.0..=20_000.0).contains(value);
-    if wavelengths_nm.len() < 2 || !wavelengths_nm.iter().all(is_in_range) || !wavelengths_nm.is_sorted_by(|a, b| a < b) {
-        let remedy = "must be two wavelengths or more, increasing, between 100 and 20000 nm";
-        return Err(("wavelengths_nm", format!("{wavelengths_nm:?}"), remedy));
-    }
-    for (name, values) in curves {
-        let Some(values) = values else { continue };
-        if values.len() != wavelengths_nm.len() {
-            return Err((name, format!("{} numbers", values.len()), "must be as many as wavelengths_nm"));
-        }
-        if let Some(bad) = values.iter().find(|value| !(0.0..=1.0).contains(*value)) {
-            return Err((name, bad.to_string(), "must hold numbers between 0 and 1 only"));
-        }
-    }
-    Ok(())
 }

@@ -3,10 +3,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{CosmicRayTable, EffectTable, GhostTable, JitterTable, OrbitTable, PsfTable, SceneError, StreakTable};
+use super::{
+    BinningTable, CosmicRayTable, DetectorTable, EffectTable, GhostTable, JitterTable, OrbitTable, PsfTable, SceneError, StreakTable,
+};
 use crate::camera::{Camera, Model};
-use crate::effects::detector::adc::full_scale_dn;
-use crate::effects::detector::quantum_efficiency::{ColourResponse, ResponseCurve};
 use crate::recording::{FirstRow, Mount};
 
 /// The scene that `boresight demo` renders.
@@ -81,6 +81,8 @@ pub struct TrueCameraTable {
     /// Decentring distortion, px⁻¹.
     #[serde(default)]
     pub p2: f64,
+    /// The detector's own pixels are joined into those that this scene describes.
+    pub binning: Option<BinningTable>,
     /// How the lens maps angles to the focal plane: `pinhole` (if absent), `equidistant`, `equisolid`, `stereographic`, `kannala-brandt`.
     pub projection: Option<String>,
     /// What the projection has beyond focal length and principal point: k1 … k4 of `kannala-brandt`.
@@ -117,99 +119,6 @@ pub struct NominalTable {
     pub p2: Option<f64>,
     /// Time from row to row of a rolling shutter.
     pub line_time_us: Option<f64>,
-}
-
-/// `[detector]`: PSF and detector.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct DetectorTable {
-    /// Gaussian σ of the PSF; a `[psf]` of its own goes before it.
-    pub psf_sigma_px: f64,
-    /// Electrons per second of a star of V = 0.
-    pub zero_point_e_per_s: f64,
-    /// Electrons per count.
-    pub gain_e_per_dn: f64,
-    /// Count of an empty pixel.
-    pub bias_dn: f64,
-    /// Read noise (standard deviation).
-    pub read_noise_e: f64,
-    /// Bits of the converter, 8 to 16.
-    pub bits: u32,
-    /// Highest count of the converter; the end of its bits, 2^bits − 1, if absent.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub saturation_dn: Option<f64>,
-    /// Electrons that a pixel holds.
-    pub full_well_e: f64,
-    /// How many magnitudes fainter than V says the camera sees a star, for each magnitude of B − V above 0.6; negative where it is more
-    /// sensitive in the red than in V.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub colour_term_mag_per_mag: Option<f64>,
-    /// The camera's response over the wavelengths, from which the colour's part follows; in the place of `colour_term_mag_per_mag`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub quantum_efficiency: Option<QuantumEfficiencyTable>,
-}
-
-/// `[detector.quantum_efficiency]`: a curve through the points given, straight between them and nothing beyond; only its shape counts.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct QuantumEfficiencyTable {
-    /// Wavelengths, increasing.
-    pub wavelengths_nm: Vec<f64>,
-    /// Electrons per photon.
-    pub values: Vec<f64>,
-    /// Transmission of the optics at the same wavelengths; 1 if absent.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub transmission: Option<Vec<f64>>,
-}
-
-impl QuantumEfficiencyTable {
-    /// The product of the two curves.
-    fn curve(&self) -> ResponseCurve {
-        let with = |place: usize, value: f64| value * self.transmission.as_ref().map_or(1.0, |values| values[place]);
-        let values: Vec<f64> = self.values.iter().enumerate().map(|(place, value)| with(place, *value)).collect();
-        ResponseCurve::new(&self.wavelengths_nm, &values)
-    }
-}
-
-impl DetectorTable {
-    /// The count of a full pixel: where the converter or the pixel itself ends.
-    #[must_use]
-    pub fn full_pixel_dn(&self) -> f64 {
-        self.top_dn().min((self.bias_dn + self.full_well_e / self.gain_e_per_dn).floor())
-    }
-
-    /// The highest count of the converter.
-    #[must_use]
-    pub fn top_dn(&self) -> f64 {
-        self.saturation_dn.unwrap_or_else(|| full_scale_dn(f64::from(self.bits)))
-    }
-
-    /// How the electrons of a star follow its colour.
-    #[must_use]
-    pub fn colour_response(&self) -> ColourResponse {
-        match (&self.quantum_efficiency, self.colour_term_mag_per_mag) {
-            (Some(table), _) => ColourResponse::Curve(table.curve()),
-            (None, Some(mag_per_mag)) => ColourResponse::Term { mag_per_mag },
-            (None, None) => ColourResponse::Grey,
-        }
-    }
-}
-
-impl Default for DetectorTable {
-    fn default() -> Self {
-        Self {
-            psf_sigma_px: 1.2,
-            zero_point_e_per_s: 5.0e6,
-            gain_e_per_dn: 2.0,
-            bias_dn: 200.0,
-            read_noise_e: 5.0,
-            bits: 16,
-            saturation_dn: None,
-            full_well_e: 1.0e5,
-            colour_term_mag_per_mag: None,
-            quantum_efficiency: None,
-        }
-    }
 }
 
 /// `[sky]`: background, depth and physics. Light of the sky by models (zodiacal light, starlight, airglow, moonlight, twilight) is listed in `[[effects]]`.

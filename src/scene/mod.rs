@@ -3,7 +3,9 @@
 //! A scene keeps two cameras apart: `[camera]` is the truth, which is rendered; `[nominal]` is what the maker said of it, which
 //! the recording declares and which may be wrong.
 
+mod binning;
 mod check;
+mod detector;
 mod effects;
 mod file;
 mod lights;
@@ -22,11 +24,10 @@ mod track;
 use hifitime::Epoch;
 use thiserror::Error;
 
+pub use binning::{BinningMethod, BinningSite, BinningTable};
+pub use detector::{ColourFiltersTable, DetectorTable, QuantumEfficiencyTable};
 pub use effects::EffectTable;
-pub use file::{
-    DEMO_TOML, DetectorTable, FrameTable, MountTable, NominalTable, QuantumEfficiencyTable, SceneFile, SeriesTable, SiteTable, SkyTable,
-    TrueCameraTable,
-};
+pub use file::{DEMO_TOML, FrameTable, MountTable, NominalTable, SceneFile, SeriesTable, SiteTable, SkyTable, TrueCameraTable};
 pub use lights::{CosmicRayTable, GhostTable, LightForm, LightKind, OtherLight, StreakKind, StreakTable};
 pub use motion::{BandTable, EARTH_RATE_RAD_S, JitterTable, LineTable, Motion};
 pub use orbit::OrbitTable;
@@ -42,8 +43,9 @@ use sky_light::SkyLight;
 use crate::camera::{Camera, GroundSite, Model, ObserverError, Physics, PhysicsError, SkyChain, Term, observation};
 use crate::coordinates::{Attitude, PixelPoint};
 use crate::effects::Observation;
+use crate::effects::detector::colour_filters::FilterResponse;
 use crate::effects::detector::quantum_efficiency::ColourResponse;
-use crate::imaging::EffectSetting;
+use crate::imaging::{Binning, EffectSetting};
 use crate::recording::{CameraInfo, FirstRow, FrameEntry, Mount, Recording, Shutter, Site};
 use crate::units::DEG_RAD;
 
@@ -125,8 +127,14 @@ pub struct Scene {
     pub nominal: Camera,
     /// The true detector; its PSF is the width that stands for [`Self::psf`].
     pub detector: DetectorTable,
+    /// How the detector's own pixels are joined into those of the frame.
+    pub binning: Option<Binning>,
     /// How the electrons of a star follow its colour.
     pub colour_response: ColourResponse,
+    /// How the filters of a mosaic share a star's light.
+    pub colour_filters: Option<FilterResponse>,
+    /// The same as [`Self::psf`] on the detector's own pixels, of which several may be joined into one of the frame.
+    pub own_psf: Psf,
     /// How the light of a star is spread.
     pub psf: Psf,
     /// The same as written, if it was.
@@ -271,10 +279,23 @@ impl SceneFile {
         let kelvins = exposures.iter().map(|exposure| exposure.sky.observation().temperature_offset_k.unwrap_or_default());
         let temperatures_k = kelvins.fold([0.0_f64; 2], |[low, high], kelvin| [low.min(kelvin), high.max(kelvin)]);
         let psf = psf_table::read(path, self.psf.as_ref(), self.detector.psf_sigma_px, size_px, temperatures_k)?;
+        let binning = self.camera.binning.map(BinningTable::binning);
+        let wrong_psf = |(key, value, remedy): (&str, String, &'static str)| {
+            let key = format!("psf.{key}");
+            SceneError::Value { path: path.to_owned(), key, value, remedy }
+        };
+        let own_psf = psf.on_own_pixels(binning.map_or(1, |binning| binning.factor)).map_err(wrong_psf)?;
         let saturation_dn = Some(self.detector.top_dn());
         let detector = DetectorTable { psf_sigma_px: psf.typical_px, saturation_dn, ..self.detector.clone() };
         let colour_response = detector.colour_response();
-        let pixel_effects = effects::of_camera(&self.detector, &sky, &pixels);
+        let colour_filters = detector.colour_filters.as_ref().map(|table| table.response(detector.quantum_efficiency.as_ref()));
+        let mut pixels = pixels;
+        if let Some([red, blue]) = colour_filters.as_ref().and_then(FilterResponse::white)
+            && pixels.iter().all(|other| other.id != "bayer")
+        {
+            pixels.push(EffectSetting::new("bayer", &[("red_relative", red), ("blue_relative", blue)]));
+        }
+        let pixel_effects = effects::of_camera(&self.detector, &self.sky_of_own_pixel(&sky), &pixels);
         Ok(Scene {
             seed: self.seed,
             camera,
@@ -287,7 +308,10 @@ impl SceneFile {
             is_fixed,
             nominal,
             detector,
+            binning,
             colour_response,
+            colour_filters,
+            own_psf,
             psf,
             psf_table: self.psf,
             ghosts: self.ghosts,
@@ -299,6 +323,12 @@ impl SceneFile {
             site: self.site,
             exposures,
         })
+    }
+
+    /// The sky as one of the detector's own pixels sees it.
+    fn sky_of_own_pixel(&self, sky: &SkyTable) -> SkyTable {
+        let pixels = self.camera.binning.map_or(1.0, |table| table.binning().pixels());
+        SkyTable { background_e_per_px_s: Some(sky.even_e_per_px_s() / pixels), ..sky.clone() }
     }
 
     /// The exposures, each with the physics in force. Its circumstances are those that a recording with this telemetry tells.

@@ -6,6 +6,9 @@ use crate::effects::optics::tables::{AtlasBuilder, Grid, ImageKind, PixelRespons
 use crate::effects::pixel::MOST_NODES;
 use crate::effects::{ParameterSpec, StarState};
 
+/// The widest Gaussian that the renderer spreads, px.
+const MOST_SIGMA_PX: f64 = 50.0;
+
 /// What kind of image, as the renderer needs it.
 #[derive(Clone)]
 pub enum PsfKind {
@@ -45,6 +48,8 @@ pub struct Psf {
     pub reach_px: usize,
     /// Where tables are worked out.
     pub nodes: PsfNodes,
+    /// How many of the detector's own pixels, on which light falls, stand along a pixel of the frame.
+    pub own_per_px: usize,
     pub(super) specs: &'static [ParameterSpec],
     pub(super) parameters: Vec<f64>,
     pub(super) terms: Vec<PsfTerm>,
@@ -126,12 +131,36 @@ impl Psf {
             typical_px: sigma_px,
             reach_px: 0,
             nodes: PsfNodes::ONE,
+            own_per_px: 1,
             specs: kind.map_or(&[], |kind| kind.parameters()),
             parameters: vec![sigma_px],
             terms: Vec::new(),
             size_px,
             temperatures_k: [0.0; 2],
         }
+    }
+
+    /// The same light on pixels of which so many stand along a pixel of the frame: places are still those of the frame, but lengths that are
+    /// worked out are in the finer pixels.
+    pub fn on_own_pixels(&self, own_per_px: usize) -> Result<Self, (&'static str, String, &'static str)> {
+        let mut psf = Self { own_per_px: self.own_per_px * own_per_px, ..self.clone() };
+        if let PsfKind::Sampled(image) = &mut psf.kind {
+            if !image.points_per_px.is_multiple_of(own_per_px) {
+                let remedy = "must be a multiple of camera.binning.factor, so that the detector's own pixels have whole points";
+                return Err(("image_points_per_px", image.points_per_px.to_string(), remedy));
+            }
+            image.points_per_px /= own_per_px;
+        }
+        let finer = own_per_px as f64;
+        (psf.smooth_px, psf.typical_px) = (finer * psf.smooth_px, finer * psf.typical_px);
+        psf.reach_px *= own_per_px;
+        let is_gaussian = matches!(psf.kind, PsfKind::Gaussian | PsfKind::Elliptic);
+        if is_gaussian && own_per_px > 1 && psf.widest_px() > MOST_SIGMA_PX {
+            let remedy = "of the detector's own pixels is more than the 50 that a Gaussian may have: choose a smaller width or camera.binning.factor";
+            return Err(("sigma_px", psf.widest_px().to_string(), remedy));
+        }
+        psf.check_tables()?;
+        Ok(psf)
     }
 
     /// The parameters of a star's image.
@@ -147,6 +176,9 @@ impl Psf {
         }
         for (value, spec) in values.iter_mut().zip(self.specs) {
             *value = value.clamp(spec.range.0, spec.range.1);
+            if spec.unit == "px" {
+                *value *= self.own_per_px as f64;
+            }
         }
         values
     }
@@ -221,6 +253,12 @@ impl Psf {
             return Err(("reach_px", reach.to_string(), "must lie between 1 and 120"));
         }
         (self.smooth_px, self.typical_px, self.reach_px) = (smooth_px, typical_px.max(0.2), reach);
+        self.check_tables()
+    }
+
+    /// Whether tables fit a buffer.
+    fn check_tables(&self) -> Result<(), (&'static str, String, &'static str)> {
+        let reach = self.reach_px;
         if let Some(grid) = self.grid()
             && AtlasBuilder::new(grid, reach).bytes(self.nodes.count()) + 64 > MOST_BYTES
         {

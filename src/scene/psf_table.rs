@@ -197,6 +197,7 @@ pub(super) fn read(
         typical_px: 0.0,
         reach_px: 0,
         nodes,
+        own_per_px: 1,
         specs,
         parameters,
         terms,

@@ -13,7 +13,7 @@ pub(crate) fn small_scene(detector: &str, more: &str) -> String {
     format!("{camera}\n[[frames]]\nboresight_radec_deg = [83.0, -1.0]\nexposure_s = 0.1\n{more}")
 }
 
-fn parse(detector: &str, more: &str) -> Scene {
+pub(crate) fn parse(detector: &str, more: &str) -> Scene {
     Scene::parse("scene.toml", &small_scene(detector, more)).unwrap()
 }
 
@@ -24,6 +24,7 @@ fn rendered(scene: &Scene) -> Rendered {
 #[test]
 fn bad_detectors_get_one_clear_sentence() {
     let table = |lines: &str| format!("[detector.quantum_efficiency]\n{lines}");
+    let filters = |lines: &str| format!("[detector.colour_filters]\n{lines}");
     let curve = "wavelengths_nm = [400.0, 700.0]\nvalues = [0.5, 0.5]";
     for (detector, more, parts) in [
         ("bits = 17", String::new(), &["detector.bits = 17", "between 8 and 16"][..]),
@@ -42,6 +43,14 @@ fn bad_detectors_get_one_clear_sentence() {
         ("", table("wavelengths_nm = [400.0, 700.0]\nvalues = [0.5]"), &["quantum_efficiency.values = 1 numbers"][..]),
         ("", table(&format!("{curve}\ntransmission = [0.5, 1.5]")), &["quantum_efficiency.transmission = 1.5", "0 and 1"][..]),
         ("", table("wavelengths_nm = [400.0, 700.0]\nvalues = [0.0, 0.0]"), &["quantum_efficiency.values", "some light"][..]),
+        ("", filters("relative_per_mag = 2.0"), &["colour_filters.relative_per_mag = 2", "between -1 and 1"][..]),
+        ("", filters("relative_per_mag = 0.2\nred = [1.0]"), &["colour_filters.relative_per_mag", "keep one of the two"][..]),
+        ("", filters("wavelengths_nm = [400.0, 700.0]\nred = [0.5, 0.5]"), &["colour_filters.green = 0 numbers"][..]),
+        (
+            "",
+            filters("wavelengths_nm = [400.0, 700.0]\nred = [0.5, 0.5]\ngreen = [0.0, 0.0]\nblue = [0.5, 0.5]"),
+            &["colour_filters.green", "a tenth"][..],
+        ),
     ] {
         let message = Scene::parse("scene.toml", &small_scene(detector, &more)).unwrap_err().to_string();
         assert!(message.starts_with("scene.toml: ") && !message.contains('\n'), "{message}");
@@ -93,4 +102,80 @@ fn electrons_follow_the_colour_of_a_star() {
         }
     }
     assert!(coloured >= 2, "{coloured} stars have a colour");
+}
+
+/// Expected electrons of the frame, row by row.
+pub(crate) fn expected(scene: &Scene, backend: Backend) -> Option<Vec<f32>> {
+    let renderer = Renderer::new(scene, Catalog::embedded(), backend).inspect_err(|error| println!("skipped: {error}")).ok()?;
+    Some(renderer.expected_electrons(0).unwrap())
+}
+
+/// Filters of the same transmission for all colours change nothing, to the bit; with one that follows the colour, each star's pixels count what the law
+/// says, and the truth is what the frame holds.
+#[test]
+fn filters_share_the_light_of_each_star_by_its_colour() {
+    let dark = "[sky]\nbackground_e_per_px_s = 0.0\nfaintest_magnitude = 7.0\nphysics = \"known\"\n";
+    let with = |filters: &str| {
+        let text = small_scene("", "");
+        let text = &text[..text.find("[sky]").unwrap()];
+        let frames = "[[frames]]\nboresight_radec_deg = [83.0, -1.0]\nexposure_s = 0.1\n";
+        Scene::parse("scene.toml", &format!("{text}{dark}{filters}\n{frames}")).unwrap()
+    };
+    let plain = expected(&with(""), Backend::Cpu).unwrap();
+    assert_eq!(expected(&with("[detector.colour_filters]\nrelative_per_mag = 0.0"), Backend::Cpu).unwrap(), plain);
+    let scene = with("[detector.colour_filters]\nrelative_per_mag = 0.4");
+    let through = expected(&scene, Backend::Cpu).unwrap();
+    let stars = rendered(&scene).stars;
+    let before = rendered(&with("")).stars;
+    let catalog = Catalog::embedded();
+    let mut tried = 0;
+    for (star, before) in stars.iter().zip(&before) {
+        assert_eq!((star.hip, star.electrons_asked), (before.hip, before.electrons_asked));
+        let (x, y) = (star.x_px.round(), star.y_px.round());
+        let colour = catalog.stars.iter().find(|other| other.hip == star.hip).unwrap().colour;
+        if star.blended || !(2.0..93.0).contains(&x) || !(2.0..77.0).contains(&y) {
+            continue;
+        }
+        let share = 0.4 * (colour.unwrap_or(0.6) - 0.6);
+        for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+            let (x, y) = (x as usize + dx, y as usize + dy);
+            let expected = match (x % 2, y % 2) {
+                (0, 0) => 1.0 + share,
+                (1, 1) => 1.0 - share,
+                _ => 1.0,
+            };
+            let ratio = f64::from(through[y * 96 + x]) / f64::from(plain[y * 96 + x]);
+            assert!((ratio - expected).abs() < 1e-4, "HIP {} at {x}, {y}: {ratio} instead of {expected}", star.hip);
+        }
+        let landed: f64 = star.electrons_landed / before.electrons_landed;
+        assert!((landed - 1.0).abs() < 0.2 * share.abs() + 1e-6, "{landed}");
+        tried += usize::from(share.abs() > 0.02);
+    }
+    assert!(tried >= 1, "no star to try");
+    let all: f64 = through.iter().map(|electrons| f64::from(*electrons)).sum();
+    let landed: f64 = stars.iter().map(|star| star.electrons_landed).sum();
+    assert!((landed / all - 1.0).abs() < 1e-4, "{landed} of {all}");
+    if let Some(on_gpu) = expected(&scene, Backend::Gpu) {
+        let floor_e = 1e-6 * stars[0].electrons_asked as f32;
+        let far = on_gpu.iter().zip(&through).filter(|(a, b)| (*a - *b).abs() > 1e-5 * b.abs() + floor_e).count();
+        assert_eq!(far, 0);
+    }
+}
+
+/// Curves switch on what the filters do to all light alike, by the colour of the reference, unless the scene says otherwise itself.
+#[test]
+fn curves_of_filters_weaken_all_light() {
+    let curves = "[detector.colour_filters]\nwavelengths_nm = [400.0, 480.0, 550.0, 620.0, 700.0]\nred = [0.0, 0.0, 0.1, 0.9, 0.8]\n\
+                  green = [0.0, 0.3, 0.9, 0.2, 0.0]\nblue = [0.8, 0.9, 0.1, 0.0, 0.0]\n";
+    let bayer = |scene: &Scene| {
+        let effect = scene.pixel_effects.iter().find(|effect| effect.id == "bayer").unwrap();
+        ["red_relative", "blue_relative"].map(|name| effect.parameters.iter().find(|(other, _)| other == name).unwrap().1)
+    };
+    let [red, blue] = bayer(&parse("", curves));
+    assert!((red - 1.103_442).abs() < 1e-5 && (blue - 0.934_467).abs() < 1e-5, "{red} {blue}");
+    let own = format!("{curves}[[effects]]\nid = \"bayer\"\nparameters = {{ red_relative = 0.5, blue_relative = 0.25 }}");
+    assert_eq!(bayer(&parse("", &own)), [0.5, 0.25]);
+    // A detector that sees nothing beyond 600 nm leaves the red filters less.
+    let blue_sensitive = format!("{curves}[detector.quantum_efficiency]\nwavelengths_nm = [350.0, 500.0, 600.0]\nvalues = [0.8, 0.8, 0.0]");
+    assert!(bayer(&parse("", &blue_sensitive))[0] < 0.5);
 }

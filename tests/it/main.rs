@@ -1,6 +1,7 @@
 //! The integration tests, one binary.
 #![allow(clippy::print_stdout, clippy::print_stderr, reason = "tests report what they ran")]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test that meets the unexpected must fail")]
+mod binning;
 mod blind;
 mod calibrate;
 mod camera;

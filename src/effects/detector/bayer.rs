@@ -20,7 +20,7 @@
 //!
 //! **Neglected.** The part that stars of all colours share (a filter of another transmission for the Sun's colour too), which is `even-odd`
 //! along the columns; patterns with green at even columns and rows; the dependence of A₂ on the image's width and the estimator; terms in ε²
-//! and in c²; in the pixels, that stars of different colours share their light differently among the filters; mirrored images of an even number of columns, where the pattern begins with another filter.
+//! and in c²; in the pixels, that stars of different colours share their light differently among the filters, for which there is `colour-filters`; mirrored images of an even number of columns, where the pattern begins with another filter.
 //!
 //! **Source.** B. E. Bayer, US patent 3,971,065 (1976), for the pattern. A₂ is Poisson's sum of the image's moments at the frequency of the
 //! pattern.

@@ -7,6 +7,7 @@ pub mod bayer;
 pub mod blooming;
 pub mod brighter_fatter;
 pub mod charge_transfer_inefficiency;
+pub mod colour_filters;
 pub mod crosstalk;
 pub mod dark_current;
 pub mod detector_tilt;
