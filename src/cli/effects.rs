@@ -7,6 +7,7 @@ use boresight::effects::optics::tables::IMAGE_KINDS;
 use boresight::effects::pixel::{PIXEL_EFFECTS, PLANE_SPREADS, POINT_SPREADS, Work, pixel_effect, plane_spread, point_spread};
 use boresight::effects::sky::glow::{SKY_GLOWS, sky_glow};
 use boresight::effects::{DISPLACEMENTS, ParameterSpec, Segment, page_of};
+use boresight::scene::LIGHT_PAGES;
 use clap::Args;
 use serde::Serialize;
 
@@ -105,7 +106,8 @@ fn lines() -> Vec<Line> {
     let by_colour = line(QUANTUM_EFFICIENCY, "a star's electrons", quantum_efficiency::PARAMETERS);
     let by_filter = line(COLOUR_FILTERS, "a star's electrons", colour_filters::PARAMETERS);
     let glows = SKY_GLOWS.iter().map(|glow| line(glow.id(), "sky between the stars", glow.parameters()));
-    displacements.chain(spreads).chain([by_colour, by_filter]).chain(glows).chain(pixels).collect()
+    let lights = LIGHT_PAGES.iter().map(|page| line(page.id, "light beside the stars", (page.parameters)()));
+    displacements.chain(spreads).chain([by_colour, by_filter]).chain(glows).chain(lights).chain(pixels).collect()
 }
 
 fn page(id: &str) -> Option<String> {
@@ -120,7 +122,8 @@ fn page(id: &str) -> Option<String> {
     let sampled = || (id == SAMPLED).then(|| page_of(sampled_psf::source()));
     let by_colour = || (id == QUANTUM_EFFICIENCY).then(|| page_of(quantum_efficiency::source()));
     let by_filter = || (id == COLOUR_FILTERS).then(|| page_of(colour_filters::source()));
-    let by_colour = || by_colour().or_else(by_filter);
+    let light = || LIGHT_PAGES.iter().find(|page| page.id == id).map(|page| page_of((page.source)()));
+    let by_colour = || by_colour().or_else(by_filter).or_else(light);
     displacement.or_else(by_colour).or_else(pixels).or_else(glow).or_else(spread).or_else(plane).or_else(kind).or_else(sampled)
 }
 

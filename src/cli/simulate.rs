@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use boresight::camera::Camera;
 use boresight::catalog::Catalog;
 use boresight::coordinates::Attitude;
+use boresight::imaging::Binning;
 use boresight::provenance::Provenance;
 use boresight::recording::{
     CameraInfo, FitsHeaders, Form, FrameEntry, Mount, OutputDirectory, Recording, Shutter, Site, Size, write_file, write_fits_f32,
@@ -87,7 +88,10 @@ struct TruthObject<'a> {
     projection: &'static str,
     projection_parameters: &'a [f64],
     nominal: &'a Camera,
+    /// Of the detector's own pixels.
     detector: &'a DetectorTable,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    binning: Option<Binning>,
     #[serde(skip_serializing_if = "Option::is_none")]
     psf: Option<&'a PsfTable>,
     sky: &'a SkyTable,
@@ -203,6 +207,7 @@ pub(crate) fn write_recording(
         projection_parameters: scene.model.projection_parameters(),
         nominal: &scene.nominal,
         detector: &scene.detector,
+        binning: scene.binning,
         psf: scene.psf_table.as_ref(),
         sky: &scene.sky,
         site: scene.site.as_ref(),

@@ -5,12 +5,14 @@
 //! joined behind the converter and before compression. Each side is an [`Imager`] of its own, and the joined pixels are handed over between them.
 
 use rayon::prelude::*;
+use serde::Serialize;
 
 use super::{Backend, EffectSetting, Exposure, Image16, Imager, ImagingConfig, ImagingError, PlaneLight, Stage};
 use crate::effects::pixel::PIXEL_EFFECTS;
 
 /// Where pixels are joined.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum BinningPlace {
     /// As charge, before the amplifier.
     OnChip,
@@ -19,7 +21,7 @@ pub enum BinningPlace {
 }
 
 /// How pixels are joined.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Binning {
     /// Pixels along each side of a joined one.
     pub factor: usize,

@@ -28,7 +28,7 @@ pub use binning::{BinningMethod, BinningSite, BinningTable};
 pub use detector::{ColourFiltersTable, DetectorTable, QuantumEfficiencyTable};
 pub use effects::EffectTable;
 pub use file::{DEMO_TOML, FrameTable, MountTable, NominalTable, SceneFile, SeriesTable, SiteTable, SkyTable, TrueCameraTable};
-pub use lights::{CosmicRayTable, GhostTable, LightForm, LightKind, OtherLight, StreakKind, StreakTable};
+pub use lights::{CosmicRayTable, GhostTable, LIGHT_PAGES, LightForm, LightKind, LightPage, OtherLight, StreakKind, StreakTable};
 pub use motion::{BandTable, EARTH_RATE_RAD_S, JitterTable, LineTable, Motion};
 pub use orbit::OrbitTable;
 pub use presets::{PRESETS, Preset, preset};
