@@ -101,3 +101,19 @@ fn sees_earth(state: &OrbitState, direction: [f64; 3]) -> bool {
 fn days_apart(a: Epoch, b: Epoch) -> f64 {
     (a - b).to_seconds().abs() / DAY_S
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 42164 km from the Earth's centre its disc has a radius of asin(6378.137/42164) = 8.70°.
+    #[test]
+    fn the_earth_hides_its_disc_and_no_more() {
+        let state = OrbitState { position_km: [42_164.0, 0.0, 0.0], velocity_km_s: [0.0, 3.07, 0.0] };
+        let view = |from_earth_deg: f64| {
+            let (sine, cosine) = from_earth_deg.to_radians().sin_cos();
+            sees_earth(&state, [-cosine, 0.0, sine])
+        };
+        assert!(view(0.0) && view(8.69) && !view(8.71) && !view(180.0));
+    }
+}

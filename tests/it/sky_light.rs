@@ -144,7 +144,7 @@ fn a_rendered_frame_has_the_light_of_the_sky() {
     let catalog = Catalog::embedded();
     let lit = zenith_scene(NARROW, FULL_MOON, &effect("moonlight"));
     let dark = zenith_scene(NARROW, FULL_MOON, "");
-    let of = |scene: &Scene, backend| Renderer::new(scene, &catalog, backend).unwrap().expected_electrons(0).unwrap();
+    let of = |scene: &Scene, backend| Renderer::new(scene, catalog, backend).unwrap().expected_electrons(0).unwrap();
     let (with, without) = (of(&lit, Backend::Cpu), of(&dark, Backend::Cpu));
     // Without models there are the usual 50 electrons a second; with them there is no even background that nobody asked for.
     let (sky, even) = (mean(&lit.sky_light_e(0)), 2.0 * 50.0);
@@ -191,7 +191,7 @@ fn the_truth_knows_the_sky_behind_each_star() {
     let stars = |effects: &str| {
         let frame = format!("time_utc = \"{FULL_MOON}\"\nboresight_radec_deg = [{ra}, {dec}]");
         let text = scene_text(NARROW, &frame, &format!("{SITE}{effects}")).replace("faintest_magnitude = 2.0", "faintest_magnitude = 6.0");
-        Renderer::new(&scene(&text), &catalog, Backend::Cpu).unwrap().render(0).unwrap().stars
+        Renderer::new(&scene(&text), catalog, Backend::Cpu).unwrap().render(0).unwrap().stars
     };
     let (dark, moonlit) = (stars("[[effects]]\nid = \"moonlight\"\nparameters = { relative = 0.0 }\n"), stars(&effect("moonlight")));
     assert!(!dark.is_empty() && dark.len() == moonlit.len());
