@@ -213,7 +213,7 @@ fn check_colours(path: &str, detector: &DetectorTable) -> Result<(), SceneError>
     let refuse = |key: &str, value: String, remedy: &'static str| -> Result<(), SceneError> {
         Err(SceneError::Value { path: path.to_owned(), key: format!("detector.{key}"), value, remedy })
     };
-    if let Some(term) = detector.colour_term_mag_per_mag.filter(|term| !(term.abs() <= 2.0)) {
+    if let Some(term) = detector.colour_term_mag_per_mag.filter(|term| !(-2.0..=2.0).contains(term)) {
         return refuse("colour_term_mag_per_mag", term.to_string(), "must lie between -2 and 2");
     }
     let Some(table) = &detector.quantum_efficiency else { return Ok(()) };

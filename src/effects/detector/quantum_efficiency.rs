@@ -17,7 +17,7 @@
 //!
 //! **Confused with.** Extinction in the air, which also depends on the altitude; the magnitude equation, which follows the brightness.
 //!
-//! **Neglected.** Lines and jumps of spectra (the Balmer jump is half a magnitude below 365 nm), reddening by dust, giants and dwarfs of one colour;
+//! **Neglected.** Lines and jumps of spectra (such as Balmer's below 365 nm), reddening by dust, giants and dwarfs of one colour;
 //! whether V(λ) answers to energy or to photons, which is 1 % at B − V = 1.5.
 //!
 //! **Source.** F. J. Ballesteros, EPL 97, 34008 (2012), equation 14, for the temperature; M. S. Bessell, PASP 102, 1181 (1990), table 2, for V(λ).
@@ -163,7 +163,7 @@ mod tests {
             assert!((found / expected - 1.0).abs() < 1e-6, "B - V = {colour}: {found} instead of {expected}");
         }
         // The temperature at the colour of the reference, from the formula by hand, and a colour beyond the relation.
-        assert!((temperature_k(0.6) - 5967.543_45).abs() < 1e-4);
+        assert!((temperature_k(0.6) - 5_967.543_45).abs() < 1e-4);
         assert_eq!(silicon.relative(Some(9.0)), silicon.relative(Some(2.0)));
         assert_eq!(silicon.relative(None), 1.0);
     }

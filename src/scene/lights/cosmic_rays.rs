@@ -6,8 +6,8 @@
 //! of h/cos θ a particle leaves q·h/cos θ·(1 + 0.15·λ) electrons, λ by Moyal's law, the approximation of Landau's, spread along its track on the pixels and
 //! diffused by a Gaussian.
 //!
-//! **Parameters.** In a scene, `[cosmic_rays]`: `expected_per_s`: particles that cross the whole frame in a second, about 1/min for each cm² on the ground, a few
-//! per second and cm² in orbit; `thickness_um` (h); `pitch_um`: from pixel to pixel; `electrons_per_um` (q): most probable charge per length, about 80 in
+//! **Parameters.** In a scene, `[cosmic_rays]`: `expected_per_s`: particles that cross the whole frame in a second; in low orbit about one for each cm² (1.7 in a
+//! CCD of the first wide-field camera of the Space Telescope), up to 1100 in the South Atlantic anomaly; `thickness_um` (h); `pitch_um`: from pixel to pixel; `electrons_per_um` (q): most probable charge per length, about 80 in
 //! silicon; `diffusion_px`: width σ to which the charge diffuses.
 //!
 //! **What it leaves when left out.** False stars, sharper than real ones, or short lines, in one frame only; stars that are drawn towards them.
@@ -17,7 +17,8 @@
 //! **Neglected.** Secondary particles, charge that diffuses more from greater depth, and that the charge's scatter is smaller than that of photons, with whose
 //! noise it is drawn.
 //!
-//! **Source.** J. E. Moyal, Phil. Mag. 46, 263 (1955), for the law of the charge.
+//! **Source.** J. E. Moyal, Phil. Mag. 46, 263 (1955), for the law of the charge; N. D. Miles et al., arXiv:2006.00909, and the HST Data Handbook for
+//! rates.
 
 use rand::RngExt;
 use rand_distr::Distribution;
