@@ -261,7 +261,6 @@ fn the_centre_of_light_is_the_truth() {
     const HALF: usize = 22;
     let effects: Vec<String> = boresight::effects::DISPLACEMENTS
         .iter()
-        .filter(|effect| !effect.is_within_pixels())
         .filter(|effect| effect.segment() != boresight::effects::Segment::Projection)
         .filter(|effect| !["brown-conrady", "rolling-shutter"].contains(&effect.id()))
         .map(|effect| {
