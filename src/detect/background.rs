@@ -89,6 +89,22 @@ fn axis(edges: &[usize]) -> Vec<Axis> {
 }
 
 impl Background {
+    /// The same level and noise everywhere, DN.
+    pub(super) fn even(frame: &Frame, level_dn: f64, noise_dn: f64) -> Self {
+        let (x_edges, y_edges) = (edges(frame.width_px), edges(frame.height_px));
+        let cells = (x_edges.len() - 1) * (y_edges.len() - 1);
+        Self {
+            columns: axis(&x_edges),
+            rows: axis(&y_edges),
+            cells_x: x_edges.len() - 1,
+            level: vec![level_dn as f32; cells],
+            noise: vec![noise_dn as f32; cells],
+            row_offset: vec![0.0; frame.height_px],
+            least: 0.0,
+            floor_dn: noise_dn,
+        }
+    }
+
     /// Measures level and noise. `masked` pixels (hot, saturated) are left out.
     pub(super) fn measure(frame: &Frame, masked: &[bool]) -> Self {
         let (x_edges, y_edges) = (edges(frame.width_px), edges(frame.height_px));

@@ -19,7 +19,7 @@ const LEAST_SIDE_PX: usize = 9;
 const FIRST_SIGMA_PX: f64 = 1.2;
 const WIDE_SIGMA_PX: f64 = 3.5;
 /// Stars from this signal-to-noise ratio on have their own width fitted.
-const SNR_FOR_WIDTH: f64 = 30.0;
+pub(super) const SNR_FOR_WIDTH: f64 = 30.0;
 /// Fits narrower than this along the short axis are lone pixels or cosmic rays where the frame's own stars do not tell, px.
 const SHARPEST_PX: f64 = 0.45;
 /// Peaks that are fitted, at most.

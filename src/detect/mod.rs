@@ -11,11 +11,13 @@ mod defects;
 mod filter;
 mod fit;
 mod gain;
+mod known;
 mod measure;
 mod psf;
 mod shape;
 mod tail;
 
+pub use known::{KnownFit, KnownSky, fit_known};
 pub use measure::detect;
 
 use serde::{Deserialize, Serialize};

@@ -4,9 +4,11 @@ mod light;
 mod mask;
 mod mosaic;
 mod pixel_shift;
+mod signature;
 mod truth;
 
 pub use mask::MaskFlag;
+pub use signature::{Bench, Measured, Probe, signature};
 pub use truth::{TrueLight, TrueStar};
 
 use rayon::prelude::*;

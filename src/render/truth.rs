@@ -13,11 +13,6 @@ pub struct TrueStar {
     pub frame: usize,
     /// Catalogue number.
     pub hip: u32,
-    /// Column at which a camera of the true projection, focal length and principal point would show the catalogue's direction at the middle of
-    /// the exposure, if nothing displaced it: neither the sky (from proper motion to refraction) nor distortion nor detector.
-    pub x_ideal_px: Option<f64>,
-    /// Row of the same.
-    pub y_ideal_px: Option<f64>,
     /// Column at the middle of the exposure (with a rolling shutter: of the exposure of the row that is lit).
     pub x_px: f64,
     /// Row at the middle of the exposure.
@@ -43,10 +38,21 @@ pub struct TrueStar {
     pub electrons_landed: f64,
     /// The same in its brightest pixel.
     pub peak_electrons: f64,
-    /// Electrons that this pixel is expected to hold without any star: sky, stray light, dark current.
-    pub background_e: f64,
     /// Electrons over their expected standard error where every pixel is weighted in the best way: √Σ s²/(s + background + read noise²).
     pub snr: f64,
+    /// One of its pixels is expected to be full, by its own light and the background.
+    pub saturated: bool,
+    /// Another star with at least a twentieth of this one's light lies within 6 σ of the PSF.
+    pub blended: bool,
+    /// Part of the light falls beside the frame (more than 1 %).
+    pub edge: bool,
+    /// Column at which a camera of the true projection, focal length and principal point would show the catalogue's direction at the middle of
+    /// the exposure, if nothing displaced it: neither the sky (from proper motion to refraction) nor distortion nor detector.
+    pub x_ideal_px: Option<f64>,
+    /// Row of the same.
+    pub y_ideal_px: Option<f64>,
+    /// Electrons that its brightest pixel is expected to hold without any star: sky, stray light, dark current.
+    pub background_e: f64,
     /// Shift along the columns that pixel effects add, before saturation and converter: the centre of the star's light, weighted by its electrons,
     /// after all of them less that before the first. Zero where no such effect is on; absent beside other stars, at the edge, of joined pixels, and
     /// where it was not asked for. Windows reach 4 σ and 3 px beyond the star's way.
@@ -55,12 +61,6 @@ pub struct TrueStar {
     pub y_pixels_px: Option<f64>,
     /// Electrons in that window after all pixel effects over those before the first.
     pub flux_pixels_ratio: Option<f64>,
-    /// One of its pixels is expected to be full, by its own light and the background.
-    pub saturated: bool,
-    /// Another star with at least a twentieth of this one's light lies within 6 σ of the PSF.
-    pub blended: bool,
-    /// Part of the light falls beside the frame (more than 1 %).
-    pub edge: bool,
 }
 
 /// What shines or leaves charge and is no star; a row of `truth/lights.csv`.

@@ -22,6 +22,7 @@ mod noise;
 mod orbit;
 mod recording;
 mod scene;
+mod signatures;
 mod sky_light;
 mod spreads;
 mod stages;

@@ -15,6 +15,9 @@
 //! **What it leaves when left out.** Widths that grow with the flux, by up to 2 % at full well; flats whose variance falls below the mean by the part
 //! 4·s·N, which is missing from a gain measured by photon transfer. Hardly any displacement.
 //!
+//! **Rendered.** An image of σ² = 0.9 px² with a peak of N electrons: σ² grows by the part 1.03·s·N by its moments, 1.09·s·N by the program's fit, in
+//! proportion to the flux (cosine 0.9999); its centre moves by less than 10⁻⁵ px.
+//!
 //! **Confused with.** Non-linear response (which makes cores flat too, but loses flux); charge diffusion, which does not follow the flux.
 //!
 //! **Neglected.** Charge more than 2 pixels away; the difference between the barriers along and across the columns; second order in s (the field is

@@ -26,6 +26,10 @@
 //! **What it leaves when left out.** Residuals along y in proportion to the row, larger for faint stars: 0.01 to 0.1 px after years of
 //! radiation.
 //!
+//! **Rendered.** Stars of one brightness are moved in proportion to the row (cosine 0.995 and more). With β = ½ on a dark sky, over 10³ to 10⁵ electrons,
+//! the exponent is 0.46 by the centre of mass and 0.39 by the fit, 0.33 and 0.31 under a sky of 50 electrons, which fills traps; the cosine with the
+//! formula's ½ is 0.994 and more, and 0.975.
+//!
 //! **Confused with.** The aspect of the pixels (cosine 0.75), a step between amplifiers (0.67), the magnitude equation (0.56). Bright and faint
 //! stars at the same rows tell them apart, and the tails of the images.
 //!

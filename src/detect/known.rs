@@ -1,0 +1,59 @@
+//! The same fit under a sky that is known: for images made without noise, of which level and noise cannot be measured.
+
+use super::background::Background;
+use super::fit::{Freedom, Model, Scene, radius_px};
+use super::measure::SNR_FOR_WIDTH;
+use super::psf::Shape;
+use crate::frame::Frame;
+
+/// What is known of a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnownSky {
+    /// Level of the sky, DN.
+    pub background_dn: f64,
+    /// Noise that a pixel of the sky would have, DN.
+    pub noise_dn: f64,
+    /// Electrons per count.
+    pub gain_e_per_dn: f64,
+    /// Width (Gaussian σ before the pixel integrates it) of the frame's typical star.
+    pub psf_sigma_px: f64,
+}
+
+/// A star as fitted under a known sky.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnownFit {
+    /// Column of the centre.
+    pub x_px: f64,
+    /// Row of the centre.
+    pub y_px: f64,
+    /// Flux above the background, DN.
+    pub flux_dn: f64,
+    /// Width (Gaussian σ); that of the typical star where the star is too faint to tell its own.
+    pub width_px: f64,
+}
+
+/// Fits stars near these places (column, row) as [`super::detect`] does where images are round: the width of bright stars is free, that of faint
+/// ones the typical. `None` where a fit fails or leaves its place.
+#[must_use]
+pub fn fit_known(frame: &Frame, places_px: &[[f64; 2]], known: &KnownSky) -> Vec<Option<KnownFit>> {
+    let background = Background::even(frame, known.background_dn, known.noise_dn);
+    let masked = vec![false; frame.pixels_dn.len()];
+    let scene = Scene {
+        frame,
+        background: &background,
+        masked: &masked,
+        variance_per_dn: 1.0 / known.gain_e_per_dn,
+        noise_floor_dn: known.noise_dn,
+    };
+    let shape = Shape::round(known.psf_sigma_px);
+    let fit = |[x, y]: &[f64; 2]| {
+        // The flux is found before the first step, whatever it begins with.
+        let start = Model { x: *x, y: *y, flux_dn: 1.0, shape, radius: radius_px(shape) };
+        let of_known_width = scene.fit(start, Freedom::Fixed, &[])?;
+        let is_bright = of_known_width.model.flux_dn > SNR_FOR_WIDTH * of_known_width.flux_sigma_dn;
+        let found = if is_bright { scene.fit(of_known_width.model, Freedom::Width, &[])? } else { of_known_width };
+        let model = found.model;
+        Some(KnownFit { x_px: model.x, y_px: model.y, flux_dn: model.flux_dn, width_px: model.shape.sigma_px() })
+    };
+    places_px.iter().map(fit).collect()
+}
