@@ -45,7 +45,7 @@ pub struct Bench<'a> {
 }
 
 impl<'a> Bench<'a> {
-    /// The camera of a scene: its point spread and its pixel effects.
+    /// The camera of a scene: its point spread and its pixel effects. Pixels that the scene joins are shown as single ones.
     pub fn new(scene: &'a Scene) -> Result<Self, ImagingError> {
         let config = ImagingConfig {
             width_px: scene.camera.width_px,
