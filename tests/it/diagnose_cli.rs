@@ -76,11 +76,12 @@ fn a_diagnosis_is_an_object_a_page_tables_and_pictures() {
     let ran = run(&["simulate", text(&scene), "-o", text(&again), "--backend", "cpu"]);
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     let stars = |folder: &Path| -> std::collections::BTreeMap<(String, String), [f64; 2]> {
+        let table = folder.join("truth/stars.csv");
+        let head = csv::Reader::from_path(&table).unwrap().headers().unwrap().clone();
+        let column = |name: &str| head.iter().position(|other| other == name).unwrap();
+        let [x, y] = ["x_px", "y_px"].map(column);
         let number = |text: &str| text.parse().unwrap();
-        rows(&folder.join("truth/stars.csv"))
-            .iter()
-            .map(|row| ((row[0].to_owned(), row[1].to_owned()), [number(&row[2]), number(&row[3])]))
-            .collect()
+        rows(&table).iter().map(|row| ((row[0].to_owned(), row[1].to_owned()), [number(&row[x]), number(&row[y])])).collect()
     };
     let (truth, found) = (stars(&recording), stars(&again));
     let mut distances: Vec<f64> = truth.iter().filter_map(|(star, [x, y])| found.get(star).map(|[a, b]| (x - a).hypot(y - b))).collect();
