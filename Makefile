@@ -8,7 +8,7 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test check format lint doc deny bench bench-render study blind peers catalog runtime
+.PHONY: help demo test check format lint doc deny bench bench-render bench-identify study blind peers catalog runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
@@ -16,6 +16,7 @@ help:
 	@echo "make check    format, lint, test, doc, deny: what a change has to pass"
 	@echo "make bench    benchmarks"
 	@echo "make bench-render  what a frame costs, beside numpy, photutils and GalSim (takes PyPI): docs/studies/render.txt"
+	@echo "make bench-identify  identification under stress, beside tetra3rs (takes PyPI and half an hour): docs/studies/identify.txt"
 	@echo "make study    calibrators on wrong identifications and on clean data, against rivals and bounds: outputs/; STUDY=--quick for a minute"
 	@echo "make blind    conceals effects in star lists and in frames of pixels, diagnoses them and scores: outputs/blind, docs/studies/blind.md; hours"
 	@echo "make peers    the calibrator beside tetra3rs, scipy and OpenCV: benches/peers (takes PyPI and half an hour)"
@@ -55,6 +56,14 @@ bench-render: runtime
 	$(PEERS)/bin/python -m pip install --quiet --requirement benches/peers/requirements.txt
 	$(PEERS)/bin/python -m pip install --quiet photutils==3.0.0 galsim==2.8.5 || echo "bench-render: going on without photutils and GalSim" >&2
 	$(CARGO) bench --locked --bench render -- --python $(abspath $(PEERS))/bin/python --page docs/studies/render.txt
+
+# Thousands of star lists a row; IDENTIFY="--trials 100" for a few minutes.
+IDENTIFY ?= --trials 1000 --star-free 10000
+bench-identify:
+	test -x $(PEERS)/bin/python || python3 -m venv $(PEERS)
+	$(PEERS)/bin/python -m pip install --quiet --requirement benches/peers/requirements.txt
+	$(PEERS)/bin/python -m pip install --quiet tetra3rs==0.14.0 || echo "bench-identify: going on without tetra3rs" >&2
+	$(CARGO) bench --locked --bench identify -- $(IDENTIFY) --python $(abspath $(PEERS))/bin/python --page docs/studies/identify.txt
 
 study:
 	$(CARGO) run --locked --release --example misidentification -- -o outputs/misidentification $(STUDY)

@@ -45,8 +45,8 @@ pub(crate) struct SearchArgs {
     #[arg(long, value_name = "PX", value_parser = positive, allow_negative_numbers = true)]
     pub(crate) focal_length_px: Option<f64>,
     /// Give up on a frame after this time (the answer may then depend on the machine)
-    #[arg(long, value_name = "SECONDS", value_parser = positive, allow_negative_numbers = true)]
-    pub(crate) time_limit: Option<f64>,
+    #[arg(long, alias = "time-limit", value_name = "SECONDS", value_parser = positive, allow_negative_numbers = true)]
+    pub(crate) time_limit_s: Option<f64>,
 }
 
 /// Reads a number above 0.
@@ -59,7 +59,7 @@ impl SearchArgs {
     pub(crate) fn options(&self, measured: &Measured) -> IdentifyOptions {
         IdentifyOptions {
             nominal_focal_length_px: self.focal_length_px.or(measured.recording.camera.nominal_focal_length_px()),
-            time_limit: self.time_limit.map(Duration::from_secs_f64),
+            time_limit: self.time_limit_s.map(Duration::from_secs_f64),
             ..IdentifyOptions::default()
         }
     }

@@ -12,14 +12,18 @@ use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 
-use super::sky::{StarMap, Zones};
+use super::sky::Zones;
 use crate::catalog::Catalog;
 use crate::units::DEG_RAD;
 
 /// A star is in a level's triangles if fewer than this many brighter ones stand in the disc of area w² around it.
 const INDEX_STARS: usize = 18;
-/// The same for the denser set against which further detections are checked.
-const CHECK_STARS: usize = 48;
+/// Neighbours that are kept of every star of a level, the brightest: a candidate has to find them in the image.
+const NEIGHBOURS: usize = 14;
+/// How far away they may be, over the width of the level.
+const NEIGHBOUR_REACH: f64 = 0.55;
+/// Stands where a star has fewer neighbours.
+const NOBODY: [f32; 3] = [0.0; 3];
 /// Longest side of a triangle over the width of the level: from, to.
 const LONGEST: [f64; 2] = [0.12, 0.60];
 /// Least ratio of the shortest side to the longest.
@@ -29,8 +33,6 @@ const LEAST_EXCESS: f64 = 0.02;
 /// Width of the levels: the first, and the factor from one to the next.
 const FIRST_WIDTH_RAD: f64 = 3.0 * DEG_RAD;
 const LEVELS: usize = 12;
-/// Radius within which a detection must find a check star, over the width of the level.
-const CHECK_RADIUS: f64 = 0.0085;
 
 const LOG_STEP: f64 = 0.04;
 const LOG_BINS: usize = 41;
@@ -39,11 +41,11 @@ const MIDDLE_BINS: usize = 51;
 const SHORT_BINS: usize = 86;
 const QUANTUM: f64 = 65_535.0;
 
-/// A catalogue triangle: its stars in the order opposite the longest, the middle, the shortest side.
+/// A catalogue triangle.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Triangle {
-    /// Indices into the catalogue.
-    pub(super) stars: [u32; 3],
+struct Triangle {
+    /// Indices into the level's stars, in the order opposite the longest, the middle, the shortest side.
+    stars: [u32; 3],
     /// ln(longest/width) over its range, middle/longest, shortest/longest, as parts of 65,535.
     features: [u16; 3],
 }
@@ -80,14 +82,19 @@ impl Shape {
     }
 }
 
-/// The triangles and check stars for one width of field.
+/// The stars of one width of field and their triangles.
 #[derive(Debug)]
 pub(super) struct Level {
     /// Width of the fields that this level is for.
     width_rad: f64,
-    /// For the check of further detections.
-    pub(super) map: StarMap,
-    triangles: Vec<Triangle>,
+    /// Directions of the level's stars, brightest first: few, so that they stay in the processor's cache.
+    pub(super) vectors: Vec<Vector3<f64>>,
+    /// For each star the directions of its brightest neighbours, brightest first: side by side, so that a candidate costs one
+    /// look into memory.
+    neighbours: Vec<[[f32; 3]; NEIGHBOURS]>,
+    /// The triangles in the order of their cells: shape and size, and apart from it (few are looked at) the stars.
+    features: Vec<[u16; 3]>,
+    triangles: Vec<[u32; 3]>,
     offsets: Vec<u32>,
     build_time: Duration,
 }
@@ -190,8 +197,10 @@ impl Index {
 impl Level {
     fn build(vectors: &[Vector3<f64>], width_rad: f64) -> Self {
         let start = Instant::now();
-        let (index_stars, check_stars) = select(vectors, width_rad);
-        let unsorted = triangles_of(vectors, &index_stars, width_rad);
+        let vectors: Vec<Vector3<f64>> = select(vectors, width_rad).into_iter().map(|star| vectors[star as usize]).collect();
+        let zones = Zones::new(&vectors, 0..vectors.len() as u32, reach_rad(LONGEST[1] * width_rad).min(0.5));
+        let unsorted = triangles_of(&vectors, &zones, width_rad);
+        let neighbours = neighbours_of(&vectors, &zones, width_rad);
         let mut offsets = vec![0_u32; LOG_BINS * MIDDLE_BINS * SHORT_BINS + 1];
         for triangle in &unsorted {
             offsets[triangle.cell() + 1] += 1;
@@ -200,29 +209,29 @@ impl Level {
             offsets[cell] += offsets[cell - 1];
         }
         let mut places = offsets.clone();
-        let mut triangles = vec![Triangle { stars: [0; 3], features: [0; 3] }; unsorted.len()];
+        let (mut triangles, mut features) = (vec![[0; 3]; unsorted.len()], vec![[0; 3]; unsorted.len()]);
         for triangle in unsorted {
             let place = &mut places[triangle.cell()];
-            triangles[*place as usize] = triangle;
+            (triangles[*place as usize], features[*place as usize]) = (triangle.stars, triangle.features);
             *place += 1;
         }
-        let map = StarMap::new(vectors, &check_stars, CHECK_RADIUS * width_rad);
-        Self { width_rad, map, triangles, offsets, build_time: start.elapsed() }
+        Self { width_rad, vectors, neighbours, features, triangles, offsets, build_time: start.elapsed() }
     }
 
     fn bytes(&self) -> usize {
-        self.map.bytes() + size_of_val(&*self.triangles) + size_of_val(&*self.offsets)
+        let stars = size_of_val(&*self.vectors) + size_of_val(&*self.neighbours);
+        stars + size_of_val(&*self.features) + size_of_val(&*self.triangles) + size_of_val(&*self.offsets)
     }
 
-    /// Calls `found` for every triangle whose ln(longest) is within `log_tolerance` and whose ratios are within
+    /// The directions of the brightest neighbours of a star, brightest first.
+    pub(super) fn neighbours(&self, star: u32) -> impl Iterator<Item = Vector3<f64>> {
+        let all = &self.neighbours[star as usize];
+        all.iter().take_while(|v| **v != NOBODY).map(|v| Vector3::from(v.map(f64::from)))
+    }
+
+    /// Calls `found` with the stars (opposite the longest, the middle, the shortest side) of every triangle whose ln(longest) is within `log_tolerance` and whose ratios are within
     /// `ratio_tolerance` of the given shape; stops when it returns `false`.
-    pub(super) fn look_up(
-        &self,
-        shape: &Shape,
-        log_tolerance: f64,
-        ratio_tolerance: f64,
-        mut found: impl FnMut(&Triangle) -> bool,
-    ) -> bool {
+    pub(super) fn look_up(&self, shape: &Shape, log_tolerance: f64, ratio_tolerance: f64, mut found: impl FnMut([u32; 3]) -> bool) -> bool {
         let log = (shape.longest / (LONGEST[0] * self.width_rad)).ln();
         let bins = |low: f64, high: f64, step: f64, count: usize| {
             (high >= 0.0 && low < step * count as f64).then(|| ((low / step).max(0.0) as usize, ((high / step) as usize).min(count - 1)))
@@ -243,10 +252,10 @@ impl Level {
             for s in s0..=s1 {
                 let row = (m * SHORT_BINS + s) * LOG_BINS;
                 let (start, end) = (self.offsets[row + l0] as usize, self.offsets[row + l1 + 1] as usize);
-                for triangle in &self.triangles[start..end] {
-                    let [l, m, s] = triangle.features;
-                    let inside = |value: u16, (low, high): (u16, u16)| value >= low && value <= high;
-                    if inside(l, log_window) && inside(m, middle_window) && inside(s, short_window) && !found(triangle) {
+                for (number, &[l, m, s]) in (start..end).zip(&self.features[start..end]) {
+                    let inside = |value: u16, (low, high): (u16, u16)| value.wrapping_sub(low) <= high - low;
+                    let inside = inside(l, log_window) & inside(m, middle_window) & inside(s, short_window);
+                    if inside && !found(self.triangles[number]) {
                         return false;
                     }
                 }
@@ -275,11 +284,11 @@ fn to_parts(value: f64) -> u16 {
     (value.clamp(0.0, 1.0) * QUANTUM).round() as u16
 }
 
-/// The stars of a level: those of its triangles and those of its check table, each in order of brightness.
-fn select(vectors: &[Vector3<f64>], width_rad: f64) -> (Vec<u32>, Vec<u32>) {
+/// The stars of a level in order of brightness.
+fn select(vectors: &[Vector3<f64>], width_rad: f64) -> Vec<u32> {
     let radius_rad = (width_rad / std::f64::consts::PI.sqrt()).min(1.4);
     // The brightest stars crowd along the Milky Way by a factor of two or three; fainter ones than these are never chosen.
-    let enough = 4.0 * CHECK_STARS as f64 * 4.0 * std::f64::consts::PI / (width_rad * width_rad);
+    let enough = 10.0 * INDEX_STARS as f64 * 4.0 * std::f64::consts::PI / (width_rad * width_rad);
     let count = vectors.len().min(enough as usize + 100);
     let zones = Zones::new(vectors, 0..count as u32, radius_rad.min(0.5));
     let all: Vec<u32> = (0..count as u32).collect();
@@ -292,16 +301,40 @@ fn select(vectors: &[Vector3<f64>], width_rad: f64) -> (Vec<u32>, Vec<u32>) {
         };
         stars.iter().map(count).collect()
     });
-    let among = |limit: usize| (0..count as u32).filter(|&star| brighter[star as usize] < limit).collect();
-    (among(INDEX_STARS), among(CHECK_STARS))
+    (0..count as u32).filter(|&star| brighter[star as usize] < INDEX_STARS).collect()
+}
+
+/// The angle that belongs to a chord.
+fn reach_rad(chord: f64) -> f64 {
+    2.0 * (chord / 2.0).min(1.0).asin()
+}
+
+/// For each star the brightest of those around it.
+fn neighbours_of(vectors: &[Vector3<f64>], zones: &Zones, width_rad: f64) -> Vec<[[f32; 3]; NEIGHBOURS]> {
+    let all: Vec<u32> = (0..vectors.len() as u32).collect();
+    in_threads(&all, |stars| {
+        let mut near = Vec::new();
+        let of = |&star: &u32| {
+            near.clear();
+            zones.within(vectors, &vectors[star as usize], NEIGHBOUR_REACH * width_rad, &mut near);
+            near.retain(|&other| other != star);
+            near.sort_unstable();
+            let mut all = [NOBODY; NEIGHBOURS];
+            for (place, other) in all.iter_mut().zip(&near) {
+                *place = vectors[*other as usize].cast::<f32>().into();
+            }
+            all
+        };
+        stars.iter().map(of).collect()
+    })
 }
 
 /// All usable triangles of the stars, each once.
-fn triangles_of(vectors: &[Vector3<f64>], stars: &[u32], width_rad: f64) -> Vec<Triangle> {
+fn triangles_of(vectors: &[Vector3<f64>], zones: &Zones, width_rad: f64) -> Vec<Triangle> {
     let (least, most) = (LONGEST[0] * width_rad, LONGEST[1] * width_rad);
-    let reach_rad = 2.0 * (most / 2.0).min(1.0).asin();
-    let zones = Zones::new(vectors, stars.iter().copied(), reach_rad.min(0.5));
-    in_threads(stars, |firsts| {
+    let reach_rad = reach_rad(most);
+    let all: Vec<u32> = (0..vectors.len() as u32).collect();
+    in_threads(&all, |firsts| {
         let (mut near, mut triangles) = (Vec::new(), Vec::new());
         for &first in firsts {
             near.clear();

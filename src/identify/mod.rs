@@ -13,6 +13,7 @@ mod control;
 mod index;
 mod listed;
 mod misidentify;
+mod naming;
 mod odds;
 mod refine;
 mod search;
@@ -92,7 +93,8 @@ pub struct IdentifyOptions {
     pub parity: Option<i8>,
     /// A match is accepted only if detections without these stars would match as well with less than this probability.
     pub max_false_match_probability: f64,
-    /// Give up after this time. Without a limit the answer is the same on every machine.
+    /// Give up after this time. Without a limit the answer is the same on every machine. Levels of the index that are needed
+    /// for the first time are built on this time too: call [`Index::build`] before.
     pub time_limit: Option<Duration>,
 }
 

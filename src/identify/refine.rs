@@ -44,7 +44,7 @@ impl Pose {
         }
         let ideal = [self.focal_px * v.x / v.z, self.focal_px * v.y / v.z];
         // r_ideal = r (1 − κ r²): Newton's method in the one radius, in units of the corner.
-        let target = ideal[0].hypot(ideal[1]) / corner_px;
+        let target = (ideal[0] * ideal[0] + ideal[1] * ideal[1]).sqrt() / corner_px;
         if target > 3.0 {
             return None;
         }
@@ -146,7 +146,8 @@ impl Overlay {
 
 /// The rotation nearest to a matrix that has drifted from one.
 fn orthonormal(m: &Matrix3<f64>) -> Matrix3<f64> {
-    *UnitQuaternion::from_matrix(m).to_rotation_matrix().matrix()
+    // The quaternion of a matrix that is nearly one, normed: no iteration.
+    *UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*m)).to_rotation_matrix().matrix()
 }
 
 /// One Gauss–Newton step of attitude, ln f and (if `fit_kappa`) κ on the pairs; residuals beyond a few times their median
@@ -173,7 +174,7 @@ fn step(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], pairs: &[Pair], 
     if rows.len() < 3 {
         return None;
     }
-    let mut lengths: Vec<f64> = rows.iter().map(|(_, [a, b])| a.hypot(*b)).collect();
+    let mut lengths: Vec<f64> = rows.iter().map(|(_, [a, b])| (a * a + b * b).sqrt()).collect();
     lengths.sort_unstable_by(f64::total_cmp);
     let scale = (2.0 * lengths[lengths.len() / 2]).max(0.05);
     let mut normal = SMatrix::<f64, FREE, FREE>::zeros();
@@ -228,8 +229,8 @@ pub(super) struct Supported {
     pub(super) ln_probability: f64,
 }
 
-/// Radii, in frame sizes, within which matches are counted: from half a pixel in a thousand to several.
-const RADII: [f64; 5] = [0.000_7, 0.001_5, 0.003, 0.006, 0.012];
+/// Radii, in frame sizes, within which matches are counted: from a quarter of a pixel in a thousand to several.
+const RADII: [f64; 6] = [0.000_25, 0.000_7, 0.001_5, 0.003, 0.006, 0.012];
 /// Catalogue stars laid over for one detection.
 const DEPTHS: [f64; 3] = [0.4, 1.0, 2.0];
 /// In the fit only so many stars are laid over that their circles cover this part of the frame: more would match by chance.
@@ -245,7 +246,7 @@ pub(super) fn refine(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], nea
     let used = points.centred_px.len().min(judges);
     let depth = |share: f64| ((used as f64 * share) as usize).max(8);
     let most = depth(DEPTHS[2]);
-    let wide = RADII[4] * points.size_px;
+    let wide = RADII[RADII.len() - 1] * points.size_px;
     let area = points.size_px * points.size_px;
     let sparse = |radius_px: f64| ((COVERED * area / (std::f64::consts::PI * radius_px * radius_px)) as usize).clamp(8, most);
     let mut pose = *pose;

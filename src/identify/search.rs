@@ -6,20 +6,36 @@ use nalgebra::{Matrix3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::index::{Index, Level, Shape, Triangle};
+use super::index::{Index, Level, Shape};
 use super::refine::{self, Points, Pose, Supported};
 use super::{IdentifyOptions, odds};
 
 /// Detections that are looked at in the check of a candidate of the brightest.
 const CHECKED: usize = 64;
-/// A candidate must find so many stars that chance finds as many with less than this (ln).
-const CHECK_LN_PROBABILITY: f64 = -3.0;
+/// Radius within which a catalogue star must find a detection, over the size of the frame.
+const CHECK_RADIUS: f64 = 0.0085;
+/// The share of the brightest catalogue stars in the frame that a right candidate finds, at least; and where there are only few
+/// detections, so that some of the brightest stars may be missing.
+const FOUND: f64 = 0.5;
+const FOUND_OF_FEW: f64 = 0.3;
+/// So many are few.
+const FEW: usize = 16;
+/// A candidate is given up at this ln of the likelihood over that of chance, and passed on at the other.
+const GIVE_UP: f64 = -2.6;
+const PASS_ON: f64 = 6.0;
+/// Passed on too if all neighbours are asked and it stands here.
+const PASS_AT_LAST: f64 = 3.0;
 /// Triangles by chance are drawn from so many of the brightest detections, and checked against as many.
 const DRAWN_FROM: usize = 200;
 
 /// Hypotheses in one pass over the focal lengths after which the rest of it is given up: narrow fields full of false
 /// detections would take for ever.
 const MOST_HYPOTHESES: u64 = 2_000_000;
+/// The same for one stage at one focal length, where all are searched: the catalogue has so many more triangles for fields of
+/// three degrees than for wide ones that they would take nearly all of the time.
+const MOST_IN_A_STEP: u64 = 2000;
+/// Hypotheses between two looks at the clock.
+const BETWEEN_LOOKS: u64 = 32;
 
 /// Which triangles of detections a stage tries.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,10 +79,11 @@ const fn narrow_only(choice: Choice, ratio_tolerance: f64, kappa: f64, coarser: 
     Stage { choice, ratio_tolerance, kappa, coarser, narrow_only: true }
 }
 
-/// From the likely and cheap to the rest: more detections for false stars, distortions of either sign, a wider tolerance for
-/// noise, and sparser stars for images that show only few.
-const STAGES: [Stage; 20] = [
+/// From the likely and cheap to the rest: sparser stars for images that show only few, more detections for false stars,
+/// distortions of either sign, a wider tolerance for noise.
+const STAGES: [Stage; 19] = [
     stage(Brightest(10), 0.003, 0.0, 0),
+    stage(Brightest(7), 0.003, 0.0, 2),
     stage(Brightest(16), 0.003, 0.0, 0),
     stage(Drawn(250), 0.003, 0.0, 0),
     stage(Brightest(9), 0.008, 0.0, 2),
@@ -74,18 +91,16 @@ const STAGES: [Stage; 20] = [
     stage(Brightest(22), 0.003, 0.0, 0),
     stage(Brightest(13), 0.006, -0.09, 0),
     stage(Brightest(13), 0.006, 0.04, 0),
-    stage(Brightest(11), 0.010, 0.0, 0),
     stage(Brightest(13), 0.006, -0.16, 0),
     stage(Brightest(13), 0.006, -0.24, 0),
     stage(Brightest(11), 0.008, 0.0, 1),
     stage(Brightest(12), 0.005, 0.0, -1),
     stage(Drawn(700), 0.003, 0.0, 0),
-    narrow_only(Brightest(16), 0.012, 0.0, 0),
+    narrow_only(Brightest(13), 0.012, 0.0, 0),
     narrow_only(Brightest(18), 0.006, -0.04, 0),
-    narrow_only(Brightest(32), 0.003, 0.0, 0),
     narrow_only(Brightest(18), 0.006, -0.16, 0),
     narrow_only(Brightest(12), 0.010, 0.0, -2),
-    narrow_only(Drawn(6000), 0.003, 0.0, 0),
+    narrow_only(Drawn(3000), 0.003, 0.0, 0),
 ];
 
 /// Why a search ended without an answer.
@@ -113,6 +128,8 @@ pub(super) struct Search<'a> {
     options: &'a IdentifyOptions,
     deadline: Option<(Instant, Duration)>,
     hypotheses: u64,
+    /// Hypotheses at which the stage goes on to the next focal length.
+    most: u64,
     best_probability: f64,
     found: Option<Found>,
 }
@@ -120,7 +137,7 @@ pub(super) struct Search<'a> {
 impl<'a> Search<'a> {
     pub(super) fn new(points: &'a Points, index: &'a Index, apparent: &'a [Vector3<f64>], options: &'a IdentifyOptions) -> Self {
         let deadline = options.time_limit.and_then(|limit| Some((Instant::now().checked_add(limit)?, limit)));
-        Self { points, index, apparent, options, deadline, hypotheses: 0, best_probability: 1.0, found: None }
+        Self { points, index, apparent, options, deadline, hypotheses: 0, most: 0, best_probability: 1.0, found: None }
     }
 
     /// Runs all stages over each list of focal lengths in turn until a hypothesis is accepted.
@@ -132,11 +149,16 @@ impl<'a> Search<'a> {
                 let same = |s: &&Stage| s.kappa == stage.kappa && s.coarser == stage.coarser && s.ratio_tolerance >= stage.ratio_tolerance;
                 let tried = |s: &Stage| if let Brightest(count) = s.choice { count } else { 0 };
                 let done = STAGES[..number].iter().filter(same).map(tried).max().unwrap_or(0);
-                for &(focal_px, log_tolerance) in &focal_lengths {
+                let (kappa, corner_px) = (stage.kappa, self.points.corner_px);
+                let judges = self.points.centred_px.iter().take(stage.judges());
+                let ideal: Vec<[f64; 2]> = judges.map(|p| undistort(*p, kappa, corner_px)).collect();
+                let map = PointMap::new(&ideal, self.points);
+                for &focal_length in &focal_lengths {
                     if self.hypotheses > begun + MOST_HYPOTHESES {
                         continue;
                     }
-                    if !self.try_focal_length(stage, done, focal_px, log_tolerance) {
+                    self.most = if narrow { u64::MAX } else { self.hypotheses + MOST_IN_A_STEP };
+                    if !self.try_focal_length(stage, done, (&ideal, &map), focal_length) {
                         if let Some(found) = self.found {
                             return Ok(found);
                         }
@@ -155,8 +177,8 @@ impl<'a> Search<'a> {
         let mut passes = Vec::new();
         if let Some(nominal) = self.options.nominal_focal_length_px {
             let reach = (1.0 + self.options.focal_length_tolerance).ln();
-            let half_step = self.half_step(nominal).min(reach.max(1e-6));
-            let steps = (reach / (2.0 * half_step)).ceil() as i32;
+            let steps = ((reach / self.half_step(nominal) - 1.0) / 2.0).ceil().max(0.0) as i32;
+            let half_step = (reach / (2.0 * f64::from(steps) + 1.0)).max(1e-6);
             let mut pass = vec![(nominal, half_step)];
             for k in 1..=steps {
                 let factor = (2.0 * half_step * f64::from(k)).exp();
@@ -180,14 +202,20 @@ impl<'a> Search<'a> {
         passes
     }
 
-    /// Half the step in ln f: 2 %, less in wide fields, where a wrong focal length changes the shape of triangles.
+    /// Half the step in ln f: the less the wider the field, where a wrong focal length changes the shape of triangles.
     fn half_step(&self, focal_px: f64) -> f64 {
-        let t = self.points.corner_px / focal_px;
-        0.02 / (1.0 + t * t)
+        let t2 = (self.points.corner_px / focal_px).powi(2);
+        (0.001_2 / t2).min(0.05).max(0.02 / (1.0 + t2))
     }
 
     /// Tries the triangles of a stage at one focal length. `false` = stop (found, or out of time).
-    fn try_focal_length(&mut self, stage: &Stage, done: usize, focal_px: f64, half_step: f64) -> bool {
+    fn try_focal_length(
+        &mut self,
+        stage: &Stage,
+        done: usize,
+        (ideal, map): (&[[f64; 2]], &PointMap),
+        (focal_px, half_step): (f64, f64),
+    ) -> bool {
         if self.out_of_time() {
             return false;
         }
@@ -201,10 +229,8 @@ impl<'a> Search<'a> {
         let width_rad = 2.0 * (points.size_px / (2.0 * focal_px)).atan();
         let index = self.index;
         let level = index.level_for(width_rad, stage.coarser);
-        let ideal: Vec<[f64; 2]> =
-            points.centred_px.iter().take(used.max(stage.judges())).map(|p| undistort(*p, stage.kappa, points.corner_px)).collect();
         let rays: Vec<Vector3<f64>> = ideal[..used].iter().map(|&[x, y]| Vector3::new(x, y, focal_px).normalize()).collect();
-        let context = Context { stage, level, ideal: &ideal, focal_px, half_step };
+        let context = Context { stage, level, ideal, map, half_px: points.half_px, corner_px: points.corner_px, focal_px, half_step };
         match stage.choice {
             Brightest(_) => {
                 let mut sides = vec![0.0; used * used];
@@ -220,6 +246,9 @@ impl<'a> Search<'a> {
                         if jk > most {
                             continue;
                         }
+                        if self.hypotheses > self.most {
+                            return true;
+                        }
                         for i in 0..j {
                             if !self.try_triangle(&context, [i, j, k], [jk, sides[i * used + k], sides[i * used + j]]) {
                                 return false;
@@ -232,7 +261,7 @@ impl<'a> Search<'a> {
                 let mut rng = Pcg64Mcg::seed_from_u64(used as u64);
                 let (mut tried, mut draws) = (0, 0);
                 // Narrow fields have more catalogue triangles for each of the image.
-                let most = self.hypotheses + 12 * wanted as u64;
+                let most = self.most.min(self.hypotheses + 12 * wanted as u64);
                 while tried < wanted && draws < 8 * wanted && self.hypotheses < most {
                     draws += 1;
                     let corners = [0; 3].map(|_| rng.random_range(0..used));
@@ -269,13 +298,13 @@ impl<'a> Search<'a> {
     }
 
     /// Tries one pair of triangles. `false` = accepted, stop.
-    fn try_candidate(&mut self, trial: &Trial<'_>, triangle: &Triangle) -> bool {
+    fn try_candidate(&mut self, trial: &Trial<'_>, triangle: [u32; 3]) -> bool {
         self.hypotheses += 1;
-        if self.hypotheses.is_multiple_of(1024) && self.out_of_time() {
+        if self.hypotheses.is_multiple_of(BETWEEN_LOOKS) && self.out_of_time() {
             return false;
         }
-        let Some(pose) = trial.pose(triangle, &self.index.vectors) else { return true };
-        if self.options.parity.is_some_and(|parity| f64::from(parity) != pose.parity) || !trial.checks_out(&pose) {
+        let Some(pose) = trial.pose(triangle) else { return true };
+        if self.options.parity.is_some_and(|parity| f64::from(parity) != pose.parity) || !trial.checks_out(triangle, &pose) {
             return true;
         }
         let boresight = Vector3::from(pose.rotation.row(2).transpose());
@@ -303,15 +332,15 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Primes: fewer than 37·41·23 detections are never a multiple of all.
-const CHECK_STRIDES: [usize; 3] = [37, 41, 23];
-
 /// A stage at one focal length.
 struct Context<'a> {
     stage: &'a Stage,
     level: &'a Level,
     /// Undistorted points: at least of the detections that form triangles.
     ideal: &'a [[f64; 2]],
+    map: &'a PointMap,
+    half_px: [f64; 2],
+    corner_px: f64,
     focal_px: f64,
     half_step: f64,
 }
@@ -335,11 +364,12 @@ struct Trial<'a> {
 
 impl Trial<'_> {
     /// The attitude, focal length and parity that lay the detections over the catalogue triangle.
-    fn pose(&self, triangle: &Triangle, vectors: &[Vector3<f64>]) -> Option<Pose> {
-        let sky = triangle.stars.map(|star| vectors[star as usize]);
+    fn pose(&self, triangle: [u32; 3]) -> Option<Pose> {
+        let sky = triangle.map(|star| self.context.level.vectors[star as usize]);
         let longest = (sky[1] - sky[2]).norm();
         // The focal length at which the longest side has the catalogue's length.
-        let focal_px = self.context.focal_px * ((longest / self.longest).ln() / self.sensitivity).exp();
+        let log = ln_near_1(longest / self.longest) / self.sensitivity;
+        let focal_px = self.context.focal_px * (1.0 + log * (1.0 + log * (0.5 + log / 6.0)));
         if !(focal_px.is_finite() && focal_px > 0.0) {
             return None;
         }
@@ -356,33 +386,104 @@ impl Trial<'_> {
         Some(Pose { rotation, focal_px, kappa: self.context.stage.kappa, parity })
     }
 
-    /// Whether more of the other detections find a star than would by chance.
-    fn checks_out(&self, pose: &Pose) -> bool {
+    /// Whether the brightest catalogue stars around the triangle are found in the image, more of them than by chance: a sequential
+    /// test, which for most candidates ends after four stars (Wald, Annals of Mathematical Statistics 16, 117, 1945).
+    fn checks_out(&self, triangle: [u32; 3], pose: &Pose) -> bool {
         let context = self.context;
-        let count = context.ideal.len().min(context.stage.judges());
-        let others = count.saturating_sub(3);
-        let to_sky = pose.rotation.transpose();
-        // Where most detections are false, more must be looked at before a candidate is given up.
-        let patience = if matches!(context.stage.choice, Brightest(_)) { 4 } else { 8 };
-        let (mut looked, mut hits) = (0, 0);
-        // Through the list in strides, so that bright and faint ones come early alike.
-        let stride = CHECK_STRIDES.into_iter().find(|stride| !count.is_multiple_of(*stride)).unwrap_or(1);
-        for step in 0..count {
-            let number = step * stride % count;
-            if self.corners.contains(&number) {
+        // Around the corner of the triangle nearest to the middle most neighbours are in the frame.
+        let from_middle = |side: usize| {
+            let [x, y] = context.ideal[self.corners[side]];
+            x * x + y * y
+        };
+        let central = (1..3).fold(0, |best, side| if from_middle(side) < from_middle(best) { side } else { best });
+        let (gain, loss) = (context.map.gain, context.map.loss);
+        let mut support = 0.0;
+        // The triangle itself is among the neighbours and always found: it is known by its place.
+        let own = self.corners.map(|corner| context.ideal[corner]);
+        for direction in context.level.neighbours(triangle[central]) {
+            let v = pose.rotation * direction;
+            if v.z <= 0.05 {
                 continue;
             }
-            let [x, y] = context.ideal[number];
-            let direction = to_sky * Vector3::new(x * pose.parity, y, pose.focal_px);
-            looked += 1;
-            hits += usize::from(context.level.map.has_star_near(&direction));
-            if (looked == patience && hits == 0) || (looked == 16 && hits < 2) {
+            let scale = pose.focal_px / v.z;
+            let (x, y) = (v.x * scale * pose.parity, v.y * scale);
+            // Where the measured point would be, roughly.
+            let shrink = 1.0 - pose.kappa * ((x * x + y * y) / (context.corner_px * context.corner_px)).min(1.0);
+            if x.abs() > context.half_px[0] * shrink || y.abs() > context.half_px[1] * shrink {
+                continue;
+            }
+            let reach_px = context.map.radius_px;
+            if own.iter().any(|[px, py]| (px - x).abs() < reach_px && (py - y).abs() < reach_px) {
+                continue;
+            }
+            support += if context.map.has_point_near(x, y) { gain } else { loss };
+            if support < GIVE_UP {
                 return false;
             }
+            if support > PASS_ON {
+                return true;
+            }
         }
-        let by_chance = others as f64 * context.level.map.covered;
-        hits > 0 && odds::ln_poisson_tail(by_chance, hits) < CHECK_LN_PROBABILITY
+        support > PASS_AT_LAST
     }
+}
+
+/// Answers "is there a detection near this place?" by one bit; small enough for the fastest cache.
+struct PointMap {
+    origin_px: [f64; 2],
+    cells_per_px: f64,
+    columns: usize,
+    rows: usize,
+    bits: Vec<u64>,
+    radius_px: f64,
+    /// ln of the likelihood, over that of chance, of a star that is found and of one that is not.
+    gain: f64,
+    loss: f64,
+}
+
+impl PointMap {
+    fn new(ideal: &[[f64; 2]], points: &Points) -> Self {
+        let radius_px = CHECK_RADIUS * points.size_px;
+        let cells_per_px = 2.5 / radius_px;
+        // Distortion may carry points out of the frame.
+        let reach = |axis: usize| ideal.iter().map(|p| p[axis].abs()).fold(points.half_px[axis], f64::max) + 2.0 * radius_px;
+        let origin_px = [-reach(0), -reach(1)];
+        let cells = |axis: usize| (-2.0 * origin_px[axis] * cells_per_px) as usize + 1;
+        let (columns, rows) = (cells(0), cells(1));
+        let mut bits = vec![0_u64; (columns * rows).div_ceil(64)];
+        for &[x, y] in ideal {
+            let (cx, cy) = ((x - origin_px[0]) * cells_per_px, (y - origin_px[1]) * cells_per_px);
+            for row in (cy - 2.5).max(0.0) as usize..=((cy + 2.5) as usize).min(rows - 1) {
+                for column in (cx - 2.5).max(0.0) as usize..=((cx + 2.5) as usize).min(columns - 1) {
+                    let (dx, dy) = (column as f64 + 0.5 - cx, row as f64 + 0.5 - cy);
+                    if dx * dx + dy * dy <= 2.5 * 2.5 {
+                        let cell = row * columns + column;
+                        bits[cell / 64] |= 1 << (cell % 64);
+                    }
+                }
+            }
+        }
+        let disc = std::f64::consts::PI * radius_px * radius_px / (4.0 * points.half_px[0] * points.half_px[1]);
+        let covered = (ideal.len() as f64 * disc).clamp(1e-6, 0.3);
+        let found = if ideal.len() <= FEW { FOUND_OF_FEW } else { FOUND };
+        let (gain, loss) = ((found / covered).ln(), ((1.0 - found) / (1.0 - covered)).ln());
+        Self { origin_px, cells_per_px, columns, rows, bits, radius_px, gain, loss }
+    }
+
+    fn has_point_near(&self, x_px: f64, y_px: f64) -> bool {
+        let (cx, cy) = ((x_px - self.origin_px[0]) * self.cells_per_px, (y_px - self.origin_px[1]) * self.cells_per_px);
+        if !(cx >= 0.0 && cy >= 0.0) || cx >= self.columns as f64 || cy >= self.rows as f64 {
+            return false;
+        }
+        let cell = cy as usize * self.columns + cx as usize;
+        self.bits[cell / 64] >> (cell % 64) & 1 == 1
+    }
+}
+
+/// ln, to 1e-6 for what a step of the focal length brings: the library's takes as long as the rest of a candidate.
+fn ln_near_1(ratio: f64) -> f64 {
+    let t = (ratio - 1.0) / (ratio + 1.0);
+    2.0 * t * (1.0 + t * t * (1.0 / 3.0 + t * t / 5.0))
 }
 
 /// Axes that belong to three directions: towards their mean, along the longest side, and across.

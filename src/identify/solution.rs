@@ -2,6 +2,7 @@
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
+use super::naming::{self, sure_pairs};
 use super::refine::{self, Pair, Points, Pose};
 use super::search::Found;
 use super::{Identification, IdentifyOptions, Index, MOST_DETECTIONS, Match, Solution};
@@ -72,7 +73,7 @@ pub(super) fn usable_points(detections: &Detections) -> Points {
     for number in order {
         let star = &detections.stars[number];
         let at = [star.x_px - middle[0], star.y_px - middle[1]];
-        let apart = |other: &[f64; 2]| (other[0] - at[0]).hypot(other[1] - at[1]) >= MERGE_PX;
+        let apart = |other: &[f64; 2]| (other[0] - at[0]).powi(2) + (other[1] - at[1]).powi(2) >= MERGE_PX * MERGE_PX;
         if points.centred_px.iter().all(apart) {
             points.centred_px.push(at);
             points.detection.push(number);
@@ -102,21 +103,28 @@ pub(super) fn solve(
     }
     let mut pose = found.pose;
     let mut radius_px = 0.006 * points.size_px;
+    let middle_px = points.half_px.map(|half| half - 0.5);
+    let matches_of = |pose: &Pose, radius_px: f64| {
+        let laid = Laid { width_px: detections.width_px, height_px: detections.height_px, parity: parity_of(pose) };
+        let pixel = |star: usize| {
+            let [x, y] = pose.project(&apparent[star], points.corner_px)?;
+            Some(PixelPoint { x_px: x + middle_px[0], y_px: y + middle_px[1] })
+        };
+        laid.matches(detections, catalog, pixel, near.iter().map(|&star| star as usize), radius_px)
+    };
     let mut matches = Vec::new();
     for _ in 0..4 {
-        let overlay = Laid { camera: camera_of(&pose, detections, points), attitude: attitude_of(&pose), parity: parity_of(&pose) };
-        matches = overlay.matches(detections, catalog, |star| apparent[star], near.iter().map(|&star| star as usize), radius_px);
+        matches = matches_of(&pose, radius_px);
         let pairs: Vec<Pair> = matches.iter().filter_map(|m| Some((point_of[m.detection]?, m.star as u32))).collect();
         let Some(fitted) = refine::fit(&pose, points, apparent, &pairs, pairs.len() >= 8) else { break };
         pose = fitted;
         // Five robust standard deviations: the median of a 2-D Gaussian's length is 1.177 σ.
-        let mut lengths: Vec<f64> = matches.iter().map(|m| m.residual_px[0].hypot(m.residual_px[1])).collect();
+        let mut lengths: Vec<f64> = matches.iter().map(|m| (m.residual_px[0].powi(2) + m.residual_px[1].powi(2)).sqrt()).collect();
         lengths.sort_unstable_by(f64::total_cmp);
         let sigma_px = lengths.get(lengths.len() / 2).map_or(1.0, |median| median / 1.177);
         radius_px = (5.0 * sigma_px).clamp(1.5_f64.min(radius_px), radius_px);
     }
-    let overlay = Laid { camera: camera_of(&pose, detections, points), attitude: attitude_of(&pose), parity: parity_of(&pose) };
-    let last = overlay.matches(detections, catalog, |star| apparent[star], near.iter().map(|&star| star as usize), radius_px);
+    let last = matches_of(&pose, radius_px);
     if last.len() >= 4 {
         matches = last;
     }
@@ -129,9 +137,9 @@ pub(super) fn solve(
         };
     }
     Identification::Identified(Solution {
-        attitude: overlay.attitude,
-        camera: overlay.camera,
-        parity: overlay.parity,
+        attitude: attitude_of(&pose),
+        camera: camera_of(&pose, detections, points),
+        parity: parity_of(&pose),
         rms_px: rms_px(&matches),
         matches,
         false_match_probability: found.false_match_probability,
@@ -156,72 +164,68 @@ fn parity_of(pose: &Pose) -> i8 {
     if pose.parity < 0.0 { -1 } else { 1 }
 }
 
-/// A camera laid over the sky.
+/// The sky laid over a frame.
 struct Laid {
-    camera: Camera,
-    attitude: Attitude,
+    width_px: usize,
+    height_px: usize,
     parity: i8,
 }
 
 impl Laid {
-    /// The detections and catalogue stars that belong together: unique, nearest, uncrowded, of plausible brightness.
+    /// The detections and catalogue stars that belong together: surely, uncrowded, of plausible brightness. `pixel` says where
+    /// in the un-mirrored frame a star of the catalogue belongs.
     fn matches(
         &self,
         detections: &Detections,
         catalog: &Catalog,
-        direction: impl Fn(usize) -> Vector3<f64>,
+        pixel: impl Fn(usize) -> Option<PixelPoint>,
         candidates: impl Iterator<Item = usize>,
         radius_px: f64,
     ) -> Vec<Match> {
-        let rotation = self.attitude.camera_from_icrs.to_rotation_matrix();
+        let margin = radius_px.max(CROWDED_PX);
+        let inside = |c: f64, size: usize| c > -0.5 - margin && c < size as f64 - 0.5 + margin;
         // (y, x, star), sorted by y so that neighbours are found in a narrow band.
         let mut stars: Vec<(f64, f64, usize)> = candidates
             .filter_map(|star| {
-                let v = rotation * direction(star);
-                let point = self.camera.pixel(&Direction::from_unit([v.x, v.y, v.z]))?;
-                let margin = radius_px.max(CROWDED_PX);
-                let inside = |c: f64, size: usize| c > -0.5 - margin && c < size as f64 - 0.5 + margin;
-                (inside(point.x_px, self.camera.width_px) && inside(point.y_px, self.camera.height_px))
-                    .then_some((point.y_px, point.x_px, star))
+                let point = pixel(star)?;
+                (inside(point.x_px, self.width_px) && inside(point.y_px, self.height_px)).then_some((point.y_px, point.x_px, star))
             })
             .collect();
         stars.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.2.cmp(&b.2)));
         let band = |y: f64, reach: f64| {
             let start = stars.partition_point(|s| s.0 < y - reach);
-            stars[start..].iter().take_while(move |s| s.0 <= y + reach)
+            stars.iter().enumerate().skip(start).take_while(move |(_, s)| s.0 <= y + reach)
         };
-        let mut pairs: Vec<(f64, Match)> = Vec::new();
+        let mut pairs = Vec::new();
         for (number, detection) in detections.stars.iter().enumerate() {
             if !(detection.x_px.is_finite() && detection.y_px.is_finite()) {
                 continue;
             }
-            let x = unmirrored_x(self.parity, self.camera.width_px, detection.x_px);
-            for &(star_y, star_x, star) in band(detection.y_px, radius_px) {
-                let residual = [x - star_x, detection.y_px - star_y];
-                let length = residual[0].hypot(residual[1]);
-                if length <= radius_px {
-                    pairs.push((length, Match { detection: number, star, residual_px: residual }));
+            let x = unmirrored_x(self.parity, self.width_px, detection.x_px);
+            for (star, &(star_y, star_x, _)) in band(detection.y_px, radius_px) {
+                let distance2_px2 = (x - star_x).powi(2) + (detection.y_px - star_y).powi(2);
+                if distance2_px2 <= radius_px * radius_px {
+                    pairs.push(naming::Pair { detection: number, star, distance2_px2 });
                 }
             }
         }
-        pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.detection.cmp(&b.1.detection)).then(a.1.star.cmp(&b.1.star)));
-        let mut taken_detections = vec![false; detections.stars.len()];
-        let mut taken_stars = std::collections::BTreeSet::new();
-        let mut matches = Vec::new();
-        for (_, pair) in pairs {
-            if !taken_detections[pair.detection] && !taken_stars.contains(&pair.star) {
-                taken_detections[pair.detection] = true;
-                taken_stars.insert(pair.star);
-                matches.push(pair);
-            }
-        }
+        let bright = |flux: f64| (flux > 0.0 && flux.is_finite()).then(|| -2.5 * flux.log10());
+        let detection_mag: Vec<Option<f64>> = detections.stars.iter().map(|detection| bright(detection.flux_dn)).collect();
+        let star_mag: Vec<f64> = stars.iter().map(|&(_, _, star)| catalog.stars[star].magnitude).collect();
+        let area_px2 = (self.width_px * self.height_px) as f64;
+        let of = |pair: naming::Pair| {
+            let ((star_y, star_x, star), detection) = (stars[pair.star], &detections.stars[pair.detection]);
+            let x = unmirrored_x(self.parity, self.width_px, detection.x_px);
+            Match { detection: pair.detection, star, residual_px: [x - star_x, detection.y_px - star_y] }
+        };
+        let mut matches: Vec<Match> = sure_pairs(pairs, &detection_mag, &star_mag, area_px2).into_iter().map(of).collect();
         let crowded = |m: &Match| {
             let detection = &detections.stars[m.detection];
-            let x = unmirrored_x(self.parity, self.camera.width_px, detection.x_px) - m.residual_px[0];
+            let x = unmirrored_x(self.parity, self.width_px, detection.x_px) - m.residual_px[0];
             let y = detection.y_px - m.residual_px[1];
-            band(y, CROWDED_PX).any(|&(other_y, other_x, other)| {
+            band(y, CROWDED_PX).any(|(_, &(other_y, other_x, other))| {
                 other != m.star
-                    && (other_x - x).hypot(other_y - y) < CROWDED_PX
+                    && (other_x - x).powi(2) + (other_y - y).powi(2) < CROWDED_PX * CROWDED_PX
                     && catalog.stars[other].magnitude < catalog.stars[m.star].magnitude + CROWDED_MAG
             })
         };
@@ -296,7 +300,7 @@ impl Solution {
     }
 
     /// All matches of the frame with this attitude and with `camera` (which may be better than this solution's own, for
-    /// example calibrated), within `radius_px`: unique, the nearest first; stars with a neighbour of similar brightness within
+    /// example calibrated), within `radius_px`: unique, of the probability 0.99 by place and brightness; stars with a neighbour of similar brightness within
     /// 3 px are left out, and so are detections far too bright or too faint for their star.
     ///
     /// `directions` as for [`super::identify`]; `camera` describes the un-mirrored image.
@@ -309,8 +313,12 @@ impl Solution {
         camera: &Camera,
         radius_px: f64,
     ) -> Vec<Match> {
-        let laid = Laid { camera: *camera, attitude: self.attitude, parity: self.parity };
-        let direction = |star: usize| Vector3::from(directions.get(star).map_or(catalog.stars[star].direction.xyz, |d| d.xyz));
-        laid.matches(detections, catalog, direction, 0..catalog.stars.len(), radius_px)
+        let laid = Laid { width_px: camera.width_px, height_px: camera.height_px, parity: self.parity };
+        let rotation = self.attitude.camera_from_icrs.to_rotation_matrix();
+        let pixel = |star: usize| {
+            let v = rotation * Vector3::from(directions.get(star).map_or(catalog.stars[star].direction.xyz, |d| d.xyz));
+            camera.pixel(&Direction::from_unit([v.x, v.y, v.z]))
+        };
+        laid.matches(detections, catalog, pixel, 0..catalog.stars.len(), radius_px)
     }
 }

