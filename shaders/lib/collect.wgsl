@@ -1,6 +1,6 @@
 // Collects the light of the stars whose point spread is a product of two profiles, in two steps and without atomics, so that a run repeats to
 // the bit. POINT_SPREAD_quad(star, first, fraction) is the share of a star's light along an axis in four pixels.
-//   profiles: for each entry of the tiles' lists, the star's profile along the tile's 16 columns and 16 rows; an invocation is four numbers.
+//   profiles: for each entry of the tiles' lists, the star's profile along the tile's 16 columns and 16 rows; an invocation is one of the two.
 //   collect:  a workgroup is a tile, an invocation is a square of four times four pixels that goes through its tile's list in catalogue order.
 // Some drivers fetch each invocation's memory one after the other: few large accesses are faster than many small ones.
 
@@ -40,20 +40,24 @@ struct Entry {
 @compute @workgroup_size(64)
 fn profiles(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) local: u32) {
     let index = (group.y * groups.x + group.x) * 64u + local;
-    if (index >= 8u * part.all_entries) {
+    if (index >= 2u * part.all_entries) {
         return;
     }
-    let entry = tile_entries[index / 8u];
+    let entry = tile_entries[index / 2u];
     let star = stars[entry.star];
-    let along_columns = (index & 4u) == 0u;
-    let in_tile = i32(4u * (index & 3u));
+    let along_columns = (index & 1u) == 0u;
     let row_of_tiles = entry.tile / frame.tile_columns;
-    let column = i32(16u * (entry.tile - row_of_tiles * frame.tile_columns)) + in_tile - star.column;
-    let row = i32(16u * row_of_tiles + frame.first_row) + in_tile - star.row;
+    let column = i32(16u * (entry.tile - row_of_tiles * frame.tile_columns)) - star.column;
+    let row = i32(16u * row_of_tiles + frame.first_row) - star.row;
     let first = select(row, column, along_columns);
-    let shares = POINT_SPREAD_quad(star, f32(first), select(star.fraction_y, star.fraction_x, along_columns));
-    let reached = abs(vec4<i32>(first) + vec4<i32>(0, 1, 2, 3)) <= vec4<i32>(star.reach);
-    profile[index] = select(vec4<f32>(0.0), shares * select(1.0, star.electrons, along_columns), reached);
+    let fraction = select(star.fraction_y, star.fraction_x, along_columns);
+    let scale = select(1.0, star.electrons, along_columns);
+    for (var quad = 0; quad < 4; quad++) {
+        let begin = first + 4 * quad;
+        let shares = POINT_SPREAD_quad(star, f32(begin), fraction);
+        let reached = abs(vec4<i32>(begin) + vec4<i32>(0, 1, 2, 3)) <= vec4<i32>(star.reach);
+        profile[4u * index + u32(quad)] = select(vec4<f32>(0.0), shares * scale, reached);
+    }
 }
 
 @compute @workgroup_size(4, 4)

@@ -1,6 +1,8 @@
 //! `boresight effects`: what this build knows.
 
-use anyhow::{Result, bail};
+use std::path::PathBuf;
+
+use anyhow::{Result, anyhow};
 use boresight::effects::detector::{colour_filters, quantum_efficiency};
 use boresight::effects::optics::sampled_psf;
 use boresight::effects::optics::tables::IMAGE_KINDS;
@@ -11,7 +13,7 @@ use boresight::scene::LIGHT_PAGES;
 use clap::Args;
 use serde::Serialize;
 
-use super::{Answer, output};
+use super::{Answer, effect_pictures, output};
 
 /// Arguments of `effects`.
 #[derive(Debug, Args)]
@@ -21,6 +23,9 @@ pub(crate) struct EffectsArgs {
     /// Print the list as one JSON object
     #[arg(long, conflicts_with = "id")]
     json: bool,
+    /// Write a picture of what each effect does to a frame (off, on, difference), and a page that holds them; with an id, of that one
+    #[arg(long, value_name = "DIR", conflicts_with = "json")]
+    pictures: Option<PathBuf>,
 }
 
 /// One line of the list.
@@ -40,10 +45,16 @@ struct Parameter {
 /// Lists the effects, or prints one page.
 pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
     let known = lines();
-    if let Some(id) = &args.id {
+    if let Some(directory) = &args.pictures {
+        let wanted = |line: &&Line| args.id.as_ref().is_none_or(|id| *id == line.id);
+        let wanted: Vec<_> = known.iter().filter(wanted).map(|line| (line.id.clone(), line.acts_on)).collect();
+        if wanted.is_empty() {
+            return Err(unknown(args.id.as_deref().unwrap_or_default(), &known));
+        }
+        output::print(&effect_pictures::write(directory, &wanted)?)?;
+    } else if let Some(id) = &args.id {
         let Some(page) = page(id) else {
-            let nearest = known.iter().map(|line| line.id.as_str()).min_by_key(|known| strsim::damerau_levenshtein(id, known));
-            bail!("there is no effect {id}; did you mean {}? (`boresight effects` lists them all)", nearest.unwrap_or_default());
+            return Err(unknown(id, &known));
         };
         output::print(&page)?;
     } else if args.json {
@@ -74,6 +85,11 @@ pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
         output::print(&boresight::report::table(&["effect", "acts on", "parameters"], &rows))?;
     }
     Ok(Answer::Yes)
+}
+
+fn unknown(id: &str, known: &[Line]) -> anyhow::Error {
+    let nearest = known.iter().map(|line| line.id.as_str()).min_by_key(|known| strsim::damerau_levenshtein(id, known));
+    anyhow!("there is no effect {id}; did you mean {}? (`boresight effects` lists them all)", nearest.unwrap_or_default())
 }
 
 fn lines() -> Vec<Line> {

@@ -11,6 +11,7 @@ mod diagnose;
 mod diagnose_files;
 mod diagnose_text;
 mod doctor;
+mod effect_pictures;
 mod effects;
 mod export;
 mod identify;

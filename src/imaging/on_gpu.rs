@@ -340,9 +340,9 @@ impl GpuImager {
                 let part = PartUniforms { first_entry, entries: per_dispatch, goes_on, all_entries };
                 let part = self.gpu.uniform("part", bytemuck::bytes_of(&part))?;
                 let buffers = [frame, &part, stars, starts, entries, profile, electrons];
-                let quads = u64::from(all_entries) * (PROFILE_BYTES / (QUAD_PX * size_of::<f32>())) as u64;
+                let invocations = 2 * u64::from(all_entries);
                 let work = [
-                    Dispatch { kernel: profiles, buffers: &buffers, workgroups: Gpu::workgroups_for(quads.div_ceil(WORKGROUP)) },
+                    Dispatch { kernel: profiles, buffers: &buffers, workgroups: Gpu::workgroups_for(invocations.div_ceil(WORKGROUP)) },
                     Dispatch { kernel: collect, buffers: &buffers, workgroups: [grid.columns() as u32, grid.tile_rows() as u32] },
                 ];
                 // The profiles serve all parts of the lists, and an empty list has none.

@@ -423,6 +423,25 @@ fn the_doctor_sees_the_adapter_and_checks_it() {
     assert!(object["catalog"].as_str().unwrap().contains("41026 stars"));
 }
 
+/// A frame without each effect and with it: the command refuses a picture that would show nothing.
+#[test]
+fn every_effect_has_its_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let pictures = folder.path().join("pictures");
+    let ran = run(&["effects", "--pictures", text(&pictures)]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let page = std::fs::read_to_string(pictures.join("index.html")).unwrap();
+    let effects = json(&["effects", "--json"])["effects"].as_array().unwrap().len();
+    let files: Vec<&str> = page.split("src=\"").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+    for file in &files {
+        let picture = image::open(pictures.join(file)).unwrap();
+        assert!(picture.width() > 900, "{file}");
+    }
+    // All but the few that the table names with the reason.
+    let without = ran.stdout.lines().filter(|line| line.contains('–')).count();
+    assert!(without <= 6 && files.len() + without == effects, "{} pictures and {without} reasons of {effects} effects", files.len());
+}
+
 #[test]
 fn every_effect_has_its_page() {
     let list = json(&["effects", "--json"]);

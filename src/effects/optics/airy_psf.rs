@@ -13,8 +13,8 @@
 //! **Confused with.** Defocus and spherical aberration, which change the rings' strength.
 //!
 //! **Neglected.** Vanes of a spider; the width of the passband. Light beyond the reach, about 0.2·λN/r of it without obstruction. The truth's
-//! landed electrons lack it. Where λN is below some 1.1 px the image has light at a whole cycle a pixel: its centre then depends on the phase by
-//! more than the sampling alone explains, 2e-5 px at λN = 1.05 and 7e-4 px at 0.7 (at 1.5 it is right to 1e-5 px).
+//! landed electrons lack it. Where λN is below 1 px the image has light at a whole cycle a pixel, and pixels show it with a centre that follows
+//! the phase, as real ones do: the sum over pixels is right to 1e-5 px against Poisson's formula for the image that is left of it.
 //!
 //! **Source.** G. B. Airy, Trans. Camb. Phil. Soc. 5, 283 (1835); M. Born, E. Wolf, Principles of Optics, 8.5 and 8.6.2.
 
