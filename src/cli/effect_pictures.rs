@@ -238,8 +238,11 @@ fn pair(id: &str, acts_on: &str) -> Result<Pair> {
     Ok(Pair { off: off.text(), on: on.text(), noise, summary: inline(&parameters) })
 }
 
-/// A frame and its stars.
-fn frame(text: &str, noise: Option<&str>) -> Result<(Vec<f32>, Vec<TrueStar>, (usize, usize))> {
+/// A frame: its counts, its stars, its columns and rows.
+type Taken = (Vec<f32>, Vec<TrueStar>, (usize, usize));
+
+/// Takes the frame of a scene.
+fn frame(text: &str, noise: Option<&str>) -> Result<Taken> {
     let mut scene = Scene::parse("the scene of the pictures", text)?;
     scene.pixel_effects.retain(|effect| match effect.id.as_str() {
         random @ ("photon_noise" | "read_noise") => noise.is_some_and(|kept| kept.replace('-', "_") == random),
