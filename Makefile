@@ -65,6 +65,7 @@ bench-identify:
 	$(PEERS)/bin/python -m pip install --quiet --requirement benches/peers/requirements.txt
 	$(PEERS)/bin/python -m pip install --quiet tetra3rs==0.14.0 || echo "bench-identify: going on without tetra3rs" >&2
 	$(CARGO) bench --locked --bench identify -- $(IDENTIFY) --python $(abspath $(PEERS))/bin/python --page docs/studies/identify.txt
+
 pictures:
 	$(CARGO) run --locked --release -- effects --pictures outputs/effects
 
