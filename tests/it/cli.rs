@@ -83,7 +83,9 @@ fn the_demo_recovers_the_camera_where_least_squares_fails() {
     let object = json(&["demo", "--json", "--backend", "gpu", "-o", text(folder.path())]);
     let camera = |index: usize, field: &str| number(&object, &format!("/cameras/{index}/{field}"));
     assert_eq!(object["cameras"][1]["camera"], "least-squares");
-    assert!(camera(1, "mapping_error_rms_px") > 1.0, "{object}");
+    // How wrong it goes hangs on which stars are misidentified: 0.8 and 1.5 px were seen.
+    assert!(camera(1, "mapping_error_rms_px") > 0.5, "{object}");
+    assert!(camera(1, "mapping_error_rms_px") > 50.0 * camera(2, "mapping_error_rms_px"), "{object}");
     assert_eq!(object["cameras"][2]["camera"], "variable-weights");
     assert!(camera(2, "mapping_error_rms_px") <= 0.05, "{object}");
     assert_eq!(object["frames_identified"], 12);
