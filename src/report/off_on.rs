@@ -76,7 +76,8 @@ impl OffOn {
             // Hot pixels alone are more than a few; the rest of the light must be seen beside them.
             let largest = reach(self.of(part, &difference), if row == 0 { 0.998 } else { 1.0 });
             let titles = ["off".to_owned(), "on".to_owned(), format!("on − off, colours to ±{} DN", short(nice_above(largest)))];
-            let (black, white) = (low(self.of(part, &self.off_dn)), reach(self.of(part, &self.off_dn), 1.0));
+            let both = || self.of(part, &self.off_dn).chain(self.of(part, &self.on_dn));
+            let (black, white) = (low(both()), reach(both(), 1.0));
             for (column, title) in titles.iter().enumerate() {
                 let corner = (LEFT + column as f64 * (SIDE + GAP), TOP + row as f64 * (SIDE + BETWEEN));
                 sheet.text(title, (corner.0, corner.1 - 20.0), 15.0, &INK, HPos::Left, VPos::Top)?;
