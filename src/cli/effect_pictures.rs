@@ -70,7 +70,6 @@ const SIZES: &[(&str, &[(&str, f64)])] = &[
     ("overshoot", &[("tail_relative", 0.03), ("tail_px", 2.0)]),
     ("adc", &[("saturation_dn", 4095.0), ("gain_e_per_dn", 1.0), ("full_well_e", 1e6)]),
     ("read-noise", &[("read_noise_e", 5.0)]),
-    ("disc-psf", &[("radius_px", 14.0), ("fraction", 0.01), ("obstruction", 0.3), ("scale", -0.8)]),
 ];
 
 /// Where a typical parameter is what the scene's detector has anyway.
@@ -103,6 +102,7 @@ pub(crate) const WITHOUT_PICTURE: &[(&str, &str)] = &[
     ("pinhole", "every other picture is taken through it"),
     ("gaussian-psf", "every other picture is made of it"),
     ("gaussian-image", "the same image from a table"),
+    ("disc-psf", "ghosts are discs of it: ghosts.png"),
     ("atlas-psf", "it shows what its tables hold: airy-image, moffat-image, zernike-image"),
     ("sampled-image", "it shows what its file holds"),
 ];
@@ -184,12 +184,6 @@ fn pair(id: &str, acts_on: &str) -> Result<Pair> {
                 let values = ["k1_theta", "k2_theta", "k3_theta", "k4_theta"].map(|name| own.get(name).copied().unwrap_or_default());
                 let _ = write!(on.camera, ", projection_parameters = {values:?}");
             }
-            own
-        }
-        "star image" if name == "disc_psf" => {
-            let spread = PLANE_SPREADS.iter().find(|spread| spread.id() == name);
-            let own = shown(id, spread.map_or(&[][..], |spread| spread.parameters()), &[]);
-            on.more = format!("[[ghosts]]\n{}\n", inline(&own).replace(", ", "\n"));
             own
         }
         "star image" => {

@@ -11,6 +11,8 @@ pub use mask::MaskFlag;
 pub use signature::{Bench, Measured, Probe, signature};
 pub use truth::{TrueLight, TrueStar};
 
+use std::collections::HashMap;
+
 use rayon::prelude::*;
 
 use crate::catalog::Catalog;
@@ -227,8 +229,9 @@ impl<'a> Renderer<'a> {
         let mut lights: Vec<StarLight> = tracks.par_iter().map(|track| self.spreader.light(track)).collect();
         lights.extend(others.iter().map(|other| self.spreader.other(other)));
         if let Some(filters) = &self.scene.colour_filters {
-            let of_star = |hip: Option<u32>| tracks.iter().find(|track| Some(track.hip) == hip).and_then(|track| track.colour);
-            let colours = tracks.iter().map(|track| track.colour).chain(others.iter().map(|other| of_star(other.hip)));
+            let of_stars: HashMap<u32, Option<f64>> = tracks.iter().map(|track| (track.hip, track.colour)).collect();
+            let of_star = |other: &OtherLight| of_stars.get(&other.hip?).copied().flatten();
+            let colours = tracks.iter().map(|track| track.colour).chain(others.iter().map(of_star));
             for (light, colour) in lights.iter_mut().zip(colours) {
                 light.through = Some(filters.relative(colour, &self.scene.colour_response));
             }

@@ -39,10 +39,11 @@ pub struct DarkCurrentUniforms {
     log_mean: f32,
 }
 
-/// Growth of a dark rate from the temperature of its parameter to that of the exposure.
-pub(super) fn growth(exposure: &ExposureContext, reference_temperature_c: f64, doubling_k: f64) -> f64 {
+/// Electrons that heat frees over the exposure, at the temperature of its frame, at a rate that is given for `reference_temperature_c`.
+pub(super) fn freed_e(exposure: &ExposureContext, rate_e_per_s: f64, [reference_temperature_c, doubling_k]: [f64; 2]) -> f32 {
     let temperature_c = exposure.temperature_c.unwrap_or(reference_temperature_c);
-    ((temperature_c - reference_temperature_c) / doubling_k).exp2()
+    let growth = ((temperature_c - reference_temperature_c) / doubling_k).exp2();
+    (rate_e_per_s * exposure.exposure_s * growth) as f32
 }
 
 /// The twin.
@@ -71,7 +72,7 @@ impl PixelEffect for DarkCurrent {
 
     fn uniforms(parameters: &[f64], exposure: &ExposureContext) -> DarkCurrentUniforms {
         DarkCurrentUniforms {
-            mean_e: (parameters[0] * exposure.exposure_s * growth(exposure, parameters[1], parameters[2])) as f32,
+            mean_e: freed_e(exposure, parameters[0], [parameters[1], parameters[2]]),
             log_sigma: parameters[3] as f32,
             log_mean: (-0.5 * parameters[3] * parameters[3]) as f32,
         }

@@ -22,10 +22,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::dark_current::growth;
+use super::dark_current::freed_e;
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::math::{poly_ln, unit_interval};
-use crate::effects::pixel::pattern::fixed_words;
+use crate::effects::pixel::pattern::{fixed_words, word_limit};
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
 use crate::rng::StageKey;
 
@@ -76,13 +76,11 @@ impl PixelEffect for HotPixels {
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(HotPixelsUniforms { hot_below, dead_above, blinks_below, mean_e });
 
     fn uniforms(parameters: &[f64], exposure: &ExposureContext) -> HotPixelsUniforms {
-        // f64 to u32 stops at the ends of its range.
-        let below = |share: f64| (share * 4_294_967_296.0) as u32;
         HotPixelsUniforms {
-            hot_below: below(1e-6 * parameters[0]),
-            dead_above: u32::MAX - below(1e-6 * parameters[3]),
-            blinks_below: below(parameters[2]),
-            mean_e: (parameters[1] * exposure.exposure_s * growth(exposure, parameters[4], parameters[5])) as f32,
+            hot_below: word_limit(1e-6 * parameters[0]),
+            dead_above: u32::MAX - word_limit(1e-6 * parameters[3]),
+            blinks_below: word_limit(parameters[2]),
+            mean_e: freed_e(exposure, parameters[1], [parameters[4], parameters[5]]),
         }
     }
     fn apply(uniforms: &HotPixelsUniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]) {

@@ -25,10 +25,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::dark_current::growth;
+use super::dark_current::freed_e;
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::math::{poly_ln, unit_interval};
-use crate::effects::pixel::pattern::{exponential, fixed_words};
+use crate::effects::pixel::pattern::{exponential, fixed_words, word_limit};
 use crate::effects::pixel::{ExposureContext, PixelEffect, Role, Stage, uniform_fields};
 use crate::rng::StageKey;
 
@@ -127,12 +127,11 @@ impl PixelEffect for RandomTelegraph {
     fn uniforms(parameters: &[f64], exposure: &ExposureContext) -> RandomTelegraphUniforms {
         let [low, high] = [parameters[2], parameters[3]];
         RandomTelegraphUniforms {
-            // f64 to u32 stops at the ends of its range.
-            share_below: (1e-6 * parameters[0] * 4_294_967_296.0) as u32,
+            share_below: word_limit(1e-6 * parameters[0]),
             high_share: (high / (low + high)) as f32,
             events_per_frame: (1.0 / low + 1.0 / high) as f32,
             log_spread: (parameters[4] * std::f64::consts::LN_10) as f32,
-            mean_e: (parameters[1] * exposure.exposure_s * growth(exposure, parameters[5], parameters[6])) as f32,
+            mean_e: freed_e(exposure, parameters[1], [parameters[5], parameters[6]]),
         }
     }
     fn apply(uniforms: &RandomTelegraphUniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]) {

@@ -15,6 +15,12 @@ pub fn fixed_words(key: StageKey, pixel: u32, draw: u32) -> [u32; 4] {
     StageKey { frame: 0, ..key }.words(pixel, draw | STAYS)
 }
 
+/// Below which a word lies with this probability.
+#[must_use]
+pub fn word_limit(probability: f64) -> u32 {
+    (probability * 4_294_967_296.0) as u32 // f64 to u32 stops at the ends of its range
+}
+
 /// Exponential of a number, held within [−80, 80].
 #[inline(always)]
 #[must_use]
