@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Other programs on the frames of benches/render.rs: a line `tool side stars` in, the CPU time of a frame in ms out (`-` if the tool is missing).
+"""Other programs on the frames of benches/render/main.rs: a line `tool side stars` in, the CPU time of a frame in ms out (`-` if the tool is missing).
 
 Scene: `stars` round Gaussians of sigma 1.2 px integrated over the pixel, magnitudes even over five, the brightest 300 000 electrons; background
 20 electrons, Poisson, read noise 5 electrons, one electron a count, bias 100, 16 bits. Every tool has one thread.

@@ -6,10 +6,11 @@ use anyhow::{Result, anyhow};
 use boresight::effects::detector::{colour_filters, quantum_efficiency};
 use boresight::effects::optics::sampled_psf;
 use boresight::effects::optics::tables::IMAGE_KINDS;
-use boresight::effects::pixel::{PIXEL_EFFECTS, PLANE_SPREADS, POINT_SPREADS, Work, pixel_effect, plane_spread, point_spread};
-use boresight::effects::sky::glow::{SKY_GLOWS, sky_glow};
-use boresight::effects::{DISPLACEMENTS, ParameterSpec, Segment, page_of};
+use boresight::effects::pixel::{pixel_effect, plane_spread, point_spread};
+use boresight::effects::sky::glow::sky_glow;
+use boresight::effects::{ParameterSpec, page_of};
 use boresight::scene::LIGHT_PAGES;
+use boresight::scene::shown::{COLOUR_FILTERS, Known, QUANTUM_EFFICIENCY, SAMPLED, kind_id, known};
 use clap::Args;
 use serde::Serialize;
 
@@ -44,10 +45,10 @@ struct Parameter {
 
 /// Lists the effects, or prints one page.
 pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
-    let known = lines();
+    let known = known();
     if let Some(directory) = &args.pictures {
-        let wanted = |line: &&Line| args.id.as_ref().is_none_or(|id| *id == line.id);
-        let wanted: Vec<_> = known.iter().filter(wanted).map(|line| (line.id.clone(), line.acts_on)).collect();
+        let wanted = |line: &&Known| args.id.as_ref().is_none_or(|id| *id == line.id);
+        let wanted: Vec<_> = known.iter().filter(wanted).cloned().collect();
         if wanted.is_empty() {
             return Err(unknown(args.id.as_deref().unwrap_or_default(), &known));
         }
@@ -63,7 +64,11 @@ pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
             format: &'static str,
             effects: Vec<Line>,
         }
-        output::print(&output::json_text(&List { format: "boresight-effects/1", effects: known })?)?;
+        let parameter = |spec: &ParameterSpec| Parameter { name: spec.name, unit: spec.unit };
+        let line =
+            |known: Known| Line { id: known.id, acts_on: known.acts_on, parameters: known.parameters.iter().map(parameter).collect() };
+        let effects = known.into_iter().map(line).collect();
+        output::print(&output::json_text(&List { format: "boresight-effects/1", effects })?)?;
     } else {
         let rows: Vec<Vec<String>> = known
             .iter()
@@ -87,43 +92,9 @@ pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
     Ok(Answer::Yes)
 }
 
-fn unknown(id: &str, known: &[Line]) -> anyhow::Error {
+fn unknown(id: &str, known: &[Known]) -> anyhow::Error {
     let nearest = known.iter().map(|line| line.id.as_str()).min_by_key(|known| strsim::damerau_levenshtein(id, known));
     anyhow!("there is no effect {id}; did you mean {}? (`boresight effects` lists them all)", nearest.unwrap_or_default())
-}
-
-fn lines() -> Vec<Line> {
-    let line = |id: &str, acts_on, specs: &[ParameterSpec]| Line {
-        id: id.replace('_', "-"),
-        acts_on,
-        parameters: specs.iter().map(|spec| Parameter { name: spec.name, unit: spec.unit }).collect(),
-    };
-    let displacements = DISPLACEMENTS.iter().map(|effect| {
-        let acts_on = match effect.segment() {
-            Segment::Sky => "direction",
-            Segment::Camera => "direction in the camera",
-            Segment::Projection => "projection",
-            Segment::Focal => "focal plane",
-        };
-        line(effect.id(), acts_on, effect.parameters())
-    });
-    let spreads = POINT_SPREADS.iter().map(|spread| line(spread.id(), "star image", &[]));
-    let planes = PLANE_SPREADS.iter().filter(|spread| point_spread(spread.id()).is_none());
-    let spreads = spreads.chain(planes.map(|spread| line(spread.id(), "star image", spread.parameters())));
-    let spreads = spreads.chain(IMAGE_KINDS.iter().map(|kind| line(&kind_id(kind.id()), "star image", kind.parameters())));
-    let spreads = spreads.chain([line(SAMPLED, "star image", &[])]);
-    let pixels = PIXEL_EFFECTS.iter().map(|effect| {
-        let acts_on = match effect.work() {
-            Work::Pixels(_) => "pixels",
-            Work::Frame(..) => "charge between pixels",
-        };
-        line(effect.id(), acts_on, effect.parameters())
-    });
-    let by_colour = line(QUANTUM_EFFICIENCY, "a star's electrons", quantum_efficiency::PARAMETERS);
-    let by_filter = line(COLOUR_FILTERS, "a star's electrons", colour_filters::PARAMETERS);
-    let glows = SKY_GLOWS.iter().map(|glow| line(glow.id(), "sky between the stars", glow.parameters()));
-    let lights = LIGHT_PAGES.iter().map(|page| line(page.id, "light beside the stars", (page.parameters)()));
-    displacements.chain(spreads).chain([by_colour, by_filter]).chain(glows).chain(lights).chain(pixels).collect()
 }
 
 fn page(id: &str) -> Option<String> {
@@ -141,18 +112,4 @@ fn page(id: &str) -> Option<String> {
     let light = || LIGHT_PAGES.iter().find(|page| page.id == id).map(|page| page_of((page.source)()));
     let by_colour = || by_colour().or_else(by_filter).or_else(light);
     displacement.or_else(by_colour).or_else(pixels).or_else(glow).or_else(spread).or_else(plane).or_else(kind).or_else(sampled)
-}
-
-/// The name of the page of how electrons follow the colour.
-const QUANTUM_EFFICIENCY: &str = "quantum-efficiency";
-
-/// The name of the page of how filters share it.
-const COLOUR_FILTERS: &str = "colour-filters";
-
-/// The name of the page of an image given point by point.
-const SAMPLED: &str = "sampled-image";
-
-/// The name of the page of a kind of image that fills tables.
-fn kind_id(kind: &str) -> String {
-    format!("{kind}-image")
 }

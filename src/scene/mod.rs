@@ -17,6 +17,7 @@ mod psf;
 mod psf_table;
 mod quadrature;
 mod schema;
+pub mod shown;
 mod sky_light;
 mod spline;
 mod track;

@@ -1,10 +1,13 @@
 //! What a frame costs in CPU time, on each backend and in other programs: in one run, in turns, so that what slows the machine slows all.
 //!
-//! `cargo bench --bench render -- [--python PROGRAM] [--page FILE]`: with a Python that has numpy and scipy (and photutils, galsim) they are
-//! asked for the same frames through `benches/peers/render.py`; the page gets the same text as the terminal.
+//! `cargo bench --bench render -- [--python PROGRAM] [--page FILE] [--part NAME] [--only WORD]`: with a Python that has numpy and scipy (and
+//! photutils, galsim) they are asked for the same frames through `benches/peers/render.py`; the page gets the same text as the terminal.
+//! `--part` makes one part alone (times, accuracy, process, memory, effects), `--only` the effects whose names hold the word.
 #![allow(missing_docs, reason = "a bench is no interface")]
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a bench that meets the unexpected must fail")]
 #![allow(clippy::print_stdout, reason = "its table is what a bench is for")]
+
+mod effects;
 
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Write as _};
@@ -263,10 +266,25 @@ fn main() {
         let _ = writeln!(text, "{backend}: {}", if *backend == Backend::Cpu { "the twins in Rust" } else { adapter });
     }
     text.push('\n');
-    times(option("--python").as_deref(), &backends, &mut text);
-    accuracy(&backends, &mut text);
-    process(&backends, &mut text);
-    memory(&backends, &mut text);
+    let wanted = option("--part");
+    let is_wanted = |part: &str| wanted.as_deref().is_none_or(|wanted| wanted == part);
+    let parts = ["times", "accuracy", "process", "memory", "effects"];
+    assert!(parts.into_iter().any(is_wanted), "--part is one of {parts:?}");
+    if is_wanted("times") {
+        times(option("--python").as_deref(), &backends, &mut text);
+    }
+    if is_wanted("accuracy") {
+        accuracy(&backends, &mut text);
+    }
+    if is_wanted("process") {
+        process(&backends, &mut text);
+    }
+    if is_wanted("memory") {
+        memory(&backends, &mut text);
+    }
+    if is_wanted("effects") {
+        effects::effects(&backends, option("--only").as_deref().unwrap_or_default(), &mut text);
+    }
     print!("{text}");
     if let Some(page) = option("--page") {
         std::fs::write(page, text).unwrap();
