@@ -2,12 +2,13 @@
 //!
 //! The stages before it see the detector's own (native) pixels, those after it the joined ones. On the chip that is after everything that happens to
 //! charge on its way to the amplifier, and before what the amplifier and the converter do: nonlinearity, read noise, banding, converter. Counts are
-//! joined behind the converter and before compression. Each side is an [`Imager`] of its own, and the joined pixels are handed over between them.
+//! joined behind the converter and before compression. Each side is an [`Imager`] of its own, and the joined pixels are handed over between them:
+//! they are joined where the native ones lie (on the GPU by `shaders/join.wgsl`), and no others are read back.
 
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{Backend, EffectSetting, Exposure, Image16, Imager, ImagingConfig, ImagingError, PlaneLight, Stage};
+use super::{Backend, EffectSetting, Exposure, Image16, Imager, ImagingConfig, ImagingError, PlaneLight, SplitLimits, Stage};
 use crate::effects::pixel::PIXEL_EFFECTS;
 
 /// Where pixels are joined.
@@ -44,6 +45,11 @@ impl Binning {
         if self.is_mean { 1.0 / self.pixels() } else { 1.0 }
     }
 
+    /// What a sum of counts is divided by.
+    pub(super) fn divisor(&self) -> u32 {
+        if self.is_mean { (self.factor * self.factor) as u32 } else { 1 }
+    }
+
     /// Read noise of a joined pixel over that of a native one, in electrons of the light. The noise of the amplifier comes once where charge is joined
     /// (and is as much larger as the charge is weakened to the mean), and once for each pixel where counts are.
     #[must_use]
@@ -70,8 +76,8 @@ impl Binning {
     /// If the frame is no whole number of joined pixels.
     #[must_use]
     pub fn join_counts(&self, native: &[u16], width_px: usize) -> Vec<u16> {
-        let pixels = if self.is_mean { (self.factor * self.factor) as u32 } else { 1 };
-        let whole = |sum: u32| u16::try_from((sum + pixels / 2) / pixels).unwrap_or(u16::MAX);
+        let divisor = self.divisor();
+        let whole = |sum: u32| u16::try_from((sum + divisor / 2) / divisor).unwrap_or(u16::MAX);
         self.rows(native, width_px, u32::from, whole)
     }
 
@@ -126,11 +132,20 @@ impl Binning {
     }
 }
 
+/// How electrons or counts are joined.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Joining {
+    pub(super) binning: Binning,
+    /// The most electrons of a pixel that are joined.
+    pub(super) full_well_e: f32,
+}
+
 /// Makes frames of a camera that joins pixels.
 #[derive(Debug)]
 pub struct BinnedImager {
     binning: Binning,
-    native_width_px: usize,
+    /// Columns and rows of joined pixels.
+    joined_px: (usize, usize),
     full_well_e: f32,
     /// Up to the joining.
     native: Imager,
@@ -142,6 +157,11 @@ impl BinnedImager {
     /// Opens the backend for a configuration whose frame is that of the native pixels. Those that are joined on the chip hold together what each
     /// of them holds: the converter's full well stands for one of them.
     pub fn new(backend: Backend, config: &ImagingConfig, binning: Binning) -> Result<Self, ImagingError> {
+        Self::with_limits(backend, config, binning, SplitLimits::default())
+    }
+
+    /// The same, with work split at other sizes.
+    pub fn with_limits(backend: Backend, config: &ImagingConfig, binning: Binning, limits: SplitLimits) -> Result<Self, ImagingError> {
         let (width_px, height_px, factor) = (config.width_px, config.height_px, binning.factor);
         if factor == 0 || !width_px.is_multiple_of(factor) || !height_px.is_multiple_of(factor) {
             return Err(ImagingError::BadBinning { width_px, height_px, factor });
@@ -153,25 +173,30 @@ impl BinnedImager {
             full_well_e = *well as f32;
             *well = (*well * binning.pixels() * binning.share()).min(1e12);
         }
-        let native = Imager::new(backend, &ImagingConfig { effects: before, ..config.clone() })?;
+        let native = Imager::for_joining(backend, &ImagingConfig { effects: before, ..config.clone() }, limits, factor)?;
         let of_joined = |effects| ImagingConfig { width_px: width_px / factor, height_px: height_px / factor, effects, ..config.clone() };
-        let joined = if after.is_empty() { None } else { Some(Imager::new(backend, &of_joined(after))?) };
-        Ok(Self { binning, native_width_px: width_px, full_well_e, native, joined })
+        let joined = if after.is_empty() { None } else { Some(Imager::with_limits(backend, &of_joined(after), limits)?) };
+        Ok(Self { binning, joined_px: (width_px / factor, height_px / factor), full_well_e, native, joined })
+    }
+
+    /// The joined pixels' expected electrons, without noise, row by row: all that their native ones get, also where the camera gives their mean.
+    pub fn expected_electrons(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
+        let joining = Joining { binning: Binning { is_mean: false, ..self.binning }, full_well_e: f32::INFINITY };
+        self.native.electrons(Some(Stage::Light), exposure, planes, Some(joining))
     }
 
     /// A frame as the camera gives it.
     pub fn expose_with(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Image16, ImagingError> {
         let joined_exposure = |sky_e| Exposure { stars: &[], sky_e, ..*exposure };
+        let joining = Some(Joining { binning: self.binning, full_well_e: self.full_well_e });
         match self.binning.place {
             BinningPlace::OnChip => {
-                let electrons = self.native.electrons_after_with(Some(Stage::Digital), exposure, planes)?;
-                let joined = self.binning.join(&electrons, self.native_width_px, self.full_well_e);
+                let joined = self.native.electrons(Some(Stage::Digital), exposure, planes, joining)?;
                 self.joined.as_ref().ok_or(ImagingError::NoConverter)?.expose(&joined_exposure(&joined))
             }
             BinningPlace::Digital => {
-                let native = self.native.expose_with(exposure, planes)?;
-                let pixels_dn = self.binning.join_counts(&native.pixels_dn, native.width_px);
-                let (width_px, height_px) = (native.width_px / self.binning.factor, native.height_px / self.binning.factor);
+                let pixels_dn = self.native.counts(exposure, planes, joining)?;
+                let (width_px, height_px) = self.joined_px;
                 let Some(imager) = &self.joined else { return Ok(Image16 { width_px, height_px, pixels_dn }) };
                 let counts: Vec<f32> = pixels_dn.iter().map(|count| f32::from(*count)).collect();
                 let after = imager.electrons_after(Some(Stage::Digital), &joined_exposure(&counts))?;

@@ -19,6 +19,8 @@ const QUADS_WHOLE: &str = include_str!("../../shaders/lib/quads_whole.wgsl");
 const QUADS_CUT: &str = include_str!("../../shaders/lib/quads_cut.wgsl");
 const TO_COUNTS: &str = include_str!("../../shaders/lib/to_counts.wgsl");
 const TO_ELECTRONS: &str = include_str!("../../shaders/lib/to_electrons.wgsl");
+const JOIN: &str = include_str!("../../shaders/join.wgsl");
+const MOSAIC: &str = include_str!("../../shaders/mosaic.wgsl");
 
 /// Uniforms of effects begin at multiples of this many bytes: WGSL asks it of a struct inside a uniform struct.
 pub(super) const UNIFORM_ALIGNMENT: usize = 16;
@@ -60,6 +62,18 @@ pub fn chain_program(effects: &[&dyn AnyPixelEffect], output: Output) -> String 
         Output::Counts => TO_COUNTS,
     });
     parts.join("\n")
+}
+
+/// The program that joins pixels; its entry points are `join` for electrons and `join_counts`.
+#[must_use]
+pub fn join_program() -> &'static str {
+    JOIN
+}
+
+/// The program that puts light behind the filters of a mosaic; its entry point is `mosaic`.
+#[must_use]
+pub fn mosaic_program() -> String {
+    [FRAME, MOSAIC].join("\n")
 }
 
 /// How the chain begins: with four neighbours. Bands begin with whole quads.

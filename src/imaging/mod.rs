@@ -17,7 +17,9 @@
 
 mod binning;
 mod compose;
+mod join_on_gpu;
 mod marks;
+mod mosaic;
 mod noise_free;
 mod on_cpu;
 mod on_gpu;
@@ -29,7 +31,10 @@ mod tiles;
 mod twin_check;
 
 pub use binning::{BinnedImager, Binning, BinningPlace};
-pub use compose::{Output, PassProgram, chain_program, collect_plane_program, collect_program, pass_programs, uniforms_name};
+pub use compose::{
+    Output, PassProgram, chain_program, collect_plane_program, collect_program, join_program, mosaic_program, pass_programs, uniforms_name,
+};
+pub use mosaic::FilterLight;
 pub use noise_free::{NoiseFree, Seen};
 pub use plan::EffectSetting;
 pub use plane::{Deposit, PlaneLight};
@@ -40,6 +45,7 @@ pub use crate::effects::pixel::Stage;
 pub use crate::gpu::{Backend, GpuError};
 
 use crate::gpu::{BINDING_BYTES, Gpu, LOOP_BUDGET, Need};
+use binning::Joining;
 use on_gpu::GpuImager;
 use plan::Plan;
 
@@ -238,6 +244,11 @@ impl Imager {
 
     /// The same, with work split at other sizes.
     pub fn with_limits(backend: Backend, config: &ImagingConfig, limits: SplitLimits) -> Result<Self, ImagingError> {
+        Self::for_joining(backend, config, limits, 1)
+    }
+
+    /// The same for frames whose pixels may be joined at the end, so many along each side.
+    fn for_joining(backend: Backend, config: &ImagingConfig, limits: SplitLimits, factor: usize) -> Result<Self, ImagingError> {
         let plan = Plan::new(config)?;
         let gpu = match backend {
             Backend::Cpu => None,
@@ -252,7 +263,7 @@ impl Imager {
             },
         };
         let runner = match gpu {
-            Some(gpu) => Runner::Gpu(Box::new(GpuImager::new(gpu, &plan, limits))),
+            Some(gpu) => Runner::Gpu(Box::new(GpuImager::new(gpu, &plan, limits, factor))),
             None => Runner::Cpu,
         };
         Ok(Self { plan, runner })
@@ -280,15 +291,23 @@ impl Imager {
 
     /// The same with light of plane point spreads besides.
     pub fn expose_with(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Image16, ImagingError> {
+        let pixels_dn = self.counts(exposure, planes, None)?;
+        Ok(Image16 { width_px: self.plan.width_px, height_px: self.plan.height_px, pixels_dn })
+    }
+
+    /// Counts, row by row, joined where that is asked for.
+    fn counts(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>], joining: Option<Joining>) -> Result<Vec<u16>, ImagingError> {
         if !self.plan.has_converter() {
             return Err(ImagingError::NoConverter);
         }
         let lit = self.plan.light(exposure, planes)?;
-        let pixels_dn = match &self.runner {
-            Runner::Cpu => on_cpu::counts(&self.plan, &lit, exposure),
-            Runner::Gpu(gpu) => gpu.counts(&self.plan, &lit, exposure)?,
-        };
-        Ok(Image16 { width_px: self.plan.width_px, height_px: self.plan.height_px, pixels_dn })
+        match &self.runner {
+            Runner::Cpu => {
+                let counts = on_cpu::counts(&self.plan, &lit, exposure);
+                Ok(joining.map(|joining| joining.binning.join_counts(&counts, self.plan.width_px)).unwrap_or(counts))
+            }
+            Runner::Gpu(gpu) => Ok(gpu.counts(&self.plan, &lit, exposure, joining)?),
+        }
     }
 
     /// The frame's expected electrons, without noise, row by row: stars and the effects of [`Stage::Light`].
@@ -309,10 +328,25 @@ impl Imager {
         exposure: &Exposure<'_>,
         planes: &[PlaneLight<'_>],
     ) -> Result<Vec<f32>, ImagingError> {
+        self.electrons(stage, exposure, planes, None)
+    }
+
+    /// Electrons after a stage, row by row, joined where that is asked for.
+    fn electrons(
+        &self,
+        stage: Option<Stage>,
+        exposure: &Exposure<'_>,
+        planes: &[PlaneLight<'_>],
+        joining: Option<Joining>,
+    ) -> Result<Vec<f32>, ImagingError> {
         let lit = self.plan.light(exposure, planes)?;
         match &self.runner {
-            Runner::Cpu => Ok(on_cpu::electrons(&self.plan, stage, &lit, exposure)),
-            Runner::Gpu(gpu) => Ok(gpu.electrons(&self.plan, stage, &lit, exposure)?),
+            Runner::Cpu => {
+                let native = on_cpu::electrons(&self.plan, stage, &lit, exposure);
+                let join = |joining: Joining| joining.binning.join(&native, self.plan.width_px, joining.full_well_e);
+                Ok(joining.map(join).unwrap_or(native))
+            }
+            Runner::Gpu(gpu) => Ok(gpu.electrons(&self.plan, stage, &lit, exposure, joining)?),
         }
     }
 

@@ -11,7 +11,7 @@ use crate::effects::pixel::{ExposureContext, Role, Stage};
 #[derive(Debug)]
 pub struct NoiseFree<'a> {
     /// Without chance and without what cuts.
-    plan: Plan,
+    pub(super) plan: Plan,
     exposure: Exposure<'a>,
     context: ExposureContext,
     light: Pixels,

@@ -1,9 +1,10 @@
 //! The pixel effects on a GPU: programs made for the plan, buffers kept from frame to frame, work split where a limit asks for it.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use bytemuck::{Pod, Zeroable};
 
+use super::binning::Joining;
 use super::compose::{Output, UNIFORM_ALIGNMENT, chain_program, collect_plane_program, collect_program};
 use super::plan::{Enabled, Lit, Plan, Segment};
 use super::plane::PlaneBatch;
@@ -71,13 +72,19 @@ pub(super) struct Kept {
     pub(super) made: Vec<Option<Buffer>>,
     /// What goes along the lines of a line pass.
     pub(super) carries: Option<Buffer>,
+    pub(super) join: Option<Kernel>,
+    pub(super) join_counts: Option<Kernel>,
+    pub(super) mosaic: Option<Kernel>,
+    pub(super) joined: Option<Buffer>,
+    /// Light that is behind filters.
+    pub(super) behind: Option<Buffer>,
     stars: Option<Buffer>,
     starts: Option<Buffer>,
     entries: Option<Buffer>,
     profile: Option<Buffer>,
-    electrons: Option<Buffer>,
-    counts: Option<Buffer>,
-    staging: Option<Buffer>,
+    pub(super) electrons: Option<Buffer>,
+    pub(super) counts: Option<Buffer>,
+    pub(super) staging: Option<Buffer>,
 }
 
 /// Tables on the device, and where they lie in memory: that tells whether they are those wanted.
@@ -92,7 +99,7 @@ struct KeptAtlas {
 pub(super) struct GpuImager {
     pub(super) gpu: Gpu,
     pub(super) limits: SplitLimits,
-    /// Rows of a band: a whole number of tiles.
+    /// Rows of a band: a whole number of tiles, and of joined pixels where there are any.
     band_rows: usize,
     kept: Mutex<Kept>,
 }
@@ -104,8 +111,18 @@ pub(super) struct Band {
     pub(super) rows: usize,
 }
 
+/// What is made of a frame.
+#[derive(Clone, Copy, Debug)]
+struct Wanted {
+    /// Effects up to this stage.
+    stage: Option<Stage>,
+    output: Output,
+    /// How pixels are joined at the end.
+    joining: Option<Joining>,
+}
+
 /// Bytes of a band's result.
-fn result_bytes(output: Output, pixels: usize) -> u64 {
+pub(super) fn result_bytes(output: Output, pixels: usize) -> u64 {
     match output {
         Output::Electrons => pixels as u64 * 4,
         Output::Counts => pixels.div_ceil(2) as u64 * 4,
@@ -113,9 +130,11 @@ fn result_bytes(output: Output, pixels: usize) -> u64 {
 }
 
 impl GpuImager {
-    pub(super) fn new(gpu: Gpu, plan: &Plan, limits: SplitLimits) -> Self {
-        let row_of_tiles_bytes = (plan.width_px * TILE_PX * size_of::<f32>()) as u64;
-        let band_rows = (limits.buffer_bytes / row_of_tiles_bytes).max(1) as usize * TILE_PX;
+    /// Rows that are joined, `joined_rows` at a time, are in the same band.
+    pub(super) fn new(gpu: Gpu, plan: &Plan, limits: SplitLimits, joined_rows: usize) -> Self {
+        let least_rows = (1..=joined_rows).map(|count| count * TILE_PX).find(|rows| rows.is_multiple_of(joined_rows)).unwrap_or(TILE_PX);
+        let least_bytes = (plan.width_px * least_rows * size_of::<f32>()) as u64;
+        let band_rows = (limits.buffer_bytes / least_bytes).max(1) as usize * least_rows;
         Self { gpu, limits, band_rows, kept: Mutex::default() }
     }
 
@@ -130,21 +149,39 @@ impl GpuImager {
         stage: Option<Stage>,
         lit: &Lit<'_>,
         exposure: &Exposure<'_>,
+        joining: Option<Joining>,
     ) -> Result<Vec<f32>, GpuError> {
         let mut frame = Vec::with_capacity(plan.width_px * plan.height_px);
-        self.bands(plan, lit, exposure, stage, Output::Electrons, |_, bytes| {
+        self.bands(plan, lit, exposure, Wanted { stage, output: Output::Electrons, joining }, |_, bytes| {
             frame.extend_from_slice(bytemuck::cast_slice(bytes));
         })?;
         Ok(frame)
     }
 
     /// Counts at the end of the chain.
-    pub(super) fn counts(&self, plan: &Plan, lit: &Lit<'_>, exposure: &Exposure<'_>) -> Result<Vec<u16>, GpuError> {
+    pub(super) fn counts(
+        &self,
+        plan: &Plan,
+        lit: &Lit<'_>,
+        exposure: &Exposure<'_>,
+        joining: Option<Joining>,
+    ) -> Result<Vec<u16>, GpuError> {
         let mut frame = Vec::with_capacity(plan.width_px * plan.height_px);
-        self.bands(plan, lit, exposure, Some(Stage::Digital), Output::Counts, |pixels, bytes| {
+        self.bands(plan, lit, exposure, Wanted { stage: Some(Stage::Digital), output: Output::Counts, joining }, |pixels, bytes| {
             frame.extend_from_slice(&bytemuck::cast_slice(bytes)[..pixels]);
         })?;
         Ok(frame)
+    }
+
+    /// What is kept. A poisoned lock means that another frame's thread died; what is kept is replaced or overwritten before use.
+    pub(super) fn kept(&self) -> MutexGuard<'_, Kept> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The bands of a frame.
+    pub(super) fn bands_of(&self, plan: &Plan) -> Vec<Band> {
+        let band = |first_row| Band { first_row, rows: self.band_rows.min(plan.height_px - first_row) };
+        (0..plan.height_px).step_by(self.band_rows).map(band).collect()
     }
 
     /// Makes the frame band by band and hands each band's bytes to `take`, with its number of pixels.
@@ -153,23 +190,22 @@ impl GpuImager {
         plan: &Plan,
         lit: &Lit<'_>,
         exposure: &Exposure<'_>,
-        stage: Option<Stage>,
-        output: Output,
+        wanted: Wanted,
         mut take: impl FnMut(usize, &[u8]),
     ) -> Result<(), GpuError> {
-        // A poisoned lock means that another frame's thread died; what is kept is replaced or overwritten before use.
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let Wanted { stage, output, joining } = wanted;
+        let mut kept = self.kept();
         let kept = &mut *kept;
         let segments = plan.segments(stage);
         let last = segments.len() - 1;
         let context = plan.context(exposure, lit);
         self.compile(plan, &segments, stage, output, kept)?;
+        if joining.is_some() {
+            self.compile_join(output, kept)?;
+        }
         let uniforms =
             segments.iter().map(|segment| self.effect_uniforms(segment.pixels, &context)).collect::<Result<Vec<_>, GpuError>>()?;
-        let bands: Vec<Band> = (0..plan.height_px)
-            .step_by(self.band_rows)
-            .map(|first_row| Band { first_row, rows: self.band_rows.min(plan.height_px - first_row) })
-            .collect();
+        let bands = self.bands_of(plan);
         let frames = bands.iter().map(|band| self.frame_uniforms(plan, exposure, *band)).collect::<Result<Vec<_>, GpuError>>()?;
         let key = |number: usize| (stage, if number == last { output } else { Output::Electrons }, number);
         let finish = |number: usize, band: usize, kept: &mut Kept| {
@@ -188,14 +224,11 @@ impl GpuImager {
                 std::mem::swap(held, &mut kept.electrons);
             }
             self.gpu.reserve(&mut kept.electrons, "electrons", (band.rows * plan.width_px * size_of::<f32>()) as u64)?;
-            self.collect(plan, lit, *band, &frames[number], kept)?;
-            for batch in &lit.planes {
-                self.collect_plane(plan, batch, *band, &frames[number], kept)?;
-            }
+            self.collect_all(plan, lit, *band, &frames[number], kept)?;
             finish(0, number, kept)?;
             match kept.frame.get_mut(number) {
                 Some(held) => std::mem::swap(held, &mut kept.electrons),
-                None => self.hand_over(output, band.rows * plan.width_px, kept, &mut take)?,
+                None => self.hand_over(wanted, plan.width_px, band.rows, kept, &mut take)?,
             }
         }
         for (number, segment) in segments.iter().enumerate().skip(1) {
@@ -206,7 +239,7 @@ impl GpuImager {
                 std::mem::swap(&mut kept.frame[band], &mut kept.electrons);
                 finish(number, band, kept)?;
                 if number == last {
-                    self.hand_over(output, rows * plan.width_px, kept, &mut take)?;
+                    self.hand_over(wanted, plan.width_px, *rows, kept, &mut take)?;
                 }
                 std::mem::swap(&mut kept.frame[band], &mut kept.electrons);
             }
@@ -241,16 +274,31 @@ impl GpuImager {
         self.gpu.submit(&[Dispatch { kernel, buffers: &buffers, workgroups }])
     }
 
-    /// Hands the bytes of a finished band to `take`.
-    fn hand_over(&self, output: Output, pixels: usize, kept: &mut Kept, take: &mut impl FnMut(usize, &[u8])) -> Result<(), GpuError> {
-        let Kept { electrons, counts, staging, .. } = kept;
-        let result = if output == Output::Counts { counts } else { electrons };
+    /// Hands the bytes of a finished band to `take`; where pixels are joined, those of the joined ones and no others.
+    fn hand_over(
+        &self,
+        Wanted { output, joining, .. }: Wanted,
+        width_px: usize,
+        rows: usize,
+        kept: &mut Kept,
+        take: &mut impl FnMut(usize, &[u8]),
+    ) -> Result<(), GpuError> {
+        let mut pixels = width_px * rows;
+        if let Some(joining) = joining {
+            pixels = self.join(joining, output, width_px, pixels, kept)?;
+        }
+        let Kept { electrons, counts, joined, staging, .. } = kept;
+        let result = match output {
+            _ if joining.is_some() => joined,
+            Output::Counts => counts,
+            Output::Electrons => electrons,
+        };
         let Some(result) = result else { return Ok(()) }; // it was made before
         self.gpu.download(result, result_bytes(output, pixels), staging, |bytes| take(pixels, bytes))
     }
 
     /// Makes the programs that are not there yet.
-    fn compile(
+    pub(super) fn compile(
         &self,
         plan: &Plan,
         segments: &[Segment<'_>],
@@ -281,7 +329,7 @@ impl GpuImager {
         Ok(())
     }
 
-    fn frame_uniforms(&self, plan: &Plan, exposure: &Exposure<'_>, band: Band) -> Result<Buffer, GpuError> {
+    pub(super) fn frame_uniforms(&self, plan: &Plan, exposure: &Exposure<'_>, band: Band) -> Result<Buffer, GpuError> {
         let [seed_low, seed_high] = plan.seed_words();
         let uniforms = FrameUniforms {
             width: plan.width_px as u32,
@@ -294,6 +342,12 @@ impl GpuImager {
             pixels: (band.rows * plan.width_px) as u32,
         };
         self.gpu.uniform("frame", bytemuck::bytes_of(&uniforms))
+    }
+
+    /// Fills the buffer of electrons with all the light of a band.
+    pub(super) fn collect_all(&self, plan: &Plan, lit: &Lit<'_>, band: Band, frame: &Buffer, kept: &mut Kept) -> Result<(), GpuError> {
+        self.collect(plan, lit, band, frame, kept)?;
+        lit.planes.iter().try_for_each(|batch| self.collect_plane(plan, batch, band, frame, kept))
     }
 
     /// Fills the buffer of electrons with the stars' light, in as many dispatches as the loop budget and the size of buffers ask for.

@@ -38,8 +38,8 @@ pub(super) struct FrameLight {
     pub(super) stars: Vec<StarImage>,
     deposits: Vec<Deposit>,
     discs: Vec<Deposit>,
-    /// What the filters let through, red, green and blue; empty where there are none.
-    filtered: Vec<FrameLight>,
+    /// What the filters let through, red, green and blue, where there are any.
+    filtered: Option<Box<[FrameLight; 3]>>,
 }
 
 impl<'a> FromIterator<&'a StarLight> for FrameLight {
@@ -48,8 +48,7 @@ impl<'a> FromIterator<&'a StarLight> for FrameLight {
         for light in lights {
             frame.add(light, 1.0);
             if let Some(through) = light.through {
-                frame.filtered.resize_with(through.len(), Self::default);
-                for (filtered, share) in frame.filtered.iter_mut().zip(through) {
+                for (filtered, share) in frame.filtered.get_or_insert_default().iter_mut().zip(through) {
                     filtered.add(light, share);
                 }
             }
@@ -68,8 +67,8 @@ impl FrameLight {
     }
 
     /// What the filters let through, red, green and blue; `None` where there are none.
-    pub(super) fn filtered(&self) -> Option<&[Self]> {
-        (!self.filtered.is_empty()).then_some(&self.filtered)
+    pub(super) fn filtered(&self) -> Option<&[Self; 3]> {
+        self.filtered.as_deref()
     }
 
     /// This light and more.
@@ -78,9 +77,10 @@ impl FrameLight {
         all.stars.extend_from_slice(&more.stars);
         all.deposits.extend_from_slice(&more.deposits);
         all.discs.extend_from_slice(&more.discs);
-        all.filtered.resize_with(self.filtered.len().max(more.filtered.len()), Self::default);
-        for (own, more) in all.filtered.iter_mut().zip(&more.filtered) {
-            *own = own.with(more);
+        if let Some(more) = &more.filtered {
+            for (own, more) in all.filtered.get_or_insert_default().iter_mut().zip(&**more) {
+                *own = own.with(more);
+            }
         }
         all
     }

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use crate::catalog::Catalog;
 use crate::effects::optics::tables::PixelResponse;
-use crate::imaging::{Backend, BinnedImager, Binning, Exposure, Image16, Imager, ImagingConfig, ImagingError, PlaneLight, Stage};
+use crate::imaging::{Backend, BinnedImager, Exposure, Image16, Imager, ImagingConfig, ImagingError, PlaneLight, Stage};
 use crate::scene::{OtherLight, Psf, Scene, StarTrack};
 use light::{FrameLight, Spreader, StarLight};
 use mask::{joined_mask, mask};
@@ -177,9 +177,10 @@ impl<'a> Renderer<'a> {
 
     /// Expected electrons of the frame's pixels.
     fn clean_e(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
-        let own = self.imager.electrons_after_with(Some(Stage::Light), exposure, planes)?;
-        let Some(binning) = self.scene.binning else { return Ok(own) };
-        Ok(Binning { is_mean: false, ..binning }.join(&own, self.own_width_px(), f32::INFINITY))
+        match &self.binned {
+            Some(binned) => binned.expected_electrons(exposure, planes),
+            None => self.imager.electrons_after_with(Some(Stage::Light), exposure, planes),
+        }
     }
 
     /// The counts of an exposure.
@@ -206,9 +207,7 @@ impl<'a> Renderer<'a> {
 
     /// The light of a frame as it goes to the detector's own pixels.
     fn on_pixels<'b>(&'b self, exposure: &Exposure<'b>, frame: &'b FrameLight) -> Result<OnPixels<'b>, ImagingError> {
-        on_pixels(frame, &self.spreader, self.own_width_px(), exposure.sky_e, |stars, planes| {
-            self.imager.electrons_after_with(None, &Exposure { stars, sky_e: &[], ..*exposure }, planes)
-        })
+        on_pixels(frame, &self.spreader, exposure.sky_e, |lights| self.imager.behind_filters(exposure, lights))
     }
 
     fn exposure<'b>(&self, index: usize, frame: &'b FrameLight, sky_e: &'b [f32]) -> Exposure<'b> {

@@ -49,11 +49,8 @@ pub(super) fn pixel_shifts(
     tracks: &[StarTrack],
 ) -> Result<Vec<Option<PixelShift>>, ImagingError> {
     let all = light.stars.with(light.others);
-    let width_px = scene.camera.width_px;
     let of = |frame: &FrameLight| {
-        let lit = on_pixels(frame, light.seen, width_px, exposure.sky_e, |stars, planes| {
-            chain.light_alone(&Exposure { stars, ..*exposure }, planes)
-        })?;
+        let lit = on_pixels(frame, light.seen, exposure.sky_e, |lights| chain.behind_filters(exposure, lights))?;
         chain.readout(&Exposure { stars: lit.stars, sky_e: &lit.spread_e, ..*exposure }, &lit.planes)
     };
     let (with, without) = (of(&all)?, of(light.others)?);

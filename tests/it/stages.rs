@@ -27,7 +27,7 @@ fn bright_and_faint(width: usize, height: usize) -> Vec<StarImage> {
 
 /// Pixels that differ by more than 1e-5 of themselves (of 1 electron, where they hold less) and 1e-7 of the brightest pixel of the frame, since
 /// a pass brings the rounding of a bright pixel into faint ones. NaN is beyond everything.
-fn far_apart(a: &[f32], b: &[f32]) -> usize {
+pub(crate) fn far_apart(a: &[f32], b: &[f32]) -> usize {
     assert_eq!(a.len(), b.len());
     let brightest = b.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
     let far = |(a, b): (&f32, &f32)| a != b && ((a - b).is_nan() || (a - b).abs() > 1e-5 * b.abs().max(1.0) + 1e-7 * brightest);
@@ -216,7 +216,7 @@ fn charge_is_conserved_where_it_is_said() {
     assert!(tried >= 2);
 }
 
-fn parse(program: &str) -> naga::Module {
+pub(crate) fn parse(program: &str) -> naga::Module {
     let module = naga::front::wgsl::parse_str(program).unwrap_or_else(|error| panic!("{}", error.emit_to_string(program)));
     naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::empty())
         .validate(&module)
@@ -225,7 +225,7 @@ fn parse(program: &str) -> naga::Module {
 }
 
 /// Names and offsets of a struct's members, and its size.
-fn members(module: &naga::Module, name: &str) -> (Vec<(String, usize)>, usize) {
+pub(crate) fn members(module: &naga::Module, name: &str) -> (Vec<(String, usize)>, usize) {
     let (_, ty) = module.types.iter().find(|(_, ty)| ty.name.as_deref() == Some(name)).unwrap_or_else(|| panic!("no struct {name}"));
     let naga::TypeInner::Struct { members, span } = &ty.inner else { panic!("{name} is no struct") };
     let members = members.iter().map(|member| (member.name.clone().unwrap_or_default(), member.offset as usize)).collect();
