@@ -53,8 +53,11 @@ fn upper_tail(w: vec4<f32>) -> vec4<f32> {
 fn photon_noise_quad(electrons: vec4<f32>, quad: u32) -> vec4<f32> {
     let lambda = max(electrons, vec4<f32>(0.0));
     let w = normals(quad, PHOTON_NOISE_STAGE);
-    let is_small = lambda < vec4<f32>(EXPANSION_FROM_E);
     let large = poisson_quantile(max(lambda, vec4<f32>(EXPANSION_FROM_E)), w);
+    if (!PHOTON_NOISE_MAY_BE_FAINT) {
+        return large;
+    }
+    let is_small = lambda < vec4<f32>(EXPANSION_FROM_E);
     let small = poisson_inversion(select(vec4<f32>(0.0), lambda, is_small), upper_tail(w));
     return select(large, small, is_small);
 }

@@ -1,7 +1,8 @@
 // Collects the light of the stars whose point spread is a product of two profiles, in two steps and without atomics, so that a run repeats to
 // the bit. POINT_SPREAD_quad(star, first, fraction) is the share of a star's light along an axis in four pixels.
 //   profiles: for each entry of the tiles' lists, the star's profile along the tile's 16 columns and 16 rows; an invocation is one of the two.
-//   collect:  a workgroup is a tile, an invocation is a square of four times four pixels that goes through its tile's list in catalogue order.
+//   collect:  a workgroup is a tile that has entries, an invocation is a square of four times four pixels that goes through its tile's list in
+//             catalogue order. GOES_ON: it begins with what the pixels hold; else with nothing.
 // Some drivers fetch each invocation's memory one after the other: few large accesses are faster than many small ones.
 
 struct Star {
@@ -15,20 +16,25 @@ struct Star {
     unused: u32,
 }
 
-// A part of each tile's list: a loop must not run too long, so long lists take several dispatches.
+// A part of the tiles that have entries.
 struct Part {
-    first_entry: u32,
-    entries: u32,
-    // 1: go on from what an earlier part left in the buffer, 0: begin with nothing.
-    goes_on: u32,
+    // The first of them.
+    first_list: u32,
     // Entries of all tiles.
     all_entries: u32,
+    unused: vec2<u32>,
 }
 
 @group(0) @binding(1) var<uniform> part: Part;
 @group(0) @binding(2) var<storage, read> stars: array<Star>;
-// The entries of tile t are those from tile_starts[t] up to tile_starts[t + 1] - 1.
-@group(0) @binding(3) var<storage, read> tile_starts: array<u32>;
+// Column and row of a tile, and the entries that it goes through: at least one, the last before `end`.
+struct TileList {
+    column: u32,
+    row: u32,
+    first: u32,
+    end: u32,
+}
+@group(0) @binding(3) var<storage, read> tile_lists: array<TileList>;
 struct Entry {
     star: u32,
     tile: u32,
@@ -61,32 +67,36 @@ fn profiles(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) gr
 }
 
 @compute @workgroup_size(4, 4)
-fn collect(@builtin(local_invocation_id) at: vec3<u32>, @builtin(workgroup_id) tile: vec3<u32>) {
-    let x = 16u * tile.x + 4u * at.x;
-    let y = 16u * tile.y + 4u * at.y;
-    if (x >= frame.width || y >= frame.rows) {
+fn collect(@builtin(local_invocation_id) at: vec3<u32>, @builtin(workgroup_id) group: vec3<u32>) {
+    let list = tile_lists[part.first_list + group.x];
+    let x = 16u * list.column + 4u * at.x;
+    let y = 16u * list.row + 4u * at.y;
+    if (is_outside(x, y)) {
         return;
     }
-    let list = tile.y * frame.tile_columns + tile.x;
-    let first = tile_starts[list] + part.first_entry;
-    let end = min(tile_starts[list + 1u], first + part.entries);
     var row_0 = vec4<f32>(0.0);
     var row_1 = vec4<f32>(0.0);
     var row_2 = vec4<f32>(0.0);
     var row_3 = vec4<f32>(0.0);
-    if (part.goes_on == 1u) {
+    if (GOES_ON) {
         row_0 = read_quad(x, y);
         row_1 = read_quad(x, y + 1u);
         row_2 = read_quad(x, y + 2u);
         row_3 = read_quad(x, y + 3u);
     }
-    for (var entry = first; entry < end; entry++) {
+    var entry = list.first;
+    loop {
         let columns = profile[8u * entry + at.x];
         let rows = profile[8u * entry + 4u + at.y];
         row_0 += columns * rows.x;
         row_1 += columns * rows.y;
         row_2 += columns * rows.z;
         row_3 += columns * rows.w;
+        entry++;
+        // Asked at the end: some drivers run a loop's body once more where it is asked at the beginning.
+        if (entry >= list.end) {
+            break;
+        }
     }
     write_quad(x, y, row_0);
     write_quad(x, y + 1u, row_1);

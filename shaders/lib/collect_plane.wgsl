@@ -1,5 +1,5 @@
 // Adds the light of stars whose point spread is any function of two offsets, and whose place may change from row to row.
-// SHARE is the share of a star's light in the pixel at (dx, dy). A workgroup is a tile, an invocation is a pixel that goes through its tile's
+// SHARE is the share of a star's light in the pixel at (dx, dy). A workgroup is a tile that has entries, an invocation is a pixel that goes through its tile's
 // list in catalogue order, so that a run repeats to the bit.
 
 struct Star {
@@ -21,18 +21,24 @@ struct Star {
     weight_high: vec4<f32>,
 }
 
-// A part of each tile's list: a loop must not run too long, so long lists take several dispatches.
+// A part of the tiles that have entries.
 struct Part {
-    first_entry: u32,
-    entries: u32,
-    goes_on: u32,
+    // The first of them.
+    first_list: u32,
     all_entries: u32,
+    unused: vec2<u32>,
 }
 
 @group(0) @binding(1) var<uniform> part: Part;
 @group(0) @binding(2) var<storage, read> stars: array<Star>;
-// The entries of tile t are those from tile_starts[t] up to tile_starts[t + 1] - 1.
-@group(0) @binding(3) var<storage, read> tile_starts: array<u32>;
+// Column and row of a tile, and the entries that it goes through: at least one, the last before `end`.
+struct TileList {
+    column: u32,
+    row: u32,
+    first: u32,
+    end: u32,
+}
+@group(0) @binding(3) var<storage, read> tile_lists: array<TileList>;
 struct Entry {
     star: u32,
     tile: u32,
@@ -42,16 +48,15 @@ struct Entry {
 @group(0) @binding(6) var<storage, read_write> electrons: array<f32>;
 
 @compute @workgroup_size(16, 16)
-fn collect_plane(@builtin(global_invocation_id) at: vec3<u32>, @builtin(workgroup_id) tile: vec3<u32>) {
+fn collect_plane(@builtin(local_invocation_id) inside: vec3<u32>, @builtin(workgroup_id) group: vec3<u32>) {
+    let list = tile_lists[part.first_list + group.x];
+    let at = vec2<u32>(16u * list.column + inside.x, 16u * list.row + inside.y);
     if (at.x >= frame.width || at.y >= frame.rows) {
         return;
     }
     let index = at.y * frame.width + at.x;
-    let list = tile.y * frame.tile_columns + tile.x;
-    let first = tile_starts[list] + part.first_entry;
-    let end = min(tile_starts[list + 1u], first + part.entries);
     var sum = electrons[index];
-    for (var entry = first; entry < end; entry++) {
+    for (var entry = list.first; entry < list.end; entry++) {
         let star = stars[tile_entries[entry].star];
         let columns = i32(at.x) - star.column;
         let rows = i32(at.y + frame.first_row) - star.row;

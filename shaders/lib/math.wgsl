@@ -72,7 +72,7 @@ fn standard_normal(radius_word: u32, angle_word: u32) -> f32 {
 
 // Probability that a standard normal number exceeds x >= 0.
 fn normal_upper_tail(x_any: f32) -> f32 {
-    let x = min(x_any, 13.0);
+    let x = min(x_any, 12.0); // beyond lie numbers so small that processors are slow with them
     let t = 1.0 / (1.0 + 0.26 * x);
     var p = 0.0321890587012;
     p = p * t - 0.160858160315;

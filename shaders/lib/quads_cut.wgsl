@@ -2,6 +2,10 @@
 
 @group(0) @binding(6) var<storage, read_write> electrons: array<f32>;
 
+fn is_outside(x: u32, y: u32) -> bool {
+    return x >= frame.width || y >= frame.rows;
+}
+
 fn read_quad(x: u32, y: u32) -> vec4<f32> {
     let row = min(y, frame.rows - 1u) * frame.width;
     let last = frame.width - 1u;

@@ -137,6 +137,15 @@ impl Gpu {
         self.checked("writing to a buffer", || self.queue.write_buffer(&buffer.0, 0, bytes))
     }
 
+    /// Writes zeros to the first bytes of a buffer; their number is a multiple of 4.
+    pub fn clear(&self, buffer: &Buffer, bytes: u64) -> Result<(), GpuError> {
+        self.checked("clearing a buffer", || {
+            let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+            encoder.clear_buffer(&buffer.0, 0, Some(bytes));
+            self.queue.submit([encoder.finish()]);
+        })
+    }
+
     /// Starts the dispatches, one after the other; each sees what those before it wrote.
     pub fn submit(&self, dispatches: &[Dispatch<'_>]) -> Result<(), GpuError> {
         self.checked("running a shader", || {

@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use super::tiles::TILE_PX;
+use crate::effects::pixel::lanes::QUAD_PX;
 use crate::effects::pixel::pass::{Along, PassShape};
 use crate::effects::pixel::{AnyPixelEffect, PlaneSpread, PointSpread};
 
@@ -15,6 +17,7 @@ const SOURCE_ONE: &str = include_str!("../../shaders/lib/source_one.wgsl");
 const SOURCE_THREE: &str = include_str!("../../shaders/lib/source_three.wgsl");
 const COLLECT: &str = include_str!("../../shaders/lib/collect.wgsl");
 const COLLECT_PLANE: &str = include_str!("../../shaders/lib/collect_plane.wgsl");
+const QUADS_TILED: &str = include_str!("../../shaders/lib/quads_tiled.wgsl");
 const QUADS_WHOLE: &str = include_str!("../../shaders/lib/quads_whole.wgsl");
 const QUADS_CUT: &str = include_str!("../../shaders/lib/quads_cut.wgsl");
 const TO_COUNTS: &str = include_str!("../../shaders/lib/to_counts.wgsl");
@@ -34,12 +37,17 @@ pub enum Output {
     Counts,
 }
 
-/// The program that collects the stars' light; its entry points are `profiles` and `collect`. A frame whose width is a multiple of four is
-/// written in `whole_quads`.
+/// The program that collects the stars' light in a frame of this width; its entry points are `profiles` and `collect`. `goes_on`: to what the
+/// pixels hold already.
 #[must_use]
-pub fn collect_program(spread: &dyn PointSpread, whole_quads: bool) -> String {
-    let quads = if whole_quads { QUADS_WHOLE } else { QUADS_CUT };
-    [FRAME, MATH, spread.wgsl(), quads, &COLLECT.replace("POINT_SPREAD_quad(star,", &format!("{}_quad(star,", spread.id()))].join("\n")
+pub fn collect_program(spread: &dyn PointSpread, width_px: usize, goes_on: bool) -> String {
+    let quads = match width_px {
+        width_px if width_px.is_multiple_of(TILE_PX) => QUADS_TILED,
+        width_px if width_px.is_multiple_of(QUAD_PX) => QUADS_WHOLE,
+        _ => QUADS_CUT,
+    };
+    let collect = COLLECT.replace("POINT_SPREAD_quad(star,", &format!("{}_quad(star,", spread.id()));
+    [FRAME, MATH, spread.wgsl(), quads, &format!("const GOES_ON = {goes_on};"), &collect].join("\n")
 }
 
 /// The program that adds the light of a plane point spread; its entry point is `collect_plane`.
@@ -48,12 +56,16 @@ pub fn collect_plane_program(spread: &dyn PlaneSpread) -> String {
     [FRAME, MATH, spread.wgsl_library(), spread.wgsl(), &COLLECT_PLANE.replace("SHARE)", &format!("{})", spread.wgsl_share()))].join("\n")
 }
 
-/// The program that sends every pixel through the effects in their order; its entry point is `finish`.
+/// The program that sends every pixel through the effects in their order; its entry point is `finish`. `may_be_faint`: whether pixels can hold less
+/// than what an effect has a way of its own for ([`AnyPixelEffect::faint_below_e`]).
 #[must_use]
-pub fn chain_program(effects: &[&dyn AnyPixelEffect], output: Output) -> String {
+pub fn chain_program(effects: &[&dyn AnyPixelEffect], may_be_faint: bool, output: Output) -> String {
     let calls: String = effects.iter().map(|effect| call(*effect)).collect();
     let chain = format!("{CHAIN_HEAD}{calls}    return value;\n}}\n");
-    let head = ELECTRONS_IN_QUADS.to_owned() + &head(effects);
+    let mut head = ELECTRONS_IN_QUADS.to_owned() + &head(effects);
+    for effect in effects.iter().filter(|effect| effect.faint_below_e().is_some()) {
+        let _ = writeln!(head, "const {}_MAY_BE_FAINT = {may_be_faint};", effect.id().to_uppercase());
+    }
     let mut parts = vec![FRAME, MATH, RNG, PATTERN, &head];
     parts.extend(effects.iter().map(|effect| effect.wgsl()));
     parts.push(&chain);

@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::binning::Joining;
 use super::compose::{Output, join_program, mosaic_program};
-use super::on_gpu::{GpuImager, Kept, WORKGROUP, result_bytes};
+use super::on_gpu::{GpuImager, Kept, WORKGROUP, pixels_with_room, result_bytes};
 use super::plan::{Lit, Plan};
 use super::{Exposure, GpuError};
 use crate::gpu::{Binding, Buffer, Dispatch, Gpu};
@@ -82,7 +82,6 @@ impl GpuImager {
     pub(super) fn behind_filters(&self, plan: &Plan, lits: &[Lit<'_>], exposure: &Exposure<'_>) -> Result<Vec<f32>, GpuError> {
         let mut kept = self.kept();
         let kept = &mut *kept;
-        self.compile(plan, &[], None, Output::Electrons, kept)?;
         if kept.mosaic.is_none() {
             let bindings = [Binding::Uniform, Binding::Uniform, Binding::Read, Binding::ReadWrite];
             kept.mosaic = Some(self.gpu.kernel("mosaic", &mosaic_program(), "mosaic", &bindings)?);
@@ -92,7 +91,7 @@ impl GpuImager {
             let frame = self.frame_uniforms(plan, exposure, band)?;
             let pixels = band.rows * plan.width_px;
             let bytes = (pixels * size_of::<f32>()) as u64;
-            self.gpu.reserve(&mut kept.electrons, "electrons", bytes)?;
+            self.gpu.reserve(&mut kept.electrons, "electrons", pixels_with_room(band, plan.width_px) * size_of::<f32>() as u64)?;
             self.gpu.reserve(&mut kept.behind, "light behind filters", bytes)?;
             let sky = exposure.sky_e.get(band.first_row * plan.width_px..).and_then(|rest| rest.get(..pixels));
             if let (Some(sky), Some(behind)) = (sky, &kept.behind) {

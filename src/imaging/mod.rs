@@ -16,6 +16,7 @@
 //! index alone: any can be made by itself, and its bytes do not depend on threads. GPU and CPU agree as [`twin_check()`] measures.
 
 mod binning;
+mod collect_on_gpu;
 mod compose;
 mod join_on_gpu;
 mod marks;

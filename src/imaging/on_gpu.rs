@@ -1,17 +1,17 @@
 //! The pixel effects on a GPU: programs made for the plan, buffers kept from frame to frame, work split where a limit asks for it.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use bytemuck::{Pod, Zeroable};
 
 use super::binning::Joining;
-use super::compose::{Output, UNIFORM_ALIGNMENT, chain_program, collect_plane_program, collect_program};
+use super::collect_on_gpu::Collect;
+use super::compose::{Output, UNIFORM_ALIGNMENT, chain_program};
 use super::plan::{Enabled, Lit, Plan, Segment};
-use super::plane::PlaneBatch;
-use super::tiles::{Entry, Grid, TILE_PX, bin};
+use super::tiles::TILE_PX;
 use super::{Exposure, GpuError, SplitLimits};
 use crate::effects::pixel::lanes::QUAD_PX;
-use crate::effects::pixel::{ExposureContext, PlaneStar, Stage, Star};
+use crate::effects::pixel::{ExposureContext, Stage};
 use crate::gpu::{Binding, Buffer, Dispatch, Gpu, Kernel};
 
 /// `Frame` of `shaders/lib/frame.wgsl`.
@@ -28,41 +28,17 @@ struct FrameUniforms {
     pixels: u32,
 }
 
-/// `Part` of `shaders/lib/collect.wgsl`.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Pod, Zeroable)]
-struct PartUniforms {
-    first_entry: u32,
-    entries: u32,
-    goes_on: u32,
-    all_entries: u32,
-}
-
 /// Invocations of a workgroup in the programs that do not go by tiles.
 pub(super) const WORKGROUP: u64 = 64;
 
-/// The bindings of `shaders/lib/collect.wgsl`.
-const COLLECT_BINDINGS: [Binding; 7] =
-    [Binding::Uniform, Binding::Uniform, Binding::Read, Binding::Read, Binding::Read, Binding::ReadWrite, Binding::ReadWrite];
-
-/// The bindings of `shaders/lib/collect_plane.wgsl`.
-const PLANE_BINDINGS: [Binding; 7] =
-    [Binding::Uniform, Binding::Uniform, Binding::Read, Binding::Read, Binding::Read, Binding::Read, Binding::ReadWrite];
-
-/// Bytes of an entry's profiles: along the columns and along the rows of its tile.
-const PROFILE_BYTES: usize = 2 * TILE_PX * size_of::<f32>();
-
-/// Which program of a frame: effects up to this stage, what they write, number of the segment.
-type FinishKey = (Option<Stage>, Output, usize);
+/// Which program of a frame: effects up to this stage, what they write, number of the segment, whether pixels may be faint.
+type FinishKey = (Option<Stage>, Output, usize, bool);
 
 /// What is kept between frames.
 #[derive(Debug, Default)]
 pub(super) struct Kept {
-    profiles: Option<Kernel>,
-    collect: Option<Kernel>,
-    /// Programs of plane spreads, by their ids.
-    planes: Vec<(&'static str, Kernel)>,
-    atlas: Option<KeptAtlas>,
+    /// What collects the stars' light.
+    pub(super) collect: Collect,
     /// Programs of effects that each see one pixel.
     finish: Vec<(FinishKey, Kernel)>,
     /// The sweeps of passes, by id.
@@ -78,20 +54,9 @@ pub(super) struct Kept {
     pub(super) joined: Option<Buffer>,
     /// Light that is behind filters.
     pub(super) behind: Option<Buffer>,
-    stars: Option<Buffer>,
-    starts: Option<Buffer>,
-    entries: Option<Buffer>,
-    profile: Option<Buffer>,
     pub(super) electrons: Option<Buffer>,
     pub(super) counts: Option<Buffer>,
     pub(super) staging: Option<Buffer>,
-}
-
-/// Tables on the device, and where they lie in memory: that tells whether they are those wanted.
-#[derive(Debug)]
-struct KeptAtlas {
-    values: Arc<[f32]>,
-    buffer: Buffer,
 }
 
 /// A GPU with the programs of a plan.
@@ -129,12 +94,27 @@ pub(super) fn result_bytes(output: Output, pixels: usize) -> u64 {
     }
 }
 
+/// By so much at most a buffer is larger than the pixels of its band ask for: workgroups are a rectangle, of at most three rows here.
+const ROOM_BYTES: u64 = 4096;
+
+/// Workgroups that send the pixels of a band through a chain.
+fn workgroups_of_chain(pixels: usize) -> [u32; 2] {
+    Gpu::workgroups_for((pixels.div_ceil(QUAD_PX) as u64).div_ceil(WORKGROUP))
+}
+
+/// Pixels for which the buffers of a band must have room: whole rows of tiles, and all that the last workgroup of a chain goes through.
+pub(super) fn pixels_with_room(band: Band, width_px: usize) -> u64 {
+    let workgroups = workgroups_of_chain(band.rows * width_px).map(u64::from);
+    let of_chain = workgroups[0] * workgroups[1] * WORKGROUP * QUAD_PX as u64;
+    of_chain.max((band.rows.next_multiple_of(TILE_PX) * width_px) as u64)
+}
+
 impl GpuImager {
     /// Rows that are joined, `joined_rows` at a time, are in the same band.
     pub(super) fn new(gpu: Gpu, plan: &Plan, limits: SplitLimits, joined_rows: usize) -> Self {
         let least_rows = (1..=joined_rows).map(|count| count * TILE_PX).find(|rows| rows.is_multiple_of(joined_rows)).unwrap_or(TILE_PX);
         let least_bytes = (plan.width_px * least_rows * size_of::<f32>()) as u64;
-        let band_rows = (limits.buffer_bytes / least_bytes).max(1) as usize * least_rows;
+        let band_rows = (limits.buffer_bytes.saturating_sub(ROOM_BYTES) / least_bytes).max(1) as usize * least_rows;
         Self { gpu, limits, band_rows, kept: Mutex::default() }
     }
 
@@ -199,7 +179,8 @@ impl GpuImager {
         let segments = plan.segments(stage);
         let last = segments.len() - 1;
         let context = plan.context(exposure, lit);
-        self.compile(plan, &segments, stage, output, kept)?;
+        let may_be_faint = plan.may_be_faint(&context, lit);
+        self.compile(plan, &segments, (stage, output, may_be_faint), kept)?;
         if joining.is_some() {
             self.compile_join(output, kept)?;
         }
@@ -207,15 +188,10 @@ impl GpuImager {
             segments.iter().map(|segment| self.effect_uniforms(segment.pixels, &context)).collect::<Result<Vec<_>, GpuError>>()?;
         let bands = self.bands_of(plan);
         let frames = bands.iter().map(|band| self.frame_uniforms(plan, exposure, *band)).collect::<Result<Vec<_>, GpuError>>()?;
-        let key = |number: usize| (stage, if number == last { output } else { Output::Electrons }, number);
+        let key = |number: usize| (stage, if number == last { output } else { Output::Electrons }, number, may_be_faint);
         let finish = |number: usize, band: usize, kept: &mut Kept| {
-            self.finish(
-                key(number),
-                segments[number].pixels.is_empty(),
-                bands[band].rows * plan.width_px,
-                [&frames[band], &uniforms[number]],
-                kept,
-            )
+            let is_empty = segments[number].pixels.is_empty();
+            self.finish(key(number), is_empty, (bands[band], plan.width_px), [&frames[band], &uniforms[number]], kept)
         };
         // Where charge moves over the frame, all of it is held, a buffer for each band; else one buffer serves band after band.
         kept.frame.resize_with(if last == 0 { 0 } else { bands.len() }, || None);
@@ -223,7 +199,7 @@ impl GpuImager {
             if let Some(held) = kept.frame.get_mut(number) {
                 std::mem::swap(held, &mut kept.electrons);
             }
-            self.gpu.reserve(&mut kept.electrons, "electrons", (band.rows * plan.width_px * size_of::<f32>()) as u64)?;
+            self.gpu.reserve(&mut kept.electrons, "electrons", pixels_with_room(*band, plan.width_px) * size_of::<f32>() as u64)?;
             self.collect_all(plan, lit, *band, &frames[number], kept)?;
             finish(0, number, kept)?;
             match kept.frame.get_mut(number) {
@@ -258,10 +234,17 @@ impl GpuImager {
     }
 
     /// Sends the pixels of a band through a segment's effects.
-    fn finish(&self, key: FinishKey, is_empty: bool, pixels: usize, uniforms: [&Buffer; 2], kept: &mut Kept) -> Result<(), GpuError> {
+    fn finish(
+        &self,
+        key: FinishKey,
+        is_empty: bool,
+        (band, width_px): (Band, usize),
+        uniforms: [&Buffer; 2],
+        kept: &mut Kept,
+    ) -> Result<(), GpuError> {
         let output = key.1;
         if output == Output::Counts {
-            self.gpu.reserve(&mut kept.counts, "counts", result_bytes(output, pixels))?;
+            self.gpu.reserve(&mut kept.counts, "counts", pixels_with_room(band, width_px) * size_of::<u16>() as u64)?;
         } else if is_empty {
             return Ok(());
         }
@@ -270,8 +253,7 @@ impl GpuImager {
         };
         let mut buffers = vec![uniforms[0], uniforms[1], electrons];
         buffers.extend(kept.counts.as_ref().filter(|_| output == Output::Counts));
-        let workgroups = Gpu::workgroups_for((pixels.div_ceil(QUAD_PX) as u64).div_ceil(WORKGROUP));
-        self.gpu.submit(&[Dispatch { kernel, buffers: &buffers, workgroups }])
+        self.gpu.submit(&[Dispatch { kernel, buffers: &buffers, workgroups: workgroups_of_chain(band.rows * width_px) }])
     }
 
     /// Hands the bytes of a finished band to `take`; where pixels are joined, those of the joined ones and no others.
@@ -297,33 +279,28 @@ impl GpuImager {
         self.gpu.download(result, result_bytes(output, pixels), staging, |bytes| take(pixels, bytes))
     }
 
-    /// Makes the programs that are not there yet.
-    pub(super) fn compile(
+    /// Makes the programs of the chain that are not there yet.
+    fn compile(
         &self,
         plan: &Plan,
         segments: &[Segment<'_>],
-        stage: Option<Stage>,
-        output: Output,
+        (stage, output, may_be_faint): (Option<Stage>, Output, bool),
         kept: &mut Kept,
     ) -> Result<(), GpuError> {
         use Binding::{ReadWrite, Uniform};
-        if kept.collect.is_none() {
-            let program = collect_program(plan.spread, plan.width_px.is_multiple_of(QUAD_PX));
-            kept.profiles = Some(self.gpu.kernel("profiles", &program, "profiles", &COLLECT_BINDINGS)?);
-            kept.collect = Some(self.gpu.kernel("collect", &program, "collect", &COLLECT_BINDINGS)?);
-        }
         for (number, segment) in segments.iter().enumerate() {
             let output = if number + 1 == segments.len() { output } else { Output::Electrons };
             if let Some(pass) = segment.pass {
                 self.compile_pass(pass, plan.height_px > self.band_rows, kept)?;
             }
+            let key = (stage, output, number, may_be_faint);
             let is_needed = output == Output::Counts || !segment.pixels.is_empty();
-            if is_needed && !kept.finish.iter().any(|(key, _)| *key == (stage, output, number)) {
+            if is_needed && !kept.finish.iter().any(|(other, _)| *other == key) {
                 let effects: Vec<_> = segment.pixels.iter().map(|enabled| enabled.effect).collect();
                 let bindings = [Uniform, Uniform, ReadWrite, ReadWrite];
                 let bindings = if output == Output::Counts { &bindings[..] } else { &bindings[..3] };
-                let kernel = self.gpu.kernel("finish", &chain_program(&effects, output), "finish", bindings)?;
-                kept.finish.push(((stage, output, number), kernel));
+                let kernel = self.gpu.kernel("finish", &chain_program(&effects, may_be_faint, output), "finish", bindings)?;
+                kept.finish.push((key, kernel));
             }
         }
         Ok(())
@@ -348,130 +325,5 @@ impl GpuImager {
     pub(super) fn collect_all(&self, plan: &Plan, lit: &Lit<'_>, band: Band, frame: &Buffer, kept: &mut Kept) -> Result<(), GpuError> {
         self.collect(plan, lit, band, frame, kept)?;
         lit.planes.iter().try_for_each(|batch| self.collect_plane(plan, batch, band, frame, kept))
-    }
-
-    /// Fills the buffer of electrons with the stars' light, in as many dispatches as the loop budget and the size of buffers ask for.
-    fn collect(&self, plan: &Plan, lit: &Lit<'_>, band: Band, frame: &Buffer, kept: &mut Kept) -> Result<(), GpuError> {
-        let grid = Grid { width: plan.width_px, first_row: band.first_row, rows: band.rows, tile_width: TILE_PX };
-        let most_stars = (self.limits.buffer_bytes as usize / size_of::<Star>()).max(1);
-        let most_entries = (self.limits.buffer_bytes as usize / PROFILE_BYTES).max(1);
-        let per_dispatch = self.limits.entries_per_dispatch.clamp(1, crate::gpu::LOOP_BUDGET);
-        let first_pixel = band.first_row * plan.width_px;
-        let sky = lit.sky_e.get(first_pixel..first_pixel + band.rows * plan.width_px);
-        if let (Some(sky), Some(electrons)) = (sky, &kept.electrons) {
-            self.gpu.upload(electrons, bytemuck::cast_slice(sky))?;
-        }
-        // The stars' light goes on from that of the sky, where there is any.
-        let mut goes_on = u32::from(sky.is_some());
-        for lists in bin(&lit.stars, &grid, most_stars, most_entries) {
-            for (buffer, label, bytes) in [
-                (&mut kept.stars, "stars", bytemuck::cast_slice::<_, u8>(&lists.stars)),
-                (&mut kept.starts, "tile starts", bytemuck::cast_slice(&lists.starts)),
-                (&mut kept.entries, "tile entries", bytemuck::cast_slice(&lists.entries)),
-            ] {
-                // Room to grow, so that not every frame with a few stars more makes new buffers.
-                self.gpu.reserve(buffer, label, (bytes.len() as u64).next_power_of_two())?;
-                if let Some(buffer) = buffer
-                    && !bytes.is_empty()
-                {
-                    self.gpu.upload(buffer, bytes)?;
-                }
-            }
-            self.gpu.reserve(&mut kept.profile, "profile", ((lists.entries.len() * PROFILE_BYTES) as u64).next_power_of_two())?;
-            let Kept { profiles: Some(profiles), collect: Some(collect), .. } = &*kept else {
-                continue; // both were made before
-            };
-            let Kept { stars: Some(stars), starts: Some(starts), entries: Some(entries), .. } = &*kept else {
-                continue; // all were made above
-            };
-            let Kept { profile: Some(profile), electrons: Some(electrons), .. } = &*kept else {
-                continue; // as above
-            };
-            let all_entries = lists.entries.len() as u32;
-            let longest = lists.longest();
-            let mut first_entry = 0;
-            loop {
-                let part = PartUniforms { first_entry, entries: per_dispatch, goes_on, all_entries };
-                let part = self.gpu.uniform("part", bytemuck::bytes_of(&part))?;
-                let buffers = [frame, &part, stars, starts, entries, profile, electrons];
-                let invocations = 2 * u64::from(all_entries);
-                let work = [
-                    Dispatch { kernel: profiles, buffers: &buffers, workgroups: Gpu::workgroups_for(invocations.div_ceil(WORKGROUP)) },
-                    Dispatch { kernel: collect, buffers: &buffers, workgroups: [grid.columns() as u32, grid.tile_rows() as u32] },
-                ];
-                // The profiles serve all parts of the lists, and an empty list has none.
-                self.gpu.submit(&work[usize::from(first_entry > 0 || all_entries == 0)..])?;
-                goes_on = 1;
-                first_entry += per_dispatch;
-                if first_entry >= longest {
-                    break;
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// Adds the light of a plane spread to the buffer of electrons.
-    fn collect_plane(&self, plan: &Plan, batch: &PlaneBatch<'_>, band: Band, frame: &Buffer, kept: &mut Kept) -> Result<(), GpuError> {
-        let spread = batch.spread;
-        if !kept.planes.iter().any(|(id, _)| *id == spread.id()) {
-            let kernel = self.gpu.kernel("collect_plane", &collect_plane_program(spread), "collect_plane", &PLANE_BINDINGS)?;
-            kept.planes.push((spread.id(), kernel));
-        }
-        self.keep_atlas(&batch.atlas.values, kept)?;
-        let grid = Grid { width: plan.width_px, first_row: band.first_row, rows: band.rows, tile_width: TILE_PX };
-        let most_stars = (self.limits.buffer_bytes as usize / size_of::<PlaneStar>()).max(1);
-        let most_entries = (self.limits.buffer_bytes as usize / size_of::<Entry>()).max(1);
-        let budget = crate::gpu::LOOP_BUDGET / (spread.loop_iterations() + 1);
-        let per_dispatch = self.limits.entries_per_dispatch.clamp(1, budget.max(1));
-        for lists in bin(&batch.stars, &grid, most_stars, most_entries) {
-            if lists.entries.is_empty() {
-                continue;
-            }
-            for (buffer, label, bytes) in [
-                (&mut kept.stars, "stars", bytemuck::cast_slice::<_, u8>(&lists.stars)),
-                (&mut kept.starts, "tile starts", bytemuck::cast_slice(&lists.starts)),
-                (&mut kept.entries, "tile entries", bytemuck::cast_slice(&lists.entries)),
-            ] {
-                self.gpu.reserve(buffer, label, (bytes.len() as u64).next_power_of_two())?;
-                if let Some(buffer) = buffer {
-                    self.gpu.upload(buffer, bytes)?;
-                }
-            }
-            let Kept { stars: Some(stars), starts: Some(starts), entries: Some(entries), .. } = &*kept else {
-                continue; // all were made above
-            };
-            let Kept { atlas: Some(atlas), electrons: Some(electrons), planes, .. } = &*kept else {
-                continue; // as above
-            };
-            let Some((_, kernel)) = planes.iter().find(|(id, _)| *id == spread.id()) else {
-                continue; // as above
-            };
-            for first_entry in (0..lists.longest()).step_by(per_dispatch as usize) {
-                let part = PartUniforms { first_entry, entries: per_dispatch, goes_on: 1, all_entries: lists.entries.len() as u32 };
-                let part = self.gpu.uniform("part", bytemuck::bytes_of(&part))?;
-                let buffers = [frame, &part, stars, starts, entries, &atlas.buffer, electrons];
-                let workgroups = [grid.columns() as u32, grid.tile_rows() as u32];
-                self.gpu.submit(&[Dispatch { kernel, buffers: &buffers, workgroups }])?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Brings tables to the device, unless they are there.
-    fn keep_atlas(&self, values: &Arc<[f32]>, kept: &mut Kept) -> Result<(), GpuError> {
-        if kept.atlas.as_ref().is_some_and(|atlas| Arc::ptr_eq(&atlas.values, values)) {
-            return Ok(());
-        }
-        let mut buffer = None;
-        self.gpu.reserve(&mut buffer, "atlas", (size_of_val(&**values) as u64).max(16))?;
-        let Some(buffer) = buffer else {
-            return Ok(()); // it was made above
-        };
-        if !values.is_empty() {
-            self.gpu.upload(&buffer, bytemuck::cast_slice(values))?;
-        }
-        kept.atlas = Some(KeptAtlas { values: Arc::clone(values), buffer });
-        Ok(())
     }
 }

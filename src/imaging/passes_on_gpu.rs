@@ -7,7 +7,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::GpuError;
 use super::compose::pass_programs;
-use super::on_gpu::{Band, GpuImager, Kept, WORKGROUP};
+use super::on_gpu::{Band, GpuImager, Kept, WORKGROUP, pixels_with_room};
 use super::plan::{Enabled, Plan};
 use crate::effects::pixel::pass::{Along, Carry, PassShape, Sweep};
 use crate::effects::pixel::{ExposureContext, Work};
@@ -139,7 +139,8 @@ impl GpuImager {
         let Some(kernel) = kernel else { return Ok(()) }; // it was made before
         for (number, band) in bands.iter().enumerate() {
             let pixels = (band.rows * plan.width_px) as u64;
-            self.gpu.reserve(&mut kept.made[number], "electrons made anew", pixels * size_of::<f32>() as u64)?;
+            let bytes = pixels_with_room(*band, plan.width_px) * size_of::<f32>() as u64;
+            self.gpu.reserve(&mut kept.made[number], "electrons made anew", bytes)?;
             let rows_before = number.checked_sub(1).map_or(0, |before| bands[before].rows);
             let around = AroundUniforms { height: plan.height_px as u32, rows_before: rows_before as u32, unused: [0; 2] };
             let around = self.gpu.uniform("around", bytemuck::bytes_of(&around))?;

@@ -69,6 +69,10 @@ impl Enabled {
         Ok(Self { effect, parameters })
     }
 
+    fn least_e(&self, context: &ExposureContext, least_e: f64) -> f64 {
+        self.effect.least_e(&self.parameters, context, least_e)
+    }
+
     pub(super) fn uniforms(&self, context: &ExposureContext) -> Vec<u8> {
         self.effect.uniforms(&self.parameters, context)
     }
@@ -159,6 +163,18 @@ impl Plan {
             let Some((next, after)) = rest.split_first() else { return segments };
             (pass, left) = (Some(next), after);
         }
+    }
+
+    /// Whether a pixel may hold less than that below which an effect goes a way of its own.
+    pub(super) fn may_be_faint(&self, context: &ExposureContext, lit: &Lit<'_>) -> bool {
+        /// Above all rounding.
+        const MARGIN: f64 = 1.001;
+        let mut least_e = lit.sky_e.iter().copied().reduce(f32::min).map_or(0.0, f64::from);
+        self.effects.iter().any(|enabled| {
+            let is_faint = enabled.effect.faint_below_e().is_some_and(|below_e| least_e < MARGIN * below_e);
+            least_e = enabled.least_e(context, least_e);
+            is_faint
+        })
     }
 
     /// Whether an effect is switched on.

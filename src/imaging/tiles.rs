@@ -20,6 +20,20 @@ pub(super) struct Entry {
     pub(super) tile: u32,
 }
 
+/// A part of the list of a tile; `TileList` of `shaders/lib/collect.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
+pub(super) struct TileList {
+    /// Which tile of its row.
+    pub(super) column: u32,
+    /// Which row of tiles.
+    pub(super) row: u32,
+    /// The first entry.
+    pub(super) first: u32,
+    /// The one after the last.
+    pub(super) end: u32,
+}
+
 /// What lies in a square of pixels around a place.
 pub(super) trait Placed: Copy {
     /// Column and row of the middle.
@@ -54,9 +68,20 @@ impl<S> TileLists<S> {
         &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize]
     }
 
-    /// The longest list.
-    pub(super) fn longest(&self) -> u32 {
-        self.starts.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or(0)
+    /// The tiles that have entries, `columns` of them in a row: parts of their lists that are no longer than `most`, as many times as the longest
+    /// list asks for.
+    pub(super) fn parts(&self, columns: usize, most: u32) -> Vec<Vec<TileList>> {
+        let mut parts: Vec<Vec<TileList>> = Vec::new();
+        for (tile, pair) in self.starts.windows(2).enumerate() {
+            let (column, row) = ((tile % columns) as u32, (tile / columns) as u32);
+            for (part, first) in (pair[0]..pair[1]).step_by(most as usize).enumerate() {
+                if parts.len() == part {
+                    parts.push(Vec::new());
+                }
+                parts[part].push(TileList { column, row, first, end: pair[1].min(first + most) });
+            }
+        }
+        parts
     }
 }
 
@@ -246,6 +271,25 @@ mod tests {
             let joined: Vec<Star> = chunks.iter().flat_map(|chunk| chunk.stars.clone()).collect();
             assert_eq!(joined, whole[0].stars);
             assert_eq!(chunks.iter().map(|chunk| chunk.entries.len()).sum::<usize>(), whole[0].entries.len());
+        }
+    }
+
+    /// Parts of lists hold every entry once and in order, none is empty, and the n-th part of a tile is in the n-th list.
+    #[test]
+    fn parts_lose_nothing() {
+        let spread = point_spread("gaussian_psf").unwrap();
+        let images: Vec<_> = (0..90).map(|i| star(f64::from(i % 9), f64::from(i % 7) + 40.0 * f64::from(i % 2))).collect();
+        let lists = bin(&prepare(&images, spread, 100, 100).unwrap(), &grid(100, 0, 100), usize::MAX, usize::MAX).swap_remove(0);
+        for most in [1, 7, 1000] {
+            let parts = lists.parts(7, most);
+            let mut next = lists.starts.clone();
+            for part in parts.iter().flatten() {
+                let tile = (7 * part.row + part.column) as usize;
+                assert!(part.first == next[tile] && (1..=most).contains(&(part.end - part.first)));
+                next[tile] = part.end;
+            }
+            assert_eq!(next[..49], lists.starts[1..], "lists of {most}");
+            assert!(parts.iter().all(|part| part.is_sorted_by_key(|one| one.first)));
         }
     }
 

@@ -3,8 +3,8 @@
 use boresight::effects::pixel::pass::PassShape;
 use boresight::effects::pixel::{AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, Role, Stage, Star, Work};
 use boresight::imaging::{
-    EffectSetting, Imager, ImagingConfig, Output, SplitLimits, StarImage, chain_program, collect_program, compare_counts, pass_programs,
-    uniforms_name,
+    EffectSetting, Exposure, Imager, ImagingConfig, Output, SplitLimits, StarImage, chain_program, collect_program, compare_counts,
+    pass_programs, uniforms_name,
 };
 use boresight::rng::StageKey;
 
@@ -81,6 +81,46 @@ fn the_comparison_of_stages_can_fail() {
         seen += usize::from(far_apart(&of(wrong), &frame) > 0);
     }
     assert!(seen >= 2, "{seen} passes were told from wrong ones");
+}
+
+/// No pixel holds less than an effect says that it leaves at least; and enough effects say it that faint pixels can be ruled out.
+#[test]
+fn the_least_electrons_are_the_least() {
+    let context = ExposureContext { width_px: 96, height_px: 64, star_light_e: 1e6, ..ExposureContext::default() };
+    let mut sure = Vec::new();
+    for effect in PIXEL_EFFECTS.iter().filter(|effect| effect.stage() == Stage::Light) {
+        let Work::Pixels(apply) = effect.work() else { continue };
+        let typical: Vec<f64> = effect.parameters().iter().map(|spec| spec.typical).collect();
+        for (parameters, before_e) in [(&typical, 50.0), (&typical, 3000.0), (&effect.identity().unwrap_or_default(), 50.0)] {
+            let mut pixels = vec![before_e as f32; 96 * 64];
+            let key = StageKey { seed: 5, frame: 0, stage: effect.rng_stage() };
+            apply(&effect.uniforms(parameters, &context), key, 0, &mut pixels);
+            let least_e = pixels.into_iter().fold(f32::INFINITY, f32::min);
+            let said_e = effect.least_e(parameters, &context, before_e);
+            assert!(f64::from(least_e) >= said_e * (1.0 - 1e-6), "{}: {least_e} electrons, but {said_e} were said", effect.id());
+            sure.extend((said_e > 0.0).then_some(effect.id()));
+        }
+    }
+    assert!(["background", "vignetting", "dark_current"].iter().all(|id| sure.contains(id)), "{sure:?}");
+}
+
+/// Where no pixel can be faint, the program without their way gives the bytes of the program with it.
+#[test]
+fn a_frame_without_faint_pixels_is_the_same() {
+    let (width, height) = (96, 70);
+    let effects = ["background", "vignetting", "photon_noise", "read_noise", "adc"];
+    let effects = effects.map(|id| typical(boresight::effects::pixel::pixel_effect(id).expect("it is registered"))).to_vec();
+    let Some(imager) = gpu("a_frame_without_faint_pixels_is_the_same", &config(width, height, effects), SplitLimits::default()) else {
+        return;
+    };
+    let stars = sky(60, width, height, 3);
+    let bright = imager.expose(&exposure(&stars, 4)).unwrap().pixels_dn;
+    // Less than nothing in a single pixel of the sky, where no star is, makes that pixel faint and the program another.
+    let mut sky_e = vec![0.0; width * height];
+    sky_e[0] = -60.0;
+    let faint = imager.expose(&Exposure { sky_e: &sky_e, ..exposure(&stars, 4) }).unwrap().pixels_dn;
+    let differ: Vec<usize> = (0..bright.len()).filter(|i| bright[*i] != faint[*i]).collect();
+    assert_eq!(differ, [0]);
 }
 
 /// A pass gives the same bytes where the frame lies in several buffers, where lines are walked in parts, and on any number of threads.
@@ -256,8 +296,8 @@ fn check_uniforms(module: &naga::Module, effects: &[&dyn AnyPixelEffect]) {
 #[test]
 fn shaders_are_sound_and_their_uniforms_lie_where_the_twins_have_them() {
     for spread in POINT_SPREADS {
-        for whole_quads in [true, false] {
-            let module = parse(&collect_program(*spread, whole_quads));
+        for (width_px, goes_on) in [(64, false), (64, true), (68, true), (67, true)] {
+            let module = parse(&collect_program(*spread, width_px, goes_on));
             assert_eq!(members(&module, "Star").1, size_of::<Star>());
         }
     }
@@ -265,8 +305,8 @@ fn shaders_are_sound_and_their_uniforms_lie_where_the_twins_have_them() {
     let subsets = (0..=on_pixels.len()).flat_map(|first| (1..=2).map(move |count| (first, count)));
     let subsets = subsets.filter_map(|(first, count)| on_pixels.get(first..first + count)).chain([&[][..], &on_pixels[..]]);
     for effects in subsets {
-        for output in [Output::Counts, Output::Electrons] {
-            check_uniforms(&parse(&chain_program(effects, output)), effects);
+        for (output, may_be_faint) in [(Output::Counts, true), (Output::Electrons, true), (Output::Counts, false)] {
+            check_uniforms(&parse(&chain_program(effects, may_be_faint, output)), effects);
         }
     }
     for effect in PIXEL_EFFECTS {

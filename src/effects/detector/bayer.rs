@@ -113,6 +113,9 @@ impl PixelEffect for BayerMosaic {
     fn identity() -> Option<Vec<f64>> {
         Some(vec![1.0; 2])
     }
+    fn least_e(parameters: &[f64], _exposure: &ExposureContext, least_e: f64) -> f64 {
+        parameters[0].min(parameters[1]).min(1.0) * least_e
+    }
 }
 
 #[cfg(test)]

@@ -83,6 +83,9 @@ impl PixelEffect for DarkCurrent {
     fn identity() -> Option<Vec<f64>> {
         Some(vec![0.0, 20.0, 6.5, 0.0])
     }
+    fn least_e(_parameters: &[f64], _exposure: &ExposureContext, least_e: f64) -> f64 {
+        least_e
+    }
 }
 
 #[cfg(test)]

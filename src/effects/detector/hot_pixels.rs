@@ -89,6 +89,9 @@ impl PixelEffect for HotPixels {
     fn identity() -> Option<Vec<f64>> {
         Some(vec![0.0, 500.0, 0.0, 0.0, 20.0, 6.5])
     }
+    fn least_e(parameters: &[f64], _exposure: &ExposureContext, least_e: f64) -> f64 {
+        if parameters[3] > 0.0 { 0.0 } else { least_e }
+    }
 }
 
 #[cfg(test)]

@@ -166,6 +166,7 @@ impl PixelEffect for PhotonNoise {
     const ROLE: Role = Role::Noise;
     const PARAMETERS: &'static [ParameterSpec] = &[];
     const RNG_STAGE: u32 = 1;
+    const FAINT_BELOW_E: Option<f64> = Some(EXPANSION_FROM_E as f64);
     const WGSL: &'static str = include_str!("../../../shaders/photon_noise.wgsl");
     const SOURCE: &'static str = include_str!("photon_noise.rs");
     type Uniforms = ();

@@ -140,6 +140,9 @@ impl PixelEffect for RandomTelegraph {
     fn identity() -> Option<Vec<f64>> {
         Some(vec![0.0, 300.0, 30.0, 10.0, 2.0, 20.0, 6.5])
     }
+    fn least_e(_parameters: &[f64], _exposure: &ExposureContext, least_e: f64) -> f64 {
+        least_e
+    }
 }
 
 #[cfg(test)]

@@ -149,6 +149,10 @@ impl PixelEffect for StrayLightSlope {
     fn identity() -> Option<Vec<f64>> {
         Some(vec![0.0; 2])
     }
+    fn least_e(parameters: &[f64], exposure: &ExposureContext, least_e: f64) -> f64 {
+        let middle_px = exposure.middle_px();
+        (least_e - exposure.exposure_s * (parameters[0].abs() * middle_px[0] + parameters[1].abs() * middle_px[1])).max(0.0)
+    }
 }
 
 #[cfg(test)]

@@ -61,6 +61,9 @@ impl PixelEffect for VeilingGlare {
     fn identity() -> Option<Vec<f64>> {
         Some(vec![0.0])
     }
+    fn least_e(parameters: &[f64], exposure: &ExposureContext, least_e: f64) -> f64 {
+        (1.0 - parameters[0]) * least_e + parameters[0] * exposure.star_light_e / (exposure.width_px * exposure.height_px) as f64
+    }
 }
 
 #[cfg(test)]

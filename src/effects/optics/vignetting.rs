@@ -85,6 +85,10 @@ impl PixelEffect for Vignetting {
     fn identity() -> Option<Vec<f64>> {
         Some(vec![0.0; 3])
     }
+    fn least_e(parameters: &[f64], _exposure: &ExposureContext, least_e: f64) -> f64 {
+        let [corner_deg, second, fourth] = [parameters[0], parameters[1], parameters[2]];
+        (1.0 - second - fourth.max(0.0)).max(0.0) * corner_deg.to_radians().cos().powi(4) * least_e
+    }
 }
 
 #[cfg(test)]

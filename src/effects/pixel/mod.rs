@@ -114,12 +114,20 @@ pub trait PixelEffect: Sync {
     /// Name and offset in bytes of each member of [`Self::Uniforms`].
     const FIELDS: &'static [(&'static str, usize)];
 
+    /// Below so many electrons it takes a way of its own, which the shader leaves out where the constant `ID_MAY_BE_FAINT` is false: where no pixel
+    /// can hold less. Some drivers run both sides of every branch.
+    const FAINT_BELOW_E: Option<f64> = None;
+
     /// Uniforms from parameters in the order of [`Self::PARAMETERS`].
     fn uniforms(parameters: &[f64], exposure: &ExposureContext) -> Self::Uniforms;
     /// The CPU twin: changes a run of pixels, of which the first has the index `first_pixel` in the frame.
     fn apply(uniforms: &Self::Uniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]);
     /// Parameters with which it changes nothing, if there are any.
     fn identity() -> Option<Vec<f64>>;
+    /// Electrons that every pixel holds at least after it, if each held at least `least_e` before; 0 where that is not known.
+    fn least_e(_parameters: &[f64], _exposure: &ExposureContext, _least_e: f64) -> f64 {
+        0.0
+    }
 }
 
 /// What an effect does, as the runner on the CPU calls it. The bytes are those of the effect's uniforms.
@@ -155,6 +163,14 @@ pub trait AnyPixelEffect: Sync {
     fn work(&self) -> Work;
     /// See [`PixelEffect::identity`].
     fn identity(&self) -> Option<Vec<f64>>;
+    /// See [`PixelEffect::FAINT_BELOW_E`].
+    fn faint_below_e(&self) -> Option<f64> {
+        None
+    }
+    /// See [`PixelEffect::least_e`].
+    fn least_e(&self, _parameters: &[f64], _exposure: &ExposureContext, _least_e: f64) -> f64 {
+        0.0
+    }
     /// Whether the frame holds as much charge after it as before, but for what leaves over an edge.
     fn conserves_charge(&self) -> bool {
         false
@@ -194,6 +210,12 @@ impl<E: PixelEffect> AnyPixelEffect for E {
     }
     fn identity(&self) -> Option<Vec<f64>> {
         E::identity()
+    }
+    fn faint_below_e(&self) -> Option<f64> {
+        E::FAINT_BELOW_E
+    }
+    fn least_e(&self, parameters: &[f64], exposure: &ExposureContext, least_e: f64) -> f64 {
+        E::least_e(parameters, exposure, least_e)
     }
 }
 

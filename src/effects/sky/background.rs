@@ -62,4 +62,7 @@ impl PixelEffect for Background {
     fn identity() -> Option<Vec<f64>> {
         Some(vec![0.0])
     }
+    fn least_e(parameters: &[f64], exposure: &ExposureContext, least_e: f64) -> f64 {
+        least_e + parameters[0] * exposure.exposure_s
+    }
 }
