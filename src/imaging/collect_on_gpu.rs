@@ -37,8 +37,8 @@ const PROFILE_BYTES: usize = 2 * TILE_PX * size_of::<f32>();
 #[derive(Debug, Default)]
 pub(super) struct Collect {
     profiles: Option<Kernel>,
-    /// To pixels that hold nothing, and to those that hold light.
-    collect: [Option<Kernel>; 2],
+    /// The programs `collect`: to pixels that hold nothing, and to those that hold light.
+    sums: [Option<Kernel>; 2],
     /// Programs of plane spreads, by their ids.
     planes: Vec<(&'static str, Kernel)>,
     atlas: Option<KeptAtlas>,
@@ -129,10 +129,10 @@ impl GpuImager {
             for (number, Turn { part, first_list, count }) in turns.into_iter().enumerate() {
                 let goes_on = holds_light || part > 0;
                 self.compile_collect(plan, goes_on, own)?;
-                let Collect { profiles: Some(profiles), collect, stars: Some(stars), lists: Some(tile_lists), .. } = &*own else {
+                let Collect { profiles: Some(profiles), sums, stars: Some(stars), lists: Some(tile_lists), .. } = &*own else {
                     continue;
                 };
-                let (Some(collect), Some(entries), Some(profile)) = (&collect[usize::from(goes_on)], &own.entries, &own.profile) else {
+                let (Some(collect), Some(entries), Some(profile)) = (&sums[usize::from(goes_on)], &own.entries, &own.profile) else {
                     continue; // all were made above
                 };
                 let all_entries = lists.entries.len() as u32;
@@ -161,7 +161,7 @@ impl GpuImager {
         if own.profiles.is_none() {
             own.profiles = Some(kernel("profiles")?);
         }
-        let collect = &mut own.collect[usize::from(goes_on)];
+        let collect = &mut own.sums[usize::from(goes_on)];
         if collect.is_none() {
             *collect = Some(kernel("collect")?);
         }

@@ -125,6 +125,7 @@ pub trait PixelEffect: Sync {
     /// Parameters with which it changes nothing, if there are any.
     fn identity() -> Option<Vec<f64>>;
     /// Electrons that every pixel holds at least after it, if each held at least `least_e` before; 0 where that is not known.
+    #[must_use]
     fn least_e(_parameters: &[f64], _exposure: &ExposureContext, _least_e: f64) -> f64 {
         0.0
     }
