@@ -59,7 +59,8 @@ impl SearchArgs {
     pub(crate) fn options(&self, measured: &Measured) -> IdentifyOptions {
         IdentifyOptions {
             nominal_focal_length_px: self.focal_length_px.or(measured.recording.camera.nominal_focal_length_px()),
-            time_limit: self.time_limit_s.map(Duration::from_secs_f64),
+            // A time too long for the clock is no limit.
+            time_limit: self.time_limit_s.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()),
             ..IdentifyOptions::default()
         }
     }

@@ -33,7 +33,7 @@ pub struct KnownFit {
 }
 
 /// Fits stars near these places (column, row) as [`super::detect`] does where images are round: the width of bright stars is free, that of faint
-/// ones the typical. `None` where a fit fails or leaves its place.
+/// ones the typical. Where the width cannot be found, it stays the typical one; `None` where that fit fails too or leaves its place.
 #[must_use]
 pub fn fit_known(frame: &Frame, places_px: &[[f64; 2]], known: &KnownSky) -> Vec<Option<KnownFit>> {
     let background = Background::even(frame, known.background_dn, known.noise_dn);
@@ -51,8 +51,9 @@ pub fn fit_known(frame: &Frame, places_px: &[[f64; 2]], known: &KnownSky) -> Vec
         let start = Model { x: *x, y: *y, flux_dn: 1.0, shape, radius: radius_px(shape) };
         let of_known_width = scene.fit(start, Freedom::Fixed, &[])?;
         let is_bright = of_known_width.model.flux_dn > SNR_FOR_WIDTH * of_known_width.flux_sigma_dn;
-        let found = if is_bright { scene.fit(of_known_width.model, Freedom::Width, &[])? } else { of_known_width };
-        let model = found.model;
+        // A width that runs away takes the star with it: then the typical one must do, as in the measurement of a frame.
+        let own = if is_bright { scene.fit(of_known_width.model, Freedom::Width, &[]) } else { None };
+        let model = own.unwrap_or(of_known_width).model;
         Some(KnownFit { x_px: model.x, y_px: model.y, flux_dn: model.flux_dn, width_px: model.shape.sigma_px() })
     };
     places_px.iter().map(fit).collect()

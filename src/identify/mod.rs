@@ -4,23 +4,27 @@
 //! 1. Triangles of the brightest detections are looked up among the triangles of an [`Index`] by shape and size, for focal
 //!    lengths around the nominal one or, without one (or if that fails), for all fields 3° to 90° wide, and for some amounts of
 //!    radial distortion. Either handedness is accepted: images may be mirrored.
-//! 2. Each pair of triangles is a hypothesis about attitude and focal length; it must bring further bright detections to stars.
+//! 2. Each pair of triangles is a hypothesis about attitude and focal length; the brightest catalogue stars around its triangle
+//!    must be found among the detections, more of them than by chance.
 //! 3. What survives is fitted to all detections (attitude, focal length, k1) with a shrinking radius.
 //! 4. A hypothesis is accepted if the probability that detections which have nothing to do with the stars would match as well
 //!    is below a limit, everything that was tried included; else the frame is not identified, and a sentence says why.
 
+mod candidate;
 mod control;
 mod index;
+mod level;
 mod listed;
 mod misidentify;
 mod naming;
 mod odds;
+mod point_map;
 mod refine;
 mod search;
 mod sky;
 mod solution;
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -129,6 +133,7 @@ pub fn identify(
     directions: &[Direction<Apparent>],
     options: &IdentifyOptions,
 ) -> Identification {
+    let begin = Instant::now();
     let not = |reason: String| Identification::NotIdentified { reason };
     let stars = catalog.stars.len();
     if index.star_count() != stars {
@@ -162,15 +167,16 @@ pub fn identify(
         apparent = directions.iter().map(|d| Vector3::from(d.xyz)).collect();
         &apparent
     };
-    match search::Search::new(&points, index, apparent, options).run() {
+    match search::Search::new(&points, index, apparent, options, begin).run() {
         Ok(found) => solution::solve(detections, &points, catalog, index, apparent, &found),
         Err(search::Failure::TimeLimit { limit }) => not(format!(
             "No match within the time limit of {:.3} s, with {usable} star images: allow more time or give the focal length.",
             limit.as_secs_f64()
         )),
-        Err(search::Failure::Exhausted { hypotheses, best_probability }) => not(format!(
-            "None of {hypotheses} hypotheses brings the {usable} star images together with the catalogue better than chance would (the best by chance with probability {best_probability:.1e}, below {:.0e} is asked).",
-            options.max_false_match_probability
+        Err(search::Failure::Exhausted { hypotheses, best_probability, was_cut }) => not(format!(
+            "None of {hypotheses} hypotheses brings the {usable} star images together with the catalogue better than chance would (the best by chance with probability {best_probability:.1e}, below {:.0e} is asked){}.",
+            options.max_false_match_probability,
+            if was_cut { " (search cut short)" } else { "" }
         )),
     }
 }

@@ -5,11 +5,13 @@
 //! ```text
 //! w = c(Vᵢ) · t₂(d; σ) · t₁(m + Z − Vᵢ; σ_m) / ρ(m)
 //! ```
-//! t₁ and t₂ are Student's distributions with four degrees of freedom in one and two dimensions (lenses and colours have tails), σ, Z and σ_m the robust scatter
-//! of places, zero point and scatter of brightness of the nearest pairs, c the share of the catalogue's stars of this brightness
-//! that are found in the frame, ρ the number of detections of this brightness, per px² and magnitude, that belong to no star. The
-//! probability of a pair is w over 1 and all w of its detection and of its star (likelihood ratio of Sutherland & Saunders,
-//! MNRAS 259, 413, 1992, section 2).
+//! t₁ and t₂ are Student's distributions with four degrees of freedom in one and two dimensions (lenses and colours have tails),
+//! σ, Z and σ_m the robust scatter of places, zero point and scatter of brightness of the nearest pairs, c the share of the
+//! catalogue's stars of this brightness that are found in the frame, ρ the number of detections of this brightness, per px² and
+//! magnitude, that belong to no star. The probability of a pair is w over 1 and all w of its detection and of its star
+//! (likelihood ratio of Sutherland & Saunders, MNRAS 259, 413, 1992, section 2).
+
+use crate::statistics::{mad_sigma, median};
 
 /// A pair is named if its probability is at least this.
 const SURE: f64 = 0.99;
@@ -18,8 +20,11 @@ const FEWEST_FOR_BRIGHTNESS: usize = 4;
 /// Least scatter of brightness, magnitudes, and of places, px.
 const LEAST_SIGMA_MAG: f64 = 0.25;
 const LEAST_SIGMA_PX: f64 = 0.05;
-/// Detections and stars of the same brightness: within this, magnitudes.
-const SAME_MAG: f64 = 0.75;
+/// Detections are of the same brightness within this, magnitudes; stars of the catalogue, of which there are more, within that.
+const SAME_DETECTION_MAG: f64 = 0.75;
+const SAME_STAR_MAG: f64 = 0.375;
+/// Median length of a vector whose two components are normal with standard deviation 1: √(2 ln 2).
+pub(super) const MEDIAN_LENGTH: f64 = 1.177_410_022_515_474_7;
 
 /// A detection and a star that may belong together.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,12 +53,12 @@ pub(super) fn sure_pairs(mut pairs: Vec<Pair>, detection_mag: &[Option<f64>], st
         }
     }
     let Some(middle) = nearest.get(nearest.len() / 2) else { return Vec::new() };
-    let sigma_px = (middle.distance2_px2.sqrt() / 1.177).max(LEAST_SIGMA_PX);
-    let zero_points = nearest.iter().filter_map(|pair| Some(star_mag[pair.star] - detection_mag[pair.detection]?)).collect();
-    let brightness = zero_point(zero_points);
-    let lone: Vec<f64> = (0..detection_mag.len()).filter(|&d| !of_detection[d]).filter_map(|d| detection_mag[d]).collect();
-    let mut in_order: Vec<usize> = (0..star_mag.len()).collect();
-    in_order.sort_unstable_by(|a, b| star_mag[*a].total_cmp(&star_mag[*b]));
+    let sigma_px = (middle.distance2_px2.sqrt() / MEDIAN_LENGTH).max(LEAST_SIGMA_PX);
+    let zero_points: Vec<f64> = nearest.iter().filter_map(|pair| Some(star_mag[pair.star] - detection_mag[pair.detection]?)).collect();
+    let brightness = zero_point(&zero_points);
+    let lone = Sorted::new((0..detection_mag.len()).filter(|&d| !of_detection[d]).filter_map(|d| detection_mag[d]));
+    let all_stars = Sorted::new(star_mag.iter().copied());
+    let found_stars = Sorted::new((0..star_mag.len()).filter(|&s| of_star[s]).map(|s| star_mag[s]));
     let weight = |pair: &Pair| {
         let place = (1.0 + pair.distance2_px2 / (4.0 * sigma_px * sigma_px)).powi(-3) / (std::f64::consts::TAU * sigma_px * sigma_px);
         let (Some((zero, sigma_mag)), Some(mag)) = (brightness, detection_mag[pair.detection]) else {
@@ -61,12 +66,11 @@ pub(super) fn sure_pairs(mut pairs: Vec<Pair>, detection_mag: &[Option<f64>], st
         };
         let off = mag + zero - star_mag[pair.star];
         let bright = 0.375 / sigma_mag * (1.0 + off * off / (4.0 * sigma_mag * sigma_mag)).powf(-2.5);
-        let others = lone.iter().filter(|other| (**other - mag).abs() < SAME_MAG).count() as f64;
-        let density = (others + 0.5) / (2.0 * SAME_MAG * area_px2);
-        let like = |limit: f64| in_order.partition_point(|&s| star_mag[s] < star_mag[pair.star] + limit);
-        let alike = &in_order[like(-SAME_MAG / 2.0)..like(SAME_MAG / 2.0)];
-        let found = alike.iter().filter(|&&s| s != pair.star && of_star[s]).count() as f64;
-        (found + 0.5) / alike.len() as f64 * place * bright / density
+        let density = (lone.within(mag, SAME_DETECTION_MAG) as f64 + 0.5) / (2.0 * SAME_DETECTION_MAG * area_px2);
+        // Whether this very star was found is the question: it does not speak for itself.
+        let found = found_stars.within(star_mag[pair.star], SAME_STAR_MAG) - usize::from(of_star[pair.star]);
+        let alike = all_stars.within(star_mag[pair.star], SAME_STAR_MAG);
+        (found as f64 + 0.5) / alike as f64 * place * bright / density
     };
     let weights: Vec<f64> = pairs.iter().map(weight).collect();
     let (mut sum_detection, mut sum_star) = (vec![1.0; detection_mag.len()], vec![0.0; star_mag.len()]);
@@ -79,17 +83,27 @@ pub(super) fn sure_pairs(mut pairs: Vec<Pair>, detection_mag: &[Option<f64>], st
 }
 
 /// Median and robust standard deviation; `None` of too few.
-fn zero_point(mut values: Vec<f64>) -> Option<(f64, f64)> {
+fn zero_point(values: &[f64]) -> Option<(f64, f64)> {
     if values.len() < FEWEST_FOR_BRIGHTNESS {
         return None;
     }
-    let median = |values: &mut Vec<f64>| {
-        values.sort_unstable_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
-    let middle = median(&mut values);
-    let mut off: Vec<f64> = values.iter().map(|value| (value - middle).abs()).collect();
-    Some((middle, (1.483 * median(&mut off)).max(LEAST_SIGMA_MAG)))
+    Some((median(values)?, mad_sigma(values)?.max(LEAST_SIGMA_MAG)))
+}
+
+/// Magnitudes in order, to be counted.
+struct Sorted(Vec<f64>);
+
+impl Sorted {
+    fn new(values: impl Iterator<Item = f64>) -> Self {
+        let mut all: Vec<f64> = values.collect();
+        all.sort_unstable_by(f64::total_cmp);
+        Self(all)
+    }
+
+    /// How many lie within `reach` of `middle`, ends included.
+    fn within(&self, middle: f64, reach: f64) -> usize {
+        self.0.partition_point(|v| *v <= middle + reach) - self.0.partition_point(|v| *v < middle - reach)
+    }
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ use crate::camera::Camera;
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Attitude, Direction, PixelPoint};
 use crate::detect::Detections;
+use crate::statistics::{mad_sigma, median, median_in_place};
 use crate::units::DEG_RAD;
 
 /// Detections nearer to a brighter one than this are not used in the search, px: halves of one star image.
@@ -18,6 +19,9 @@ const MERGE_PX: f64 = 2.5;
 const CROWDED_PX: f64 = 3.0;
 /// What similar means, magnitudes.
 const CROWDED_MAG: f64 = 2.0;
+
+/// The fewest matches of which an attitude is told.
+const FEWEST_MATCHES: usize = 4;
 
 /// The catalogue's own directions, for frames about which nothing is known that would change them.
 #[must_use]
@@ -112,23 +116,19 @@ pub(super) fn solve(
         };
         laid.matches(detections, catalog, pixel, near.iter().map(|&star| star as usize), radius_px)
     };
-    let mut matches = Vec::new();
     for _ in 0..4 {
-        matches = matches_of(&pose, radius_px);
+        let matches = matches_of(&pose, radius_px);
         let pairs: Vec<Pair> = matches.iter().filter_map(|m| Some((point_of[m.detection]?, m.star as u32))).collect();
         let Some(fitted) = refine::fit(&pose, points, apparent, &pairs, pairs.len() >= 8) else { break };
         pose = fitted;
-        // Five robust standard deviations: the median of a 2-D Gaussian's length is 1.177 σ.
+        // Five robust standard deviations.
         let mut lengths: Vec<f64> = matches.iter().map(|m| (m.residual_px[0].powi(2) + m.residual_px[1].powi(2)).sqrt()).collect();
-        lengths.sort_unstable_by(f64::total_cmp);
-        let sigma_px = lengths.get(lengths.len() / 2).map_or(1.0, |median| median / 1.177);
+        let sigma_px = median_in_place(&mut lengths).map_or(1.0, |median| median / naming::MEDIAN_LENGTH);
         radius_px = (5.0 * sigma_px).clamp(1.5_f64.min(radius_px), radius_px);
     }
-    let last = matches_of(&pose, radius_px);
-    if last.len() >= 4 {
-        matches = last;
-    }
-    if matches.len() < 4 {
+    // Those of this very pose: pairs of an earlier turn would carry another's residuals.
+    let matches = matches_of(&pose, radius_px);
+    if matches.len() < FEWEST_MATCHES {
         return Identification::NotIdentified {
             reason: format!(
                 "Only {} stars remained when the accepted hypothesis was fitted to the whole frame: too few to trust it.",
@@ -243,18 +243,10 @@ fn drop_implausible_brightness(matches: &mut Vec<Match>, detections: &Detections
         let flux = detections.stars[m.detection].flux_dn;
         (flux > 0.0 && flux.is_finite()).then(|| catalog.stars[m.star].magnitude + 2.5 * flux.log10())
     };
-    let mut known: Vec<f64> = matches.iter().filter_map(zero_point).collect();
-    if known.len() < 8 {
-        return;
-    }
-    let median = |values: &mut Vec<f64>| {
-        values.sort_unstable_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
-    let middle = median(&mut known);
-    let mut deviations: Vec<f64> = known.iter().map(|value| (value - middle).abs()).collect();
+    let known: Vec<f64> = matches.iter().filter_map(zero_point).collect();
+    let Some((middle, sigma)) = median(&known).zip(mad_sigma(&known)).filter(|_| known.len() >= 8) else { return };
     // Colours and saturation move bright stars by a magnitude or two in any camera.
-    let limit = (5.0 * 1.483 * median(&mut deviations)).max(2.5);
+    let limit = (5.0 * sigma).max(2.5);
     matches.retain(|m| zero_point(m).is_none_or(|value| (value - middle).abs() <= limit));
 }
 
@@ -298,27 +290,66 @@ impl Solution {
     fn angle_deg(&self, a: PixelPoint, b: PixelPoint) -> f64 {
         self.camera.direction(a).angle_rad(&self.camera.direction(b)) / DEG_RAD
     }
+}
 
-    /// All matches of the frame with this attitude and with `camera` (which may be better than this solution's own, for
-    /// example calibrated), within `radius_px`: unique, of the probability 0.99 by place and brightness; stars with a neighbour of similar brightness within
-    /// 3 px are left out, and so are detections far too bright or too faint for their star.
-    ///
-    /// `directions` as for [`super::identify`]; `camera` describes the un-mirrored image.
-    #[must_use]
-    pub fn final_matches(
-        &self,
-        detections: &Detections,
-        catalog: &Catalog,
-        directions: &[Direction<Apparent>],
-        camera: &Camera,
-        radius_px: f64,
-    ) -> Vec<Match> {
-        let laid = Laid { width_px: camera.width_px, height_px: camera.height_px, parity: self.parity };
-        let rotation = self.attitude.camera_from_icrs.to_rotation_matrix();
-        let pixel = |star: usize| {
-            let v = rotation * Vector3::from(directions.get(star).map_or(catalog.stars[star].direction.xyz, |d| d.xyz));
-            camera.pixel(&Direction::from_unit([v.x, v.y, v.z]))
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detect::{Detection, Flags};
+    use rand::{RngExt, SeedableRng};
+
+    /// A frame 15° wide with the seven brightest stars, displaced at random by up to `most_px`, and the pose that it has.
+    fn frame(seed: u64, most_px: f64) -> (Detections, Pose) {
+        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
+        let attitude = Attitude::from_pointing(rng.random_range(0.0..6.28), rng.random_range(-1.2..1.2), rng.random_range(0.0..6.28));
+        let rotation = *attitude.camera_from_icrs.to_rotation_matrix().matrix();
+        let pose = Pose { rotation, focal_px: 3889.0, kappa: 0.0, parity: 1.0 };
+        let star = |star: &crate::catalog::Star| {
+            let [x, y] = pose.project(&Vector3::from(star.direction.xyz), 724.0).filter(|at| at.iter().all(|c| c.abs() < 500.0))?;
+            let mut moved = |c: f64| c + 511.5 + rng.random_range(-most_px..most_px);
+            Some(Detection {
+                x_px: moved(x),
+                y_px: moved(y),
+                covariance_px2: [0.01, 0.0, 0.01],
+                flux_dn: 1e5 * 10_f64.powf(-0.4 * star.magnitude),
+                flux_sigma_dn: 10.0,
+                background_dn: 0.0,
+                background_gradient_dn: [0.0; 2],
+                width_px: 1.0,
+                chi2_per_dof: 1.0,
+                peak_dn: 1000.0,
+                flags: Flags::default(),
+            })
         };
-        laid.matches(detections, catalog, pixel, 0..catalog.stars.len(), radius_px)
+        let stars = Catalog::embedded().stars.iter().filter_map(star).take(7).collect();
+        (Detections { width_px: 1024, height_px: 1024, background_dn: 0.0, noise_dn: 1.0, stars }, pose)
+    }
+
+    #[test]
+    fn the_matches_told_are_those_of_the_attitude_told() {
+        let (catalog, index) = (Catalog::embedded(), Index::new(Catalog::embedded()));
+        let (mut identified, mut refused) = (0, 0);
+        for seed in 0..300 {
+            // Displacements beyond what the first radius holds, so that pairs are lost from turn to turn.
+            let (detections, pose) = frame(seed, 7.0);
+            let points = usable_points(&detections);
+            let found = Found { pose, false_match_probability: 1e-9 };
+            match solve(&detections, &points, catalog, &index, &index.vectors, &found) {
+                Identification::NotIdentified { .. } => refused += 1,
+                Identification::Identified(solution) => {
+                    identified += 1;
+                    assert!(solution.matches.len() >= FEWEST_MATCHES);
+                    for one in &solution.matches {
+                        let v = catalog.stars[one.star].direction.xyz;
+                        let seen = solution.attitude.camera_from_apparent(&Direction::from_unit(v));
+                        let (detection, place) = (&detections.stars[one.detection], solution.camera.pixel(&seen).unwrap());
+                        let residual = [detection.x_px - place.x_px, detection.y_px - place.y_px];
+                        let off = (residual[0] - one.residual_px[0]).hypot(residual[1] - one.residual_px[1]);
+                        assert!(off < 1e-6, "seed {seed}: {residual:?} {:?}", one.residual_px);
+                    }
+                }
+            }
+        }
+        assert!(identified > 100 && refused > 3, "{identified} {refused}");
     }
 }

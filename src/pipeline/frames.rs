@@ -1,6 +1,6 @@
 //! Frames measured and identified.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
@@ -13,6 +13,7 @@ use crate::effects::Observation;
 use crate::frame::Frame;
 use crate::identify::{ASSUMED_EPOCH_YR, Identification, IdentifyOptions, Index, Solution, identify};
 use crate::recording::{Recording, RecordingError, SkippedFrame};
+use crate::statistics::median;
 
 /// A frame whose identification was tried.
 #[derive(Clone, Debug)]
@@ -109,20 +110,24 @@ pub fn identify_frames(
         index.build(); // on nobody's time
     }
     let known = circumstances(&measured.recording)?;
-    let mut frames = measured
+    let (mut frames, searched): (Vec<IdentifiedFrame>, Vec<Duration>) = measured
         .frames
         .par_iter()
-        .map(|frame| -> Result<IdentifiedFrame, PipelineError> {
+        .map(|frame| -> Result<(IdentifiedFrame, Duration), PipelineError> {
             let start = Instant::now();
             let sky = sky_chain(&known, frame, physics)?;
             let directions = sky.apparent_all(catalog);
+            let search = Instant::now();
             let identification = identify(&frame.detections, catalog, &index, &directions, options);
+            let searched = search.elapsed();
             done();
-            Ok(IdentifiedFrame { identification, sky, directions, seconds: frame.seconds + start.elapsed().as_secs_f64() })
+            Ok((IdentifiedFrame { identification, sky, directions, seconds: frame.seconds + start.elapsed().as_secs_f64() }, searched))
         })
-        .collect::<Result<Vec<_>, _>>()?;
+        .collect::<Result<Vec<_>, _>>()?
+        .into_iter()
+        .unzip();
     if measured.recording.common_size().is_ok() {
-        retry(measured, catalog, &index, options, &mut frames);
+        retry(measured, catalog, &index, options, &mut frames, &searched);
     }
     Ok(frames)
 }
@@ -168,23 +173,57 @@ pub fn physics_in_force(frames: &[IdentifiedFrame]) -> (Vec<&'static str>, Optio
     (all, warning)
 }
 
-/// Tries the frames that were not identified with the median focal length of those that were.
-fn retry(measured: &Measured, catalog: &Catalog, index: &Index, options: &IdentifyOptions, frames: &mut [IdentifiedFrame]) {
-    let mut lengths: Vec<f64> = frames.iter().filter_map(|frame| Some(frame.solution()?.camera.focal_length_px)).collect();
-    if lengths.is_empty() || lengths.len() == frames.len() {
+/// Tries the frames that were not identified with the median focal length of those that were, each in the time that its first search
+/// has left of its limit.
+fn retry(
+    measured: &Measured,
+    catalog: &Catalog,
+    index: &Index,
+    options: &IdentifyOptions,
+    frames: &mut [IdentifiedFrame],
+    searched: &[Duration],
+) {
+    let lengths: Vec<f64> = frames.iter().filter_map(|frame| Some(frame.solution()?.camera.focal_length_px)).collect();
+    if lengths.len() == frames.len() {
         return;
     }
-    lengths.sort_by(f64::total_cmp);
+    let Some(focal_length_px) = median(&lengths) else { return };
     let options = IdentifyOptions {
-        nominal_focal_length_px: Some(lengths[lengths.len() / 2]),
+        nominal_focal_length_px: Some(focal_length_px),
         focal_length_tolerance: 0.01,
         search_beyond_tolerance: false,
         ..options.clone()
     };
-    frames.par_iter_mut().zip(&measured.frames).filter(|(frame, _)| frame.solution().is_none()).for_each(|(frame, measured)| {
-        let second = identify(&measured.detections, catalog, index, &frame.directions, &options);
+    let all = frames.par_iter_mut().zip(&measured.frames).zip(searched);
+    all.filter(|((frame, _), _)| frame.solution().is_none()).for_each(|((frame, measured), searched)| {
+        let Some(time_limit) = left_of(options.time_limit, *searched) else { return };
+        let start = Instant::now();
+        let second = identify(&measured.detections, catalog, index, &frame.directions, &IdentifyOptions { time_limit, ..options.clone() });
+        frame.seconds += start.elapsed().as_secs_f64();
         if matches!(second, Identification::Identified(_)) {
             frame.identification = second;
         }
     });
+}
+
+/// What is left of a limit (`Some(None)`: there is none); `None` where nothing is.
+fn left_of(limit: Option<Duration>, spent: Duration) -> Option<Option<Duration>> {
+    match limit {
+        None => Some(None),
+        Some(limit) => limit.checked_sub(spent).filter(|left| !left.is_zero()).map(Some),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_second_search_has_what_the_first_left() {
+        let ms = Duration::from_millis;
+        assert_eq!(left_of(None, ms(900)), Some(None));
+        assert_eq!(left_of(Some(ms(100)), ms(30)), Some(Some(ms(70))));
+        assert_eq!(left_of(Some(ms(100)), ms(100)), None);
+        assert_eq!(left_of(Some(ms(100)), ms(130)), None);
+    }
 }

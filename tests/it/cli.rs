@@ -280,6 +280,9 @@ fn a_star_list_is_a_recording() {
     let scene = short_night(folder.path(), &[]);
     let path = folder.path().join("night");
     assert_eq!(run(&["simulate", text(&scene), "-o", text(&path), "--backend", "cpu"]).code, 0);
+    // A limit beyond what a clock can count is none.
+    let unhurried = json(&["identify", text(&path), "--json", "--time-limit-s", "1e300"]);
+    assert!(unhurried["frames"].as_array().unwrap().iter().all(|frame| frame["status"] == "identified"), "{unhurried}");
     // Deliberately wrong names are wrong, as many as asked for, and listed.
     let wrong = json(&["identify", text(&path), "--json", "--misidentify", "0.2"]);
     let listed = wrong["misidentified_on_purpose"].as_array().unwrap();
@@ -359,6 +362,9 @@ fn bad_input_gets_one_sentence_and_leaves_nothing() {
         (vec!["identify"], 2, vec!["RECORDING|IMAGE"]),
         (vec!["identify", "x.png", "--physics", "refractoin"], 2, vec!["did you mean refraction?"]),
         (vec!["identify", "x.png", "--focal-length-px", "-3"], 2, vec!["--focal-length-px"]),
+        (vec!["identify", "x.png", "--time-limit-s", "0"], 2, vec!["--time-limit-s", "give a number above 0"]),
+        (vec!["calibrate", "x.png", "--time-limit-s", "-1"], 2, vec!["--time-limit-s", "give a number above 0"]),
+        (vec!["diagnose", "x.png", "--time-limit-s", "nan"], 2, vec!["--time-limit-s", "give a number above 0"]),
         (vec!["calibrate", "x.png", "--misidentify", "1.5"], 2, vec!["share from 0 to 0.9"]),
         (vec!["calibrate", "x.png", "--solve", "k9"], 2, vec!["k9"]),
         (vec!["run", text(&scene), "--backend", "quantum"], 2, vec!["quantum"]),
