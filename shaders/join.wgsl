@@ -1,8 +1,6 @@
-// Joins pixels, n × n into one, electrons or counts. Twins: `join` and `join_counts` of src/imaging/binning.rs
+// Joins pixels, FACTOR × FACTOR into one, electrons or counts. Twins: `join` and `join_counts` of src/imaging/binning.rs
 
 struct Joining {
-    // Pixels along each side of a joined one.
-    factor: u32,
     // Joined pixels of a row, and of the band, which begins and ends with whole ones.
     width: u32,
     pixels: u32,
@@ -13,6 +11,7 @@ struct Joining {
     share: f32,
     unused_0: u32,
     unused_1: u32,
+    unused_2: u32,
 }
 
 @group(0) @binding(0) var<uniform> joining: Joining;
@@ -22,10 +21,10 @@ struct Joining {
 @group(0) @binding(1) var<storage, read> counts: array<u32>;
 @group(0) @binding(2) var<storage, read_write> joined_dn: array<u32>;
 
-// The first pixel of a joined one. Those beside it follow; those below it follow after joining.width * joining.factor.
+// The first pixel of a joined one. Those beside it follow; those below it follow after joining.width * FACTOR.
 fn first_of(joined: u32) -> u32 {
     let row = joined / joining.width;
-    return joining.factor * (joined + row * (joining.factor - 1u) * joining.width);
+    return FACTOR * (joined + row * (FACTOR - 1u) * joining.width);
 }
 
 @compute @workgroup_size(64)
@@ -36,9 +35,10 @@ fn join(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
     }
     let first = first_of(joined);
     var sum = 0.0;
-    for (var line = 0u; line < joining.factor; line += 1u) {
-        for (var column = 0u; column < joining.factor; column += 1u) {
-            sum += min(electrons[first + line * joining.width * joining.factor + column], joining.full_well_e);
+    for (var line = 0u; line < FACTOR; line += 1u) {
+        let start = first + line * joining.width * FACTOR;
+        for (var column = 0u; column < FACTOR; column += 1u) {
+            sum += min(electrons[start + column], joining.full_well_e);
         }
     }
     joined_e[joined] = sum * joining.share;
@@ -47,9 +47,10 @@ fn join(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups
 fn joined_count(joined: u32) -> u32 {
     let first = first_of(joined);
     var sum = 0u;
-    for (var line = 0u; line < joining.factor; line += 1u) {
-        for (var column = 0u; column < joining.factor; column += 1u) {
-            let place = first + line * joining.width * joining.factor + column;
+    for (var line = 0u; line < FACTOR; line += 1u) {
+        let start = first + line * joining.width * FACTOR;
+        for (var column = 0u; column < FACTOR; column += 1u) {
+            let place = start + column;
             sum += (counts[place >> 1u] >> (16u * (place & 1u))) & 0xffffu;
         }
     }

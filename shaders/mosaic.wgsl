@@ -1,4 +1,5 @@
-// Light behind the filters of a mosaic: what came through one of them goes to its pixels. Twin: `mosaic` of src/imaging/mosaic.rs
+// Light behind the filters of a mosaic: what came through one of them goes to its pixels; an invocation is four of them.
+// Twin: `mosaic` of src/imaging/mosaic.rs
 
 struct Filter {
     // 0 red, 1 green, 2 blue.
@@ -10,17 +11,22 @@ struct Filter {
 }
 
 @group(0) @binding(1) var<uniform> filter_of: Filter;
-@group(0) @binding(2) var<storage, read> through: array<f32>;
-@group(0) @binding(3) var<storage, read_write> behind: array<f32>;
+@group(0) @binding(2) var<storage, read> through: array<vec4<f32>>;
+@group(0) @binding(3) var<storage, read_write> behind: array<vec4<f32>>;
 
 @compute @workgroup_size(64)
 fn mosaic(@builtin(workgroup_id) group: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let index = (group.y * groups.x + group.x) * 64u + local;
-    if (index >= frame.pixels) {
+    let quad = (group.y * groups.x + group.x) * 64u + local;
+    if (4u * quad >= frame.pixels) {
         return;
     }
-    let pixel = pixel_at(index);
-    let of_pixel = select(1u, 2u * (pixel.x & 1u), (pixel.x & 1u) == (pixel.y & 1u));
-    let before = select(0.0, behind[index], filter_of.goes_on == 1u);
-    behind[index] = before + select(0.0, through[index], of_pixel == filter_of.number);
+    let first = pixel_at(4u * quad);
+    let second = next_pixel(first);
+    let third = next_pixel(second);
+    let fourth = next_pixel(third);
+    let x = vec4<u32>(first.x, second.x, third.x, fourth.x) & vec4<u32>(1u);
+    let y = vec4<u32>(first.y, second.y, third.y, fourth.y) & vec4<u32>(1u);
+    let of_pixel = select(vec4<u32>(1u), 2u * x, x == y);
+    let before = select(vec4<f32>(0.0), behind[quad], filter_of.goes_on == 1u);
+    behind[quad] = before + select(vec4<f32>(0.0), through[quad], of_pixel == vec4<u32>(filter_of.number));
 }

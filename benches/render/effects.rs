@@ -17,9 +17,9 @@ const ROUNDS: usize = 3;
 
 /// What a scene may join, which is no effect but costs time as they do.
 const JOINED: [(&str, &str); 3] = [
-    ("[camera.binning] on-chip", "[camera.binning]\nfactor = 2\n"),
-    ("[camera.binning] digital", "[camera.binning]\nfactor = 2\nmethod = \"mean\"\nplace = \"digital\"\n"),
-    ("[camera.binning] 4 × 4", "[camera.binning]\nfactor = 4\n"),
+    ("[camera.binning] 2 × 2, charge", "binning = { factor = 2 }"),
+    ("[camera.binning] 2 × 2, counts", "binning = { factor = 2, method = \"mean\", place = \"digital\" }"),
+    ("[camera.binning] 4 × 4, charge", "binning = { factor = 4 }"),
 ];
 
 /// A scene without and with something.
@@ -71,7 +71,11 @@ pub(crate) fn effects(backends: &[(Backend, String)], only: &str, text: &mut Str
     let plain = known().iter().find_map(|effect| effect.pair(VIEW)).unwrap().off;
     for (name, table) in JOINED {
         let parse = |text: &str| Scene::parse("the scene of the bench", text).unwrap();
-        cases.push(Case { name: name.to_owned(), off: parse(&plain), on: parse(&format!("{plain}{table}")) });
+        cases.push(Case {
+            name: name.to_owned(),
+            off: parse(&plain),
+            on: parse(&plain.replacen("camera = {", &format!("camera = {{ {table},"), 1)),
+        });
     }
     let stars = Renderer::new(&cases[0].off, Catalog::embedded(), Backend::Cpu).unwrap().render(SHOWN).unwrap().stars.len();
     let _ = writeln!(

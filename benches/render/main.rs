@@ -2,12 +2,13 @@
 //!
 //! `cargo bench --bench render -- [--python PROGRAM] [--page FILE] [--part NAME] [--only WORD]`: with a Python that has numpy and scipy (and
 //! photutils, galsim) they are asked for the same frames through `benches/peers/render.py`; the page gets the same text as the terminal.
-//! `--part` makes one part alone (times, accuracy, process, memory, effects), `--only` the effects whose names hold the word.
+//! `--part` makes one part alone (times, accuracy, process, memory, joining, effects), `--only` the effects whose names hold the word.
 #![allow(missing_docs, reason = "a bench is no interface")]
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a bench that meets the unexpected must fail")]
 #![allow(clippy::print_stdout, reason = "its table is what a bench is for")]
 
 mod effects;
+mod joining;
 
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Write as _};
@@ -268,7 +269,7 @@ fn main() {
     text.push('\n');
     let wanted = option("--part");
     let is_wanted = |part: &str| wanted.as_deref().is_none_or(|wanted| wanted == part);
-    let parts = ["times", "accuracy", "process", "memory", "effects"];
+    let parts = ["times", "accuracy", "process", "memory", "joining", "effects"];
     assert!(parts.into_iter().any(is_wanted), "--part is one of {parts:?}");
     if is_wanted("times") {
         times(option("--python").as_deref(), &backends, &mut text);
@@ -281,6 +282,9 @@ fn main() {
     }
     if is_wanted("memory") {
         memory(&backends, &mut text);
+    }
+    if is_wanted("joining") {
+        joining::joining(&backends, &mut text);
     }
     if is_wanted("effects") {
         effects::effects(&backends, option("--only").as_deref().unwrap_or_default(), &mut text);

@@ -76,10 +76,10 @@ pub fn chain_program(effects: &[&dyn AnyPixelEffect], may_be_faint: bool, output
     parts.join("\n")
 }
 
-/// The program that joins pixels; its entry points are `join` for electrons and `join_counts`.
+/// The program that joins pixels, so many along each side; its entry points are `join` for electrons and `join_counts`.
 #[must_use]
-pub fn join_program() -> &'static str {
-    JOIN
+pub fn join_program(factor: usize) -> String {
+    format!("const FACTOR = {factor}u;\n{JOIN}")
 }
 
 /// The program that puts light behind the filters of a mosaic; its entry point is `mosaic`.

@@ -9,19 +9,19 @@ use super::compose::{Output, join_program, mosaic_program};
 use super::on_gpu::{GpuImager, Kept, WORKGROUP, pixels_with_room, result_bytes};
 use super::plan::{Lit, Plan};
 use super::{Exposure, GpuError};
+use crate::effects::pixel::lanes::QUAD_PX;
 use crate::gpu::{Binding, Buffer, Dispatch, Gpu};
 
 /// `Joining` of `shaders/join.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
 struct JoiningUniforms {
-    factor: u32,
     width: u32,
     pixels: u32,
     divisor: u32,
     full_well_e: f32,
     share: f32,
-    unused: [u32; 2],
+    unused: [u32; 3],
 }
 
 /// `Filter` of `shaders/mosaic.wgsl`.
@@ -35,14 +35,14 @@ struct FilterUniforms {
 
 impl GpuImager {
     /// Makes the programs that join pixels, if they are not there yet.
-    pub(super) fn compile_join(&self, output: Output, kept: &mut Kept) -> Result<(), GpuError> {
+    pub(super) fn compile_join(&self, factor: usize, output: Output, kept: &mut Kept) -> Result<(), GpuError> {
         let bindings = [Binding::Uniform, Binding::Read, Binding::ReadWrite];
         let (entry, kernel) = match output {
             Output::Electrons => ("join", &mut kept.join),
             Output::Counts => ("join_counts", &mut kept.join_counts),
         };
         if kernel.is_none() {
-            *kernel = Some(self.gpu.kernel(entry, join_program(), entry, &bindings)?);
+            *kernel = Some(self.gpu.kernel(entry, &join_program(factor), entry, &bindings)?);
         }
         Ok(())
     }
@@ -64,13 +64,12 @@ impl GpuImager {
         };
         let (Some(kernel), Some(native), Some(result)) = (kernel, native, &kept.joined) else { return Ok(joined) }; // all were made before
         let uniforms = JoiningUniforms {
-            factor: binning.factor as u32,
             width: (width_px / binning.factor) as u32,
             pixels: joined as u32,
             divisor: binning.divisor(),
             full_well_e: full_well_e.min(f32::MAX),
             share: binning.share() as f32,
-            unused: [0; 2],
+            unused: [0; 3],
         };
         let uniforms = self.gpu.uniform("joining", bytemuck::bytes_of(&uniforms))?;
         let workgroups = Gpu::workgroups_for((invocations as u64).div_ceil(WORKGROUP));
@@ -105,7 +104,7 @@ impl GpuImager {
                     continue; // all were made above
                 };
                 let buffers: [&Buffer; 4] = [&frame, &filter, through, behind];
-                let workgroups = Gpu::workgroups_for((pixels as u64).div_ceil(WORKGROUP));
+                let workgroups = Gpu::workgroups_for((pixels.div_ceil(QUAD_PX) as u64).div_ceil(WORKGROUP));
                 self.gpu.submit(&[Dispatch { kernel, buffers: &buffers, workgroups }])?;
             }
             let Kept { behind: Some(behind), staging, .. } = &mut *kept else { continue }; // it was made above

@@ -181,8 +181,8 @@ impl GpuImager {
         let context = plan.context(exposure, lit);
         let may_be_faint = plan.may_be_faint(&context, lit);
         self.compile(plan, &segments, (stage, output, may_be_faint), kept)?;
-        if joining.is_some() {
-            self.compile_join(output, kept)?;
+        if let Some(Joining { binning, .. }) = joining {
+            self.compile_join(binning.factor, output, kept)?;
         }
         let uniforms =
             segments.iter().map(|segment| self.effect_uniforms(segment.pixels, &context)).collect::<Result<Vec<_>, GpuError>>()?;

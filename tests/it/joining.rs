@@ -105,7 +105,7 @@ fn light_is_put_behind_filters_on_the_device_as_on_the_cpu() {
 
 #[test]
 fn programs_for_whole_frames_are_sound() {
-    let join = parse(join_program());
+    let join = parse(&join_program(3));
     assert_eq!(members(&join, "Joining").1, 32);
     let mosaic = parse(&mosaic_program());
     assert_eq!(members(&mosaic, "Filter").1, 16);
