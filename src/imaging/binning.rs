@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{Backend, EffectSetting, Exposure, Image16, Imager, ImagingConfig, ImagingError, PlaneLight, SplitLimits, Stage};
+use super::{Backend, EffectSetting, Exposure, Image16, Imager, ImagingConfig, ImagingError, NoiseFree, PlaneLight, SplitLimits, Stage};
 use crate::effects::pixel::PIXEL_EFFECTS;
 
 /// Where pixels are joined.
@@ -204,6 +204,52 @@ impl BinnedImager {
                 Ok(Image16 { width_px, height_px, pixels_dn })
             }
         }
+    }
+}
+
+/// The chain of an exposure without noise, with joined pixels at its end.
+#[derive(Debug)]
+pub struct BinnedNoiseFree<'a> {
+    binning: Binning,
+    native_width_px: usize,
+    native: NoiseFree<'a>,
+    joined: Option<NoiseFree<'a>>,
+}
+
+impl BinnedImager {
+    /// The chain of an exposure without noise, see [`Imager::noise_free`].
+    pub fn noise_free<'a>(&self, exposure: &Exposure<'a>, planes: &[PlaneLight<'a>]) -> Result<BinnedNoiseFree<'a>, ImagingError> {
+        let native = self.native.noise_free(exposure, planes)?;
+        let dark = Exposure { stars: &[], sky_e: &[], ..*exposure };
+        let joined = self.joined.as_ref().map(|joined| joined.noise_free(&dark, &[])).transpose()?;
+        Ok(BinnedNoiseFree { binning: self.binning, native_width_px: self.joined_px.0 * self.binning.factor, native, joined })
+    }
+}
+
+impl BinnedNoiseFree<'_> {
+    /// See [`NoiseFree::shapes_light`].
+    #[must_use]
+    pub fn shapes_light(&self) -> bool {
+        self.native.shapes_light() || self.joined.as_ref().is_some_and(NoiseFree::shapes_light)
+    }
+
+    /// See [`NoiseFree::readout`]: joined pixels, in electrons of the light also where they hold the mean of their native ones.
+    pub fn readout(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
+        let native = self.native.readout(exposure, planes)?;
+        let held = self.binning.join(&native, self.native_width_px, f32::INFINITY);
+        let mut read = match &self.joined {
+            Some(joined) => joined.readout(&Exposure { stars: &[], sky_e: &held, ..*exposure }, &[])?,
+            None => held,
+        };
+        let share = self.binning.share() as f32;
+        read.iter_mut().for_each(|electrons| *electrons /= share);
+        Ok(read)
+    }
+
+    /// See [`NoiseFree::light_alone`]: all that falls on each joined pixel.
+    pub fn light_alone(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
+        let sum = Binning { is_mean: false, ..self.binning };
+        Ok(sum.join(&self.native.light_alone(exposure, planes)?, self.native_width_px, f32::INFINITY))
     }
 }
 

@@ -31,7 +31,7 @@ mod stamp;
 mod tiles;
 mod twin_check;
 
-pub use binning::{BinnedImager, Binning, BinningPlace};
+pub use binning::{BinnedImager, BinnedNoiseFree, Binning, BinningPlace};
 pub use compose::{
     Output, PassProgram, chain_program, collect_plane_program, collect_program, join_program, mosaic_program, pass_programs, uniforms_name,
 };

@@ -22,7 +22,7 @@ use crate::scene::{OtherLight, Psf, Scene, StarTrack};
 use light::{FrameLight, Spreader, StarLight};
 use mask::{joined_mask, mask};
 use mosaic::{OnPixels, on_pixels};
-use pixel_shift::{Light, PixelShift, pixel_shifts};
+use pixel_shift::{Chain, Light, PixelShift, pixel_shifts};
 use truth::{Landed, true_stars};
 
 /// A rendered exposure.
@@ -88,7 +88,7 @@ impl<'a> Renderer<'a> {
     }
 
     /// Whether the truth tells what pixel effects add to each star's place and flux. Where any is on that changes the stars' light, this costs
-    /// three more frames without noise on the CPU for each frame; else nothing. Of joined pixels it is never told.
+    /// three more frames without noise on the CPU for each frame; else nothing.
     #[must_use]
     pub fn with_pixel_shifts(mut self, tells: bool) -> Self {
         self.asked.pixel_shifts = tells;
@@ -130,12 +130,15 @@ impl<'a> Renderer<'a> {
         let chain = self.imager.noise_free(&exposure, &planes)?;
         let landed = |light: &StarLight| Ok(Landed::new(self.scene, &chain, self.spreader.stamp(light, &self.imager)?.as_ref()));
         let landed = lights.par_iter().map(landed).collect::<Result<Vec<_>, ImagingError>>()?;
-        let shifts = if !self.asked.pixel_shifts || self.binned.is_some() {
+        let binned = self.binned.as_ref().filter(|_| self.asked.pixel_shifts);
+        let binned = binned.map(|binned| binned.noise_free(&exposure, &planes)).transpose()?;
+        let whole = Chain { own: &chain, binned: binned.as_ref() };
+        let shifts = if !self.asked.pixel_shifts {
             vec![None; tracks.len()]
-        } else if chain.shapes_light() || self.even_spreader.is_some() || frame.filtered().is_some() {
+        } else if whole.shapes_light() || self.even_spreader.is_some() || frame.filtered().is_some() {
             let even = self.even_spreader.as_ref().unwrap_or(&self.spreader);
             let light = Light { stars: &of_stars, others: &of_others, seen: &self.spreader, even };
-            pixel_shifts(self.scene, &exposure, &chain, &light, &tracks)?
+            pixel_shifts(self.scene, &exposure, &whole, &light, &tracks)?
         } else {
             vec![Some(PixelShift::NONE); tracks.len()]
         };

@@ -7,7 +7,7 @@
 use super::light::{FrameLight, Spreader};
 use super::mosaic::on_pixels;
 use super::truth::blended;
-use crate::imaging::{Exposure, ImagingError, NoiseFree};
+use crate::imaging::{BinnedNoiseFree, Exposure, ImagingError, NoiseFree, PlaneLight};
 use crate::scene::{Scene, StarTrack};
 
 /// What pixel effects add to a star.
@@ -29,6 +29,36 @@ const WINDOW_MORE_PX: f64 = 3.0;
 /// Another star with this share of a star's light in its window leaves its columns empty.
 const LEAST_NEIGHBOUR: f64 = 0.01;
 
+/// What the camera makes of light, without noise.
+pub(super) struct Chain<'a> {
+    /// The detector's own pixels.
+    pub(super) own: &'a NoiseFree<'a>,
+    /// Where they are joined.
+    pub(super) binned: Option<&'a BinnedNoiseFree<'a>>,
+}
+
+impl Chain<'_> {
+    pub(super) fn shapes_light(&self) -> bool {
+        self.binned.map_or_else(|| self.own.shapes_light(), BinnedNoiseFree::shapes_light)
+    }
+
+    /// The frame's pixels with this light, after all effects.
+    fn readout(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
+        match self.binned {
+            Some(binned) => binned.readout(exposure, planes),
+            None => self.own.readout(exposure, planes),
+        }
+    }
+
+    /// The frame's pixels with this light, before any effect.
+    fn light_alone(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
+        match self.binned {
+            Some(binned) => binned.light_alone(exposure, planes),
+            None => self.own.light_alone(exposure, planes),
+        }
+    }
+}
+
 /// The light of a frame, and how it is spread.
 pub(super) struct Light<'a> {
     pub(super) stars: &'a FrameLight,
@@ -44,20 +74,21 @@ pub(super) struct Light<'a> {
 pub(super) fn pixel_shifts(
     scene: &Scene,
     exposure: &Exposure<'_>,
-    chain: &NoiseFree<'_>,
+    chain: &Chain<'_>,
     light: &Light<'_>,
     tracks: &[StarTrack],
 ) -> Result<Vec<Option<PixelShift>>, ImagingError> {
     let all = light.stars.with(light.others);
     let of = |frame: &FrameLight| {
-        let lit = on_pixels(frame, light.seen, exposure.sky_e, |lights| chain.behind_filters(exposure, lights))?;
+        let lit = on_pixels(frame, light.seen, exposure.sky_e, |lights| chain.own.behind_filters(exposure, lights))?;
         chain.readout(&Exposure { stars: lit.stars, sky_e: &lit.spread_e, ..*exposure }, &lit.planes)
     };
     let (with, without) = (of(&all)?, of(light.others)?);
     let counted: Vec<f32> = with.iter().zip(&without).map(|(with, without)| with - without).collect();
     let sent = chain.light_alone(&Exposure { stars: &light.stars.stars, ..*exposure }, &light.even.planes(light.stars))?;
-    let half_px = WINDOW_SIGMAS * light.seen.widest_px() + WINDOW_MORE_PX;
-    let crowded = blended(tracks, half_px + WINDOW_SIGMAS * light.seen.widest_px(), LEAST_NEIGHBOUR);
+    let reach_px = WINDOW_SIGMAS * light.seen.widest_px() / scene.own_psf.own_per_px as f64;
+    let half_px = reach_px + WINDOW_MORE_PX;
+    let crowded = blended(tracks, half_px + reach_px, LEAST_NEIGHBOUR);
     let size = [scene.camera.width_px, scene.camera.height_px];
     let shift = |(track, crowded): (&StarTrack, bool)| {
         let window = Window::around(track, half_px, size).filter(|_| !crowded)?;

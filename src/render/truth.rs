@@ -54,8 +54,8 @@ pub struct TrueStar {
     /// Electrons that its brightest pixel is expected to hold without any star: sky, stray light, dark current.
     pub background_e: f64,
     /// Shift along the columns that pixel effects add, before saturation and converter: the centre of the star's light, weighted by its electrons,
-    /// after all of them less that before the first. Zero where no such effect is on; absent beside other stars, at the edge, of joined pixels, and
-    /// where it was not asked for. Windows reach 4 σ and 3 px beyond the star's way.
+    /// after all of them less that before the first. Zero where no such effect is on; absent beside other stars, at the edge, and where it was
+    /// not asked for. Windows reach 4 σ and 3 px beyond the star's way.
     pub x_pixels_px: Option<f64>,
     /// The same along the rows.
     pub y_pixels_px: Option<f64>,

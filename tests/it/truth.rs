@@ -123,6 +123,49 @@ fn what_pixel_effects_add_has_its_closed_form() {
     assert!(x.abs() > 1e-3 && y.abs() > 1e-3, "{x}, {y}");
 }
 
+/// The columns of joined pixels, in joined pixels: what follows the amplifier sees joined charge, what comes before sees the detector's own pixels.
+#[test]
+fn what_pixel_effects_add_to_joined_pixels_has_its_closed_form() {
+    use std::f64::consts::PI;
+    let told = |binning: &str, effects: &str| {
+        let text = format!("[camera.binning]\nfactor = 2\n{binning}\n{effects}");
+        let star = star(&scene("psf_sigma_px = 0.8\nfull_well_e = 1.0e6\nbits = 12", &text, 0.5));
+        (star, [star.x_pixels_px.unwrap(), star.y_pixels_px.unwrap(), star.flux_pixels_ratio.unwrap()])
+    };
+    let ways = ["", "method = \"mean\"", "method = \"mean\"\nplace = \"digital\""];
+    let tail = effect("overshoot", "tail_relative = 0.01, tail_px = 0.5");
+    for (way, side) in ways.into_iter().zip([1.0, 1.0, 0.5]) {
+        assert_eq!(told(way, "").1, [0.0, 0.0, 1.0], "{way}");
+        // The tail's length is in pixels that are read: joined ones, or the detector's own.
+        let (_, [x, y, flux]) = told(way, &tail);
+        let expected = side * 0.01 / -(-2.0_f64).exp_m1();
+        assert!(
+            (x / expected - 1.0).abs() < 0.003 && y.abs() < 1e-6 && (flux - 1.0).abs() < 1e-4,
+            "{way}: {x}, {y}, {flux} for {expected}"
+        );
+        let (_, [x, y, flux]) = told(way, &effect("amplifier-step", "gain_relative = 0.03, offset_e = 50.0"));
+        assert!(x.abs() < 2e-6 && y.abs() < 2e-6 && (flux - 1.03).abs() < 2e-6, "{way}: {x}, {y}, {flux}");
+    }
+    // The ripple of unequal columns, as of single pixels.
+    let (star, [x, y, _]) = told("", &effect("even-odd", "gain_relative = 0.01"));
+    let fall = (-PI * PI * 0.32).exp();
+    let flux_ripple = 0.01 * 2.0 / PI * 2.0 * fall * (PI * star.x_px).cos();
+    let expected = -0.01 * 4.0 * fall * (0.64 + 1.0 / (PI * PI)) * (PI * star.x_px).sin() / (1.0 + flux_ripple);
+    assert!(expected.abs() > 3e-4 && (x - expected).abs() < 2e-6 && y.abs() < 1e-6, "{x}, {y} for {expected}");
+    // A response that bends, with as much charge as reaches the amplifier: a Gaussian in pixels of side 1 (½ of its own), with a quarter of the charge
+    // where it is weakened to the mean, and each of four pixels by itself where counts are joined.
+    for (way, charge, side) in [(ways[0], 1.0, 1.0_f64), (ways[1], 0.25, 1.0), (ways[2], 0.25, 0.5)] {
+        let (star, [x, y, flux]) = told(way, &effect("nonlinearity", "relative_at_full = 0.02, full_well_e = 1.0e6"));
+        let width2 = 0.64 + side * side / 12.0;
+        let expected = 1.0 - 0.02 / 1e6 * charge * (star.electrons_asked / (4.0 * PI * width2) + 40.0);
+        assert!(x.abs() < 2e-5 && y.abs() < 2e-5, "{way}: {x}, {y}");
+        assert!(((flux - expected) / (1.0 - expected)).abs() < 0.02, "{way}: {flux} for {expected}");
+    }
+    // What acts on the light sees the detector's own pixels: a Bayer pattern has a period of one joined pixel, which is only seen in what it takes.
+    let (_, [x, y, flux]) = told("", &effect("bayer", "red_relative = 0.5, blue_relative = 0.9"));
+    assert!(x.abs() < 0.3 && y.abs() < 0.3 && (flux - 0.85).abs() < 0.002, "{x}, {y}, {flux}");
+}
+
 /// A response within the pixel is a pixel effect too: its columns hold what the same star loses against pixels that answer evenly.
 #[test]
 fn a_response_within_the_pixel_is_told() {
