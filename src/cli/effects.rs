@@ -14,19 +14,32 @@ use boresight::scene::shown::{COLOUR_FILTERS, Known, QUANTUM_EFFICIENCY, SAMPLED
 use clap::Args;
 use serde::Serialize;
 
-use super::{Answer, effect_pictures, output};
+use super::options::folder;
+use super::{Answer, effect_pictures, output, signature};
 
 /// Arguments of `effects`.
 #[derive(Debug, Args)]
 pub(crate) struct EffectsArgs {
     /// Print the page of this effect
     id: Option<String>,
-    /// Print the list as one JSON object
-    #[arg(long, conflicts_with = "id")]
-    json: bool,
     /// Write a picture of what each effect does to a frame (off, on, difference), and a page that holds them; with an id, of that one
     #[arg(long, value_name = "DIR", conflicts_with = "json")]
     pictures: Option<PathBuf>,
+    /// Print the result as one JSON object on stdout, and nothing else
+    #[arg(long, conflicts_with = "id")]
+    json: bool,
+    /// Render and measure what this effect on pixels does to stars, beside the formula of its page
+    #[arg(long, value_name = "ID", conflicts_with_all = ["id", "pictures"])]
+    signature: Option<String>,
+    /// The parameter that is changed, if it is not the effect's first
+    #[arg(long, value_name = "NAME", conflicts_with = "id", requires = "signature")]
+    parameter: Option<String>,
+    /// The scene whose camera and sky are taken
+    #[arg(long, value_name = "FILE", conflicts_with = "id", requires = "signature")]
+    scene: Option<PathBuf>,
+    /// Also write the signature into this folder
+    #[arg(short, long, value_name = "DIR", conflicts_with = "id", requires = "signature", value_parser = folder)]
+    output: Option<PathBuf>,
 }
 
 /// One line of the list.
@@ -46,7 +59,12 @@ struct Parameter {
 /// Lists the effects, or prints one page.
 pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
     let known = known();
-    if let Some(directory) = &args.pictures {
+    if let Some(id) = &args.signature {
+        if known.iter().all(|line| line.id != *id) {
+            return Err(unknown(id, &known));
+        }
+        signature::print(id, args.parameter.as_deref(), args.scene.as_deref(), (args.json, args.output.as_deref()))?;
+    } else if let Some(directory) = &args.pictures {
         let wanted = |line: &&Known| args.id.as_ref().is_none_or(|id| *id == line.id);
         let wanted: Vec<_> = known.iter().filter(wanted).cloned().collect();
         if wanted.is_empty() {

@@ -24,6 +24,7 @@ mod pipeline;
 mod preset;
 mod run;
 mod schema;
+mod signature;
 mod simulate;
 mod update;
 mod write_camera;

@@ -359,6 +359,12 @@ fn bad_input_gets_one_sentence_and_leaves_nothing() {
         (vec!["simulate", text(&here("none.toml")), "-o", text(&target)], 1, vec!["none.toml"]),
         (vec!["map", text(&here("no-image.png"))], 1, vec!["no-image.png", "is no calibration"]),
         (vec!["effects", "refractoin"], 1, vec!["did you mean refraction?"]),
+        (vec!["effects", "--signature", "even-od"], 1, vec!["did you mean even-odd?"]),
+        (vec!["effects", "--signature", "pinhole"], 1, vec!["pinhole is no effect on pixels"]),
+        (vec!["effects", "--signature", "overshoot", "--parameter", "tail"], 1, vec!["tail_relative, tail_px"]),
+        (vec!["effects", "--signature", "jpeg", "--scene", text(&here("none.toml"))], 1, vec!["none.toml"]),
+        (vec!["effects", "even-odd", "--parameter", "gain_relative"], 2, vec!["--parameter"]),
+        (vec!["effects", "--parameter", "gain_relative"], 2, vec!["--signature"]),
         (vec!["identify"], 2, vec!["RECORDING|IMAGE"]),
         (vec!["identify", "x.png", "--physics", "refractoin"], 2, vec!["did you mean refraction?"]),
         (vec!["identify", "x.png", "--focal-length-px", "-3"], 2, vec!["--focal-length-px"]),
@@ -447,7 +453,7 @@ fn every_effect_has_its_picture() {
     }
     // All but the few that the table names with the reason.
     let without = ran.stdout.lines().filter(|line| line.contains('–')).count();
-    assert!(without <= 6 && files.len() + without == effects, "{} pictures and {without} reasons of {effects} effects", files.len());
+    assert!(without <= 7 && files.len() + without == effects, "{} pictures and {without} reasons of {effects} effects", files.len());
 }
 
 #[test]
@@ -462,6 +468,25 @@ fn every_effect_has_its_page() {
         assert_eq!(page.code, 0, "{id}: {}", page.stderr);
         assert!(page.stdout.starts_with("# ") && page.stdout.len() > 300, "{id}: {}", page.stdout);
     }
+}
+
+/// What is rendered and measured, beside the formula: all of it in the result, the first lines of it in the text.
+#[test]
+fn a_signature_stands_beside_its_formula() {
+    let signature = json(&["effects", "--signature", "stray-light", "--json"]);
+    assert_eq!(signature["format"], "boresight-signature/1");
+    assert_eq!((&signature["parameter"], &signature["formula"]), (&"slope_x_e_per_px_s".into(), &"stray-light.gradient_e_per_px".into()));
+    let stars = signature["stars"].as_array().unwrap();
+    let sums = signature["summary"].as_array().unwrap();
+    assert_eq!((stars.len(), sums.len()), (147, 4));
+    assert!(sums[3]["electrons"].is_null() && sums[3]["stars"] == 147, "{}", sums[3]);
+    for sum in &sums[..3] {
+        assert!(sum["cosine"].as_f64().unwrap() > 0.9 && sum["ratio"].as_f64().unwrap() > 1.0, "{sum}");
+    }
+    // A slope along x moves along x.
+    assert!(stars.iter().all(|star| star["formula_dx_px"].as_f64().unwrap() > 0.0 && star["formula_dy_px"].as_f64().unwrap().abs() < 1e-4));
+    let ran = run(&["effects", "--signature", "stray-light"]);
+    assert!(ran.stdout.starts_with("stray-light: slope_x_e_per_px_s from 0.05 to 0.15") && ran.stdout.contains("cosine"), "{}", ran.stdout);
 }
 
 /// Great-circle distance in degrees of two points given in degrees.

@@ -285,3 +285,101 @@ fn ripples_of_the_gain_follow_their_formulas() {
         assert!(cosine > 0.99 && near(size, 1.12, 0.03), "{id}: {cosine} {size}");
     }
 }
+
+/// A tail of the video signal, rendered: every star is moved by the same, k/(1 − e^(−1/τ)) for the centre of mass, whatever its brightness, so that
+/// beside the formula, which goes with the flux, it looks alike at one brightness only.
+#[test]
+fn a_tail_of_constant_share_moves_all_stars_alike() {
+    let tail = |k: f64| scene_under(DARK_E, &gaussian(0.9), &effect("overshoot", &format!("tail_relative = {k:?}, tail_px = 0.8")));
+    let all = design(&[1e3, 1e4, 1e5]);
+    let found = both(&[tail(0.002), tail(0.006)], 0.004, 0.9, DARK_E, &all);
+    let of_mass = 1.0 / -(-1.0_f64 / 0.8).exp_m1();
+    for (name, found, shares) in [("fit", &found[0], FITTED_TAIL), ("centre of mass", &found[1], [1.0; 3])] {
+        for ((part, frames), share) in found.chunks(49).zip(all.chunks(7)).zip(shares) {
+            let electrons = frames[0][0].electrons;
+            let what = format!("overshoot, {electrons:e} e-, {name}");
+            let (cosine, size) = beside(&what, part, frames, |star| by_formula("overshoot", star, 5.0));
+            let found = size * electrons / 1e4 / of_mass;
+            println!("{what}: {found:.4} of the tail's mean length");
+            assert!(cosine > 0.999 && near(found, share, 0.02), "{what}: {cosine} {found} for {share}");
+        }
+        // Shifts of three brightnesses beside a formula in proportion to them.
+        let [along, own, square] = [0, 1, 2].map(|k| {
+            let part = |(share, electrons): (f64, f64)| [share * electrons, share * share, electrons * electrons][k];
+            shares.into_iter().zip([1e3, 1e4, 1e5]).map(part).sum::<f64>()
+        });
+        let expected = along / (own * square).sqrt();
+        let (cosine, _) = beside(&format!("overshoot, all, {name}"), found, &all, |star| by_formula("overshoot", star, 5.0));
+        assert!((cosine - expected).abs() < 0.005, "{name}: {cosine} for {expected}");
+    }
+    page_says(
+        &displacement("overshoot").unwrap().page(),
+        "moves stars of every brightness by the same, k/(1 − e^(−1/τ)) px by the centre of mass",
+    );
+}
+
+/// What the fit sees of a tail of 0.8 px, over what the centre of mass does, of stars of 10³, 10⁴ and 10⁵ electrons.
+const FITTED_TAIL: [f64; 3] = [0.58, 0.70, 0.81];
+
+/// A background that rises evenly, rendered: stars move up the slope in inverse proportion to their electrons. By the centre of mass of 15 × 15 px with
+/// the page's K for that; by the program's fit, which is weighted, with more than the K of an unweighted one, the brighter the star.
+#[test]
+fn a_slope_under_the_images_moves_faint_stars_most() {
+    let slope =
+        |a: f64| scene(&gaussian(0.9), &effect("stray-light", &format!("slope_x_e_per_px_s = {a:?}, slope_y_e_per_px_s = {:?}", -0.5 * a)));
+    let all = design(&[3e3, 3e4, 3e5]);
+    let [fit, mass] = both(&[slope(-0.05), slope(0.05)], 0.1, 0.9, BACKGROUND_E, &all);
+    // The level of the sky is that of the middle of the frame; elsewhere it is wrong, which moves the centre of mass towards the middle of its window.
+    let middle = 0.5 * (SIDE as f64 - 1.0);
+    let is_level = |star: &Probe| (star.x_px - middle - 0.5 * (star.y_px - middle)).abs() < 14.0;
+    let of_fit = 8.0 * std::f64::consts::PI * (0.81_f64 + 1.0 / 12.0).powi(2);
+    for (name, found, k, shares) in [("fit", &fit, of_fit, FITTED_SLOPE), ("centre of mass", &mass, 225.0 * 7.0 * 8.0 / 3.0, [1.0; 3])] {
+        for ((part, frames), share) in found.chunks(49).zip(all.chunks(7)).zip(shares) {
+            let level = part.iter().zip(frames.iter().flatten()).filter(|(_, star)| is_level(star));
+            let (part, stars): (Vec<Measured>, Vec<Probe>) = level.map(|(found, star)| (*found, *star)).unzip();
+            let what = format!("stray light, {:e} e-, {name}, {} stars", stars[0].electrons, stars.len());
+            let (cosine, size) = beside(&what, &part, &[stars], |star| [1.0, -0.5].map(|along| along * k / star.electrons));
+            assert!(cosine > 0.98 && near(size, share, 0.03), "{what}: {cosine} {size} for {share}");
+        }
+    }
+    page_says(&displacement("stray-light").unwrap().page(), "1.7 times for 3000, 3.2 times for 30 000 and 6 times for 300 000 electrons");
+}
+
+/// What the program's fit, which trusts bright pixels less, makes of a slope over what an unweighted one does, of stars of 3·10³, 3·10⁴ and 3·10⁵
+/// electrons on a sky of 50.
+const FITTED_SLOPE: [f64; 3] = [1.662, 3.162, 5.983];
+
+/// Halves of unequal gain, rendered: fluxes of one half, and shifts of stars whose light lies on both sides of the line, by the moments of a cut
+/// Gaussian; no star away from it moves, so the page's formula is of another cause.
+#[test]
+fn halves_of_unequal_gain_move_stars_at_their_line_alone() {
+    let halves = |g: f64| scene_under(DARK_E, &gaussian(0.9), &effect("amplifier-step", &format!("gain_relative = {g:?}, offset_e = 0.0")));
+    let all = design(&[1e4]);
+    let [fit, mass] = both(&[halves(-0.005), halves(0.005)], 0.01, 0.9, DARK_E, &all);
+    // Share of a pixel row, by Simpson's rule over a Gaussian of σ = 0.9 px.
+    let density = |t: f64| (-0.5 * (t / 0.9).powi(2)).exp() / (0.9 * std::f64::consts::TAU.sqrt());
+    let share = |row: f64| {
+        let part = |k: f64| (density(row - 0.5 + 0.1 * k) + 4.0 * density(row - 0.45 + 0.1 * k) + density(row - 0.4 + 0.1 * k)) / 60.0;
+        (0..10).map(|k| part(f64::from(k))).sum::<f64>()
+    };
+    let (mut at_line, mut away) = (0, 0);
+    for ((star, fit), mass) in all.iter().flatten().zip(&fit).zip(&mass) {
+        let below = |row: &f64| *row >= 0.5 * SIDE as f64;
+        let rows = || (-9..=9).map(|k| star.y_px.round() + f64::from(k)).filter(below);
+        let (flux, shift): (f64, f64) = rows()
+            .map(|row| (share(row - star.y_px), (row - star.y_px) * share(row - star.y_px)))
+            .fold((0.0, 0.0), |(a, b), (c, d)| (a + c, b + d));
+        assert!((mass.y_px - shift).abs() < 2e-3 && mass.x_px.abs() < 2e-3, "{} for {shift} at row {}", mass.y_px, star.y_px);
+        assert!((mass.flux_e / star.electrons - flux).abs() < 2e-3, "{} for {flux}", mass.flux_e / star.electrons);
+        if shift < 1e-6 {
+            assert!(fit.y_px.abs() < 2e-3, "{} at row {}", fit.y_px, star.y_px);
+            away += 1;
+        } else {
+            at_line += 1;
+        }
+    }
+    assert!(at_line >= 5 && away >= 35, "{at_line} at the line, {away} away");
+    let (cosine, _) = beside("amplifier step, centre of mass", &mass, &all, |star| by_formula("amplifier-step", star, 8.0));
+    assert!(cosine < 0.5, "{cosine}"); // that of a few stars at the line
+    page_says(&displacement("amplifier-step").unwrap().page(), "a gain alone moves only stars whose light lies on both sides of the line");
+}

@@ -8,7 +8,8 @@
 //! one, else V of the catalogue. The ideal point is the measured one minus Δ. What both halves share is a magnitude equation. A star of
 //! unknown magnitude is not moved.
 //!
-//! **In the pixels.** electrons = N·(1 + g) + o in the rows below the middle, N above. (The lag of charge and the non-linearity are effects of their own.)
+//! **In the pixels.** electrons = N·(1 + g) + o in the rows below the middle, N above. The lag of charge and the non-linearity are effects of
+//! their own: rendered, a gain alone moves only stars whose light lies on both sides of the line.
 //!
 //! **Parameter.** `px_per_mag` (b): displacement along the columns of a star one magnitude fainter in the lower half against the upper one, px.
 //! In the pixels: `gain_relative` (g) and `offset_e` (o), gain and offset of the lower half against the upper one, of the order of 0.01 and of a

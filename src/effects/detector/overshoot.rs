@@ -8,6 +8,9 @@
 //!
 //! **In the pixels.** Along every row electrons = (1 − k)·N + k·m, m the memory of the pixels before: m becomes m + (N − m)·(1 − e^(−1/τ)) with every
 //! pixel and begins with the first pixel's own value, so that an even field stays even. k < 0 is an overshoot.
+//! Such a tail moves stars of every brightness by the same, k/(1 − e^(−1/τ)) px by the centre of mass, of which the
+//! program's fit sees 0.58 to 0.81 for 10³ to 10⁵ electrons: beside the equation above its cosine is 1 at one brightness and 0.64 for all of these
+//! stars, 0.72 by the fit. What grows with the flux is settling that depends on the signal.
 //!
 //! **Parameter.** `x_px` (a): displacement along the row of a star of 10 000 electrons (of magnitude 5 where electrons are not measured), px.
 //! Positive: a tail to the right. In the pixels: `tail_relative` (k), part of a pixel that is found after it, ±0.01; `tail_px` (τ), length of the

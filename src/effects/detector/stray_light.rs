@@ -24,6 +24,8 @@
 //!
 //! **Neglected.** Estimators other than the unweighted fit: they change K, and so g, by a factor that is the same for all images of one width
 //! (centre of mass over (2w + 1)² px: K = (2w + 1)²·w·(w + 1)/3). K is 4 % too small for σ = 0.7 px and 0.3 % for 1 px. The
+//! program's own fit trusts bright pixels less and looks more at an image's edges: rendered with σ = 0.9 px on a sky of 50 electrons, its shift is
+//! 1.7 times for 3000, 3.2 times for 30 000 and 6 times for 300 000 electrons that of this K. The
 //! error of the measured ∇B makes g too small where it is not small beside the gradient. Structure of the background on the scale of an image.
 //!
 //! **Source.** The projection is that of linear least squares; for the centre of mass see R. C. Stone, AJ 97, 1227 (1989).
