@@ -163,7 +163,7 @@ impl SkyTable {
     }
 }
 
-/// `[site]`: as in a recording.
+/// `[site]`: as in a recording. Stars below its horizon have no image.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SiteTable {

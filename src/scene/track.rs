@@ -102,11 +102,15 @@ struct Sight<'a> {
 }
 
 impl Sight<'_> {
-    /// The place at a time from the middle of the exposure, after a turn of the camera by this vector (rad), all rows being exposed at once.
+    /// The place at a time from the middle of the exposure, after a turn of the camera by this vector (rad), all rows being exposed at once. What stands
+    /// below the horizon of a site has none.
     fn place_turned(&self, time_s: f64, turn_rad: [f64; 3]) -> Option<PixelPoint> {
         let middle = self.exposure.sky.observation();
         let observation = if self.drifts { later(middle, time_s) } else { *middle };
         let apparent = self.exposure.sky.apparent_in(&self.star, &observation);
+        if observation.zenith.is_some_and(|zenith| crate::dual::dot(apparent.xyz, zenith) < 0.0) {
+            return None;
+        }
         let mut attitude = self.exposure.motion.attitude(&self.exposure.course, time_s);
         if turn_rad != [0.0; 3] {
             attitude = attitude.turned(turn_rad);

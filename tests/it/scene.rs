@@ -245,10 +245,42 @@ fn a_fisheye_is_rendered_by_its_own_projection() {
     let stars = scene.star_images(Catalog::embedded(), 0, 0.0);
     assert!(stars.len() > 1000, "{} stars over half the sky", stars.len());
     let farthest = stars.iter().map(|star| (star.position.x_px - 1547.5).hypot(star.position.y_px - 1039.5)).fold(0.0, f64::max);
-    // f·θ: the corner of the frame, 1865 px out, would be at 183 degrees.
-    assert!(farthest > 900.0 && farthest <= 583.3 * std::f64::consts::PI, "{farthest} px");
+    // f·θ: the corner of the frame, 1865 px out, would be at 183 degrees, but the ground begins at 85 to 95.
+    assert!(farthest > 900.0 && farthest <= 583.3 * 95.1_f64.to_radians(), "{farthest} px");
     let error = Scene::parse("s", &fisheye.toml.replace("\"equidistant\"", "\"fish\"")).unwrap_err().to_string();
     assert!(error.contains("camera.projection") && error.contains("equisolid"), "{error}");
+}
+
+/// The ground hides the stars below the horizon, and none above it: their altitudes by the mean sidereal time of Meeus, Astronomical Algorithms (1998),
+/// chapter 12, which leaves out a third of a degree of precession since 2000.
+#[test]
+fn stars_below_the_horizon_have_no_image() {
+    let (latitude_deg, longitude_deg) = (40.0_f64, 20.0_f64);
+    let seen = |site: &str| {
+        let text = format!(
+            "format = \"boresight-scene/1\"\ncamera = {{ width_px = 900, height_px = 900, focal_length_px = 500.0 }}\n\
+             sky = {{ faintest_magnitude = 5.0, physics = \"none\" }}\n{site}\n[[frames]]\ntime_utc = \"2026-03-01T22:00:00Z\"\n\
+             exposure_s = 1.0\nboresight_radec_deg = [75.0, 5.0]\n"
+        );
+        let scene = Scene::parse("scene.toml", &text).unwrap();
+        scene.star_images(Catalog::embedded(), 0, 0.0).into_iter().map(|star| star.hip).collect::<Vec<_>>()
+    };
+    let all = seen("");
+    let above = seen(&format!("site = {{ latitude_deg = {latitude_deg:?}, longitude_deg = {longitude_deg:?} }}"));
+    // 2026-03-01T22:00 UT is 2 461 101.416 667 JD.
+    let sidereal_deg = (280.460_618_37 + 360.985_647_366_29 * (2_461_101.0 + 5.0 / 12.0 - 2_451_545.0) + longitude_deg).rem_euclid(360.0);
+    let (mut up, mut down) = (0, 0);
+    for star in Catalog::embedded().stars.iter().filter(|star| all.contains(&star.hip)) {
+        let [x, y, z] = star.direction.xyz;
+        let hour_angle = sidereal_deg.to_radians() - y.atan2(x);
+        let sine = latitude_deg.to_radians().sin() * z + latitude_deg.to_radians().cos() * (1.0 - z * z).sqrt() * hour_angle.cos();
+        let altitude_deg = sine.asin().to_degrees();
+        if altitude_deg.abs() > 0.5 {
+            assert_eq!(above.contains(&star.hip), altitude_deg > 0.0, "HIP {} at {altitude_deg}°", star.hip);
+            *(if altitude_deg > 0.0 { &mut up } else { &mut down }) += 1;
+        }
+    }
+    assert!(up > 50 && down > 50, "{up} stars above the horizon and {down} below it");
 }
 
 /// The schema knows every key of every preset, every effect with its parameters, and nothing beside.
