@@ -292,6 +292,10 @@ fn the_schema_is_that_of_the_files() {
         let of = of.get("$ref").map_or(of, |reference| schema.pointer(&reference.as_str().unwrap()[1..]).unwrap());
         match value {
             toml::Value::Table(table) => {
+                // An effect is one of many, told by its id.
+                let is_this =
+                    |one: &&serde_json::Value| one["properties"]["id"]["const"].as_str() == table.get("id").and_then(toml::Value::as_str);
+                let of = of["oneOf"].as_array().map_or(of, |all| all.iter().find(is_this).unwrap_or_else(|| panic!("{path}: {table:?}")));
                 assert_eq!(of["additionalProperties"], serde_json::json!(false), "{path}");
                 for (key, value) in table {
                     let own = of["properties"].get(key).unwrap_or_else(|| panic!("{path}.{key} is not in the schema"));
