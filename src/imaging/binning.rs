@@ -242,7 +242,9 @@ impl BinnedNoiseFree<'_> {
             None => held,
         };
         let share = self.binning.share() as f32;
-        read.iter_mut().for_each(|electrons| *electrons /= share);
+        for electrons in &mut read {
+            *electrons /= share;
+        }
         Ok(read)
     }
 
