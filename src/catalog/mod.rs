@@ -4,6 +4,7 @@
 //! effects. What the catalogue does say about time is how far a position may be off by then: [`Catalog::position_sigma_rad`].
 
 mod binary;
+mod constellations;
 mod error;
 mod import;
 mod names;
@@ -15,6 +16,7 @@ use std::sync::{LazyLock, OnceLock};
 use crate::coordinates::{Direction, Icrs};
 use sky_grid::SkyGrid;
 
+pub use constellations::{ConstellationLine, constellation_lines};
 pub use error::CatalogError;
 pub use names::star_name;
 pub use position_error::{KNOWN_PROPER_MOTION_SIGMA_RAD_YR, POSITION_SIGMA_RAD, expected_proper_motion_sigma_rad_yr};

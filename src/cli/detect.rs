@@ -1,6 +1,7 @@
 //! `boresight detect`: finds the stars in images and measures them.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
+use boresight::catalog::Catalog;
 use boresight::detect::Detections;
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
@@ -8,7 +9,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::options::{InputArgs, OutputArgs};
-use super::{Answer, output, pipeline};
+use super::{Answer, identify_files, output, pipeline};
 
 /// Arguments of `detect`.
 #[derive(Debug, Args)]
@@ -48,6 +49,15 @@ pub(crate) fn detect(args: &DetectArgs) -> Result<Answer> {
         .collect();
     let object =
         DetectObject { format: "boresight-detect/1", frames, skipped: &measured.skipped, notes: &measured.recording.notes, provenance };
+    if let Some(directory) = &args.output.output {
+        std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
+        identify_files::write_detections(directory, &measured.frames, &object.provenance)?;
+        let catalog = Catalog::embedded();
+        for frame in &measured.frames {
+            identify_files::write_regions(directory, frame, &identify_files::marks(frame, None, catalog))?;
+            identify_files::write_picture(&identify_files::frame_path(directory, frame, "png"), &measured, frame, None, catalog)?;
+        }
+    }
     output::deliver("detect", &object, args.output.json, args.output.output.as_deref(), || {
         let rows: Vec<Vec<String>> = object
             .frames

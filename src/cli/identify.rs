@@ -15,6 +15,7 @@ use boresight::units::DEG_RAD;
 use clap::Args;
 use serde::Serialize;
 
+use super::identify_files::{self, MatchRow};
 use super::options::{InputArgs, OutputArgs, SkyArgs};
 use super::pipeline::{IdentifiedFrame, Measured};
 use super::{Answer, output, pipeline};
@@ -34,6 +35,9 @@ pub(crate) struct IdentifyArgs {
     /// Seed of the deliberate misidentification
     #[arg(long, value_name = "SEED", default_value_t = 0)]
     misidentify_seed: u64,
+    /// With -o: also write every identified frame as FITS with world coordinates (TAN-SIP) in its header
+    #[arg(long, requires = "output")]
+    fits: bool,
     #[command(flatten)]
     output: OutputArgs,
 }
@@ -107,6 +111,8 @@ pub(crate) struct FrameObject {
 
 #[derive(Debug, Serialize)]
 struct MatchObject {
+    /// Number of the star image in the frame's detections, brightest first, from 0.
+    detection: usize,
     hip: u32,
     name: Option<&'static str>,
     x_px: f64,
@@ -168,6 +174,7 @@ impl FrameObject {
             .map(|matched| {
                 let (star, detection) = (&catalog.stars[matched.star], &frame.detections.stars[matched.detection]);
                 MatchObject {
+                    detection: matched.detection,
                     hip: star.hip,
                     name: catalog.name(star),
                     x_px: detection.x_px,
@@ -178,6 +185,32 @@ impl FrameObject {
                 }
             })
             .collect();
+    }
+}
+
+impl FrameObject {
+    /// The rows of its matches.
+    fn rows<'a>(&'a self, frame: usize, catalog: &'a Catalog) -> impl Iterator<Item = MatchRow<'a>> {
+        self.matches.iter().map(move |shown| {
+            let star = catalog.by_hip(shown.hip);
+            let (ra, dec) = star.map_or((f64::NAN, f64::NAN), |star| star.direction.radec_rad());
+            MatchRow {
+                frame,
+                file: &self.file,
+                detection: shown.detection,
+                hip: shown.hip,
+                name: shown.name,
+                ra_deg: ra / DEG_RAD,
+                dec_deg: dec / DEG_RAD,
+                magnitude: shown.magnitude,
+                colour_mag: star.and_then(|star| star.colour),
+                x_px: shown.x_px,
+                y_px: shown.y_px,
+                residual_x_px: shown.residual_px[0],
+                residual_y_px: shown.residual_px[1],
+                flux_dn: shown.flux_dn,
+            }
+        })
     }
 }
 
@@ -217,14 +250,35 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
     };
     if let Some(directory) = &args.output.output {
         std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
-        for (frame, identified) in measured.frames.iter().zip(&identified) {
-            let stem = Path::new(&frame.name).file_stem().map_or_else(|| frame.name.clone(), |stem| stem.to_string_lossy().into_owned());
-            let path = directory.join(format!("{:04}-{stem}.png", frame.index));
-            picture(&path, &measured, frame, identified, &catalog)?;
-        }
+        write_files(directory, &measured, &identified, &object, &catalog, args.fits)?;
     }
     output::deliver("identify", &object, args.output.json, args.output.output.as_deref(), || text(&object.frames))?;
     Ok(if all { Answer::Yes } else { Answer::No })
+}
+
+/// Writes tables, regions, world coordinates and pictures.
+fn write_files(
+    directory: &Path,
+    measured: &Measured,
+    identified: &[IdentifiedFrame],
+    object: &IdentifyObject<'_>,
+    catalog: &Catalog,
+    with_images: bool,
+) -> Result<()> {
+    let rows: Vec<MatchRow<'_>> =
+        measured.frames.iter().zip(&object.frames).flat_map(|(frame, shown)| shown.rows(frame.index, catalog)).collect();
+    identify_files::write_matches(directory, &rows, &object.provenance)?;
+    identify_files::write_detections(directory, &measured.frames, &object.provenance)?;
+    let bar = output::progress("writing", measured.frames.len());
+    for (frame, identified) in measured.frames.iter().zip(identified) {
+        identify_files::write_regions(directory, frame, &identify_files::marks(frame, Some(identified), catalog))?;
+        identify_files::write_world_coordinates(directory, measured, frame, identified, with_images)?;
+        let path = identify_files::frame_path(directory, frame, "png");
+        identify_files::write_picture(&path, measured, frame, Some(identified), catalog)?;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    Ok(())
 }
 
 /// A match that was given a wrong star on purpose.
@@ -288,37 +342,6 @@ fn misname(frames: &mut [FrameObject], identified: &[IdentifiedFrame], catalog: 
         .collect();
     listed.reverse();
     listed
-}
-
-/// The frame with its stars marked and named; nothing where there are no pixels.
-pub(crate) fn picture(
-    path: &Path,
-    measured: &Measured,
-    frame: &pipeline::MeasuredFrame,
-    identified: &IdentifiedFrame,
-    catalog: &Catalog,
-) -> Result<()> {
-    if measured.recording.frame_path(frame.index).is_none() {
-        return Ok(());
-    }
-    let pixels = measured.recording.load_frame(frame.index)?;
-    let matches = identified.solution().map_or(&[][..], |solution| &solution.matches);
-    let marks: Vec<report::Mark> = frame
-        .detections
-        .stars
-        .iter()
-        .enumerate()
-        .map(|(index, detection)| {
-            let star = matches.iter().find(|matched| matched.detection == index).map(|matched| &catalog.stars[matched.star]);
-            report::Mark {
-                x_px: detection.x_px,
-                y_px: detection.y_px,
-                label: star.map(|star| catalog.label(star)),
-                kind: if star.is_some() { report::MarkKind::Identified } else { report::MarkKind::Detected },
-            }
-        })
-        .collect();
-    Ok(report::frame_picture(path, &pixels, &marks)?)
 }
 
 fn text(frames: &[FrameObject]) -> String {

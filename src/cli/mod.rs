@@ -15,6 +15,7 @@ mod effect_pictures;
 mod effects;
 mod export;
 mod identify;
+mod identify_files;
 mod import;
 mod map;
 mod options;

@@ -16,7 +16,7 @@ use serde::Serialize;
 use super::calibrate::{SolveArgs, control_points};
 use super::options::{BackendChoice, SceneArgs};
 use super::pipeline::{IdentifiedFrame, Measured};
-use super::{Answer, identify, output, pictures, pipeline, simulate};
+use super::{Answer, identify_files, output, pictures, pipeline, simulate};
 
 /// Arguments of `run`.
 #[derive(Debug, Args)]
@@ -353,7 +353,7 @@ fn draw(
     let pictures = target.join("pictures");
     std::fs::create_dir_all(&pictures).with_context(|| format!("creating {}", pictures.display()))?;
     if let (Some(frame), Some(identified)) = (measured.frames.first(), identified.first()) {
-        identify::picture(&pictures.join("frame.png"), measured, frame, identified, catalog)?;
+        identify_files::write_picture(&pictures.join("frame.png"), measured, frame, Some(identified), catalog)?;
     }
     if let Ok(calibration) = &solved.result {
         pictures::residuals(&pictures.join("residuals.png"), calibration)?;

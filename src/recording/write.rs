@@ -11,7 +11,10 @@ use image::{ExtendedColorType, ImageEncoder};
 
 use super::output::{OutputError, write_file};
 use super::{CameraInfo, FirstRow, FrameEntry, Mount, Recording, Shutter, Site, StarList, manifest, time};
+use crate::frame::Frame;
 
+/// Bytes of a card of a FITS header.
+const CARD_BYTES: usize = 80;
 /// The file of a star list beside its manifest.
 const STAR_FILE: &str = "stars.csv";
 
@@ -93,12 +96,41 @@ pub fn write_fits_f32(path: &Path, width_px: usize, height_px: usize, pixels_e: 
     write_fits(path, [width_px, height_px], (-32, 0.0), &bytes, &FitsHeaders { gain_e_per_dn: None, ..headers.clone() })
 }
 
-fn write_fits(
+/// Writes a frame as it was read, first row on top, with more cards in its header: those of `more`, a FITS header itself, but for what it says of
+/// an image's form. Whole counts from 0 to 65 535 are written as 16-bit integers, others as 32-bit real numbers.
+pub fn write_fits_with(path: &Path, frame: &Frame, headers: &FitsHeaders, more: &[u8]) -> Result<(), OutputError> {
+    let Frame { width_px, height_px, pixels_dn, .. } = frame;
+    check_count(path, *width_px, *height_px, pixels_dn.len())?;
+    let is_count = |value: &f32| value.fract() == 0.0 && (0.0..=65_535.0).contains(value);
+    let (form, data): (_, Vec<u8>) = if pixels_dn.iter().all(is_count) {
+        ((16, 32768.0), pixels_dn.iter().flat_map(|value| (*value as u16 ^ 0x8000).to_be_bytes()).collect())
+    } else {
+        ((-32, 0.0), pixels_dn.iter().flat_map(|value| value.to_be_bytes()).collect())
+    };
+    write_fits_and(path, [*width_px, *height_px], form, &data, headers, more)
+}
+
+fn write_fits(path: &Path, size: [usize; 2], form: (i64, f64), data: &[u8], headers: &FitsHeaders) -> Result<(), OutputError> {
+    write_fits_and(path, size, form, data, headers, &[])
+}
+
+/// The cards of a header that do not say what form an image has.
+fn cards_of_content(header: &[u8]) -> impl Iterator<Item = &[u8]> {
+    const FORM: [&str; 9] = ["SIMPLE", "BITPIX", "NAXIS", "NAXIS1", "NAXIS2", "EXTEND", "BZERO", "BSCALE", "END"];
+    let keyword = |card: &[u8]| String::from_utf8_lossy(&card[..8]).trim_end().to_owned();
+    header.chunks_exact(CARD_BYTES).take_while(move |card| keyword(card) != "END").filter(move |card| {
+        let keyword = keyword(card);
+        !keyword.is_empty() && !FORM.contains(&keyword.as_str())
+    })
+}
+
+fn write_fits_and(
     path: &Path,
     [width_px, height_px]: [usize; 2],
     (bits, zero): (i64, f64),
     data: &[u8],
     headers: &FitsHeaders,
+    more: &[u8],
 ) -> Result<(), OutputError> {
     let encode = |error: fitsio_pure::Error| OutputError::Encode { path: path.to_owned(), message: error.to_string() };
     let side = |length: usize| i64::try_from(length).map(Value::Integer).map_err(|_| encode(fitsio_pure::Error::InvalidValue));
@@ -107,7 +139,7 @@ fn write_fits(
         16 => "16-bit integers",
         _ => "32-bit real numbers",
     };
-    let unit = (bits < 0).then(|| ("BUNIT", Value::String("electron".to_owned()), ""));
+    let unit = (bits < 0 && more.is_empty()).then(|| ("BUNIT", Value::String("electron".to_owned()), ""));
     let mandatory = [
         ("SIMPLE", Value::Logical(true), "conforms to FITS standard"),
         ("BITPIX", Value::Integer(bits), kind),
@@ -126,6 +158,12 @@ fn write_fits(
         cards.push(card);
     }
     let mut bytes = serialize_header(&cards).map_err(encode)?;
+    if !more.is_empty() {
+        bytes.truncate(cards.len() * CARD_BYTES); // up to its end card
+        bytes.extend(cards_of_content(more).flatten());
+        bytes.extend(format!("{:CARD_BYTES$}", "END").bytes());
+        bytes.resize(bytes.len().next_multiple_of(BLOCK_SIZE), b' ');
+    }
     bytes.reserve(data.len() + BLOCK_SIZE);
     bytes.extend_from_slice(data);
     bytes.resize(bytes.len().next_multiple_of(BLOCK_SIZE), 0);

@@ -33,6 +33,15 @@ pub struct Mark {
     pub kind: MarkKind,
 }
 
+/// Lines that belong together under one name, as a constellation's do; on the frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Figure {
+    /// Its name.
+    pub name: String,
+    /// Its lines, each a chain of places so near each other that a straight piece joins them: (column, row).
+    pub chains: Vec<Vec<[f64; 2]>>,
+}
+
 /// Width and height of the frame on the sheet are kept below this.
 const LARGEST: usize = 1440;
 /// Small frames are enlarged up to this.
@@ -43,19 +52,21 @@ const MARGIN: (usize, usize, usize, usize) = (72, 14, 20, 78);
 const LEAST_WIDTH: usize = 560;
 const RADIUS: f64 = 9.0;
 const NAME_SIZE: f64 = 15.0;
+const FIGURE_SIZE: f64 = 18.0;
 /// Numbers beyond the brightest of these only fill the picture.
 const MOST_NUMBERS: usize = 40;
 
 const NIGHT: RGBColor = RGBColor(14, 15, 20);
 const GREY: RGBColor = RGBColor(190, 192, 200);
+const BLUE_GREY: RGBColor = RGBColor(95, 125, 175);
 const MINT: RGBColor = RGBColor(70, 225, 170);
 const RED: RGBColor = RGBColor(255, 105, 90);
 
 /// Writes a picture of a frame with marks, as PNG.
 ///
 /// The brightest marks come first: where names would overlap, theirs are shown and the others' left out (proper names before
-/// catalogue numbers). Marks outside the frame are not drawn.
-pub fn frame_picture(path: &Path, frame: &Frame, marks: &[Mark]) -> Result<(), ReportError> {
+/// catalogue numbers). Marks outside the frame are not drawn. Figures lie behind the marks.
+pub fn frame_picture(path: &Path, frame: &Frame, marks: &[Mark], figures: &[Figure]) -> Result<(), ReportError> {
     let largest = frame.width_px.max(frame.height_px);
     if largest == 0 || frame.pixels_dn.len() != frame.width_px * frame.height_px {
         return Err(ReportError::Empty { path: path.to_owned(), what: "the frame has no pixels" });
@@ -80,10 +91,11 @@ pub fn frame_picture(path: &Path, frame: &Frame, marks: &[Mark]) -> Result<(), R
             .map(|mark| (frame_box.place(mark.x_px, mark.y_px), mark))
             .filter(|(place, _)| frame_box.holds(*place, 0.0))
             .collect();
+        let figures = drawn_figures(sheet, &frame_box, figures)?;
         for (place, mark) in &marks {
             symbol(sheet, *place, mark.kind)?;
         }
-        let (named, nameable) = names(sheet, &frame_box, &marks)?;
+        let (named, nameable) = names(sheet, &frame_box, &marks, &figures)?;
         legend(sheet, &marks, (named, nameable), &stretch, sheet_size)
     })
 }
@@ -180,6 +192,34 @@ fn symbol(sheet: &Sheet, (x, y): Place, kind: MarkKind) -> Drawn {
     }
 }
 
+/// Draws the pieces of figures that lie on the frame, clear of the stars at their ends; returns their names, each with the middle of what is seen of
+/// it, where that is long enough to bear a name.
+fn drawn_figures(sheet: &Sheet, frame_box: &FrameBox, figures: &[Figure]) -> Result<Vec<(Place, String)>, Box<dyn std::error::Error>> {
+    const LEAST: f64 = 60.0;
+    let mut names = Vec::new();
+    for figure in figures {
+        let (mut sum, mut length) = ((0.0, 0.0), 0.0);
+        for chain in &figure.chains {
+            let places: Vec<Place> = chain.iter().map(|[x, y]| frame_box.place(*x, *y)).collect();
+            let apart = |a: Place, b: Place| (a.0 - b.0).hypot(a.1 - b.1);
+            let ends = [places.first(), places.last()];
+            let is_clear = |place: Place| ends.iter().flatten().all(|end| apart(**end, place) > RADIUS + 2.0);
+            for pair in places.windows(2) {
+                if pair.iter().all(|place| frame_box.holds(*place, 1.0) && is_clear(*place)) {
+                    sheet.line(pair, BLUE_GREY, 1.0)?;
+                    let piece = apart(pair[0], pair[1]);
+                    length += piece;
+                    sum = (sum.0 + piece * 0.5 * (pair[0].0 + pair[1].0), sum.1 + piece * 0.5 * (pair[0].1 + pair[1].1));
+                }
+            }
+        }
+        if length > LEAST {
+            names.push(((sum.0 / length, sum.1 / length), figure.name.clone()));
+        }
+    }
+    Ok(names)
+}
+
 /// A rectangle on the sheet: left, top, right, bottom.
 type Area = [f64; 4];
 
@@ -188,13 +228,31 @@ fn overlap(a: &Area, b: &Area) -> bool {
 }
 
 /// Writes the names that find room beside their marks; returns how many, and how many there are.
-fn names(sheet: &Sheet, frame_box: &FrameBox, marks: &[(Place, &Mark)]) -> Result<(usize, usize), Box<dyn std::error::Error>> {
+fn names(
+    sheet: &Sheet,
+    frame_box: &FrameBox,
+    marks: &[(Place, &Mark)],
+    figures: &[(Place, String)],
+) -> Result<(usize, usize), Box<dyn std::error::Error>> {
     let is_number = |label: &str| label.starts_with(|c: char| c.is_ascii_digit()) || label.starts_with("HIP ");
     let labelled = || marks.iter().filter_map(|(place, mark)| mark.label.as_deref().map(|label| (*place, mark.kind, label)));
     let with_names = labelled().filter(|(_, _, label)| !is_number(label));
     let with_numbers = labelled().filter(|(_, _, label)| is_number(label)).take(MOST_NUMBERS);
     let around = |(x, y): Place| [x - RADIUS, y - RADIUS, x + RADIUS, y + RADIUS];
     let mut taken: Vec<Area> = marks.iter().map(|(place, _)| around(*place)).collect();
+    for ((x, y), name) in figures {
+        let (width, height) = sheet.text_size(name, FIGURE_SIZE)?;
+        // A little above or below the middle, where no star is in the way.
+        let rows = [0.0, -1.5, 1.5, -3.0, 3.0].map(|line| y + line * height);
+        let areas = rows.map(|y| [x - 0.5 * width, y - 0.5 * height, x + 0.5 * width, y + 0.5 * height]);
+        let free = |area: &&Area| {
+            let is_inside = [(area[0], area[1]), (area[2], area[3])].iter().all(|corner| frame_box.holds(*corner, 2.0));
+            is_inside && !taken.iter().any(|other| overlap(area, other))
+        };
+        let Some(area) = areas.iter().find(free).copied() else { continue };
+        sheet.text(name, (area[0], area[1]), FIGURE_SIZE, &BLUE_GREY, HPos::Left, VPos::Top)?;
+        taken.push(area);
+    }
     let mut written = 0;
     for ((x, y), kind, label) in with_names.chain(with_numbers) {
         let (width, height) = sheet.text_size(label, NAME_SIZE)?;
@@ -278,12 +336,13 @@ mod tests {
         for (index, frame) in frames.iter().enumerate() {
             let path = folder.path().join(format!("{index}.png"));
             let marks = [mark(0.0, 0.0, "Vega"), mark(1e9, -5.0, "outside"), mark(f64::NAN, 0.0, "nowhere")];
-            frame_picture(&path, frame, &marks).unwrap();
+            let figure = Figure { name: "Lyra".into(), chains: vec![vec![[0.0, 0.0], [5.0, 1.0], [1e12, f64::NAN]], vec![]] };
+            frame_picture(&path, frame, &marks, &[figure]).unwrap();
             let read = image::open(&path).unwrap();
             assert!((LEAST_WIDTH as u32..=1600).contains(&read.width()) && read.height() <= 1600, "{}", read.width());
         }
         let nothing = frame(0, 0, |_, _| 0.0);
-        assert!(matches!(frame_picture(&folder.path().join("x.png"), &nothing, &[]), Err(ReportError::Empty { .. })));
+        assert!(matches!(frame_picture(&folder.path().join("x.png"), &nothing, &[], &[]), Err(ReportError::Empty { .. })));
     }
 
     #[test]
@@ -291,7 +350,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("star.png");
         let night = frame(800, 600, |x, y| 100.0 + if (x, y) == (400, 250) { 3000.0 } else { ((x * 7 + y * 13) % 5) as f32 });
-        frame_picture(&path, &night, &[mark(400.0, 250.0, "Vega")]).unwrap();
+        frame_picture(&path, &night, &[mark(400.0, 250.0, "Vega")], &[]).unwrap();
         let read = image::open(&path).unwrap().to_rgb8();
         let (x, y) = (MARGIN.0 as u32 + 400, MARGIN.1 as u32 + 250);
         assert_eq!(read.get_pixel(x, y).0, [255; 3], "the star's pixel is white");

@@ -5,6 +5,8 @@
 mod canvas;
 mod colours;
 mod contours;
+mod data_table;
+mod ds9;
 mod field_map;
 mod frame_picture;
 mod off_on;
@@ -17,8 +19,10 @@ mod table;
 mod vectors;
 
 pub use canvas::ReportError;
+pub use data_table::DataTable;
+pub use ds9::ds9_regions;
 pub use field_map::FieldMap;
-pub use frame_picture::{Mark, MarkKind, frame_picture};
+pub use frame_picture::{Figure, Mark, MarkKind, frame_picture};
 pub use off_on::OffOn;
 pub use panels::{LogPanels, Panel};
 pub use plot::{Plot, Series, SeriesStyle};

@@ -9,6 +9,7 @@ use sha2::{Digest, Sha256};
 
 const HIPPARCOS_BIN: &[u8] = include_bytes!("../../catalogs/hipparcos.bin");
 const NAMES_CSV: &str = include_str!("../../catalogs/names.csv");
+const CONSTELLATIONS_CSV: &str = include_str!("../../catalogs/constellations.csv");
 const SHA256SUMS: &str = include_str!("../../catalogs/SHA256SUMS");
 const README: &str = include_str!("../../catalogs/README.md");
 const MAX_BYTES: usize = 1_300_000;
@@ -21,10 +22,12 @@ fn star(hip: u32) -> &'static Star {
 fn the_files_are_small_and_are_those_whose_hashes_stand_beside_them() {
     assert!(HIPPARCOS_BIN.len() + NAMES_CSV.len() < MAX_BYTES, "{} bytes", HIPPARCOS_BIN.len());
     let hash = |bytes: &[u8]| format!("{:x}", Sha256::digest(bytes));
-    let expected = format!("{}  hipparcos.bin\n{}  names.csv\n", hash(HIPPARCOS_BIN), hash(NAMES_CSV.as_bytes()));
+    let files =
+        [("hipparcos.bin", HIPPARCOS_BIN), ("names.csv", NAMES_CSV.as_bytes()), ("constellations.csv", CONSTELLATIONS_CSV.as_bytes())];
+    let expected: String = files.iter().map(|(name, bytes)| format!("{}  {name}\n", hash(bytes))).collect();
     assert_eq!(SHA256SUMS, expected);
     assert_eq!(Catalog::embedded().sha256, hash(HIPPARCOS_BIN));
-    assert!(README.contains(&hash(HIPPARCOS_BIN)), "catalogs/README.md names the present hash");
+    assert!(files.iter().all(|(_, bytes)| README.contains(&hash(bytes))), "catalogs/README.md names the present hashes");
 }
 
 #[test]

@@ -24,7 +24,7 @@ pub(crate) fn run(args: &[&str]) -> Ran {
 }
 
 /// Runs a command that must succeed and print one JSON object.
-fn json(args: &[&str]) -> Value {
+pub(crate) fn json(args: &[&str]) -> Value {
     let ran = run(args);
     assert_eq!(ran.code, 0, "{args:?}: {}", ran.stderr);
     serde_json::from_str(&ran.stdout).unwrap_or_else(|error| panic!("{args:?}: stdout is not one JSON object ({error}): {}", ran.stdout))
@@ -241,14 +241,12 @@ fn is_a_picture_of_a_field(path: &Path) {
     assert!(counts.len() > 100 && f64::from(most) < 0.3 * f64::from(picture.width() * picture.height()), "{}", path.display());
 }
 
-#[test]
-fn mirrored_images_are_calibrated_in_their_own_columns() {
+/// A night whose images are stored mirrored. The declared principal point is that of the images as stored.
+pub(crate) fn mirrored_night(folder: &Path) -> PathBuf {
     use boresight::recording::{FitsHeaders, Recording, write_fits_u16};
-    let folder = tempfile::tempdir().unwrap();
-    // The declared principal point is that of the images as stored, which are mirrored below.
     let declared = ("[nominal] ", "[nominal]\nprincipal_point_px = [252.6, 252.2] ");
-    let scene = short_night(folder.path(), &[declared]);
-    let path = folder.path().join("night");
+    let scene = short_night(folder, &[declared]);
+    let path = folder.join("night");
     assert_eq!(run(&["simulate", text(&scene), "-o", text(&path), "--backend", "cpu"]).code, 0);
     let recording = Recording::open(&[&path]).unwrap();
     for index in 0..recording.frames.len() {
@@ -258,6 +256,13 @@ fn mirrored_images_are_calibrated_in_their_own_columns() {
         let headers = FitsHeaders::new(&recording.camera, None, &recording.frames[index]);
         write_fits_u16(&recording.frame_path(index).unwrap(), 512, 512, &mirrored, &headers).unwrap();
     }
+    path
+}
+
+#[test]
+fn mirrored_images_are_calibrated_in_their_own_columns() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = mirrored_night(folder.path());
     let identified = json(&["identify", text(&path), "--json"]);
     assert!(identified["frames"].as_array().unwrap().iter().all(|frame| frame["parity"] == -1), "{identified}");
     let object = json(&["calibrate", text(&path), "--json", "-o", text(folder.path())]);

@@ -16,6 +16,7 @@ mod displacements;
 mod exchange;
 mod house;
 mod identify;
+mod identify_files;
 mod joining;
 mod layering;
 mod motion;
