@@ -84,13 +84,13 @@ pub(crate) fn effects(backends: &[(Backend, String)], only: &str, text: &mut Str
          truth of places are in it\n",
         VIEW.side_px
     );
-    let _ = write!(text, "{:<32}", "");
+    let _ = write!(text, "{:<40}", "");
     for (backend, _) in backends {
         let _ = write!(text, "  {:>26}", backend.to_string());
     }
     text.push('\n');
     for case in cases.iter().filter(|case| case.name.contains(only)) {
-        let _ = write!(text, "{:<32}", case.name);
+        let _ = write!(text, "{:<40}", case.name);
         for (backend, _) in backends {
             let [off, on] = case.times_ms(*backend);
             let _ = write!(text, "  {off:8.1} {on:8.1} {:>8}", format!("({:.2})", on / off));
@@ -98,6 +98,6 @@ pub(crate) fn effects(backends: &[(Backend, String)], only: &str, text: &mut Str
         text.push('\n');
     }
     for (name, why) in not_shown.iter().filter(|(name, _)| name.contains(only)) {
-        let _ = writeln!(text, "{name:<32}  – {why}");
+        let _ = writeln!(text, "{name:<40}  – {why}");
     }
 }
