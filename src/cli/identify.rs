@@ -7,7 +7,9 @@ use anyhow::{Context, Result};
 use boresight::camera::Camera;
 use boresight::catalog::Catalog;
 use boresight::effects::{StarImage, StarState};
-use boresight::identify::{ControlPoint, ControlPoints, Identification, IdentifyOptions, MisidentificationKind, Solution, misidentify};
+use boresight::identify::{
+    ControlPoint, ControlPoints, Identification, IdentifyOptions, MisidentificationKind, Near, Solution, misidentify,
+};
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
 use boresight::report;
@@ -48,9 +50,42 @@ pub(crate) struct SearchArgs {
     /// Focal length in pixels, where the recording does not tell it; without one, all fields from 3° to 90° are tried
     #[arg(long, value_name = "PX", value_parser = positive, allow_negative_numbers = true)]
     pub(crate) focal_length_px: Option<f64>,
+    /// Search only where the camera is held to point: right ascension and declination of the middle of the frames, degrees, and if known
+    /// the position angle of their upward direction, from north through east
+    #[arg(long, value_name = "RA,DEC[,ROLL]", value_parser = pointing, allow_hyphen_values = true)]
+    pub(crate) near: Option<Pointing>,
+    /// How far the camera may be turned from --near
+    #[arg(long, value_name = "DEG", value_parser = angle, default_value_t = 10.0, allow_negative_numbers = true)]
+    pub(crate) near_within_deg: f64,
     /// Give up on a frame after this time (the answer may then depend on the machine)
     #[arg(long, alias = "time-limit", value_name = "SECONDS", value_parser = positive, allow_negative_numbers = true)]
     pub(crate) time_limit_s: Option<f64>,
+}
+
+/// Where a camera points: right ascension, declination and, if known, roll, degrees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Pointing {
+    radec_deg: [f64; 2],
+    roll_deg: Option<f64>,
+}
+
+/// Reads a pointing.
+fn pointing(text: &str) -> std::result::Result<Pointing, String> {
+    let numbers: Vec<f64> = text.split(',').map_while(|part| part.trim().parse().ok()).filter(|number: &f64| number.is_finite()).collect();
+    let told = (numbers.len() == text.split(',').count()).then_some(&numbers[..]);
+    let pointing = match told {
+        Some(&[ra_deg, dec_deg]) => Some(Pointing { radec_deg: [ra_deg, dec_deg], roll_deg: None }),
+        Some(&[ra_deg, dec_deg, roll_deg]) => Some(Pointing { radec_deg: [ra_deg, dec_deg], roll_deg: Some(roll_deg) }),
+        _ => None,
+    };
+    let on_the_sky = pointing.filter(|Pointing { radec_deg: [ra, dec], .. }| ra.abs() <= 360.0 && dec.abs() <= 90.0);
+    on_the_sky
+        .ok_or_else(|| "write right ascension and declination in degrees, and the roll if it is known: 83.8,-5.4 or 83.8,-5.4,120".into())
+}
+
+/// Reads an angle above 0° and not above 180°.
+fn angle(text: &str) -> std::result::Result<f64, String> {
+    positive(text).ok().filter(|degrees| *degrees <= 180.0).ok_or_else(|| "give a number of degrees above 0 and not above 180".into())
 }
 
 /// Reads a number above 0.
@@ -63,6 +98,11 @@ impl SearchArgs {
     pub(crate) fn options(&self, measured: &Measured) -> IdentifyOptions {
         IdentifyOptions {
             nominal_focal_length_px: self.focal_length_px.or(measured.recording.camera.nominal_focal_length_px()),
+            near: self.near.map(|near| {
+                let roll_rad = near.roll_deg.map(|roll| roll * DEG_RAD);
+                let [ra_rad, dec_rad] = near.radec_deg.map(|degrees| degrees * DEG_RAD);
+                Near::pointing(ra_rad, dec_rad, roll_rad, self.near_within_deg * DEG_RAD)
+            }),
             // A time too long for the clock is no limit.
             time_limit: self.time_limit_s.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()),
             ..IdentifyOptions::default()

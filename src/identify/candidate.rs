@@ -31,6 +31,8 @@ pub(super) struct Context<'a> {
     pub(super) corner_px: f64,
     pub(super) focal_px: f64,
     pub(super) half_step: f64,
+    /// The angle from the middle to the corner, rad: at the shortest focal length of the step and with distortion.
+    pub(super) corner_rad: f64,
 }
 
 impl Context<'_> {
@@ -143,8 +145,8 @@ impl Trial {
             // Where the measured point would be, roughly: beyond the corner the distortion stays as it is there.
             let inward = 1.0 - shrink * (px * px + py * py);
             let inward = if shrink > 0.0 { inward.max(least) } else { inward.min(least) };
-            let is_own = own.iter().fold(false, |is, [ox, oy]| is | (((ox - px).abs() < reach) & ((oy - py).abs() < reach)));
-            asked[lane] = (depth > 0.05) & (px.abs() <= half_x * inward) & (py.abs() <= half_y * inward) & !is_own;
+            let speaks = own.iter().fold(depth > 0.05, |is, [ox, oy]| is & ((ox - px).abs().max((oy - py).abs()) >= reach));
+            asked[lane] = speaks & (px.abs() <= half_x * inward) & (py.abs() <= half_y * inward);
         }
         (at_x, at_y, asked)
     }
@@ -225,6 +227,7 @@ mod tests {
                     corner_px: points.corner_px,
                     focal_px: 1.02 * focal_px,
                     half_step: 0.03,
+                    corner_rad: 0.19,
                 };
                 let rays = |focal_px: f64| ideal.iter().map(|[x, y]| unit(Vector3::new(*x, *y, focal_px))).collect::<Vec<_>>();
                 let near = rays(context.focal_px);

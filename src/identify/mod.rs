@@ -17,6 +17,7 @@ mod level;
 mod listed;
 mod misidentify;
 mod naming;
+mod near;
 mod odds;
 mod point_map;
 mod refine;
@@ -40,6 +41,7 @@ pub use control::{IdentifiedFrame, control_points, image_state};
 pub use index::{Index, IndexSize};
 pub use listed::{ASSUMED_EPOCH_YR, ListedError, add_listed_points, handedness, listed_control_points, listed_covariance_px2};
 pub use misidentify::{Misidentification, MisidentificationKind, misidentify};
+pub use near::Near;
 pub use solution::catalog_directions;
 
 /// A detection with its catalogue star.
@@ -95,6 +97,8 @@ pub struct IdentifyOptions {
     pub field_width_range_rad: [f64; 2],
     /// −1: the image is mirrored, +1: it is not; `None`: either.
     pub parity: Option<i8>,
+    /// Where the camera is held to point: nothing is searched elsewhere, so that there is time for more.
+    pub near: Option<Near>,
     /// A match is accepted only if detections without these stars would match as well with less than this probability.
     pub max_false_match_probability: f64,
     /// Give up after this time. Without a limit the answer is the same on every machine. Levels of the index that are needed
@@ -110,6 +114,7 @@ impl Default for IdentifyOptions {
             search_beyond_tolerance: true,
             field_width_range_rad: [3.0 * DEG_RAD, 90.0 * DEG_RAD],
             parity: None,
+            near: None,
             max_false_match_probability: 1e-6,
             time_limit: None,
         }
@@ -174,7 +179,8 @@ pub fn identify(
             limit.as_secs_f64()
         )),
         Err(search::Failure::Exhausted { hypotheses, best_probability, was_cut }) => not(format!(
-            "None of {hypotheses} hypotheses brings the {usable} star images together with the catalogue better than chance would (the best by chance with probability {best_probability:.1e}, below {:.0e} is asked){}.",
+            "None of {hypotheses} hypotheses{} brings the {usable} star images together with the catalogue better than chance would (the best by chance with probability {best_probability:.1e}, below {:.0e} is asked){}.",
+            options.near.map_or_else(String::new, |near| format!(" within {:.1}° of the attitude given", near.within_rad / DEG_RAD)),
             options.max_false_match_probability,
             if was_cut { " (search cut short)" } else { "" }
         )),

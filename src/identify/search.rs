@@ -115,6 +115,8 @@ pub(super) struct Found {
 /// Triangles of detections that wait to be looked up, all at one focal length.
 #[derive(Default)]
 struct Batch {
+    /// The cosine of the angle from the boresight held to be within which all stars of the frame lie, if one is.
+    cos_near: Option<f64>,
     /// The directions of the detections at a focal length longer by [`LONGER`].
     rays_at_longer: Vec<Vector3<f64>>,
     trials: Vec<Trial>,
@@ -158,9 +160,11 @@ impl<'a> Search<'a> {
     pub(super) fn run(mut self) -> Result<Found, Failure> {
         for (focal_lengths, narrow) in self.focal_lengths() {
             let begun = self.hypotheses;
+            // Around an attitude that is held to be there is time for all stages.
+            let all_stages = narrow || self.options.near.is_some();
             // Of how many of the brightest detections each stage has tried all triangles, at each focal length.
             let mut tried = vec![[0_usize; STAGES.len()]; focal_lengths.len()];
-            for (number, stage) in STAGES.iter().enumerate().filter(|(_, stage)| narrow || !stage.narrow_only) {
+            for (number, stage) in STAGES.iter().enumerate().filter(|(_, stage)| all_stages || !stage.narrow_only) {
                 let covers = |s: &Stage| s.kappa == stage.kappa && s.coarser == stage.coarser && s.ratio_tolerance >= stage.ratio_tolerance;
                 let (kappa, corner_px) = (stage.kappa, self.points.corner_px);
                 let judges = self.points.centred_px.iter().take(stage.judges());
@@ -259,10 +263,12 @@ impl<'a> Search<'a> {
             corner_px: points.corner_px,
             focal_px,
             half_step,
+            corner_rad: (1.15 * points.corner_px * (1.0 - stage.kappa.min(0.0)) / (focal_px * (1.0 - half_step))).atan(),
         };
+        let cos_near = self.options.near.map(|near| near.cos_reach(context.corner_rad));
         let rays_at = |focal_px: f64| ideal[..used].iter().map(|&[x, y]| unit(Vector3::new(x, y, focal_px))).collect::<Vec<_>>();
         let rays = rays_at(focal_px);
-        let mut batch = Batch { rays_at_longer: rays_at(focal_px * (1.0 + LONGER)), ..Batch::default() };
+        let mut batch = Batch { cos_near, rays_at_longer: rays_at(focal_px * (1.0 + LONGER)), ..Batch::default() };
         let most = level.longest_range()[1];
         match stage.choice {
             Brightest(_) => {
@@ -334,10 +340,17 @@ impl<'a> Search<'a> {
 
     /// Tries the triangles that wait. `false` = accepted or out of time, stop.
     fn flush(&mut self, context: &Context<'_>, batch: &mut Batch) -> bool {
+        if self.out_of_time() {
+            return false;
+        }
         batch.found.clear();
         context.level.look_up(&batch.windows, &mut batch.ranges, &mut batch.found);
         batch.candidates.clear();
         batch.candidates.extend(batch.found.iter().map(|(window, triangle)| (*window, context.level.triangle(*triangle))));
+        if let Some((near, least)) = self.options.near.zip(batch.cos_near) {
+            let towards = Vector3::from(near.boresight.xyz);
+            batch.candidates.retain(|(_, stars)| context.level.direction(stars[0]).dot(&towards) >= least);
+        }
         let of = |&(window, stars): &(u32, [u32; 3])| (stars, batch.trials[window as usize].central);
         context.level.touch(batch.candidates.iter().map(of));
         let goes_on =
@@ -354,6 +367,10 @@ impl<'a> Search<'a> {
             return false;
         }
         let Some(pose) = trial.pose(context, triangle) else { return true };
+        // A triangle with the noise of its corners tells the attitude to a part of the field.
+        if self.options.near.is_some_and(|near| !near.allows(&pose.rotation, 0.1 * context.corner_rad)) {
+            return true;
+        }
         if self.options.parity.is_some_and(|parity| f64::from(parity) != pose.parity) || !trial.checks_out(context, triangle, &pose) {
             return true;
         }
@@ -366,7 +383,8 @@ impl<'a> Search<'a> {
         };
         let probability = odds::over_all_tries(ln_probability, self.hypotheses as f64);
         self.best_probability = self.best_probability.min(probability);
-        if probability < self.options.max_false_match_probability && self.within_range(pose.focal_px) {
+        let is_near = self.options.near.is_none_or(|near| near.allows(&pose.rotation, 0.0));
+        if probability < self.options.max_false_match_probability && self.within_range(pose.focal_px) && is_near {
             self.found = Some(Found { pose, false_match_probability: probability });
             return false;
         }

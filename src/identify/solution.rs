@@ -32,6 +32,9 @@ pub fn catalog_directions(catalog: &Catalog) -> Vec<Direction<Apparent>> {
 /// What is wrong with the options, as a sentence.
 pub(super) fn fault_in(options: &IdentifyOptions, detections: &Detections) -> Option<String> {
     let [narrow, wide] = options.field_width_range_rad;
+    if let Some(fault) = options.near.and_then(|near| near.fault()) {
+        return Some(fault);
+    }
     if let Some(f) = options.nominal_focal_length_px {
         let half = detections.width_px.max(detections.height_px) as f64 / 2.0;
         let width_deg = 2.0 * (half / f).atan() / DEG_RAD;
@@ -301,7 +304,8 @@ mod tests {
     /// A frame 15° wide with the seven brightest stars, displaced at random by up to `most_px`, and the pose that it has.
     fn frame(seed: u64, most_px: f64) -> (Detections, Pose) {
         let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
-        let attitude = Attitude::from_pointing(rng.random_range(0.0..6.28), rng.random_range(-1.2..1.2), rng.random_range(0.0..6.28));
+        let mut angle = || rng.random_range(-1.2..1.2);
+        let attitude = Attitude::from_pointing(angle(), angle(), angle());
         let rotation = *attitude.camera_from_icrs.to_rotation_matrix().matrix();
         let pose = Pose { rotation, focal_px: 3889.0, kappa: 0.0, parity: 1.0 };
         let star = |star: &crate::catalog::Star| {

@@ -7,13 +7,17 @@ use rayon::prelude::*;
 use super::{Measured, MeasuredFrame, PipelineError, SkyChoice, star_list};
 use crate::camera::SkyChain;
 use crate::catalog::Catalog;
-use crate::coordinates::{Apparent, Direction};
+use crate::coordinates::{Apparent, Attitude, Direction};
 use crate::detect::{DetectOptions, detect};
 use crate::effects::Observation;
 use crate::frame::Frame;
-use crate::identify::{ASSUMED_EPOCH_YR, Identification, IdentifyOptions, Index, Solution, identify};
+use crate::identify::{ASSUMED_EPOCH_YR, Identification, IdentifyOptions, Index, Near, Solution, identify};
 use crate::recording::{Recording, RecordingError, SkippedFrame};
 use crate::statistics::median;
+use crate::units::DEG_RAD;
+
+/// How far a camera may have turned from the nearest frame that is identified, where its attitude is taken for a hint.
+const TURNED_RAD: f64 = 10.0 * DEG_RAD;
 
 /// A frame whose identification was tried.
 #[derive(Clone, Debug)]
@@ -173,8 +177,8 @@ pub fn physics_in_force(frames: &[IdentifiedFrame]) -> (Vec<&'static str>, Optio
     (all, warning)
 }
 
-/// Tries the frames that were not identified with the median focal length of those that were, each in the time that its first search
-/// has left of its limit.
+/// Tries the frames that were not identified with the median focal length of those that were: everywhere, then around the attitude of the
+/// nearest of them, where fewer hypotheses are to be refuted. Each frame in the time that its first search has left of its limit.
 fn retry(
     measured: &Measured,
     catalog: &Catalog,
@@ -183,35 +187,45 @@ fn retry(
     frames: &mut [IdentifiedFrame],
     searched: &[Duration],
 ) {
-    let lengths: Vec<f64> = frames.iter().filter_map(|frame| Some(frame.solution()?.camera.focal_length_px)).collect();
-    if lengths.len() == frames.len() {
+    let solved: Vec<(usize, Attitude, f64)> = (0..)
+        .zip(&*frames)
+        .filter_map(|(number, frame)| frame.solution().map(|solution| (number, solution.attitude, solution.camera.focal_length_px)))
+        .collect();
+    if solved.len() == frames.len() {
         return;
     }
-    let Some(focal_length_px) = median(&lengths) else { return };
+    let Some(focal_length_px) = median(&solved.iter().map(|(_, _, focal_px)| *focal_px).collect::<Vec<_>>()) else { return };
     let options = IdentifyOptions {
         nominal_focal_length_px: Some(focal_length_px),
         focal_length_tolerance: 0.01,
         search_beyond_tolerance: false,
         ..options.clone()
     };
-    let all = frames.par_iter_mut().zip(&measured.frames).zip(searched);
-    all.filter(|((frame, _), _)| frame.solution().is_none()).for_each(|((frame, measured), searched)| {
-        let Some(time_limit) = left_of(options.time_limit, *searched) else { return };
-        let start = Instant::now();
-        let second = identify(&measured.detections, catalog, index, &frame.directions, &IdentifyOptions { time_limit, ..options.clone() });
-        frame.seconds += start.elapsed().as_secs_f64();
-        if matches!(second, Identification::Identified(_)) {
-            frame.identification = second;
+    let all = frames.par_iter_mut().enumerate().zip(&measured.frames).zip(searched);
+    all.filter(|(((_, frame), _), _)| frame.solution().is_none()).for_each(|(((number, frame), measured), searched)| {
+        let begin = Instant::now();
+        let nearest = solved.iter().min_by_key(|(other, _, _)| other.abs_diff(number));
+        let around = nearest.map(|(_, attitude, _)| Near::attitude(attitude, TURNED_RAD));
+        // Who says where the camera points is not asked to believe another frame.
+        for near in [options.near].into_iter().chain(around.filter(|_| options.near.is_none()).map(Some)) {
+            let time_limit = left_of(options.time_limit, *searched + begin.elapsed());
+            if time_limit.is_some_and(|left| left.is_zero()) {
+                break;
+            }
+            let options = IdentifyOptions { near, time_limit, ..options.clone() };
+            let again = identify(&measured.detections, catalog, index, &frame.directions, &options);
+            if matches!(again, Identification::Identified(_)) {
+                frame.identification = again;
+                break;
+            }
         }
+        frame.seconds += begin.elapsed().as_secs_f64();
     });
 }
 
-/// What is left of a limit (`Some(None)`: there is none); `None` where nothing is.
-fn left_of(limit: Option<Duration>, spent: Duration) -> Option<Option<Duration>> {
-    match limit {
-        None => Some(None),
-        Some(limit) => limit.checked_sub(spent).filter(|left| !left.is_zero()).map(Some),
-    }
+/// What is left of a limit, where there is one.
+fn left_of(limit: Option<Duration>, spent: Duration) -> Option<Duration> {
+    limit.map(|limit| limit.saturating_sub(spent))
 }
 
 #[cfg(test)]
@@ -221,9 +235,9 @@ mod tests {
     #[test]
     fn a_second_search_has_what_the_first_left() {
         let ms = Duration::from_millis;
-        assert_eq!(left_of(None, ms(900)), Some(None));
-        assert_eq!(left_of(Some(ms(100)), ms(30)), Some(Some(ms(70))));
-        assert_eq!(left_of(Some(ms(100)), ms(100)), None);
-        assert_eq!(left_of(Some(ms(100)), ms(130)), None);
+        assert_eq!(left_of(None, ms(900)), None);
+        assert_eq!(left_of(Some(ms(100)), ms(30)), Some(ms(70)));
+        assert_eq!(left_of(Some(ms(100)), ms(100)), Some(ms(0)));
+        assert_eq!(left_of(Some(ms(100)), ms(130)), Some(ms(0)));
     }
 }

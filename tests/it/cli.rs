@@ -288,6 +288,21 @@ fn a_star_list_is_a_recording() {
     // A limit beyond what a clock can count is none.
     let unhurried = json(&["identify", text(&path), "--json", "--time-limit-s", "1e300"]);
     assert!(unhurried["frames"].as_array().unwrap().iter().all(|frame| frame["status"] == "identified"), "{unhurried}");
+    // Where the camera points, told rightly (the first frame's own) and wrongly.
+    let first = &unhurried["frames"][0];
+    let [ra, dec] = [0, 1].map(|axis| first["centre_radec_deg"][axis].as_f64().unwrap());
+    let roll = first["roll_deg"].as_f64().unwrap();
+    let told = |pointing: String| {
+        let ran = run(&["identify", text(&path.join("frames/0000.fits")), "--json", "--near", &pointing, "--near-within-deg", "3"]);
+        let object: Value = serde_json::from_str(&ran.stdout).unwrap();
+        (ran.code, object["frames"][0].clone())
+    };
+    let (code, near) = told(format!("{ra:.1},{dec:.1},{roll:.0}"));
+    let named = |frame: &Value| frame["matches"].as_array().unwrap().iter().map(|star| star["hip"].as_u64()).collect::<Vec<_>>();
+    assert_eq!((code, named(&near)), (0, named(first)));
+    let (code, far) = told(format!("{:.1},{:.1}", (ra + 180.0) % 360.0, -dec));
+    assert_eq!(code, 3);
+    assert!(far["reason"].as_str().unwrap().contains("within 3.0° of the attitude given"), "{far}");
     // Deliberately wrong names are wrong, as many as asked for, and listed.
     let wrong = json(&["identify", text(&path), "--json", "--misidentify", "0.2"]);
     let listed = wrong["misidentified_on_purpose"].as_array().unwrap();
@@ -374,6 +389,10 @@ fn bad_input_gets_one_sentence_and_leaves_nothing() {
         (vec!["identify", "x.png", "--physics", "refractoin"], 2, vec!["did you mean refraction?"]),
         (vec!["identify", "x.png", "--focal-length-px", "-3"], 2, vec!["--focal-length-px"]),
         (vec!["identify", "x.png", "--time-limit-s", "0"], 2, vec!["--time-limit-s", "give a number above 0"]),
+        (vec!["identify", "x.png", "--near", "83.8"], 2, vec!["--near", "right ascension and declination"]),
+        (vec!["identify", "x.png", "--near", "83.8,-95"], 2, vec!["--near", "right ascension and declination"]),
+        (vec!["identify", "x.png", "--near", "83.8,-5,north"], 2, vec!["--near", "right ascension and declination"]),
+        (vec!["identify", "x.png", "--near-within-deg", "181"], 2, vec!["--near-within-deg", "not above 180"]),
         (vec!["calibrate", "x.png", "--time-limit-s", "-1"], 2, vec!["--time-limit-s", "give a number above 0"]),
         (vec!["diagnose", "x.png", "--time-limit-s", "nan"], 2, vec!["--time-limit-s", "give a number above 0"]),
         (vec!["calibrate", "x.png", "--misidentify", "1.5"], 2, vec!["share from 0 to 0.9"]),

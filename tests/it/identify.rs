@@ -10,8 +10,10 @@ mod star_lists;
 use std::time::Duration;
 
 use boresight::catalog::Catalog;
+use boresight::coordinates::Attitude;
 use boresight::detect::Detections;
-use boresight::identify::{Identification, IdentifyOptions, Index, identify};
+use boresight::identify::{Identification, IdentifyOptions, Index, Near, identify};
+use nalgebra::UnitQuaternion;
 use star_lists::{BASE, List, Scene, Told, cpu_ms, detection, make};
 
 const DEG: f64 = std::f64::consts::PI / 180.0;
@@ -176,12 +178,54 @@ fn scenes_without_stars_are_refused_over_all_focal_lengths() {
 }
 
 #[test]
+fn an_attitude_that_is_held_to_be_is_searched_around_and_not_beyond() {
+    let (catalog, index) = sky();
+    let n = trials();
+    for (name, least, scene, told) in [
+        ("60 % missing", 0.5, Scene { missing: 0.6, ..BASE }, Told::Within(0.1)),
+        ("100 false stars", 0.75, Scene { false_stars: 100, ..BASE }, Told::Within(0.1)),
+        ("100 false stars, no focal length", 0.45, Scene { false_stars: 100, ..BASE }, Told::Nothing),
+    ] {
+        let (mut alone, mut led, mut ms) = (0, 0, [0.0; 2]);
+        for seed in 0..n {
+            let list = make(&scene, told, 7000 + seed);
+            let solve = |near| {
+                let begin = cpu_ms();
+                let answer = identify(&list.detections, catalog, index, &[], &IdentifyOptions { near, ..list.options() });
+                let Identification::Identified(solution) = answer else { return (false, cpu_ms() - begin) };
+                assert!(list.is_right(&scene, &solution), "{name}, seed {seed}: wrong");
+                (true, cpu_ms() - begin)
+            };
+            // Six degrees from the truth, up and to the right.
+            let moved = list.attitude.camera_from_icrs * UnitQuaternion::from_euler_angles(0.075, 0.075, -0.075);
+            let near = Near::attitude(&Attitude::new(moved), 10.0 * DEG);
+            let (anywhere, here) = (solve(None), solve(Some(near)));
+            (alone, led) = (alone + u64::from(anywhere.0), led + u64::from(here.0));
+            ms = [ms[0] + anywhere.1, ms[1] + here.1];
+            if seed % 8 == 0 {
+                led = led - u64::from(here.0) + u64::from(solve(Some(Near { up: None, ..near })).0);
+                // What is said to be elsewhere is not found here.
+                assert!(!solve(Some(Near { within_rad: 5.0 * DEG, ..near })).0, "{name}, seed {seed}: beyond the angle given");
+            }
+        }
+        let [without, with] = ms.map(|ms| ms / n as f64);
+        println!("{name}: {alone} of {n} in {without:.1} ms without a prior attitude, {led} in {with:.1} ms with one");
+        assert!(led as f64 >= least * n as f64, "{name}: {led} of {n}, {alone} without");
+    }
+    let nowhere = IdentifyOptions { near: Some(Near::pointing(0.0, 0.0, None, -1.0)), ..IdentifyOptions::default() };
+    let Identification::NotIdentified { reason } = identify(&star_free(3), catalog, index, &[], &nowhere) else {
+        panic!("identified nothing?")
+    };
+    assert!(reason.contains("above 0 and not above 180"), "{reason}");
+}
+
+#[test]
 fn the_time_limit_holds() {
     let (catalog, index) = sky();
     let limit = Duration::from_millis(30);
     let options = IdentifyOptions { time_limit: Some(limit), ..IdentifyOptions::default() };
     // A list that takes longer than that: with many points, and no stars.
-    let list = (0..).map(star_free).find(|list| list.stars.len() > 150).unwrap();
+    let list = (0..1000).map(star_free).find(|list| list.stars.len() > 150).unwrap();
     let begin = cpu_ms();
     let answer = identify(&list, catalog, index, &[], &options);
     let took_ms = cpu_ms() - begin;
