@@ -86,6 +86,15 @@ impl Catalog {
     }
 }
 
+/// Whether a file begins as a packed catalogue does.
+pub(super) fn is_packed(path: &Path) -> Result<bool, CatalogError> {
+    use std::io::Read;
+    let unreadable = |reason| CatalogError::Read { path: path.to_owned(), reason };
+    let mut first = Vec::new();
+    std::fs::File::open(path).and_then(|file| file.take(MAGIC.len() as u64).read_to_end(&mut first)).map_err(unreadable)?;
+    Ok(first == MAGIC)
+}
+
 /// Appends a rounded number as a signed integer of `width` bytes.
 fn put_signed(bytes: &mut Vec<u8>, hip: u32, quantity: &'static str, value: f64, width: u32) -> Result<(), CatalogError> {
     let limit = (1_i64 << (8 * width - 1)) as f64;

@@ -71,6 +71,14 @@ pub enum CatalogError {
         /// What is wrong with it, and the remedy.
         problem: String,
     },
+    /// A table of another program that cannot be right.
+    #[error("catalogue {path} {problem}", path = path.display())]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it, and the remedy.
+        problem: String,
+    },
     /// A table without stars.
     #[error("catalogue {path} holds no star; add at least one row below the header", path = path.display())]
     Empty {
@@ -78,7 +86,7 @@ pub enum CatalogError {
         path: PathBuf,
     },
     /// A packed catalogue that was damaged or made by another version.
-    #[error("packed catalogue {name} is damaged at {place}; rebuild it with `make catalog`")]
+    #[error("packed catalogue {name} is damaged at {place}; make it again (`boresight catalog import`; the embedded one: `make catalog`)")]
     Damaged {
         /// Which one.
         name: String,

@@ -6,7 +6,9 @@
 mod binary;
 mod constellations;
 mod error;
+mod foreign;
 mod import;
+mod join;
 mod names;
 mod position_error;
 mod sky_grid;
@@ -18,13 +20,14 @@ use sky_grid::SkyGrid;
 
 pub use constellations::{ConstellationLine, constellation_lines};
 pub use error::CatalogError;
+pub use join::{ImportReport, import_catalog};
 pub use names::star_name;
 pub use position_error::{KNOWN_PROPER_MOTION_SIGMA_RAD_YR, POSITION_SIGMA_RAD, expected_proper_motion_sigma_rad_yr};
 
 /// A catalogue star.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Star {
-    /// Hipparcos number; in an imported catalogue without one, the number of its row (from 1).
+    /// Hipparcos number; in an imported catalogue without one, the number of its row (from 1; from a million on where others have their own).
     pub hip: u32,
     /// Direction at the catalogue's epoch.
     pub direction: Direction<Icrs>,
@@ -104,6 +107,11 @@ impl Catalog {
         &EMBEDDED
     }
 
+    /// Reads a catalogue from a file: a packed one ([`Catalog::from_packed`]) or a CSV table ([`Catalog::from_csv`]), as its first bytes say.
+    pub fn from_file(path: &std::path::Path) -> Result<Self, CatalogError> {
+        if binary::is_packed(path)? { Self::from_packed(path) } else { Self::from_csv(path) }
+    }
+
     /// Index into [`Catalog::stars`] of the star with this number.
     #[must_use]
     pub fn index_of(&self, hip: u32) -> Option<usize> {
@@ -133,7 +141,7 @@ impl Catalog {
     pub fn label(&self, star: &Star) -> String {
         match self.name(star) {
             Some(name) => name.to_owned(),
-            None if self.numbers_are_hipparcos => format!("HIP {}", star.hip),
+            None if self.numbers_are_hipparcos && star.hip < join::FIRST_FOREIGN_NUMBER => format!("HIP {}", star.hip),
             None => format!("star {}", star.hip),
         }
     }

@@ -5,6 +5,7 @@
 mod blind;
 mod calibrate;
 mod calibrate_text;
+mod catalog;
 mod compare;
 mod detect;
 mod diagnose;
@@ -84,6 +85,9 @@ enum Verb {
     Run(run::RunArgs),
     /// `run` on a built-in scene: a night of the real sky
     Demo(run::DemoArgs),
+    /// Make a deeper catalogue from star tables of other programs
+    #[command(subcommand)]
+    Catalog(catalog::CatalogCommand),
     /// Hide effects in simulated star lists, diagnose them, and score the answers
     Blind(blind::BlindArgs),
     /// List the effects that this build knows, or print the page of one
@@ -118,6 +122,7 @@ pub(crate) fn main() -> ExitCode {
         Verb::Import(args) => import::import(args),
         Verb::Run(args) => run::run(args),
         Verb::Demo(args) => run::demo(args),
+        Verb::Catalog(command) => catalog::catalog(command),
         Verb::Blind(args) => blind::blind(args),
         Verb::Effects(args) => effects::effects(args),
         Verb::Preset(args) => preset::preset(args),

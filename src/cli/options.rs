@@ -44,7 +44,7 @@ pub(crate) struct InputArgs {
 /// Which stars, and what happens to their light.
 #[derive(Debug, Args)]
 pub(crate) struct SkyArgs {
-    /// Read stars from this CSV file instead of the built-in Hipparcos stars
+    /// Read stars from this file (CSV, or made by `boresight catalog import`) instead of the built-in Hipparcos stars
     #[arg(long, value_name = "FILE")]
     pub(crate) catalog: Option<PathBuf>,
     /// The effects of known size that the model contains: a list, `none`, or `known` (all that follow from the recording)
@@ -140,6 +140,6 @@ impl SceneArgs {
 fn open_catalog(path: Option<&Path>) -> Result<std::borrow::Cow<'static, Catalog>> {
     Ok(match path {
         None => std::borrow::Cow::Borrowed(Catalog::embedded()),
-        Some(path) => std::borrow::Cow::Owned(Catalog::from_csv(path).context("--catalog")?),
+        Some(path) => std::borrow::Cow::Owned(Catalog::from_file(path).context("--catalog")?),
     })
 }

@@ -259,3 +259,29 @@ fn a_packed_catalogue_is_read_from_a_file() {
     let catalog = Catalog::from_packed(&write_table(folder.path(), HIPPARCOS_BIN)).unwrap();
     assert!(catalog.stars == Catalog::embedded().stars);
 }
+
+/// The command: what is made of a table is a catalogue that `--catalog` takes, and the object says what was found.
+#[test]
+fn a_catalogue_is_imported_and_used() {
+    use crate::cli::{json, run, text};
+    let folder = tempfile::tempdir().unwrap();
+    let [table, packed] = ["stars.csv", "stars.bin"].map(|name| folder.path().join(name));
+    let mut rows = "ra_deg,dec_deg,magnitude\n".to_owned();
+    for star in Catalog::embedded().brighter_than(6.0) {
+        let (ra, dec) = star.direction.radec_rad();
+        rows += &format!("{},{},{}\n", ra / DEG_RAD, dec / DEG_RAD, star.magnitude + 0.25);
+    }
+    std::fs::write(&table, rows).unwrap();
+    let object = json(&["catalog", "import", text(&table), "-o", text(&packed), "--faintest", "5.5", "--json"]);
+    let catalog = Catalog::from_file(&packed).unwrap();
+    assert_eq!(catalog.stars.len() as u64, object["stars"].as_u64().unwrap());
+    assert!(catalog.stars.iter().all(|star| star.magnitude <= 5.5) && catalog.stars.len() > 2500);
+    // The table's magnitudes are those of another band by a constant, which the common stars tell.
+    let vega = catalog.by_hip(91_262).unwrap();
+    assert!((vega.magnitude - 0.03).abs() < 0.02 && catalog.label(vega) == "Vega");
+    assert!(object["v_scatter_mag"].as_f64().unwrap() < 0.01, "{object}");
+    let used = run(&["identify", text(&folder.path().join("no.png")), "--catalog", text(&packed)]);
+    assert!(used.code == 1 && used.stderr.contains("no.png"), "{}", used.stderr);
+    let refused = run(&["catalog", "import", text(&packed), "-o", text(&folder.path().join("x.bin"))]);
+    assert!(refused.code == 1 && refused.stderr.contains("stars.bin"), "{}", refused.stderr);
+}
