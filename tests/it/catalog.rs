@@ -24,7 +24,7 @@ fn the_files_are_small_and_are_those_whose_hashes_stand_beside_them() {
     let hash = |bytes: &[u8]| format!("{:x}", Sha256::digest(bytes));
     let files =
         [("hipparcos.bin", HIPPARCOS_BIN), ("names.csv", NAMES_CSV.as_bytes()), ("constellations.csv", CONSTELLATIONS_CSV.as_bytes())];
-    let expected: String = files.iter().map(|(name, bytes)| format!("{}  {name}\n", hash(bytes))).collect();
+    let expected = files.map(|(name, bytes)| format!("{}  {name}\n", hash(bytes))).concat();
     assert_eq!(SHA256SUMS, expected);
     assert_eq!(Catalog::embedded().sha256, hash(HIPPARCOS_BIN));
     assert!(files.iter().all(|(_, bytes)| README.contains(&hash(bytes))), "catalogs/README.md names the present hashes");
