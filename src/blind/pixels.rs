@@ -14,7 +14,9 @@ use crate::catalog::Catalog;
 use crate::diagnose::{DiagnoseOptions, diagnose};
 use crate::frame::Frame;
 use crate::identify::{ControlPoints, IdentifyOptions};
-use crate::pipeline::{Asked, PipelineError, Question, SkyChoice, control_points, identify_frames, measure_frames, question};
+use crate::pipeline::{
+    Asked, MeasureOptions, PipelineError, Question, SkyChoice, control_points, identify_frames, measure_frames, question,
+};
 use crate::recording::{FitsHeaders, Form, FrameEntry, Recording, Size, write_fits_u16, write_manifest};
 
 /// A star image further than this from where the star was painted is that of another.
@@ -122,7 +124,7 @@ pub fn painted(lists: &Lists, canvas: &Canvas, catalog: &Catalog, options: &Diag
         let pixels_dn = frames[index].iter().map(|count| f32::from(*count)).collect();
         Ok(Ok(Frame { width_px, height_px, pixels_dn, saturation_dn: SATURATION_DN as f32 }))
     };
-    let measured = measure_frames(pixel_recording(lists, canvas), frame, || ())?;
+    let measured = measure_frames(pixel_recording(lists, canvas), frame, &MeasureOptions::default(), || ())?;
     let found = start.elapsed().as_secs_f64();
     let physics = lists.model.iter().map(|id| (*id).to_owned()).collect();
     let choice = SkyChoice { physics: Physics::List(physics), assumes_time: true };

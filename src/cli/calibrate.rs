@@ -18,7 +18,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::identify::SearchArgs;
-use super::options::{InputArgs, OutputArgs, SkyArgs};
+use super::options::{InputArgs, MeasureArgs, OutputArgs, SkyArgs};
 use super::pipeline::{IdentifiedFrame, Measured};
 use super::update::{self, NewFrames, UpdateArgs};
 use super::{Answer, calibrate_text, output, pictures, pipeline};
@@ -28,6 +28,8 @@ use super::{Answer, calibrate_text, output, pictures, pipeline};
 pub(crate) struct CalibrateArgs {
     #[command(flatten)]
     input: InputArgs,
+    #[command(flatten)]
+    measure: MeasureArgs,
     #[command(flatten)]
     sky: SkyArgs,
     #[command(flatten)]
@@ -251,7 +253,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
     provenance.seed = args.solve.misidentify.map(|_| args.solve.misidentify_seed);
-    let measured = pipeline::measure(recording)?;
+    let measured = pipeline::measure_as(recording, &args.measure, &mut provenance)?;
     let choice = args.sky.choice();
     let identified = if args.trust_identifications {
         pipeline::take_identifications(&measured, &catalog, &choice)?

@@ -2,13 +2,13 @@
 
 use anyhow::{Context, Result};
 use boresight::catalog::Catalog;
-use boresight::detect::Detections;
+use boresight::detect::{Detections, PsfReport};
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
 use clap::Args;
 use serde::Serialize;
 
-use super::options::{InputArgs, OutputArgs};
+use super::options::{InputArgs, MeasureArgs, OutputArgs};
 use super::{Answer, identify_files, output, pipeline};
 
 /// Arguments of `detect`.
@@ -16,6 +16,8 @@ use super::{Answer, identify_files, output, pipeline};
 pub(crate) struct DetectArgs {
     #[command(flatten)]
     input: InputArgs,
+    #[command(flatten)]
+    measure: MeasureArgs,
     #[command(flatten)]
     output: OutputArgs,
 }
@@ -26,6 +28,9 @@ struct DetectObject<'a> {
     frames: Vec<DetectedFrame<'a>>,
     skipped: &'a [SkippedFrame],
     notes: &'a [String],
+    /// Which image the stars are fitted with, where an empirical one was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    psf: Option<PsfReport>,
     provenance: Provenance,
 }
 
@@ -40,15 +45,21 @@ struct DetectedFrame<'a> {
 /// Measures, and prints a line a frame.
 pub(crate) fn detect(args: &DetectArgs) -> Result<Answer> {
     let recording = pipeline::open(&args.input)?;
-    let provenance = pipeline::provenance(&recording, None)?;
-    let measured = pipeline::measure(recording)?;
+    let mut provenance = pipeline::provenance(&recording, None)?;
+    let measured = pipeline::measure_as(recording, &args.measure, &mut provenance)?;
     let frames = measured
         .frames
         .iter()
         .map(|frame| DetectedFrame { file: &frame.name, detections: &frame.detections, seconds: frame.seconds })
         .collect();
-    let object =
-        DetectObject { format: "boresight-detect/1", frames, skipped: &measured.skipped, notes: &measured.recording.notes, provenance };
+    let object = DetectObject {
+        format: "boresight-detect/1",
+        frames,
+        skipped: &measured.skipped,
+        notes: &measured.recording.notes,
+        psf: measured.psf,
+        provenance,
+    };
     if let Some(directory) = &args.output.output {
         std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
         identify_files::write_detections(directory, &measured.frames, &object.provenance)?;

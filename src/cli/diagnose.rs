@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::calibrate::{SolveArgs, control_points, parameter_name};
 use super::identify::SearchArgs;
-use super::options::{InputArgs, OutputArgs, SkyArgs};
+use super::options::{InputArgs, MeasureArgs, OutputArgs, SkyArgs};
 use super::pipeline::Measured;
 use super::{Answer, diagnose_files, diagnose_text, output, pipeline, write_camera};
 
@@ -21,6 +21,8 @@ use super::{Answer, diagnose_files, diagnose_text, output, pipeline, write_camer
 pub(crate) struct DiagnoseArgs {
     #[command(flatten)]
     input: InputArgs,
+    #[command(flatten)]
+    measure: MeasureArgs,
     #[command(flatten)]
     sky: SkyArgs,
     #[command(flatten)]
@@ -112,7 +114,7 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
     let catalog = args.sky.catalog()?;
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
-    let measured = pipeline::measure(recording)?;
+    let measured = pipeline::measure_as(recording, &args.measure, &mut provenance)?;
     let mut options = args.options()?;
     provenance.seed = Some(options.seed);
     let choice = args.sky.choice_of_diagnosis();

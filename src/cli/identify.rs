@@ -18,7 +18,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::identify_files::{self, MatchRow};
-use super::options::{InputArgs, OutputArgs, SkyArgs};
+use super::options::{InputArgs, MeasureArgs, OutputArgs, SkyArgs};
 use super::pipeline::{IdentifiedFrame, Measured};
 use super::{Answer, output, pipeline};
 
@@ -27,6 +27,8 @@ use super::{Answer, output, pipeline};
 pub(crate) struct IdentifyArgs {
     #[command(flatten)]
     input: InputArgs,
+    #[command(flatten)]
+    measure: MeasureArgs,
     #[command(flatten)]
     sky: SkyArgs,
     #[command(flatten)]
@@ -259,7 +261,7 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
     let catalog = args.sky.catalog()?;
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
-    let measured = pipeline::measure(recording)?;
+    let measured = pipeline::measure_as(recording, &args.measure, &mut provenance)?;
     let options = args.search.options(&measured);
     let identified = pipeline::identify_frames(&measured, &catalog, &args.sky.choice(), &options)?;
     let mut frames: Vec<FrameObject> = measured

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use boresight::camera::Physics;
 use boresight::catalog::Catalog;
 use boresight::imaging::Backend;
-use boresight::pipeline::SkyChoice;
+use boresight::pipeline::{Centroid, Dark, MeasureOptions, SkyChoice};
 use boresight::provenance::Provenance;
 use boresight::scene::Scene;
 use clap::{Args, ValueEnum};
@@ -39,6 +39,42 @@ pub(crate) struct InputArgs {
     /// Skip bad frames and list them in the result, instead of stopping at the first
     #[arg(long)]
     pub(crate) keep_going: bool,
+}
+
+/// How stars are measured.
+#[derive(Debug, Default, Args)]
+pub(crate) struct MeasureArgs {
+    /// What is taken for a star's place
+    #[arg(long, value_enum, default_value_t = CentroidChoice::Gaussian)]
+    centroid: CentroidChoice,
+    /// Take the median of these dark frames (an image, or a folder of images) off every frame, and leave out its hot pixels
+    #[arg(long, value_name = "FILE|FOLDER")]
+    dark: Option<PathBuf>,
+}
+
+/// What is taken for a star's place.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+enum CentroidChoice {
+    /// Maximum likelihood under a Gaussian integrated over the pixels
+    #[default]
+    Gaussian,
+    /// The same under the image that the recording's own stars show, where held-out stars prefer it
+    Empirical,
+    /// Moments in a Gaussian window: quick, not at the statistical limit
+    Windowed,
+}
+
+impl MeasureArgs {
+    /// Reads the darks.
+    pub(crate) fn options(&self) -> Result<MeasureOptions> {
+        let centroid = match self.centroid {
+            CentroidChoice::Gaussian => Centroid::Gaussian,
+            CentroidChoice::Empirical => Centroid::Empirical,
+            CentroidChoice::Windowed => Centroid::Windowed,
+        };
+        let dark = self.dark.as_deref().map(Dark::read).transpose().context("--dark")?;
+        Ok(MeasureOptions { centroid, dark })
+    }
 }
 
 /// Which stars, and what happens to their light.

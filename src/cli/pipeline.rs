@@ -3,11 +3,11 @@
 use anyhow::Result;
 use boresight::catalog::Catalog;
 use boresight::identify::IdentifyOptions;
-use boresight::pipeline::{self, SkyChoice};
+use boresight::pipeline::{self, MeasureOptions, SkyChoice};
 use boresight::provenance::Provenance;
 use boresight::recording::{OpenOptions, Recording};
 
-use super::options::{InputArgs, SkyArgs};
+use super::options::{InputArgs, MeasureArgs, SkyArgs};
 use super::output;
 
 pub(crate) use boresight::pipeline::{IdentifiedFrame, Measured, MeasuredFrame, physics_in_force, take_identifications};
@@ -35,8 +35,29 @@ pub(crate) fn provenance(recording: &Recording, sky: Option<&SkyArgs>) -> Result
 
 /// Finds and measures the stars of every frame.
 pub(crate) fn measure(recording: Recording) -> Result<Measured> {
+    measure_by(recording, &MeasureOptions::default())
+}
+
+/// The same as asked for; darks go into the provenance.
+pub(crate) fn measure_as(mut recording: Recording, args: &MeasureArgs, provenance: &mut Provenance) -> Result<Measured> {
+    let options = args.options()?;
+    if let Some(dark) = &options.dark {
+        for file in dark.files() {
+            provenance.add_input(file)?;
+        }
+        recording.notes.push(dark.sentence());
+    }
+    let before = recording.notes.len();
+    let measured = measure_by(recording, &options)?;
+    for note in measured.recording.notes.iter().skip(before) {
+        tracing::info!("{note}");
+    }
+    Ok(measured)
+}
+
+fn measure_by(recording: Recording, options: &MeasureOptions) -> Result<Measured> {
     let bar = output::progress("measuring", recording.frames.len());
-    let measured = pipeline::measure(recording, || bar.inc(1));
+    let measured = pipeline::measure(recording, options, || bar.inc(1));
     bar.finish_and_clear();
     Ok(measured?)
 }

@@ -5,6 +5,7 @@
 //! efficient where weights from the data would pull it to low counts. Levenberg–Marquardt steps; covariance from the Fisher matrix.
 
 use super::background::Background;
+use super::empirical::EmpiricalPsf;
 use super::psf::{PROFILE_PARAMETERS, Profile, Shape, Window};
 use crate::frame::Frame;
 
@@ -25,13 +26,15 @@ pub(super) enum Freedom {
     Width,
     /// Any ellipse.
     Ellipse,
+    /// The empirical image, of which no number is free.
+    Empirical,
 }
 
 impl Freedom {
     /// Number of free parameters in all.
     pub(super) const fn parameters(self) -> usize {
         match self {
-            Self::Fixed => 4,
+            Self::Fixed | Self::Empirical => 4,
             Self::Width => 5,
             Self::Ellipse => 7,
         }
@@ -47,6 +50,8 @@ pub(super) struct Model {
     pub(super) shape: Shape,
     /// Half the side of its window, px.
     pub(super) radius: usize,
+    /// Whether its image is the empirical one; the shape is then only a measure of its size.
+    pub(super) empirical: bool,
 }
 
 /// A fitted star.
@@ -76,9 +81,19 @@ pub(super) struct Scene<'a> {
     pub(super) variance_per_dn: f64,
     /// Smallest noise of a pixel, DN, as declared.
     pub(super) noise_floor_dn: f64,
+    /// The image of a star where it is known from the recording's own stars.
+    pub(super) psf: Option<&'a EmpiricalPsf>,
+}
+
+/// How the noise grows with the light: all that the fit of a stamp needs besides it.
+#[derive(Clone, Copy)]
+pub(super) struct Photons {
+    /// Variance of the counts per count of signal: 1 / gain.
+    pub(super) variance_per_dn: f64,
 }
 
 /// The pixels of one star.
+#[derive(Clone)]
 pub(super) struct Stamp {
     pub(super) window: Window,
     /// Counts less the mesh background and the neighbours.
@@ -87,13 +102,13 @@ pub(super) struct Stamp {
     pub(super) variance: Vec<f64>,
     pub(super) used: Vec<bool>,
     edge: bool,
-    peak_dn: f64,
+    pub(super) peak_dn: f64,
 }
 
 pub(super) struct Normal {
     pub(super) matrix: [[f64; MOST_PARAMETERS]; MOST_PARAMETERS],
     vector: [f64; MOST_PARAMETERS],
-    chi2: f64,
+    pub(super) chi2: f64,
 }
 
 /// Half the side of the window for a shape.
@@ -113,7 +128,11 @@ fn window(frame: &Frame, x: f64, y: f64, radius: usize) -> (Window, bool) {
 }
 
 impl Scene<'_> {
-    pub(super) fn stamp(&self, start: Model, neighbours: &[Model], profile: &mut Profile) -> Stamp {
+    pub(super) fn photons(&self) -> Photons {
+        Photons { variance_per_dn: self.variance_per_dn }
+    }
+
+    pub(super) fn stamp(&self, start: Model, neighbours: &[Model], profile: &mut Profile<'_>) -> Stamp {
         let (window, edge) = window(self.frame, start.x, start.y, start.radius);
         let pixels = window.columns * window.rows;
         let mut stamp = Stamp {
@@ -135,7 +154,7 @@ impl Scene<'_> {
             }
         }
         for other in neighbours {
-            profile.fill(window, other.x, other.y, other.shape, !other.shape.is_round());
+            profile.draw(window, other, false);
             for ((data, variance), share) in stamp.data.iter_mut().zip(&mut stamp.variance).zip(&profile.value) {
                 let light = (other.flux_dn * share).max(0.0);
                 *data -= light;
@@ -147,132 +166,18 @@ impl Scene<'_> {
 
     /// Fits one star; `None` where no star can be fitted.
     pub(super) fn fit(&self, start: Model, freedom: Freedom, neighbours: &[Model]) -> Option<Fit> {
-        let mut profile = Profile::new();
+        let mut profile = Profile::of(self.psf);
         let mut stamp = self.stamp(start, neighbours, &mut profile);
-        let mut fit = self.climb(&stamp, start, freedom, &mut profile)?;
-        for _ in 0..3 {
-            if !self.drop_outliers(&mut stamp, &fit, &mut profile) {
-                break;
-            }
-            fit = self.climb(&stamp, fit.0, freedom, &mut profile)?;
-        }
-        self.finish(&stamp, start, fit, freedom, &mut profile)
+        let start = Model { empirical: freedom == Freedom::Empirical, ..start };
+        let fit = self.photons().settle(&mut stamp, start, freedom, &mut profile)?;
+        self.finish(&stamp, fit, freedom, &mut profile)
     }
 
-    /// Leaves out pixels far off the model; says whether there were any.
-    fn drop_outliers(&self, stamp: &mut Stamp, (model, offset): &(Model, f64), profile: &mut Profile) -> bool {
-        profile.fill(stamp.window, model.x, model.y, model.shape, !model.shape.is_round());
-        let top = profile.value.iter().copied().fold(0.0, f64::max) * model.flux_dn;
-        let mut worst: Vec<(f64, usize)> = Vec::new();
-        for i in 0..stamp.data.len() {
-            let signal = model.flux_dn * profile.value[i];
-            let slack = MODEL_SLACK.0 * signal + MODEL_SLACK.1 * top;
-            let sigma = (stamp.variance[i] + signal.max(0.0) * self.variance_per_dn + slack * slack).sqrt();
-            let excess = (stamp.data[i] - signal - offset).abs() / sigma;
-            if stamp.used[i] && excess > OUTLIER_SIGMA {
-                worst.push((excess, i));
-            }
-        }
-        worst.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        worst.truncate(stamp.data.len() / 30 + 1);
-        for (_, i) in &worst {
-            stamp.used[*i] = false;
-        }
-        !worst.is_empty()
-    }
-
-    pub(super) fn normal(&self, stamp: &Stamp, profile: &Profile, flux: f64, offset: f64, count: usize) -> Normal {
-        let mut n = Normal { matrix: [[0.0; MOST_PARAMETERS]; MOST_PARAMETERS], vector: [0.0; MOST_PARAMETERS], chi2: 0.0 };
-        for i in 0..stamp.data.len() {
-            if !stamp.used[i] {
-                continue;
-            }
-            let signal = flux * profile.value[i];
-            let weight = 1.0 / (stamp.variance[i] + signal.max(0.0) * self.variance_per_dn);
-            let residual = stamp.data[i] - signal - offset;
-            let row = profile.row(i, flux);
-            n.chi2 += weight * residual * residual;
-            for (a, weighted) in row[..count].iter().map(|r| r * weight).enumerate() {
-                n.vector[a] += weighted * residual;
-                for (cell, r) in n.matrix[a][..=a].iter_mut().zip(&row) {
-                    *cell += weighted * r;
-                }
-            }
-        }
-        n
-    }
-
-    /// The best model and its offset.
-    fn climb(&self, stamp: &Stamp, start: Model, freedom: Freedom, profile: &mut Profile) -> Option<(Model, f64)> {
-        let count = freedom.parameters();
-        if stamp.used.iter().filter(|u| **u).count() < count + 2 {
-            return None;
-        }
-        let elliptical = freedom == Freedom::Ellipse || !start.shape.is_round();
-        let reach = (1.5 + start.shape.axes_px().0).max(start.radius as f64 / 4.0);
-        let (mut model, mut offset, mut damping) = (start, 0.0, 0.0_f64);
-        profile.fill(stamp.window, model.x, model.y, model.shape, elliptical);
-        (model.flux_dn, offset) = self.linear(stamp, profile, model.flux_dn, offset)?;
-        let mut trial_profile = Profile::new();
-        let mut weights = vec![0.0; stamp.data.len()];
-        for _ in 0..MOST_ITERATIONS {
-            let normal = self.normal(stamp, profile, model.flux_dn, offset, count);
-            for (w, (v, share)) in weights.iter_mut().zip(stamp.variance.iter().zip(&profile.value)) {
-                *w = 1.0 / (v + (model.flux_dn * share).max(0.0) * self.variance_per_dn);
-            }
-            loop {
-                let Some(step) = solve(&normal.matrix, &normal.vector, count, damping) else {
-                    damping = (damping * 10.0).max(1e-3);
-                    if damping > 1e8 {
-                        return None;
-                    }
-                    continue;
-                };
-                let (next, next_offset) = advanced(model, offset, &step, freedom);
-                let valid = (next.x - start.x).abs() <= reach && (next.y - start.y).abs() <= reach && plausible(next.shape, stamp);
-                if valid {
-                    trial_profile.fill(stamp.window, next.x, next.y, next.shape, elliptical);
-                }
-                let gain: f64 = (0..count).map(|i| step[i] * normal.vector[i]).sum();
-                if valid && trial_chi2(stamp, &trial_profile, next.flux_dn, next_offset, &weights) <= normal.chi2 * (1.0 + 1e-12) {
-                    std::mem::swap(profile, &mut trial_profile);
-                    (model, offset) = (next, next_offset);
-                    damping = if damping < 1e-4 { 0.0 } else { damping / 10.0 };
-                    // the step is worth less than a thousandth of a standard error
-                    if gain < 1e-6 {
-                        return Some((model, offset));
-                    }
-                    break;
-                }
-                if gain < 1e-6 {
-                    return Some((model, offset));
-                }
-                damping = (damping * 10.0).max(1e-3);
-                if damping > 1e8 {
-                    return None;
-                }
-            }
-        }
-        None
-    }
-
-    /// Best flux and offset at a given position and shape.
-    fn linear(&self, stamp: &Stamp, profile: &Profile, flux: f64, offset: f64) -> Option<(f64, f64)> {
-        let (mut flux, mut offset) = (flux, offset);
-        for _ in 0..2 {
-            let normal = self.normal(stamp, profile, flux, offset, 2);
-            let step = solve(&normal.matrix, &normal.vector, 2, 0.0)?;
-            (flux, offset) = (flux + step[0], offset + step[1]);
-        }
-        (flux > 0.0).then_some((flux, offset))
-    }
-
-    fn finish(&self, stamp: &Stamp, start: Model, fit: (Model, f64), freedom: Freedom, profile: &mut Profile) -> Option<Fit> {
+    fn finish(&self, stamp: &Stamp, fit: (Model, f64), freedom: Freedom, profile: &mut Profile<'_>) -> Option<Fit> {
         let (model, offset) = fit;
         let count = freedom.parameters();
-        let elliptical = freedom == Freedom::Ellipse || !start.shape.is_round();
-        profile.fill(stamp.window, model.x, model.y, model.shape, elliptical);
-        let normal = self.normal(stamp, profile, model.flux_dn, offset, count);
+        profile.draw(stamp.window, &model, freedom == Freedom::Ellipse);
+        let normal = self.photons().normal(stamp, profile, model.flux_dn, offset, count);
         let covariance = inverse(&normal.matrix, count)?;
         let used = stamp.used.iter().filter(|u| **u).count();
         let flux_sigma_dn = covariance[0][0].sqrt();
@@ -297,7 +202,7 @@ impl Scene<'_> {
     }
 
     /// What the residuals tell: slope of the background, and whether one pixel would do.
-    fn leftovers(&self, stamp: &Stamp, profile: &Profile, model: Model, offset: f64) -> ([f64; 2], f64) {
+    fn leftovers(&self, stamp: &Stamp, profile: &Profile<'_>, model: Model, offset: f64) -> ([f64; 2], f64) {
         let (mut slope, mut square) = ([0.0; 2], [0.0; 2]);
         let mut chi2_star = 0.0;
         let (mut sum, mut sum_square, mut sum_weight) = (0.0, 0.0, 0.0);
@@ -332,19 +237,148 @@ impl Scene<'_> {
     }
 }
 
+impl Photons {
+    /// The best model and its offset, pixels far off it left out of the stamp.
+    pub(super) fn settle(self, stamp: &mut Stamp, start: Model, freedom: Freedom, profile: &mut Profile<'_>) -> Option<(Model, f64)> {
+        let mut fit = self.climb(stamp, start, freedom, profile)?;
+        for _ in 0..3 {
+            if !self.drop_outliers(stamp, &fit, profile) {
+                break;
+            }
+            fit = self.climb(stamp, fit.0, freedom, profile)?;
+        }
+        Some(fit)
+    }
+
+    /// Leaves out pixels far off the model; says whether there were any.
+    fn drop_outliers(self, stamp: &mut Stamp, (model, offset): &(Model, f64), profile: &mut Profile<'_>) -> bool {
+        profile.draw(stamp.window, model, false);
+        let top = profile.value.iter().copied().fold(0.0, f64::max) * model.flux_dn;
+        let mut worst: Vec<(f64, usize)> = Vec::new();
+        for i in 0..stamp.data.len() {
+            let signal = model.flux_dn * profile.value[i];
+            let slack = MODEL_SLACK.0 * signal + MODEL_SLACK.1 * top;
+            let sigma = (stamp.variance[i] + signal.max(0.0) * self.variance_per_dn + slack * slack).sqrt();
+            let excess = (stamp.data[i] - signal - offset).abs() / sigma;
+            if stamp.used[i] && excess > OUTLIER_SIGMA {
+                worst.push((excess, i));
+            }
+        }
+        worst.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        worst.truncate(stamp.data.len() / 30 + 1);
+        for (_, i) in &worst {
+            stamp.used[*i] = false;
+        }
+        !worst.is_empty()
+    }
+
+    pub(super) fn normal(self, stamp: &Stamp, profile: &Profile<'_>, flux: f64, offset: f64, count: usize) -> Normal {
+        let mut n = Normal { matrix: [[0.0; MOST_PARAMETERS]; MOST_PARAMETERS], vector: [0.0; MOST_PARAMETERS], chi2: 0.0 };
+        for i in 0..stamp.data.len() {
+            if !stamp.used[i] {
+                continue;
+            }
+            let signal = flux * profile.value[i];
+            let weight = 1.0 / (stamp.variance[i] + signal.max(0.0) * self.variance_per_dn);
+            let residual = stamp.data[i] - signal - offset;
+            let row = profile.row(i, flux);
+            n.chi2 += weight * residual * residual;
+            for (a, weighted) in row[..count].iter().map(|r| r * weight).enumerate() {
+                n.vector[a] += weighted * residual;
+                for (cell, r) in n.matrix[a][..=a].iter_mut().zip(&row) {
+                    *cell += weighted * r;
+                }
+            }
+        }
+        n
+    }
+
+    /// The best model and its offset.
+    pub(super) fn climb(self, stamp: &Stamp, start: Model, freedom: Freedom, profile: &mut Profile<'_>) -> Option<(Model, f64)> {
+        let count = freedom.parameters();
+        let used = stamp.used.iter().filter(|u| **u).count();
+        if used < count + 2 {
+            return None;
+        }
+        let elliptical = freedom == Freedom::Ellipse;
+        let reach = (1.5 + start.shape.axes_px().0).max(start.radius as f64 / 4.0);
+        let (mut model, mut offset, mut damping) = (start, 0.0, 0.0_f64);
+        profile.draw(stamp.window, &model, elliptical);
+        (model.flux_dn, offset) = self.linear(stamp, profile, model.flux_dn, offset)?;
+        let mut trial_profile = profile.like();
+        let mut weights = vec![0.0; stamp.data.len()];
+        let mut left = f64::INFINITY;
+        let dof = (used - count) as f64;
+        for _ in 0..MOST_ITERATIONS {
+            let normal = self.normal(stamp, profile, model.flux_dn, offset, count);
+            // where the image is not the model's, errors are larger in that measure, and steps need not be finer
+            let misfit = (normal.chi2 / dof).max(1.0);
+            for (w, (v, share)) in weights.iter_mut().zip(stamp.variance.iter().zip(&profile.value)) {
+                *w = 1.0 / (v + (model.flux_dn * share).max(0.0) * self.variance_per_dn);
+            }
+            loop {
+                let Some(step) = solve(&normal.matrix, &normal.vector, count, damping) else {
+                    damping = (damping * 10.0).max(1e-3);
+                    if damping > 1e8 {
+                        return None;
+                    }
+                    continue;
+                };
+                let (next, next_offset) = advanced(model, offset, &step, freedom);
+                let valid = (next.x - start.x).abs() <= reach && (next.y - start.y).abs() <= reach && plausible(next.shape, stamp);
+                if valid {
+                    trial_profile.draw(stamp.window, &next, elliptical);
+                }
+                let gain: f64 = (0..count).map(|i| step[i] * normal.vector[i]).sum();
+                if valid && trial_chi2(stamp, &trial_profile, next.flux_dn, next_offset, &weights) <= normal.chi2 * (1.0 + 1e-12) {
+                    std::mem::swap(profile, &mut trial_profile);
+                    (model, offset) = (next, next_offset);
+                    damping = if damping < 1e-4 { 0.0 } else { damping / 10.0 };
+                    // the step is worth less than a thousandth of a standard error
+                    if gain < 1e-6 * misfit {
+                        return Some((model, offset));
+                    }
+                    left = gain / misfit;
+                    break;
+                }
+                if gain < 1e-6 * misfit {
+                    return Some((model, offset));
+                }
+                damping = (damping * 10.0).max(1e-3);
+                if damping > 1e8 {
+                    return None;
+                }
+            }
+        }
+        // weights that follow the model may keep it moving by a little where it fits badly: a tenth of a standard error is settled enough
+        (left < 1e-2).then_some((model, offset))
+    }
+
+    /// Best flux and offset at a given position and shape.
+    pub(super) fn linear(self, stamp: &Stamp, profile: &Profile<'_>, flux: f64, offset: f64) -> Option<(f64, f64)> {
+        let (mut flux, mut offset) = (flux, offset);
+        for _ in 0..2 {
+            let normal = self.normal(stamp, profile, flux, offset, 2);
+            let step = solve(&normal.matrix, &normal.vector, 2, 0.0)?;
+            (flux, offset) = (flux + step[0], offset + step[1]);
+        }
+        (flux > 0.0).then_some((flux, offset))
+    }
+}
+
 /// χ² of a trial under given weights: a step is judged by those it started with.
-fn trial_chi2(stamp: &Stamp, profile: &Profile, flux: f64, offset: f64, weights: &[f64]) -> f64 {
+fn trial_chi2(stamp: &Stamp, profile: &Profile<'_>, flux: f64, offset: f64, weights: &[f64]) -> f64 {
     let pixels = stamp.data.iter().zip(&profile.value).zip(weights).zip(&stamp.used);
     pixels.filter(|(_, used)| **used).map(|(((data, share), w), _)| w * (data - flux * share - offset).powi(2)).sum()
 }
 
 fn advanced(model: Model, offset: f64, step: &[f64; MOST_PARAMETERS], freedom: Freedom) -> (Model, f64) {
     let shape = match freedom {
-        Freedom::Fixed => model.shape,
+        Freedom::Fixed | Freedom::Empirical => model.shape,
         Freedom::Width => Shape::round(model.shape.sigma_px() + step[4]),
         Freedom::Ellipse => Shape { xx: model.shape.xx + step[4], xy: model.shape.xy + step[5], yy: model.shape.yy + step[6] },
     };
-    (Model { x: model.x + step[2], y: model.y + step[3], flux_dn: model.flux_dn + step[0], shape, radius: model.radius }, offset + step[1])
+    (Model { x: model.x + step[2], y: model.y + step[3], flux_dn: model.flux_dn + step[0], shape, ..model }, offset + step[1])
 }
 
 /// Narrower than this a star image cannot be told from a lone pixel, px.

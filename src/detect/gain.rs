@@ -96,13 +96,12 @@ fn pooled(told: &[Told], start: f64) -> f64 {
 
 impl Scene<'_> {
     fn told(&self, fit: &Fit, freedom: Freedom, neighbours: &[Model]) -> Option<Told> {
-        let mut profile = Profile::new();
+        let mut profile = Profile::of(self.psf);
         let stamp = self.stamp(Model { x: fit.model.x, y: fit.model.y, ..fit.model }, neighbours, &mut profile);
         let count = freedom.parameters();
-        let elliptical = freedom == Freedom::Ellipse || !fit.model.shape.is_round();
-        profile.fill(stamp.window, fit.model.x, fit.model.y, fit.model.shape, elliptical);
+        profile.draw(stamp.window, &fit.model, freedom == Freedom::Ellipse);
         let rows: Vec<[f64; 7]> = (0..stamp.data.len()).map(|i| profile.row(i, fit.model.flux_dn)).collect();
-        let normal = self.normal(&stamp, &profile, fit.model.flux_dn, fit.offset_dn, count);
+        let normal = self.photons().normal(&stamp, &profile, fit.model.flux_dn, fit.offset_dn, count);
         let covariance = inverse(&normal.matrix, count)?;
         let signal: Vec<f64> = profile.value.iter().map(|p| p * fit.model.flux_dn).collect();
         let least = 0.01 * signal.iter().copied().fold(0.0, f64::max);

@@ -44,11 +44,12 @@ pub fn fit_known(frame: &Frame, places_px: &[[f64; 2]], known: &KnownSky) -> Vec
         masked: &masked,
         variance_per_dn: 1.0 / known.gain_e_per_dn,
         noise_floor_dn: known.noise_dn,
+        psf: None,
     };
     let shape = Shape::round(known.psf_sigma_px);
     let fit = |[x, y]: &[f64; 2]| {
         // The flux is found before the first step, whatever it begins with.
-        let start = Model { x: *x, y: *y, flux_dn: 1.0, shape, radius: radius_px(shape) };
+        let start = Model { x: *x, y: *y, flux_dn: 1.0, shape, radius: radius_px(shape), empirical: false };
         let of_known_width = scene.fit(start, Freedom::Fixed, &[])?;
         let is_bright = of_known_width.model.flux_dn > SNR_FOR_WIDTH * of_known_width.flux_sigma_dn;
         // A width that runs away takes the star with it: then the typical one must do, as in the measurement of a frame.

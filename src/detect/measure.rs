@@ -3,11 +3,14 @@
 use rayon::prelude::*;
 
 use super::background::Background;
+use super::candidates::{Blob, Candidate, candidates, full_blobs, neighbours};
 use super::defects;
+use super::empirical::EmpiricalPsf;
 use super::filter::{self, Kernel, Peak};
-use super::fit::{Fit, Freedom, Model, Scene, radius_px};
+use super::fit::{Fit, Freedom, Model, Scene};
 use super::gain::{self, Sample};
-use super::psf::Shape;
+use super::learn::PsfStar;
+use super::psf::{Profile, Shape};
 use super::shape;
 use super::tail::Tail;
 use super::{DetectError, DetectOptions, Detection, Detections, Flags};
@@ -25,23 +28,36 @@ const SHARPEST_PX: f64 = 0.45;
 /// Peaks that are fitted, at most.
 const MOST_PEAKS: usize = 20_000;
 
-/// A place to fit a star at.
-#[derive(Clone, Copy, Debug)]
-struct Candidate {
-    start: Model,
-    snr: f64,
-    /// Radius of the full pixels at its centre, 0 if there are none.
-    full_radius_px: f64,
+/// What is known besides the frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Aids<'a> {
+    /// The image of a star. Position, flux and χ² come from fits of it, widths still from Gaussians.
+    pub psf: Option<&'a EmpiricalPsf>,
+    /// Pixels that say nothing, row by row: hot ones of a dark frame.
+    pub bad: Option<&'a [bool]>,
+    /// At most so many clean stars are handed back with their pixels, the brightest, for [`super::learn`].
+    pub keep: usize,
 }
 
 /// Finds and measures the stars of a frame, brightest first. The same frame gives the same result at any number of threads.
 pub fn detect(frame: &Frame, options: &DetectOptions) -> Result<Detections, DetectError> {
+    detect_aided(frame, options, &Aids::default()).map(|found| found.0)
+}
+
+/// The same with what else is known.
+pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> Result<(Detections, Vec<PsfStar>), DetectError> {
     check(frame, options)?;
+    if let Some(bad) = aids.bad.filter(|bad| bad.len() != frame.pixels_dn.len()) {
+        return Err(DetectError::MaskSize { mask: bad.len(), frame: frame.pixels_dn.len() });
+    }
     let saturation_dn = defects::saturation_dn(frame);
     let full: Vec<bool> = frame.pixels_dn.iter().map(|&v| v >= saturation_dn).collect();
     let mut background = Background::measure(frame, &full);
     let (mut residual, mut normalised) = residuals(frame, &background);
-    let hot = defects::hot_pixels(&normalised, frame.width_px);
+    let mut hot = defects::hot_pixels(&normalised, frame.width_px);
+    for (hot, bad) in hot.iter_mut().zip(aids.bad.unwrap_or_default()) {
+        *hot |= bad;
+    }
     darken(&mut residual, &mut normalised, &hot);
     let masked: Vec<bool> = hot.iter().zip(&full).map(|(h, f)| *h || *f).collect();
     // a first look shows where stars are, so that their light can be kept out of background and noise
@@ -53,14 +69,20 @@ pub fn detect(frame: &Frame, options: &DetectOptions) -> Result<Detections, Dete
     let (background_dn, noise_dn) = background.typical();
     let mut found = Detections { width_px: frame.width_px, height_px: frame.height_px, background_dn, noise_dn, stars: Vec::new() };
     if full.iter().all(|f| *f) {
-        return Ok(found);
+        return Ok((found, Vec::new()));
     }
 
     let blobs = full_blobs(frame.width_px, &full, &hot);
     let variance_per_dn = options.gain_e_per_dn.map(|g| 1.0 / g);
     let noise_floor_dn = options.read_noise_e.zip(options.gain_e_per_dn).map_or(0.0, |(e, g)| e / g);
-    let mut scene =
-        Scene { frame, background: &background, masked: &masked, variance_per_dn: variance_per_dn.unwrap_or(0.0), noise_floor_dn };
+    let mut scene = Scene {
+        frame,
+        background: &background,
+        masked: &masked,
+        variance_per_dn: variance_per_dn.unwrap_or(0.0),
+        noise_floor_dn,
+        psf: aids.psf,
+    };
     let search = search(&scene, options, first, &residual, &normalised, &blobs);
     let candidates = candidates(frame, &background, &search, &blobs);
     let freedom = |c: &Candidate| free_shape(options, &search, c);
@@ -82,6 +104,10 @@ pub fn detect(frame: &Frame, options: &DetectOptions) -> Result<Detections, Dete
     for _ in 0..2 {
         fits = fit_all(&scene, &candidates, &fitted(&guesses, &fits), &neighbours, &freedom, Some(&fits));
     }
+    let kept = learnable(&scene, &candidates, &fits, &neighbours, &search, aids.keep);
+    if aids.psf.is_some() {
+        fits = fit_empirical(&mut scene, &candidates, &fits, &neighbours, options.gain_e_per_dn.is_none());
+    }
 
     let mut stars: Vec<Detection> = Vec::with_capacity(candidates.len());
     for (i, (candidate, fit)) in candidates.iter().zip(&fits).enumerate() {
@@ -96,10 +122,97 @@ pub fn detect(frame: &Frame, options: &DetectOptions) -> Result<Detections, Dete
     stars.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
     stars.truncate(options.max_stars);
     found.stars = stars;
-    Ok(found)
+    Ok((found, kept))
 }
 
-fn check(frame: &Frame, options: &DetectOptions) -> Result<(), DetectError> {
+/// Fits again with the empirical image all stars that are not saturated; those that it cannot fit stay as they are.
+fn fit_empirical(
+    scene: &mut Scene<'_>,
+    candidates: &[Candidate],
+    gaussian: &[Option<Fit>],
+    neighbours: &[Vec<usize>],
+    gain_is_sought: bool,
+) -> Vec<Option<Fit>> {
+    let starts: Vec<Option<Candidate>> = candidates
+        .iter()
+        .zip(gaussian)
+        .map(|(c, fit)| fit.as_ref().filter(|_| c.full_radius_px == 0.0).map(|f| Candidate { start: f.model, ..*c }))
+        .collect();
+    let mut models: Vec<Model> = candidates.iter().zip(gaussian).map(|(c, fit)| model_or_dark(&c.start, fit.as_ref())).collect();
+    if gain_is_sought {
+        let sample = |(i, c): (usize, &Candidate)| Sample {
+            start: c.start,
+            snr: c.snr,
+            freedom: Freedom::Empirical,
+            neighbours: neighbours[i].iter().map(|&j| models[j]).collect(),
+        };
+        let samples: Vec<Sample> = starts.iter().enumerate().filter_map(|(i, c)| c.as_ref().map(|c| sample((i, c)))).collect();
+        scene.variance_per_dn = gain::variance_per_dn(scene, &samples);
+    }
+    let mut fits = gaussian.to_vec();
+    for round in 0..3 {
+        let again = |i: usize| -> Option<Fit> {
+            let Some(candidate) = starts[i].filter(|_| round == 0 || !neighbours[i].is_empty()) else {
+                return fits[i].clone();
+            };
+            let others: Vec<Model> = neighbours[i].iter().map(|&j| models[j]).collect();
+            let fit = scene.fit(candidate.start, Freedom::Empirical, &others);
+            fit.or_else(|| gaussian[i].clone())
+        };
+        fits = (0..fits.len()).into_par_iter().map(again).collect();
+        models = models.iter().zip(&fits).map(|(m, fit)| model_or_dark(m, fit.as_ref())).collect();
+    }
+    fits
+}
+
+/// Clean stars with their pixels, the brightest first.
+fn learnable(
+    scene: &Scene<'_>,
+    candidates: &[Candidate],
+    fits: &[Option<Fit>],
+    neighbours: &[Vec<usize>],
+    search: &Search,
+    most: usize,
+) -> Vec<PsfStar> {
+    /// Fainter stars tell little.
+    const LEAST_SNR: f64 = 12.0;
+    let size_px = (scene.frame.width_px, scene.frame.height_px);
+    let clean = |i: &usize| {
+        let (candidate, fit) = (&candidates[*i], fits[*i].as_ref());
+        candidate.full_radius_px == 0.0
+            && neighbours[*i].is_empty()
+            && fit.is_some_and(|f| !f.edge && f.model.flux_dn > LEAST_SNR * f.flux_sigma_dn && is_star(candidate, f, search, size_px))
+    };
+    let keep = |i: usize| {
+        let fit = fits[i].as_ref()?;
+        let mut profile = Profile::new();
+        let mut stamp = scene.stamp(Model { shape: search.shape, ..fit.model }, &[], &mut profile);
+        let freedom = if search.shape.is_round() { Freedom::Width } else { Freedom::Ellipse };
+        let (model, offset) = scene.photons().settle(&mut stamp, fit.model, freedom, &mut profile)?;
+        profile.draw(stamp.window, &model, freedom == Freedom::Ellipse);
+        let count = freedom.parameters();
+        let chi2 = scene.photons().normal(&stamp, &profile, model.flux_dn, offset, count).chi2;
+        let dof = stamp.used.iter().filter(|u| **u).count().saturating_sub(count).max(1);
+        Some(PsfStar {
+            stamp,
+            model,
+            photons: scene.photons(),
+            snr: model.flux_dn / fit.flux_sigma_dn,
+            gaussian: (chi2, dof as f64),
+            size_px: [size_px.0 as f64, size_px.1 as f64],
+        })
+    };
+    let chosen: Vec<usize> = (0..candidates.len()).filter(clean).take(most).collect();
+    chosen.into_par_iter().map(keep).collect::<Vec<_>>().into_iter().flatten().collect()
+}
+
+/// Whether any count is no number: a look without branches, which is quick.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn odd(counts: &[f32]) -> bool {
+    counts.iter().fold(0_u32, |odd, v| odd | u32::from(!v.is_finite())) != 0
+}
+
+pub(super) fn check(frame: &Frame, options: &DetectOptions) -> Result<(), DetectError> {
     let (width_px, height_px) = (frame.width_px, frame.height_px);
     if width_px.checked_mul(height_px) != Some(frame.pixels_dn.len()) {
         return Err(DetectError::SizeMismatch { width_px, height_px, found: frame.pixels_dn.len() });
@@ -107,7 +220,7 @@ fn check(frame: &Frame, options: &DetectOptions) -> Result<(), DetectError> {
     if width_px < LEAST_SIDE_PX || height_px < LEAST_SIDE_PX {
         return Err(DetectError::TooSmall { width_px, height_px, least_px: LEAST_SIDE_PX });
     }
-    if let Some(i) = frame.pixels_dn.iter().position(|v| !v.is_finite()) {
+    if let Some(i) = odd(&frame.pixels_dn).then(|| frame.pixels_dn.iter().position(|v| !v.is_finite())).flatten() {
         return Err(DetectError::NotFinite { x: i % width_px, y: i / width_px, value: frame.pixels_dn[i] });
     }
     let positive = |name, value: Option<f64>, range, good: fn(f64) -> bool| match value {
@@ -144,16 +257,16 @@ fn residuals(frame: &Frame, background: &Background) -> (Vec<f32>, Vec<f32>) {
 
 /// What the matched filter found.
 #[derive(Clone)]
-struct Search {
-    shape: Shape,
+pub(super) struct Search {
+    pub(super) shape: Shape,
     /// Whether the frame's stars, or the caller, told the shape.
     shape_known: bool,
     /// Scatter of the filtered noise over that of white noise; 1 unless clearly more.
     scatter: f64,
     /// Signal-to-noise ratio from which on peaks count.
     threshold: f64,
-    peaks: Vec<Peak>,
-    kernel: Kernel,
+    pub(super) peaks: Vec<Peak>,
+    pub(super) kernel: Kernel,
     /// Pixels that the light of clear stars reaches.
     lit: Vec<bool>,
 }
@@ -232,148 +345,6 @@ fn shape_by_fits(scene: &Scene<'_>, search: &Search, blobs: &[Blob]) -> Option<S
     Some(if search.shape.is_round() { Shape::round(typical.shape.sigma_px()) } else { typical.shape })
 }
 
-/// A group of touching full pixels.
-struct Blob {
-    x: f64,
-    y: f64,
-    radius_px: f64,
-}
-
-fn full_blobs(width: usize, full: &[bool], hot: &[bool]) -> Vec<Blob> {
-    let height = full.len() / width;
-    let mut seen = vec![false; full.len()];
-    let mut blobs = Vec::new();
-    for start in 0..full.len() {
-        if !full[start] || hot[start] || seen[start] {
-            continue;
-        }
-        seen[start] = true;
-        let mut members = vec![start];
-        let mut next = 0;
-        while next < members.len() {
-            let (x, y) = (members[next] % width, members[next] / width);
-            next += 1;
-            for ny in y.saturating_sub(1)..(y + 2).min(height) {
-                for nx in x.saturating_sub(1)..(x + 2).min(width) {
-                    let i = ny * width + nx;
-                    if full[i] && !hot[i] && !seen[i] {
-                        seen[i] = true;
-                        members.push(i);
-                    }
-                }
-            }
-        }
-        let count = members.len() as f64;
-        let x = members.iter().map(|i| (i % width) as f64).sum::<f64>() / count;
-        let y = members.iter().map(|i| (i / width) as f64).sum::<f64>() / count;
-        let radius_px = members.iter().map(|i| ((i % width) as f64 - x).hypot((i / width) as f64 - y)).fold(0.5, f64::max);
-        blobs.push(Blob { x, y, radius_px });
-    }
-    blobs
-}
-
-/// Peaks with first guesses, brightest first; those that a brighter star's wings or full pixels make are left out.
-fn candidates(frame: &Frame, background: &Background, search: &Search, blobs: &[Blob]) -> Vec<Candidate> {
-    /// How a bright star's wings may fall, over what they are at its centre (Moffat-like), and the share that ripples in them may reach.
-    const RIPPLE: f64 = 0.04;
-    const RIPPLE_OF_FULL: f64 = 0.15;
-    const RESOLVED_SIGMA: f64 = 2.0;
-    let (long, _) = search.shape.axes_px();
-    let radius = radius_px(search.shape);
-    let mut blob_taken = vec![false; blobs.len()];
-    let mut kept: Vec<Candidate> = Vec::with_capacity(search.peaks.len());
-    let mut grid = Grid::new(frame.width_px, frame.height_px);
-    let loud = |c: &Candidate| if c.full_radius_px > 0.0 { RIPPLE_OF_FULL } else { RIPPLE };
-    for peak in &search.peaks {
-        let (mut x, mut y) = (peak.x as f64, peak.y as f64);
-        let mut full_radius_px = 0.0;
-        let inside = |b: &Blob| (b.x - x).hypot(b.y - y) <= b.radius_px + 1.5;
-        if let Some(index) = blobs.iter().position(inside) {
-            if std::mem::replace(&mut blob_taken[index], true) {
-                continue;
-            }
-            (x, y, full_radius_px) = (blobs[index].x, blobs[index].y, blobs[index].radius_px);
-        }
-        // the filter cannot tell two such near stars apart: a second maximum is a ripple of the first
-        let merged =
-            grid.near(x, y).any(|i: usize| search.shape.radius_in_sigma(kept[i].start.x - x, kept[i].start.y - y) < RESOLVED_SIGMA);
-        if merged {
-            continue;
-        }
-        let wings = grid.near(x, y).map(|i: usize| {
-            let c: &Candidate = &kept[i];
-            let scale = 2.0 * long + c.full_radius_px;
-            let distance = (c.start.x - x).hypot(c.start.y - y);
-            c.snr * loud(c) * (1.0 + (distance / scale).powi(2)).powf(-1.5)
-        });
-        if wings.fold(0.0, f64::max) > peak.snr {
-            continue;
-        }
-        let noise = background.noise_dn(peak.x, peak.y);
-        let (mut shape, mut reach) = (search.shape, radius);
-        if full_radius_px > 0.0 {
-            // the wings beyond the full pixels must be in the window
-            shape = Shape::round(search.shape.sigma_px().max(full_radius_px / 1.5));
-            reach = (radius + full_radius_px.ceil() as usize).min(48);
-        }
-        let flux_dn = peak.snr * noise * search.kernel.flux_per_snr();
-        grid.put(x, y, kept.len());
-        kept.push(Candidate { start: Model { x, y, flux_dn, shape, radius: reach }, snr: peak.snr, full_radius_px });
-    }
-    kept
-}
-
-/// Buckets of places, to find those near a place.
-struct Grid {
-    columns: usize,
-    rows: usize,
-    cells: Vec<Vec<usize>>,
-}
-
-impl Grid {
-    const CELL_PX: usize = 32;
-
-    fn new(width: usize, height: usize) -> Self {
-        let (columns, rows) = (width / Self::CELL_PX + 1, height / Self::CELL_PX + 1);
-        Self { columns, rows, cells: vec![Vec::new(); columns * rows] }
-    }
-
-    fn cell(&self, x: f64, y: f64) -> (usize, usize) {
-        let index = |v: f64, n: usize| ((v.max(0.0) as usize) / Self::CELL_PX).min(n - 1);
-        (index(x, self.columns), index(y, self.rows))
-    }
-
-    fn put(&mut self, x: f64, y: f64, item: usize) {
-        let (cx, cy) = self.cell(x, y);
-        self.cells[cy * self.columns + cx].push(item);
-    }
-
-    fn near(&self, x: f64, y: f64) -> impl Iterator<Item = usize> + '_ {
-        let (cx, cy) = self.cell(x, y);
-        let rows = cy.saturating_sub(1)..(cy + 2).min(self.rows);
-        let columns = cx.saturating_sub(1)..(cx + 2).min(self.columns);
-        rows.flat_map(move |r| columns.clone().map(move |c| r * self.columns + c)).flat_map(|i| self.cells[i].iter().copied())
-    }
-}
-
-/// For every star those whose light reaches into its window.
-fn neighbours(models: &[Model]) -> Vec<Vec<usize>> {
-    let extent = |pick: fn(&Model) -> f64| models.iter().map(pick).fold(0.0, f64::max) as usize + 1;
-    let mut grid = Grid::new(extent(|m| m.x), extent(|m| m.y));
-    for (i, m) in models.iter().enumerate() {
-        grid.put(m.x, m.y, i);
-    }
-    let touches = |a: &Model, b: &Model| {
-        let reach = a.radius as f64 + 2.5 * b.shape.axes_px().0;
-        (a.x - b.x).abs() < reach && (a.y - b.y).abs() < reach
-    };
-    models
-        .par_iter()
-        .enumerate()
-        .map(|(i, own)| grid.near(own.x, own.y).filter(|&j| j != i && touches(own, &models[j])).collect())
-        .collect()
-}
-
 /// Fits all stars, or, given earlier fits, again those with neighbours.
 fn fit_all(
     scene: &Scene<'_>,
@@ -400,8 +371,11 @@ fn fit_all(
 
 /// Models as fitted; where the fit failed no light at all.
 fn fitted(guesses: &[Model], fits: &[Option<Fit>]) -> Vec<Model> {
-    let dark = |guess: &Model| Model { flux_dn: 0.0, ..*guess };
-    guesses.iter().zip(fits).map(|(guess, fit)| fit.as_ref().map_or_else(|| dark(guess), |f| f.model)).collect()
+    guesses.iter().zip(fits).map(|(guess, fit)| model_or_dark(guess, fit.as_ref())).collect()
+}
+
+fn model_or_dark(guess: &Model, fit: Option<&Fit>) -> Model {
+    fit.map_or(Model { flux_dn: 0.0, ..*guess }, |f| f.model)
 }
 
 fn free_shape(options: &DetectOptions, search: &Search, candidate: &Candidate) -> Freedom {

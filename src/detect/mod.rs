@@ -5,20 +5,30 @@
 //! 3. `filter`: matched filter; its threshold follows from the number of false stars allowed, and from the noise's own tail (`tail`).
 //! 4. `shape`: the frame's own stars tell width and elongation, and the filter is run again with it.
 //! 5. `fit`: maximum likelihood for position, flux, background and width; neighbours are taken off each other.
+//! 6. `learn`, `empirical`: the image of a star from the recording's own stars, fitted in the Gaussian's place where held-out stars prefer it.
+//!
+//! `windowed` is the quick way: a gate and moments.
 
 mod background;
+mod candidates;
 mod defects;
+mod empirical;
 mod filter;
 mod fit;
 mod gain;
 mod known;
+mod learn;
 mod measure;
 mod psf;
 mod shape;
 mod tail;
+mod windowed;
 
+pub use empirical::{EmpiricalPsf, PsfReport};
 pub use known::{KnownFit, KnownSky, fit_known};
-pub use measure::detect;
+pub use learn::{PsfStar, learn};
+pub use measure::{Aids, detect, detect_aided};
+pub use windowed::detect_windowed;
 
 use serde::{Deserialize, Serialize};
 
@@ -77,6 +87,14 @@ pub enum DetectError {
         y: usize,
         /// The count.
         value: f32,
+    },
+    /// A map of bad pixels of another size.
+    #[error("the map of bad pixels holds {mask} pixels, the frame {frame}; a map must be of the frame's size")]
+    MaskSize {
+        /// Pixels of the map.
+        mask: usize,
+        /// Pixels of the frame.
+        frame: usize,
     },
     /// An option is out of range.
     #[error("the option {name} is {value}; it must be {range}")]

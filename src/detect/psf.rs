@@ -2,6 +2,9 @@
 
 use statrs::function::erf::erf;
 
+use super::empirical::EmpiricalPsf;
+use super::fit::Model;
+
 /// Second moments of a Gaussian star image before the pixel integrates it, px².
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Shape {
@@ -61,14 +64,43 @@ pub(super) struct Window {
 }
 
 /// Share of the flux in every pixel of a window, and derivatives: `value`, then by x, y and the shape's numbers.
-pub(super) struct Profile {
+pub(super) struct Profile<'a> {
     pub(super) value: Vec<f64>,
     pub(super) derivatives: Vec<[f64; PROFILE_PARAMETERS]>,
+    psf: Option<&'a EmpiricalPsf>,
+    /// The correction of the empirical image as it is in the window last drawn.
+    local: Option<((usize, usize), Vec<f64>)>,
 }
 
-impl Profile {
+impl<'a> Profile<'a> {
     pub(super) fn new() -> Self {
-        Self { value: Vec::new(), derivatives: Vec::new() }
+        Self::of(None)
+    }
+
+    /// One that can draw the empirical image too.
+    pub(super) fn of(psf: Option<&'a EmpiricalPsf>) -> Self {
+        Self { value: Vec::new(), derivatives: Vec::new(), psf, local: None }
+    }
+
+    /// An empty one that draws the same images.
+    pub(super) fn like(&self) -> Self {
+        Self { local: self.local.clone(), ..Self::of(self.psf) }
+    }
+
+    /// Fills in the image of a star; `elliptical` asks for all derivatives by the shape, even of a round one.
+    pub(super) fn draw(&mut self, window: Window, model: &Model, elliptical: bool) {
+        let Some(psf) = self.psf.filter(|_| model.empirical) else {
+            self.fill(window, model.x, model.y, model.shape, elliptical || !model.shape.is_round());
+            return;
+        };
+        self.fill(window, model.x, model.y, psf.base, !psf.base.is_round());
+        let at = (window.x0 + window.columns / 2, window.y0 + window.rows / 2);
+        let local = match self.local.take() {
+            Some((place, local)) if place == at => local,
+            _ => psf.correction_at([at.0 as f64, at.1 as f64]),
+        };
+        psf.grid.add(&local, window, [model.x, model.y], &mut self.value, &mut self.derivatives);
+        self.local = Some((at, local));
     }
 
     /// Derivatives of a pixel's counts by flux, background, x, y and the shape's numbers.
@@ -147,7 +179,7 @@ const GAUSS_LEGENDRE_4: [(f64, f64); 4] = [
 ];
 
 /// Share of a line Gaussian in each pixel of an axis with its derivatives by centre and σ.
-fn axis_shares(start: usize, length: usize, centre: f64, sigma: f64) -> Vec<[f64; 3]> {
+pub(super) fn axis_shares(start: usize, length: usize, centre: f64, sigma: f64) -> Vec<[f64; 3]> {
     let at_edge = |i: usize| {
         let t = (start as f64 + i as f64 - 0.5 - centre) / sigma;
         let density = (-0.5 * t * t).exp() * (0.5 * std::f64::consts::FRAC_2_SQRT_PI * std::f64::consts::FRAC_1_SQRT_2);
@@ -170,7 +202,7 @@ mod tests {
 
     const WINDOW: Window = Window { x0: 10, y0: 20, columns: 31, rows: 31 };
 
-    fn profile(x: f64, y: f64, shape: Shape, elliptical: bool) -> Profile {
+    fn profile(x: f64, y: f64, shape: Shape, elliptical: bool) -> Profile<'static> {
         let mut p = Profile::new();
         p.fill(WINDOW, x, y, shape, elliptical);
         p

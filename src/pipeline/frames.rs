@@ -4,11 +4,12 @@ use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
 
+use super::dark::{Dark, drop_fixed};
 use super::{Measured, MeasuredFrame, PipelineError, SkyChoice, star_list};
 use crate::camera::SkyChain;
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Attitude, Direction};
-use crate::detect::{DetectOptions, detect};
+use crate::detect::{Aids, DetectOptions, EmpiricalPsf, PsfReport, PsfStar, detect_aided, detect_windowed, learn};
 use crate::effects::Observation;
 use crate::frame::Frame;
 use crate::identify::{ASSUMED_EPOCH_YR, Identification, IdentifyOptions, Index, Near, Solution, identify};
@@ -43,45 +44,59 @@ impl IdentifiedFrame {
     }
 }
 
+/// How the frames of a recording are measured.
+#[derive(Clone, Debug, Default)]
+pub struct MeasureOptions {
+    /// What is taken for a star's place.
+    pub centroid: Centroid,
+    /// What the camera shows in the dark.
+    pub dark: Option<Dark>,
+}
+
+/// What is taken for a star's place.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Centroid {
+    /// Maximum likelihood under a Gaussian integrated over the pixels.
+    #[default]
+    Gaussian,
+    /// The same under the image that the recording's own stars show, where held-out stars prefer it.
+    Empirical,
+    /// Moments in a Gaussian window: quick.
+    Windowed,
+}
+
 /// Finds and measures the stars of every frame; `done` is called after each.
-pub fn measure(recording: Recording, done: impl Fn() + Sync) -> Result<Measured, PipelineError> {
-    measure_frames(recording, Recording::load_frame_or_skip, done)
+pub fn measure(recording: Recording, options: &MeasureOptions, done: impl Fn() + Sync) -> Result<Measured, PipelineError> {
+    measure_frames(recording, Recording::load_frame_or_skip, options, done)
 }
 
 /// The same for frames whose pixels come from elsewhere: `load` gives those of an index, or says why they are to be left out.
 pub fn measure_frames(
-    recording: Recording,
+    mut recording: Recording,
     load: impl Fn(&Recording, usize) -> Result<Result<Frame, SkippedFrame>, RecordingError> + Sync,
+    options: &MeasureOptions,
     done: impl Fn() + Sync,
 ) -> Result<Measured, PipelineError> {
-    let options = DetectOptions {
-        gain_e_per_dn: recording.camera.gain_e_per_dn,
-        read_noise_e: recording.camera.read_noise_e,
-        ..DetectOptions::default()
-    };
-    let results: Vec<Result<Result<MeasuredFrame, SkippedFrame>, PipelineError>> = (0..recording.frames.len())
-        .into_par_iter()
-        .map(|index| {
-            let start = Instant::now();
-            let name = recording.frame_name(index);
-            if let Some(stars) = recording.stars.as_ref().and_then(|list| list.frames.get(index)) {
-                let detections = star_list::detections(&recording, stars);
-                return Ok(Ok(MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() }));
-            }
-            let frame = match load(&recording, index)? {
-                Ok(frame) => frame,
-                Err(skipped) => return Ok(Err(skipped)),
-            };
-            let detections = detect(&frame, &options).map_err(|source| PipelineError::Detect { frame: name.clone(), source })?;
-            done();
-            Ok(Ok(MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() }))
-        })
-        .collect();
+    /// Stars of a frame that the image is learnt from, at most.
+    const KEPT: usize = 300;
+    let learns = options.centroid == Centroid::Empirical && recording.stars.is_none();
+    let pass = Pass { recording: &recording, load: &load, options, psf: None, keep: if learns { KEPT } else { 0 } };
+    let mut measured = pass.all(&done)?;
+    let mut psf = None;
+    if learns {
+        let kept: Vec<PsfStar> = measured.iter_mut().flatten().flat_map(|(_, kept)| std::mem::take(kept)).collect();
+        let (found, report) = learn(&kept);
+        if let Some(found) = found {
+            measured = Pass { psf: Some(&found), keep: 0, ..pass }.all(&|| ())?;
+        }
+        psf = Some(report);
+    }
+    recording.notes.extend(psf.as_ref().map(PsfReport::sentence));
     let mut skipped = recording.skipped.clone();
     let mut frames = Vec::new();
-    for result in results {
-        match result? {
-            Ok(frame) => frames.push(frame),
+    for result in measured {
+        match result {
+            Ok((frame, _)) => frames.push(frame),
             Err(frame) => skipped.push(frame),
         }
     }
@@ -92,7 +107,59 @@ pub fn measure_frames(
     for frame in &skipped {
         tracing::warn!("skipped {}: {}", frame.file, frame.reason);
     }
-    Ok(Measured { recording, frames, skipped })
+    if recording.stars.is_none() {
+        recording.notes.extend(drop_fixed(&mut frames));
+    }
+    Ok(Measured { recording, frames, skipped, psf })
+}
+
+/// A frame as measured, with the stars kept, or why it is left out.
+type OneMeasured = Result<(MeasuredFrame, Vec<PsfStar>), SkippedFrame>;
+
+/// One walk over all frames.
+struct Pass<'a, L> {
+    recording: &'a Recording,
+    load: &'a L,
+    options: &'a MeasureOptions,
+    psf: Option<&'a EmpiricalPsf>,
+    keep: usize,
+}
+
+impl<L> Pass<'_, L>
+where
+    L: Fn(&Recording, usize) -> Result<Result<Frame, SkippedFrame>, RecordingError> + Sync,
+{
+    fn all(&self, done: &(impl Fn() + Sync)) -> Result<Vec<OneMeasured>, PipelineError> {
+        (0..self.recording.frames.len()).into_par_iter().map(|index| self.one(index, done)).collect()
+    }
+
+    fn one(&self, index: usize, done: &(impl Fn() + Sync)) -> Result<OneMeasured, PipelineError> {
+        let start = Instant::now();
+        let name = self.recording.frame_name(index);
+        if let Some(stars) = self.recording.stars.as_ref().and_then(|list| list.frames.get(index)) {
+            let detections = star_list::detections(self.recording, stars);
+            return Ok(Ok((MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() }, Vec::new())));
+        }
+        let mut frame = match (self.load)(self.recording, index)? {
+            Ok(frame) => frame,
+            Err(skipped) => return Ok(Err(skipped)),
+        };
+        let failed = |source| PipelineError::Detect { frame: name.clone(), source };
+        if let Some(dark) = &self.options.dark {
+            dark.subtract(&mut frame).map_err(|source| PipelineError::Dark { frame: name.clone(), source })?;
+        }
+        let camera = &self.recording.camera;
+        let options = DetectOptions { gain_e_per_dn: camera.gain_e_per_dn, read_noise_e: camera.read_noise_e, ..DetectOptions::default() };
+        let bad = self.options.dark.as_ref().map(Dark::hot);
+        let (detections, kept) = match self.options.centroid {
+            Centroid::Windowed => (detect_windowed(&frame, &options, bad).map_err(failed)?, Vec::new()),
+            Centroid::Gaussian | Centroid::Empirical => {
+                detect_aided(&frame, &options, &Aids { psf: self.psf, bad, keep: self.keep }).map_err(failed)?
+            }
+        };
+        done();
+        Ok(Ok((MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() }, kept)))
+    }
 }
 
 /// What the recording knows of the circumstances of its frames.

@@ -2,18 +2,23 @@
 //!
 //! The verbs of the program and the benchmark of concealed recordings walk the same way; frames come from files or from memory.
 
+mod dark;
 mod frames;
 mod prepare;
 mod star_list;
 
 use crate::calibrate::CalibrateError;
 use crate::camera::{ObserverError, Physics, PhysicsError};
-use crate::detect::{DetectError, Detection, Detections};
+use crate::detect::{DetectError, Detection, Detections, PsfReport};
 use crate::diagnose::{DiagnoseError, MeasuredNoise};
 use crate::recording::{Recording, RecordingError, SkippedFrame};
 use crate::statistics::median_in_place;
 
-pub use frames::{IdentifiedFrame, circumstances, identify_frames, measure, measure_frames, physics_in_force, take_identifications};
+pub use dark::{Dark, DarkError};
+pub use frames::{
+    Centroid, IdentifiedFrame, MeasureOptions, circumstances, identify_frames, measure, measure_frames, physics_in_force,
+    take_identifications,
+};
 pub use prepare::{Asked, Prepared, Question, control_points, known_behind_the_lens, question, star_images, telemetry};
 
 /// Why a recording does not lead to control points.
@@ -30,6 +35,14 @@ pub enum PipelineError {
         frame: String,
         /// Why.
         source: DetectError,
+    },
+    /// The dark frame is not of this camera.
+    #[error("{frame}")]
+    Dark {
+        /// Its name.
+        frame: String,
+        /// Why.
+        source: DarkError,
     },
     /// What a recording tells of a frame cannot be used.
     #[error("{frame}")]
@@ -99,6 +112,8 @@ pub struct Measured {
     pub frames: Vec<MeasuredFrame>,
     /// Those that could not (only where bad frames are skipped).
     pub skipped: Vec<SkippedFrame>,
+    /// Which image the stars were fitted with, where an empirical one was asked for.
+    pub psf: Option<PsfReport>,
 }
 
 /// A frame whose stars are measured.

@@ -6,6 +6,7 @@ mod blind;
 mod calibrate;
 mod camera;
 mod catalog;
+mod centroids;
 mod cli;
 mod common;
 mod detect;

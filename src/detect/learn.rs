@@ -1,0 +1,348 @@
+//! Learns the image of a star from the recording's own stars.
+//!
+//! Image and positions in turns, as Anderson & King 2000 (PASP 112, 1360, section 4) do; but each step for the image frees position, flux and
+//! background of every star with it (they are projected out), so that few turns suffice and errors of the first positions leave no trace.
+//! What few stars tell is held by a prior: a correction is small against the image, and smaller in its wings.
+
+use rayon::prelude::*;
+
+use super::empirical::{EmpiricalPsf, FIELD_TERMS, Grid, Lines, PsfReport, field_terms};
+use super::fit::{Freedom, Model, Photons, Stamp, inverse, radius_px};
+use super::psf::{Profile, Shape};
+use crate::statistics::median;
+
+/// A star that may tell the image: its pixels and how a Gaussian fits them.
+#[derive(Clone)]
+pub struct PsfStar {
+    pub(super) stamp: Stamp,
+    pub(super) model: Model,
+    pub(super) photons: Photons,
+    pub(super) snr: f64,
+    /// χ² and degrees of freedom under a Gaussian of free shape.
+    pub(super) gaussian: (f64, f64),
+    pub(super) size_px: [f64; 2],
+}
+
+/// Fewer stars tell no image.
+const FEWEST_STARS: usize = 25;
+/// Pixels that are used for it, about: more make it no better and take time.
+const MOST_PIXELS: usize = 60_000;
+/// Stars for each term of the field polynomial, at least.
+const STARS_PER_TERM: usize = 40;
+/// One in so many is held out.
+const HELD_OUT: usize = 4;
+/// With so many stars those held out once are enough to judge by.
+const MANY_STARS: usize = 400;
+/// Turns of image and positions, at least and at most, and by which share χ² must fall for another.
+const FEWEST_TURNS: usize = 4;
+const MOST_TURNS: usize = 12;
+/// In the first turns pixels are trusted no better than this share of the star's light in them and of its top: far from the image the
+/// equations are not linear, and bright stars would take them astray.
+const FIRST_TRUST: (f64, f64) = (0.05, 0.01);
+const TURNS_OF_LITTLE_TRUST: usize = 3;
+const WORTH_A_TURN: f64 = 0.003;
+const MOST_STEPS: usize = 400;
+/// A more complex image must fit held-out stars better by so many σ of what chance makes.
+const CLEARLY_SIGMA: f64 = 3.0;
+/// What the correction may be, one σ: share of the image where it is, and of its top anywhere.
+const PRIOR: (f64, f64) = (0.3, 0.01);
+/// Correction that changes over the frame, over that which does not.
+const PRIOR_OF_FIELD: f64 = 0.5;
+
+/// The image that held-out stars prefer to Gaussians, if there is one, and what they said.
+#[must_use]
+pub fn learn(stars: &[PsfStar]) -> (Option<EmpiricalPsf>, PsfReport) {
+    let mut chosen: Vec<&PsfStar> = stars.iter().collect();
+    chosen.sort_by(|a, b| b.snr.total_cmp(&a.snr));
+    let mut pixels = 0;
+    chosen.retain(|s| {
+        pixels += s.stamp.data.len();
+        pixels <= MOST_PIXELS
+    });
+    let mut report = PsfReport {
+        empirical: false,
+        stars: chosen.len(),
+        held_out_stars: 0,
+        gaussian_chi2_per_dof: 0.0,
+        empirical_chi2_per_dof: 0.0,
+        field_order: 0,
+    };
+    if chosen.len() < FEWEST_STARS {
+        return (None, report);
+    }
+    // of few stars every one is held out in turn
+    let folds = if chosen.len() < MANY_STARS { HELD_OUT } else { 1 };
+    let part = |fold: usize, held: bool| -> Vec<&PsfStar> {
+        chosen.iter().enumerate().filter(|(i, _)| (i % HELD_OUT == HELD_OUT - 1 - fold) == held).map(|(_, star)| *star).collect()
+    };
+    let held: Vec<Vec<&PsfStar>> = (0..folds).map(|fold| part(fold, true)).collect();
+    report.held_out_stars = held.iter().map(Vec::len).sum();
+    let mut best: Vec<(f64, f64)> = held.iter().flatten().map(|s| s.gaussian).collect();
+    report.gaussian_chi2_per_dof = per_dof(&best);
+    report.empirical_chi2_per_dof = f64::INFINITY;
+    for (order, terms) in FIELD_TERMS.into_iter().enumerate() {
+        if order > 0 && chosen.len() < STARS_PER_TERM * terms {
+            break;
+        }
+        let judged: Option<Vec<Vec<(f64, f64)>>> =
+            (0..folds).map(|fold| fit_image(&part(fold, false), order).map(|trial| judge(&held[fold], &trial))).collect();
+        let Some(judged) = judged.map(|j| j.concat()) else { break };
+        if order == 0 || per_dof(&judged) < report.empirical_chi2_per_dof {
+            report.empirical_chi2_per_dof = per_dof(&judged);
+        }
+        if clearly_better(&judged, &best) {
+            (report.empirical, report.field_order) = (true, order);
+            best = judged;
+        }
+    }
+    let psf = report.empirical.then(|| fit_image(&chosen, report.field_order)).flatten();
+    report.empirical = psf.is_some();
+    (psf, report)
+}
+
+fn per_dof(judged: &[(f64, f64)]) -> f64 {
+    judged.iter().map(|j| j.0).sum::<f64>() / judged.iter().map(|j| j.1).sum::<f64>().max(1.0)
+}
+
+/// Whether the first are clearly better: the sum of the differences against their own scatter, which one odd star cannot decide.
+fn clearly_better(new: &[(f64, f64)], old: &[(f64, f64)]) -> bool {
+    let differences = || new.iter().zip(old).map(|(n, o)| o.0 / o.1 - n.0 / n.1);
+    let (sum, square) = (differences().sum::<f64>(), differences().map(|d| d * d).sum::<f64>());
+    square > 0.0 && sum > CLEARLY_SIGMA * square.sqrt()
+}
+
+/// χ² and degrees of freedom of stars under an image; a star that it cannot fit counts as its Gaussian, thrice as bad.
+fn judge(stars: &[&PsfStar], psf: &EmpiricalPsf) -> Vec<(f64, f64)> {
+    let of = |star: &&PsfStar| {
+        let mut profile = Profile::of(Some(psf));
+        let start = Model { empirical: true, ..star.model };
+        let dof = star.gaussian.1;
+        let Some((model, offset)) = star.photons.climb(&star.stamp, start, Freedom::Empirical, &mut profile) else {
+            return (3.0 * star.gaussian.0, dof);
+        };
+        profile.draw(star.stamp.window, &model, false);
+        let count = Freedom::Empirical.parameters();
+        let used = star.stamp.used.iter().filter(|u| **u).count();
+        (star.photons.normal(&star.stamp, &profile, model.flux_dn, offset, count).chi2, used.saturating_sub(count).max(1) as f64)
+    };
+    stars.par_iter().map(of).collect()
+}
+
+/// One star under the present image: what the step for the image reads.
+struct Turn<'a> {
+    model: Model,
+    chi2: f64,
+    lines: [Lines; 2],
+    terms: [f64; 6],
+    weights: Vec<f64>,
+    /// Counts less the Gaussian and the background.
+    rest: Vec<f64>,
+    /// Derivatives of the counts by flux, background, x and y.
+    rows: Vec<[f64; 4]>,
+    /// Inverse of the normal matrix of those four.
+    covariance: [[f64; 7]; 7],
+    stamp: &'a Stamp,
+}
+
+impl Turn<'_> {
+    /// Weights the vector and takes out what flux, background and position would take up.
+    fn weigh(&self, vector: &mut [f64]) {
+        let mut sums = [0.0; 4];
+        for ((v, w), row) in vector.iter_mut().zip(&self.weights).zip(&self.rows) {
+            *v *= w;
+            for (sum, r) in sums.iter_mut().zip(row) {
+                *sum += *v * r;
+            }
+        }
+        let steps: [f64; 4] = std::array::from_fn(|a| (0..4).map(|b| self.covariance[a][b] * sums[b]).sum());
+        for ((v, w), row) in vector.iter_mut().zip(&self.weights).zip(&self.rows) {
+            *v -= w * row.iter().zip(steps).map(|(r, s)| r * s).sum::<f64>();
+        }
+    }
+}
+
+/// The correction as unknowns: what is linear in it.
+struct Unknowns {
+    grid: Grid,
+    terms: usize,
+    /// Inverse of the prior's variance for each knot.
+    prior: Vec<f64>,
+}
+
+fn fit_image(stars: &[&PsfStar], order: usize) -> Option<EmpiricalPsf> {
+    let middle = |pick: fn(&Shape) -> f64| median(&stars.iter().map(|s| pick(&s.model.shape)).collect::<Vec<_>>());
+    let shape = Shape { xx: middle(|s| s.xx)?, xy: middle(|s| s.xy)?, yy: middle(|s| s.yy)? };
+    let base = if stars.iter().all(|s| s.model.shape.is_round()) { Shape::round(shape.sigma_px()) } else { shape };
+    let grid = Grid::for_image(base.axes_px().0, radius_px(base));
+    let unknowns = Unknowns::new(grid, base, FIELD_TERMS[order]);
+    let size_px = stars.first()?.size_px;
+    let mut psf = EmpiricalPsf { base, grid, size_px, knots: vec![0.0; grid.knots() * FIELD_TERMS[order]] };
+    let mut models: Vec<Model> = stars.iter().map(|s| Model { empirical: true, shape: base, ..s.model }).collect();
+    let mut before = f64::INFINITY;
+    for count in 0..MOST_TURNS {
+        let found: Vec<Option<Turn<'_>>> =
+            stars.par_iter().zip(&models).map(|(star, model)| turn(star, *model, &psf, count < TURNS_OF_LITTLE_TRUST)).collect();
+        for (model, turn) in models.iter_mut().zip(&found) {
+            if let Some(turn) = turn {
+                *model = turn.model;
+            }
+        }
+        let turns: Vec<Turn<'_>> = found.into_iter().flatten().collect();
+        let chi2 = turns.iter().map(|t| t.chi2).sum::<f64>() / turns.iter().map(|t| t.rows.len() as f64).sum::<f64>();
+        let settled = chi2 > (1.0 - WORTH_A_TURN) * before;
+        if turns.len() * 2 < stars.len() || (settled && count >= FEWEST_TURNS) {
+            break;
+        }
+        before = chi2;
+        unknowns.solve(&turns, &mut psf.knots);
+    }
+    Some(psf)
+}
+
+/// Fits one star with the present image.
+fn turn<'a>(star: &'a PsfStar, model: Model, psf: &EmpiricalPsf, little_trust: bool) -> Option<Turn<'a>> {
+    let mut profile = Profile::of(Some(psf));
+    let mut stay = |model: Model| {
+        profile.draw(star.stamp.window, &model, false);
+        let (flux_dn, offset) = star.photons.linear(&star.stamp, &profile, model.flux_dn, 0.0)?;
+        Some((Model { flux_dn, ..model }, offset))
+    };
+    // an image that is far off yet may give no place: then the star stays where it was
+    let settled = star.photons.climb(&star.stamp, model, Freedom::Empirical, &mut Profile::of(Some(psf)));
+    let (model, offset) = settled.or_else(|| stay(model))?;
+    profile.draw(star.stamp.window, &model, false);
+    let normal = star.photons.normal(&star.stamp, &profile, model.flux_dn, offset, 4);
+    let rows: Vec<[f64; 4]> = (0..profile.value.len()).map(|i| profile.row(i, model.flux_dn)).map(|r| [r[0], r[1], r[2], r[3]]).collect();
+    let trust = if little_trust { FIRST_TRUST } else { (0.0, 0.0) };
+    let top = profile.value.iter().copied().fold(0.0, f64::max);
+    let weight = |((v, share), used): ((&f64, &f64), &bool)| {
+        let doubt = model.flux_dn * (trust.0 * share + trust.1 * top);
+        if *used { 1.0 / (v + (model.flux_dn * share).max(0.0) * star.photons.variance_per_dn + doubt * doubt) } else { 0.0 }
+    };
+    let weights: Vec<f64> = star.stamp.variance.iter().zip(&profile.value).zip(&star.stamp.used).map(weight).collect();
+    let mut matrix = [[0.0; 7]; 7];
+    for (row, w) in rows.iter().zip(&weights) {
+        for a in 0..4 {
+            for b in 0..4 {
+                matrix[a][b] += w * row[a] * row[b];
+            }
+        }
+    }
+    let covariance = inverse(&matrix, 4)?;
+    profile.draw(star.stamp.window, &Model { empirical: false, shape: psf.base, ..model }, false);
+    let rest = star.stamp.data.iter().zip(&profile.value).map(|(d, share)| d - model.flux_dn * share - offset).collect();
+    let terms = field_terms(psf.size_px, [model.x, model.y]);
+    let lines = psf.grid.lines(star.stamp.window, [model.x, model.y]);
+    Some(Turn { model, chi2: normal.chi2, lines, terms, weights, rest, rows, covariance, stamp: &star.stamp })
+}
+
+impl Unknowns {
+    fn new(grid: Grid, base: Shape, terms: usize) -> Self {
+        let sigma2 = base.axes_px().0.powi(2);
+        let top = grid.step_px.powi(2) / (2.0 * std::f64::consts::PI * base.determinant().sqrt());
+        let allowed = |knot: usize| {
+            let [x, y] = grid.place_px(knot);
+            // the wings of real images reach further than a Gaussian's
+            top * (PRIOR.0 * (-0.5 * (x * x + y * y) / (2.25 * sigma2)).exp() + PRIOR.1)
+        };
+        let of_term = |term: usize| if term == 0 { 1.0 } else { PRIOR_OF_FIELD };
+        let prior = (0..terms * grid.knots()).map(|i| (of_term(i / grid.knots()) * allowed(i % grid.knots())).powi(-2)).collect();
+        Self { grid, terms, prior }
+    }
+
+    /// The stars' part of the normal matrix times a vector (or, of their rests, the right side), summed in a fixed order.
+    fn over_stars(&self, turns: &[Turn<'_>], knots: Option<&[f64]>) -> Vec<f64> {
+        const STARS_A_TASK: usize = 16;
+        let n = self.grid.knots();
+        let task = |chunk: &[Turn<'_>]| {
+            let mut sum = vec![0.0; n * self.terms];
+            let (mut local, mut back) = (vec![0.0; n], vec![0.0; n]);
+            for turn in chunk {
+                let mut vector = vec![0.0; turn.stamp.data.len()];
+                match knots {
+                    None => vector.copy_from_slice(&turn.rest),
+                    Some(knots) => {
+                        local.fill(0.0);
+                        for (term, grid) in turn.terms.iter().zip(knots.chunks_exact(n)) {
+                            for (l, g) in local.iter_mut().zip(grid) {
+                                *l += term * g;
+                            }
+                        }
+                        self.grid.forward(&local, &turn.lines, turn.model.flux_dn, &mut vector);
+                    }
+                }
+                turn.weigh(&mut vector);
+                self.grid.back(&vector, &turn.lines, turn.model.flux_dn, &mut back);
+                for (term, grid) in turn.terms.iter().zip(sum.chunks_exact_mut(n)) {
+                    for (g, b) in grid.iter_mut().zip(&back) {
+                        *g += term * b;
+                    }
+                }
+            }
+            sum
+        };
+        let parts: Vec<Vec<f64>> = turns.par_chunks(STARS_A_TASK).map(task).collect();
+        let mut total = vec![0.0; n * self.terms];
+        for part in parts {
+            for (t, p) in total.iter_mut().zip(part) {
+                *t += p;
+            }
+        }
+        total
+    }
+
+    /// Diagonal of the normal matrix, about: what scales the unknowns.
+    fn diagonal(&self, turns: &[Turn<'_>]) -> Vec<f64> {
+        let n = self.grid.knots();
+        let mut diagonal = self.prior.clone();
+        let mut back = vec![0.0; n];
+        for turn in turns {
+            self.grid.back(&turn.weights, &[turn.lines[0].squared(), turn.lines[1].squared()], turn.model.flux_dn.powi(2), &mut back);
+            for (term, grid) in turn.terms.iter().zip(diagonal.chunks_exact_mut(n)) {
+                for (d, b) in grid.iter_mut().zip(&back) {
+                    *d += term * term * b;
+                }
+            }
+        }
+        diagonal
+    }
+
+    /// Conjugate gradients (Hestenes & Stiefel 1952), from the present knots on.
+    fn solve(&self, turns: &[Turn<'_>], knots: &mut [f64]) {
+        let apply = |vector: &[f64]| {
+            let mut out = self.over_stars(turns, Some(vector));
+            for ((o, v), p) in out.iter_mut().zip(vector).zip(&self.prior) {
+                *o += p * v;
+            }
+            out
+        };
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let diagonal = self.diagonal(turns);
+        let scaled = |r: &[f64]| r.iter().zip(&diagonal).map(|(r, d)| r / d).collect::<Vec<f64>>();
+        let mut residual = self.over_stars(turns, None);
+        let aim = dot(&residual, &scaled(&residual));
+        for (r, a) in residual.iter_mut().zip(apply(knots)) {
+            *r -= a;
+        }
+        let mut z = scaled(&residual);
+        let mut direction = z.clone();
+        let mut square = dot(&residual, &z);
+        for _ in 0..MOST_STEPS {
+            if square <= 1e-9 * aim {
+                break;
+            }
+            let image = apply(&direction);
+            let length = square / dot(&direction, &image);
+            for ((k, r), (d, i)) in knots.iter_mut().zip(&mut residual).zip(direction.iter().zip(&image)) {
+                *k += length * d;
+                *r -= length * i;
+            }
+            z = scaled(&residual);
+            let next = dot(&residual, &z);
+            for (d, z) in direction.iter_mut().zip(&z) {
+                *d = z + next / square * *d;
+            }
+            square = next;
+        }
+    }
+}

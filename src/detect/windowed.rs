@@ -1,0 +1,491 @@
+//! The quick way: a gate of 3 × 3 pixels over a coarse background, and centroids in a Gaussian window.
+//!
+//! Windowed centroid as in SExtractor (Bertin & Arnouts 1996, A&AS 117, 393; its manual, "Windowed positional parameters"):
+//! x ← x + g Σ w I (x_i − x) / Σ w I with a Gaussian weight as wide as the star or wider, until it moves no more (g is 1 + the image's variance
+//! over the weight's: 2 where they match). It needs no model of the image, and
+//! pays with errors above the statistical limit, and with a bias that follows the phase in the pixel where images are narrow.
+
+use super::background::quantum_dn;
+use super::filter::Kernel;
+use super::measure::check;
+use super::psf::Shape;
+use super::{DetectError, DetectOptions, Detection, Detections, Flags};
+use crate::frame::Frame;
+use crate::statistics::{clipped, median_in_place};
+
+/// Side of a cell of the background, px, about.
+const CELL_PX: usize = 64;
+/// Pixels of a cell that are looked at: every so many rows and columns.
+const SAMPLE_ROWS: usize = 7;
+const SAMPLE_COLUMNS: usize = 9;
+/// Variance of rounding to steps of one, as a standard deviation.
+const ROUNDING_SIGMA: f64 = 0.288_675_134_594_812_9;
+/// Pixels that the gate looks at together.
+const BLOCK: usize = 32;
+/// A lone pixel counts as hot from so many σ on, where its neighbours hold less than this share of its light.
+const HOT: (f32, f32) = (8.0, 0.7);
+/// Variance of a pixel's own width.
+const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
+/// Width before stars tell, and its range, px.
+const FIRST_SIGMA_PX: f64 = 1.2;
+const SIGMA_RANGE_PX: (f64, f64) = (0.4, 6.0);
+/// The weight is at least so wide: in a narrower one the pixels are too coarse for moments, and the phase in the pixel shows.
+const LEAST_WEIGHT_PX: f64 = 1.0;
+const MOST_STEPS: usize = 20;
+
+/// Finds and measures the stars of a frame quickly: windowed centroids in the place of fits. `bad` pixels say nothing.
+///
+/// χ² is that of a Gaussian of the frame's typical width at the place found, so it is above 1 where the place or the width is not the best.
+pub fn detect_windowed(frame: &Frame, options: &DetectOptions, bad: Option<&[bool]>) -> Result<Detections, DetectError> {
+    check(frame, options)?;
+    if let Some(bad) = bad.filter(|bad| bad.len() != frame.pixels_dn.len()) {
+        return Err(DetectError::MaskSize { mask: bad.len(), frame: frame.pixels_dn.len() });
+    }
+    let mesh = Mesh::measure(frame);
+    let darkened;
+    let frame = match bad {
+        Some(bad) => {
+            darkened = mesh.filled(frame, bad);
+            &darkened
+        }
+        None => frame,
+    };
+    let normal = Kernel::new(Shape::round(1.0)).threshold(frame.pixels_dn.len(), options.false_alarms_per_frame);
+    let places = gate(frame, &mesh, normal as f32);
+    let sigma_px = options.psf_sigma_px.unwrap_or_else(|| typical_sigma_px(frame, &mesh, &places));
+    let window = Window::new(frame, &mesh, options, sigma_px);
+    let mut stars: Vec<Detection> = places.iter().filter_map(|place| window.measure(*place, normal)).collect();
+    flag_neighbours(&mut stars, 2.0 * window.radius as f64);
+    stars.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
+    stars.truncate(options.max_stars);
+    let (background_dn, noise_dn) = mesh.typical();
+    Ok(Detections { width_px: frame.width_px, height_px: frame.height_px, background_dn, noise_dn, stars })
+}
+
+/// Level and noise on a coarse mesh.
+struct Mesh {
+    columns: usize,
+    rows: usize,
+    cell_px: [f32; 2],
+    level: Vec<f32>,
+    noise: Vec<f32>,
+}
+
+impl Mesh {
+    fn measure(frame: &Frame) -> Self {
+        let cells = |length: usize| (length / CELL_PX).max(1);
+        let (columns, rows) = (cells(frame.width_px), cells(frame.height_px));
+        let mut samples = vec![Vec::with_capacity(256); columns * rows];
+        for (index, y) in (0..frame.height_px).step_by(SAMPLE_ROWS).enumerate() {
+            let line = &frame.pixels_dn[y * frame.width_px..(y + 1) * frame.width_px];
+            let row = y * rows / frame.height_px;
+            for column in 0..columns {
+                let (from, to) = (column * frame.width_px / columns, (column + 1) * frame.width_px / columns);
+                // columns in turns, so that a pattern of columns is not met at one phase
+                samples[row * columns + column].extend(line[(from + index % SAMPLE_COLUMNS).min(to)..to].iter().step_by(SAMPLE_COLUMNS));
+            }
+        }
+        let quantum = quantum_dn(samples.as_slice().concat().as_slice()).map_or(0.0, f64::from);
+        let floor = (quantum * ROUNDING_SIGMA).max(1e-6);
+        let told = samples.iter().map(|values| clipped(values, 1.5 * quantum).map_or((0.0, floor), |c| (c.mean, c.sigma.max(floor))));
+        let (level, noise): (Vec<f32>, Vec<f32>) = told.map(|(mean, sigma)| (mean as f32, sigma as f32)).unzip();
+        let mut mesh = Self {
+            columns,
+            rows,
+            cell_px: [frame.width_px as f32 / columns as f32, frame.height_px as f32 / rows as f32],
+            level: Vec::new(),
+            noise: Vec::new(),
+        };
+        (mesh.level, mesh.noise) = (mesh.smoothed(&level), mesh.smoothed(&noise));
+        mesh
+    }
+
+    /// The median of each cell and those around it.
+    fn smoothed(&self, raw: &[f32]) -> Vec<f32> {
+        let around = |c: usize, n: usize| c.saturating_sub(1)..(c + 2).min(n);
+        let mut near = Vec::with_capacity(9);
+        (0..raw.len())
+            .map(|cell| {
+                near.clear();
+                for row in around(cell / self.columns, self.rows) {
+                    near.extend(around(cell % self.columns, self.columns).map(|column| f64::from(raw[row * self.columns + column])));
+                }
+                median_in_place(&mut near).unwrap_or(0.0) as f32
+            })
+            .collect()
+    }
+
+    /// The cells before and after a place along an axis, and the share of the latter; beyond the outermost centres all stays as there.
+    fn between(at: f32, cell_px: f32, cells: usize) -> (usize, usize, f32) {
+        let position = ((at + 0.5) / cell_px - 0.5).clamp(0.0, (cells - 1) as f32);
+        let low = (position as usize).min(cells - 1);
+        (low, (low + 1).min(cells - 1), position - low as f32)
+    }
+
+    fn at(&self, values: &[f32], x: f32, y: f32) -> f32 {
+        let (left, right, across) = Self::between(x, self.cell_px[0], self.columns);
+        let (top, bottom, down) = Self::between(y, self.cell_px[1], self.rows);
+        let row = |r: usize| {
+            let (a, b) = (values[r * self.columns + left], values[r * self.columns + right]);
+            a + across * (b - a)
+        };
+        row(top) + down * (row(bottom) - row(top))
+    }
+
+    fn level_dn(&self, x: f64, y: f64) -> f64 {
+        f64::from(self.at(&self.level, x as f32, y as f32))
+    }
+
+    fn noise_dn(&self, x: f64, y: f64) -> f64 {
+        f64::from(self.at(&self.noise, x as f32, y as f32))
+    }
+
+    fn typical(&self) -> (f64, f64) {
+        let middle = |values: &[f32]| median_in_place(&mut values.iter().map(|v| f64::from(*v)).collect::<Vec<_>>()).unwrap_or(0.0);
+        (middle(&self.level), middle(&self.noise))
+    }
+
+    /// The frame with bad pixels at the level.
+    fn filled(&self, frame: &Frame, bad: &[bool]) -> Frame {
+        let mut out = frame.clone();
+        for i in (0..bad.len()).filter(|i| bad[*i]) {
+            out.pixels_dn[i] = self.at(&self.level, (i % frame.width_px) as f32, (i / frame.width_px) as f32);
+        }
+        out
+    }
+
+    /// What the sum over 3 × 3 pixels must exceed along a row of cell centres.
+    fn thresholds(&self, row: usize, normal: f32, along: &[(usize, usize, f32)]) -> Vec<f32> {
+        let cells = row * self.columns..(row + 1) * self.columns;
+        let of = |(level, noise): (&f32, &f32)| 9.0 * level + 3.0 * normal * noise;
+        let cells: Vec<f32> = self.level[cells.clone()].iter().zip(&self.noise[cells]).map(of).collect();
+        along.iter().map(|(low, high, share)| cells[*low] + share * (cells[*high] - cells[*low])).collect()
+    }
+}
+
+/// Thresholds of all rows: those at two rows of cell centres, and how far a row lies from one to the other.
+struct Limits {
+    /// Where each column lies between the cells' centres.
+    along: Vec<(usize, usize, f32)>,
+    top: Vec<f32>,
+    /// From the top to the bottom.
+    step: Vec<f32>,
+    rows: Option<(usize, usize)>,
+    share: f32,
+}
+
+impl Limits {
+    fn at_row(&mut self, mesh: &Mesh, y: usize, normal: f32) {
+        let (top, bottom, share) = Mesh::between(y as f32, mesh.cell_px[1], mesh.rows);
+        self.share = share;
+        if self.rows != Some((top, bottom)) {
+            self.rows = Some((top, bottom));
+            self.top = mesh.thresholds(top, normal, &self.along);
+            self.step = mesh.thresholds(bottom, normal, &self.along);
+            for (step, top) in self.step.iter_mut().zip(&self.top) {
+                *step -= top;
+            }
+        }
+    }
+
+    fn at(&self, x: usize) -> f32 {
+        self.top[x] + self.share * self.step[x]
+    }
+}
+
+/// Marks the blocks in which a sum exceeds its limit.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn mark(sums: &[f32], top: &[f32], step: &[f32], share: f32, marks: &mut [bool]) {
+    let blocks = sums.chunks(BLOCK).zip(top.chunks(BLOCK).zip(step.chunks(BLOCK)));
+    for (mark, (sums, (top, step))) in marks.iter_mut().zip(blocks) {
+        let mut any = 0_u32;
+        for ((s, t), d) in sums.iter().zip(top).zip(step) {
+            any |= u32::from(*s > t + share * d);
+        }
+        *mark = any != 0;
+    }
+}
+
+/// Sums over 3 × 3 pixels along the middle of three rows; at the rim of the frame what is there counts.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn sum_rows(above: &[f32], own: &[f32], below: &[f32], column: &mut [f32], out: &mut [f32]) {
+    let width = own.len();
+    for (c, ((a, b), d)) in column.iter_mut().zip(above.iter().zip(own).zip(below)) {
+        *c = a + b + d;
+    }
+    let inner = column[..width - 2].iter().zip(&column[1..width - 1]).zip(&column[2..]);
+    for (o, ((a, b), d)) in out[1..width - 1].iter_mut().zip(inner) {
+        *o = a + b + d;
+    }
+    out[0] = 2.0 * column[0] + column[1];
+    out[width - 1] = column[width - 2] + 2.0 * column[width - 1];
+}
+
+fn sums(frame: &Frame, y: usize, column: &mut [f32], out: &mut [f32]) {
+    let row = |y: usize| &frame.pixels_dn[y * frame.width_px..(y + 1) * frame.width_px];
+    sum_rows(row(y.saturating_sub(1)), row(y), row((y + 1).min(frame.height_px - 1)), column, out);
+}
+
+/// Places where the sum over 3 × 3 pixels is a maximum above the noise, row by row; lone bright pixels are left out.
+fn gate(frame: &Frame, mesh: &Mesh, normal: f32) -> Vec<[usize; 2]> {
+    let (width, height) = (frame.width_px, frame.height_px);
+    let mut column = vec![0.0_f32; width];
+    let along = (0..width).map(|x| Mesh::between(x as f32, mesh.cell_px[0], mesh.columns)).collect();
+    let mut limits = Limits { along, top: Vec::new(), step: Vec::new(), rows: None, share: 0.0 };
+    let mut marks = vec![false; width.div_ceil(BLOCK)];
+    let mut lines = [vec![0.0_f32; width], vec![0.0_f32; width], vec![0.0_f32; width]];
+    let mut places = Vec::new();
+    sums(frame, 0, &mut column, &mut lines[0]);
+    for y in 0..height {
+        let [before, own, after] = [(y + 2) % 3, y % 3, (y + 1) % 3];
+        if y + 1 < height {
+            sums(frame, y + 1, &mut column, &mut lines[after]);
+        } else {
+            lines[after].fill(f32::NEG_INFINITY);
+        }
+        limits.at_row(mesh, y, normal);
+        let line = &lines[own];
+        mark(line, &limits.top, &limits.step, limits.share, &mut marks);
+        for block in (0..marks.len()).filter(|block| marks[*block]) {
+            for x in (block * BLOCK..((block + 1) * BLOCK).min(width)).filter(|&x| line[x] > limits.at(x)) {
+                let span = x.saturating_sub(1)..(x + 2).min(width);
+                // of equal neighbours the first counts
+                let earlier = (y == 0 || span.clone().all(|i| lines[before][i] < line[x])) && (x == 0 || line[x - 1] < line[x]);
+                let later = span.clone().all(|i| lines[after][i] <= line[x]) && (x + 1 == width || line[x + 1] <= line[x]);
+                if earlier && later {
+                    places.extend(seat(frame, mesh, x, y));
+                }
+            }
+        }
+    }
+    places.dedup();
+    places
+}
+
+/// The brightest pixel around a place; `None` where it is a hot one.
+fn seat(frame: &Frame, mesh: &Mesh, x: usize, y: usize) -> Option<[usize; 2]> {
+    let around = |at: usize, length: usize| at.saturating_sub(1)..(at + 2).min(length);
+    let places = around(y, frame.height_px).flat_map(|py| around(x, frame.width_px).map(move |px| (px, py)));
+    let (px, py) = places.fold((x, y), |best, place| if frame.at(place.0, place.1) > frame.at(best.0, best.1) { place } else { best });
+    let (level, noise) = (mesh.at(&mesh.level, px as f32, py as f32), mesh.at(&mesh.noise, px as f32, py as f32));
+    let own = frame.at(px, py) - level;
+    let (mut sum, mut count) = (0.0, 0.0_f32);
+    for ny in around(py, frame.height_px) {
+        for nx in around(px, frame.width_px).filter(|&nx| (nx, ny) != (px, py)) {
+            sum += frame.at(nx, ny) - level;
+            count += 1.0;
+        }
+    }
+    let hot = own > HOT.0 * noise && frame.at(px, py) < frame.saturation_dn && sum + 3.0 * count.sqrt() * noise < HOT.1 * own * count / 8.0;
+    (!hot).then_some([px, py])
+}
+
+/// Sums over a window: of w I, and of w I times x, y, and half of x² + y².
+struct Sums {
+    light: f64,
+    shift: [f64; 2],
+    square: f64,
+}
+
+fn weighted(frame: &Frame, level: f64, centre: [f64; 2], sigma2: f64, radius: usize) -> Option<Sums> {
+    let span = |at: f64, length: usize| {
+        let at = at.round();
+        let inside = at >= 0.0 && at < length as f64;
+        inside.then(|| ((at as usize).saturating_sub(radius), (at as usize + radius + 1).min(length)))
+    };
+    let ((x0, x1), (y0, y1)) = (span(centre[0], frame.width_px)?, span(centre[1], frame.height_px)?);
+    let weight = |d: f64| (-0.5 * d * d / sigma2).exp();
+    let across: Vec<[f64; 2]> = (x0..x1).map(|x| x as f64 - centre[0]).map(|d| [d, weight(d)]).collect();
+    let mut sums = Sums { light: 0.0, shift: [0.0; 2], square: 0.0 };
+    for y in y0..y1 {
+        let dy = y as f64 - centre[1];
+        let wy = weight(dy);
+        let (mut light, mut shift, mut square) = (0.0, 0.0, 0.0);
+        for (v, [dx, wx]) in frame.pixels_dn[y * frame.width_px + x0..y * frame.width_px + x1].iter().zip(&across) {
+            let wi = wx * (f64::from(*v) - level);
+            light += wi;
+            shift += wi * dx;
+            square += wi * dx * dx;
+        }
+        sums.light += wy * light;
+        sums.shift[0] += wy * shift;
+        sums.shift[1] += wy * light * dy;
+        sums.square += 0.5 * wy * (square + light * dy * dy);
+    }
+    (sums.light > 0.0).then_some(sums)
+}
+
+/// Width of the brightest stars: moments under a weight that is made as wide as they are.
+fn typical_sigma_px(frame: &Frame, mesh: &Mesh, places: &[[usize; 2]]) -> f64 {
+    const STARS: usize = 15;
+    let full = |p: &[usize; 2]| frame.at(p[0], p[1]) >= frame.saturation_dn;
+    let above = |p: &[usize; 2]| f64::from(frame.at(p[0], p[1])) - mesh.level_dn(p[0] as f64, p[1] as f64);
+    let mut bright: Vec<([usize; 2], f64)> = places.iter().filter(|p| !full(p)).map(|p| (*p, above(p))).collect();
+    if bright.len() > STARS {
+        bright.select_nth_unstable_by(STARS, |a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+        bright.truncate(STARS);
+    }
+    let width2 = |p: [usize; 2]| {
+        let (mut centre, mut sigma2) = ([p[0] as f64, p[1] as f64], FIRST_SIGMA_PX * FIRST_SIGMA_PX);
+        let level = mesh.level_dn(centre[0], centre[1]);
+        for _ in 0..MOST_STEPS {
+            let radius = (3.0 * sigma2.sqrt()).ceil() as usize;
+            let sums = weighted(frame, level, centre, sigma2, radius)?;
+            centre = std::array::from_fn(|k| centre[k] + (2.0 * sums.shift[k] / sums.light).clamp(-1.0, 1.0));
+            let inverse = sums.light / sums.square - 1.0 / sigma2;
+            let next = if inverse > 0.0 { (1.0 / inverse).min(2.0 * sigma2) } else { 2.0 * sigma2 };
+            if !(0.1..=40.0).contains(&next) {
+                return None;
+            }
+            let settled = (next - sigma2).abs() < 1e-2 * sigma2;
+            sigma2 = next;
+            if settled {
+                return Some(sigma2);
+            }
+        }
+        None
+    };
+    let mut widths: Vec<f64> = bright.iter().filter_map(|(p, _)| width2(*p)).collect();
+    let sigma2 = median_in_place(&mut widths).map_or(FIRST_SIGMA_PX * FIRST_SIGMA_PX, |w| w - PIXEL_VARIANCE);
+    sigma2.max(0.0).sqrt().clamp(SIGMA_RANGE_PX.0, SIGMA_RANGE_PX.1)
+}
+
+/// What stars are measured with.
+struct Window<'a> {
+    frame: &'a Frame,
+    mesh: &'a Mesh,
+    variance_per_dn: f64,
+    floor_dn: f64,
+    sigma_px: f64,
+    /// Variance of the image, its pixel in it.
+    sigma2: f64,
+    /// Variance of the weight, and what a shift of the moments is to be multiplied with: 1 + image over weight.
+    weight2: f64,
+    gain: f64,
+    radius: usize,
+}
+
+impl<'a> Window<'a> {
+    fn new(frame: &'a Frame, mesh: &'a Mesh, options: &DetectOptions, sigma_px: f64) -> Self {
+        let sigma2 = sigma_px * sigma_px + PIXEL_VARIANCE;
+        let weight2 = sigma2.max(LEAST_WEIGHT_PX * LEAST_WEIGHT_PX);
+        Self {
+            frame,
+            mesh,
+            variance_per_dn: options.gain_e_per_dn.map_or(0.0, |gain| 1.0 / gain),
+            floor_dn: options.read_noise_e.zip(options.gain_e_per_dn).map_or(0.0, |(e, g)| e / g),
+            sigma_px,
+            sigma2,
+            weight2,
+            gain: 1.0 + sigma2 / weight2,
+            radius: (3.0 * weight2.sqrt()).ceil() as usize,
+        }
+    }
+
+    fn measure(&self, [px, py]: [usize; 2], normal: f64) -> Option<Detection> {
+        /// Brighter stars than this SNR have a width of their own.
+        const SNR_FOR_WIDTH: f64 = 30.0;
+        let (frame, start) = (self.frame, [px as f64, py as f64]);
+        let level = self.mesh.level_dn(start[0], start[1]);
+        let mut centre = start;
+        let mut square = self.sigma2 / self.gain;
+        for _ in 0..MOST_STEPS {
+            let sums = weighted(frame, level, centre, self.weight2, self.radius)?;
+            let step: [f64; 2] = std::array::from_fn(|k| (self.gain * sums.shift[k] / sums.light).clamp(-1.0, 1.0));
+            centre = [centre[0] + step[0], centre[1] + step[1]];
+            square = sums.square / sums.light;
+            if (centre[0] - start[0]).hypot(centre[1] - start[1]) > 1.5 + self.sigma_px {
+                return None;
+            }
+            if step[0].abs().max(step[1].abs()) < 1e-4 {
+                break;
+            }
+        }
+        self.weigh(centre, level, square, normal)
+            .map(|star| Detection { width_px: if star.snr() < SNR_FOR_WIDTH { self.sigma_px } else { star.width_px }, ..star })
+    }
+
+    /// Brightness, errors and χ² at a centre.
+    fn weigh(&self, centre: [f64; 2], level: f64, square: f64, normal: f64) -> Option<Detection> {
+        /// A star holds at least so much of what the gate asks for.
+        const LEAST_SHARE: f64 = 0.6;
+        let frame = self.frame;
+        let noise = self.mesh.noise_dn(centre[0], centre[1]).max(self.floor_dn);
+        let span = |at: f64, length: usize| {
+            let at = at.round().clamp(0.0, (length - 1) as f64) as usize;
+            (at.saturating_sub(self.radius), (at + self.radius + 1).min(length))
+        };
+        let ((x0, x1), (y0, y1)) = (span(centre[0], frame.width_px), span(centre[1], frame.height_px));
+        // the image and the weight along an axis
+        let axis = |from: usize, to: usize, c: f64| -> Vec<[f64; 2]> {
+            (from..to).map(|p| -0.5 * (p as f64 - c).powi(2)).map(|d| [(d / self.sigma2).exp(), (d / self.weight2).exp()]).collect()
+        };
+        let (across, down) = (axis(x0, x1, centre[0]), axis(y0, y1, centre[1]));
+        let norm = 1.0 / (2.0 * std::f64::consts::PI * self.sigma2);
+        let (mut light, mut own, mut peak) = (0.0, 0.0, f32::NEG_INFINITY);
+        for (y, [gy, _]) in (y0..y1).zip(&down) {
+            for (v, [gx, _]) in frame.pixels_dn[y * frame.width_px + x0..y * frame.width_px + x1].iter().zip(&across) {
+                let g = norm * gx * gy;
+                light += g * (f64::from(*v) - level);
+                own += g * g;
+                peak = peak.max(*v);
+            }
+        }
+        let flux_dn = light / own;
+        let (mut chi2, mut noise2, mut spread, mut mass) = (0.0, 0.0, [0.0; 3], 0.0);
+        for (y, [gy, wy]) in (y0..y1).zip(&down) {
+            let dy = y as f64 - centre[1];
+            for (x, [gx, wx]) in (x0..x1).zip(&across) {
+                let (g, w, dx) = (norm * gx * gy, wx * wy, x as f64 - centre[0]);
+                let data = f64::from(frame.at(x, y)) - level;
+                let variance = noise * noise + (flux_dn * g).max(0.0) * self.variance_per_dn;
+                chi2 += (data - flux_dn * g).powi(2) / variance;
+                noise2 += g * g * variance;
+                mass += w * data;
+                for (s, d) in spread.iter_mut().zip([dx * dx, dx * dy, dy * dy]) {
+                    *s += w * w * variance * d;
+                }
+            }
+        }
+        let flux_sigma_dn = noise2.sqrt() / own;
+        if mass <= 0.0 || flux_dn < LEAST_SHARE * normal * flux_sigma_dn {
+            return None;
+        }
+        let pixels = ((x1 - x0) * (y1 - y0)) as f64;
+        let side = 2 * self.radius + 1;
+        let inverse = 1.0 / square - 1.0 / self.weight2;
+        let width2 = if inverse > 0.0 { 1.0 / inverse - PIXEL_VARIANCE } else { self.sigma_px * self.sigma_px };
+        let slope = |dx: f64, dy: f64| {
+            (self.mesh.level_dn(centre[0] + dx, centre[1] + dy) - self.mesh.level_dn(centre[0] - dx, centre[1] - dy)) / 8.0
+        };
+        Some(Detection {
+            x_px: centre[0],
+            y_px: centre[1],
+            covariance_px2: spread.map(|s| self.gain * self.gain * s / (mass * mass)),
+            flux_dn,
+            flux_sigma_dn,
+            background_dn: level,
+            background_gradient_dn: [slope(4.0, 0.0), slope(0.0, 4.0)],
+            width_px: width2.max(0.0).sqrt().clamp(0.1, 4.0 * self.sigma_px),
+            chi2_per_dof: chi2 / (pixels - 3.0).max(1.0),
+            peak_dn: f64::from(peak),
+            flags: Flags { saturated: peak >= frame.saturation_dn, blended: false, edge: x1 - x0 < side || y1 - y0 < side },
+        })
+    }
+}
+
+/// Marks stars in each other's windows; they are sorted by rows nearly.
+fn flag_neighbours(stars: &mut Vec<Detection>, reach_px: f64) {
+    stars.sort_by(|a, b| a.y_px.total_cmp(&b.y_px).then(a.x_px.total_cmp(&b.x_px)));
+    stars.dedup_by(|a, b| (a.x_px - b.x_px).hypot(a.y_px - b.y_px) < 0.5);
+    for i in 0..stars.len() {
+        let mut j = i + 1;
+        while j < stars.len() && stars[j].y_px - stars[i].y_px < reach_px {
+            if (stars[j].x_px - stars[i].x_px).abs() < reach_px {
+                stars[i].flags.blended = true;
+                stars[j].flags.blended = true;
+            }
+            j += 1;
+        }
+    }
+}
