@@ -8,7 +8,7 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test check format lint doc deny bench bench-render bench-identify pictures study blind peers catalog runtime
+.PHONY: help demo test check format lint doc deny bench bench-render bench-identify bench-centroid pictures study blind peers catalog runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
@@ -17,6 +17,7 @@ help:
 	@echo "make bench    benchmarks"
 	@echo "make bench-render  what a frame costs, beside numpy, photutils and GalSim (takes PyPI): docs/studies/render.txt"
 	@echo "make bench-identify  identification under stress, beside tetra3rs (takes PyPI and half an hour): docs/studies/identify.txt"
+	@echo "make bench-centroid  errors of star places over the Cramér–Rao bound, and what they cost: docs/studies/centroid.txt"
 	@echo "make pictures what every effect does to a frame, off, on and the difference: outputs/effects/index.html"
 	@echo "make study    calibrators on wrong identifications and on clean data, against rivals and bounds: outputs/; STUDY=--quick for a minute"
 	@echo "make blind    conceals effects in star lists and in frames of pixels, diagnoses them and scores: outputs/blind, docs/studies/blind.md; hours"
@@ -65,6 +66,11 @@ bench-identify:
 	$(PEERS)/bin/python -m pip install --quiet --requirement benches/peers/requirements.txt
 	$(PEERS)/bin/python -m pip install --quiet tetra3rs==0.14.0 || echo "bench-identify: going on without tetra3rs" >&2
 	$(CARGO) bench --locked --bench identify -- $(IDENTIFY) --python $(abspath $(PEERS))/bin/python --page docs/studies/identify.txt
+
+# CENTROID: frames a point, of 625 stars each.
+CENTROID ?= 17
+bench-centroid:
+	$(CARGO) bench --locked --bench detect -- --study $(CENTROID) --page docs/studies/centroid.txt --figure docs/pictures/centroid.png
 
 pictures:
 	$(CARGO) run --locked --release -- effects --pictures outputs/effects

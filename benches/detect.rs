@@ -27,7 +27,7 @@ fn main() {
         divan::main();
         return;
     };
-    let frames = arguments.get(at + 1).and_then(|n| n.parse().ok()).unwrap_or(70);
+    let frames = arguments.get(at + 1).and_then(|n| n.parse().ok()).unwrap_or(17);
     let after = |name: &str| arguments.iter().position(|a| a == name).and_then(|at| arguments.get(at + 1));
     let (mut page, curve) = study::page(frames);
     page.push_str(&times());

@@ -43,7 +43,13 @@ pub(crate) fn draw(file: &Path, curve: &[[f64; 5]]) -> Result<(), Failed> {
             .label(name)
             .legend(move |(x, y)| Circle::new((x + 8, y), 4, colour.filled()));
         }
-        chart.configure_series_labels().border_style(BLACK.mix(0.3)).background_style(WHITE).label_font(("sans-serif", 16)).draw()?;
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::LowerRight)
+            .border_style(BLACK.mix(0.3))
+            .background_style(WHITE)
+            .label_font(("sans-serif", 16))
+            .draw()?;
     }
     area.present()?;
     Ok(())
