@@ -44,6 +44,8 @@ const WORTH_A_TURN: f64 = 0.003;
 const MOST_STEPS: usize = 400;
 /// A more complex image must fit held-out stars better by so many σ of what chance makes.
 const CLEARLY_SIGMA: f64 = 3.0;
+/// An image that leaves held-out stars more than this per degree of freedom has not been found: places would be worse with it, not better.
+const MOST_CHI2: f64 = 1.5;
 /// What the correction may be, one σ: share of the image where it is, and of its top anywhere.
 const PRIOR: (f64, f64) = (0.3, 0.01);
 /// Correction that changes over the frame, over that which does not.
@@ -90,7 +92,7 @@ pub fn learn(stars: &[PsfStar]) -> (Option<EmpiricalPsf>, PsfReport) {
         if order == 0 || per_dof(&judged) < report.empirical_chi2_per_dof {
             report.empirical_chi2_per_dof = per_dof(&judged);
         }
-        if clearly_better(&judged, &best) {
+        if clearly_better(&judged, &best) && per_dof(&judged) < MOST_CHI2 {
             (report.empirical, report.field_order) = (true, order);
             best = judged;
         }
