@@ -1,13 +1,15 @@
 // Photon noise: a Poisson number. Twin and page: src/effects/detector/photon_noise.rs
 
 const EXPANSION_FROM_E = 12.0;
+const ROUGH_INVERSE_ROOT = 0x5f3759dfu;
 
 fn poisson_quantile(lambda: vec4<f32>, w: vec4<f32>) -> vec4<f32> {
     let whole = floor(lambda);
     let part = lambda - whole;
     let root = sqrt(lambda);
     let w2 = w * w + 2.0;
-    let near = whole + floor(part + root * w + w2 * (1.0 / 6.0 - w / (72.0 * root)) + 0.5);
+    let inverse_root = bitcast<vec4<f32>>(vec4<u32>(ROUGH_INVERSE_ROOT) - (bitcast<vec4<u32>>(lambda) >> vec4<u32>(1u)));
+    let near = whole + floor(part + root * w + w2 * (1.0 / 6.0 - (1.0 / 72.0) * w * inverse_root) + 0.5);
     let m = max(near, vec4<f32>(1.0));
     let difference = (whole - m) + part;
     let scale = 1.0 / sqrt(lambda + m);
