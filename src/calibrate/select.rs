@@ -4,8 +4,7 @@
 //! more noise than information. The rules, in this order:
 //!
 //! 1. A star named twice in one frame, or one image given to two stars: at least one is wrong and nothing says which; all are left out.
-//! 2. Stars without proper motion, if the caller asks for it ([`super::CalibrateOptions::proper_motion_only`]) and if they may have moved so far since
-//!    the catalogue's epoch that it would be seen.
+//! 2. Stars without proper motion, if the caller asks for it ([`super::CalibrateOptions::proper_motion_only`]).
 //! 3. Points whose predicted error (centroid and catalogue together, per axis) is above an absolute limit, if one is given.
 //! 4. Points that would make an equally weighted solution worse. Sorted by predicted variance σ², the first n points give an
 //!    estimate whose variance goes as Σσ²/n²; it falls as long as the next point has less than about twice the mean variance
@@ -26,9 +25,6 @@ use crate::identify::{ControlPoint, ControlPoints};
 
 /// Error per axis that real centroids have beyond their photon noise (pixel phase, PSF mismatch), px.
 pub(super) const CENTROID_FLOOR_PX: f64 = 0.05;
-/// A star of unknown motion that is expected to be off by less than this is as good as one whose motion is known, px; one in a hundred moves ten times
-/// as far as is expected.
-const UNSEEN_MOTION_PX: f64 = 0.005;
 /// How much larger than the smallest the variance may get for the sake of more points.
 const TOLERATED_LOSS: f64 = 0.1;
 /// A frame with fewer points is left out.
@@ -87,8 +83,7 @@ pub(super) fn select(control_points: &ControlPoints, options: &CalibrateOptions)
     mark_duplicates(points, &mut reasons);
     let sigma: Vec<f64> = points.iter().map(|point| predicted_sigma_px(point, control_points.nominal.focal_length_px)).collect();
     for (i, point) in points.iter().enumerate().filter(|(i, _)| reasons[*i].is_none()).collect::<Vec<_>>() {
-        let may_have_moved = point.catalog_sigma_rad * control_points.nominal.focal_length_px > UNSEEN_MOTION_PX;
-        if options.proper_motion_only && !point.has_proper_motion && may_have_moved {
+        if options.proper_motion_only && !point.has_proper_motion {
             reasons[i] = Some(LeftOutReason::NoProperMotion);
         } else if options.max_position_sigma_px.is_some_and(|limit| sigma[i] > limit) {
             reasons[i] = Some(LeftOutReason::AboveLimit);
