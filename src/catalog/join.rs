@@ -27,7 +27,7 @@ const FAR_RAD: f64 = 10.0 * ARCSEC_RAD;
 /// And it has nearly the magnitude that it should have.
 const SAME_MAG: f64 = 1.5;
 /// Powers of the colour in V and B − V.
-const ORDER: usize = 3;
+const ORDER: i32 = 3;
 
 /// What an import found.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -143,14 +143,15 @@ impl Law {
     }
 
     /// Fits pairs (colour, value), twice without what lies far out.
-    fn fit(pairs: &[(f64, f64)], order: usize) -> Option<Self> {
+    fn fit(pairs: &[(f64, f64)], order: i32) -> Option<Self> {
+        let powers: Vec<i32> = (0..=order).collect();
         let mut kept = pairs.to_vec();
         let mut law = None;
         for _ in 0..4 {
-            if kept.len() < 10 * (order + 1) {
+            if kept.len() < 10 * powers.len() {
                 return law;
             }
-            let matrix = DMatrix::from_fn(kept.len(), order + 1, |row, power| kept[row].0.powi(power as i32));
+            let matrix = DMatrix::from_fn(kept.len(), powers.len(), |row, power| kept[row].0.powi(powers[power]));
             let values = DVector::from_iterator(kept.len(), kept.iter().map(|(_, value)| *value));
             let coefficients = (matrix.transpose() * &matrix).lu().solve(&(matrix.transpose() * values))?;
             let colours = || kept.iter().map(|(colour, _)| *colour);
@@ -209,12 +210,12 @@ fn join(table: &ForeignTable, faintest: f64, sha256: String) -> (Catalog, Import
     let rows = Catalog::new(table.stars.iter().enumerate().map(plain).collect(), table.epoch_yr, String::new(), String::new());
     let pairs = pairs(table, &rows, hipparcos, years, 0.0);
     let of = |pair: &Pair| (&hipparcos.stars[pair.hipparcos], &table.stars[pair.row]);
-    let values = |of_star: &dyn Fn(&Star, &ForeignStar) -> Option<(f64, f64)>| -> Vec<(f64, f64)> {
-        pairs.iter().map(of).filter_map(|(star, foreign)| of_star(star, foreign)).collect()
-    };
-    let v_law = Law::fit(&values(&|star, foreign| Some((foreign.colour?, star.magnitude - foreign.magnitude))), ORDER);
-    let v_alone = Law::fit(&values(&|star, foreign| Some((0.0, star.magnitude - foreign.magnitude))), 0);
-    let colour_law = Law::fit(&values(&|star, foreign| Some((foreign.colour?, star.colour?))), ORDER);
+    let common = || pairs.iter().map(of);
+    let offsets = |(star, foreign): (&Star, &ForeignStar)| Some((foreign.colour?, star.magnitude - foreign.magnitude));
+    let colours = |(star, foreign): (&Star, &ForeignStar)| Some((foreign.colour?, star.colour?));
+    let v_law = Law::fit(&common().filter_map(offsets).collect::<Vec<_>>(), ORDER);
+    let v_alone = Law::fit(&common().map(|(star, foreign)| (0.0, star.magnitude - foreign.magnitude)).collect::<Vec<_>>(), 0);
+    let colour_law = Law::fit(&common().filter_map(colours).collect::<Vec<_>>(), ORDER);
     let mut stars: Vec<Star> = table.stars.iter().enumerate().map(plain).collect();
     for (row, star) in stars.iter_mut().enumerate() {
         let foreign = &table.stars[row];
