@@ -57,6 +57,7 @@ fn main() {
     );
 }
 
+/// Words; some of the names have a narrow space between them, for which few fonts have a letter.
 fn text(value: &Value) -> String {
-    value.as_str().unwrap().to_owned()
+    value.as_str().unwrap().replace(char::is_whitespace, " ")
 }

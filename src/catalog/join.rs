@@ -36,6 +36,8 @@ pub struct ImportReport {
     pub kind: String,
     /// Stars in the files, the same star in two of them counted once.
     pub stars_read: usize,
+    /// Rows of the files without a magnitude, which are left out.
+    pub without_magnitude: usize,
     /// Stars of the catalogue that was made.
     pub stars: usize,
     /// Of them, those that Hipparcos has too.
@@ -65,7 +67,10 @@ pub fn import_catalog(paths: &[PathBuf], faintest: f64) -> Result<(Catalog, Impo
         };
         match &mut joined {
             None => joined = Some(table),
-            Some(first) if first.kind == table.kind && first.epoch_yr == table.epoch_yr => first.stars.extend(table.stars),
+            Some(first) if first.kind == table.kind && first.epoch_yr == table.epoch_yr => {
+                first.stars.extend(table.stars);
+                first.without_magnitude += table.without_magnitude;
+            }
             Some(first) => {
                 let problem = format!(
                     "is of another kind ({}) or epoch than the files before it ({}); import each kind alone",
@@ -88,7 +93,13 @@ fn of_csv(path: &Path) -> Result<ForeignTable, CatalogError> {
         let Star { direction, magnitude, colour, proper_motion_rad_yr, .. } = *star;
         ForeignStar { direction, magnitude, colour, motion_rad_yr: proper_motion_rad_yr }
     };
-    Ok(ForeignTable { stars: catalog.stars.iter().map(star).collect(), epoch_yr: catalog.epoch_yr, kind: "CSV table", band: "its own" })
+    Ok(ForeignTable {
+        stars: catalog.stars.iter().map(star).collect(),
+        without_magnitude: 0,
+        epoch_yr: catalog.epoch_yr,
+        kind: "CSV table",
+        band: "its own",
+    })
 }
 
 /// Leaves of stars at the same place the first, in order of place.
@@ -243,6 +254,7 @@ fn join(table: &ForeignTable, faintest: f64, sha256: String) -> (Catalog, Import
     let report = ImportReport {
         kind: table.kind.to_owned(),
         stars_read: table.stars.len(),
+        without_magnitude: table.without_magnitude,
         stars: stars.len(),
         in_hipparcos,
         motions_from_places,
@@ -277,6 +289,7 @@ mod tests {
                     motion_rad_yr: None,
                 })
                 .collect(),
+            without_magnitude: 0,
             epoch_yr: hipparcos.epoch_yr + years,
             kind: "test",
             band: "T",
@@ -320,6 +333,7 @@ mod tests {
         let moving = Star { proper_motion_rad_yr: Some(given), ..*star };
         let table = ForeignTable {
             stars: vec![ForeignStar { direction: moved(&moving, 24.75), magnitude: star.magnitude, colour: None, motion_rad_yr: None }],
+            without_magnitude: 0,
             epoch_yr: 2016.0,
             kind: "test",
             band: "T",

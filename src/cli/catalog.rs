@@ -70,9 +70,13 @@ pub(crate) fn catalog(command: &CatalogCommand) -> Result<Answer> {
 fn text(object: &ImportObject) -> String {
     let ImportReport { kind, stars_read, stars, in_hipparcos, motions_from_places, added_from_hipparcos, v_scatter_mag, epoch_yr, .. } =
         &object.report;
+    let without = match object.report.without_magnitude {
+        0 => String::new(),
+        count => format!(", {count} rows without a magnitude left out"),
+    };
     let colour = object.report.colour_scatter_mag.map_or("no colours".to_owned(), |scatter| format!("B − V to {scatter:.3} mag"));
     format!(
-        "{kind}: {stars_read} stars, epoch J{epoch_yr}\n\
+        "{kind}: {stars_read} stars, epoch J{epoch_yr}{without}\n\
          in Hipparcos: {in_hipparcos}, of which {motions_from_places} have their motion from the two epochs; V follows to {v_scatter_mag:.3} mag, {colour}\n\
          added from Hipparcos: {added_from_hipparcos}\n\
          written: {stars} stars, {} bytes, {}\n",

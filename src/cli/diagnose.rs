@@ -196,6 +196,12 @@ fn warnings(args: &DiagnoseArgs, measured: &Measured, prepared: &Prepared, choic
             "the time of the frames is not known: {where_taken}, and those that moved since are off; what needs the time is not judged"
         ));
     }
+    if !args.measure.is_gaussian() {
+        warnings.push(
+            "places are not those of the Gaussian fit (--centroid): what is known of effects within a pixel, such as the S-curve, is of that fit"
+                .to_owned(),
+        );
+    }
     if args.all_stars {
         warnings.push("stars whose proper motion is not known take part, and are off by it".to_owned());
     }

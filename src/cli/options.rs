@@ -65,6 +65,11 @@ enum CentroidChoice {
 }
 
 impl MeasureArgs {
+    /// Whether places are those of the Gaussian fit, which the usual sizes of effects within a pixel speak of.
+    pub(crate) fn is_gaussian(&self) -> bool {
+        self.centroid == CentroidChoice::Gaussian
+    }
+
     /// Reads the darks.
     pub(crate) fn options(&self) -> Result<MeasureOptions> {
         let centroid = match self.centroid {
