@@ -180,7 +180,7 @@ impl Trial {
     /// Gives the share of the points wrong stars; which points they are.
     fn give_wrong_stars(&self, points: &mut ControlPoints, attitudes: &[Attitude], catalog: &Catalog, seed: u64) -> Vec<usize> {
         let by_kind = |points: &mut ControlPoints, kind| {
-            misidentify(points, catalog, self.wrong_share, kind, seed).into_iter().map(|wrong| wrong.point).collect()
+            misidentify(points, catalog, self.wrong_share, kind, seed).0.into_iter().map(|wrong| wrong.point).collect()
         };
         match self.wrong_stars {
             WrongStars::Random => by_kind(points, MisidentificationKind::Random),

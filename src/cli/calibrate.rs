@@ -112,6 +112,8 @@ pub(crate) enum MisidentifyChoice {
     Random,
     /// A star near by
     NearNeighbour,
+    /// The star that a match through a wrong camera takes it for
+    Natural,
 }
 
 pub(crate) fn share(text: &str) -> std::result::Result<f64, String> {
@@ -175,6 +177,7 @@ impl From<MisidentifyChoice> for MisidentificationKind {
         match choice {
             MisidentifyChoice::Random => Self::Random,
             MisidentifyChoice::NearNeighbour => Self::NearNeighbour,
+            MisidentifyChoice::Natural => Self::Natural,
         }
     }
 }
@@ -231,7 +234,9 @@ pub(crate) fn control_points(
 ) -> Result<Prepared> {
     let mut prepared = boresight::pipeline::control_points(measured, identified, catalog, args.max_magnitude, trusted).map_err(trusting)?;
     let share = args.misidentify.unwrap_or(0.0);
-    prepared.misidentified = misidentify(&mut prepared.points, catalog, share, args.misidentify_kind.into(), args.misidentify_seed);
+    let (wrong, too_few) = misidentify(&mut prepared.points, catalog, share, args.misidentify_kind.into(), args.misidentify_seed);
+    prepared.misidentified = wrong;
+    prepared.notes.extend(too_few);
     Ok(prepared)
 }
 
@@ -295,8 +300,8 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
             | CalibrateError::NoConsensus { .. }
             | CalibrateError::NoDegreesOfFreedom { .. }),
         ) => {
-            let object = Unsolved::new(&options, &reason, points.points.points.len(), provenance);
-            let text = || format!("NOT CONVERGED: {reason}\n");
+            let object = Unsolved::new(&options, &reason, &points, provenance);
+            let text = || format!("NOT CONVERGED: {}\n", object.warnings.join("\n"));
             output::deliver("calibrate", &object, args.output.json, args.output.output.as_deref(), text)?;
             return Ok(Answer::No);
         }
@@ -379,7 +384,7 @@ struct Unsolved {
 }
 
 impl Unsolved {
-    fn new(options: &CalibrateOptions, reason: &CalibrateError, stars_offered: usize, provenance: Provenance) -> Self {
+    fn new(options: &CalibrateOptions, reason: &CalibrateError, points: &Prepared, provenance: Provenance) -> Self {
         Self {
             format: boresight::calibrate::FORMAT,
             method: options.method,
@@ -390,8 +395,8 @@ impl Unsolved {
             parameters: [],
             camera: None,
             stars: 0,
-            stars_offered,
-            warnings: vec![reason.to_string()],
+            stars_offered: points.points.points.len(),
+            warnings: std::iter::once(reason.to_string()).chain(points.notes.iter().cloned()).collect(),
             provenance,
         }
     }

@@ -7,9 +7,7 @@ use anyhow::{Context, Result};
 use boresight::camera::Camera;
 use boresight::catalog::Catalog;
 use boresight::effects::{StarImage, StarState};
-use boresight::identify::{
-    ControlPoint, ControlPoints, Identification, IdentifyOptions, MisidentificationKind, Near, Solution, misidentify,
-};
+use boresight::identify::{ControlPoint, ControlPoints, Identification, IdentifyOptions, Near, Solution, misidentify};
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
 use boresight::report;
@@ -17,6 +15,7 @@ use boresight::units::DEG_RAD;
 use clap::Args;
 use serde::Serialize;
 
+use super::calibrate::MisidentifyChoice;
 use super::identify_files::{self, MatchRow};
 use super::options::{InputArgs, MeasureArgs, OutputArgs, SkyArgs};
 use super::pipeline::{IdentifiedFrame, Measured};
@@ -33,9 +32,12 @@ pub(crate) struct IdentifyArgs {
     sky: SkyArgs,
     #[command(flatten)]
     search: SearchArgs,
-    /// Name a wrong star near by, deliberately, for this share of the matches; the result lists which
+    /// Name a wrong star, deliberately, for this share of the matches; the result lists which
     #[arg(long, value_name = "SHARE", value_parser = super::calibrate::share)]
     misidentify: Option<f64>,
+    /// Which wrong star (of `random` ones, which are directions without a star, the match is left out)
+    #[arg(long, value_enum, default_value_t = MisidentifyChoice::NearNeighbour, value_name = "KIND")]
+    misidentify_kind: MisidentifyChoice,
     /// Seed of the deliberate misidentification
     #[arg(long, value_name = "SEED", default_value_t = 0)]
     misidentify_seed: u64,
@@ -273,10 +275,13 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
             FrameObject::new(frame, identified, &catalog, time_known)
         })
         .collect();
-    let misidentified_on_purpose = match args.misidentify {
-        Some(share) => misname(&mut frames, &identified, &catalog, share, args.misidentify_seed),
-        None => Vec::new(),
+    let (misidentified_on_purpose, too_few) = match args.misidentify {
+        Some(share) => misname(&mut frames, &identified, &catalog, share, args),
+        None => (Vec::new(), None),
     };
+    if let Some(sentence) = &too_few {
+        tracing::warn!("{sentence}");
+    }
     provenance.seed = args.misidentify.map(|_| args.misidentify_seed);
     let all = frames.iter().all(|frame| frame.status == "identified");
     let (physics, uneven) = pipeline::physics_in_force(&identified);
@@ -285,7 +290,7 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
         frames,
         physics,
         skipped: &measured.skipped,
-        notes: measured.recording.notes.iter().map(String::as_str).chain(uneven.as_deref()).collect(),
+        notes: measured.recording.notes.iter().map(String::as_str).chain(uneven.as_deref()).chain(too_few.as_deref()).collect(),
         misidentified_on_purpose,
         catalog: &catalog.source,
         provenance,
@@ -334,8 +339,15 @@ struct Misnamed {
     error_arcsec: f64,
 }
 
-/// Gives a share of the matches a star near by. A match that has no other star near it is left without a star: it is taken out.
-fn misname(frames: &mut [FrameObject], identified: &[IdentifiedFrame], catalog: &Catalog, share: f64, seed: u64) -> Vec<Misnamed> {
+/// Gives a share of the matches a wrong star. A match that gets a direction without a star is taken out. The second value is a sentence if
+/// they are fewer than asked for.
+fn misname(
+    frames: &mut [FrameObject],
+    identified: &[IdentifiedFrame],
+    catalog: &Catalog,
+    share: f64,
+    args: &IdentifyArgs,
+) -> (Vec<Misnamed>, Option<String>) {
     let mut places = Vec::new();
     let mut points = Vec::new();
     for (frame, (object, identified)) in frames.iter().zip(identified).enumerate() {
@@ -359,8 +371,9 @@ fn misname(frames: &mut [FrameObject], identified: &[IdentifiedFrame], catalog: 
             });
         }
     }
-    let mut points = ControlPoints::new(Camera::pinhole(1, 1, 1.0), Vec::new(), points);
-    let wrong = misidentify(&mut points, catalog, share, MisidentificationKind::NearNeighbour, seed);
+    let attitudes = identified.iter().map(|identified| identified.solution().map(|solution| solution.attitude)).collect();
+    let mut points = ControlPoints::new(Camera::pinhole(1, 1, 1.0), attitudes, points);
+    let (wrong, too_few) = misidentify(&mut points, catalog, share, args.misidentify_kind.into(), args.misidentify_seed);
     // From the last to the first, so that taking one out moves none that is still to come.
     let mut listed: Vec<Misnamed> = wrong
         .iter()
@@ -383,7 +396,7 @@ fn misname(frames: &mut [FrameObject], identified: &[IdentifiedFrame], catalog: 
         })
         .collect();
     listed.reverse();
-    listed
+    (listed, too_few)
 }
 
 fn text(frames: &[FrameObject]) -> String {

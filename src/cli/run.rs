@@ -73,6 +73,8 @@ struct RunObject {
     misidentify_share: f64,
     misidentify_seed: u64,
     misidentified_rejected: usize,
+    /// What was left out, and whether fewer identifications were made wrong than asked for, one sentence each.
+    notes: Vec<String>,
     provenance: Provenance,
 }
 
@@ -199,6 +201,7 @@ fn night(
         misidentify_share: solve.misidentify.unwrap_or(0.0),
         misidentify_seed: solve.misidentify_seed,
         misidentified_rejected: rejected(&points.misidentified, bundle),
+        notes: points.notes.clone(),
         provenance,
     };
     write_file(&target.join("run.json"), output::json_text(&object)?.as_bytes())?;
@@ -403,6 +406,9 @@ fn text(object: &RunObject, target: &Path) -> String {
         object.misidentified,
         object.misidentified_rejected
     );
+    for note in &object.notes {
+        text += &format!("{note}\n");
+    }
     text += &format!(
         "rendered on {}; recording, truth, results and pictures are in {}\n",
         object.provenance.adapter.as_deref().unwrap_or("the CPU"),

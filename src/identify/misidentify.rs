@@ -5,7 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
-use super::{ControlPoint, ControlPoints};
+use super::{ControlPoint, ControlPoints, natural};
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Direction};
 use crate::effects::StarState;
@@ -19,6 +19,10 @@ pub enum MisidentificationKind {
     Random,
     /// One of the nearest few other stars of the catalogue within 2°.
     NearNeighbour,
+    /// What a match through a wrong camera makes of it: the catalogue star nearest to where a camera with another focal length that points
+    /// elsewhere sees it, no fainter than the faintest of the frame. The camera is as little wrong as gives the share, one for all frames,
+    /// so the errors of neighbours in a frame are alike, and there are more of them where that camera errs more and where stars are dense.
+    Natural,
 }
 
 /// A control point that was given a wrong star.
@@ -40,54 +44,76 @@ const ERROR_RANGE_RAD: [f64; 2] = [0.05 * DEG_RAD, 2.0 * DEG_RAD];
 const NEAREST: usize = 4;
 
 /// Gives the share `share` (0 to 1, rounded to whole points) of the control points wrong stars, chosen by `seed`; returns which, in
-/// order. Points keep their frame, pixel and covariance. A point that has no other star of the catalogue near enough gets a
-/// random direction.
+/// order, and a sentence if they are fewer than asked for. Points keep their frame, pixel and covariance. A point that has no other star
+/// of the catalogue near enough gets a random direction, but for [`MisidentificationKind::Natural`], where it stays right.
 pub fn misidentify(
     points: &mut ControlPoints,
     catalog: &Catalog,
     share: f64,
     kind: MisidentificationKind,
     seed: u64,
-) -> Vec<Misidentification> {
-    let wanted = (share.clamp(0.0, 1.0) * points.points.len() as f64).round() as usize;
+) -> (Vec<Misidentification>, Option<String>) {
+    let all = points.points.len();
+    let wanted = (share.clamp(0.0, 1.0) * all as f64).round() as usize;
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
-    let mut chosen: Vec<usize> = (0..points.points.len()).collect();
+    if kind == MisidentificationKind::Natural {
+        let names = natural::wrong_names(points, catalog, wanted, &mut rng);
+        let wrong: Vec<_> = names.into_iter().map(|(number, star)| give_star(points, number, star, catalog)).collect();
+        let sentence = (wrong.len() < wanted).then(|| {
+            format!(
+                "Only {} of the {wanted} wrong identifications asked for were made, of {all} in all: a camera whose focal length is {:.0} % off makes no more of them wrong; ask for a smaller share, or for those of another kind.",
+                wrong.len(),
+                100.0 * natural::MOST_SCALE
+            )
+        });
+        return (wrong, sentence);
+    }
+    let mut chosen: Vec<usize> = (0..all).collect();
     chosen.shuffle(&mut rng);
     chosen.truncate(wanted);
     chosen.sort_unstable();
-    chosen
-        .into_iter()
-        .map(|number| {
-            let point = &mut points.points[number];
-            let right = *point;
-            let neighbour = match kind {
-                MisidentificationKind::Random => None,
-                MisidentificationKind::NearNeighbour => near_neighbour(&right, catalog, &mut rng),
-            };
-            let given_hip = neighbour.map(|star| {
-                let star = &catalog.stars[star];
-                // What the sky does to the right star's light it does to a neighbour's: the same small shift is added.
-                let own = catalog.by_hip(right.hip).map_or(right.direction.xyz, |own| own.direction.xyz);
-                let shifted = [0, 1, 2].map(|axis| star.direction.xyz[axis] + right.direction.xyz[axis] - own[axis]);
-                point.direction = Direction::along(shifted);
-                point.hip = star.hip;
-                point.magnitude = star.magnitude;
-                point.colour = star.colour;
-                point.has_proper_motion = star.proper_motion_rad_yr.is_some();
-                point.star = StarState::of(star, catalog.epoch_yr);
-                star.hip
-            });
-            if given_hip.is_none() {
-                let [least, most] = ERROR_RANGE_RAD;
-                point.direction = turned(&right.direction, rng.random_range(least..most), rng.random_range(0.0..std::f64::consts::TAU));
-                // As if there were a star that the sky treats as it does the right one.
-                let own = right.star.direction;
-                let shifted = [0, 1, 2].map(|axis| point.direction.xyz[axis] - right.direction.xyz[axis] + own[axis]);
-                point.star.direction = Direction::<Apparent>::along(shifted).xyz;
-            }
-            Misidentification { point: number, true_hip: right.hip, given_hip, error_rad: point.direction.angle_rad(&right.direction) }
-        })
-        .collect()
+    let wrong = chosen.into_iter().map(|number| {
+        let neighbour = match kind {
+            MisidentificationKind::NearNeighbour => near_neighbour(&points.points[number], catalog, &mut rng),
+            MisidentificationKind::Random | MisidentificationKind::Natural => None,
+        };
+        match neighbour {
+            Some(star) => give_star(points, number, star, catalog),
+            None => give_direction(points, number, &mut rng),
+        }
+    });
+    (wrong.collect(), None)
+}
+
+/// Gives a point another star of the catalogue.
+fn give_star(points: &mut ControlPoints, number: usize, star: usize, catalog: &Catalog) -> Misidentification {
+    let (point, star) = (&mut points.points[number], &catalog.stars[star]);
+    let right = *point;
+    // What the sky does to the right star's light it does to a neighbour's: the same small shift is added.
+    let own = catalog.by_hip(right.hip).map_or(right.direction.xyz, |own| own.direction.xyz);
+    let shifted = [0, 1, 2].map(|axis| star.direction.xyz[axis] + right.direction.xyz[axis] - own[axis]);
+    point.direction = Direction::along(shifted);
+    point.hip = star.hip;
+    point.magnitude = star.magnitude;
+    point.colour = star.colour;
+    point.has_proper_motion = star.proper_motion_rad_yr.is_some();
+    point.star = StarState::of(star, catalog.epoch_yr);
+    let error_rad = point.direction.angle_rad(&right.direction);
+    Misidentification { point: number, true_hip: right.hip, given_hip: Some(star.hip), error_rad }
+}
+
+/// Gives a point a direction by chance.
+fn give_direction(points: &mut ControlPoints, number: usize, rng: &mut Pcg64Mcg) -> Misidentification {
+    let point = &mut points.points[number];
+    let right = *point;
+    let [least, most] = ERROR_RANGE_RAD;
+    point.direction = turned(&right.direction, rng.random_range(least..most), rng.random_range(0.0..std::f64::consts::TAU));
+    // As if there were a star that the sky treats as it does the right one.
+    let own = right.star.direction;
+    let shifted = [0, 1, 2].map(|axis| point.direction.xyz[axis] - right.direction.xyz[axis] + own[axis]);
+    point.star.direction = Direction::<Apparent>::along(shifted).xyz;
+    let error_rad = point.direction.angle_rad(&right.direction);
+    Misidentification { point: number, true_hip: right.hip, given_hip: None, error_rad }
 }
 
 /// One of the nearest other stars of the catalogue, as its index.

@@ -17,6 +17,7 @@ mod level;
 mod listed;
 mod misidentify;
 mod naming;
+mod natural;
 mod near;
 mod odds;
 mod point_map;

@@ -315,6 +315,15 @@ fn a_star_list_is_a_recording() {
     let changed = right.iter().zip(&given).filter(|(right, given)| right != given).count();
     assert_eq!(changed, listed.len());
     assert!((changed as f64 / right.len() as f64 - 0.2).abs() < 0.01, "{changed} of {}", right.len());
+    let natural = json(&["identify", text(&path), "--json", "--misidentify", "0.2", "--misidentify-kind", "natural"]);
+    let given = names(&natural);
+    assert_eq!(right.iter().zip(&given).filter(|(right, given)| right != given).count(), changed);
+    assert_eq!(natural["misidentified_on_purpose"].as_array().unwrap().len(), changed);
+    assert!(given != names(&wrong) && natural["notes"].as_array().unwrap().is_empty(), "{}", natural["notes"]);
+    // Of few bright stars not so many can be taken for one another, which is said even where that leads to no camera.
+    let few = ["calibrate", text(&path), "--json", "--misidentify", "0.9", "--misidentify-kind", "natural", "--max-magnitude", "4.5"];
+    let told = run(&few).stdout;
+    assert!(told.contains("wrong identifications asked for were made") && told.contains("ask for a smaller share"), "{told}");
     // The detections of the night as a flight unit would send them, with the numbers of the stars.
     let identified = json(&["identify", text(&path), "--json"]);
     let mut list = "frame,x_px,y_px,flux_e,hip\n".to_owned();

@@ -6,7 +6,7 @@ use boresight::calibrate::trial::{Trial, TrialNight, WrongStars};
 use boresight::calibrate::{Method, calibrate, mapping_error_px};
 use boresight::catalog::Catalog;
 use boresight::coordinates::PixelPoint;
-use boresight::identify::ControlPoint;
+use boresight::identify::{ControlPoint, MisidentificationKind, misidentify};
 use boresight::units::DEG_RAD;
 
 use super::options;
@@ -124,4 +124,30 @@ fn a_clean_night_gives_its_camera_back() {
     let result = calibrate(&night.control_points, &options(Method::VariableWeights)).unwrap();
     let error = mapping_error_px(&night.truth, &result.camera).unwrap();
     assert!(error.rms_px < 0.06, "{error:?}");
+}
+
+#[test]
+fn names_given_through_a_wrong_camera_do_little_harm_to_either_method() {
+    let catalog = Catalog::embedded();
+    for (method, limits) in [(Method::Bundle, [1.2, 1.3]), (Method::VariableWeights, [1.3, 1.4])] {
+        for (share, limit) in [0.1, 0.2].into_iter().zip(limits) {
+            // Against the same night with the wrong stars left out by the truth.
+            let ratios = (0..6).map(|seed| {
+                let night = night(WrongStars::Random, 0.0, 500 + seed);
+                let mut points = night.control_points.clone();
+                let (wrong, too_few) = misidentify(&mut points, catalog, share, MisidentificationKind::Natural, seed);
+                assert_eq!((wrong.len(), too_few), ((share * 300.0).round() as usize, None));
+                let mut known = night.control_points.clone();
+                let mut index = 0..;
+                known.points.retain(|_| index.next().is_some_and(|index| wrong.iter().all(|wrong| wrong.point != index)));
+                let error = |points| mapping_error_px(&night.truth, &calibrate(points, &options(method)).unwrap().camera).unwrap().rms_px;
+                (error(&points), error(&known))
+            });
+            let (errors, bests): (Vec<f64>, Vec<f64>) = ratios.unzip();
+            let rms = |all: &[f64]| (all.iter().map(|error| error * error).sum::<f64>() / all.len() as f64).sqrt();
+            let (error, best) = (rms(&errors), rms(&bests));
+            println!("{method:?}, {share}: {error:.4} px, {best:.4} px without the wrong stars; {errors:.4?}");
+            assert!(error < limit * best, "{method:?}, {share}: {error} px, {best} px without the wrong stars");
+        }
+    }
 }

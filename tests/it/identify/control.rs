@@ -3,8 +3,10 @@
 use boresight::catalog::Catalog;
 use boresight::coordinates::{Attitude, Direction};
 use boresight::identify::{
-    ControlPoints, Identification, IdentifiedFrame, IdentifyOptions, MisidentificationKind, control_points, identify, misidentify,
+    ControlPoint, ControlPoints, Identification, IdentifiedFrame, IdentifyOptions, Misidentification, MisidentificationKind,
+    control_points, identify, misidentify,
 };
+use nalgebra::Vector3;
 
 use super::{BASE, DEG, List, Scene, Told, make, sky};
 
@@ -66,7 +68,8 @@ fn deliberate_misidentification_changes_the_stated_share_and_says_which() {
     let (_, right) = night(false);
     for kind in [MisidentificationKind::Random, MisidentificationKind::NearNeighbour] {
         let mut wrong = right.clone();
-        let truth = misidentify(&mut wrong, catalog, 0.2, kind, 7);
+        let (truth, too_few) = misidentify(&mut wrong, catalog, 0.2, kind, 7);
+        assert!(too_few.is_none());
         assert_eq!(truth.len(), (0.2 * right.points.len() as f64).round() as usize);
         let changed: Vec<usize> = (0..right.points.len()).filter(|&i| right.points[i].direction != wrong.points[i].direction).collect();
         assert_eq!(changed, truth.iter().map(|t| t.point).collect::<Vec<_>>());
@@ -87,13 +90,105 @@ fn deliberate_misidentification_changes_the_stated_share_and_says_which() {
             }
         }
         let mut again = right.clone();
-        assert_eq!(misidentify(&mut again, catalog, 0.2, kind, 7), truth);
+        assert_eq!(misidentify(&mut again, catalog, 0.2, kind, 7).0, truth);
         assert_eq!(again, wrong);
-        assert_ne!(misidentify(&mut again, catalog, 0.2, kind, 8), truth);
+        assert_ne!(misidentify(&mut again, catalog, 0.2, kind, 8).0, truth);
     }
     let mut none = right.clone();
-    assert!(misidentify(&mut none, catalog, 0.0, MisidentificationKind::Random, 1).is_empty());
-    assert_eq!(none, right);
+    for kind in [MisidentificationKind::Random, MisidentificationKind::NearNeighbour, MisidentificationKind::Natural] {
+        assert_eq!(misidentify(&mut none, catalog, 0.0, kind, 1), (Vec::new(), None));
+        assert_eq!(none, right);
+    }
+}
+
+/// The cosines of the angles between the errors of wrong points of one frame that are neighbours.
+fn likeness(right: &ControlPoints, wrong: &ControlPoints, truth: &[Misidentification]) -> Vec<f64> {
+    let error = |t: &Misidentification| {
+        let [before, after] = [right, wrong].map(|points| Vector3::from(points.points[t.point].direction.xyz));
+        (right.points[t.point].frame, before, (after - before).normalize())
+    };
+    let errors: Vec<_> = truth.iter().map(error).collect();
+    let pairs = errors.iter().enumerate().flat_map(|(i, a)| errors[..i].iter().map(move |b| (a, b)));
+    pairs.filter(|(a, b)| a.0 == b.0 && a.1.angle(&b.1) < 4.0 * DEG).map(|(a, b)| a.2.dot(&b.2)).collect()
+}
+
+#[test]
+fn natural_misidentification_is_that_of_one_wrong_camera() {
+    let catalog = Catalog::embedded();
+    let (_, right) = night(false);
+    for (share, seed) in [(0.05, 1), (0.1, 2), (0.2, 3), (0.4, 4)] {
+        let mut wrong = right.clone();
+        let (truth, too_few) = misidentify(&mut wrong, catalog, share, MisidentificationKind::Natural, seed);
+        assert!(too_few.is_none());
+        assert_eq!(truth.len(), (share * right.points.len() as f64).round() as usize);
+        // Points that are not listed are as they were, and of the others all that a measurement tells.
+        let listed: Vec<usize> = truth.iter().map(|t| t.point).collect();
+        assert!((0..right.points.len()).all(|i| listed.contains(&i) == (right.points[i] != wrong.points[i])));
+        assert_eq!((&right.attitudes, &right.frames, right.nominal), (&wrong.attitudes, &wrong.frames, wrong.nominal));
+        for t in &truth {
+            let (before, after) = (&right.points[t.point], &wrong.points[t.point]);
+            let star = catalog.by_hip(t.given_hip.unwrap()).unwrap();
+            let as_measured = ControlPoint {
+                hip: star.hip,
+                direction: after.direction,
+                magnitude: star.magnitude,
+                colour: star.colour,
+                has_proper_motion: star.proper_motion_rad_yr.is_some(),
+                star: after.star,
+                ..*before
+            };
+            assert_eq!(*after, as_measured);
+            assert_eq!(before.hip, t.true_hip);
+            assert_ne!(after.hip, before.hip);
+            // A star that this camera could see: what a direction by chance or any neighbour need not be.
+            let faintest = right.points.iter().filter(|point| point.frame == before.frame).map(|point| point.magnitude).fold(0.0, f64::max);
+            assert!(star.magnitude <= faintest, "V {} where the faintest is {faintest}", star.magnitude);
+            assert!(star.direction.angle_rad(&Direction::from_unit(after.direction.xyz)) < 1e-9);
+            assert!((after.direction.angle_rad(&before.direction) - t.error_rad).abs() < 1e-12);
+        }
+        let mut again = right.clone();
+        assert_eq!(misidentify(&mut again, catalog, share, MisidentificationKind::Natural, seed), (truth.clone(), None));
+        assert_eq!(again, wrong);
+        assert_ne!(misidentify(&mut right.clone(), catalog, share, MisidentificationKind::Natural, seed + 10).0, truth);
+        // Attitudes only say where the middle of a frame is: without them it is that of its stars.
+        let mut unknown = right.clone();
+        unknown.attitudes.fill(None);
+        let (without, too_few) = misidentify(&mut unknown, catalog, share, MisidentificationKind::Natural, seed);
+        assert_eq!((without.len(), too_few), (truth.len(), None));
+    }
+    let mean_of = |kind, share| {
+        let cosines = (0..12).flat_map(|seed| {
+            let mut wrong = right.clone();
+            let (truth, _) = misidentify(&mut wrong, catalog, share, kind, seed);
+            likeness(&right, &wrong, &truth)
+        });
+        let cosines: Vec<f64> = cosines.collect();
+        (cosines.iter().sum::<f64>() / cosines.len() as f64, cosines.len())
+    };
+    for share in [0.1, 0.2, 0.4] {
+        let (natural, pairs) = mean_of(MisidentificationKind::Natural, share);
+        let (random, random_pairs) = mean_of(MisidentificationKind::Random, share);
+        println!(
+            "share {share}: errors of neighbours are alike to {natural:.2} ({pairs} pairs), random ones to {random:.2} ({random_pairs})"
+        );
+        // The mean of n cosines of angles by chance has the standard deviation 1/√(2n).
+        assert!(pairs > 100 && natural > 0.4, "{natural} of {pairs}");
+        assert!(random_pairs > 50 && random.abs() < 4.0 / (2.0 * random_pairs as f64).sqrt(), "{random} of {random_pairs}");
+    }
+    // No camera makes every star wrong, and that is said.
+    let mut all = right.clone();
+    let (truth, too_few) = misidentify(&mut all, catalog, 1.0, MisidentificationKind::Natural, 5);
+    let sentence = too_few.unwrap();
+    assert!(truth.len() < right.points.len());
+    assert!(
+        sentence.starts_with(&format!("Only {} of the {} wrong", truth.len(), right.points.len())) && sentence.ends_with('.'),
+        "{sentence}"
+    );
+    // A star alone has no other that it could be.
+    let mut alone = ControlPoints::new(right.nominal, right.attitudes.clone(), right.points[..1].to_vec());
+    alone.points[0].magnitude = -30.0;
+    let (truth, too_few) = misidentify(&mut alone, catalog, 1.0, MisidentificationKind::Natural, 5);
+    assert!(truth.is_empty() && too_few.is_some_and(|sentence| sentence.starts_with("Only 0 of the 1 wrong")));
 }
 
 #[test]
