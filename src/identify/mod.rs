@@ -154,9 +154,6 @@ pub fn identify(
     if let Some(fault) = solution::fault_in(options, detections) {
         return not(fault);
     }
-    if detections.width_px == 0 || detections.height_px == 0 {
-        return not(format!("The frame has {}×{} pixels: there is nothing in it.", detections.width_px, detections.height_px));
-    }
     let points = solution::usable_points(detections);
     let usable = points.centred_px.len();
     if usable < FEWEST_DETECTIONS {

@@ -34,11 +34,15 @@ impl Near {
     /// What is wrong with it, as a sentence.
     pub(super) fn fault(&self) -> Option<String> {
         let is_angle = self.within_rad > 0.0 && self.within_rad <= std::f64::consts::PI;
-        (!is_angle).then(|| {
-            format!(
+        if !is_angle {
+            return Some(format!(
                 "The attitude is searched within {} degrees of the one given: give a number above 0 and not above 180.",
                 self.within_rad / DEG_RAD
-            )
+            ));
+        }
+        let of_length_1 = |direction: &Direction<Apparent>| (Vector3::from(direction.xyz).norm() - 1.0).abs() < 1e-6;
+        [Some(self.boresight), self.up].iter().flatten().find(|direction| !of_length_1(direction)).map(|direction| {
+            format!("The attitude given has the direction {:?}: give the components of a vector of length 1.", direction.xyz)
         })
     }
 
@@ -81,6 +85,8 @@ mod tests {
         }
         assert!(any_roll.allows(&rotation(80.0, -35.1, 0.0), 0.01));
         assert!(any_roll.fault().is_none() && Near { within_rad: 0.0, ..any_roll }.fault().is_some());
+        let none = Near { up: Some(Direction::from_unit([f64::NAN, 0.0, 1.0])), ..any_roll };
+        assert!(none.fault().is_some_and(|fault| fault.contains("length 1")) && with_roll.fault().is_none());
         assert!(Near { within_rad: f64::NAN, ..any_roll }.fault().is_some() && Near { within_rad: 4.0, ..any_roll }.fault().is_some());
     }
 }

@@ -12,11 +12,15 @@ use super::level::{Ranges, Window};
 use super::point_map::PointMap;
 use super::refine::{self, Points, Pose, Supported};
 use super::{IdentifyOptions, odds};
+use crate::units::DEG_RAD;
 
 /// Detections that are looked at in the check of a candidate of the brightest.
 const CHECKED: usize = 64;
 /// Triangles by chance are drawn from so many of the brightest detections, and checked against as many.
 const DRAWN_FROM: usize = 200;
+
+/// The angle from the middle to the corner of the widest fields that are searched: beyond that of any square frame that may be asked for.
+const MOST_TO_CORNER_RAD: f64 = 80.0 * DEG_RAD;
 
 /// Hypotheses in one pass over the focal lengths after which the rest of it is given up: narrow fields full of false
 /// detections would take for ever.
@@ -212,7 +216,9 @@ impl<'a> Search<'a> {
         if self.options.nominal_focal_length_px.is_none() || self.options.search_beyond_tolerance {
             let [narrow, wide] = self.options.field_width_range_rad;
             let half_width = self.points.half_px[0];
-            let (mut f, last) = (half_width / (wide / 2.0).tan(), half_width / (narrow / 2.0).tan());
+            // Of a frame far taller than wide no more is searched than a plane shows: the steps would have no end.
+            let shortest = self.points.corner_px / MOST_TO_CORNER_RAD.tan();
+            let (mut f, last) = ((half_width / (wide / 2.0).tan()).max(shortest), half_width / (narrow / 2.0).tan());
             let mut pass = Vec::new();
             while f < last * 1.02 {
                 let half_step = self.half_step(f);

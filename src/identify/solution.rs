@@ -20,6 +20,9 @@ const CROWDED_PX: f64 = 3.0;
 /// What similar means, magnitudes.
 const CROWDED_MAG: f64 = 2.0;
 
+/// More pixels than these a side are a mistake.
+const MOST_SIDE_PX: usize = 1_000_000;
+
 /// The fewest matches of which an attitude is told.
 const FEWEST_MATCHES: usize = 4;
 
@@ -32,16 +35,33 @@ pub fn catalog_directions(catalog: &Catalog) -> Vec<Direction<Apparent>> {
 /// What is wrong with the options, as a sentence.
 pub(super) fn fault_in(options: &IdentifyOptions, detections: &Detections) -> Option<String> {
     let [narrow, wide] = options.field_width_range_rad;
+    let (width_px, height_px) = (detections.width_px, detections.height_px);
+    if width_px == 0 || height_px == 0 {
+        return Some(format!("The frame has {width_px}×{height_px} pixels: there is nothing in it."));
+    }
+    if width_px.max(height_px) > MOST_SIDE_PX {
+        return Some(format!(
+            "The frame has {width_px}×{height_px} pixels: no camera has more than {MOST_SIDE_PX} a side, correct its size."
+        ));
+    }
     if let Some(fault) = options.near.and_then(|near| near.fault()) {
         return Some(fault);
     }
+    if let Some(parity) = options.parity.filter(|parity| ![1, -1].contains(parity)) {
+        return Some(format!("The parity is {parity}: give 1, −1 for mirrored images, or none for either."));
+    }
+    let most = options.max_false_match_probability;
+    if !(most > 0.0 && most <= 1.0) {
+        return Some(format!(
+            "Matches that chance brings about with a probability below {most} are asked for: give a number above 0 and not above 1."
+        ));
+    }
     if let Some(f) = options.nominal_focal_length_px {
-        let half = detections.width_px.max(detections.height_px) as f64 / 2.0;
+        let half = width_px.max(height_px) as f64 / 2.0;
         let width_deg = 2.0 * (half / f).atan() / DEG_RAD;
         if !(f > 0.0 && (0.5..=150.0).contains(&width_deg)) {
             return Some(format!(
-                "The nominal focal length of {f} px gives {}×{} pixels a field outside 0.5 to 150 degrees: correct it, or give none.",
-                detections.width_px, detections.height_px
+                "The nominal focal length of {f} px gives {width_px}×{height_px} pixels a field outside 0.5 to 150 degrees: correct it, or give none."
             ));
         }
     }

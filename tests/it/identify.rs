@@ -4,7 +4,9 @@
 //! `benches/identify.rs`, which draws the same lists.
 
 mod control;
+mod fuzz;
 mod real;
+mod retry;
 mod star_lists;
 
 use std::time::Duration;
