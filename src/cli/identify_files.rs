@@ -35,6 +35,16 @@ struct DetectionRow<'a> {
     snr: f64,
     background_dn: f64,
     width_px: f64,
+    moment_xx_px2: Option<f64>,
+    moment_xy_px2: Option<f64>,
+    moment_yy_px2: Option<f64>,
+    moment_sigma_xx_px2: Option<f64>,
+    moment_sigma_xy_px2: Option<f64>,
+    moment_sigma_yy_px2: Option<f64>,
+    skewness_x: Option<f64>,
+    skewness_y: Option<f64>,
+    skewness_sigma_x: Option<f64>,
+    skewness_sigma_y: Option<f64>,
     chi2_per_dof: f64,
     peak_dn: f64,
     saturated: bool,
@@ -45,6 +55,10 @@ struct DetectionRow<'a> {
 impl<'a> DetectionRow<'a> {
     fn new(frame: &'a MeasuredFrame, number: usize, star: &Detection) -> Self {
         let [xx, xy, yy] = star.covariance_px2;
+        let second = |k: usize| star.moments.map(|m| m.second_px2[k]);
+        let second_sigma = |k: usize| star.moments.map(|m| m.second_sigma_px2[k]);
+        let skewness = |k: usize| star.moments.map(|m| m.skewness[k]);
+        let skewness_sigma = |k: usize| star.moments.map(|m| m.skewness_sigma[k]);
         Self {
             frame: frame.index,
             file: &frame.name,
@@ -59,6 +73,16 @@ impl<'a> DetectionRow<'a> {
             snr: star.snr(),
             background_dn: star.background_dn,
             width_px: star.width_px,
+            moment_xx_px2: second(0),
+            moment_xy_px2: second(1),
+            moment_yy_px2: second(2),
+            moment_sigma_xx_px2: second_sigma(0),
+            moment_sigma_xy_px2: second_sigma(1),
+            moment_sigma_yy_px2: second_sigma(2),
+            skewness_x: skewness(0),
+            skewness_y: skewness(1),
+            skewness_sigma_x: skewness_sigma(0),
+            skewness_sigma_y: skewness_sigma(1),
             chi2_per_dof: star.chi2_per_dof,
             peak_dn: star.peak_dn,
             saturated: star.flags.saturated,

@@ -40,7 +40,7 @@ struct Axis {
 pub(super) fn quantum_dn(pixels: &[f32]) -> Option<f32> {
     const WHOLE_BELOW: f32 = 16_777_216.0;
     let first = *pixels.first()?;
-    let whole = |v: f32| v.fract() == 0.0 && v.abs() < WHOLE_BELOW;
+    let whole = |v: f32| v.abs() < WHOLE_BELOW && (v as i32) as f32 == v;
     if !pixels.iter().all(|&v| whole(v)) {
         return None;
     }

@@ -6,6 +6,7 @@
 
 use super::background::Background;
 use super::empirical::EmpiricalPsf;
+use super::moments::{Moments, moments};
 use super::psf::{PROFILE_PARAMETERS, Profile, Shape, Window};
 use crate::frame::Frame;
 
@@ -14,6 +15,8 @@ const MOST_PARAMETERS: usize = 2 + PROFILE_PARAMETERS;
 const MOST_ITERATIONS: usize = 40;
 /// Residuals of a single pixel beyond this many σ are no noise: a hot pixel, a cosmic ray, another star.
 const OUTLIER_SIGMA: f64 = 6.0;
+/// So often they are looked for anew.
+const MOST_DROPS: usize = 3;
 /// How far a real star's image may differ from the Gaussian at any pixel: share of the model there, and of its peak.
 const MODEL_SLACK: (f64, f64) = (0.1, 0.02);
 
@@ -68,6 +71,7 @@ pub(super) struct Fit {
     pub(super) edge: bool,
     /// χ² of a lone bright pixel in place of the star, less that of the star; at or below zero the pixel explains more.
     pub(super) lone_pixel_excess: f64,
+    freedom: Freedom,
 }
 
 /// What fits read.
@@ -198,7 +202,23 @@ impl Scene<'_> {
             gradient_dn: [gradient[0] + mesh[0], gradient[1] + mesh[1]],
             edge: stamp.edge,
             lone_pixel_excess,
+            freedom,
         })
+    }
+
+    /// Moments of a fitted star, of the pixels that the fit used.
+    pub(super) fn moments(&self, fit: &Fit, neighbours: &[Model]) -> Option<Moments> {
+        let mut profile = Profile::of(self.psf);
+        let mut stamp = self.stamp(fit.model, neighbours, &mut profile);
+        self.photons().drop_all_outliers(&mut stamp, &(fit.model, fit.offset_dn), &mut profile);
+        profile.draw(stamp.window, &fit.model, fit.freedom == Freedom::Ellipse);
+        let count = fit.freedom.parameters();
+        let normal = self.photons().normal(&stamp, &profile, fit.model.flux_dn, fit.offset_dn, count);
+        let mut of_offset = [0.0; MOST_PARAMETERS];
+        of_offset[1] = 1.0;
+        let row = solve(&normal.matrix, &of_offset, count, 0.0)?;
+        let told = self.photons().told(&stamp, &profile, fit.model.flux_dn, &row[..count]);
+        moments(&stamp, fit, &told, self.photons())
     }
 
     /// What the residuals tell: slope of the background, and whether one pixel would do.
@@ -241,13 +261,21 @@ impl Photons {
     /// The best model and its offset, pixels far off it left out of the stamp.
     pub(super) fn settle(self, stamp: &mut Stamp, start: Model, freedom: Freedom, profile: &mut Profile<'_>) -> Option<(Model, f64)> {
         let mut fit = self.climb(stamp, start, freedom, profile)?;
-        for _ in 0..3 {
+        for _ in 0..MOST_DROPS {
             if !self.drop_outliers(stamp, &fit, profile) {
                 break;
             }
             fit = self.climb(stamp, fit.0, freedom, profile)?;
         }
         Some(fit)
+    }
+
+    fn drop_all_outliers(self, stamp: &mut Stamp, fit: &(Model, f64), profile: &mut Profile<'_>) {
+        for _ in 0..MOST_DROPS {
+            if !self.drop_outliers(stamp, fit, profile) {
+                break;
+            }
+        }
     }
 
     /// Leaves out pixels far off the model; says whether there were any.
@@ -291,6 +319,15 @@ impl Photons {
             }
         }
         n
+    }
+
+    /// What the count of each pixel adds to a fitted number; `row` is that number's row of the covariance.
+    fn told(self, stamp: &Stamp, profile: &Profile<'_>, flux: f64, row: &[f64]) -> Vec<f64> {
+        let of = |i: usize| {
+            let weight = 1.0 / (stamp.variance[i] + (flux * profile.value[i]).max(0.0) * self.variance_per_dn);
+            weight * row.iter().zip(profile.row(i, flux)).map(|(c, r)| c * r).sum::<f64>()
+        };
+        (0..stamp.data.len()).map(|i| if stamp.used[i] { of(i) } else { 0.0 }).collect()
     }
 
     /// The best model and its offset.

@@ -109,19 +109,27 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
         fits = fit_empirical(&mut scene, &candidates, &fits, &neighbours, options.gain_e_per_dn.is_none());
     }
 
-    let mut stars: Vec<Detection> = Vec::with_capacity(candidates.len());
+    let mut stars: Vec<(usize, Detection)> = Vec::with_capacity(candidates.len());
     for (i, (candidate, fit)) in candidates.iter().zip(&fits).enumerate() {
         let Some(fit) = fit.as_ref().filter(|f| is_star(candidate, f, &search, (scene.frame.width_px, scene.frame.height_px))) else {
             continue;
         };
         let duplicate = |s: &Detection| search.shape.radius_in_sigma(s.x_px - fit.model.x, s.y_px - fit.model.y) < 1.0;
-        if !stars.iter().any(duplicate) {
-            stars.push(detection(&scene, fit, candidate, !neighbours[i].is_empty(), search.scatter));
+        if !stars.iter().any(|(_, star)| duplicate(star)) {
+            stars.push((i, detection(&scene, fit, candidate, !neighbours[i].is_empty(), search.scatter)));
         }
     }
-    stars.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
+    stars.sort_by(|(_, a), (_, b)| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
     stars.truncate(options.max_stars);
-    found.stars = stars;
+    let models = fitted(&guesses, &fits);
+    let with_moments = |(i, star): (usize, Detection)| {
+        let others: Vec<Model> = neighbours[i].iter().map(|&j| models[j]).collect();
+        let moments = fits[i].as_ref().and_then(|fit| scene.moments(fit, &others));
+        // they are of the image as it is, whatever the fit takes it for: of what enlarges errors only the noise's going together counts
+        let factor = correlated(&scene, star.peak_dn, star.x_px, star.y_px, search.scatter).sqrt();
+        Detection { moments: moments.map(|m| m.with_errors_times(factor)), ..star }
+    };
+    found.stars = stars.into_par_iter().map(with_moments).collect();
     Ok((found, kept))
 }
 
@@ -414,18 +422,27 @@ fn is_star(candidate: &Candidate, fit: &Fit, search: &Search, frame_px: (usize, 
     fit.lone_pixel_excess > 0.0 && !sharp
 }
 
+fn pixel_of(frame: &Frame, x: f64, y: f64) -> (usize, usize) {
+    let inside = |v: f64, n: usize| v.round().clamp(0.0, (n - 1) as f64) as usize;
+    (inside(x, frame.width_px), inside(y, frame.height_px))
+}
+
+/// By what the variance grows where the noise goes together from pixel to pixel, as far as it is the background's.
+fn correlated(scene: &Scene<'_>, peak_dn: f64, x: f64, y: f64, scatter: f64) -> f64 {
+    let (x, y) = pixel_of(scene.frame, x, y);
+    let sigma = scene.background.noise_dn(x, y);
+    let light = peak_dn - scene.background.level_dn(x, y);
+    let share = sigma * sigma / (sigma * sigma + 0.5 * light.max(0.0) * scene.variance_per_dn);
+    1.0 + (scatter * scatter - 1.0) * share
+}
+
 fn detection(scene: &Scene<'_>, fit: &Fit, candidate: &Candidate, blended: bool, scatter: f64) -> Detection {
     let model = fit.model;
-    let inside = |v: f64, n: usize| v.round().clamp(0.0, (n - 1) as f64) as usize;
-    let (x, y) = (inside(model.x, scene.frame.width_px), inside(model.y, scene.frame.height_px));
+    let (x, y) = pixel_of(scene.frame, model.x, model.y);
     let chi2_per_dof = fit.chi2 / fit.dof as f64;
     // where the model fits worse than chance allows the errors are larger in that measure
     let misfit = (chi2_per_dof / (1.0 + 3.0 * (2.0 / fit.dof as f64).sqrt())).max(1.0);
-    // and where the noise goes together from pixel to pixel, as far as it is the background's
-    let sigma = scene.background.noise_dn(x, y);
-    let light = fit.peak_dn - scene.background.level_dn(x, y);
-    let share = sigma * sigma / (sigma * sigma + 0.5 * light.max(0.0) * scene.variance_per_dn);
-    let factor = misfit * (1.0 + (scatter * scatter - 1.0) * share);
+    let factor = misfit * correlated(scene, fit.peak_dn, model.x, model.y, scatter);
     Detection {
         x_px: model.x,
         y_px: model.y,
@@ -435,6 +452,7 @@ fn detection(scene: &Scene<'_>, fit: &Fit, candidate: &Candidate, blended: bool,
         background_dn: scene.background.level_dn(x, y) + fit.offset_dn,
         background_gradient_dn: fit.gradient_dn,
         width_px: model.shape.sigma_px(),
+        moments: None,
         chi2_per_dof,
         peak_dn: fit.peak_dn,
         flags: Flags { saturated: candidate.full_radius_px > 0.0, blended, edge: fit.edge },

@@ -5,7 +5,8 @@
 //! 3. `filter`: matched filter; its threshold follows from the number of false stars allowed, and from the noise's own tail (`tail`).
 //! 4. `shape`: the frame's own stars tell width and elongation, and the filter is run again with it.
 //! 5. `fit`: maximum likelihood for position, flux, background and width; neighbours are taken off each other.
-//! 6. `learn`, `empirical`: the image of a star from the recording's own stars, fitted in the Gaussian's place where held-out stars prefer it.
+//! 6. `moments`: second and third moments of every star's image.
+//! 7. `learn`, `empirical`: the image of a star from the recording's own stars, fitted in the Gaussian's place where held-out stars prefer it.
 //!
 //! `windowed` is the quick way: a gate and moments.
 
@@ -19,15 +20,18 @@ mod gain;
 mod known;
 mod learn;
 mod measure;
+mod moments;
 mod psf;
 mod shape;
 mod tail;
+mod window;
 mod windowed;
 
 pub use empirical::{EmpiricalPsf, PsfReport};
 pub use known::{KnownFit, KnownSky, fit_known};
 pub use learn::{PsfStar, learn};
 pub use measure::{Aids, detect, detect_aided};
+pub use moments::Moments;
 pub use windowed::detect_windowed;
 
 use serde::{Deserialize, Serialize};
@@ -138,6 +142,8 @@ pub struct Detection {
     pub background_gradient_dn: [f64; 2],
     /// Width (Gaussian σ) of the star's image.
     pub width_px: f64,
+    /// Moments of the image of second and third order; nothing where the pixels do not tell them, and of stars that come as a list.
+    pub moments: Option<Moments>,
     /// χ² of the stamp over its degrees of freedom.
     pub chi2_per_dof: f64,
     /// Highest count in the stamp, DN.

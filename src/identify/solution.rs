@@ -340,6 +340,7 @@ mod tests {
                 background_dn: 0.0,
                 background_gradient_dn: [0.0; 2],
                 width_px: 1.0,
+                moments: None,
                 chi2_per_dof: 1.0,
                 peak_dn: 1000.0,
                 flags: Flags::default(),

@@ -30,6 +30,7 @@ fn detection(recording: &Recording, star: &ListedStar) -> Detection {
         background_dn: 0.0,
         background_gradient_dn: [0.0; 2],
         width_px: 1.0,
+        moments: None,
         chi2_per_dof: 1.0,
         peak_dn: flux_dn,
         flags: Flags::default(),

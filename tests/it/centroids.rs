@@ -2,7 +2,7 @@
 
 #[path = "../../benches/detect/drawn.rs"]
 #[allow(dead_code, reason = "the bench calls the rest")]
-mod drawn;
+pub(crate) mod drawn;
 #[path = "../../benches/detect/study.rs"]
 #[allow(dead_code, reason = "the bench calls the rest")]
 mod study;

@@ -20,6 +20,7 @@ mod identify;
 mod identify_files;
 mod joining;
 mod layering;
+mod moments;
 mod motion;
 mod noise;
 mod orbit;

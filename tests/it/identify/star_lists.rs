@@ -84,6 +84,7 @@ pub(crate) fn detection(x_px: f64, y_px: f64, flux_dn: f64) -> Detection {
         background_dn: 100.0,
         background_gradient_dn: [0.03, -0.04],
         width_px: 1.0,
+        moments: None,
         chi2_per_dof: 1.0,
         peak_dn: flux_dn / 6.0,
         flags: Flags::default(),
