@@ -2,13 +2,15 @@
 //! solution, and the solution anew with other effects and given weights. Nothing is left out and nothing is decided here. All columns are
 //! taken at the predicted points.
 
+use std::collections::BTreeMap;
+
 use rayon::prelude::*;
 
 use super::bundle::{self, Noise, Problem, Run, Solved, State, scales};
 use super::{CalibrateError, CalibrateOptions, check_points, select};
 use crate::camera::{Model, Term};
 use crate::coordinates::{Apparent, Attitude, Direction};
-use crate::effects::{Observation, Segment, displacement};
+use crate::effects::{Observation, Segment, Signature, displacement};
 use crate::identify::ControlPoints;
 
 /// Own parameters of a frame at most: its attitude, and its rates where they are solved.
@@ -185,7 +187,7 @@ impl Joint {
     /// [`Self::again`].
     #[must_use]
     pub fn with_measured(&self, measured: &[(usize, [f64; 2])]) -> Self {
-        let by_point: std::collections::BTreeMap<usize, [f64; 2]> = measured.iter().copied().collect();
+        let by_point: BTreeMap<usize, [f64; 2]> = measured.iter().copied().collect();
         let mut other = self.clone();
         for image in other.solved.problem.exposures.iter_mut().flat_map(|exposure| &mut exposure.images) {
             image.pixel = by_point.get(&image.point).copied().unwrap_or(image.pixel);
@@ -233,6 +235,20 @@ impl Joint {
         let mut other = self.clone();
         for (place, exposure) in other.solved.problem.exposures.iter_mut().enumerate() {
             exposure.observation = change(place, &exposure.observation);
+        }
+        other
+    }
+
+    /// The same solution with shifts of measured centres that were found by rendering, by control point: where an effect on the measured centre
+    /// is in force, they stand in the place of its formula.
+    #[must_use]
+    pub fn with_signatures(&self, found: &BTreeMap<usize, Signature>) -> Self {
+        let mut other = self.clone();
+        for image in other.solved.problem.exposures.iter_mut().flat_map(|exposure| &mut exposure.images) {
+            if let Some(signature) = found.get(&image.point) {
+                // Without room for it the formula stays.
+                let _has_room = image.state.signatures.set(*signature);
+            }
         }
         other
     }

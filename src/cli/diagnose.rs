@@ -54,6 +54,9 @@ pub(crate) struct DiagnoseArgs {
     /// Take the identifications of a star list (`hip`, or `ra_deg` and `dec_deg`) as they are, instead of making our own
     #[arg(long)]
     trust_identifications: bool,
+    /// Know effects on pixels by the formulas of their pages alone, instead of rendering and measuring the recording's stars with them too
+    #[arg(long)]
+    formulas: bool,
     /// Write the camera and the sky with what was found into this scene, which `boresight simulate` renders
     #[arg(long, value_name = "FILE")]
     write_camera: Option<PathBuf>,
@@ -129,7 +132,9 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
     let too_few_move = options.proper_motion_only && FEWEST_MOVING * moving < prepared.points.points.len();
     options.proper_motion_only &= !too_few_move;
     let asked = Asked { catalog: &catalog, choice: &choice, max_magnitude: args.max_magnitude, trusted: args.trust_identifications };
-    let Question { points, telemetry, options, uneven } = question(&measured, &identified, &prepared, &asked, options)?;
+    let Question { points, telemetry, mut options, uneven } = question(&measured, &identified, &prepared, &asked, options)?;
+    // What is rendered is measured by the Gaussian fit: columns for other places would be those of another estimator.
+    options.looks = options.looks.filter(|_| args.measure.is_gaussian() && !args.formulas);
     let bar = output::steps(Step::COUNT);
     let result = boresight::diagnose::diagnose_telling(&points, &telemetry, &options, &|step| {
         bar.set_position(step.number() as u64);

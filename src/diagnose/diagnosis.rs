@@ -91,6 +91,8 @@ pub struct Finding {
     pub id: String,
     /// Its parameters.
     pub parameters: Vec<FoundParameter>,
+    /// Whether its columns are stars rendered with a little more of the effect and measured as the recording was, or a formula.
+    pub columns: ColumnsOf,
     /// The covariates that the mismatch follows, the one that explains most first.
     pub located_by: Vec<String>,
     /// Fall of χ² on all frames, everything else refitted.
@@ -123,6 +125,17 @@ pub struct Finding {
     pub known_amplitude: Option<[f64; 2]>,
     /// The finding in one sentence.
     pub sentence: String,
+}
+
+/// What the columns of an effect come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ColumnsOf {
+    /// The formula on the effect's page.
+    #[default]
+    Formula,
+    /// The recording's own stars, rendered with less and more of the effect and measured by the fit that measured the recording.
+    Rendered,
 }
 
 /// What is left and has no name.

@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 use super::covariates::{Covariate, covariates};
 use super::hypotheses::{Hypothesis, hypotheses};
 use super::noise::{NoiseModel, whitened};
+use super::rendered::Rendered;
 use super::sheet::{Sheet, Whitened};
 use super::{DiagnoseOptions, Telemetry};
 use crate::calibrate::{Column, Joint, JointImage};
@@ -40,6 +41,8 @@ pub(super) struct Evidence {
     pub(super) camera: Vec<Column>,
     /// The hypotheses.
     pub(super) hypotheses: Vec<Hypothesis>,
+    /// Columns that were rendered.
+    pub(super) rendered: Arc<Rendered>,
     /// The covariates; they stay the same however often the search among hypotheses is made finer.
     pub(super) covariates: Arc<Vec<Covariate>>,
     /// Variance factors of the frames.
@@ -79,10 +82,17 @@ impl Whiteners {
 
 impl Evidence {
     /// At a joint solution.
-    pub(super) fn at(joint: &Joint, points: &ControlPoints, telemetry: &Telemetry, options: &DiagnoseOptions) -> Self {
+    pub(super) fn at(
+        joint: &Joint,
+        points: &ControlPoints,
+        telemetry: &Telemetry,
+        options: &DiagnoseOptions,
+        rendered: Arc<Rendered>,
+    ) -> Self {
         let mut evidence = Self::without_hypotheses(joint);
         evidence.frame_factors = super::noise::frame_factors(&evidence, joint.floor_px2());
-        evidence.hypotheses = hypotheses(joint, &evidence, points, options);
+        evidence.hypotheses = hypotheses(joint, &evidence, points, options, &rendered);
+        evidence.rendered = rendered;
         evidence.covariates = Arc::new(covariates(joint, &evidence, points, telemetry));
         evidence
     }
@@ -120,6 +130,7 @@ impl Evidence {
             own,
             camera,
             hypotheses: Vec::new(),
+            rendered: Arc::default(),
             covariates: Arc::default(),
             frame_factors: joint.frame_factors().to_vec(),
             images,

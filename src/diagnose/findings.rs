@@ -1,7 +1,7 @@
 //! From accepted effects to findings: sizes with errors, the evidence, what located them, what else it could be.
 
 use super::attribute::{self, Entry, Stand, columns};
-use super::diagnosis::{Finding, Profile, Signs};
+use super::diagnosis::{ColumnsOf, Finding, Profile, Signs};
 use super::evidence::Evidence;
 use super::located::{NAMED, ranked};
 use super::omnibus::among_covariates;
@@ -92,6 +92,7 @@ impl Context<'_> {
             id: hypothesis.id().to_owned(),
             known_amplitude: None,
             parameters,
+            columns: if variant.rendered { ColumnsOf::Rendered } else { ColumnsOf::Formula },
             located_by,
             delta_chi2: attribute::fall(self.with_all, &without.fit, &self.with_all.fit),
             p_value,

@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 
 use super::DiagnoseOptions;
 use super::evidence::Evidence;
+use super::rendered::{Rendered, Shifts};
 use crate::calibrate::{Column, Joint};
 use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Searched, Segment, StarState};
 use crate::identify::ControlPoints;
@@ -30,6 +31,8 @@ pub(super) struct Variant {
     pub(super) columns: Vec<Column>,
     /// Standard error of what was searched over, where the search was made finer.
     pub(super) searched_sigma: Option<f64>,
+    /// Whether the columns were rendered and measured; else they are the formula's.
+    pub(super) rendered: bool,
 }
 
 /// An effect that may have been left out.
@@ -49,6 +52,8 @@ pub(super) struct Hypothesis {
     pub(super) searched: Option<Searched>,
     /// Whether the model contains it.
     pub(super) in_force: bool,
+    /// Shifts of the star images by rendering, where it could be rendered.
+    pub(super) shifts: Option<Shifts>,
 }
 
 impl std::fmt::Debug for Hypothesis {
@@ -76,9 +81,19 @@ impl Hypothesis {
 }
 
 /// All of them, in the registry's order.
-pub(super) fn hypotheses(joint: &Joint, evidence: &Evidence, points: &ControlPoints, options: &DiagnoseOptions) -> Vec<Hypothesis> {
+pub(super) fn hypotheses(
+    joint: &Joint,
+    evidence: &Evidence,
+    points: &ControlPoints,
+    options: &DiagnoseOptions,
+    rendered: &Rendered,
+) -> Vec<Hypothesis> {
     let is_hypothesis = |effect: &&&'static dyn AnyDisplacement| effect.segment() != Segment::Projection && effect.id() != "brown-conrady";
-    DISPLACEMENTS.iter().filter(is_hypothesis).map(|effect| hypothesis(*effect, joint, evidence, points, options)).collect()
+    DISPLACEMENTS
+        .iter()
+        .filter(is_hypothesis)
+        .map(|effect| hypothesis(*effect, joint, evidence, points, options, rendered.of(effect.id()).cloned()))
+        .collect()
 }
 
 fn hypothesis(
@@ -87,6 +102,7 @@ fn hypothesis(
     evidence: &Evidence,
     points: &ControlPoints,
     options: &DiagnoseOptions,
+    shifts: Option<Shifts>,
 ) -> Hypothesis {
     let first = evidence.frames.first().map_or_else(Observation::default, |(_, observation)| *observation);
     let present = joint.model().terms().find(|(id, _)| *id == effect.id()).map(|(_, parameters)| parameters.to_vec());
@@ -107,6 +123,7 @@ fn hypothesis(
         known: known.filter(|known| *known != 0.0),
         searched,
         in_force: options.physics.iter().any(|id| id == effect.id()),
+        shifts,
     };
     if matches!(effect.id(), "refraction") && evidence.frames.iter().any(|(_, observation)| observation.zenith.is_none()) {
         found.known = None;
@@ -140,7 +157,13 @@ fn hypothesis(
         Some(searched) => searched.values.iter().map(|value| with(&start, searched.parameter, *value)).collect(),
         None => vec![start],
     };
-    found.variants = starts.into_iter().filter_map(|start| variant(joint, &found, start)).collect();
+    if let Some(shifts) = found.shifts.as_ref().filter(|_| !is_there) {
+        // Beside the formula, and before it: it was made with this recording's stars and this program's fit.
+        let with_shifts = joint.with_signatures(shifts);
+        let own = starts.iter().filter_map(|start| variant(&with_shifts, &found, start.clone()));
+        found.variants = own.map(|own| Variant { rendered: true, ..own }).collect();
+    }
+    found.variants.extend(starts.into_iter().filter_map(|start| variant(joint, &found, start)).collect::<Vec<_>>());
     if found.variants.is_empty() {
         found.missing = Some("it cannot be computed for this camera".to_owned());
     }
@@ -176,7 +199,7 @@ fn with(start: &[f64], parameter: usize, value: f64) -> Vec<f64> {
 
 fn variant(joint: &Joint, hypothesis: &Hypothesis, start: Vec<f64>) -> Option<Variant> {
     let columns = joint.columns_of(hypothesis.id(), &start, &hypothesis.fitted)?;
-    Some(Variant { start, zenith: None, columns, searched_sigma: None })
+    Some(Variant { start, zenith: None, columns, searched_sigma: None, rendered: false })
 }
 
 /// Zeniths under which every star image is above the horizon, evenly spread; in axes fixed to the Earth where all times are known.
@@ -227,5 +250,5 @@ fn free_zenith(joint: &Joint, effect: &'static dyn AnyDisplacement, fitted: &[us
     let start = vec![0.0; effect.parameters().len()];
     // Where there is no refraction yet the zenith's own parameters have no columns: the search stands in their place.
     let columns = supposed.columns_of(effect.id(), &start, &fitted[..1])?;
-    Some(Variant { start, zenith: Some(zenith), columns, searched_sigma: None })
+    Some(Variant { start, zenith: Some(zenith), columns, searched_sigma: None, rendered: false })
 }

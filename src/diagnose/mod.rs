@@ -23,6 +23,7 @@ mod prove;
 mod quality;
 mod refine;
 mod remainder;
+mod rendered;
 mod resimulate;
 mod rivals;
 mod run;
@@ -65,6 +66,20 @@ pub struct DiagnoseOptions {
     pub solve: Vec<String>,
     /// Leave out stars without known proper motion.
     pub proper_motion_only: bool,
+    /// How the stars of the recording look, where it has pixels: the columns of effects on pixels are then rendered and measured.
+    pub looks: Option<Looks>,
+}
+
+/// How the stars of a recording look: what has to be known to render them as they are.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Looks {
+    /// Width of the typical image (Gaussian σ before the pixel integrates it), px.
+    pub psf_sigma_px: f64,
+    /// Level of the sky, electrons per pixel.
+    pub background_e: f64,
+    /// Noise of a pixel of the sky (standard deviation), electrons.
+    pub noise_e: f64,
 }
 
 impl Default for DiagnoseOptions {
@@ -78,6 +93,7 @@ impl Default for DiagnoseOptions {
             terms: Vec::new(),
             solve: crate::camera::PARAMETER_NAMES.map(str::to_owned).to_vec(),
             proper_motion_only: false,
+            looks: None,
         }
     }
 }

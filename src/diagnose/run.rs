@@ -1,5 +1,6 @@
 //! The diagnosis from end to end.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use super::adequacy::{amplitude_veto, concentration, disagreement, superseded, vetoes};
@@ -17,6 +18,7 @@ use super::permute::{Deals, deal};
 use super::prove::{LOCK_BOX_FROM, Proof, folds, locked_away};
 use super::quality::{noise_state, quality, residual_rows, stars_used};
 use super::refine::refine;
+use super::rendered::{self, Rendered};
 use super::resimulate::{DIFFERS, resimulate};
 use super::scan::Scan;
 use super::signs::sign_test;
@@ -48,7 +50,8 @@ pub(super) fn diagnose(
     };
     tell(Step::Baseline);
     let joint = Joint::solve(points, &solve)?;
-    let evidence = Evidence::at(&joint, points, telemetry, options);
+    let columns = Rendered::new(&Evidence::without_hypotheses(&joint), &joint, points, options.looks.as_ref());
+    let evidence = Evidence::at(&joint, points, telemetry, options, Arc::new(columns));
     let too_few = DiagnoseError::TooFew { images: evidence.images.len(), frames: evidence.frames.len() };
     let locked = locked_away(evidence.frames.len(), hash(points));
     let all = vec![true; evidence.images.len()];
@@ -64,6 +67,7 @@ pub(super) fn diagnose(
     let hypotheses = independent(&first.chance.hypotheses);
     let threshold = (2.0 * hypotheses / options.alpha).ln();
     let mut warnings: Vec<String> = joint.notes().to_vec();
+    warnings.extend(rendered::left_out(&evidence, options.looks.as_ref()));
     let base = Stand::new(&evidence, &all, &[], &begin);
     let (mut locked, mut training) = (locked, training);
     let mut significant = first.p_value < options.alpha;

@@ -71,6 +71,9 @@ impl Solved {
             if let Some(zenith) = variant.zenith {
                 now = now.with_observations(|observation| with_zenith(observation, zenith));
             }
+            if let Some(shifts) = hypothesis.shifts.as_ref().filter(|_| variant.rendered) {
+                now = now.with_signatures(shifts);
+            }
             terms.push(Term { effect: hypothesis.id().to_owned(), parameters });
             names.extend(hypothesis.full_names());
         }
@@ -87,7 +90,7 @@ impl Solved {
                 break;
             }
         }
-        let mut full = Evidence::at(&now, points, telemetry, options);
+        let mut full = Evidence::at(&now, points, telemetry, options, evidence.rendered.clone());
         full.frame_factors.clone_from(&evidence.frame_factors);
         full.camera = camera_columns(&now, &full, options);
         let entries: Vec<Entry> = entries.iter().map(|entry| Entry { hypothesis: entry.hypothesis, variant: 0 }).collect();

@@ -1,6 +1,6 @@
 //! The diagnosis in plain sentences.
 
-use super::diagnosis::{Diagnosis, EffectState, Finding, FoundParameter, Verdict};
+use super::diagnosis::{ColumnsOf, Diagnosis, EffectState, Finding, FoundParameter, Verdict};
 use crate::effects::AnyDisplacement;
 
 /// A number with its error, as many digits as the error bears.
@@ -45,6 +45,10 @@ pub(super) fn finding(finding: &Finding, effect: &dyn AnyDisplacement, in_force:
     let known = finding.known_amplitude.map_or_else(String::new, |[ratio, error]| {
         format!(", {} of the size that the recording's own data give", with_error(ratio, error))
     });
+    let rendered = match finding.columns {
+        ColumnsOf::Rendered => " Its trace is that of the recording's own stars, rendered with it and measured.",
+        ColumnsOf::Formula => "",
+    };
     let frames = if locked { "on frames that were locked away" } else { "on frames left out one after the other" };
     let set = if finding.indistinguishable_from.is_empty() {
         String::new()
@@ -52,7 +56,7 @@ pub(super) fn finding(finding: &Finding, effect: &dyn AnyDisplacement, in_force:
         format!(" It cannot be told from {} here; what would decide: {}.", finding.indistinguishable_from.join(", "), finding.decided_by)
     };
     format!(
-        "{located}{what}: {}{known}. Modelling it lowers χ² by {:.0}, and by {:.0} {frames} ({:.0} expected).{set}",
+        "{located}{what}: {}{known}. Modelling it lowers χ² by {:.0}, and by {:.0} {frames} ({:.0} expected).{rendered}{set}",
         sizes.join(", "),
         finding.delta_chi2,
         finding.held_out_delta_chi2,

@@ -6,7 +6,7 @@
 //! [`Segment::Focal`] like any other: what solves or tests it knows nothing of this.
 
 use super::star_image::MOST_SHIFTS;
-use super::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment};
+use super::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Rendering, Segment};
 use crate::dual::Real;
 
 /// What the author of an effect on the measured centre writes. The ideal point is the measured one minus Σ pₖ·uₖ.
@@ -31,6 +31,12 @@ pub trait CentroidShift: Sync {
     /// What this image lacks for its shift to be computed.
     #[must_use]
     fn missing_in(_context: &Context) -> Option<&'static str> {
+        None
+    }
+
+    /// See [`Displacement::rendering`].
+    #[must_use]
+    fn rendering(_parameter: usize) -> Option<Rendering> {
         None
     }
 
@@ -80,6 +86,10 @@ impl<C: CentroidShift> Displacement for C {
 
     fn known(_: &Observation) -> Option<Vec<f64>> {
         None
+    }
+
+    fn rendering(parameter: usize) -> Option<Rendering> {
+        C::rendering(parameter)
     }
 
     fn reference_values() -> Vec<ReferenceValue> {

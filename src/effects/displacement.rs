@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::StarImage;
+use super::{Rendering, StarImage};
 use crate::dual::{Jet, Real};
 use crate::effects::detector::{amplifier_step, bayer, charge_transfer_inefficiency, even_odd, overshoot, stray_light};
 use crate::effects::detector::{detector_tilt, edge_roll_off, magnitude_equation, pixel_aspect, s_curve, sensor_step, shear};
@@ -320,6 +320,12 @@ pub trait Displacement: Sync {
         None
     }
 
+    /// What a renderer changes to show a change of the parameter with this index, where the effect moves no light but the measured centre.
+    #[must_use]
+    fn rendering(_parameter: usize) -> Option<Rendering> {
+        None
+    }
+
     /// Cases from outside.
     fn reference_values() -> Vec<ReferenceValue>;
 
@@ -361,6 +367,8 @@ pub trait AnyDisplacement: Sync {
     fn fitted(&self, observation: &Observation) -> Vec<usize>;
     /// See [`Displacement::searched`].
     fn searched(&self, observation: &Observation) -> Option<Searched>;
+    /// See [`Displacement::rendering`].
+    fn rendering(&self, parameter: usize) -> Option<Rendering>;
     /// See [`Displacement::reference_values`].
     fn reference_values(&self) -> Vec<ReferenceValue>;
     /// The effect's page of documentation, Markdown.
@@ -415,6 +423,9 @@ impl<D: Displacement> AnyDisplacement for D {
     }
     fn searched(&self, observation: &Observation) -> Option<Searched> {
         D::searched(observation)
+    }
+    fn rendering(&self, parameter: usize) -> Option<Rendering> {
+        D::rendering(parameter)
     }
     fn reference_values(&self) -> Vec<ReferenceValue> {
         D::reference_values()

@@ -17,6 +17,7 @@ pub mod sky;
 
 mod centroid;
 mod displacement;
+mod rendering;
 mod star_image;
 
 pub use centroid::CentroidShift;
@@ -24,4 +25,5 @@ pub use displacement::{
     AnyDisplacement, Context, DISPLACEMENTS, Displacement, Light, Observation, ParameterSpec, ReferenceValue, RefractionConstants,
     Searched, Segment, Sensor, StarState, displacement, invert, page_of,
 };
+pub use rendering::Rendering;
 pub use star_image::{MOST_SHIFTS, MOST_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE, Signature, Signatures, StarImage};

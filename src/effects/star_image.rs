@@ -12,7 +12,7 @@ pub const REFERENCE_FLUX_E: f64 = 1e4;
 /// Parameters that an effect on the measured centre has at most.
 pub const MOST_SHIFTS: usize = 2;
 /// Effects at most of which an image carries measured shifts.
-pub const MOST_SIGNATURES: usize = 4;
+pub const MOST_SIGNATURES: usize = 8;
 
 /// One star image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -120,9 +120,9 @@ mod tests {
     fn signatures_are_replaced_and_run_out_of_room() {
         let mut all = Signatures::default();
         let own = |effect, x| Signature { effect, shift_px: [[x, 0.0], [0.0; 2]] };
-        assert!(["a", "b", "c", "d"].into_iter().all(|effect| all.set(own(effect, 1.0))));
-        assert!(all.set(own("b", 2.0)) && !all.set(own("e", 1.0)));
+        assert!(["a", "b", "c", "d", "e", "f", "g", "h"].into_iter().all(|effect| all.set(own(effect, 1.0))));
+        assert!(all.set(own("b", 2.0)) && !all.set(own("i", 1.0)));
         assert_eq!(all.of("b").map(|signature| signature.shift_px[0][0]), Some(2.0));
-        assert!(all.of("e").is_none() && all.of("a") == Some(&own("a", 1.0)));
+        assert!(all.of("i").is_none() && all.of("a") == Some(&own("a", 1.0)));
     }
 }

@@ -10,7 +10,7 @@ mod star_list;
 use crate::calibrate::CalibrateError;
 use crate::camera::{ObserverError, Physics, PhysicsError};
 use crate::detect::{DetectError, Detection, Detections, PsfReport};
-use crate::diagnose::{DiagnoseError, MeasuredNoise};
+use crate::diagnose::{DiagnoseError, Looks, MeasuredNoise};
 use crate::recording::{Recording, RecordingError, SkippedFrame};
 use crate::statistics::median_in_place;
 
@@ -151,6 +151,25 @@ impl Measured {
             None => self.recording.camera.gain_e_per_dn,
         }
     }
+}
+
+/// How the stars of a recording look, to render them as they are; `None` where there are no pixels, or nobody says how many electrons a
+/// count stands for.
+#[must_use]
+pub fn looks(measured: &Measured) -> Option<Looks> {
+    let camera = &measured.recording.camera;
+    let gain = camera.gain_e_per_dn.filter(|_| measured.recording.stars.is_none())?;
+    let mut widths: Vec<f64> = measured.clean_stars().map(|star| star.width_px).filter(|width| *width > 0.0).collect();
+    let mut noises: Vec<f64> = measured.frames.iter().map(|frame| frame.detections.noise_dn * gain).collect();
+    let noise_e = median_in_place(&mut noises).filter(|noise| *noise > 0.0)?;
+    // Where the level of no light is not known, the noise tells how much there is.
+    let by_noise = (noise_e * noise_e - camera.read_noise_e.unwrap_or(0.0).powi(2)).max(0.0);
+    let mut levels: Vec<f64> = measured
+        .frames
+        .iter()
+        .map(|frame| camera.bias_dn.map_or(by_noise, |bias_dn| ((frame.detections.background_dn - bias_dn) * gain).max(0.0)))
+        .collect();
+    Some(Looks { psf_sigma_px: median_in_place(&mut widths)?, background_e: median_in_place(&mut levels)?, noise_e })
 }
 
 /// The noise as the pixels show it: the stamps of the stars, and the photon-transfer relation of the background. Nothing for a list of stars.

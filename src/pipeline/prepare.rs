@@ -1,6 +1,6 @@
 //! Control points of identified frames, and the camera and options with which a diagnosis is asked about them.
 
-use super::{IdentifiedFrame, Measured, MeasuredFrame, PipelineError, SkyChoice, circumstances, physics_in_force};
+use super::{IdentifiedFrame, Measured, MeasuredFrame, PipelineError, SkyChoice, circumstances, looks, physics_in_force};
 use crate::calibrate::{CalibrateOptions, StarImage, calibrate, calibrate_identifying_anew};
 use crate::camera::Term;
 use crate::catalog::Catalog;
@@ -206,6 +206,7 @@ pub fn question(
             options.terms.push(term);
         }
     }
+    options.looks = options.looks.or_else(|| looks(measured));
     let solver = CalibrateOptions {
         solve: options.solve.clone(),
         terms: options.terms.clone(),

@@ -2,8 +2,10 @@
 //!
 //! ```text
 //!             main → cli → report
+//!                      ↓
+//!                   diagnose
 //!                ↙             ↘
-//!   render → scene → imaging   diagnose → calibrate → identify → detect
+//!   render → scene → imaging   calibrate → identify → detect
 //!                ↘             ↙
 //!                  the basement
 //! ```
@@ -25,7 +27,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("detect", &[]),
     ("identify", &["detect"]),
     ("calibrate", &["identify", "detect"]),
-    ("diagnose", &["calibrate", "identify", "detect"]),
+    ("diagnose", &["render", "scene", "imaging", "calibrate", "identify", "detect"]),
     ("exchange", &["calibrate"]),
     ("pipeline", &["diagnose", "calibrate", "identify", "detect"]),
     ("blind", &["pipeline", "diagnose", "calibrate", "identify", "detect"]),
@@ -317,7 +319,7 @@ fn a_bad_import_is_caught() {
         ("gpu/device.rs", "use crate::camera::Camera;"),
         ("render/mod.rs", "fn f(device: &wgpu::Device) {}"),
         ("report/mod.rs", "use crate::cli::Arguments;"),
-        ("diagnose/mod.rs", "use crate::render::Renderer;"),
+        ("calibrate/mod.rs", "use crate::render::Renderer;"),
         ("blind/run.rs", "use crate::render::Renderer;"),
         ("blind/generate/sky.rs", "use crate::effects::sky::refraction;"),
         ("blind/generate/mod.rs", "use crate::camera::SkyChain;"),

@@ -25,6 +25,7 @@ mod motion;
 mod noise;
 mod orbit;
 mod recording;
+mod rendered_columns;
 mod scene;
 mod signatures;
 mod sky_light;

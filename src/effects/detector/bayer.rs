@@ -30,7 +30,7 @@ use bytemuck::{Pod, Zeroable};
 use crate::dual::Real;
 use crate::effects::centroid::ripple_shift;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, by_rows, uniform_fields};
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, StarState};
+use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, Rendering, StarState};
 use crate::rng::StageKey;
 
 /// A ripple of the response along both axes, in proportion to the colour.
@@ -45,6 +45,11 @@ impl CentroidShift for Bayer {
 
     fn unit_shift<T: Real>(_: usize, measured: &Light<T>, context: &Context) -> [T; 2] {
         measured.pixel_px.map(|pixel| ripple_shift(pixel) * (context.star.colour_offset() / 2.0))
+    }
+
+    fn rendering(_: usize) -> Option<Rendering> {
+        let parameters = &[("red_relative", [0.98, 1.02]), ("blue_relative", [1.02, 0.98])];
+        Some(Rendering::Stage { effect: "bayer", parameters, step: Some(0.04), by_colour: true })
     }
 
     fn reference_values() -> Vec<ReferenceValue> {

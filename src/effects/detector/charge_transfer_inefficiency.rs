@@ -28,7 +28,7 @@
 //!
 //! **Rendered.** Stars of one brightness are moved in proportion to the row (cosine 0.995 and more). With β = ½ on a dark sky, over 10³ to 10⁵ electrons,
 //! the exponent is 0.46 by the centre of mass and 0.39 by the fit, 0.33 and 0.31 under a sky of 50 electrons, which fills traps; the cosine with the
-//! formula's ½ is 0.994 and more, and 0.975.
+//! formula's ½ is 0.994 and more, and 0.975. A diagnosis of frames has both columns, the rendered one and the formula.
 //!
 //! **Confused with.** The aspect of the pixels (cosine 0.75), a step between amplifiers (0.67), the magnitude equation (0.56). Bright and faint
 //! stars at the same rows tell them apart, and the tails of the images.
@@ -45,7 +45,7 @@ use crate::dual::Real;
 use crate::effects::pixel::pass::{Along, Carry, LinePass, PassHead, Sweep};
 use crate::effects::pixel::pattern::{exponential, power};
 use crate::effects::pixel::{ExposureContext, Stage, uniform_fields};
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, StarImage, StarState};
+use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, Rendering, StarImage, StarState};
 
 /// A shift along the columns in proportion to the row, larger for faint stars.
 #[derive(Clone, Copy, Debug)]
@@ -64,6 +64,16 @@ impl CentroidShift for ChargeTransferInefficiency {
 
     fn missing(observation: &Observation) -> Option<&'static str> {
         observation.sensor.is_none().then_some("the size of the frame is not known")
+    }
+
+    fn rendering(_: usize) -> Option<Rendering> {
+        // One kind of traps, which lets go over a few pixels.
+        Some(Rendering::Stage {
+            effect: "charge_transfer_inefficiency",
+            parameters: &[("traps_per_px", [0.1, 0.3]), ("second_traps_per_px", [0.0; 2]), ("serial_traps_per_px", [0.0; 2])],
+            step: None,
+            by_colour: false,
+        })
     }
 
     fn reference_values() -> Vec<ReferenceValue> {

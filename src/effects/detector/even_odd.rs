@@ -31,7 +31,7 @@ use bytemuck::{Pod, Zeroable};
 use crate::dual::Real;
 use crate::effects::centroid::ripple_shift;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, by_rows, uniform_fields};
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, StarState};
+use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, Rendering, StarState};
 use crate::rng::StageKey;
 
 /// A ripple of the gain from column to column.
@@ -45,6 +45,11 @@ impl CentroidShift for EvenOdd {
 
     fn unit_shift<T: Real>(_: usize, measured: &Light<T>, _: &Context) -> [T; 2] {
         [ripple_shift(measured.pixel_px[0]), T::constant(0.0)]
+    }
+
+    fn rendering(_: usize) -> Option<Rendering> {
+        let parameters = &[("gain_relative", [-0.01, 0.01])];
+        Some(Rendering::Stage { effect: "even_odd", parameters, step: Some(0.02), by_colour: false })
     }
 
     fn reference_values() -> Vec<ReferenceValue> {

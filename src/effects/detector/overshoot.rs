@@ -33,7 +33,7 @@ use bytemuck::{Pod, Zeroable};
 use crate::dual::Real;
 use crate::effects::pixel::pass::{Along, Carry, LinePass, PassHead, Sweep};
 use crate::effects::pixel::{ExposureContext, Stage, uniform_fields};
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, StarImage, StarState};
+use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, Rendering, StarImage, StarState};
 
 /// A shift along the rows in proportion to the flux.
 #[derive(Clone, Copy, Debug)]
@@ -45,6 +45,11 @@ impl CentroidShift for Overshoot {
 
     fn unit_shift<T: Real>(_: usize, _: &Light<T>, context: &Context) -> [T; 2] {
         [context.relative_flux().unwrap_or(0.0), 0.0].map(T::constant)
+    }
+
+    fn rendering(_: usize) -> Option<Rendering> {
+        let parameters = &[("tail_relative", [-0.01, 0.01])];
+        Some(Rendering::Stage { effect: "overshoot", parameters, step: None, by_colour: false })
     }
 
     fn reference_values() -> Vec<ReferenceValue> {

@@ -28,7 +28,7 @@
 use std::f64::consts::TAU;
 
 use crate::dual::Real;
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, StarState};
+use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, Rendering, StarState};
 
 /// A sine of the fraction of the pixel.
 #[derive(Clone, Copy, Debug)]
@@ -47,6 +47,10 @@ impl CentroidShift for SCurve {
         let mut shift = [T::constant(0.0); 2];
         shift[parameter] = (measured.pixel_px[parameter] * TAU).sin();
         shift
+    }
+
+    fn rendering(parameter: usize) -> Option<Rendering> {
+        Some(Rendering::WithinPixel { axis: parameter, cosine: [-0.1, 0.1] })
     }
 
     fn reference_values() -> Vec<ReferenceValue> {

@@ -34,7 +34,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::dual::Real;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Role, Stage, by_rows, uniform_fields};
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, StarImage, StarState};
+use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, Rendering, StarImage, StarState};
 use crate::rng::StageKey;
 
 /// A shift along the gradient of the background, the larger the fainter the star.
@@ -66,6 +66,10 @@ impl CentroidShift for StrayLight {
 
     fn missing_in(context: &Context) -> Option<&'static str> {
         shift_px(&context.image).is_none().then_some("the background's gradient under the star images and their electrons are not known")
+    }
+
+    fn rendering(_: usize) -> Option<Rendering> {
+        Some(Rendering::Slope)
     }
 
     fn reference_values() -> Vec<ReferenceValue> {

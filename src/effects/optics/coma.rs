@@ -26,7 +26,7 @@
 //! **Source.** V. N. Mahajan, Optical Imaging and Aberrations (1998), for the form of the image.
 
 use crate::dual::Real;
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, StarState};
+use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, Rendering, StarState};
 
 /// A shift along the radius in proportion to its square and to the magnitude.
 #[derive(Clone, Copy, Debug)]
@@ -49,6 +49,10 @@ impl CentroidShift for Coma {
 
     fn missing(observation: &Observation) -> Option<&'static str> {
         observation.sensor.is_none().then_some("the size of the frame is not known")
+    }
+
+    fn rendering(_: usize) -> Option<Rendering> {
+        Some(Rendering::Coma { waves: [-0.02, 0.02] })
     }
 
     fn reference_values() -> Vec<ReferenceValue> {

@@ -1,0 +1,327 @@
+//! Columns by rendering: what an effect on pixels does to the measured centres of THIS recording's stars.
+//!
+//! Stars with the recording's own places, phases within the pixel, electrons and colours are rendered without noise with a little less and a
+//! little more of an effect, and measured by the fit that measured the recording. The difference is the effect's column, the bias of the
+//! estimator in it. Its parameter keeps the unit of the effect's page: where that is no quantity of what is rendered (the slope of a
+//! background, the gain of a column), the column is scaled so that it has the formula's size over the recording's stars, what attitudes and a
+//! camera take up left aside. Formula and rendered column then stand side by side as two variants of one hypothesis, and the recording
+//! decides: somebody's stars may have been measured otherwise before.
+//!
+//! Star images of all frames share the rendered ones, as many on each as find room without touching: cost grows with the images and not
+//! with the frames.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::Looks;
+use super::evidence::{Evidence, WITHIN_REACH_PX};
+use crate::calibrate::Joint;
+use crate::detect::{KnownSky, fit_known};
+use crate::effects::pixel::pixel_effect;
+use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Light, MOST_SHIFTS, Rendering, Signature};
+use crate::frame::Frame;
+use crate::identify::ControlPoints;
+use crate::imaging::EffectSetting;
+use crate::render::{Bench, Measured, Probe, signature};
+use crate::scene::Scene;
+
+/// Side of the square that a star has for itself, in widths of its image, and at least, px.
+const ROOM_SIGMAS: f64 = 24.0;
+const LEAST_ROOM_PX: f64 = 24.0;
+/// A rendered difference smaller than this (rms, px) is no more than the rounding of the pixels.
+const LEAST_PX: f64 = 1e-5;
+/// A rendered column and a formula that are less alike than this have no common unit.
+const LEAST_COSINE: f64 = 0.3;
+/// Fewer stars tell no column.
+const FEWEST_STARS: usize = 20;
+/// More star images take longer to render than their diagnosis is worth (minutes).
+pub(super) const MOST_IMAGES: usize = 30_000;
+/// Stars that move farther than this when rendered with more of an effect have been lost by the fit.
+const LOST_PX: f64 = 1.0;
+/// λN of a wavefront whose image a Gaussian of σ = 1 px fits, px.
+const LAMBDA_N_OF_SIGMA: f64 = 2.13;
+
+/// Shifts per unit of an effect's parameters, by control point.
+pub(super) type Shifts = Arc<BTreeMap<usize, Signature>>;
+
+/// The columns that could be rendered, by the effect's id.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Rendered(BTreeMap<&'static str, Shifts>);
+
+impl Rendered {
+    /// Renders and measures the star images of a baseline solution; nothing where nobody says how they look, or where their electrons are
+    /// not known.
+    pub(super) fn new(evidence: &Evidence, joint: &Joint, points: &ControlPoints, looks: Option<&Looks>) -> Self {
+        let Some(looks) = looks.filter(|_| evidence.images.len() <= MOST_IMAGES) else { return Self::default() };
+        let studio = Studio { evidence, joint, points, looks, plates: plates(evidence, joint, points, looks) };
+        let ids = DISPLACEMENTS.iter().filter(|effect| effect.rendering(0).is_some());
+        Self(ids.filter_map(|effect| Some((effect.id(), studio.shifts(*effect)?))).collect())
+    }
+
+    /// Those of an effect.
+    pub(super) fn of(&self, id: &str) -> Option<&Shifts> {
+        self.0.get(id)
+    }
+}
+
+/// That nothing was rendered because there is too much of it.
+pub(super) fn left_out(evidence: &Evidence, looks: Option<&Looks>) -> Option<String> {
+    let images = evidence.images.len();
+    looks.filter(|_| images > MOST_IMAGES).map(|_| {
+        format!(
+            "{images} star images are too many to render them for the columns of effects on pixels (at most {MOST_IMAGES}): the formulas of their pages stand in; give fewer frames"
+        )
+    })
+}
+
+/// Shifts, px, by the image's number in the evidence.
+type Moved = BTreeMap<usize, [f64; 2]>;
+/// Stars that are rendered together: each with its number among the images of the evidence.
+type Plate = Vec<(usize, Probe)>;
+
+/// Deals the star images out to as few frames as have room for them.
+fn plates(evidence: &Evidence, joint: &Joint, points: &ControlPoints, looks: &Looks) -> Vec<Plate> {
+    let camera = joint.model().camera();
+    let size = [camera.width_px as f64, camera.height_px as f64];
+    let room_px = (ROOM_SIGMAS * looks.psf_sigma_px).max(LEAST_ROOM_PX);
+    let mut plates: Vec<(Plate, BTreeSet<[i64; 2]>)> = Vec::new();
+    for (index, (image, at)) in evidence.images.iter().zip(evidence.predicted_px(WITHIN_REACH_PX)).enumerate() {
+        let point = &points.points[image.point];
+        let Some(electrons) = point.image.flux_e.filter(|flux| *flux > 0.0 && flux.is_finite()) else { continue };
+        if !(0..2).all(|axis| at[axis] > -0.5 && at[axis] < size[axis] - 0.5) {
+            continue;
+        }
+        let cell = at.map(|at| (at / room_px).floor() as i64);
+        let around = |cells: &BTreeSet<[i64; 2]>| (-1..=1).any(|dy| (-1..=1).any(|dx: i64| cells.contains(&[cell[0] + dx, cell[1] + dy])));
+        let free = plates.iter().position(|(_, cells)| !around(cells)).unwrap_or_else(|| {
+            plates.push(Default::default());
+            plates.len() - 1
+        });
+        plates[free].0.push((index, Probe { x_px: at[0], y_px: at[1], electrons, colour: point.star.colour }));
+        plates[free].1.insert(cell);
+    }
+    plates.into_iter().map(|(plate, _)| plate).collect()
+}
+
+/// Everything that a column is rendered from.
+struct Studio<'a> {
+    evidence: &'a Evidence,
+    joint: &'a Joint,
+    points: &'a ControlPoints,
+    looks: &'a Looks,
+    plates: Vec<Plate>,
+}
+
+impl Studio<'_> {
+    /// The shifts of all parameters of an effect, in the units of its page; `None` where one cannot be rendered to any use.
+    fn shifts(&self, effect: &'static dyn AnyDisplacement) -> Option<Shifts> {
+        let of = |parameter: usize| {
+            let (found, step) = self.rendered(&effect.rendering(parameter)?)?;
+            let by_formula =
+                || unit(&found, |index| self.unit_shift(effect, parameter, index), |index| self.evidence.images[index].measured_px);
+            let scale = step.or_else(by_formula)?;
+            tracing::debug!("{} by rendering: {} star images", effect.id(), found.len());
+            Some(found.into_iter().map(|(index, shift)| (index, shift.map(|along| along / scale))).collect::<BTreeMap<_, _>>())
+        };
+        let columns: Vec<Moved> = (0..effect.parameters().len()).map(of).collect::<Option<_>>()?;
+        let signature = |index: usize| {
+            let mut shift_px = [[0.0; 2]; MOST_SHIFTS];
+            for (shift, column) in shift_px.iter_mut().zip(&columns) {
+                *shift = *column.get(&index)?; // an image that one of the parameters lacks keeps the formula for all
+            }
+            Some((self.evidence.images[index].point, Signature { effect: effect.id(), shift_px }))
+        };
+        Some(Arc::new(columns.first()?.keys().filter_map(|index| signature(*index)).collect()))
+    }
+
+    /// Shift of each image by what is rendered, px per step from less to more; and the step in units of the effect's parameter, where it is one.
+    fn rendered(&self, rendering: &Rendering) -> Option<(Moved, Option<f64>)> {
+        let looks = self.looks;
+        let camera = self.joint.model().camera();
+        let size = [camera.width_px, camera.height_px];
+        let along = |scenes: [Option<Scene>; 2]| -> Option<Moved> {
+            let [less, more] = scenes;
+            self.difference(&[less?, more?])
+        };
+        let (mut found, step) = match rendering {
+            Rendering::Stage { effect, parameters, step, by_colour } => {
+                // What acts by a star's colour leaves the sky, which has a colour of its own, as it is.
+                let sky_e = if *by_colour { 0.0 } else { looks.background_e };
+                let of = |which: usize| Some(with_stage(scene(size, &gaussian(looks, ""), sky_e)?, effect, parameters, which));
+                let mut found = along([of(0), of(1)])?;
+                for (index, shift) in found.iter_mut().filter(|_| *by_colour) {
+                    let offset = self.points.points[self.evidence.images[*index].point].star.colour_offset();
+                    *shift = shift.map(|along| along * offset);
+                }
+                (found, *step)
+            }
+            Rendering::WithinPixel { axis, cosine } => {
+                let of = |which: usize| {
+                    let mut response = [0.0; 2];
+                    response[*axis] = cosine[which];
+                    scene(size, &gaussian(looks, &format!("[psf.pixel]\ncosine = {response:?}\n")), looks.background_e)
+                };
+                (along([of(0), of(1)])?, None)
+            }
+            Rendering::Coma { waves } => {
+                let of = |which: usize| scene(size, &coma(looks, waves[which]), looks.background_e);
+                (along([of(0), of(1)])?, None)
+            }
+            Rendering::Slope => {
+                // As steep as leaves the sky alight over most of the frame, so that nothing is cut at zero.
+                let slope = 0.4 * looks.background_e / camera.width_px.max(camera.height_px) as f64;
+                let of = |name: &'static str, sign: f64| {
+                    let (plain, effect) = (scene(size, &gaussian(looks, ""), looks.background_e)?, pixel_effect("stray_light")?);
+                    let parameters: Vec<_> =
+                        effect.parameters().iter().map(|spec| (spec.name, if spec.name == name { sign * slope } else { 0.0 })).collect();
+                    let mut scene = plain;
+                    scene.pixel_effects.push(EffectSetting::new(effect.id(), &parameters));
+                    Some(scene)
+                };
+                let [x, y] = ["slope_x_e_per_px_s", "slope_y_e_per_px_s"].map(|name| along([of(name, -1.0), of(name, 1.0)]));
+                let (x, y) = (x?, y?);
+                // Each image's own slope, in units of the recording's mean one.
+                let of_image = |(index, by_x): (usize, [f64; 2])| {
+                    let image = &self.points.points[self.evidence.images[index].point].image;
+                    let (gradient, by_y) = (image.background_gradient_e_px?, y.get(&index)?);
+                    let scale = image.recording_gradient_e_px.unwrap_or(gradient[0].hypot(gradient[1]));
+                    let share = gradient.map(|along| along / scale);
+                    share
+                        .iter()
+                        .all(|share| share.is_finite())
+                        .then(|| (index, [0, 1].map(|axis| by_x[axis] * share[0] + by_y[axis] * share[1])))
+                };
+                (x.into_iter().filter_map(of_image).collect(), Some(2.0 * slope))
+            }
+        };
+        found.retain(|_, shift| shift.iter().all(|along| along.abs() < LOST_PX));
+        let square: f64 = found.values().flatten().map(|along| along * along).sum();
+        (found.len() >= FEWEST_STARS && square > LEAST_PX * LEAST_PX * found.len() as f64).then_some((found, step))
+    }
+
+    /// Renders and measures every plate with two cameras; the change of each star's centre, by its number.
+    fn difference(&self, scenes: &[Scene; 2]) -> Option<Moved> {
+        let looks = self.looks;
+        let [less, more] = [Bench::new(&scenes[0]).ok()?, Bench::new(&scenes[1]).ok()?];
+        let known =
+            |sky_e: f64| KnownSky { background_dn: sky_e, noise_dn: looks.noise_e, gain_e_per_dn: 1.0, psf_sigma_px: looks.psf_sigma_px };
+        let sky = known(scenes[0].sky.background_e_per_px_s.unwrap_or(0.0));
+        let measure = |frame: &Frame, stars: &[Probe]| -> Vec<Option<Measured>> {
+            let places: Vec<[f64; 2]> = stars.iter().map(|star| [star.x_px.round(), star.y_px.round()]).collect();
+            let measured = |fit: crate::detect::KnownFit| Measured {
+                x_px: fit.x_px,
+                y_px: fit.y_px,
+                flux_e: fit.flux_dn,
+                variance_px2: fit.width_px * fit.width_px,
+            };
+            fit_known(frame, &places, &sky).into_iter().map(|fit| fit.map(measured)).collect()
+        };
+        let of = |plate: &Plate| -> Option<Vec<(usize, [f64; 2])>> {
+            let design = [plate.iter().map(|(_, probe)| *probe).collect::<Vec<Probe>>()];
+            let found = signature(&less, &more, 1.0, &design, measure).ok()?;
+            Some(plate.iter().zip(found).filter_map(|((index, _), found)| found.map(|found| (*index, [found.x_px, found.y_px]))).collect())
+        };
+        let parts: Vec<Vec<(usize, [f64; 2])>> = self.plates.par_iter().map(of).collect::<Option<_>>()?;
+        Some(parts.into_iter().flatten().collect())
+    }
+
+    /// The formula's shift of an image for a unit of a parameter.
+    fn unit_shift(&self, effect: &dyn AnyDisplacement, parameter: usize, index: usize) -> [f64; 2] {
+        let camera = self.joint.model().camera();
+        let pixel_px = self.evidence.images[index].measured_px;
+        let point_px = [0, 1].map(|axis| pixel_px[axis] - camera.principal_point_px[axis]);
+        let light = Light { direction: [0.0, 0.0, 1.0], point_px, pixel_px, focal_length_px: camera.focal_length_px };
+        let context: Context = self.evidence.context(index, self.points);
+        let mut unit = vec![0.0; effect.parameters().len()];
+        unit[parameter] = 1.0;
+        let moved = effect.displace(&unit, light, &context).point_px;
+        [0, 1].map(|axis| point_px[axis] - moved[axis])
+    }
+}
+
+/// How large a rendered column is, in columns of the formula: by least squares over the images, beside what attitudes and a camera take up
+/// (along each axis a polynomial of the second order and the cubic radial term).
+fn unit(found: &Moved, formula: impl Fn(usize) -> [f64; 2], at: impl Fn(usize) -> [f64; 2]) -> Option<f64> {
+    const TERMS: usize = 8;
+    let middle = |axis: usize| found.keys().map(|index| at(*index)[axis]).sum::<f64>() / found.len() as f64;
+    let centre = [middle(0), middle(1)];
+    let reach =
+        found.keys().map(|index| at(*index)).fold(1.0_f64, |reach, at| reach.max((at[0] - centre[0]).abs()).max((at[1] - centre[1]).abs()));
+    let rows: Vec<[f64; TERMS]> = found
+        .keys()
+        .map(|index| {
+            let [x, y] = [0, 1].map(|axis| (at(*index)[axis] - centre[axis]) / reach);
+            let square = x * x + y * y;
+            [1.0, x, y, x * x, x * y, y * y, x * square, y * square]
+        })
+        .collect();
+    let smooth = DMatrix::from_fn(rows.len(), TERMS, |row, term| rows[row][term]).svd(true, false).u?;
+    let rest = |column: DVector<f64>| &column - &smooth * (smooth.transpose() * &column);
+    let (mut own, mut along, mut square) = (0.0, 0.0, 0.0);
+    for axis in 0..2 {
+        let rendered = rest(DVector::from_iterator(found.len(), found.values().map(|shift| shift[axis])));
+        let formula = rest(DVector::from_iterator(found.len(), found.keys().map(|index| formula(*index)[axis])));
+        own += rendered.norm_squared();
+        along += rendered.dot(&formula);
+        square += formula.norm_squared();
+    }
+    let cosine = along / (own * square).sqrt();
+    (cosine.is_finite() && cosine.abs() > LEAST_COSINE).then(|| along / square)
+}
+
+/// One exposure of a second by a camera of this size.
+fn scene([width, height]: [usize; 2], psf: &str, sky_e: f64) -> Option<Scene> {
+    let text = format!(
+        "format = \"boresight-scene/1\"\ncamera = {{ width_px = {width}, height_px = {height}, focal_length_px = {width}.0 }}\n\
+         sky = {{ background_e_per_px_s = {sky_e:?}, physics = \"none\" }}\n{psf}\n\
+         [[frames]]\nexposure_s = 1.0\nboresight_radec_deg = [0.0, 0.0]\n"
+    );
+    Scene::parse("the scene of the rendered columns", &text).ok()
+}
+
+fn gaussian(looks: &Looks, pixel: &str) -> String {
+    format!("[psf]\nkind = \"gaussian\"\nparameters = {{ sigma_px = {:?} }}\n{pixel}", looks.psf_sigma_px)
+}
+
+fn coma(looks: &Looks, waves: f64) -> String {
+    let reach_px = (16.0 * looks.psf_sigma_px).ceil().clamp(8.0, 48.0);
+    let lambda_n_px = LAMBDA_N_OF_SIGMA * looks.psf_sigma_px;
+    let vary = |name: &str, axis: &str| format!("{{ parameter = \"{name}\", coefficient = {waves:?}, {axis} = 1 }}");
+    let terms = [vary("z8_waves", "x"), vary("z7_waves", "y")].join(", ");
+    format!(
+        "[psf]\nkind = \"zernike\"\nreach_px = {reach_px}\nfield_nodes = [2, 2]\nparameters = {{ lambda_n_px = {lambda_n_px:?} }}\nvary = [{terms}]\n"
+    )
+}
+
+/// The scene with a stage of these parameters, the others typical; `which`: less or more.
+fn with_stage(mut scene: Scene, effect: &str, parameters: &[(&str, [f64; 2])], which: usize) -> Scene {
+    if let Some(stage) = pixel_effect(effect) {
+        let value = |name: &str, typical| parameters.iter().find(|(own, _)| *own == name).map_or(typical, |(_, values)| values[which]);
+        let all: Vec<_> = stage.parameters().iter().map(|spec| (spec.name, value(spec.name, spec.typical))).collect();
+        scene.pixel_effects.push(EffectSetting::new(stage.id(), &all));
+    }
+    scene
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A rendered column that is the formula times a number, beside a change of scale that the camera takes up, has that number; one that is
+    /// unlike the formula has none.
+    #[test]
+    fn a_column_has_the_formulas_size_whatever_the_camera_takes_up() {
+        let places: BTreeMap<usize, [f64; 2]> =
+            (0..400).map(|k| (k, [(k % 20) as f64 * 37.3, (k / 20) as f64 * 41.7 + (k % 7) as f64 * 0.13])).collect();
+        let formula = |index: usize| [(places[&index][0] * 1.9).sin(), 0.0];
+        let along = |k: usize, wave: f64| [0.03 * wave + 1e-3 * places[&k][0], -2e-3 * places[&k][1] + 4.0];
+        let at = |index: usize| places[&index];
+        let same: Moved = (0..400).map(|k| (k, along(k, formula(k)[0]))).collect();
+        assert!((unit(&same, formula, at).unwrap() - 0.03).abs() < 1e-4);
+        let other: Moved = (0..400).map(|k| (k, along(k, (k as f64 * 2.7).cos()))).collect();
+        assert!(unit(&other, formula, at).is_none());
+    }
+}
