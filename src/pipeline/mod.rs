@@ -2,6 +2,7 @@
 //!
 //! The verbs of the program and the benchmark of concealed recordings walk the same way; frames come from files or from memory.
 
+mod crowding;
 mod dark;
 mod frames;
 mod prepare;

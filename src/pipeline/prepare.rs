@@ -1,5 +1,6 @@
 //! Control points of identified frames, and the camera and options with which a diagnosis is asked about them.
 
+use super::crowding::leave_out_disturbed;
 use super::{IdentifiedFrame, Measured, MeasuredFrame, PipelineError, SkyChoice, circumstances, looks, physics_in_force};
 use crate::calibrate::{CalibrateOptions, StarImage, calibrate, calibrate_identifying_anew};
 use crate::camera::Term;
@@ -172,8 +173,8 @@ pub struct Question {
     pub telemetry: Telemetry,
     /// The options, the physics in force filled in.
     pub options: DiagnoseOptions,
-    /// A sentence if some physics acts in a part of the frames only.
-    pub uneven: Option<String>,
+    /// What is to be minded: physics that acts in a part of the frames only, star images that were left out; one sentence each.
+    pub notes: Vec<String>,
 }
 
 /// How control points come to be a question.
@@ -216,10 +217,12 @@ pub fn question(
         held_out: false,
         ..CalibrateOptions::default()
     };
-    let baseline = if asked.trusted {
+    let mut baseline = if asked.trusted {
         calibrate(&prepared.points, &solver)?
     } else {
         calibrate_identifying_anew(&prepared.points, &star_images(measured, prepared), asked.catalog, asked.max_magnitude, &solver)?
     };
-    Ok(Question { points: baseline.control_points, telemetry: telemetry(&measured.recording), options, uneven })
+    let crowded = leave_out_disturbed(&mut baseline.control_points, prepared.parity, measured, asked.catalog);
+    let notes = uneven.into_iter().chain(crowded).collect();
+    Ok(Question { points: baseline.control_points, telemetry: telemetry(&measured.recording), options, notes })
 }
