@@ -33,15 +33,14 @@ const STARS_PER_TERM: usize = 40;
 const HELD_OUT: usize = 4;
 /// With so many stars those held out once are enough to judge by.
 const MANY_STARS: usize = 400;
-/// Turns of image and positions, at least and at most, and by which share χ² must fall for another.
-const FEWEST_TURNS: usize = 4;
+/// Turns of image and positions, at most, and by which share χ² must fall for another.
 const MOST_TURNS: usize = 12;
-/// In the first turns pixels are trusted no better than this share of the star's light in them and of its top: far from the image the
-/// equations are not linear, and bright stars would take them astray.
-const FIRST_TRUST: (f64, f64) = (0.05, 0.01);
-const TURNS_OF_LITTLE_TRUST: usize = 3;
 const WORTH_A_TURN: f64 = 0.003;
-const MOST_STEPS: usize = 400;
+/// A step for the image is linear in the positions, and from Gaussians it goes too far: of one that makes χ² larger a part is tried, down to this.
+const PART: f64 = 0.4;
+const LEAST_SHARE: f64 = 0.02;
+/// Steps of the linear solution.
+const MOST_STEPS: usize = 300;
 /// A more complex image must fit held-out stars better by so many σ of what chance makes.
 const CLEARLY_SIGMA: f64 = 3.0;
 /// An image that leaves held-out stars more than this per degree of freedom has not been found: places would be worse with it, not better.
@@ -82,12 +81,16 @@ pub fn learn(stars: &[PsfStar]) -> (Option<EmpiricalPsf>, PsfReport) {
     let mut best: Vec<(f64, f64)> = held.iter().flatten().map(|s| s.gaussian).collect();
     report.gaussian_chi2_per_dof = per_dof(&best);
     report.empirical_chi2_per_dof = f64::INFINITY;
+    let mut images: Vec<Option<EmpiricalPsf>> = vec![None; folds];
     for (order, terms) in FIELD_TERMS.into_iter().enumerate() {
         if order > 0 && chosen.len() < STARS_PER_TERM * terms {
             break;
         }
+        for (fold, image) in images.iter_mut().enumerate() {
+            *image = fit_image(&part(fold, false), order, image.as_ref());
+        }
         let judged: Option<Vec<Vec<(f64, f64)>>> =
-            (0..folds).map(|fold| fit_image(&part(fold, false), order).map(|trial| judge(&held[fold], &trial))).collect();
+            images.iter().zip(&held).map(|(image, held)| image.as_ref().map(|trial| judge(held, trial))).collect();
         let Some(judged) = judged.map(|j| j.concat()) else { break };
         if order == 0 || per_dof(&judged) < report.empirical_chi2_per_dof {
             report.empirical_chi2_per_dof = per_dof(&judged);
@@ -97,7 +100,7 @@ pub fn learn(stars: &[PsfStar]) -> (Option<EmpiricalPsf>, PsfReport) {
             best = judged;
         }
     }
-    let psf = report.empirical.then(|| fit_image(&chosen, report.field_order)).flatten();
+    let psf = report.empirical.then(|| fit_image(&chosen, report.field_order, images[0].as_ref())).flatten();
     report.empirical = psf.is_some();
     (psf, report)
 }
@@ -171,7 +174,8 @@ struct Unknowns {
     prior: Vec<f64>,
 }
 
-fn fit_image(stars: &[&PsfStar], order: usize) -> Option<EmpiricalPsf> {
+/// The image of these stars, from `start` on if there is one.
+fn fit_image(stars: &[&PsfStar], order: usize, start: Option<&EmpiricalPsf>) -> Option<EmpiricalPsf> {
     let middle = |pick: fn(&Shape) -> f64| median(&stars.iter().map(|s| pick(&s.model.shape)).collect::<Vec<_>>());
     let shape = Shape { xx: middle(|s| s.xx)?, xy: middle(|s| s.xy)?, yy: middle(|s| s.yy)? };
     let base = if stars.iter().all(|s| s.model.shape.is_round()) { Shape::round(shape.sigma_px()) } else { shape };
@@ -179,11 +183,47 @@ fn fit_image(stars: &[&PsfStar], order: usize) -> Option<EmpiricalPsf> {
     let unknowns = Unknowns::new(grid, base, FIELD_TERMS[order]);
     let size_px = stars.first()?.size_px;
     let mut psf = EmpiricalPsf { base, grid, size_px, knots: vec![0.0; grid.knots() * FIELD_TERMS[order]] };
-    let mut models: Vec<Model> = stars.iter().map(|s| Model { empirical: true, shape: base, ..s.model }).collect();
-    let mut before = f64::INFINITY;
-    for count in 0..MOST_TURNS {
-        let found: Vec<Option<Turn<'_>>> =
-            stars.par_iter().zip(&models).map(|(star, model)| turn(star, *model, &psf, count < TURNS_OF_LITTLE_TRUST)).collect();
+    if let Some(start) = start.filter(|start| start.grid == grid && start.base == base) {
+        for (knot, from) in psf.knots.iter_mut().zip(&start.knots) {
+            *knot = *from;
+        }
+    }
+    let models: Vec<Model> = stars.iter().map(|s| Model { empirical: true, shape: base, ..s.model }).collect();
+    let mut now = Look::at(stars, models, &psf)?;
+    for _ in 0..MOST_TURNS {
+        let mut knots = psf.knots.clone();
+        unknowns.solve(&now.turns, &mut knots);
+        let mut share = 1.0;
+        let better = loop {
+            let between = psf.knots.iter().zip(&knots).map(|(from, to)| from + share * (to - from)).collect();
+            let trial = EmpiricalPsf { knots: between, ..psf.clone() };
+            match Look::at(stars, now.models.clone(), &trial) {
+                Some(look) if look.chi2 < now.chi2 => break Some((trial, look)),
+                _ if share < LEAST_SHARE => break None,
+                _ => share *= PART,
+            }
+        };
+        let Some((trial, look)) = better else { break };
+        let settled = share == 1.0 && look.chi2 > (1.0 - WORTH_A_TURN) * now.chi2;
+        (psf, now) = (trial, look);
+        if settled {
+            break;
+        }
+    }
+    Some(psf)
+}
+
+/// The stars under an image.
+struct Look<'a> {
+    models: Vec<Model>,
+    turns: Vec<Turn<'a>>,
+    chi2: f64,
+}
+
+impl<'a> Look<'a> {
+    /// `None` where more than half cannot be fitted.
+    fn at(stars: &[&'a PsfStar], mut models: Vec<Model>, psf: &EmpiricalPsf) -> Option<Self> {
+        let found: Vec<Option<Turn<'_>>> = stars.par_iter().zip(&models).map(|(star, model)| turn(star, *model, psf)).collect();
         for (model, turn) in models.iter_mut().zip(&found) {
             if let Some(turn) = turn {
                 *model = turn.model;
@@ -191,18 +231,12 @@ fn fit_image(stars: &[&PsfStar], order: usize) -> Option<EmpiricalPsf> {
         }
         let turns: Vec<Turn<'_>> = found.into_iter().flatten().collect();
         let chi2 = turns.iter().map(|t| t.chi2).sum::<f64>() / turns.iter().map(|t| t.rows.len() as f64).sum::<f64>();
-        let settled = chi2 > (1.0 - WORTH_A_TURN) * before;
-        if turns.len() * 2 < stars.len() || (settled && count >= FEWEST_TURNS) {
-            break;
-        }
-        before = chi2;
-        unknowns.solve(&turns, &mut psf.knots);
+        (turns.len() * 2 >= stars.len()).then_some(Self { models, turns, chi2 })
     }
-    Some(psf)
 }
 
 /// Fits one star with the present image.
-fn turn<'a>(star: &'a PsfStar, model: Model, psf: &EmpiricalPsf, little_trust: bool) -> Option<Turn<'a>> {
+fn turn<'a>(star: &'a PsfStar, model: Model, psf: &EmpiricalPsf) -> Option<Turn<'a>> {
     let mut profile = Profile::of(Some(psf));
     let mut stay = |model: Model| {
         profile.draw(star.stamp.window, &model, false);
@@ -215,11 +249,8 @@ fn turn<'a>(star: &'a PsfStar, model: Model, psf: &EmpiricalPsf, little_trust: b
     profile.draw(star.stamp.window, &model, false);
     let normal = star.photons.normal(&star.stamp, &profile, model.flux_dn, offset, 4);
     let rows: Vec<[f64; 4]> = (0..profile.value.len()).map(|i| profile.row(i, model.flux_dn)).map(|r| [r[0], r[1], r[2], r[3]]).collect();
-    let trust = if little_trust { FIRST_TRUST } else { (0.0, 0.0) };
-    let top = profile.value.iter().copied().fold(0.0, f64::max);
     let weight = |((v, share), used): ((&f64, &f64), &bool)| {
-        let doubt = model.flux_dn * (trust.0 * share + trust.1 * top);
-        if *used { 1.0 / (v + (model.flux_dn * share).max(0.0) * star.photons.variance_per_dn + doubt * doubt) } else { 0.0 }
+        if *used { 1.0 / (v + (model.flux_dn * share).max(0.0) * star.photons.variance_per_dn) } else { 0.0 }
     };
     let weights: Vec<f64> = star.stamp.variance.iter().zip(&profile.value).zip(&star.stamp.used).map(weight).collect();
     let mut matrix = [[0.0; 7]; 7];

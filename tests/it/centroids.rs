@@ -37,11 +37,12 @@ fn fits_reach_the_bound_and_state_their_error() {
 
 #[test]
 fn the_image_learnt_from_the_stars_takes_them_to_the_bound() {
-    let (gaussian, own, report) = learnt(&Image::comatic(0.6, 0.6), 300.0, frames(1, 4));
+    // as sharp and as bright as is asked for: the grid has to be fine enough, and steps from Gaussians are too long
+    let (gaussian, own, report) = learnt(&Image::comatic(0.6, 0.6), 1000.0, frames(1, 4));
     let own = own.expect("stars whose image is no Gaussian say so");
     println!("Gaussians {:.3}, own image {:.3}, pull variance {:.3}, {report:?}", gaussian.over_bound(), own.over_bound(), own.pull2());
     // 100 stars: sure to 5 %, and twice that for the square
-    assert!(report.empirical_chi2_per_dof < 1.3 && report.gaussian_chi2_per_dof > 10.0, "{report:?}");
+    assert!(report.empirical_chi2_per_dof < 1.3 && report.gaussian_chi2_per_dof > 100.0, "{report:?}");
     assert!(own.over_bound() < 1.10 + 0.15);
     assert!((own.pull2() - 1.0).abs() < 0.4);
 }
