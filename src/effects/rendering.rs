@@ -33,3 +33,36 @@ pub enum Rendering {
     /// A background that rises across the image the way the measured one does, by so much along its steepest way.
     Slope,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::DISPLACEMENTS;
+    use crate::effects::pixel::pixel_effect;
+
+    /// Whoever has a formula and a stage of the same name says how the one is rendered by the other, in that stage's own parameters and within
+    /// their ranges.
+    #[test]
+    fn what_has_a_stage_is_rendered_by_it() {
+        // A gain alone moves only stars that stand on the line: its page says that other effects are the cause.
+        const OF_ANOTHER_CAUSE: &str = "amplifier-step";
+        let mut stages = 0;
+        for effect in DISPLACEMENTS {
+            let rendering = effect.rendering(0);
+            let has_stage = pixel_effect(&effect.id().replace('-', "_")).is_some();
+            assert!(!has_stage || rendering.is_some() || effect.id() == OF_ANOTHER_CAUSE, "{} is not rendered by its stage", effect.id());
+            for parameter in 1..effect.parameters().len() {
+                assert_eq!(effect.rendering(parameter).is_some(), rendering.is_some(), "{}", effect.id());
+            }
+            let Some(Rendering::Stage { effect: stage, parameters, .. }) = rendering else { continue };
+            let specs = pixel_effect(stage).unwrap_or_else(|| panic!("{}: no stage {stage}", effect.id())).parameters();
+            for (name, values) in parameters {
+                let spec = specs.iter().find(|spec| spec.name == *name).unwrap_or_else(|| panic!("{stage} has no parameter {name}"));
+                assert!(values.iter().all(|value| (spec.range.0..=spec.range.1).contains(value)), "{stage}.{name}: {values:?}");
+            }
+            assert!(parameters.iter().any(|(_, [less, more])| less != more), "{stage}: nothing changes");
+            stages += 1;
+        }
+        assert!(stages >= 4, "{stages}");
+    }
+}
