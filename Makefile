@@ -16,7 +16,7 @@ help:
 	@echo "make check    format, lint, test, doc, deny: what a change has to pass"
 	@echo "make bench    benchmarks"
 	@echo "make bench-render  what a frame costs, beside numpy, photutils and GalSim (takes PyPI): docs/studies/render.txt"
-	@echo "make bench-identify  identification under stress, beside tetra3rs (takes PyPI and half an hour): docs/studies/identify.txt"
+	@echo "make bench-identify  identification under stress, beside tetra3rs (takes PyPI and an hour): docs/studies/identify.txt and identify-odds.txt"
 	@echo "make bench-centroid  errors of star places over the Cramér–Rao bound, and what they cost: docs/studies/centroid.txt"
 	@echo "make pictures what every effect does to a frame, off, on and the difference: outputs/effects/index.html"
 	@echo "make study    calibrators on wrong identifications and on clean data, against rivals and bounds: outputs/; STUDY=--quick for a minute"
@@ -59,13 +59,13 @@ bench-render: runtime
 	$(PEERS)/bin/python -m pip install --quiet photutils==3.0.0 galsim==2.8.5 || echo "bench-render: going on without photutils and GalSim" >&2
 	$(CARGO) bench --locked --bench render -- --python $(abspath $(PEERS))/bin/python --page docs/studies/render.txt
 
-# Thousands of star lists a row; IDENTIFY="--trials 100" for a few minutes.
-IDENTIFY ?= --trials 1000 --star-free 10000
+# Thousands of star lists a row; IDENTIFY="--trials 100" for a few minutes, "--trials 0 --reliability 60000" for the odds alone.
+IDENTIFY ?= --trials 1000 --star-free 10000 --reliability 60000
 bench-identify:
 	test -x $(PEERS)/bin/python || python3 -m venv $(PEERS)
 	$(PEERS)/bin/python -m pip install --quiet --requirement benches/peers/requirements.txt
 	$(PEERS)/bin/python -m pip install --quiet tetra3rs==0.14.0 || echo "bench-identify: going on without tetra3rs" >&2
-	$(CARGO) bench --locked --bench identify -- $(IDENTIFY) --python $(abspath $(PEERS))/bin/python --page docs/studies/identify.txt
+	$(CARGO) bench --locked --bench identify -- $(IDENTIFY) --python $(abspath $(PEERS))/bin/python --page docs/studies/identify.txt --reliability-page docs/studies/identify-odds.txt
 
 # CENTROID: frames a point, of 625 stars each.
 CENTROID ?= 17

@@ -1,6 +1,8 @@
 //! Identification under stress: star lists of a camera 15° wide with every nuisance that real images bring, and lists without stars.
 //!
-//! `cargo bench --bench identify -- [--trials N] [--star-free N] [--rows TEXT] [--python PROGRAM] [--page FILE]`. An answer is right if the
+//! `cargo bench --bench identify -- [--trials N] [--star-free N] [--rows TEXT] [--python PROGRAM] [--page FILE] [--reliability N]
+//! [--reliability-page FILE]`. `--reliability N` asks how often chance does as well as is stated, on up to N lists a row, and with
+//! `--trials 0` nothing else. An answer is right if the
 //! middle of the frame lies within 0.2°, the roll within a degree, the handedness is right and every star that it names is the one that was
 //! put there; an attitude that is not right is `wrong`, a right attitude with another star's name on one of the detections is `misnamed`.
 //! Time is that of this thread on the processor. With a Python that has tetra3rs, it is given the same lists through
@@ -15,14 +17,14 @@ use std::process::Command;
 
 use boresight::catalog::Catalog;
 use boresight::coordinates::Direction;
-use boresight::identify::{Identification, Index, identify};
+use boresight::identify::{Identification, Index, identify, least_false_match_probability};
 use boresight::units::DEG_RAD;
 use rustix::time::{ClockId, clock_gettime};
 
 #[path = "../tests/it/identify/star_lists.rs"]
 #[allow(dead_code, reason = "the tests use more of it")]
 mod star_lists;
-use star_lists::{BASE, List, MAGNITUDE_SIGMA, RIGHT_DEG, Scene, Told, WIDTH_PX, cpu_ms, make};
+use star_lists::{BASE, ByChance, List, MAGNITUDE_SIGMA, RIGHT_DEG, Scene, Told, WIDTH_PX, cpu_ms, make};
 
 /// The other program gets no more lists of a row than these.
 const MOST_OF_THEIRS: u64 = 1000;
@@ -195,6 +197,47 @@ fn theirs(python: &str, rows: &[(u64, Row)], trials: impl Fn(&Row) -> u64) -> Ve
     tallies
 }
 
+/// Probabilities as they may be stated.
+const STATED: [f64; 8] = [0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4];
+
+/// How often chance does as well as is stated: the page.
+fn reliability(most: u64, index: &Index) -> String {
+    let mut text = format!(
+        "Printed by `make bench-identify IDENTIFY=\"--trials 0 --reliability {most}\"`\n\n\
+         Lists of which nothing can be right, and the least probability of a false match that would be stated of any hypothesis about them.\n\
+         Under each probability p: how many lists have a hypothesis that is stated below it, and their share over p, with its standard\n\
+         deviation; 1 is calibrated, less is cautious. A match is accepted by a bound, mostly a hundred times larger, below 1e-6.\n\n"
+    );
+    let heads = STATED.map(|p| format!("{p:>22}")).concat();
+    let _ = writeln!(text, "{:58} {:>7}{heads}", "lists", "");
+    let rows = [
+        ("6 to 50 points, 4° to 60° wide, f known to 1 %", ByChance::Few, 1),
+        ("4 to 200 points, 15° wide, f known to 10 %", ByChance::Points, 4),
+        ("4 to 200 points, 15° wide, f not known", ByChance::PointsOfAnyField, 60),
+        ("stars of the sky, V < 6.5, stretched by a third to a half", ByChance::StretchedStars, 1),
+    ];
+    print!("{text}");
+    for (name, lists, part) in rows {
+        let count = most.div_ceil(part);
+        let least: Vec<f64> = (0..count)
+            .filter_map(|trial| {
+                let (list, options) = lists.list(1 << 40 | trial);
+                least_false_match_probability(&list, Catalog::embedded(), index, &[], &options)
+            })
+            .collect();
+        let cell = |p: &f64| {
+            let found = least.iter().filter(|least| *least < p).count() as f64;
+            let expected = p * least.len() as f64;
+            let share = format!("{:.2} ± {:.2}", found / expected, found.max(1.0).sqrt() / expected);
+            format!("{found:>8} {share:>13}")
+        };
+        let line = format!("{name:58} {:>7}{}", least.len(), STATED.each_ref().map(cell).concat());
+        println!("{line}");
+        let _ = writeln!(text, "{line}");
+    }
+    text
+}
+
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
     let option = |name: &str| arguments.iter().position(|argument| argument == name).and_then(|at| arguments.get(at + 1).cloned());
@@ -211,6 +254,16 @@ fn main() {
     let rows: Vec<(u64, Row)> = (1..).zip(rows()).filter(|(_, row)| row.name.contains(&only)).collect();
 
     let index = Index::new(Catalog::embedded());
+    let ask_reliability = || {
+        let Some(most) = count("--reliability") else { return };
+        let page = reliability(most, &index);
+        if let Some(path) = option("--reliability-page") {
+            std::fs::write(path, page).unwrap();
+        }
+    };
+    if all_trials == 0 {
+        return ask_reliability();
+    }
     let begin = clock_gettime(ClockId::ProcessCPUTime);
     let size = index.build();
     let end = clock_gettime(ClockId::ProcessCPUTime);
@@ -260,4 +313,5 @@ fn main() {
     if let Some(page) = option("--page") {
         std::fs::write(page, text).unwrap();
     }
+    ask_reliability();
 }

@@ -26,6 +26,7 @@ mod search;
 mod sky;
 mod solution;
 
+use std::borrow::Cow;
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
@@ -81,7 +82,8 @@ pub struct Solution {
     pub matches: Vec<Match>,
     /// 2-D rms of the matches' residuals.
     pub rms_px: f64,
-    /// Probability that an image without these stars would have been matched as well as this one, over all that was tried.
+    /// Probability that an image without these stars would have been matched as well as this one, over all that was tried: as often as
+    /// that happens on lists without stars, to a factor of about two.
     pub false_match_probability: f64,
 }
 
@@ -100,7 +102,8 @@ pub struct IdentifyOptions {
     pub parity: Option<i8>,
     /// Where the camera is held to point: nothing is searched elsewhere, so that there is time for more.
     pub near: Option<Near>,
-    /// A match is accepted only if detections without these stars would match as well with less than this probability.
+    /// A match is accepted only if detections without these stars would match as well with less than this probability. A bound decides,
+    /// mostly a hundred times what is stated in [`Solution::false_match_probability`].
     pub max_false_match_probability: f64,
     /// Give up after this time. Without a limit the answer is the same on every machine. Levels of the index that are needed
     /// for the first time are built on this time too: call [`Index::build`] before.
@@ -140,49 +143,86 @@ pub fn identify(
     options: &IdentifyOptions,
 ) -> Identification {
     let begin = Instant::now();
-    let not = |reason: String| Identification::NotIdentified { reason };
+    let (points, apparent) = match prepare(detections, catalog, index, directions, options) {
+        Ok(prepared) => prepared,
+        Err(reason) => return Identification::NotIdentified { reason },
+    };
+    let usable = points.centred_px.len();
+    let reason = match search::Search::new(&points, index, &apparent, options, begin).run() {
+        Ok(found) => return solution::solve(detections, &points, catalog, index, &apparent, &found),
+        Err(search::Failure::TimeLimit { limit }) => format!(
+            "No match within the time limit of {:.3} s, with {usable} star images: allow more time or give the focal length.",
+            limit.as_secs_f64()
+        ),
+        Err(search::Failure::Exhausted { hypotheses, least_bound, was_cut, .. }) => format!(
+            "None of {hypotheses} hypotheses{} brings the {usable} star images together with the catalogue better than chance would (the best by chance with a probability of {least_bound:.1e} at most, below {:.0e} is asked){}.",
+            options.near.map_or_else(String::new, |near| format!(" within {:.1}° of the attitude given", near.within_rad / DEG_RAD)),
+            options.max_false_match_probability,
+            if was_cut { " (search cut short)" } else { "" }
+        ),
+    };
+    Identification::NotIdentified { reason }
+}
+
+/// The least false-match probability that would be stated of any hypothesis about a frame, if none were ever accepted: to see, on frames
+/// without these stars, how often chance does as well as is stated. `None` where there is nothing to search or the time limit came first.
+#[must_use]
+pub fn least_false_match_probability(
+    detections: &Detections,
+    catalog: &Catalog,
+    index: &Index,
+    directions: &[Direction<Apparent>],
+    options: &IdentifyOptions,
+) -> Option<f64> {
+    let begin = Instant::now();
+    let options = IdentifyOptions { max_false_match_probability: f64::MIN_POSITIVE, ..options.clone() };
+    let (points, apparent) = prepare(detections, catalog, index, directions, &options).ok()?;
+    match search::Search::new(&points, index, &apparent, &options, begin).run() {
+        Ok(found) => Some(found.false_match_probability),
+        Err(search::Failure::Exhausted { least_stated, .. }) => Some(least_stated),
+        Err(search::Failure::TimeLimit { .. }) => None,
+    }
+}
+
+/// The points of a frame, and the directions of the catalogue's stars in it.
+type Searchable<'a> = (refine::Points, Cow<'a, [Vector3<f64>]>);
+
+/// What the search is made of, or why there is nothing to search.
+fn prepare<'a>(
+    detections: &Detections,
+    catalog: &Catalog,
+    index: &'a Index,
+    directions: &[Direction<Apparent>],
+    options: &IdentifyOptions,
+) -> Result<Searchable<'a>, String> {
     let stars = catalog.stars.len();
     if index.star_count() != stars {
-        return not(format!(
+        return Err(format!(
             "The index was made of a catalogue of {} stars, but this one has {stars}: make it of this one.",
             index.star_count()
         ));
     }
     if !directions.is_empty() && directions.len() != stars {
-        return not(format!("There are {} directions for {stars} catalogue stars: give one for each, or none.", directions.len()));
+        return Err(format!("There are {} directions for {stars} catalogue stars: give one for each, or none.", directions.len()));
     }
     if let Some(fault) = solution::fault_in(options, detections) {
-        return not(fault);
+        return Err(fault);
     }
     let points = solution::usable_points(detections);
     let usable = points.centred_px.len();
     if usable < FEWEST_DETECTIONS {
-        return not(format!(
+        return Err(format!(
             "{usable} usable star image{} of {} detected: fewer than the {FEWEST_DETECTIONS} that a match needs; expose longer or lower the detection threshold.",
             if usable == 1 { "" } else { "s" },
             detections.stars.len()
         ));
     }
-    let apparent: Vec<Vector3<f64>>;
     let apparent = if directions.is_empty() {
-        &index.vectors
+        Cow::Borrowed(&*index.vectors)
     } else {
-        apparent = directions.iter().map(|d| Vector3::from(d.xyz)).collect();
-        &apparent
+        Cow::Owned(directions.iter().map(|direction| Vector3::from(direction.xyz)).collect())
     };
-    match search::Search::new(&points, index, apparent, options, begin).run() {
-        Ok(found) => solution::solve(detections, &points, catalog, index, apparent, &found),
-        Err(search::Failure::TimeLimit { limit }) => not(format!(
-            "No match within the time limit of {:.3} s, with {usable} star images: allow more time or give the focal length.",
-            limit.as_secs_f64()
-        )),
-        Err(search::Failure::Exhausted { hypotheses, best_probability, was_cut }) => not(format!(
-            "None of {hypotheses} hypotheses{} brings the {usable} star images together with the catalogue better than chance would (the best by chance with probability {best_probability:.1e}, below {:.0e} is asked){}.",
-            options.near.map_or_else(String::new, |near| format!(" within {:.1}° of the attitude given", near.within_rad / DEG_RAD)),
-            options.max_false_match_probability,
-            if was_cut { " (search cut short)" } else { "" }
-        )),
-    }
+    Ok((points, apparent))
 }
 
 /// A measured star image with the direction of the star it is held to be: all that the calibrator sees.

@@ -224,11 +224,16 @@ pub(super) fn fit(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], pairs:
     Some(pose)
 }
 
-/// A pose that the detections support, with ln of the probability that one hypothesis gets as much support by chance.
+/// A pose that the detections support.
 #[derive(Clone, Debug)]
 pub(super) struct Supported {
     pub(super) pose: Pose,
+    /// ln of the least probability, over the depths and radii, that chance brings about as many matches.
+    pub(super) ln_best: f64,
+    /// ln of the probability that one hypothesis gets as much support by chance at any of them, at most.
     pub(super) ln_probability: f64,
+    /// The detections that it was weighed on.
+    pub(super) judges: usize,
 }
 
 /// Radii, in frame sizes, within which matches are counted: from a quarter of a pixel in a thousand to several.
@@ -285,7 +290,7 @@ pub(super) fn refine(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], nea
         }
     }
     let tried = ((RADII.len() * DEPTHS.len()) as f64).ln();
-    Some(Supported { pose, ln_probability: best + tried })
+    Some(Supported { pose, ln_best: best, ln_probability: best + tried, judges: used })
 }
 
 #[cfg(test)]

@@ -103,8 +103,9 @@ const STAGES: [Stage; 19] = [
 /// Why a search ended without an answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Failure {
-    /// Everything was tried, or (`was_cut`) as much of everything as there is time for; the hypotheses and the best support found.
-    Exhausted { hypotheses: u64, best_probability: f64, was_cut: bool },
+    /// Everything was tried, or (`was_cut`) as much of everything as there is time for; the hypotheses, and of the best of them the bound on
+    /// the probability that it comes by chance and what would be stated of it.
+    Exhausted { hypotheses: u64, least_bound: f64, least_stated: f64, was_cut: bool },
     /// The time limit came first.
     TimeLimit { limit: Duration },
 }
@@ -141,7 +142,8 @@ pub(super) struct Search<'a> {
     hypotheses: u64,
     /// Hypotheses at which the stage goes on to the next focal length.
     most: u64,
-    best_probability: f64,
+    least_bound: f64,
+    least_stated: f64,
     /// Whether a part of what the stages ask for was left out.
     was_cut: bool,
     found: Option<Found>,
@@ -157,7 +159,19 @@ impl<'a> Search<'a> {
         begin: Instant,
     ) -> Self {
         let deadline = options.time_limit.and_then(|limit| Some((begin.checked_add(limit)?, limit)));
-        Self { points, index, apparent, options, deadline, hypotheses: 0, most: 0, best_probability: 1.0, was_cut: false, found: None }
+        Self {
+            points,
+            index,
+            apparent,
+            options,
+            deadline,
+            hypotheses: 0,
+            most: 0,
+            least_bound: 1.0,
+            least_stated: 1.0,
+            was_cut: false,
+            found: None,
+        }
     }
 
     /// Runs all stages over each list of focal lengths in turn until a hypothesis is accepted.
@@ -194,7 +208,12 @@ impl<'a> Search<'a> {
                 }
             }
         }
-        Err(Failure::Exhausted { hypotheses: self.hypotheses, best_probability: self.best_probability, was_cut: self.was_cut })
+        Err(Failure::Exhausted {
+            hypotheses: self.hypotheses,
+            least_bound: self.least_bound,
+            least_stated: self.least_stated,
+            was_cut: self.was_cut,
+        })
     }
 
     /// The focal lengths to try, each with its half step in ln f, and whether they are few: first those around the nominal one from the middle outwards,
@@ -384,15 +403,22 @@ impl<'a> Search<'a> {
         let radius = (self.points.corner_px * (1.0 - pose.kappa.min(0.0)) * 1.15 / pose.focal_px).atan();
         let judges = context.judges;
         let near = self.index.brightest_within(&boresight, radius, 3 * self.points.centred_px.len().clamp(8, judges));
-        let Some(Supported { pose, ln_probability }) = refine::refine(&pose, self.points, self.apparent, &near, judges) else {
+        let Some(Supported { pose, ln_best, ln_probability, judges }) = refine::refine(&pose, self.points, self.apparent, &near, judges)
+        else {
             return true;
         };
-        let probability = odds::over_all_tries(ln_probability, self.hypotheses as f64);
-        self.best_probability = self.best_probability.min(probability);
+        let tried = self.hypotheses as f64;
+        let bound = odds::over_all_tries(ln_probability, tried);
+        let width_rad = 2.0 * (self.points.size_px / (2.0 * pose.focal_px)).atan();
+        let stated = odds::as_often_as_by_chance(ln_best, tried, width_rad, judges).min(bound);
+        self.least_bound = self.least_bound.min(bound);
         let is_near = self.options.near.is_none_or(|near| near.allows(&pose.rotation, 0.0));
-        if probability < self.options.max_false_match_probability && self.within_range(pose.focal_px) && is_near {
-            self.found = Some(Found { pose, false_match_probability: probability });
-            return false;
+        if self.within_range(pose.focal_px) && is_near {
+            self.least_stated = self.least_stated.min(stated);
+            if bound < self.options.max_false_match_probability {
+                self.found = Some(Found { pose, false_match_probability: stated });
+                return false;
+            }
         }
         true
     }

@@ -140,6 +140,64 @@ pub(crate) fn make(scene: &Scene, told: Told, trial: u64) -> List {
     List { detections, names, attitude, focal_px, prior }
 }
 
+/// Lists of which nothing can be right: whatever is found is found by chance.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum ByChance {
+    /// 6 to 50 points, fields 4° to 60° wide, the focal length known to 1 %.
+    Few,
+    /// 4 to 200 points, 15° wide, the focal length known to 10 %.
+    Points,
+    /// The same, and nothing known of the focal length.
+    #[allow(dead_code, reason = "too long for the tests: the benchmark takes them")]
+    PointsOfAnyField,
+    /// The stars of an image 20° wide that is stretched by a third to a half along some direction: clusters and gaps are those of the sky.
+    StretchedStars,
+}
+
+impl ByChance {
+    /// A list with its search; another for every trial.
+    pub(crate) fn list(self, trial: u64) -> (Detections, IdentifyOptions) {
+        let points = Scene { star_free: true, ..BASE };
+        let of = |list: List| {
+            let options = list.options();
+            (list.detections, options)
+        };
+        match self {
+            Self::Few => {
+                let mut list = make(&Scene { aspect: 4.0 / 3.0, faintest: 7.0, ..points }, Told::Nothing, trial).detections;
+                list.stars.truncate(6 + (trial % 45) as usize);
+                let width_rad = 4.0 * 15_f64.powf((trial % 23) as f64 / 22.0) * DEG_RAD;
+                let options = IdentifyOptions {
+                    nominal_focal_length_px: Some(WIDTH_PX as f64 / 2.0 / (width_rad / 2.0).tan()),
+                    focal_length_tolerance: 0.01,
+                    search_beyond_tolerance: false,
+                    ..IdentifyOptions::default()
+                };
+                (list, options)
+            }
+            Self::Points => of(make(&points, Told::Within(0.1), trial)),
+            Self::PointsOfAnyField => of(make(&points, Told::Nothing, trial)),
+            Self::StretchedStars => {
+                let scene = Scene { faintest: 6.5, noise_px: 0.5, width_deg: 20.0, ..BASE };
+                let (mut list, options) = of(make(&scene, Told::Within(0.02), trial));
+                let mut rng = Pcg64Mcg::seed_from_u64(!trial);
+                let (more, along_rad) = (rng.random_range(0.33..0.5), rng.random_range(0.0..std::f64::consts::PI));
+                let (along_y, along_x) = along_rad.sin_cos();
+                let middle_px = (WIDTH_PX as f64 - 1.0) / 2.0;
+                for star in &mut list.stars {
+                    let along = more * ((star.x_px - middle_px) * along_x + (star.y_px - middle_px) * along_y);
+                    (star.x_px, star.y_px) = (star.x_px + along * along_x, star.y_px + along * along_y);
+                }
+                let inside = |c: f64| c > -0.5 && c < WIDTH_PX as f64 - 0.5;
+                list.stars.retain(|star| inside(star.x_px) && inside(star.y_px));
+                // The focal length that its scale tells on the mean.
+                let nominal_focal_length_px = options.nominal_focal_length_px.map(|f| f * (1.0 + more / 2.0));
+                (list, IdentifyOptions { nominal_focal_length_px, ..options })
+            }
+        }
+    }
+}
+
 impl List {
     /// The search that this list asks for.
     pub(crate) fn options(&self) -> IdentifyOptions {
