@@ -9,6 +9,8 @@
 mod drawn;
 #[path = "detect/figure.rs"]
 mod figure;
+#[path = "detect/rendered.rs"]
+mod rendered;
 #[path = "detect/study.rs"]
 mod study;
 
@@ -30,6 +32,11 @@ fn main() {
     let frames = arguments.get(at + 1).and_then(|n| n.parse().ok()).unwrap_or(17);
     let after = |name: &str| arguments.iter().position(|a| a == name).and_then(|at| arguments.get(at + 1));
     let (mut page, curve) = study::page(frames);
+    rendered::tables(frames.div_ceil(2), &mut |text| {
+        println!("{text}");
+        page.push_str(text);
+        page.push('\n');
+    });
     page.push_str(&times());
     if let Some(file) = after("--page") {
         std::fs::write(file, page).unwrap();

@@ -466,6 +466,38 @@ fn close_pairs_are_told_apart() {
 }
 
 #[test]
+fn stars_of_near_pairs_do_not_draw_each_other() {
+    let mut rng = Pcg64::seed_from_u64(14);
+    let mut sky = Sky::new(450, 450, 120.0);
+    let (mut stars, mut towards) = (Vec::new(), Vec::new());
+    for i in 0..81_usize {
+        let (x, y) = ((25 + 50 * (i % 9)) as f64 + rng.random::<f64>(), (25 + 50 * (i / 9)) as f64 + rng.random::<f64>());
+        stars.push(Star { x, y, electrons: 30_000.0, sigma: 1.1 });
+        // most stand alone and tell the image
+        if i % 6 == 0 {
+            let (s, c) = rng.random_range(0.0..std::f64::consts::TAU).sin_cos();
+            stars.push(Star { x: x + 4.0 * c, y: y + 4.0 * s, electrons: 30_000.0, sigma: 1.1 });
+            towards.push((stars.len() - 2, [c, s]));
+            towards.push((stars.len() - 1, [-c, -s]));
+        }
+    }
+    sky.add_all(&stars);
+    let options = DetectOptions { psf_sigma_px: Some(1.1), gain_e_per_dn: Some(SIXTEEN_BIT.gain_e_per_dn), ..DetectOptions::default() };
+    let found = detect(&sky.expose(&SIXTEEN_BIT, &mut rng), &options).unwrap();
+    let (mut drawn, mut pull2) = (0.0, 0.0);
+    for (k, [c, s]) in &towards {
+        let star = &stars[*k];
+        let d = nearest(&found, star.x, star.y).expect("star of a pair lost");
+        drawn += (d.x_px - star.x) * c + (d.y_px - star.y) * s;
+        pull2 += f64::midpoint((d.x_px - star.x).powi(2) / d.covariance_px2[0], (d.y_px - star.y).powi(2) / d.covariance_px2[2]);
+    }
+    let n = towards.len() as f64;
+    println!("pairs 4 px apart: drawn to each other by {:.4} px, pull² {:.2}", drawn / n, pull2 / n);
+    // a star is sure to about 0.01 px, the mean of all to 0.002
+    assert!((drawn / n).abs() < 0.006 && pull2 / n < 1.7, "{} {}", drawn / n, pull2 / n);
+}
+
+#[test]
 fn frames_that_cannot_be_used_are_refused_with_a_reason() {
     let frame = |width_px, height_px, pixels_dn| Frame { width_px, height_px, pixels_dn, saturation_dn: 255.0 };
     let options = DetectOptions::default();
