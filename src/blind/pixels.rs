@@ -13,7 +13,7 @@ use crate::camera::Physics;
 use crate::catalog::Catalog;
 use crate::diagnose::{DiagnoseOptions, diagnose};
 use crate::frame::Frame;
-use crate::identify::{ControlPoints, IdentifyOptions};
+use crate::identify::{ControlPoint, IdentifyOptions};
 use crate::pipeline::{
     Asked, MeasureOptions, PipelineError, Question, SkyChoice, control_points, identify_frames, measure_frames, question,
 };
@@ -156,14 +156,15 @@ pub fn pixel_answer(family: Family, index: u32, seed: u64, options: &DiagnoseOpt
         Ok(painted) => painted,
         Err(error) => return none(whole(&error)),
     };
-    let Painted { question: Question { points, telemetry, options: asked, .. }, frames_identified, mut seconds_by_step } = painted;
+    let Painted { question: Question { points, left_out, telemetry, options: asked, .. }, frames_identified, mut seconds_by_step } =
+        painted;
     let mut answer = match diagnose(&points, &telemetry, &asked) {
         Ok(diagnosis) => shortened(&diagnosis, family, index, seed),
         Err(error) => return none(error.to_string()),
     };
     answer.seconds = start.elapsed().as_secs_f64();
     seconds_by_step[3] = answer.seconds - seconds_by_step[..3].iter().sum::<f64>();
-    let (stars_right, stars_wrong, centres) = compared(&points, &canvas.stars);
+    let (stars_right, stars_wrong, centres) = compared(points.points.iter().chain(&left_out), &canvas.stars);
     answer.pixels = Some(Box::new(PixelAnswer {
         lists: answer_of_lists(&lists, family, index, seed, &options, false),
         frames_identified,
@@ -178,9 +179,9 @@ pub fn pixel_answer(family: Family, index: u32, seed: u64, options: &DiagnoseOpt
 }
 
 /// Names and centres of control points against the painted stars: right names, wrong names, errors of the centres.
-fn compared(points: &ControlPoints, stars: &[Vec<PaintedStar>]) -> (usize, usize, Centres) {
+fn compared<'a>(points: impl Iterator<Item = &'a ControlPoint>, stars: &[Vec<PaintedStar>]) -> (usize, usize, Centres) {
     let (mut right, mut wrong, mut centres) = (0, 0, Centres::default());
-    for point in &points.points {
+    for point in points {
         let star = stars.get(point.frame).and_then(|stars| stars.iter().find(|star| star.hip == point.hip));
         match star.map(|star| (star, [point.x_px - star.x_px, point.y_px - star.y_px])) {
             Some((star, [dx, dy])) if dx.hypot(dy) < SAME_STAR_PX => {

@@ -132,7 +132,7 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
     let too_few_move = options.proper_motion_only && FEWEST_MOVING * moving < prepared.points.points.len();
     options.proper_motion_only &= !too_few_move;
     let asked = Asked { catalog: &catalog, choice: &choice, max_magnitude: args.max_magnitude, trusted: args.trust_identifications };
-    let Question { points, telemetry, mut options, notes } = question(&measured, &identified, &prepared, &asked, options)?;
+    let Question { points, telemetry, mut options, notes, .. } = question(&measured, &identified, &prepared, &asked, options)?;
     // What is rendered is measured by the Gaussian fit: columns for other places would be those of another estimator.
     options.looks = options.looks.filter(|_| args.measure.is_gaussian() && !args.formulas);
     let bar = output::steps(Step::COUNT);

@@ -7,6 +7,8 @@ use super::scan::{Asks, Scan};
 use super::sheet::{Fit, Sheet, Whitened, dot};
 use crate::statistics::significance::chi_squared_surprise;
 
+/// A formula takes the place of the column that was rendered if it is better by this surprise.
+const FORMULA_BETTER_BY: f64 = 2.0;
 /// Effects are judged by their likelihood from this surprise of their score on (p of one in a hundred),
 const REFIT_FROM: f64 = 4.6;
 /// to this beyond the threshold.
@@ -208,7 +210,10 @@ pub(super) fn candidates(evidence: &Evidence, stand: &Stand, scan: &Scan, thresh
     for group in &scan.groups {
         let Asks::Hypothesis(hypothesis, variant) = group.asks else { continue };
         let surprise = group.surprise();
-        if best[hypothesis].as_ref().is_none_or(|best| surprise > best.surprise) {
+        // Rendered variants come first; a formula has to be better than chance makes it to take their place.
+        let of_formula = evidence.hypotheses[hypothesis].shifts.is_some() && !evidence.hypotheses[hypothesis].variants[variant].rendered;
+        let handicap = if of_formula { FORMULA_BETTER_BY } else { 0.0 };
+        if best[hypothesis].as_ref().is_none_or(|best| surprise > best.surprise + handicap) {
             let entry = Entry { hypothesis, variant };
             let surprise = if refitted.contains(&surprise) { surprise.max(after_refit(evidence, stand, entry)) } else { surprise };
             let agrees = agreement(evidence, stand, entry);

@@ -2,9 +2,9 @@
 //!
 //! Stars with the recording's own places, phases within the pixel, electrons and colours are rendered without noise with a little less and a
 //! little more of an effect, and measured by the fit that measured the recording. The difference is the effect's column, the bias of the
-//! estimator in it. Its parameter keeps the unit of the effect's page: where that is no quantity of what is rendered (the slope of a
-//! background, the gain of a column), the column is scaled so that it has the formula's size over the recording's stars, what attitudes and a
-//! camera take up left aside. Formula and rendered column then stand side by side as two variants of one hypothesis, and the recording
+//! estimator in it. Its parameter keeps the unit of the effect's page: where that is no quantity of what is rendered (as the
+//! slope of a background is, or the gain of a column), it is scaled so that stars of the brightness that the page speaks of move as far as the formula says.
+//! Formula and rendered column then stand side by side as two variants of one hypothesis, and the recording
 //! decides: somebody's stars may have been measured otherwise before.
 //!
 //! Star images of all frames share the rendered ones, as many on each as find room without touching: cost grows with the images and not
@@ -13,7 +13,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::Looks;
@@ -21,7 +20,10 @@ use super::evidence::{Evidence, WITHIN_REACH_PX};
 use crate::calibrate::Joint;
 use crate::detect::{KnownSky, fit_known};
 use crate::effects::pixel::pixel_effect;
-use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Light, MOST_SHIFTS, Rendering, Signature};
+use crate::effects::{
+    AnyDisplacement, Context, DISPLACEMENTS, Light, MOST_SHIFTS, Observation, Rendering, Signature, StarImage, StarState,
+};
+use crate::effects::{REFERENCE_FLUX_E, REFERENCE_MAGNITUDE};
 use crate::frame::Frame;
 use crate::identify::ControlPoints;
 use crate::imaging::EffectSetting;
@@ -86,7 +88,7 @@ type Plate = Vec<(usize, Probe)>;
 fn plates(evidence: &Evidence, joint: &Joint, points: &ControlPoints, looks: &Looks) -> Vec<Plate> {
     let camera = joint.model().camera();
     let size = [camera.width_px as f64, camera.height_px as f64];
-    let room_px = (ROOM_SIGMAS * looks.psf_sigma_px).max(LEAST_ROOM_PX);
+    let room_px = room_px(looks);
     let mut plates: Vec<(Plate, BTreeSet<[i64; 2]>)> = Vec::new();
     for (index, (image, at)) in evidence.images.iter().zip(evidence.predicted_px(WITHIN_REACH_PX)).enumerate() {
         let point = &points.points[image.point];
@@ -106,6 +108,14 @@ fn plates(evidence: &Evidence, joint: &Joint, points: &ControlPoints, looks: &Lo
     plates.into_iter().map(|(plate, _)| plate).collect()
 }
 
+/// What is rendered.
+enum Pair {
+    /// Less and more of one thing.
+    Same(Box<[Scene; 2]>),
+    /// A background that falls and that rises by so much a pixel: along x, along y.
+    Slopes(Box<[[Scene; 2]; 2]>, f64),
+}
+
 /// Everything that a column is rendered from.
 struct Studio<'a> {
     evidence: &'a Evidence,
@@ -118,15 +128,7 @@ struct Studio<'a> {
 impl Studio<'_> {
     /// The shifts of all parameters of an effect, in the units of its page; `None` where one cannot be rendered to any use.
     fn shifts(&self, effect: &'static dyn AnyDisplacement) -> Option<Shifts> {
-        let of = |parameter: usize| {
-            let (found, step) = self.rendered(&effect.rendering(parameter)?)?;
-            let by_formula =
-                || unit(&found, |index| self.unit_shift(effect, parameter, index), |index| self.evidence.images[index].measured_px);
-            let scale = step.or_else(by_formula)?;
-            tracing::debug!("{} by rendering: {} star images", effect.id(), found.len());
-            Some(found.into_iter().map(|(index, shift)| (index, shift.map(|along| along / scale))).collect::<BTreeMap<_, _>>())
-        };
-        let columns: Vec<Moved> = (0..effect.parameters().len()).map(of).collect::<Option<_>>()?;
+        let columns: Vec<Moved> = (0..effect.parameters().len()).map(|parameter| self.column(effect, parameter)).collect::<Option<_>>()?;
         let signature = |index: usize| {
             let mut shift_px = [[0.0; 2]; MOST_SHIFTS];
             for (shift, column) in shift_px.iter_mut().zip(&columns) {
@@ -137,73 +139,137 @@ impl Studio<'_> {
         Some(Arc::new(columns.first()?.keys().filter_map(|index| signature(*index)).collect()))
     }
 
-    /// Shift of each image by what is rendered, px per step from less to more; and the step in units of the effect's parameter, where it is one.
-    fn rendered(&self, rendering: &Rendering) -> Option<(Moved, Option<f64>)> {
-        let looks = self.looks;
-        let camera = self.joint.model().camera();
-        let size = [camera.width_px, camera.height_px];
-        let along = |scenes: [Option<Scene>; 2]| -> Option<Moved> {
-            let [less, more] = scenes;
-            self.difference(&[less?, more?])
-        };
-        let (mut found, step) = match rendering {
-            Rendering::Stage { effect, parameters, step, by_colour } => {
-                // What acts by a star's colour leaves the sky, which has a colour of its own, as it is.
-                let sky_e = if *by_colour { 0.0 } else { looks.background_e };
-                let of = |which: usize| Some(with_stage(scene(size, &gaussian(looks, ""), sky_e)?, effect, parameters, which));
-                let mut found = along([of(0), of(1)])?;
-                for (index, shift) in found.iter_mut().filter(|_| *by_colour) {
-                    let offset = self.points.points[self.evidence.images[*index].point].star.colour_offset();
-                    *shift = shift.map(|along| along * offset);
+    /// Shift of each image for a unit of a parameter.
+    fn column(&self, effect: &dyn AnyDisplacement, parameter: usize) -> Option<Moved> {
+        let rendering = effect.rendering(parameter)?;
+        let (mut found, unit) = match self.pair(&rendering)? {
+            Pair::Same(pair) => {
+                let mut found = self.difference(&pair, &self.plates)?;
+                let mut known = None;
+                if let Rendering::Stage { step, by_colour, .. } = rendering {
+                    known = step;
+                    for (index, shift) in found.iter_mut().filter(|_| by_colour) {
+                        let offset = self.points.points[self.evidence.images[*index].point].star.colour_offset();
+                        *shift = shift.map(|along| along * offset);
+                    }
                 }
-                (found, *step)
+                (found, known.or_else(|| self.unit(effect, parameter, &pair)))
             }
-            Rendering::WithinPixel { axis, cosine } => {
-                let of = |which: usize| {
-                    let mut response = [0.0; 2];
-                    response[*axis] = cosine[which];
-                    scene(size, &gaussian(looks, &format!("[psf.pixel]\ncosine = {response:?}\n")), looks.background_e)
-                };
-                (along([of(0), of(1)])?, None)
-            }
-            Rendering::Coma { waves } => {
-                let of = |which: usize| scene(size, &coma(looks, waves[which]), looks.background_e);
-                (along([of(0), of(1)])?, None)
-            }
-            Rendering::Slope => {
-                // As steep as leaves the sky alight over most of the frame, so that nothing is cut at zero.
-                let slope = 0.4 * looks.background_e / camera.width_px.max(camera.height_px) as f64;
-                let of = |name: &'static str, sign: f64| {
-                    let (plain, effect) = (scene(size, &gaussian(looks, ""), looks.background_e)?, pixel_effect("stray_light")?);
-                    let parameters: Vec<_> =
-                        effect.parameters().iter().map(|spec| (spec.name, if spec.name == name { sign * slope } else { 0.0 })).collect();
-                    let mut scene = plain;
-                    scene.pixel_effects.push(EffectSetting::new(effect.id(), &parameters));
-                    Some(scene)
-                };
-                let [x, y] = ["slope_x_e_per_px_s", "slope_y_e_per_px_s"].map(|name| along([of(name, -1.0), of(name, 1.0)]));
-                let (x, y) = (x?, y?);
-                // Each image's own slope, in units of the recording's mean one.
-                let of_image = |(index, by_x): (usize, [f64; 2])| {
-                    let image = &self.points.points[self.evidence.images[index].point].image;
-                    let (gradient, by_y) = (image.background_gradient_e_px?, y.get(&index)?);
-                    let scale = image.recording_gradient_e_px.unwrap_or(gradient[0].hypot(gradient[1]));
-                    let share = gradient.map(|along| along / scale);
-                    share
-                        .iter()
-                        .all(|share| share.is_finite())
-                        .then(|| (index, [0, 1].map(|axis| by_x[axis] * share[0] + by_y[axis] * share[1])))
-                };
-                (x.into_iter().filter_map(of_image).collect(), Some(2.0 * slope))
-            }
+            Pair::Slopes(along, slope) => (self.by_own_slope(&along)?, Some(2.0 * slope)),
         };
         found.retain(|_, shift| shift.iter().all(|along| along.abs() < LOST_PX));
         let square: f64 = found.values().flatten().map(|along| along * along).sum();
-        (found.len() >= FEWEST_STARS && square > LEAST_PX * LEAST_PX * found.len() as f64).then_some((found, step))
+        if found.len() < FEWEST_STARS || square < LEAST_PX * LEAST_PX * found.len() as f64 {
+            return None;
+        }
+        let unit = unit?;
+        tracing::debug!("{}: {} star images rendered; the step is {unit:.3e} of its unit", effect.id(), found.len());
+        Some(found.into_iter().map(|(index, shift)| (index, shift.map(|along| along / unit))).collect())
+    }
+
+    /// The cameras with less and with more of it.
+    fn pair(&self, rendering: &Rendering) -> Option<Pair> {
+        let (looks, camera) = (self.looks, self.joint.model().camera());
+        let size = [camera.width_px, camera.height_px];
+        let plain = |sky_e: f64| scene(size, &gaussian(looks, ""), sky_e);
+        let of = |which: usize| match rendering {
+            // What acts by a star's colour leaves the sky, which has a colour of its own, as it is.
+            Rendering::Stage { effect, parameters, by_colour, .. } => {
+                Some(with_stage(plain(if *by_colour { 0.0 } else { looks.background_e })?, effect, parameters, which))
+            }
+            Rendering::WithinPixel { axis, cosine } => {
+                let mut response = [0.0; 2];
+                response[*axis] = cosine[which];
+                scene(size, &gaussian(looks, &format!("[psf.pixel]\ncosine = {response:?}\n")), looks.background_e)
+            }
+            Rendering::Coma { waves } => scene(size, &coma(looks, waves[which]), looks.background_e),
+            Rendering::Slope => None,
+        };
+        if !matches!(rendering, Rendering::Slope) {
+            return Some(Pair::Same(Box::new([of(0)?, of(1)?])));
+        }
+        // As steep as leaves the sky alight over most of the frame, so that nothing is cut at zero.
+        let slope = 0.4 * looks.background_e / size[0].max(size[1]) as f64;
+        let sloped = |name: &str, sign: f64| {
+            let effect = pixel_effect("stray_light")?;
+            let value = |own: &str| if own == name { sign * slope } else { 0.0 };
+            let parameters: Vec<_> = effect.parameters().iter().map(|spec| (spec.name, value(spec.name))).collect();
+            let mut scene = plain(looks.background_e)?;
+            scene.pixel_effects.push(EffectSetting::new(effect.id(), &parameters));
+            Some(scene)
+        };
+        let along = |name: &str| Some([sloped(name, -1.0)?, sloped(name, 1.0)?]);
+        Some(Pair::Slopes(Box::new([along("slope_x_e_per_px_s")?, along("slope_y_e_per_px_s")?]), slope))
+    }
+
+    /// Shift of each image by its own measured slope, in units of the recording's mean one.
+    fn by_own_slope(&self, along: &[[Scene; 2]; 2]) -> Option<Moved> {
+        let [x, y] = [&along[0], &along[1]].map(|pair| self.difference(pair, &self.plates));
+        let (x, y) = (x?, y?);
+        let of_image = |(index, by_x): (usize, [f64; 2])| {
+            let image = &self.points.points[self.evidence.images[index].point].image;
+            let (gradient, by_y) = (image.background_gradient_e_px?, y.get(&index)?);
+            let scale = image.recording_gradient_e_px.unwrap_or(gradient[0].hypot(gradient[1]));
+            let share = gradient.map(|along| along / scale);
+            let is_finite = share.iter().all(|share| share.is_finite());
+            is_finite.then(|| (index, [0, 1].map(|axis| by_x[axis] * share[0] + by_y[axis] * share[1])))
+        };
+        Some(x.into_iter().filter_map(of_image).collect())
+    }
+
+    /// The step from less to more in units of a parameter: by the formula, at stars of the brightness that its page speaks of, all over the
+    /// frame; where those are not moved since the parameter is a slope in magnitude, at stars a magnitude brighter and fainter. So the unit is
+    /// the camera's and not that of the stars that happen to be there.
+    fn unit(&self, effect: &dyn AnyDisplacement, parameter: usize, pair: &[Scene; 2]) -> Option<f64> {
+        let at = |offset: f64| -> Plate { self.grid(REFERENCE_FLUX_E * 10.0_f64.powf(-0.4 * offset)).into_iter().enumerate().collect() };
+        let formula = |plate: &Plate| -> Moved { plate.iter().map(|(k, star)| (*k, self.unit_shift(effect, parameter, star))).collect() };
+        let one = at(0.0);
+        let is_moved = formula(&one).values().flatten().any(|along| *along != 0.0);
+        let (found, formula) = if is_moved {
+            (self.difference(pair, std::slice::from_ref(&one))?, formula(&one))
+        } else {
+            let (bright, faint) = (at(-1.0), at(1.0));
+            let [first, second] = [&bright, &faint].map(|plate| self.difference(pair, std::slice::from_ref(plate)));
+            (change(&first?, &second?), change(&formula(&bright), &formula(&faint)))
+        };
+        let (mut own, mut along, mut square) = (0.0, 0.0, 0.0);
+        for (shift, formula) in found.iter().filter_map(|(k, shift)| Some((shift, formula.get(k)?))) {
+            for axis in 0..2 {
+                own += shift[axis] * shift[axis];
+                along += shift[axis] * formula[axis];
+                square += formula[axis] * formula[axis];
+            }
+        }
+        let cosine = along / (own * square).sqrt();
+        (cosine.is_finite() && cosine.abs() > LEAST_COSINE).then(|| along / square)
+    }
+
+    /// Stars of so many electrons in columns and rows over the frame, at phases within the pixel that fill it evenly.
+    fn grid(&self, electrons: f64) -> Vec<Probe> {
+        const ALONG: usize = 7;
+        let camera = self.joint.model().camera();
+        let room_px = room_px(self.looks);
+        let line = |length: usize| -> Vec<f64> {
+            let free = (length as f64 - 2.0 * room_px).max(0.0);
+            let count = ((free / room_px) as usize + 1).min(ALONG);
+            (0..count).map(|k| room_px.min(length as f64 / 2.0) + free * (k as f64 + 0.5) / count as f64).collect()
+        };
+        let (columns, rows) = (line(camera.width_px), line(camera.height_px));
+        let phase = |k: usize, step: f64| (step * k as f64).fract() - 0.5;
+        let places = rows.iter().flat_map(|y| columns.iter().map(move |x| (*x, *y))).enumerate();
+        let colour = Some(StarState::REFERENCE_COLOUR + 1.0);
+        places
+            .map(|(k, (x, y))| Probe {
+                x_px: x.round() + phase(k, 0.754_877_666),
+                y_px: y.round() + phase(k, 0.569_840_291),
+                electrons,
+                colour,
+            })
+            .collect()
     }
 
     /// Renders and measures every plate with two cameras; the change of each star's centre, by its number.
-    fn difference(&self, scenes: &[Scene; 2]) -> Option<Moved> {
+    fn difference(&self, scenes: &[Scene; 2], plates: &[Plate]) -> Option<Moved> {
         let looks = self.looks;
         let [less, more] = [Bench::new(&scenes[0]).ok()?, Bench::new(&scenes[1]).ok()?];
         let known =
@@ -224,17 +290,20 @@ impl Studio<'_> {
             let found = signature(&less, &more, 1.0, &design, measure).ok()?;
             Some(plate.iter().zip(found).filter_map(|((index, _), found)| found.map(|found| (*index, [found.x_px, found.y_px]))).collect())
         };
-        let parts: Vec<Vec<(usize, [f64; 2])>> = self.plates.par_iter().map(of).collect::<Option<_>>()?;
+        let parts: Vec<Vec<(usize, [f64; 2])>> = plates.par_iter().map(of).collect::<Option<_>>()?;
         Some(parts.into_iter().flatten().collect())
     }
 
-    /// The formula's shift of an image for a unit of a parameter.
-    fn unit_shift(&self, effect: &dyn AnyDisplacement, parameter: usize, index: usize) -> [f64; 2] {
+    /// The formula's shift of a star for a unit of a parameter.
+    fn unit_shift(&self, effect: &dyn AnyDisplacement, parameter: usize, star: &Probe) -> [f64; 2] {
         let camera = self.joint.model().camera();
-        let pixel_px = self.evidence.images[index].measured_px;
+        let pixel_px = [star.x_px, star.y_px];
         let point_px = [0, 1].map(|axis| pixel_px[axis] - camera.principal_point_px[axis]);
         let light = Light { direction: [0.0, 0.0, 1.0], point_px, pixel_px, focal_length_px: camera.focal_length_px };
-        let context: Context = self.evidence.context(index, self.points);
+        let magnitude = REFERENCE_MAGNITUDE - 2.5 * (star.electrons / REFERENCE_FLUX_E).log10();
+        let state = StarState { magnitude, colour: star.colour, ..StarState::default() };
+        let image = StarImage { flux_e: Some(star.electrons), psf_sigma_px: Some(self.looks.psf_sigma_px), ..StarImage::default() };
+        let context = Context::new(state, Observation::of_sensor(camera.width_px, camera.height_px)).with_image(image);
         let mut unit = vec![0.0; effect.parameters().len()];
         unit[parameter] = 1.0;
         let moved = effect.displace(&unit, light, &context).point_px;
@@ -242,34 +311,14 @@ impl Studio<'_> {
     }
 }
 
-/// How large a rendered column is, in columns of the formula: by least squares over the images, beside what attitudes and a camera take up
-/// (along each axis a polynomial of the second order and the cubic radial term).
-fn unit(found: &Moved, formula: impl Fn(usize) -> [f64; 2], at: impl Fn(usize) -> [f64; 2]) -> Option<f64> {
-    const TERMS: usize = 8;
-    let middle = |axis: usize| found.keys().map(|index| at(*index)[axis]).sum::<f64>() / found.len() as f64;
-    let centre = [middle(0), middle(1)];
-    let reach =
-        found.keys().map(|index| at(*index)).fold(1.0_f64, |reach, at| reach.max((at[0] - centre[0]).abs()).max((at[1] - centre[1]).abs()));
-    let rows: Vec<[f64; TERMS]> = found
-        .keys()
-        .map(|index| {
-            let [x, y] = [0, 1].map(|axis| (at(*index)[axis] - centre[axis]) / reach);
-            let square = x * x + y * y;
-            [1.0, x, y, x * x, x * y, y * y, x * square, y * square]
-        })
-        .collect();
-    let smooth = DMatrix::from_fn(rows.len(), TERMS, |row, term| rows[row][term]).svd(true, false).u?;
-    let rest = |column: DVector<f64>| &column - &smooth * (smooth.transpose() * &column);
-    let (mut own, mut along, mut square) = (0.0, 0.0, 0.0);
-    for axis in 0..2 {
-        let rendered = rest(DVector::from_iterator(found.len(), found.values().map(|shift| shift[axis])));
-        let formula = rest(DVector::from_iterator(found.len(), found.keys().map(|index| formula(*index)[axis])));
-        own += rendered.norm_squared();
-        along += rendered.dot(&formula);
-        square += formula.norm_squared();
-    }
-    let cosine = along / (own * square).sqrt();
-    (cosine.is_finite() && cosine.abs() > LEAST_COSINE).then(|| along / square)
+/// By how much more the stars of the second move than those of the first.
+fn change(first: &Moved, second: &Moved) -> Moved {
+    second.iter().filter_map(|(k, shift)| first.get(k).map(|own| (*k, [shift[0] - own[0], shift[1] - own[1]]))).collect()
+}
+
+/// Side of the square that a star has for itself, px.
+fn room_px(looks: &Looks) -> f64 {
+    (ROOM_SIGMAS * looks.psf_sigma_px).max(LEAST_ROOM_PX)
 }
 
 /// One exposure of a second by a camera of this size.
@@ -304,24 +353,4 @@ fn with_stage(mut scene: Scene, effect: &str, parameters: &[(&str, [f64; 2])], w
         scene.pixel_effects.push(EffectSetting::new(stage.id(), &all));
     }
     scene
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A rendered column that is the formula times a number, beside a change of scale that the camera takes up, has that number; one that is
-    /// unlike the formula has none.
-    #[test]
-    fn a_column_has_the_formulas_size_whatever_the_camera_takes_up() {
-        let places: BTreeMap<usize, [f64; 2]> =
-            (0..400).map(|k| (k, [(k % 20) as f64 * 37.3, (k / 20) as f64 * 41.7 + (k % 7) as f64 * 0.13])).collect();
-        let formula = |index: usize| [(places[&index][0] * 1.9).sin(), 0.0];
-        let along = |k: usize, wave: f64| [0.03 * wave + 1e-3 * places[&k][0], -2e-3 * places[&k][1] + 4.0];
-        let at = |index: usize| places[&index];
-        let same: Moved = (0..400).map(|k| (k, along(k, formula(k)[0]))).collect();
-        assert!((unit(&same, formula, at).unwrap() - 0.03).abs() < 1e-4);
-        let other: Moved = (0..400).map(|k| (k, along(k, (k as f64 * 2.7).cos()))).collect();
-        assert!(unit(&other, formula, at).is_none());
-    }
 }

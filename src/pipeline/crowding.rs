@@ -28,10 +28,10 @@ const PIXEL_PX2: f64 = 1.0 / 12.0;
 const LEAST_Z: f64 = 0.3;
 
 /// Takes out of the points (of the un-mirrored image; `parity` −1 where the files' is mirrored) those that stand in the light of stars that
-/// were not measured; says how many.
-pub(super) fn leave_out_disturbed(points: &mut ControlPoints, parity: i8, measured: &Measured, catalog: &Catalog) -> Option<String> {
+/// were not measured, and hands them over.
+pub(super) fn take_disturbed(points: &mut ControlPoints, parity: i8, measured: &Measured, catalog: &Catalog) -> Vec<ControlPoint> {
     if measured.recording.stars.is_some() {
-        return None; // a list's centres are as good as it says
+        return Vec::new(); // a list's centres are as good as it says
     }
     let width_px = points.nominal.width_px as f64;
     let found: BTreeMap<usize, Vec<[f64; 2]>> = measured
@@ -42,53 +42,69 @@ pub(super) fn leave_out_disturbed(points: &mut ControlPoints, parity: i8, measur
             (frame.index, frame.detections.stars.iter().map(place).collect())
         })
         .collect();
-    let before = points.points.len();
     let all = std::mem::take(&mut points.points);
     let none = Vec::new();
-    let sky_e2 = looks(measured).map(|looks| looks.noise_e * looks.noise_e);
-    points.points =
-        all.into_iter().filter(|point| !is_disturbed(point, points, found.get(&point.frame).unwrap_or(&none), catalog, sky_e2)).collect();
-    let gone = before - points.points.len();
-    (gone > 0).then(|| {
+    let field = Field { points, catalog, sky_e2: looks(measured).map(|looks| looks.noise_e * looks.noise_e) };
+    let (disturbed, kept) = all.into_iter().partition(|point| field.disturbs(point, found.get(&point.frame).unwrap_or(&none)));
+    points.points = kept;
+    disturbed
+}
+
+/// That they were left out.
+pub(super) fn sentence(left_out: usize, kept: usize) -> Option<String> {
+    let all = left_out + kept;
+    (left_out > 0).then(|| {
         format!(
-            "{gone} of {before} star images stand in the light of catalogue stars that were not measured apart from them, and take no part"
+            "{left_out} of {all} star images stand in the light of catalogue stars that were not measured apart from them, and take no part"
         )
     })
 }
 
-fn is_disturbed(point: &ControlPoint, points: &ControlPoints, found: &[[f64; 2]], catalog: &Catalog, sky_e2: Option<f64>) -> bool {
-    let attitude = points.attitudes.get(point.frame).copied().flatten();
-    let (Some(attitude), Some(sigma_px)) = (attitude, point.image.psf_sigma_px.filter(|sigma| *sigma > 0.0)) else { return false };
-    let focal_px = points.nominal.focal_length_px;
-    let catalogued = point.star.direction;
-    let near = catalog.stars_within(&Direction::<Icrs>::along(catalogued), REACH_SIGMAS * sigma_px / focal_px, f64::INFINITY);
-    let place = |direction: Vector3<f64>| {
-        let [x, y, z]: [f64; 3] = (attitude.camera_from_icrs * direction).into();
-        (z > LEAST_Z).then(|| [focal_px * x / z, focal_px * y / z])
-    };
-    let apparent = Vector3::from(point.direction.xyz);
-    let Some(own) = place(apparent) else { return false };
-    let square_px2 = sigma_px * sigma_px + PIXEL_PX2;
-    // Where electrons are not known all pixels weigh the same, as in a faint image.
-    let sky_share = sky_e2.zip(point.image.flux_e.filter(|flux| *flux > 0.0)).map_or(f64::INFINITY, |(sky, flux)| sky / flux);
-    let mut drawn = [0.0; 2];
-    for star in near.into_iter().map(|index| &catalog.stars[index]).filter(|star| star.direction.xyz != catalogued) {
-        // What the sky does to the one star's light it does to the other's.
-        let Some(other) = place(apparent + Vector3::from(star.direction.xyz) - Vector3::from(catalogued)) else { continue };
-        let away = [other[0] - own[0], other[1] - own[1]];
-        let is_found = |at: &[f64; 2]| {
-            let to = |x: f64, y: f64| (at[0] - point.x_px - x).hypot(at[1] - point.y_px - y);
-            to(away[0], away[1]) < SAME_PX && to(0.0, 0.0) > 0.0
+/// What the neighbours are known from.
+struct Field<'a> {
+    points: &'a ControlPoints,
+    catalog: &'a Catalog,
+    /// Variance of a pixel of the sky, electrons², where it is known.
+    sky_e2: Option<f64>,
+}
+
+impl Field<'_> {
+    /// Whether neighbours draw this image by more than it is known; `found`: the stars found in its frame.
+    fn disturbs(&self, point: &ControlPoint, found: &[[f64; 2]]) -> bool {
+        let Self { points, catalog, sky_e2 } = *self;
+        let attitude = points.attitudes.get(point.frame).copied().flatten();
+        let (Some(attitude), Some(sigma_px)) = (attitude, point.image.psf_sigma_px.filter(|sigma| *sigma > 0.0)) else { return false };
+        let focal_px = points.nominal.focal_length_px;
+        let catalogued = point.star.direction;
+        let near = catalog.stars_within(&Direction::<Icrs>::along(catalogued), REACH_SIGMAS * sigma_px / focal_px, f64::INFINITY);
+        let place = |direction: Vector3<f64>| {
+            let [x, y, z]: [f64; 3] = (attitude.camera_from_icrs * direction).into();
+            (z > LEAST_Z).then(|| [focal_px * x / z, focal_px * y / z])
         };
-        let ratio = 10.0_f64.powf(-0.4 * (star.magnitude - point.star.magnitude));
-        if !ratio.is_finite() || found.iter().any(is_found) {
-            continue;
+        let apparent = Vector3::from(point.direction.xyz);
+        let Some(own) = place(apparent) else { return false };
+        let square_px2 = sigma_px * sigma_px + PIXEL_PX2;
+        // Where electrons are not known all pixels weigh the same, as in a faint image.
+        let sky_share = sky_e2.zip(point.image.flux_e.filter(|flux| *flux > 0.0)).map_or(f64::INFINITY, |(sky, flux)| sky / flux);
+        let mut drawn = [0.0; 2];
+        for star in near.into_iter().map(|index| &catalog.stars[index]).filter(|star| star.direction.xyz != catalogued) {
+            // What the sky does to the one star's light it does to the other's.
+            let Some(other) = place(apparent + Vector3::from(star.direction.xyz) - Vector3::from(catalogued)) else { continue };
+            let away = [other[0] - own[0], other[1] - own[1]];
+            let is_found = |at: &[f64; 2]| {
+                let to = |x: f64, y: f64| (at[0] - point.x_px - x).hypot(at[1] - point.y_px - y);
+                to(away[0], away[1]) < SAME_PX && to(0.0, 0.0) > 0.0
+            };
+            let ratio = 10.0_f64.powf(-0.4 * (star.magnitude - point.star.magnitude));
+            if !ratio.is_finite() || found.iter().any(is_found) {
+                continue;
+            }
+            let by = shift_px(away, square_px2, sky_share);
+            drawn = [drawn[0] + ratio * by[0], drawn[1] + ratio * by[1]];
         }
-        let by = shift_px(away, square_px2, sky_share);
-        drawn = [drawn[0] + ratio * by[0], drawn[1] + ratio * by[1]];
+        let [xx, _, yy] = point.covariance_px2;
+        drawn[0].hypot(drawn[1]) > MOST_SIGMAS * (0.5 * (xx + yy)).sqrt()
     }
-    let [xx, _, yy] = point.covariance_px2;
-    drawn[0].hypot(drawn[1]) > MOST_SIGMAS * (0.5 * (xx + yy)).sqrt()
 }
 
 /// How far a neighbour of the same flux would draw the centre, px, if that were little. `sky_share`: variance of a pixel of the sky over the
@@ -152,7 +168,7 @@ mod tests {
             image: StarImage { psf_sigma_px: Some(0.9), ..StarImage::default() },
         };
         let points = ControlPoints::new(camera, vec![Some(Attitude::new(nalgebra::UnitQuaternion::identity()))], vec![point]);
-        is_disturbed(&point, &points, found, catalog, None)
+        Field { points: &points, catalog, sky_e2: None }.disturbs(&point, found)
     }
 
     /// A tenth of the light two pixels away draws the centre by 0.1·2·e^(−4/3.57) = 0.065 px, unless it was measured itself.

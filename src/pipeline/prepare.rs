@@ -1,6 +1,6 @@
 //! Control points of identified frames, and the camera and options with which a diagnosis is asked about them.
 
-use super::crowding::leave_out_disturbed;
+use super::crowding::{self, take_disturbed};
 use super::{IdentifiedFrame, Measured, MeasuredFrame, PipelineError, SkyChoice, circumstances, looks, physics_in_force};
 use crate::calibrate::{CalibrateOptions, StarImage, calibrate, calibrate_identifying_anew};
 use crate::camera::Term;
@@ -8,8 +8,8 @@ use crate::catalog::Catalog;
 use crate::diagnose::{DiagnoseOptions, Telemetry};
 use crate::effects;
 use crate::identify::{
-    ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, add_listed_points, control_points as build_control_points,
-    handedness, image_state,
+    ControlPoint, ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, add_listed_points,
+    control_points as build_control_points, handedness, image_state,
 };
 use crate::recording::{FrameEntry, Mount, Recording};
 use crate::units::ARCSEC_RAD;
@@ -169,6 +169,8 @@ pub fn telemetry(recording: &Recording) -> Telemetry {
 pub struct Question {
     /// The control points of the camera that the recording is held against.
     pub points: ControlPoints,
+    /// Points that take no part: they stand in the light of stars that were not measured.
+    pub left_out: Vec<ControlPoint>,
     /// The numbers of its frames.
     pub telemetry: Telemetry,
     /// The options, the physics in force filled in.
@@ -222,7 +224,8 @@ pub fn question(
     } else {
         calibrate_identifying_anew(&prepared.points, &star_images(measured, prepared), asked.catalog, asked.max_magnitude, &solver)?
     };
-    let crowded = leave_out_disturbed(&mut baseline.control_points, prepared.parity, measured, asked.catalog);
-    let notes = uneven.into_iter().chain(crowded).collect();
-    Ok(Question { points: baseline.control_points, telemetry: telemetry(&measured.recording), options, notes })
+    let left_out = take_disturbed(&mut baseline.control_points, prepared.parity, measured, asked.catalog);
+    let points = baseline.control_points;
+    let notes = uneven.into_iter().chain(crowding::sentence(left_out.len(), points.points.len())).collect();
+    Ok(Question { points, left_out, telemetry: telemetry(&measured.recording), options, notes })
 }
