@@ -8,7 +8,7 @@ use boresight::camera::Model;
 use boresight::catalog::Catalog;
 use boresight::coordinates::{Attitude, PixelPoint};
 use boresight::detect::Detection;
-use boresight::diagnose::Diagnosis;
+use boresight::diagnose::{ColumnsOf, Diagnosis};
 use boresight::effects::{Context, displacement};
 use boresight::identify::{ControlPoint, ControlPoints};
 use boresight::recording::{Site, write_file};
@@ -106,6 +106,13 @@ pub(crate) fn write(
     if measured.frames.iter().any(|frame| measured.recording.frames[frame.index].exposure_s.is_none()) {
         notes.push(format!("the scene {name} takes {ASSUMED_EXPOSURE_S} s for exposures of which nothing is said"));
     }
+    let rendered = diagnosis.findings.iter().filter(|finding| finding.columns == ColumnsOf::Rendered);
+    notes.extend(rendered.map(|finding| {
+        format!(
+            "the scene {name} moves stars by the formula of {id} at the size found, not by its traces in pixels: `boresight effects {id}` has the stage that makes them",
+            id = finding.id
+        )
+    }));
     Ok(notes)
 }
 

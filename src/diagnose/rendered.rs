@@ -2,10 +2,10 @@
 //!
 //! Stars with the recording's own places, phases within the pixel, electrons and colours are rendered without noise with a little less and a
 //! little more of an effect, and measured by the fit that measured the recording. The difference is the effect's column, the bias of the
-//! estimator in it. Its parameter keeps the unit of the effect's page: where that is no quantity of what is rendered (as the
-//! slope of a background is, or the gain of a column), it is scaled so that stars of the brightness that the page speaks of move as far as the formula says.
-//! Formula and rendered column then stand side by side as two variants of one hypothesis, and the recording
-//! decides: somebody's stars may have been measured otherwise before.
+//! estimator in it. Its parameter keeps the unit of the effect's page: where that is no quantity of what is rendered (as the slope of a
+//! background is, or the gain of a column), it is scaled so that stars of the brightness that the page speaks of move as far as the formula
+//! says. Formula and rendered column then stand side by side as two variants of one hypothesis, and the recording decides: somebody's
+//! stars may have been measured otherwise before.
 //!
 //! Star images of all frames share the rendered ones, as many on each as find room without touching: cost grows with the images and not
 //! with the frames.
@@ -271,7 +271,7 @@ impl Studio<'_> {
     /// Renders and measures every plate with two cameras; the change of each star's centre, by its number.
     fn difference(&self, scenes: &[Scene; 2], plates: &[Plate]) -> Option<Moved> {
         let looks = self.looks;
-        let [less, more] = [Bench::new(&scenes[0]).ok()?, Bench::new(&scenes[1]).ok()?];
+        let [less, more] = [told(Bench::new(&scenes[0]))?, told(Bench::new(&scenes[1]))?];
         let known =
             |sky_e: f64| KnownSky { background_dn: sky_e, noise_dn: looks.noise_e, gain_e_per_dn: 1.0, psf_sigma_px: looks.psf_sigma_px };
         let sky = known(scenes[0].sky.background_e_per_px_s.unwrap_or(0.0));
@@ -287,7 +287,7 @@ impl Studio<'_> {
         };
         let of = |plate: &Plate| -> Option<Vec<(usize, [f64; 2])>> {
             let design = [plate.iter().map(|(_, probe)| *probe).collect::<Vec<Probe>>()];
-            let found = signature(&less, &more, 1.0, &design, measure).ok()?;
+            let found = told(signature(&less, &more, 1.0, &design, measure))?;
             Some(plate.iter().zip(found).filter_map(|((index, _), found)| found.map(|found| (*index, [found.x_px, found.y_px]))).collect())
         };
         let parts: Vec<Vec<(usize, [f64; 2])>> = plates.par_iter().map(of).collect::<Option<_>>()?;
@@ -321,6 +321,11 @@ fn room_px(looks: &Looks) -> f64 {
     (ROOM_SIGMAS * looks.psf_sigma_px).max(LEAST_ROOM_PX)
 }
 
+/// What was made, or nothing, and then the reason in the log: the formula stands in.
+fn told<T, E: std::fmt::Display>(made: Result<T, E>) -> Option<T> {
+    made.inspect_err(|error| tracing::warn!("the column of an effect on pixels is not rendered, its formula stands in: {error}")).ok()
+}
+
 /// One exposure of a second by a camera of this size.
 fn scene([width, height]: [usize; 2], psf: &str, sky_e: f64) -> Option<Scene> {
     let text = format!(
@@ -328,7 +333,7 @@ fn scene([width, height]: [usize; 2], psf: &str, sky_e: f64) -> Option<Scene> {
          sky = {{ background_e_per_px_s = {sky_e:?}, physics = \"none\" }}\n{psf}\n\
          [[frames]]\nexposure_s = 1.0\nboresight_radec_deg = [0.0, 0.0]\n"
     );
-    Scene::parse("the scene of the rendered columns", &text).ok()
+    told(Scene::parse("the scene of the rendered columns", &text))
 }
 
 fn gaussian(looks: &Looks, pixel: &str) -> String {

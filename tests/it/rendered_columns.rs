@@ -47,7 +47,8 @@ fn traps_are_one_effect_where_they_are_rendered_and_several_by_the_formula() {
     let names = |object: &Value| -> Vec<String> {
         object["findings"].as_array().unwrap().iter().map(|finding| finding["id"].as_str().unwrap().to_owned()).collect()
     };
-    let rendered = diagnosed(&recording, &[]);
+    let camera = folder.path().join("found.toml");
+    let rendered = diagnosed(&recording, &["--write-camera", text(&camera)]);
     let by_formula = diagnosed(&recording, &["--formulas"]);
     let left = |object: &Value| number(object, "/fit/final/chi2_per_dof");
     println!("rendered: {:?} {}; by formulas: {:?} {}", names(&rendered), left(&rendered), names(&by_formula), left(&by_formula));
@@ -57,6 +58,8 @@ fn traps_are_one_effect_where_they_are_rendered_and_several_by_the_formula() {
     assert!(finding["sentence"].as_str().unwrap().contains("rendered"), "{}", finding["sentence"]);
     assert!(number(finding, "/snr") > 20.0 && number(finding, "/held_out_delta_chi2") > 500.0, "{finding}");
     assert!((left(&rendered) - 1.0).abs() < 0.05, "{}", left(&rendered));
+    let warnings = |object: &Value| object["warnings"].to_string();
+    assert!(warnings(&rendered).contains("by the formula of charge-transfer-inefficiency"), "{}", warnings(&rendered));
     assert!(by_formula["verdict"] == "unexplained" || names(&by_formula) != names(&rendered), "the formula does as well");
     assert!(by_formula["findings"].as_array().unwrap().iter().all(|finding| finding["columns"] == "formula"));
 }
