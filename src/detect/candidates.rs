@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use super::background::Background;
 use super::fit::{Model, radius_px};
-use super::measure::Search;
 use super::psf::Shape;
+use super::search::Search;
 use crate::frame::Frame;
 
 /// A place to fit a star at.

@@ -22,6 +22,7 @@ mod learn;
 mod measure;
 mod moments;
 mod psf;
+mod search;
 mod shape;
 mod tail;
 mod window;
