@@ -64,7 +64,6 @@ pub(super) fn candidates(frame: &Frame, background: &Background, search: &Search
     const RIPPLE_OF_FULL: f64 = 0.15;
     const RESOLVED_SIGMA: f64 = 2.0;
     let (long, _) = search.shape.axes_px();
-    let radius = radius_px(search.shape);
     let mut blob_taken = vec![false; blobs.len()];
     let mut kept: Vec<Candidate> = Vec::with_capacity(search.peaks.len());
     let mut grid = Grid::new(frame.width_px, frame.height_px);
@@ -80,8 +79,8 @@ pub(super) fn candidates(frame: &Frame, background: &Background, search: &Search
             (x, y, full_radius_px) = (blobs[index].x, blobs[index].y, blobs[index].radius_px);
         }
         // the filter cannot tell two such near stars apart: a second maximum is a ripple of the first
-        let merged =
-            grid.near(x, y).any(|i: usize| search.shape.radius_in_sigma(kept[i].start.x - x, kept[i].start.y - y) < RESOLVED_SIGMA);
+        let here = search.shape_at(x, y);
+        let merged = grid.near(x, y).any(|i: usize| here.radius_in_sigma(kept[i].start.x - x, kept[i].start.y - y) < RESOLVED_SIGMA);
         if merged {
             continue;
         }
@@ -95,11 +94,12 @@ pub(super) fn candidates(frame: &Frame, background: &Background, search: &Search
             continue;
         }
         let noise = background.noise_dn(peak.x, peak.y);
-        let (mut shape, mut reach) = (search.shape, radius);
+        let mut shape = here;
+        let mut reach = radius_px(shape);
         if full_radius_px > 0.0 {
             // the wings beyond the full pixels must be in the window
             shape = Shape::round(search.shape.sigma_px().max(full_radius_px / 1.5));
-            reach = (radius + full_radius_px.ceil() as usize).min(48);
+            reach = (reach + full_radius_px.ceil() as usize).min(48);
         }
         let flux_dn = peak.snr * noise * search.kernel.flux_per_snr();
         grid.put(x, y, kept.len());

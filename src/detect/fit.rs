@@ -8,6 +8,7 @@ use super::background::Background;
 use super::empirical::EmpiricalPsf;
 use super::moments::{Moments, moments};
 use super::psf::{PROFILE_PARAMETERS, Profile, Shape, Window};
+use super::trail::Trail;
 use crate::frame::Frame;
 
 /// Flux, offset of the background, x, y, and up to three numbers of shape.
@@ -27,7 +28,7 @@ pub(super) enum Freedom {
     Fixed,
     /// Round, of free width.
     Width,
-    /// Any ellipse.
+    /// Any ellipse, or any trail of a star that is one.
     Ellipse,
     /// The empirical image, of which no number is free.
     Empirical,
@@ -111,13 +112,13 @@ pub(super) struct Stamp {
 
 pub(super) struct Normal {
     pub(super) matrix: [[f64; MOST_PARAMETERS]; MOST_PARAMETERS],
-    vector: [f64; MOST_PARAMETERS],
+    pub(super) vector: [f64; MOST_PARAMETERS],
     pub(super) chi2: f64,
 }
 
 /// Half the side of the window for a shape.
 pub(super) fn radius_px(shape: Shape) -> usize {
-    ((4.0 * shape.axes_px().0 + 1.0).ceil() as usize).clamp(4, 32)
+    ((shape.reach_px(4.0) + 1.0).ceil() as usize).clamp(4, if shape.trail { 64 } else { 32 })
 }
 
 /// The window of a star, and whether the edge of the frame cuts it.
@@ -413,7 +414,8 @@ fn advanced(model: Model, offset: f64, step: &[f64; MOST_PARAMETERS], freedom: F
     let shape = match freedom {
         Freedom::Fixed | Freedom::Empirical => model.shape,
         Freedom::Width => Shape::round(model.shape.sigma_px() + step[4]),
-        Freedom::Ellipse => Shape { xx: model.shape.xx + step[4], xy: model.shape.xy + step[5], yy: model.shape.yy + step[6] },
+        Freedom::Ellipse if model.shape.trail => Trail::of(model.shape).advanced([step[4], step[5], step[6]]).shape(),
+        Freedom::Ellipse => Shape::ellipse(model.shape.xx + step[4], model.shape.xy + step[5], model.shape.yy + step[6]),
     };
     (Model { x: model.x + step[2], y: model.y + step[3], flux_dn: model.flux_dn + step[0], shape, ..model }, offset + step[1])
 }
@@ -424,7 +426,9 @@ const NARROWEST_PX: f64 = 0.1;
 fn plausible(shape: Shape, stamp: &Stamp) -> bool {
     let (long, short) = shape.axes_px();
     let room = stamp.window.columns.max(stamp.window.rows) as f64 / 2.0;
-    short.is_finite() && short >= NARROWEST_PX && long <= room && shape.determinant() > 0.0 && shape.xx > 0.0
+    // of a trail that leaves its window the ends are not seen
+    let fits = long <= room && !(shape.trail && shape.reach_px(1.0) > room);
+    short.is_finite() && short >= NARROWEST_PX && fits && shape.determinant() > 0.0 && shape.xx > 0.0
 }
 
 /// Cholesky factor of the leading block, the diagonal raised by `damping`.

@@ -177,7 +177,8 @@ struct Unknowns {
 /// The image of these stars, from `start` on if there is one.
 fn fit_image(stars: &[&PsfStar], order: usize, start: Option<&EmpiricalPsf>) -> Option<EmpiricalPsf> {
     let middle = |pick: fn(&Shape) -> f64| median(&stars.iter().map(|s| pick(&s.model.shape)).collect::<Vec<_>>());
-    let shape = Shape { xx: middle(|s| s.xx)?, xy: middle(|s| s.xy)?, yy: middle(|s| s.yy)? };
+    let trail = stars.iter().all(|s| s.model.shape.trail);
+    let shape = Shape { xx: middle(|s| s.xx)?, xy: middle(|s| s.xy)?, yy: middle(|s| s.yy)?, trail };
     let base = if stars.iter().all(|s| s.model.shape.is_round()) { Shape::round(shape.sigma_px()) } else { shape };
     let grid = Grid::for_image(base.axes_px().0, radius_px(base));
     let unknowns = Unknowns::new(grid, base, FIELD_TERMS[order]);

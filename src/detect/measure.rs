@@ -112,7 +112,8 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
         let Some(fit) = fit.as_ref().filter(|f| is_star(candidate, f, &search, (scene.frame.width_px, scene.frame.height_px))) else {
             continue;
         };
-        let duplicate = |s: &Detection| search.shape.radius_in_sigma(s.x_px - fit.model.x, s.y_px - fit.model.y) < 1.0;
+        let own = search.shape_at(fit.model.x, fit.model.y);
+        let duplicate = |s: &Detection| own.radius_in_sigma(s.x_px - fit.model.x, s.y_px - fit.model.y) < 1.0;
         if !stars.iter().any(|(_, star)| duplicate(star)) {
             stars.push((i, detection(&scene, fit, candidate, !neighbours[i].is_empty(), search.scatter)));
         }
@@ -193,7 +194,7 @@ fn learnable(
         let fit = fits[i].as_ref()?;
         let mut profile = Profile::new();
         let mut stamp = scene.stamp(Model { shape: search.shape, ..fit.model }, &[], &mut profile);
-        let freedom = if search.shape.is_round() { Freedom::Width } else { Freedom::Ellipse };
+        let freedom = if fit.model.shape.is_round() { Freedom::Width } else { Freedom::Ellipse };
         let (model, offset) = scene.photons().settle(&mut stamp, fit.model, freedom, &mut profile)?;
         profile.draw(stamp.window, &model, freedom == Freedom::Ellipse);
         let count = freedom.parameters();
@@ -310,7 +311,7 @@ fn free_shape(options: &DetectOptions, search: &Search, candidate: &Candidate) -
     }
     if options.psf_sigma_px.is_some() || (candidate.snr < SNR_FOR_WIDTH && search.shape_known) {
         Freedom::Fixed
-    } else if search.shape.is_round() {
+    } else if candidate.start.shape.is_round() {
         Freedom::Width
     } else {
         Freedom::Ellipse

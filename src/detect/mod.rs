@@ -3,7 +3,8 @@
 //! 1. `background`: level and noise on a mesh, offsets of rows; never zero noise, since counts come in steps.
 //! 2. `defects`: full and hot pixels are set aside.
 //! 3. `filter`: matched filter; its threshold follows from the number of false stars allowed, and from the noise's own tail (`tail`).
-//! 4. `shape`: the frame's own stars tell width and elongation, and the filter is run again with it.
+//! 4. `shape`, `search`: the frame's own stars tell width and elongation, and the filter is run again with it; `kind`: their χ² says whether they are
+//!    round, elliptic or trails (`trail`), and `field` how these change over the frame.
 //! 5. `fit`: maximum likelihood for position, flux, background and width; neighbours are taken off each other.
 //! 6. `moments`: second and third moments of every star's image.
 //! 7. `learn`, `empirical`: the image of a star from the recording's own stars, fitted in the Gaussian's place where held-out stars prefer it.
@@ -14,9 +15,11 @@ mod background;
 mod candidates;
 mod defects;
 mod empirical;
+mod field;
 mod filter;
 mod fit;
 mod gain;
+mod kind;
 mod known;
 mod learn;
 mod measure;
@@ -25,6 +28,7 @@ mod psf;
 mod search;
 mod shape;
 mod tail;
+mod trail;
 mod window;
 mod windowed;
 

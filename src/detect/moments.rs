@@ -13,6 +13,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::fit::{Fit, Photons, Stamp, inverse};
+use super::psf::Profile;
 
 /// Moments of a star's image before the pixels sum it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -187,10 +188,20 @@ pub(super) fn moments(stamp: &Stamp, fit: &Fit, told: &[f64], photons: Photons) 
     };
     let mut pixels = Vec::with_capacity(stamp.data.len());
     let own = if adapt { settled(first, stamp, offset_dn, &mut pixels) } else { None };
-    let image = own.unwrap_or(first);
+    // the Gaussian of a trail as fitted: its second moments are not those under a weight
+    let of_trail = || shape.trail.then(|| settled(first, &drawn(stamp, fit), 0.0, &mut Vec::new())).flatten();
+    let image = own.or_else(of_trail).unwrap_or(first);
     let factor = image.factor()?;
     image.look(stamp, offset_dn, factor, &mut pixels);
     tell(&image, factor, &pixels, stamp, told, photons)
+}
+
+/// The stamp of a star as fitted, without noise.
+fn drawn(stamp: &Stamp, fit: &Fit) -> Stamp {
+    let (model, mut profile, mut stamp) = (fit.model, Profile::new(), stamp.clone());
+    profile.fill(stamp.window, model.x, model.y, model.shape, true);
+    stamp.data = profile.value.iter().map(|share| model.flux_dn * share).collect();
+    stamp
 }
 
 /// The image that leaves no moments; `None` if it runs away.

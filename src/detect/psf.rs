@@ -1,25 +1,33 @@
-//! The image of a star: a Gaussian integrated over each pixel, with its derivatives.
+//! The image of a star: a Gaussian integrated over each pixel, with its derivatives; that of a trail is in `trail`.
 
 use statrs::function::erf::erf;
 
 use super::empirical::EmpiricalPsf;
 use super::fit::Model;
+use super::trail::Trail;
 
-/// Second moments of a Gaussian star image before the pixel integrates it, px².
+/// Second moments of a star image before the pixel integrates it, px².
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Shape {
     pub(super) xx: f64,
     pub(super) xy: f64,
     pub(super) yy: f64,
+    /// Whether the image is a round Gaussian drawn out along a line; else it is a Gaussian.
+    pub(super) trail: bool,
 }
 
 impl Shape {
     pub(super) const fn round(sigma_px: f64) -> Self {
-        Self { xx: sigma_px * sigma_px, xy: 0.0, yy: sigma_px * sigma_px }
+        Self::ellipse(sigma_px * sigma_px, 0.0, sigma_px * sigma_px)
+    }
+
+    /// A Gaussian's.
+    pub(super) const fn ellipse(xx: f64, xy: f64, yy: f64) -> Self {
+        Self { xx, xy, yy, trail: false }
     }
 
     pub(super) fn is_round(self) -> bool {
-        self.xy == 0.0 && self.xx == self.yy
+        self.xy == 0.0 && self.xx == self.yy && !self.trail
     }
 
     pub(super) fn determinant(self) -> f64 {
@@ -38,6 +46,11 @@ impl Shape {
         ((mean + root).max(0.0).sqrt(), (mean - root).max(0.0).sqrt())
     }
 
+    /// Half the side of the square that holds the light up to so many σ.
+    pub(super) fn reach_px(self, sigmas: f64) -> f64 {
+        if self.trail { Trail::of(self).reach_px(sigmas) } else { sigmas * self.axes_px().0 }
+    }
+
     /// A distance in units of σ in its direction.
     pub(super) fn radius_in_sigma(self, dx: f64, dy: f64) -> f64 {
         let [a, b, c] = self.inverse();
@@ -51,7 +64,7 @@ impl Shape {
     }
 }
 
-/// Free numbers of the star's profile, in this order: x, y, then the width (one) or xx, xy, yy.
+/// Free numbers of the star's profile, in this order: x, y, then the width (one), or xx, xy, yy, or a trail's length along x and y and its width.
 pub(super) const PROFILE_PARAMETERS: usize = 5;
 
 /// Square block of pixels around a star.
@@ -116,7 +129,9 @@ impl<'a> Profile<'a> {
         self.value.resize(pixels, 0.0);
         self.derivatives.clear();
         self.derivatives.resize(pixels, [0.0; PROFILE_PARAMETERS]);
-        if elliptical {
+        if shape.trail {
+            Trail::of(shape).fill(window, x, y, &mut self.value, &mut self.derivatives);
+        } else if elliptical {
             self.fill_elliptical(window, x, y, shape);
         } else {
             self.fill_round(window, x, y, shape.sigma_px());
@@ -171,7 +186,7 @@ impl<'a> Profile<'a> {
 /// Nodes and weights on (−½, ½).
 const GAUSS_LEGENDRE_3: [(f64, f64); 3] =
     [(-0.387_298_334_620_741_7, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.387_298_334_620_741_7, 5.0 / 18.0)];
-const GAUSS_LEGENDRE_4: [(f64, f64); 4] = [
+pub(super) const GAUSS_LEGENDRE_4: [(f64, f64); 4] = [
     (-0.430_568_155_797_026_3, 0.173_927_422_568_726_93),
     (-0.169_990_521_792_428_13, 0.326_072_577_431_273_07),
     (0.169_990_521_792_428_13, 0.326_072_577_431_273_07),
@@ -221,7 +236,7 @@ mod tests {
 
     #[test]
     fn derivatives_are_those_of_the_values() {
-        let base = Shape { xx: 2.0, xy: 0.6, yy: 1.2 };
+        let base = Shape::ellipse(2.0, 0.6, 1.2);
         let h = 1e-5;
         let moved = |k: usize, h: f64| {
             let mut s = base;
@@ -250,7 +265,7 @@ mod tests {
 
     #[test]
     fn axes_of_a_turned_ellipse() {
-        let s = Shape { xx: 5.0, xy: 4.0, yy: 5.0 };
+        let s = Shape::ellipse(5.0, 4.0, 5.0);
         let (long, short) = s.axes_px();
         assert!((long - 3.0).abs() < 1e-12 && (short - 1.0).abs() < 1e-12);
     }

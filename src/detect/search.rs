@@ -1,19 +1,24 @@
 //! Where stars may be: the matched filter, run with first guesses of the image and then with that of the frame's own stars.
 
-use rayon::prelude::*;
-
 use super::DetectOptions;
-use super::candidates::{Blob, Candidate, candidates};
+use super::candidates::{Blob, candidates};
+use super::field::Field;
 use super::filter::{self, Kernel, Peak};
-use super::fit::{Fit, Freedom, Scene};
+use super::fit::{Fit, Freedom, Model, Scene};
+use super::kind::{self, Told};
 use super::measure::SNR_FOR_WIDTH;
 use super::psf::Shape;
 use super::shape;
 use super::tail::Tail;
+use super::trail::Trail;
 
 /// First guesses of the width before the frame's own stars tell: usual optics, then defocused or trailed ones.
 pub(super) const FIRST_SIGMA_PX: f64 = 1.2;
 const WIDE_SIGMA_PX: f64 = 3.5;
+/// Stars that fit worse than this per degree of freedom may be trails that lie each its own way, as a roll of the camera makes them.
+const MISFIT: f64 = 1.06;
+/// Where peaks are drawn out to so many times what single ones show, they are pieces.
+const LONGER: f64 = 1.5;
 /// Fits narrower than this along the short axis are lone pixels or cosmic rays where the frame's own stars do not tell, px.
 pub(super) const SHARPEST_PX: f64 = 0.45;
 /// Peaks that are fitted, at most.
@@ -23,6 +28,8 @@ const MOST_PEAKS: usize = 20_000;
 #[derive(Clone)]
 pub(super) struct Search {
     pub(super) shape: Shape,
+    /// Trails that the frame's stars tell together.
+    field: Option<Field>,
     /// Whether the frame's stars, or the caller, told the shape.
     pub(super) shape_known: bool,
     /// Scatter of the filtered noise over that of white noise; 1 unless clearly more.
@@ -57,7 +64,14 @@ impl Search {
         let scatter = Some(kernel.scatter_of_correlated(normalised, &lit, width)).filter(|s| *s > CLEARLY).unwrap_or(1.0);
         let mut peaks = filter::peaks(&filtered, width, threshold);
         peaks.truncate(MOST_PEAKS);
-        Self { shape, shape_known, scatter, threshold, peaks, kernel, lit }
+        Self { shape, field: None, shape_known, scatter, threshold, peaks, kernel, lit }
+    }
+}
+
+impl Search {
+    /// The shape of a star at a place.
+    pub(super) fn shape_at(&self, x: f64, y: f64) -> Shape {
+        self.field.map_or(self.shape, |field| field.at(x, y).shape())
     }
 }
 
@@ -84,34 +98,107 @@ pub(super) fn search(
             (typical, first) = (other, wide);
         }
     }
+    let seen_px = typical.as_ref().map_or(0.0, |t| Trail::of(t.shape).length_px());
+    if let Some(trail) = shape::drawn_out(normalised, width, &first.peaks).filter(|t| t.length_px() > LONGER * seen_px)
+        && let Some(found) = search_for_trails(scene, &first, trail, &at_shape, blobs)
+    {
+        return found;
+    }
+    let elongated = typical.as_ref().and_then(|t| t.elongated);
     let guess = typical.as_ref().map_or(first.shape, |t| t.shape);
-    let Some(shape) = shape_by_fits(scene, &Search { shape: guess, ..first.clone() }, blobs).or(typical.map(|t| t.shape)) else {
+    let told = shape_by_fits(scene, &Search { shape: guess, ..first.clone() }, blobs, elongated);
+    let misfit = told.as_ref().map_or(f64::INFINITY, Told::misfit);
+    let Some(shape) = told.map(|t| t.typical.shape).or(typical.map(|t| t.shape)) else {
         return at_shape(first.shape, false);
     };
-    at_shape(shape, true)
+    let found = at_shape(shape, true);
+    // where the gain is not known yet photons' noise looks like misfit
+    if !shape.trail && scene.variance_per_dn > 0.0 && misfit > MISFIT {
+        return turning(scene, found, blobs);
+    }
+    refined(scene, found, blobs)
+}
+
+/// Faint trails, which the round filter sees in pieces. `None` where there are none.
+fn search_for_trails(
+    scene: &Scene<'_>,
+    first: &Search,
+    guess: Trail,
+    at_shape: &impl Fn(Shape, bool) -> Search,
+    blobs: &[Blob],
+) -> Option<Search> {
+    let light = |s: &Search| s.peaks.iter().map(|p| p.snr * p.snr).sum::<f64>();
+    let shape = shape_by_fits(scene, &at_shape(guess.shape(), false), blobs, None)?.typical.shape;
+    let search = refined(scene, at_shape(shape, true), blobs);
+    // one whole trail says more than its pieces
+    (light(&search) > light(first)).then_some(search)
 }
 
 /// The middle of free-shape fits to bright stars: moments of images of a pixel's width are not those of the light before the
-/// pixels summed it. `None` where too few stars tell, or they disagree.
-fn shape_by_fits(scene: &Scene<'_>, search: &Search, blobs: &[Blob]) -> Option<Shape> {
+/// pixels summed it. `None` where too few stars tell, or they disagree. `elongated`: what moments say where they are not round.
+fn shape_by_fits(scene: &Scene<'_>, search: &Search, blobs: &[Blob], elongated: Option<Shape>) -> Option<Told> {
     const MOST_STARS: usize = 48;
     const FEWEST_BRIGHT: usize = 3;
     const FEWEST_FAINT: usize = 8;
     const LARGEST_SPREAD: f64 = 0.3;
     let candidates = candidates(scene.frame, scene.background, search, blobs);
-    let freedom = if search.shape.is_round() { Freedom::Width } else { Freedom::Ellipse };
     let good = |f: &Fit| f.lone_pixel_excess > 0.0 && f.model.shape.axes_px().1 > SHARPEST_PX && !f.edge;
-    let told = |chosen: Vec<&Candidate>, fewest: usize| {
-        let fits: Vec<Option<Fit>> = chosen.par_iter().map(|c| scene.fit(c.start, freedom, &[])).collect();
-        let shapes: Vec<Shape> = fits.into_iter().flatten().filter(good).map(|f| f.model.shape).collect();
-        shape::middle(&shapes).filter(|t| t.stars >= fewest)
-    };
-    let clear = |c: &&Candidate| c.full_radius_px == 0.0;
-    let bright = candidates.iter().filter(clear).filter(|c| c.snr > SNR_FOR_WIDTH).take(MOST_STARS).collect();
-    let typical = told(bright, FEWEST_BRIGHT).or_else(|| {
-        let faint = candidates.iter().filter(clear).take(4 * MOST_STARS).collect();
-        told(faint, FEWEST_FAINT).filter(|t| t.spread < LARGEST_SPREAD)
-    })?;
-    // whether it is round was found on more stars
-    Some(if search.shape.is_round() { Shape::round(typical.shape.sigma_px()) } else { typical.shape })
+    let told = |starts: &[Model], fewest: usize| Told::of(scene, starts, search.shape, fewest, good);
+    let clear = || candidates.iter().filter(|c| c.full_radius_px == 0.0);
+    let bright: Vec<Model> = clear().filter(|c| c.snr > SNR_FOR_WIDTH).take(MOST_STARS).map(|c| c.start).collect();
+    if let Some(told) = told(&bright, FEWEST_BRIGHT) {
+        return Some(kind::decided(scene, &bright, told, elongated, good));
+    }
+    let faint: Vec<Model> = clear().take(4 * MOST_STARS).map(|c| c.start).collect();
+    let told = told(&faint, FEWEST_FAINT).filter(|t| t.typical.spread < LARGEST_SPREAD)?;
+    Some(kind::decided(scene, &faint, told, elongated, good))
+}
+
+/// Trails with the field that all of them together tell. Only the filter that finds whole trails chooses stars to ask without preferring those that
+/// noise makes short.
+fn refined(scene: &Scene<'_>, found: Search, blobs: &[Blob]) -> Search {
+    if !found.shape.trail {
+        return found;
+    }
+    let (starts, _) = asked(scene, &found, blobs);
+    let field = Field::of(scene, &starts, Trail::of(found.shape));
+    Search { field, ..found }
+}
+
+/// The same where a roll of the camera makes trails that lie each its own way, if that fits the stars clearly better.
+fn turning(scene: &Scene<'_>, found: Search, blobs: &[Blob]) -> Search {
+    const FEWEST: usize = 12;
+    /// So many first say whether it is worth a closer look.
+    const SAMPLE: usize = 24;
+    let (starts, bright) = asked(scene, &found, blobs);
+    let sample: Vec<Model> = starts.iter().step_by((starts.len() / SAMPLE).max(1)).copied().collect();
+    let free = |shape: Shape| if shape.is_round() { Freedom::Width } else { Freedom::Ellipse };
+    let round = kind::fits(
+        scene,
+        &sample.iter().map(|s| Model { shape: Shape::round(s.shape.sigma_px()), ..*s }).collect::<Vec<_>>(),
+        Freedom::Width,
+    );
+    if starts.len() < FEWEST || !kind::is_better(&kind::fits(scene, &sample, Freedom::Ellipse), &round) {
+        return found;
+    }
+    let ellipses = kind::fits(scene, &starts, Freedom::Ellipse);
+    let trails: Vec<([f64; 2], Trail)> = ellipses.iter().flatten().map(|f| ([f.model.x, f.model.y], Trail::of(f.model.shape))).collect();
+    let Some(field) = Field::turning(scene, &starts, &trails) else { return found };
+    let turned: Vec<Model> = starts.iter().map(|start| Model { shape: field.at(start.x, start.y).shape(), ..*start }).collect();
+    // faint stars are fitted with the shape that they are given
+    let freedom = |shape: Shape| if bright { free(shape) } else { Freedom::Fixed };
+    let trails = kind::fits(scene, &turned, freedom(Shape { trail: true, ..found.shape }));
+    let as_found = kind::fits(scene, &starts, freedom(found.shape));
+    let of_trails = kind::is_better(&trails, &as_found) && (!bright || kind::is_likelier(&trails, &ellipses));
+    if of_trails { Search { field: Some(field), ..found } } else { found }
+}
+
+/// Stars to ask for their shapes, and whether they are bright enough to tell their own.
+fn asked(scene: &Scene<'_>, found: &Search, blobs: &[Blob]) -> (Vec<Model>, bool) {
+    const MOST_FAINT: usize = 400;
+    const ENOUGH_BRIGHT: usize = 100;
+    let candidates = candidates(scene.frame, scene.background, found, blobs);
+    let bright = candidates.iter().filter(|c| c.snr > SNR_FOR_WIDTH).count() >= ENOUGH_BRIGHT;
+    let most = if bright { ENOUGH_BRIGHT } else { MOST_FAINT };
+    (candidates.iter().filter(|c| c.full_radius_px == 0.0).take(most).map(|c| c.start).collect(), bright)
 }

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::filter::Peak;
 use super::psf::Shape;
+use super::trail::Trail;
 use crate::statistics::{mad_sigma, median};
 
 /// The pixel widens the image by the variance of a box of side 1.
@@ -26,17 +27,41 @@ pub(super) struct Typical {
     pub(super) stars: usize,
     /// Scatter of the stars' widths over the typical one.
     pub(super) spread: f64,
+    /// The middle itself, where it is elongated by more than chance makes.
+    pub(super) elongated: Option<Shape>,
 }
 
 /// The middle of shapes; round unless they say otherwise. `None` of none.
 pub(super) fn middle(shapes: &[Shape]) -> Option<Typical> {
+    let widths: Vec<f64> = shapes.iter().map(|s| s.sigma_px()).collect();
+    if shapes.iter().any(|s| s.trail) {
+        let shape = Trail::middle(&shapes.iter().map(|s| Trail::of(*s)).collect::<Vec<_>>())?.shape();
+        return Some(Typical { shape, stars: shapes.len(), spread: mad_sigma(&widths)? / shape.sigma_px(), elongated: Some(shape) });
+    }
     let middle = |pick: fn(&Shape) -> f64| median(&shapes.iter().map(pick).collect::<Vec<_>>());
-    let shape = Shape { xx: middle(|s| s.xx)?, xy: middle(|s| s.xy)?, yy: middle(|s| s.yy)? };
+    let shape = Shape::ellipse(middle(|s| s.xx)?, middle(|s| s.xy)?, middle(|s| s.yy)?);
     let (long, short) = shape.axes_px();
     let round = shapes.len() < 3 || long < ROUND_RATIO * short;
-    let widths: Vec<f64> = shapes.iter().map(|s| s.sigma_px()).collect();
     let spread = mad_sigma(&widths)? / shape.sigma_px();
-    Some(Typical { shape: if round { Shape::round(shape.sigma_px()) } else { shape }, stars: shapes.len(), spread })
+    Some(Typical {
+        shape: if round { Shape::round(shape.sigma_px()) } else { shape },
+        stars: shapes.len(),
+        spread,
+        elongated: is_elongated(shapes).then_some(shape),
+    })
+}
+
+/// Whether shapes lie to one side of round ones by more than chance makes.
+fn is_elongated(shapes: &[Shape]) -> bool {
+    /// In σ of the middle; such a one costs more fits, which decide.
+    const CLEARLY: f64 = 5.0;
+    const FEWEST: usize = 3;
+    let clear = |pick: fn(&Shape) -> f64| {
+        let values: Vec<f64> = shapes.iter().map(pick).collect();
+        let scatter = mad_sigma(&values).unwrap_or(f64::INFINITY) / (values.len() as f64).sqrt();
+        median(&values).is_some_and(|middle| middle.abs() > CLEARLY * 1.25 * scatter)
+    };
+    shapes.len() >= FEWEST && (clear(|s| (s.xx - s.yy) / (s.xx + s.yy)) || clear(|s| 2.0 * s.xy / (s.xx + s.yy)))
 }
 
 /// Measures the typical shape; `None` where no bright star is.
@@ -47,7 +72,7 @@ pub(super) fn typical(residual: &[f32], width: usize, unusable: &[bool], peaks: 
     let chosen: Vec<&Peak> = bright.into_iter().step_by(step).take(2 * MOST_PEAKS).collect();
     let shapes: Vec<Shape> = chosen
         .par_iter()
-        .map(|p| adaptive_moments(residual, width, unusable, p))
+        .map(|p| adaptive_moments(residual, width, unusable, p, WIDEST_PX))
         .collect::<Vec<_>>()
         .into_iter()
         .flatten()
@@ -56,14 +81,50 @@ pub(super) fn typical(residual: &[f32], width: usize, unusable: &[bool], peaks: 
     middle(&shapes)
 }
 
+/// What the surroundings of all peaks together are drawn out to: where noise breaks faint trails into peaks, these lie anywhere along them, and
+/// the sum of their surroundings is the trail with itself laid over, its variance along the line twice as large. `None` where it is round.
+pub(super) fn drawn_out(normalised: &[f32], width: usize, peaks: &[Peak]) -> Option<Trail> {
+    const FEWEST: usize = 8;
+    const MOST: usize = 200;
+    /// Half the side of what is summed, and σ of the longest sum that is seen in it.
+    const REACH: usize = 90;
+    const LONGEST_PX: f64 = 42.0;
+    /// No star shall outshine the others.
+    const CUT: f32 = 5.0;
+    /// Less drawn out than this, over the width, stars are found by their round filter.
+    const LEAST: f64 = 3.0;
+    let height = normalised.len() / width;
+    let inside = |p: &&Peak| p.x >= REACH && p.y >= REACH && p.x + REACH < width && p.y + REACH < height;
+    let chosen: Vec<&Peak> = peaks.iter().filter(inside).take(MOST).collect();
+    if chosen.len() < FEWEST {
+        return None;
+    }
+    let side = 2 * REACH + 1;
+    let mut sum = vec![0.0_f32; side * side];
+    for p in chosen {
+        for (row, target) in sum.chunks_exact_mut(side).enumerate() {
+            let from = (p.y + row - REACH) * width + p.x - REACH;
+            for (t, v) in target.iter_mut().zip(&normalised[from..from + side]) {
+                *t += v.clamp(-CUT, CUT);
+            }
+        }
+    }
+    // it looks the same from both ends but for noise
+    let both: Vec<f32> = sum.iter().zip(sum.iter().rev()).map(|(a, b)| a + b).collect();
+    let moments = adaptive_moments(&both, side, &vec![false; both.len()], &Peak { x: REACH, y: REACH, snr: f64::INFINITY }, LONGEST_PX)?;
+    let of_sum = Trail::of(moments);
+    let trail = Trail { along_px: of_sum.along_px.map(|v| v * std::f64::consts::FRAC_1_SQRT_2), ..of_sum };
+    (trail.length_px() > LEAST * trail.sigma_px).then_some(trail)
+}
+
 /// Shape of one star, the pixel's own width taken off; `None` where the moments do not settle.
-fn adaptive_moments(residual: &[f32], width: usize, unusable: &[bool], peak: &Peak) -> Option<Shape> {
+fn adaptive_moments(residual: &[f32], width: usize, unusable: &[bool], peak: &Peak, widest_px: f64) -> Option<Shape> {
     let height = residual.len() / width;
     let (mut x, mut y) = (peak.x as f64, peak.y as f64);
     let mut weight = Shape::round(1.5);
     for _ in 0..60 {
         let d = weight.determinant();
-        let radius = (3.5 * weight.axes_px().0).ceil().clamp(3.0, 3.0 * WIDEST_PX);
+        let radius = (3.5 * weight.axes_px().0).ceil().clamp(3.0, 3.0 * widest_px);
         let span = |at: f64, length: usize| ((at - radius).max(0.0) as usize, ((at + radius + 1.0).max(0.0) as usize).min(length));
         let ((x0, x1), (y0, y1)) = (span(x, width), span(y, height));
         let mut sums = [0.0; 6];
@@ -84,17 +145,17 @@ fn adaptive_moments(residual: &[f32], width: usize, unusable: &[bool], peak: &Pe
             return None;
         }
         let (mx, my) = (sums[1] / sums[0], sums[2] / sums[0]);
-        let m = Shape { xx: sums[3] / sums[0] - mx * mx, xy: sums[4] / sums[0] - mx * my, yy: sums[5] / sums[0] - my * my };
+        let m = Shape::ellipse(sums[3] / sums[0] - mx * mx, sums[4] / sums[0] - mx * my, sums[5] / sums[0] - my * my);
         // under a matched weight the moments are half the matrix; the shift of the centre is half of what is missing
         x += (2.0 * mx).clamp(-1.0, 1.0);
         y += (2.0 * my).clamp(-1.0, 1.0);
         if (x - peak.x as f64).hypot(y - peak.y as f64) > 3.0 + 2.0 * weight.axes_px().0 {
             return None;
         }
-        let next = unweighted(m, weight)?;
+        let next = unweighted(m, weight, widest_px)?;
         let change = (next.xx - weight.xx).abs() + (next.xy - weight.xy).abs() + (next.yy - weight.yy).abs();
         if change < 1e-3 * (weight.xx + weight.yy) {
-            return Some(Shape { xx: next.xx - PIXEL_VARIANCE, xy: next.xy, yy: next.yy - PIXEL_VARIANCE });
+            return Some(Shape::ellipse(next.xx - PIXEL_VARIANCE, next.xy, next.yy - PIXEL_VARIANCE));
         }
         weight = next;
     }
@@ -102,27 +163,22 @@ fn adaptive_moments(residual: &[f32], width: usize, unusable: &[bool], peak: &Pe
 }
 
 /// The image's own matrix from that measured under a weight: (M⁻¹ − W⁻¹)⁻¹, kept within what a next weight may be.
-fn unweighted(m: Shape, w: Shape) -> Option<Shape> {
+fn unweighted(m: Shape, w: Shape, widest_px: f64) -> Option<Shape> {
     let (dm, dw) = (m.determinant(), w.determinant());
     if dm <= 0.0 || m.xx <= 0.0 {
         return None;
     }
-    let i = Shape { xx: m.yy / dm - w.yy / dw, xy: -m.xy / dm + w.xy / dw, yy: m.xx / dm - w.xx / dw };
-    let di = i.determinant();
-    let c = if di > 0.0 && i.xx > 0.0 {
-        Shape { xx: i.yy / di, xy: -i.xy / di, yy: i.xx / di }
-    } else {
-        // wider than the weight can tell: widen it
-        Shape { xx: 2.0 * w.xx, xy: 0.0, yy: 2.0 * w.yy }
-    };
-    // at most double a step, so that a first wrong guess does not run away
-    let (long, short) = c.axes_px();
-    if long > WIDEST_PX || short < 0.1 {
+    let i = Shape::ellipse(m.yy / dm - w.yy / dw, -m.xy / dm + w.xy / dw, m.xx / dm - w.xx / dw);
+    // at most double a step along each axis, so that a first wrong guess does not run away, nor what is wider than the weight can tell
+    let least = (2.0 * w.axes_px().0).powi(-2);
+    let (mean, half) = (f64::midpoint(i.xx, i.yy), ((i.xx - i.yy) / 2.0).hypot(i.xy));
+    let [short2, long2] = [mean + half, mean - half].map(|inverse| 1.0 / inverse.max(least));
+    if long2 > widest_px * widest_px || short2 < 0.01 {
         return None;
     }
-    let limit = 2.0 * w.axes_px().0;
-    let factor = if long > limit { (limit / long).powi(2) } else { 1.0 };
-    Some(Shape { xx: c.xx * factor, xy: c.xy * factor, yy: c.yy * factor })
+    // of the inverse the axis of the larger value is the short one
+    let (s, c) = (0.5 * (2.0 * i.xy).atan2(i.xx - i.yy)).sin_cos();
+    Some(Shape::ellipse(short2 * c * c + long2 * s * s, (short2 - long2) * s * c, short2 * s * s + long2 * c * c))
 }
 
 #[cfg(test)]
@@ -132,11 +188,11 @@ mod tests {
 
     #[test]
     fn moments_return_the_shape_that_was_drawn() {
-        for (shape, elliptical) in [(Shape::round(0.7), false), (Shape::round(4.0), false), (Shape { xx: 16.0, xy: 6.0, yy: 4.0 }, true)] {
+        for (shape, elliptical) in [(Shape::round(0.7), false), (Shape::round(4.0), false), (Shape::ellipse(16.0, 6.0, 4.0), true)] {
             let mut p = Profile::new();
             p.fill(Window { x0: 0, y0: 0, columns: 80, rows: 80 }, 40.3, 39.8, shape, elliptical);
             let image: Vec<f32> = p.value.iter().map(|v| (1e4 * v) as f32).collect();
-            let got = adaptive_moments(&image, 80, &vec![false; 6400], &Peak { x: 40, y: 40, snr: 1e3 }).unwrap();
+            let got = adaptive_moments(&image, 80, &vec![false; 6400], &Peak { x: 40, y: 40, snr: 1e3 }, WIDEST_PX).unwrap();
             for (a, b) in [(got.xx, shape.xx), (got.xy, shape.xy), (got.yy, shape.yy)] {
                 // images of a pixel's width depend on where in the pixel they lie
                 assert!((a - b).abs() < 0.05 * (shape.xx + shape.yy), "{got:?} for {shape:?}");

@@ -33,6 +33,7 @@ mod spreads;
 mod stages;
 mod star_images;
 mod summary;
+mod trails;
 mod truth;
 mod twins;
 mod wide_angle;
