@@ -6,6 +6,8 @@
 use rayon::prelude::*;
 
 use crate::frame::Frame;
+use statrs::distribution::{ContinuousCDF, Normal};
+
 use crate::statistics::{Clipped, clipped, median_in_place};
 
 /// Side of a mesh cell, px: above ten times any usual star's width, fine enough for glow at the edge of a detector.
@@ -58,6 +60,11 @@ pub(super) fn quantum_dn(pixels: &[f32]) -> Option<f32> {
         }
     }
     Some(if step == 0 { 1.0 } else { step as f32 })
+}
+
+/// What a standard normal number stays below with this probability.
+fn normal_quantile(probability: f64) -> f64 {
+    Normal::standard().inverse_cdf(probability)
 }
 
 fn gcd(a: u32, b: u32) -> u32 {
@@ -129,7 +136,40 @@ impl Background {
             background.measure_cells(frame, masked, &x_edges, &y_edges, least);
         }
         background.measure_noise(frame, masked, &x_edges, &y_edges, least);
+        background.see_clipped_noise(frame, masked);
         background
+    }
+
+    /// The noise of a frame whose black is cut off above the sky's level, from what is left of it: most counts are then the lowest, and their
+    /// scatter says nothing. It is taken where it is so much larger that the noise's own tail would not be seen (`tail`).
+    fn see_clipped_noise(&mut self, frame: &Frame, masked: &[bool]) {
+        /// The share of the lowest count from which on black is cut off above the sky, and up to which enough is left.
+        const LOWEST: [f64; 2] = [0.5, 0.99];
+        const FAR_LARGER: f64 = 4.0;
+        let mut values: Vec<f32> = frame.pixels_dn.iter().zip(masked).filter(|(_, out)| !**out).map(|(v, _)| *v).collect();
+        let Some(lowest) = values.iter().copied().reduce(f32::min) else { return };
+        let share = values.iter().filter(|v| **v == lowest).count() as f64 / values.len() as f64;
+        if !(LOWEST[0]..LOWEST[1]).contains(&share) {
+            return;
+        }
+        // Light of stars on a black sky comes in clumps, and noise does not.
+        let (mut lit, mut beside) = (0_usize, 0_usize);
+        for pair in frame.pixels_dn.chunks_exact(frame.width_px).flat_map(|row| row.windows(2)).filter(|pair| pair[0] > lowest) {
+            lit += 1;
+            beside += usize::from(pair[1] > lowest);
+        }
+        if beside as f64 > lit as f64 * (1.0 - 0.5 * share) {
+            return;
+        }
+        // Between the cut and the count that half of the rest stay below lie so many σ of a normal distribution.
+        let half_way = f64::midpoint(share, 1.0);
+        let rank = ((values.len() as f64 * half_way) as usize).min(values.len() - 1);
+        let at_half_way = *values.select_nth_unstable_by(rank, f32::total_cmp).1;
+        let sigma = f64::from(at_half_way - lowest) / (normal_quantile(half_way) - normal_quantile(share));
+        for noise in self.noise.iter_mut().filter(|noise| sigma > FAR_LARGER * f64::from(**noise)) {
+            *noise = sigma as f32;
+        }
+        self.floor_dn = self.floor_dn.max(if sigma > FAR_LARGER * self.floor_dn { sigma } else { 0.0 });
     }
 
     /// Measures the noise of the cells again, now that slopes within them are known and do not count as noise.
@@ -337,6 +377,22 @@ mod tests {
         assert_eq!(quantum_dn(&[5.0; 9]), Some(1.0));
         assert_eq!(quantum_dn(&[7.0, 37.0, 22.0]), Some(15.0));
         assert_eq!(quantum_dn(&[0.5, 1.0]), None);
+    }
+
+    #[test]
+    fn noise_whose_lower_part_is_cut_off_is_known_by_the_rest_and_starlight_is_no_noise() {
+        use rand::SeedableRng;
+        use rand_distr::Distribution;
+        let (w, h) = (256, 192);
+        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(7);
+        let noise = rand_distr::Normal::new(0.0_f32, 10.0).unwrap();
+        let pixels_dn = (0..w * h).map(|_| (noise.sample(&mut rng) - 12.0).round().max(0.0)).collect();
+        let cut = Background::measure(&Frame { width_px: w, height_px: h, pixels_dn, saturation_dn: 255.0 }, &vec![false; w * h]);
+        assert!((8.0..12.0).contains(&cut.noise_dn(100, 100)), "{}", cut.noise_dn(100, 100));
+        let star = |i: usize| 200.0 * (-(((i % w % 16) as f32 - 8.0).powi(2) + ((i / w % 16) as f32 - 8.0).powi(2)) / 2.5).exp();
+        let pixels_dn = (0..w * h).map(|i| star(i).round()).collect();
+        let stars = Background::measure(&Frame { width_px: w, height_px: h, pixels_dn, saturation_dn: 255.0 }, &vec![false; w * h]);
+        assert!(stars.noise_dn(100, 100) < 1.0, "{}", stars.noise_dn(100, 100));
     }
 
     #[test]

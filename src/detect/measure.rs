@@ -11,6 +11,7 @@ use super::gain::{self, Sample};
 use super::learn::PsfStar;
 use super::psf::{Profile, Shape};
 use super::search::{FIRST_SIGMA_PX, SHARPEST_PX, Search, search};
+use super::surround;
 use super::{DetectError, DetectOptions, Detection, Detections, Flags};
 use crate::frame::Frame;
 
@@ -46,11 +47,15 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
     }
     let saturation_dn = defects::saturation_dn(frame);
     let full: Vec<bool> = frame.pixels_dn.iter().map(|&v| v >= saturation_dn).collect();
-    let mut background = Background::measure(frame, &full);
+    let around = surround::surround(frame);
+    let no_sky: Vec<bool> = full.iter().enumerate().map(|(i, f)| *f || around.as_ref().is_some_and(|around| around[i])).collect();
+    let mut background = Background::measure(frame, &no_sky);
     let (mut residual, mut normalised) = residuals(frame, &background);
     let mut hot = defects::hot_pixels(&normalised, frame.width_px);
-    for (hot, bad) in hot.iter_mut().zip(aids.bad.unwrap_or_default()) {
-        *hot |= bad;
+    for bad in [aids.bad, around.as_deref()].into_iter().flatten() {
+        for (hot, bad) in hot.iter_mut().zip(bad) {
+            *hot |= bad;
+        }
     }
     darken(&mut residual, &mut normalised, &hot);
     let masked: Vec<bool> = hot.iter().zip(&full).map(|(h, f)| *h || *f).collect();

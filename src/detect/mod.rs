@@ -1,7 +1,7 @@
 //! Frame → Detections: finds stars and measures them.
 //!
 //! 1. `background`: level and noise on a mesh, offsets of rows; never zero noise, since counts come in steps.
-//! 2. `defects`: full and hot pixels are set aside.
+//! 2. `defects`, `surround`: full and hot pixels, and what lies around the picture, are set aside.
 //! 3. `filter`: matched filter; its threshold follows from the number of false stars allowed, and from the noise's own tail (`tail`).
 //! 4. `shape`, `search`: the frame's own stars tell width and elongation, and the filter is run again with it; `kind`: their χ² says whether they are
 //!    round, elliptic or trails (`trail`), and `field` how these change over the frame.
@@ -27,6 +27,7 @@ mod moments;
 mod psf;
 mod search;
 mod shape;
+mod surround;
 mod tail;
 mod trail;
 mod window;
