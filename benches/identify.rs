@@ -17,7 +17,7 @@ use std::process::Command;
 
 use boresight::catalog::Catalog;
 use boresight::coordinates::Direction;
-use boresight::identify::{Identification, Index, identify, least_false_match_probability};
+use boresight::identify::{Identification, Index, Projection, identify, least_false_match_probability};
 use boresight::units::DEG_RAD;
 use rustix::time::{ClockId, clock_gettime};
 
@@ -81,6 +81,9 @@ fn rows() -> Vec<Row> {
         row("no prior: 80° wide, V < 4", Scene { width_deg: 80.0, faintest: 4.0, ..BASE }, Told::Nothing),
         row("star-free", Scene { star_free: true, ..BASE }, TEN),
         row("no prior: star-free", Scene { star_free: true, ..BASE }, Told::Nothing),
+        row("no prior: fisheye 180°, V < 3.5", Scene { width_deg: 180.0, faintest: 3.5, projection: Projection::Equidistant, ..BASE }, Told::Nothing),
+        row("no prior: the same, 50 false, 30 % missing", Scene { width_deg: 180.0, faintest: 3.5, projection: Projection::Equidistant, noise_px: 1.0, false_stars: 50, missing: 0.3, ..BASE }, Told::Nothing),
+        row("no prior: fisheye 140°, V < 3.5", Scene { width_deg: 140.0, faintest: 3.5, projection: Projection::Equisolid, ..BASE }, Told::Nothing),
     ]
 }
 
@@ -122,7 +125,7 @@ fn ours(row: &Row, number: u64, trials: u64, index: &Index) -> Tally {
         tally.ms.push(ms);
         let solution = match answer {
             Identification::Identified(solution) => solution,
-            Identification::NotIdentified { reason } => {
+            Identification::NotIdentified { reason, .. } => {
                 tally.right += usize::from(row.scene.star_free);
                 if shows {
                     println!("  {} trial {trial}: {} stars, {ms:.1} ms; {reason}", row.name, list.names.iter().flatten().count());
@@ -293,7 +296,7 @@ fn main() {
     let heads = format!("{:>7} {:>6} {:>9} {:>10} {:>10} {:>10}", "right %", "wrong", "misnamed", "median ms", "95 % ms", "most ms");
     let peers = option("--python").map(|python| theirs(&python, &rows, |row| trials(row).min(MOST_OF_THEIRS)));
     let peer_head = if peers.is_some() { "   tetra3rs: right %  wrong  median ms  95 % ms  ours/theirs" } else { "" };
-    let _ = writeln!(text, "{:26} {:>6} {:>5} {heads}{peer_head}", "row", "lists", "stars");
+    let _ = writeln!(text, "{:42} {:>6} {:>5} {heads}{peer_head}", "row", "lists", "stars");
     print!("{text}");
     let mut peers = peers.unwrap_or_default().into_iter();
     for (number, row) in &rows {
@@ -301,7 +304,7 @@ fn main() {
             (0..trials(row).min(1000)).map(|trial| row.list(*number, trial).names.iter().flatten().count()).collect();
         stars.sort_unstable();
         let mut tally = ours(row, *number, trials(row), &index);
-        let mut line = format!("{:26} {:6} {:5} {}", row.name, tally.ms.len(), stars[stars.len() / 2], tally.cells());
+        let mut line = format!("{:42} {:6} {:5} {}", row.name, tally.ms.len(), stars[stars.len() / 2], tally.cells());
         if let Some(mut other) = peers.next().flatten() {
             let (median, late) = (other.quantile_ms(0.5), other.quantile_ms(0.95));
             let ratio = tally.quantile_ms(0.5) / median;

@@ -67,7 +67,8 @@ pub(crate) struct SolveArgs {
     /// What is known of a parameter beforehand: name=value:sigma, in its own unit; several times for several
     #[arg(long, value_name = "NAME=VALUE:SIGMA", value_parser = prior)]
     pub(crate) prior: Vec<ParameterPrior>,
-    /// The projection: pinhole (the default), equidistant, equisolid, stereographic or kannala-brandt
+    /// The projection: pinhole, equidistant, equisolid, stereographic or kannala-brandt; without one, that by which the frames were
+    /// identified
     #[arg(long, value_name = "ID")]
     pub(crate) projection: Option<String>,
     /// `free`: one attitude a frame, even if the recording says that the mount is fixed [default: auto]
@@ -275,6 +276,9 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     let (physics, uneven) = pipeline::physics_in_force(&identified);
     let mut options = args.solve.options(&physics, moved)?;
     options.method = args.method.map_or(options.method, Method::from);
+    if args.solve.projection.is_none() && args.solve.options.is_none() {
+        points.points.projection.id().clone_into(&mut options.projection);
+    }
     if options.method == Method::Bundle {
         let known = known_behind_the_lens(&measured, &points, &choice)?;
         options.physics.extend(known.iter().map(|term| term.effect.clone()));

@@ -51,7 +51,8 @@ pub(crate) struct IdentifyArgs {
 /// How the stars are searched for.
 #[derive(Debug, Args)]
 pub(crate) struct SearchArgs {
-    /// Focal length in pixels, where the recording does not tell it; without one, all fields from 3° to 90° are tried
+    /// Focal length in pixels, where the recording does not tell it; without one, all fields from 3° to 90° are tried, and
+    /// fisheyes
     #[arg(long, value_name = "PX", value_parser = positive, allow_negative_numbers = true)]
     pub(crate) focal_length_px: Option<f64>,
     /// Search only where the camera is held to point: right ascension and declination of the middle of the frames, degrees, and if known
@@ -148,6 +149,8 @@ pub(crate) struct FrameObject {
     false_match_probability: Option<f64>,
     camera_from_icrs: Option<[f64; 4]>,
     parity: Option<i8>,
+    /// The law of the lens: `pinhole`, or that of a fisheye.
+    projection: Option<&'static str>,
     camera: Option<Camera>,
     matches: Vec<MatchObject>,
     seconds: f64,
@@ -185,12 +188,13 @@ impl FrameObject {
             false_match_probability: None,
             camera_from_icrs: None,
             parity: None,
+            projection: None,
             camera: None,
             matches: Vec::new(),
             seconds: identified.seconds,
         };
         match &identified.identification {
-            Identification::NotIdentified { reason } => object.reason = Some(reason.clone()),
+            Identification::NotIdentified { reason, .. } => object.reason = Some(reason.clone()),
             Identification::Identified(solution) => object.fill(frame, identified, solution, catalog),
         }
         object
@@ -211,7 +215,8 @@ impl FrameObject {
         self.false_match_probability = Some(solution.false_match_probability);
         self.camera_from_icrs = Some(solution.attitude.into());
         self.parity = Some(solution.parity);
-        self.camera = Some(solution.camera);
+        self.projection = Some(solution.projection.id());
+        self.camera = Some(if solution.parity < 0 { solution.camera.mirrored() } else { solution.camera });
         self.matches = solution
             .matches
             .iter()
@@ -424,6 +429,9 @@ fn text(frames: &[FrameObject]) -> String {
     for frame in frames {
         if let Some(reason) = &frame.reason {
             text += &format!("{}: {reason}\n", frame.file);
+        }
+        if let Some(projection) = frame.projection.filter(|id| *id != "pinhole") {
+            text += &format!("{}: a fisheye, {projection}\n", frame.file);
         }
     }
     text

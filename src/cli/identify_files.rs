@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use boresight::camera::{Model, SkyChain};
+use boresight::camera::SkyChain;
 use boresight::catalog::{Catalog, constellation_lines};
 use boresight::coordinates::{Apparent, Direction};
 use boresight::detect::Detection;
@@ -18,6 +18,9 @@ use super::pipeline::{IdentifiedFrame, Measured, MeasuredFrame};
 
 /// The largest distance between two places of a constellation's line that a straight piece joins, rad.
 const PIECE_RAD: f64 = 0.004;
+
+/// No lens sees further from the middle of the frame, rad.
+const MOST_FROM_MIDDLE_RAD: f64 = 1.75;
 
 /// A row of `detections.csv` and `detections.parquet`.
 #[derive(Debug, Default, Serialize)]
@@ -164,7 +167,7 @@ pub(super) fn write_world_coordinates(
 ) -> Result<()> {
     let Some(solution) = identified.solution() else { return Ok(()) };
     let subject = Subject {
-        model: Model::new(solution.camera),
+        model: solution.model(),
         parity: solution.parity,
         physics: identified.sky.ids().into_iter().map(str::to_owned).collect(),
         frames: vec![(frame.index, solution.attitude)],
@@ -196,12 +199,12 @@ pub(super) fn write_world_coordinates(
 /// The figures of the constellations as the frame shows them.
 pub(super) fn figures(solution: &Solution, sky: &SkyChain) -> Vec<Figure> {
     let catalog = Catalog::embedded();
-    let model = Model::new(solution.camera);
+    let model = solution.model();
     let context = model.reference_context();
     let half_diagonal_rad = 0.6 * solution.width_deg().hypot(solution.height_deg()).to_radians();
     let place = |direction: &Direction<Apparent>| {
         // What stands far outside has no place that a camera's polynomials would give.
-        if solution.centre().angle_rad(direction) > half_diagonal_rad {
+        if solution.centre().angle_rad(direction) > half_diagonal_rad.min(MOST_FROM_MIDDLE_RAD) {
             return None;
         }
         let point = model.pixel(&solution.attitude.camera_from_apparent(direction), &context)?;

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::level::{LANES, Level, Neighbours, Shape};
 use super::point_map::PointMap;
+use super::projection::Projection;
 use super::refine::Pose;
 
 /// A candidate is given up at this ln of the likelihood over that of chance, and passed on at the other.
@@ -29,6 +30,9 @@ pub(super) struct Context<'a> {
     pub(super) map: &'a PointMap,
     pub(super) half_px: [f64; 2],
     pub(super) corner_px: f64,
+    /// No star is asked for further from the middle than this.
+    pub(super) reach_px: f64,
+    pub(super) projection: Projection,
     pub(super) focal_px: f64,
     pub(super) half_step: f64,
     /// The angle from the middle to the corner, rad: at the shortest focal length of the step and with distortion.
@@ -81,11 +85,8 @@ impl Trial {
         if !(focal_px.is_finite() && focal_px > 0.0) {
             return None;
         }
-        let ray = |side: usize| {
-            let [x, y] = context.ideal[self.corners[side]];
-            unit(Vector3::new(x, y, focal_px))
-        };
-        let image = [ray(0), ray(1), ray(2)];
+        let ray = |side: usize| context.projection.ray(context.ideal[self.corners[side]], focal_px);
+        let image = [ray(0)?, ray(1)?, ray(2)?];
         let (mut in_image, on_sky) = (axes(&image), axes(&sky));
         // Seen from the middle of the longest side the first corner lies across it, on one side or the other.
         let hand = |axes: &Matrix3<f64>, corners: &[Vector3<f64>; 3]| axes.column(2).dot(&(corners[0] - corners[1]));
@@ -97,7 +98,7 @@ impl Trial {
             }
         }
         let rotation = in_image * on_sky.transpose();
-        Some(Pose { rotation, focal_px, kappa: context.kappa, parity })
+        Some(Pose { rotation, focal_px, kappa: context.kappa, parity, projection: context.projection, principal_px: [0.0; 2] })
     }
 
     /// Whether the brightest catalogue stars around the triangle are found in the image, more of them than by chance: a sequential
@@ -136,17 +137,29 @@ impl Trial {
         let least = 1.0 - pose.kappa as f32;
         let own = self.corners.map(|corner| context.ideal[corner].map(|c| c as f32));
         let reach = context.map.radius_px as f32;
+        let along = |row: [f32; 3], lane: usize| row[0] * x[lane] + row[1] * y[lane] + row[2] * z[lane];
+        let depths: [f32; LANES] = std::array::from_fn(|lane| along(to_z, lane));
+        // From a direction to its image, and whether it has one; zeros are no star.
+        let (mut scales, mut seen) = (depths.map(|depth| 1.0 / depth), depths.map(|depth| depth > 0.05));
+        if context.projection != Projection::Pinhole {
+            for lane in 0..LANES {
+                let depth = f64::from(depths[lane]);
+                seen[lane] = context.projection.sees(depth) && (x[lane] * x[lane] + y[lane] * y[lane] + z[lane] * z[lane] > 0.5);
+                scales[lane] = context.projection.scale(depth.clamp(-0.9, 1.0))[0] as f32;
+            }
+        }
+        let reach2 = (context.reach_px * context.reach_px) as f32;
         let (mut at_x, mut at_y, mut asked) = ([0.0; LANES], [0.0; LANES], [false; LANES]);
         for lane in 0..LANES {
-            let along = |row: [f32; 3]| row[0] * x[lane] + row[1] * y[lane] + row[2] * z[lane];
-            let depth = along(to_z);
-            let (px, py) = (along(to_x) / depth, along(to_y) / depth);
+            let (px, py) = (along(to_x, lane) * scales[lane], along(to_y, lane) * scales[lane]);
             (at_x[lane], at_y[lane]) = (px, py);
             // Where the measured point would be, roughly: beyond the corner the distortion stays as it is there.
-            let inward = 1.0 - shrink * (px * px + py * py);
+            let radius2 = px * px + py * py;
+            let inward = 1.0 - shrink * radius2;
             let inward = if shrink > 0.0 { inward.max(least) } else { inward.min(least) };
-            let speaks = own.iter().fold(depth > 0.05, |is, [ox, oy]| is & ((ox - px).abs().max((oy - py).abs()) >= reach));
-            asked[lane] = speaks & (px.abs() <= half_x * inward) & (py.abs() <= half_y * inward);
+            let speaks = own.iter().fold(seen[lane], |is, [ox, oy]| is & ((ox - px).abs().max((oy - py).abs()) >= reach));
+            let within_reach = radius2 <= reach2 * inward * inward;
+            asked[lane] = speaks & within_reach & (px.abs() <= half_x * inward) & (py.abs() <= half_y * inward);
         }
         (at_x, at_y, asked)
     }
@@ -159,7 +172,7 @@ fn ln_near_1(ratio: f64) -> f64 {
 }
 
 /// The vector of length 1: one division, where the library's takes three.
-pub(super) fn unit(v: Vector3<f64>) -> Vector3<f64> {
+fn unit(v: Vector3<f64>) -> Vector3<f64> {
     v * (1.0 / v.norm())
 }
 
@@ -213,6 +226,7 @@ mod tests {
                 half_px: [512.0; 2],
                 size_px: 1024.0,
                 corner_px: 724.0,
+                reach_px: 724.0,
             };
             let check = |ideal: &[[f64; 2]], corners: [usize; 3], stars: [u32; 3]| {
                 let map = PointMap::new(ideal, &points);
@@ -225,11 +239,13 @@ mod tests {
                     map: &map,
                     half_px: points.half_px,
                     corner_px: points.corner_px,
+                    reach_px: points.reach_px,
+                    projection: Projection::Pinhole,
                     focal_px: 1.02 * focal_px,
                     half_step: 0.03,
                     corner_rad: 0.19,
                 };
-                let rays = |focal_px: f64| ideal.iter().map(|[x, y]| unit(Vector3::new(*x, *y, focal_px))).collect::<Vec<_>>();
+                let rays = |focal_px: f64| ideal.iter().map(|at| Projection::Pinhole.ray(*at, focal_px).unwrap()).collect::<Vec<_>>();
                 let near = rays(context.focal_px);
                 let side = |a: usize, b: usize| (near[corners[a]] - near[corners[b]]).norm();
                 let shape = Shape { longest: side(1, 2), middle: 0.0, shortest: 0.0, order: [0, 1, 2] };

@@ -1,6 +1,6 @@
 //! Identified frames → control points.
 
-use super::{ControlPoint, ControlPoints, Identification, Solution};
+use super::{ControlPoint, ControlPoints, Identification, Projection, Solution};
 use crate::camera::Camera;
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Direction};
@@ -46,7 +46,8 @@ pub fn control_points(
     let mirrored = solved.iter().filter(|(_, solution)| solution.parity < 0).count();
     let parity: i8 = if 2 * mirrored > solved.len() { -1 } else { 1 };
     let nominal_is_found = nominal.is_none();
-    let nominal = nominal.unwrap_or_else(|| median_camera(&solved, frames));
+    let projection = common_projection(solved.iter().map(|(_, solution)| solution.projection));
+    let nominal = nominal.unwrap_or_else(|| median_camera(&solved, frames, projection));
     let mut left_out = Vec::new();
     let mut attitudes = vec![None; frame_count];
     let mut points = Vec::new();
@@ -89,7 +90,7 @@ pub fn control_points(
     }
     points.sort_by_key(|point| point.frame);
     tell_gradient(&mut points);
-    (ControlPoints { nominal_is_found, parity, ..ControlPoints::new(nominal, attitudes, points) }, left_out)
+    (ControlPoints { projection, nominal_is_found, parity, ..ControlPoints::new(nominal, attitudes, points) }, left_out)
 }
 
 /// What a detection tells of its image. A background without any gradient is one that was not measured.
@@ -116,9 +117,19 @@ fn tell_gradient(points: &mut [ControlPoint]) {
     }
 }
 
-fn median_camera(solved: &[(&IdentifiedFrame<'_>, &Solution)], frames: &[IdentifiedFrame<'_>]) -> Camera {
+/// The projection that most frames were identified with; of equally many the plainer.
+#[must_use]
+pub fn common_projection(all: impl Iterator<Item = Projection>) -> Projection {
+    let all: Vec<Projection> = all.collect();
+    let count = |one: &Projection| all.iter().filter(|other| *other == one).count();
+    let fisheyes = Projection::FISHEYES.into_iter();
+    fisheyes.fold(Projection::Pinhole, |most, other| if count(&other) > count(&most) { other } else { most })
+}
+
+fn median_camera(solved: &[(&IdentifiedFrame<'_>, &Solution)], frames: &[IdentifiedFrame<'_>], projection: Projection) -> Camera {
+    let of_most = || solved.iter().filter(|(_, solution)| solution.projection == projection);
     let median = |value: fn(&Camera) -> f64| {
-        let mut values: Vec<f64> = solved.iter().map(|(_, solution)| value(&solution.camera)).collect();
+        let mut values: Vec<f64> = of_most().map(|(_, solution)| value(&solution.camera)).collect();
         values.sort_unstable_by(f64::total_cmp);
         values.get(values.len() / 2).copied()
     };
@@ -130,7 +141,12 @@ fn median_camera(solved: &[(&IdentifiedFrame<'_>, &Solution)], frames: &[Identif
     let count = |size: &(usize, usize)| sizes.iter().filter(|other| *other == size).count();
     let (width_px, height_px) = sizes.iter().copied().max_by_key(|size| (count(size), *size)).unwrap_or((1, 1));
     let focal_px = median(|camera| camera.focal_length_px).unwrap_or(width_px.max(height_px) as f64);
-    Camera { k1: median(|camera| camera.k1).unwrap_or(0.0), ..Camera::pinhole(width_px, height_px, focal_px) }
+    let camera = Camera { k1: median(|camera| camera.k1).unwrap_or(0.0), ..Camera::pinhole(width_px, height_px, focal_px) };
+    // Of a fisheye a frame tells the principal point too; of frames of another size it is that of the frame.
+    let own = |axis: fn(&Camera) -> f64, middle: f64| median(axis).filter(|_| projection != Projection::Pinhole).unwrap_or(middle);
+    let [x0, y0] = camera.principal_point_px;
+    let principal_point_px = [own(|camera| camera.principal_point_px[0], x0), own(|camera| camera.principal_point_px[1], y0)];
+    Camera { principal_point_px, ..camera }
 }
 
 impl ControlPoints {

@@ -3,28 +3,34 @@
 //! [`identify`] needs no attitude, and a focal length only to be faster:
 //! 1. Triangles of the brightest detections are looked up among the triangles of an [`Index`] by shape and size, for focal
 //!    lengths around the nominal one or, without one (or if that fails), for all fields 3° to 90° wide, and for some amounts of
-//!    radial distortion. Either handedness is accepted: images may be mirrored.
+//!    radial distortion; then through the laws of fisheyes, around the middle of the frame. Either handedness is accepted: images may
+//!    be mirrored. Where many detections look like no star (letters, edges, trails), those that do are looked at first.
 //! 2. Each pair of triangles is a hypothesis about attitude and focal length; the brightest catalogue stars around its triangle
 //!    must be found among the detections, more of them than by chance.
-//! 3. What survives is fitted to all detections (attitude, focal length, k1) with a shrinking radius.
+//! 3. What survives is fitted to all detections (attitude, focal length, k1; of a fisheye the principal point) with a shrinking radius.
 //! 4. A hypothesis is accepted if the probability that detections which have nothing to do with the stars would match as well
 //!    is below a limit, everything that was tried included; else the frame is not identified, and a sentence says why.
 
 mod candidate;
 mod control;
+mod fisheye;
 mod index;
 mod level;
 mod listed;
+mod lone;
+mod looks;
 mod misidentify;
 mod naming;
 mod natural;
 mod near;
 mod odds;
 mod point_map;
+mod projection;
 mod refine;
 mod search;
 mod sky;
 mod solution;
+mod stages;
 
 use std::borrow::Cow;
 use std::time::{Duration, Instant};
@@ -39,11 +45,12 @@ use crate::detect::Detections;
 use crate::effects::{Observation, StarImage, StarState};
 use crate::units::DEG_RAD;
 
-pub use control::{IdentifiedFrame, control_points, image_state};
+pub use control::{IdentifiedFrame, common_projection, control_points, image_state};
 pub use index::{Index, IndexSize};
 pub use listed::{ASSUMED_EPOCH_YR, ListedError, add_listed_points, handedness, listed_control_points, listed_covariance_px2};
 pub use misidentify::{Misidentification, MisidentificationKind, misidentify};
 pub use near::Near;
+pub use projection::Projection;
 pub use solution::catalog_directions;
 
 /// A detection with its catalogue star.
@@ -66,6 +73,8 @@ pub enum Identification {
     NotIdentified {
         /// One sentence.
         reason: String,
+        /// The hypotheses that were tried.
+        hypotheses: u64,
     },
 }
 
@@ -74,8 +83,11 @@ pub enum Identification {
 pub struct Solution {
     /// How the camera is turned.
     pub attitude: Attitude,
-    /// The camera as far as this one frame tells it: focal length and k1 fitted, principal point in the middle.
+    /// The camera as far as this one frame tells it: focal length and k1 fitted, principal point in the middle, but of fisheyes, where it is
+    /// fitted too.
     pub camera: Camera,
+    /// The law of the lens.
+    pub projection: Projection,
     /// −1 if the image is mirrored (x was replaced by width − 1 − x before everything else), else +1.
     pub parity: i8,
     /// The identified stars, brightest detection first.
@@ -100,6 +112,10 @@ pub struct IdentifyOptions {
     pub field_width_range_rad: [f64; 2],
     /// −1: the image is mirrored, +1: it is not; `None`: either.
     pub parity: Option<i8>,
+    /// The law of the lens where it is known; `None`: the tangent plane and, if that leads to nothing, those of fisheyes.
+    pub projection: Option<Projection>,
+    /// Hypotheses about this frame that were tried before, in other searches: they count in [`Solution::false_match_probability`].
+    pub hypotheses_before: u64,
     /// Where the camera is held to point: nothing is searched elsewhere, so that there is time for more.
     pub near: Option<Near>,
     /// A match is accepted only if detections without these stars would match as well with less than this probability. A bound decides,
@@ -118,6 +134,8 @@ impl Default for IdentifyOptions {
             search_beyond_tolerance: true,
             field_width_range_rad: [3.0 * DEG_RAD, 90.0 * DEG_RAD],
             parity: None,
+            projection: None,
+            hypotheses_before: 0,
             near: None,
             max_false_match_probability: 1e-6,
             time_limit: None,
@@ -145,23 +163,27 @@ pub fn identify(
     let begin = Instant::now();
     let (points, apparent) = match prepare(detections, catalog, index, directions, options) {
         Ok(prepared) => prepared,
-        Err(reason) => return Identification::NotIdentified { reason },
+        Err(reason) => return Identification::NotIdentified { reason, hypotheses: 0 },
     };
-    let usable = points.centred_px.len();
-    let reason = match search::Search::new(&points, index, &apparent, options, begin).run() {
-        Ok(found) => return solution::solve(detections, &points, catalog, index, &apparent, &found),
-        Err(search::Failure::TimeLimit { limit }) => format!(
+    let usable = points.all.centred_px.len();
+    let failure = match search::search(&points, index, &apparent, options, begin) {
+        Ok((found, points)) => return solution::solve(detections, points, catalog, index, &apparent, &found),
+        Err(failure) => failure,
+    };
+    let hypotheses = failure.hypotheses;
+    let reason = match failure.end {
+        search::End::TimeLimit { limit } => format!(
             "No match within the time limit of {:.3} s, with {usable} star images: allow more time or give the focal length.",
             limit.as_secs_f64()
         ),
-        Err(search::Failure::Exhausted { hypotheses, least_bound, was_cut, .. }) => format!(
+        search::End::Exhausted { least_bound, was_cut, .. } => format!(
             "None of {hypotheses} hypotheses{} brings the {usable} star images together with the catalogue better than chance would (the best by chance with a probability of {least_bound:.1e} at most, below {:.0e} is asked){}.",
             options.near.map_or_else(String::new, |near| format!(" within {:.1}° of the attitude given", near.within_rad / DEG_RAD)),
             options.max_false_match_probability,
             if was_cut { " (search cut short)" } else { "" }
         ),
     };
-    Identification::NotIdentified { reason }
+    Identification::NotIdentified { reason, hypotheses }
 }
 
 /// The least false-match probability that would be stated of any hypothesis about a frame, if none were ever accepted: to see, on frames
@@ -177,15 +199,15 @@ pub fn least_false_match_probability(
     let begin = Instant::now();
     let options = IdentifyOptions { max_false_match_probability: f64::MIN_POSITIVE, ..options.clone() };
     let (points, apparent) = prepare(detections, catalog, index, directions, &options).ok()?;
-    match search::Search::new(&points, index, &apparent, &options, begin).run() {
-        Ok(found) => Some(found.false_match_probability),
-        Err(search::Failure::Exhausted { least_stated, .. }) => Some(least_stated),
-        Err(search::Failure::TimeLimit { .. }) => None,
+    match search::search(&points, index, &apparent, &options, begin) {
+        Ok((found, _)) => Some(found.false_match_probability),
+        Err(search::Failure { end: search::End::Exhausted { least_stated, .. }, .. }) => Some(least_stated),
+        Err(search::Failure { end: search::End::TimeLimit { .. }, .. }) => None,
     }
 }
 
 /// The points of a frame, and the directions of the catalogue's stars in it.
-type Searchable<'a> = (refine::Points, Cow<'a, [Vector3<f64>]>);
+type Searchable<'a> = (looks::Seen, Cow<'a, [Vector3<f64>]>);
 
 /// What the search is made of, or why there is nothing to search.
 fn prepare<'a>(
@@ -209,7 +231,7 @@ fn prepare<'a>(
         return Err(fault);
     }
     let points = solution::usable_points(detections);
-    let usable = points.centred_px.len();
+    let usable = points.all.centred_px.len();
     if usable < FEWEST_DETECTIONS {
         return Err(format!(
             "{usable} usable star image{} of {} detected: fewer than the {FEWEST_DETECTIONS} that a match needs; expose longer or lower the detection threshold.",
@@ -280,6 +302,9 @@ pub struct KnownAttitude {
 pub struct ControlPoints {
     /// The camera before calibration: ground values, or what identification found.
     pub nominal: Camera,
+    /// The law of its lens, as identification found it.
+    #[serde(default)]
+    pub projection: Projection,
     /// Whether nobody declared that camera, and identification found it (its distortion then comes from these very star images).
     #[serde(default)]
     pub nominal_is_found: bool,
@@ -305,7 +330,17 @@ impl ControlPoints {
     /// Points of frames of which nothing else is known.
     #[must_use]
     pub fn new(nominal: Camera, attitudes: Vec<Option<Attitude>>, points: Vec<ControlPoint>) -> Self {
-        Self { nominal, nominal_is_found: false, attitudes, points, parity: 1, frames: Vec::new(), sky: Vec::new(), fixed_mount: false }
+        Self {
+            nominal,
+            projection: Projection::Pinhole,
+            nominal_is_found: false,
+            attitudes,
+            points,
+            parity: 1,
+            frames: Vec::new(),
+            sky: Vec::new(),
+            fixed_mount: false,
+        }
     }
 
     /// What is known of a frame; the sensor's size always is.

@@ -46,7 +46,7 @@ impl PointMap {
                 }
             }
         }
-        let disc = std::f64::consts::PI * radius_px * radius_px / (4.0 * points.half_px[0] * points.half_px[1]);
+        let disc = std::f64::consts::PI * radius_px * radius_px / points.area_px2();
         let covered = (ideal.len() as f64 * disc).clamp(1e-6, 0.3);
         let found = if ideal.len() <= FEW { FOUND_OF_FEW } else { FOUND };
         let (gain, loss) = ((found / covered).ln(), ((1.0 - found) / (1.0 - covered)).ln());
@@ -70,7 +70,7 @@ mod tests {
 
     fn points(centred_px: Vec<[f64; 2]>) -> Points {
         let detection = (0..centred_px.len()).collect();
-        Points { centred_px, detection, half_px: [512.0, 384.0], size_px: 886.8, corner_px: 640.0 }
+        Points { centred_px, detection, half_px: [512.0, 384.0], size_px: 886.8, corner_px: 640.0, reach_px: 640.0 }
     }
 
     #[test]

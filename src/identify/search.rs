@@ -1,23 +1,23 @@
 //! The search: triangles of detections against triangles of the catalogue, over focal lengths and distortions.
 
+use std::borrow::Cow;
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::candidate::{Context, LONGER, Trial, undistort, unit};
+use super::candidate::{Context, LONGER, Trial, undistort};
 use super::index::Index;
 use super::level::{Ranges, Window};
+use super::looks::Seen;
 use super::point_map::PointMap;
+use super::projection::Projection;
 use super::refine::{self, Points, Pose, Supported};
-use super::{IdentifyOptions, odds};
+use super::stages::Choice::{Brightest, Drawn};
+use super::stages::{DRAWN_FROM, Stage};
+use super::{IdentifyOptions, fisheye, looks, odds};
 use crate::units::DEG_RAD;
-
-/// Detections that are looked at in the check of a candidate of the brightest.
-const CHECKED: usize = 64;
-/// Triangles by chance are drawn from so many of the brightest detections, and checked against as many.
-const DRAWN_FROM: usize = 200;
 
 /// The angle from the middle to the corner of the widest fields that are searched: beyond that of any square frame that may be asked for.
 const MOST_TO_CORNER_RAD: f64 = 80.0 * DEG_RAD;
@@ -34,78 +34,20 @@ const BETWEEN_LOOKS: u64 = 32;
 /// Triangles of detections that are looked up together.
 const BATCH: usize = 24;
 
-/// Which triangles of detections a stage tries.
+/// A search without an answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Choice {
-    /// All of the brightest so many detections.
-    Brightest(usize),
-    /// So many by chance, of all detections: where false ones are brighter than the stars, the brightest are no better than others.
-    Drawn(usize),
+pub(super) struct Failure {
+    /// The hypotheses that were tried.
+    pub(super) hypotheses: u64,
+    pub(super) end: End,
 }
-use Choice::{Brightest, Drawn};
-
-/// One pass over the focal lengths.
-#[derive(Clone, Copy, Debug)]
-struct Stage {
-    choice: Choice,
-    /// Tolerance of the ratios of the sides.
-    ratio_tolerance: f64,
-    /// Relative displacement at the corner that is taken away first.
-    kappa: f64,
-    /// Steps up to a level with sparser stars and larger triangles, or (negative) down to a denser one.
-    coarser: i32,
-    /// Too long for a search over all focal lengths.
-    narrow_only: bool,
-}
-
-impl Stage {
-    /// How many detections speak about a candidate.
-    const fn judges(&self) -> usize {
-        match self.choice {
-            Brightest(_) => CHECKED,
-            Drawn(_) => DRAWN_FROM,
-        }
-    }
-}
-
-const fn stage(choice: Choice, ratio_tolerance: f64, kappa: f64, coarser: i32) -> Stage {
-    Stage { choice, ratio_tolerance, kappa, coarser, narrow_only: false }
-}
-
-const fn narrow_only(choice: Choice, ratio_tolerance: f64, kappa: f64, coarser: i32) -> Stage {
-    Stage { choice, ratio_tolerance, kappa, coarser, narrow_only: true }
-}
-
-/// From the likely and cheap to the rest: sparser stars for images that show only few, more detections for false stars,
-/// distortions of either sign, a wider tolerance for noise.
-const STAGES: [Stage; 19] = [
-    stage(Brightest(10), 0.003, 0.0, 0),
-    stage(Brightest(7), 0.003, 0.0, 2),
-    stage(Brightest(16), 0.003, 0.0, 0),
-    stage(Drawn(250), 0.003, 0.0, 0),
-    stage(Brightest(9), 0.008, 0.0, 2),
-    stage(Brightest(13), 0.006, -0.04, 0),
-    stage(Brightest(22), 0.003, 0.0, 0),
-    stage(Brightest(13), 0.006, -0.09, 0),
-    stage(Brightest(13), 0.006, 0.04, 0),
-    stage(Brightest(13), 0.006, -0.16, 0),
-    stage(Brightest(13), 0.006, -0.24, 0),
-    narrow_only(Brightest(11), 0.008, 0.0, 1),
-    stage(Brightest(12), 0.005, 0.0, -1),
-    stage(Drawn(450), 0.003, 0.0, 0),
-    narrow_only(Brightest(13), 0.012, 0.0, 0),
-    narrow_only(Brightest(18), 0.006, -0.04, 0),
-    narrow_only(Brightest(18), 0.006, -0.16, 0),
-    narrow_only(Brightest(12), 0.010, 0.0, -2),
-    narrow_only(Drawn(2000), 0.003, 0.0, 0),
-];
 
 /// Why a search ended without an answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Failure {
-    /// Everything was tried, or (`was_cut`) as much of everything as there is time for; the hypotheses, and of the best of them the bound on
+pub(super) enum End {
+    /// Everything was tried, or (`was_cut`) as much of everything as there is time for; of the best hypothesis the bound on
     /// the probability that it comes by chance and what would be stated of it.
-    Exhausted { hypotheses: u64, least_bound: f64, least_stated: f64, was_cut: bool },
+    Exhausted { least_bound: f64, least_stated: f64, was_cut: bool },
     /// The time limit came first.
     TimeLimit { limit: Duration },
 }
@@ -114,6 +56,10 @@ pub(super) enum Failure {
 #[derive(Clone, Debug)]
 pub(super) struct Found {
     pub(super) pose: Pose,
+    /// The points that it was found among are within this distance from the middle, px.
+    pub(super) reach_px: f64,
+    /// The hypotheses that had been tried.
+    pub(super) hypotheses: u64,
     pub(super) false_match_probability: f64,
 }
 
@@ -131,94 +77,109 @@ struct Batch {
     candidates: Vec<(u32, [u32; 3])>,
 }
 
+/// Focal lengths to try, each with its half step in ln f, and whether they are few.
+type Pass = (Vec<(f64, f64)>, bool);
+
+/// One way to look at a frame: which of its points, through which lens, what is tried.
+pub(super) struct Look<'a> {
+    /// The frame's points.
+    pub(super) frame: &'a Points,
+    /// Those among which is searched.
+    pub(super) points: Cow<'a, Points>,
+    pub(super) projection: Projection,
+    pub(super) stages: &'static [Stage],
+}
+
+/// What has been tried so far, of all looks at a frame together.
+#[derive(Clone, Copy, Debug)]
+struct Tally {
+    hypotheses: u64,
+    least_bound: f64,
+    least_stated: f64,
+    /// Whether a part of what the stages ask for was left out.
+    was_cut: bool,
+}
+
 /// The state of a search over one image.
-pub(super) struct Search<'a> {
+struct Search<'a> {
     points: &'a Points,
+    projection: Projection,
+    stages: &'static [Stage],
     index: &'a Index,
     /// Directions of the catalogue stars as they appear in this frame.
     apparent: &'a [Vector3<f64>],
     options: &'a IdentifyOptions,
     deadline: Option<(Instant, Duration)>,
-    hypotheses: u64,
+    tally: Tally,
     /// Hypotheses at which the stage goes on to the next focal length.
     most: u64,
-    least_bound: f64,
-    least_stated: f64,
-    /// Whether a part of what the stages ask for was left out.
-    was_cut: bool,
     found: Option<Found>,
 }
 
-impl<'a> Search<'a> {
-    /// `begin`: when the work on this frame began, from which a time limit counts.
-    pub(super) fn new(
-        points: &'a Points,
-        index: &'a Index,
-        apparent: &'a [Vector3<f64>],
-        options: &'a IdentifyOptions,
-        begin: Instant,
-    ) -> Self {
-        let deadline = options.time_limit.and_then(|limit| Some((begin.checked_add(limit)?, limit)));
-        Self {
-            points,
-            index,
-            apparent,
-            options,
-            deadline,
-            hypotheses: 0,
-            most: 0,
-            least_bound: 1.0,
-            least_stated: 1.0,
-            was_cut: false,
-            found: None,
+/// Looks at a frame in each way in turn until a hypothesis is accepted. `begin`: when the work on this frame began, from which a time limit
+/// counts.
+pub(super) fn search<'a>(
+    seen: &'a Seen,
+    index: &Index,
+    apparent: &[Vector3<f64>],
+    options: &IdentifyOptions,
+    begin: Instant,
+) -> Result<(Found, &'a Points), Failure> {
+    let deadline = options.time_limit.and_then(|limit| Some((begin.checked_add(limit)?, limit)));
+    let mut tally = Tally { hypotheses: 0, least_bound: 1.0, least_stated: 1.0, was_cut: false };
+    for look in looks::looks(seen, options) {
+        let Look { frame, points, projection, stages } = &look;
+        let (projection, stages) = (*projection, *stages);
+        let mut search = Search { points, projection, stages, index, apparent, options, deadline, tally, most: 0, found: None };
+        if !search.run() {
+            let limit = deadline.map_or(Duration::ZERO, |(_, limit)| limit);
+            return search
+                .found
+                .map(|found| (found, *frame))
+                .ok_or(Failure { hypotheses: search.tally.hypotheses, end: End::TimeLimit { limit } });
         }
+        tally = search.tally;
     }
+    let Tally { hypotheses, least_bound, least_stated, was_cut } = tally;
+    Err(Failure { hypotheses, end: End::Exhausted { least_bound, least_stated, was_cut } })
+}
 
-    /// Runs all stages over each list of focal lengths in turn until a hypothesis is accepted.
-    pub(super) fn run(mut self) -> Result<Found, Failure> {
+impl Search<'_> {
+    /// Runs all stages over each list of focal lengths in turn. `false` = accepted or out of time.
+    fn run(&mut self) -> bool {
+        let stages = self.stages;
         for (focal_lengths, narrow) in self.focal_lengths() {
-            let begun = self.hypotheses;
+            let begun = self.tally.hypotheses;
             // Around an attitude that is held to be there is time for all stages.
             let all_stages = narrow || self.options.near.is_some();
             // Of how many of the brightest detections each stage has tried all triangles, at each focal length.
-            let mut tried = vec![[0_usize; STAGES.len()]; focal_lengths.len()];
-            for (number, stage) in STAGES.iter().enumerate().filter(|(_, stage)| all_stages || !stage.narrow_only) {
+            let mut tried = vec![vec![0_usize; stages.len()]; focal_lengths.len()];
+            for (number, stage) in stages.iter().enumerate().filter(|(_, stage)| all_stages || !stage.narrow_only) {
                 let covers = |s: &Stage| s.kappa == stage.kappa && s.coarser == stage.coarser && s.ratio_tolerance >= stage.ratio_tolerance;
                 let (kappa, corner_px) = (stage.kappa, self.points.corner_px);
                 let judges = self.points.centred_px.iter().take(stage.judges());
                 let ideal: Vec<[f64; 2]> = judges.map(|p| undistort(*p, kappa, corner_px)).collect();
                 let map = PointMap::new(&ideal, self.points);
                 for (&focal_length, tried) in focal_lengths.iter().zip(&mut tried) {
-                    if self.hypotheses > begun + MOST_HYPOTHESES {
-                        self.was_cut = true;
+                    if self.tally.hypotheses > begun + MOST_HYPOTHESES {
+                        self.tally.was_cut = true;
                         continue;
                     }
-                    self.most = if narrow { u64::MAX } else { self.hypotheses + MOST_IN_A_STEP };
+                    self.most = if narrow { u64::MAX } else { self.tally.hypotheses + MOST_IN_A_STEP };
                     // Triangles of detections that an earlier stage with the same settings has tried are not tried again.
-                    let before = STAGES[..number].iter().zip(&*tried).filter(|(s, _)| covers(s));
+                    let before = stages[..number].iter().zip(&*tried).filter(|(s, _)| covers(s));
                     let done = before.map(|(_, tried)| *tried).max().unwrap_or(0);
-                    let Some(reached) = self.try_focal_length(stage, done, (&ideal, &map), focal_length) else {
-                        if let Some(found) = self.found {
-                            return Ok(found);
-                        }
-                        let limit = self.deadline.map_or(Duration::ZERO, |(_, limit)| limit);
-                        return Err(Failure::TimeLimit { limit });
-                    };
+                    let Some(reached) = self.try_focal_length(stage, done, (&ideal, &map), focal_length) else { return false };
                     tried[number] = reached;
                 }
             }
         }
-        Err(Failure::Exhausted {
-            hypotheses: self.hypotheses,
-            least_bound: self.least_bound,
-            least_stated: self.least_stated,
-            was_cut: self.was_cut,
-        })
+        true
     }
 
     /// The focal lengths to try, each with its half step in ln f, and whether they are few: first those around the nominal one from the middle outwards,
     /// then all, from wide fields (few triangles, quickly tried) to narrow ones.
-    fn focal_lengths(&self) -> Vec<(Vec<(f64, f64)>, bool)> {
+    fn focal_lengths(&self) -> Vec<Pass> {
         let mut passes = Vec::new();
         if let Some(nominal) = self.options.nominal_focal_length_px {
             let reach = (1.0 + self.options.focal_length_tolerance).ln();
@@ -233,25 +194,38 @@ impl<'a> Search<'a> {
             passes.push((pass, true));
         }
         if self.options.nominal_focal_length_px.is_none() || self.options.search_beyond_tolerance {
-            let [narrow, wide] = self.options.field_width_range_rad;
-            let half_width = self.points.half_px[0];
-            // Of a frame far taller than wide no more is searched than a plane shows: the steps would have no end.
-            let shortest = self.points.corner_px / MOST_TO_CORNER_RAD.tan();
-            let (mut f, last) = ((half_width / (wide / 2.0).tan()).max(shortest), half_width / (narrow / 2.0).tan());
-            let mut pass = Vec::new();
-            while f < last * 1.02 {
-                let half_step = self.half_step(f);
-                pass.push((f * half_step.exp(), half_step));
-                f *= (2.0 * half_step).exp();
-            }
-            passes.push((pass, false));
+            passes.push((self.all_focal_lengths(), false));
         }
         passes
     }
 
+    /// The focal lengths of all fields, from wide to narrow ones.
+    fn all_focal_lengths(&self) -> Vec<(f64, f64)> {
+        let (mut f, last) = if self.projection == Projection::Pinhole {
+            let [narrow, wide] = self.options.field_width_range_rad;
+            let half_width = self.points.half_px[0];
+            // Of a frame far taller than wide no more is searched than a plane shows: the steps would have no end.
+            let shortest = self.points.corner_px / MOST_TO_CORNER_RAD.tan();
+            ((half_width / (wide / 2.0).tan()).max(shortest), half_width / (narrow / 2.0).tan())
+        } else {
+            let [least, most] = fisheye::REACH_RAD.map(|angle| self.projection.radius(angle));
+            (self.points.reach_px / most, self.points.reach_px / least)
+        };
+        let mut all = Vec::new();
+        while f < last * 1.02 {
+            let half_step = self.half_step(f);
+            all.push((f * half_step.exp(), half_step));
+            f *= (2.0 * half_step).exp();
+        }
+        all
+    }
+
     /// Half the step in ln f: the less the wider the field, where a wrong focal length changes the shape of triangles.
     fn half_step(&self, focal_px: f64) -> f64 {
-        let t2 = (self.points.corner_px / focal_px).powi(2);
+        if self.projection != Projection::Pinhole {
+            return fisheye::HALF_STEP;
+        }
+        let t2 = (self.points.reach_px / focal_px).powi(2);
         (0.001_2 / t2).min(0.05).max(0.02 / (1.0 + t2))
     }
 
@@ -274,7 +248,7 @@ impl<'a> Search<'a> {
             Brightest(count) => count.min(all),
             Drawn(_) => all.min(DRAWN_FROM),
         };
-        let width_rad = 2.0 * (points.size_px / (2.0 * focal_px)).atan();
+        let width_rad = self.width_rad(focal_px);
         let index = self.index;
         let level = index.level_for(width_rad, stage.coarser);
         let context = Context {
@@ -286,12 +260,18 @@ impl<'a> Search<'a> {
             map,
             half_px: points.half_px,
             corner_px: points.corner_px,
+            reach_px: points.reach_px,
+            projection: self.projection,
             focal_px,
             half_step,
-            corner_rad: (1.15 * points.corner_px * (1.0 - stage.kappa.min(0.0)) / (focal_px * (1.0 - half_step))).atan(),
+            corner_rad: self.projection.angle_rad(1.15 * points.reach_px * (1.0 - stage.kappa.min(0.0)) / (focal_px * (1.0 - half_step))),
         };
         let cos_near = self.options.near.map(|near| near.cos_reach(context.corner_rad));
-        let rays_at = |focal_px: f64| ideal[..used].iter().map(|&[x, y]| unit(Vector3::new(x, y, focal_px))).collect::<Vec<_>>();
+        // What lies beyond the image of a fisheye forms no triangle.
+        let nowhere = Vector3::from_element(f64::NAN);
+        let rays_at = |focal_px: f64| -> Vec<Vector3<f64>> {
+            ideal[..used].iter().map(|at| self.projection.ray(*at, focal_px).unwrap_or(nowhere)).collect()
+        };
         let rays = rays_at(focal_px);
         let mut batch = Batch { cos_near, rays_at_longer: rays_at(focal_px * (1.0 + LONGER)), ..Batch::default() };
         let most = level.longest_range()[1];
@@ -310,8 +290,8 @@ impl<'a> Search<'a> {
                         if jk > most {
                             continue;
                         }
-                        if self.hypotheses > self.most {
-                            self.was_cut = true;
+                        if self.tally.hypotheses > self.most {
+                            self.tally.was_cut = true;
                             return Some(k);
                         }
                         for i in 0..j {
@@ -328,8 +308,8 @@ impl<'a> Search<'a> {
                 let mut rng = Pcg64Mcg::seed_from_u64((wanted as u64) << 32 | used as u64);
                 let (mut tried, mut draws) = (0, 0);
                 // Narrow fields have more catalogue triangles for each of the image.
-                let enough = self.most.min(self.hypotheses + 12 * wanted as u64);
-                while tried < wanted && draws < 8 * wanted && self.hypotheses < enough {
+                let enough = self.most.min(self.tally.hypotheses + 12 * wanted as u64);
+                while tried < wanted && draws < 8 * wanted && self.tally.hypotheses < enough {
                     draws += 1;
                     let corners = [0; 3].map(|_| rng.random_range(0..used));
                     let chord2 = |a: usize, b: usize| (rays[corners[a]] - rays[corners[b]]).norm_squared();
@@ -343,7 +323,7 @@ impl<'a> Search<'a> {
                         return None;
                     }
                 }
-                self.was_cut |= tried < wanted && self.hypotheses >= self.most;
+                self.tally.was_cut |= tried < wanted && self.tally.hypotheses >= self.most;
                 self.flush(&context, &mut batch).then_some(0)
             }
         }
@@ -387,8 +367,8 @@ impl<'a> Search<'a> {
 
     /// Tries one pair of triangles. `false` = accepted or out of time, stop.
     fn try_candidate(&mut self, context: &Context<'_>, trial: &Trial, triangle: [u32; 3]) -> bool {
-        self.hypotheses += 1;
-        if self.hypotheses.is_multiple_of(BETWEEN_LOOKS) && self.out_of_time() {
+        self.tally.hypotheses += 1;
+        if self.tally.hypotheses.is_multiple_of(BETWEEN_LOOKS) && self.out_of_time() {
             return false;
         }
         let Some(pose) = trial.pose(context, triangle) else { return true };
@@ -400,30 +380,48 @@ impl<'a> Search<'a> {
             return true;
         }
         let boresight = Vector3::from(pose.rotation.row(2).transpose());
-        let radius = (self.points.corner_px * (1.0 - pose.kappa.min(0.0)) * 1.15 / pose.focal_px).atan();
+        let radius = pose.reach_rad(self.points, 1.15);
         let judges = context.judges;
-        let near = self.index.brightest_within(&boresight, radius, 3 * self.points.centred_px.len().clamp(8, judges));
+        let near = self.index.brightest_within(&boresight, radius, 5 * self.points.centred_px.len().clamp(8, judges));
         let Some(Supported { pose, ln_best, ln_probability, judges }) = refine::refine(&pose, self.points, self.apparent, &near, judges)
         else {
             return true;
         };
-        let tried = self.hypotheses as f64;
+        let tried = self.tally.hypotheses as f64;
         let bound = odds::over_all_tries(ln_probability, tried);
-        let width_rad = 2.0 * (self.points.size_px / (2.0 * pose.focal_px)).atan();
-        let stated = odds::as_often_as_by_chance(ln_best, tried, width_rad, judges).min(bound);
-        self.least_bound = self.least_bound.min(bound);
+        // What was tried before this search counts in what is stated; accepted is what this search finds by itself, as the others did.
+        let of_all = tried + self.options.hypotheses_before as f64;
+        let width_rad = self.width_rad(pose.focal_px);
+        let stated = odds::as_often_as_by_chance(ln_best, of_all, width_rad, judges).min(odds::over_all_tries(ln_probability, of_all));
+        self.tally.least_bound = self.tally.least_bound.min(bound);
         let is_near = self.options.near.is_none_or(|near| near.allows(&pose.rotation, 0.0));
         if self.within_range(pose.focal_px) && is_near {
-            self.least_stated = self.least_stated.min(stated);
+            self.tally.least_stated = self.tally.least_stated.min(stated);
             if bound < self.options.max_false_match_probability {
-                self.found = Some(Found { pose, false_match_probability: stated });
+                self.found = Some(Found {
+                    pose,
+                    reach_px: self.points.reach_px,
+                    hypotheses: self.tally.hypotheses,
+                    false_match_probability: stated,
+                });
                 return false;
             }
         }
         true
     }
 
+    /// The width of a square field as large as the part of the sky in which there are points, rad.
+    fn width_rad(&self, focal_px: f64) -> f64 {
+        match self.projection {
+            Projection::Pinhole => 2.0 * (self.points.size_px / (2.0 * focal_px)).atan(),
+            fisheye => (std::f64::consts::TAU * (1.0 - fisheye.angle_rad(self.points.reach_px / focal_px).cos())).sqrt(),
+        }
+    }
+
     fn within_range(&self, focal_px: f64) -> bool {
+        if self.projection != Projection::Pinhole {
+            return true;
+        }
         let [narrow, wide] = self.options.field_width_range_rad;
         let width = 2.0 * (self.points.half_px[0] / focal_px).atan();
         let nominal = self.options.nominal_focal_length_px;

@@ -2,17 +2,22 @@
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
+use super::fisheye;
+use super::looks::Seen;
 use super::naming::{self, sure_pairs};
+use super::projection::Projection;
 use super::refine::{self, Pair, Points, Pose};
 use super::search::Found;
-use super::{Identification, IdentifyOptions, Index, MOST_DETECTIONS, Match, Solution};
-use crate::camera::Camera;
+use super::{Identification, IdentifyOptions, Index, MOST_DETECTIONS, Match, Solution, lone};
+use crate::camera::{Camera, Model};
 use crate::catalog::Catalog;
-use crate::coordinates::{Apparent, Attitude, Direction, PixelPoint};
+use crate::coordinates::{Apparent, Attitude, CameraAxes, Direction, PixelPoint};
 use crate::detect::Detections;
 use crate::statistics::{mad_sigma, median, median_in_place};
 use crate::units::DEG_RAD;
 
+/// Stars are picked from so many detections, the brightest, where many look like none.
+const MOST_LOOKED_THROUGH: usize = 4 * MOST_DETECTIONS;
 /// Detections nearer to a brighter one than this are not used in the search, px: halves of one star image.
 const MERGE_PX: f64 = 2.5;
 /// A star is not a clean control point if another of similar brightness stands this near, px.
@@ -79,7 +84,7 @@ pub(super) fn fault_in(options: &IdentifyOptions, detections: &Detections) -> Op
 }
 
 /// The detections that the search can use, brightest first: finite, on the frame, not the second half of a brighter one.
-pub(super) fn usable_points(detections: &Detections) -> Points {
+pub(super) fn usable_points(detections: &Detections) -> Seen {
     let (width, height) = (detections.width_px as f64, detections.height_px as f64);
     let middle = [(width - 1.0) / 2.0, (height - 1.0) / 2.0];
     let mut order: Vec<usize> = (0..detections.stars.len())
@@ -96,6 +101,7 @@ pub(super) fn usable_points(detections: &Detections) -> Points {
         half_px: [width / 2.0, height / 2.0],
         size_px: (width * height).sqrt(),
         corner_px: width.hypot(height) / 2.0,
+        reach_px: width.hypot(height) / 2.0,
     };
     for number in order {
         let star = &detections.stars[number];
@@ -104,12 +110,14 @@ pub(super) fn usable_points(detections: &Detections) -> Points {
         if points.centred_px.iter().all(apart) {
             points.centred_px.push(at);
             points.detection.push(number);
-            if points.centred_px.len() == MOST_DETECTIONS {
+            if points.centred_px.len() == MOST_LOOKED_THROUGH {
                 break;
             }
         }
     }
-    points
+    let widths_px: Vec<f64> = points.detection.iter().map(|&number| detections.stars[number].width_px).collect();
+    let lone = lone::lone(&points, &widths_px).map(|lone| lone.first(MOST_DETECTIONS));
+    Seen { all: points.first(MOST_DETECTIONS), lone }
 }
 
 /// Fits an accepted hypothesis to all stars of the frame.
@@ -121,14 +129,16 @@ pub(super) fn solve(
     apparent: &[Vector3<f64>],
     found: &Found,
 ) -> Identification {
-    let boresight = Vector3::from(found.pose.rotation.row(2).transpose());
-    let reach_rad = (points.corner_px * (1.0 - found.pose.kappa.min(0.0)) * 1.2 / found.pose.focal_px).atan();
-    let near = index.brightest_within(&boresight, reach_rad, usize::MAX);
+    let mut pose = match found.pose.projection {
+        Projection::Pinhole => found.pose,
+        _ => fisheye::widen(&found.pose, found.reach_px, points, index, apparent),
+    };
+    let boresight = Vector3::from(pose.rotation.row(2).transpose());
+    let near = index.brightest_within(&boresight, pose.reach_rad(points, 1.2), usize::MAX);
     let mut point_of = vec![None; detections.stars.len()];
     for (point, &detection) in points.detection.iter().enumerate() {
         point_of[detection] = Some(point);
     }
-    let mut pose = found.pose;
     let mut radius_px = 0.006 * points.size_px;
     let middle_px = points.half_px.map(|half| half - 0.5);
     let matches_of = |pose: &Pose, radius_px: f64| {
@@ -157,11 +167,13 @@ pub(super) fn solve(
                 "Only {} stars remained when the accepted hypothesis was fitted to the whole frame: too few to trust it.",
                 matches.len()
             ),
+            hypotheses: found.hypotheses,
         };
     }
     Identification::Identified(Solution {
         attitude: attitude_of(&pose),
         camera: camera_of(&pose, detections, points),
+        projection: pose.projection,
         parity: parity_of(&pose),
         rms_px: rms_px(&matches),
         matches,
@@ -176,7 +188,9 @@ fn rms_px(matches: &[Match]) -> f64 {
 
 fn camera_of(pose: &Pose, detections: &Detections, points: &Points) -> Camera {
     let camera = Camera::pinhole(detections.width_px, detections.height_px, pose.focal_px);
-    Camera { k1: pose.kappa / (points.corner_px * points.corner_px), ..camera }
+    let [x0, y0] = camera.principal_point_px;
+    let principal_point_px = [x0 + pose.principal_px[0], y0 + pose.principal_px[1]];
+    Camera { k1: pose.kappa / (points.corner_px * points.corner_px), principal_point_px, ..camera }
 }
 
 fn attitude_of(pose: &Pose) -> Attitude {
@@ -279,17 +293,38 @@ fn unmirrored_x(parity: i8, width_px: usize, x_px: f64) -> f64 {
 }
 
 impl Solution {
+    /// The camera with its projection.
+    #[must_use]
+    pub fn model(&self) -> Model {
+        let model = Model::new(self.camera);
+        // Projections that identification knows have nothing beyond focal length and principal point.
+        model.clone().with_projection(self.projection.id(), &[]).unwrap_or(model)
+    }
+
+    /// The direction in which a point of the un-mirrored frame looks; of one beyond the image of a fisheye, that of its edge.
+    fn direction(&self, point: PixelPoint) -> Direction<CameraAxes> {
+        if self.projection == Projection::Pinhole {
+            return self.camera.direction(point);
+        }
+        let model = self.model();
+        let context = model.reference_context();
+        let [x0, y0] = self.camera.principal_point_px;
+        let towards = |share: f64| PixelPoint { x_px: x0 + share * (point.x_px - x0), y_px: y0 + share * (point.y_px - y0) };
+        let seen = (0..=100).find_map(|step| model.direction(towards(1.0 - 0.01 * f64::from(step)), &context));
+        seen.unwrap_or_else(|| self.camera.direction(towards(0.0)))
+    }
+
     /// The apparent direction of the middle of the frame, ICRS axes.
     #[must_use]
     pub fn centre(&self) -> Direction<Apparent> {
-        self.attitude.apparent_from_camera(&self.camera.direction(self.camera.middle()))
+        self.attitude.apparent_from_camera(&self.direction(self.camera.middle()))
     }
 
     /// The position angle, north through east, of the frame's upward direction (−y) at its middle, degrees from 0 to 360.
     #[must_use]
     pub fn roll_deg(&self) -> f64 {
         let PixelPoint { x_px, y_px } = self.camera.middle();
-        let sky = |y_px: f64| Vector3::from(self.attitude.apparent_from_camera(&self.camera.direction(PixelPoint { x_px, y_px })).xyz);
+        let sky = |y_px: f64| Vector3::from(self.attitude.apparent_from_camera(&self.direction(PixelPoint { x_px, y_px })).xyz);
         let (up, centre) = (sky(y_px - 0.5) - sky(y_px + 0.5), sky(y_px));
         let east = Vector3::new(-centre.y, centre.x, 0.0);
         let north = centre.cross(&east);
@@ -299,19 +334,21 @@ impl Solution {
     /// The angle from the left to the right edge of the frame, through its middle, degrees.
     #[must_use]
     pub fn width_deg(&self) -> f64 {
-        let PixelPoint { y_px, .. } = self.camera.middle();
-        self.angle_deg(PixelPoint { x_px: -0.5, y_px }, PixelPoint { x_px: self.camera.width_px as f64 - 0.5, y_px })
+        let PixelPoint { x_px, y_px } = self.camera.middle();
+        self.angle_deg([-0.5, x_px, self.camera.width_px as f64 - 0.5].map(|x_px| PixelPoint { x_px, y_px }))
     }
 
     /// The angle from the upper to the lower edge of the frame, through its middle, degrees.
     #[must_use]
     pub fn height_deg(&self) -> f64 {
-        let PixelPoint { x_px, .. } = self.camera.middle();
-        self.angle_deg(PixelPoint { x_px, y_px: -0.5 }, PixelPoint { x_px, y_px: self.camera.height_px as f64 - 0.5 })
+        let PixelPoint { x_px, y_px } = self.camera.middle();
+        self.angle_deg([-0.5, y_px, self.camera.height_px as f64 - 0.5].map(|y_px| PixelPoint { x_px, y_px }))
     }
 
-    fn angle_deg(&self, a: PixelPoint, b: PixelPoint) -> f64 {
-        self.camera.direction(a).angle_rad(&self.camera.direction(b)) / DEG_RAD
+    /// The angle from the first to the last of three points of the frame: of a fisheye over the second, since it may be more than 180°.
+    fn angle_deg(&self, [a, middle, b]: [PixelPoint; 3]) -> f64 {
+        let between = |a: PixelPoint, b: PixelPoint| self.direction(a).angle_rad(&self.direction(b)) / DEG_RAD;
+        if self.projection == Projection::Pinhole { between(a, b) } else { between(a, middle) + between(middle, b) }
     }
 }
 
@@ -327,7 +364,7 @@ mod tests {
         let mut angle = || rng.random_range(-1.2..1.2);
         let attitude = Attitude::from_pointing(angle(), angle(), angle());
         let rotation = *attitude.camera_from_icrs.to_rotation_matrix().matrix();
-        let pose = Pose { rotation, focal_px: 3889.0, kappa: 0.0, parity: 1.0 };
+        let pose = Pose { rotation, focal_px: 3889.0, kappa: 0.0, parity: 1.0, projection: Projection::Pinhole, principal_px: [0.0; 2] };
         let star = |star: &crate::catalog::Star| {
             let [x, y] = pose.project(&Vector3::from(star.direction.xyz), 724.0).filter(|at| at.iter().all(|c| c.abs() < 500.0))?;
             let mut moved = |c: f64| c + 511.5 + rng.random_range(-most_px..most_px);
@@ -357,8 +394,8 @@ mod tests {
         for seed in 0..300 {
             // Displacements beyond what the first radius holds, so that pairs are lost from turn to turn.
             let (detections, pose) = frame(seed, 7.0);
-            let points = usable_points(&detections);
-            let found = Found { pose, false_match_probability: 1e-9 };
+            let points = usable_points(&detections).all;
+            let found = Found { pose, reach_px: points.reach_px, hypotheses: 1, false_match_probability: 1e-9 };
             match solve(&detections, &points, catalog, &index, &index.vectors, &found) {
                 Identification::NotIdentified { .. } => refused += 1,
                 Identification::Identified(solution) => {

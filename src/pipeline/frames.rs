@@ -12,7 +12,7 @@ use crate::coordinates::{Apparent, Attitude, Direction};
 use crate::detect::{Aids, DetectOptions, EmpiricalPsf, PsfReport, PsfStar, detect_aided, detect_windowed, learn};
 use crate::effects::Observation;
 use crate::frame::Frame;
-use crate::identify::{ASSUMED_EPOCH_YR, Identification, IdentifyOptions, Index, Near, Solution, identify};
+use crate::identify::{ASSUMED_EPOCH_YR, Identification, IdentifyOptions, Index, Near, Solution, common_projection, identify};
 use crate::recording::{Recording, RecordingError, SkippedFrame};
 use crate::statistics::median;
 use crate::units::DEG_RAD;
@@ -211,7 +211,8 @@ pub fn take_identifications(measured: &Measured, catalog: &Catalog, physics: &Sk
         .iter()
         .map(|frame| {
             let sky = sky_chain(&known, frame, physics)?;
-            let identification = Identification::NotIdentified { reason: "The list's own identifications are taken.".to_owned() };
+            let identification =
+                Identification::NotIdentified { reason: "The list's own identifications are taken.".to_owned(), hypotheses: 0 };
             Ok(IdentifiedFrame { identification, directions: sky.apparent_all(catalog), sky, seconds: frame.seconds })
         })
         .collect()
@@ -254,15 +255,18 @@ fn retry(
     frames: &mut [IdentifiedFrame],
     searched: &[Duration],
 ) {
-    let solved: Vec<(usize, Attitude, f64)> = (0..)
-        .zip(&*frames)
-        .filter_map(|(number, frame)| frame.solution().map(|solution| (number, solution.attitude, solution.camera.focal_length_px)))
-        .collect();
+    let solved: Vec<(usize, Attitude)> =
+        (0..).zip(&*frames).filter_map(|(number, frame)| frame.solution().map(|solution| (number, solution.attitude))).collect();
     if solved.len() == frames.len() {
         return;
     }
-    let Some(focal_length_px) = median(&solved.iter().map(|(_, _, focal_px)| *focal_px).collect::<Vec<_>>()) else { return };
+    let solutions = || frames.iter().filter_map(IdentifiedFrame::solution);
+    let projection = common_projection(solutions().map(|solution| solution.projection));
+    let of_most = solutions().filter(|solution| solution.projection == projection);
+    let focal_lengths_px: Vec<f64> = of_most.map(|solution| solution.camera.focal_length_px).collect();
+    let Some(focal_length_px) = median(&focal_lengths_px) else { return };
     let options = IdentifyOptions {
+        projection: Some(projection),
         nominal_focal_length_px: Some(focal_length_px),
         focal_length_tolerance: 0.01,
         search_beyond_tolerance: false,
@@ -271,20 +275,26 @@ fn retry(
     let all = frames.par_iter_mut().enumerate().zip(&measured.frames).zip(searched);
     all.filter(|(((_, frame), _), _)| frame.solution().is_none()).for_each(|(((number, frame), measured), searched)| {
         let begin = Instant::now();
-        let nearest = solved.iter().min_by_key(|(other, _, _)| other.abs_diff(number));
-        let around = nearest.map(|(_, attitude, _)| Near::attitude(attitude, TURNED_RAD));
+        let nearest = solved.iter().min_by_key(|(other, _)| other.abs_diff(number));
+        let around = nearest.map(|(_, attitude)| Near::attitude(attitude, TURNED_RAD));
+        let hypotheses = |identification: &Identification| match identification {
+            Identification::Identified(_) => 0,
+            Identification::NotIdentified { hypotheses, .. } => *hypotheses,
+        };
+        let mut hypotheses_before = hypotheses(&frame.identification);
         // Who says where the camera points is not asked to believe another frame.
         for near in [options.near].into_iter().chain(around.filter(|_| options.near.is_none()).map(Some)) {
             let time_limit = left_of(options.time_limit, *searched + begin.elapsed());
             if time_limit.is_some_and(|left| left.is_zero()) {
                 break;
             }
-            let options = IdentifyOptions { near, time_limit, ..options.clone() };
+            let options = IdentifyOptions { hypotheses_before, near, time_limit, ..options.clone() };
             let again = identify(&measured.detections, catalog, index, &frame.directions, &options);
             if matches!(again, Identification::Identified(_)) {
                 frame.identification = again;
                 break;
             }
+            hypotheses_before += hypotheses(&again);
         }
         frame.seconds += begin.elapsed().as_secs_f64();
     });

@@ -64,6 +64,9 @@ pub enum PipelineError {
     /// An effect behind the lens cannot be computed.
     #[error(transparent)]
     BehindTheLens(#[from] PhysicsError),
+    /// A diagnosis of a fisheye's frames.
+    #[error("the frames are those of a fisheye ({0}), and a diagnosis knows the tangent plane alone: `calibrate` solves for such a camera")]
+    Fisheye(&'static str),
     /// Nothing can be read.
     #[error("none of the {skipped} frames can be read: {reason}")]
     NoFrames {

@@ -8,7 +8,7 @@ use crate::catalog::Catalog;
 use crate::diagnose::{DiagnoseOptions, Telemetry};
 use crate::effects;
 use crate::identify::{
-    ControlPoint, ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, add_listed_points,
+    ControlPoint, ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, Projection, add_listed_points,
     control_points as build_control_points, handedness, image_state,
 };
 use crate::recording::{FrameEntry, Mount, Recording};
@@ -58,7 +58,7 @@ pub fn control_points(
         trust(&mut points, measured, identified, catalog, &mut notes)?;
     }
     for (frame, identified) in measured.frames.iter().zip(identified) {
-        if let (Identification::NotIdentified { reason }, false) = (&identified.identification, trusted) {
+        if let (Identification::NotIdentified { reason, .. }, false) = (&identified.identification, trusted) {
             notes.push(format!("{} is not identified and left out: {reason}", frame.name));
         }
     }
@@ -201,6 +201,9 @@ pub fn question(
     asked: &Asked,
     mut options: DiagnoseOptions,
 ) -> Result<Question, PipelineError> {
+    if prepared.points.projection != Projection::Pinhole {
+        return Err(PipelineError::Fisheye(prepared.points.projection.id()));
+    }
     let (physics, uneven) = physics_in_force(identified);
     options.physics = physics.iter().map(|id| (*id).to_owned()).collect();
     for term in known_behind_the_lens(measured, prepared, asked.choice)? {

@@ -14,7 +14,7 @@ use std::time::Duration;
 use boresight::catalog::Catalog;
 use boresight::coordinates::Attitude;
 use boresight::detect::Detections;
-use boresight::identify::{Identification, IdentifyOptions, Index, Near, identify, least_false_match_probability};
+use boresight::identify::{Identification, IdentifyOptions, Index, Near, Projection, identify, least_false_match_probability};
 use nalgebra::UnitQuaternion;
 use star_lists::{BASE, ByChance, List, Scene, Told, cpu_ms, detection, make};
 
@@ -215,7 +215,7 @@ fn an_attitude_that_is_held_to_be_is_searched_around_and_not_beyond() {
         assert!(led as f64 >= least * n as f64, "{name}: {led} of {n}, {alone} without");
     }
     let nowhere = IdentifyOptions { near: Some(Near::pointing(0.0, 0.0, None, -1.0)), ..IdentifyOptions::default() };
-    let Identification::NotIdentified { reason } = identify(&star_free(3), catalog, index, &[], &nowhere) else {
+    let Identification::NotIdentified { reason, .. } = identify(&star_free(3), catalog, index, &[], &nowhere) else {
         panic!("identified nothing?")
     };
     assert!(reason.contains("above 0 and not above 180"), "{reason}");
@@ -233,7 +233,7 @@ fn the_time_limit_holds() {
     let took_ms = cpu_ms() - begin;
     // What the thread computed, whatever else the machine does; after the limit comes the rest of one look at a few candidates.
     assert!(took_ms < 50.0, "{took_ms} ms");
-    let Identification::NotIdentified { reason } = answer else { panic!("identified nothing?") };
+    let Identification::NotIdentified { reason, .. } = answer else { panic!("identified nothing?") };
     assert!(reason.contains("time limit of 0.030 s"), "{reason}");
 }
 
@@ -272,7 +272,7 @@ fn degenerate_lists_are_refused_with_a_reason() {
     ];
     for (name, points) in cases {
         match identify(&list(&points), catalog, index, &[], &options) {
-            Identification::NotIdentified { reason } => {
+            Identification::NotIdentified { reason, .. } => {
                 assert!(reason.len() > 20 && reason.ends_with('.'), "{name}: {reason}");
                 println!("{name}: {reason}");
             }
@@ -292,7 +292,7 @@ fn degenerate_lists_are_refused_with_a_reason() {
         assert!(matches!(identify(&star_free(3), catalog, index, &[], &options), Identification::NotIdentified { .. }), "{focal_px}");
     }
     let other = Catalog::new(catalog.stars[..100].to_vec(), catalog.epoch_yr, "a hundred stars".into(), String::new());
-    let Identification::NotIdentified { reason } = identify(&star_free(3), &other, index, &[], &options) else {
+    let Identification::NotIdentified { reason, .. } = identify(&star_free(3), &other, index, &[], &options) else {
         panic!("another catalogue")
     };
     assert!(reason.contains("100"), "{reason}");
@@ -316,4 +316,60 @@ fn chance_does_as_well_as_often_as_is_stated() {
             assert!(found >= low - 3.0 * low.sqrt() && found <= high + 3.0 * high.sqrt(), "{lists:?}: {found} below {p} of {count}");
         }
     }
+}
+
+#[test]
+fn fisheyes_are_identified_with_their_law_and_principal_point() {
+    let (catalog, index) = sky();
+    for (projection, width_deg, faintest) in
+        [(Projection::Equidistant, 180.0, 3.5), (Projection::Equisolid, 150.0, 3.8), (Projection::Stereographic, 170.0, 3.5)]
+    {
+        let scene = Scene { width_deg, projection, faintest, mirrored: projection == Projection::Equisolid, ..BASE };
+        let (mut right, mut law, count) = (0, 0, 4);
+        for seed in 0..count {
+            let list = make(&scene, Told::Nothing, 70_000 + seed);
+            // Lamps on the horizon, brighter than any star.
+            let mut detections = list.detections.clone();
+            for lamp in 0..12 {
+                let (sin, cos) = (0.5 * f64::from(lamp)).sin_cos();
+                detections.stars.insert(0, detection(511.5 + 505.0 * cos, 511.5 + 505.0 * sin, 1e7));
+            }
+            let options = IdentifyOptions { search_beyond_tolerance: true, ..list.options() };
+            let Identification::Identified(solution) = identify(&detections, catalog, index, &[], &options) else { continue };
+            assert!(list.is_right(&scene, &solution), "{projection:?} {seed}: {solution:?}");
+            right += 1;
+            let [x0, y0] = solution.camera.principal_point_px;
+            law += usize::from(solution.projection == projection && (x0 - 511.5).hypot(y0 - 511.5) < 1.0);
+            assert!((solution.width_deg() / width_deg - 1.0).abs() < 0.01, "{projection:?} {seed}: {}", solution.width_deg());
+            // What is known of the lens and the focal length spares the rest of the search.
+            let known = IdentifyOptions {
+                projection: Some(projection),
+                nominal_focal_length_px: Some(1.004 * solution.camera.focal_length_px),
+                focal_length_tolerance: 0.01,
+                search_beyond_tolerance: false,
+                ..options
+            };
+            let again = identify(&detections, catalog, index, &[], &known);
+            assert!(
+                matches!(&again, Identification::Identified(again) if list.is_right(&scene, again)),
+                "{projection:?} {seed}: {again:?}"
+            );
+        }
+        assert!(right >= 3 && law >= 3, "{projection:?}: {right} right, {law} with the law of the lens, of {count}");
+    }
+}
+
+#[test]
+fn hypotheses_tried_before_count_in_what_is_stated() {
+    let (catalog, index) = sky();
+    let list = make(&Scene { brightest: 9, ..BASE }, Told::Within(0.01), 5);
+    let stated =
+        |hypotheses_before| match identify(&list.detections, catalog, index, &[], &IdentifyOptions { hypotheses_before, ..list.options() })
+        {
+            Identification::Identified(solution) => solution.false_match_probability,
+            other @ Identification::NotIdentified { .. } => panic!("{other:?}"),
+        };
+    let (alone, after) = (stated(0), stated(1_000_000));
+    // From the thousand that are always counted, or fewer, to a million.
+    assert!(after / alone > 300.0, "{alone:e} {after:e}");
 }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use boresight::coordinates::{Apparent, Direction};
 use boresight::detect::Detections;
-use boresight::identify::{Identification, IdentifyOptions, Near, catalog_directions, identify};
+use boresight::identify::{Identification, IdentifyOptions, Near, Projection, catalog_directions, identify};
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
 
@@ -102,16 +102,19 @@ fn options() -> impl Strategy<Value = IdentifyOptions> {
         (0.51..149.0_f64, 0.51..149.0_f64).prop_filter("in order", |(from, to)| from < to),
         prop::option::weighted(0.3, prop::sample::select(vec![-1_i8, 1])),
         prop::option::weighted(0.2, near),
+        prop::option::weighted(0.2, prop::sample::select(vec![Projection::Pinhole, Projection::Equidistant, Projection::Stereographic])),
         prop_oneof![Just(1e-6), 1e-9..1.0_f64],
         time_limit(),
     )
-        .prop_map(|(nominal, tolerance, beyond, range_deg, parity, near, probability, time_limit)| IdentifyOptions {
+        .prop_map(|(nominal, tolerance, beyond, range_deg, parity, near, projection, probability, time_limit)| IdentifyOptions {
             nominal_focal_length_px: nominal,
             focal_length_tolerance: tolerance,
             search_beyond_tolerance: beyond,
             field_width_range_rad: [range_deg.0 * DEG, range_deg.1 * DEG],
             parity,
             near,
+            projection,
+            hypotheses_before: 0,
             max_false_match_probability: probability,
             time_limit,
         })
@@ -148,7 +151,7 @@ fn is_answered_in_time(list: &Detections, directions: &[Direction<Apparent>], op
         prop_assert!(took_ms < limit_ms + TOLERANCE_MS, "{took_ms} ms where {limit_ms} ms are allowed");
     }
     match answer {
-        Identification::NotIdentified { reason } => {
+        Identification::NotIdentified { reason, .. } => {
             prop_assert!(reason.len() > 20 && reason.ends_with('.') && !reason.contains('\n'), "{}", reason);
         }
         // Chance may bring a few points to a few stars where much is accepted; what is said of them is sound.

@@ -48,7 +48,7 @@ fn real_frames_are_identified_from_the_image_alone() {
                     faults.push(format!("{}: {off_deg}° off", &record[0]));
                 }
             }
-            Identification::NotIdentified { reason } => {
+            Identification::NotIdentified { reason, .. } => {
                 println!("{}: {} detections, {ms:.1} ms: {reason}", &record[0], detections.stars.len());
                 faults.push(format!("{}: {reason}", &record[0]));
             }
@@ -71,7 +71,7 @@ fn real_dark_frames_are_refused() {
             let begin = cpu_ms();
             let options = IdentifyOptions { nominal_focal_length_px, search_beyond_tolerance: false, ..IdentifyOptions::default() };
             let answer = identify(&detections, catalog, index, &[], &options);
-            let Identification::NotIdentified { reason } = answer else { panic!("{}: {answer:?}", file.display()) };
+            let Identification::NotIdentified { reason, .. } = answer else { panic!("{}: {answer:?}", file.display()) };
             println!("{}: {} detections, {:.0} ms: {reason}", file.display(), detections.stars.len(), cpu_ms() - begin);
         }
     }

@@ -1,11 +1,11 @@
 //! Star lists with every nuisance that real images bring, and what a right answer is: for the tests and, by way of `#[path]`, for
 //! `benches/identify.rs`.
 
-use boresight::camera::Camera;
+use boresight::camera::{Camera, Model};
 use boresight::catalog::Catalog;
 use boresight::coordinates::{Attitude, Direction};
 use boresight::detect::{Detection, Detections, Flags};
-use boresight::identify::{IdentifyOptions, Solution};
+use boresight::identify::{IdentifyOptions, Projection, Solution};
 use boresight::units::DEG_RAD;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
@@ -21,7 +21,9 @@ pub(crate) const RIGHT_DEG: f64 = 0.2;
 /// What is done to a star list.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scene {
+    /// The angle from the left to the right edge.
     pub(crate) width_deg: f64,
+    pub(crate) projection: Projection,
     /// Width over height.
     pub(crate) aspect: f64,
     /// The faintest star, V.
@@ -41,6 +43,7 @@ pub(crate) struct Scene {
 
 pub(crate) const BASE: Scene = Scene {
     width_deg: 15.0,
+    projection: Projection::Pinhole,
     aspect: 1.0,
     faintest: 6.0,
     noise_px: 0.1,
@@ -99,12 +102,23 @@ fn flux_dn(magnitude: f64) -> f64 {
 pub(crate) fn make(scene: &Scene, told: Told, trial: u64) -> List {
     let mut rng = Pcg64Mcg::seed_from_u64(trial);
     let (width, height) = (WIDTH_PX as f64, (WIDTH_PX as f64 / scene.aspect).floor());
-    let focal_px = width / 2.0 / (scene.width_deg * DEG_RAD / 2.0).tan();
+    let half_rad = scene.width_deg * DEG_RAD / 2.0;
+    let half = match scene.projection {
+        Projection::Pinhole => half_rad.tan(),
+        Projection::Equidistant => half_rad,
+        Projection::Equisolid => 2.0 * (half_rad / 2.0).sin(),
+        Projection::Stereographic => 2.0 * (half_rad / 2.0).tan(),
+    };
+    let focal_px = width / 2.0 / half;
     let corner_px = width.hypot(height) / 2.0;
     let k1 = if trial.is_multiple_of(2) { 1.0 } else { -1.0 } * scene.corner_px / corner_px.powi(3);
     let camera = Camera { k1, ..Camera::pinhole(WIDTH_PX, height as usize, focal_px) };
     let mut turn = || rng.random_range(0.0..360.0) * DEG_RAD;
     let (ra, roll) = (turn(), turn());
+    let model = Model::new(camera).with_projection(scene.projection.id(), &[]).unwrap();
+    let context = model.reference_context();
+    // Fisheyes see as far as to the edges of the frame, and nothing in its corners.
+    let least_z = if scene.projection == Projection::Pinhole { 0.0 } else { half_rad.cos() };
     let attitude = Attitude::from_pointing(ra, rng.random_range(-1.0_f64..1.0).asin(), roll);
     let prior = match told {
         Told::Nothing => None,
@@ -116,7 +130,8 @@ pub(crate) fn make(scene: &Scene, told: Told, trial: u64) -> List {
     let catalog = Catalog::embedded().stars.iter().enumerate();
     for (name, star) in catalog.take_while(|(_, star)| star.magnitude < scene.faintest && !scene.star_free) {
         let direction = attitude.camera_from_apparent(&Direction::from_unit(star.direction.xyz));
-        let Some(point) = camera.pixel(&direction).filter(|point| camera.contains(*point)) else { continue };
+        let seen = Some(direction).filter(|direction| direction.xyz[2] > least_z).and_then(|direction| model.pixel(&direction, &context));
+        let Some(point) = seen.filter(|point| camera.contains(*point)) else { continue };
         if rng.random_range(0.0..1.0) < scene.missing {
             continue;
         }
