@@ -13,11 +13,11 @@ use crate::frame::Frame;
 
 /// Flux, offset of the background, x, y, and up to three numbers of shape.
 const MOST_PARAMETERS: usize = 2 + PROFILE_PARAMETERS;
-const MOST_ITERATIONS: usize = 40;
+pub(super) const MOST_ITERATIONS: usize = 40;
 /// Residuals of a single pixel beyond this many σ are no noise: a hot pixel, a cosmic ray, another star.
 const OUTLIER_SIGMA: f64 = 6.0;
 /// So often they are looked for anew.
-const MOST_DROPS: usize = 3;
+pub(super) const MOST_DROPS: usize = 3;
 /// How far a real star's image may differ from the Gaussian at any pixel: share of the model there, and of its peak.
 const MODEL_SLACK: (f64, f64) = (0.1, 0.02);
 
@@ -72,7 +72,7 @@ pub(super) struct Fit {
     pub(super) edge: bool,
     /// χ² of a lone bright pixel in place of the star, less that of the star; at or below zero the pixel explains more.
     pub(super) lone_pixel_excess: f64,
-    freedom: Freedom,
+    pub(super) freedom: Freedom,
 }
 
 /// What fits read.
@@ -106,7 +106,7 @@ pub(super) struct Stamp {
     /// Noise² without the star.
     pub(super) variance: Vec<f64>,
     pub(super) used: Vec<bool>,
-    edge: bool,
+    pub(super) edge: bool,
     pub(super) peak_dn: f64,
 }
 
@@ -223,7 +223,7 @@ impl Scene<'_> {
     }
 
     /// What the residuals tell: slope of the background, and whether one pixel would do.
-    fn leftovers(&self, stamp: &Stamp, profile: &Profile<'_>, model: Model, offset: f64) -> ([f64; 2], f64) {
+    pub(super) fn leftovers(&self, stamp: &Stamp, profile: &Profile<'_>, model: Model, offset: f64) -> ([f64; 2], f64) {
         let (mut slope, mut square) = ([0.0; 2], [0.0; 2]);
         let mut chi2_star = 0.0;
         let (mut sum, mut sum_square, mut sum_weight) = (0.0, 0.0, 0.0);
@@ -282,10 +282,15 @@ impl Photons {
     /// Leaves out pixels far off the model; says whether there were any.
     fn drop_outliers(self, stamp: &mut Stamp, (model, offset): &(Model, f64), profile: &mut Profile<'_>) -> bool {
         profile.draw(stamp.window, model, false);
-        let top = profile.value.iter().copied().fold(0.0, f64::max) * model.flux_dn;
+        self.drop_far(stamp, |i| model.flux_dn * profile.value[i], *offset)
+    }
+
+    /// The same of any light.
+    pub(super) fn drop_far(self, stamp: &mut Stamp, light_dn: impl Fn(usize) -> f64, offset: f64) -> bool {
+        let top = (0..stamp.data.len()).map(&light_dn).fold(0.0, f64::max);
         let mut worst: Vec<(f64, usize)> = Vec::new();
         for i in 0..stamp.data.len() {
-            let signal = model.flux_dn * profile.value[i];
+            let signal = light_dn(i);
             let slack = MODEL_SLACK.0 * signal + MODEL_SLACK.1 * top;
             let sigma = (stamp.variance[i] + signal.max(0.0) * self.variance_per_dn + slack * slack).sqrt();
             let excess = (stamp.data[i] - signal - offset).abs() / sigma;
@@ -432,12 +437,8 @@ fn plausible(shape: Shape, stamp: &Stamp) -> bool {
 }
 
 /// Cholesky factor of the leading block, the diagonal raised by `damping`.
-fn factor(
-    matrix: &[[f64; MOST_PARAMETERS]; MOST_PARAMETERS],
-    count: usize,
-    damping: f64,
-) -> Option<[[f64; MOST_PARAMETERS]; MOST_PARAMETERS]> {
-    let mut l = [[0.0; MOST_PARAMETERS]; MOST_PARAMETERS];
+fn factor<const N: usize>(matrix: &[[f64; N]; N], count: usize, damping: f64) -> Option<[[f64; N]; N]> {
+    let mut l = [[0.0; N]; N];
     for i in 0..count {
         for j in 0..=i {
             let raised = if i == j { matrix[i][i] * (1.0 + damping) } else { matrix[i][j] };
@@ -455,12 +456,7 @@ fn factor(
     Some(l)
 }
 
-fn solve(
-    matrix: &[[f64; MOST_PARAMETERS]; MOST_PARAMETERS],
-    vector: &[f64; MOST_PARAMETERS],
-    count: usize,
-    damping: f64,
-) -> Option<[f64; MOST_PARAMETERS]> {
+pub(super) fn solve<const N: usize>(matrix: &[[f64; N]; N], vector: &[f64; N], count: usize, damping: f64) -> Option<[f64; N]> {
     let l = factor(matrix, count, damping)?;
     let mut x = *vector;
     for i in 0..count {
@@ -474,13 +470,10 @@ fn solve(
     x[..count].iter().all(|v| v.is_finite()).then_some(x)
 }
 
-pub(super) fn inverse(
-    matrix: &[[f64; MOST_PARAMETERS]; MOST_PARAMETERS],
-    count: usize,
-) -> Option<[[f64; MOST_PARAMETERS]; MOST_PARAMETERS]> {
-    let mut out = [[0.0; MOST_PARAMETERS]; MOST_PARAMETERS];
+pub(super) fn inverse<const N: usize>(matrix: &[[f64; N]; N], count: usize) -> Option<[[f64; N]; N]> {
+    let mut out = [[0.0; N]; N];
     for column in 0..count {
-        let mut unit = [0.0; MOST_PARAMETERS];
+        let mut unit = [0.0; N];
         unit[column] = 1.0;
         let solved = solve(matrix, &unit, count, 0.0)?;
         for row in 0..count {

@@ -3,13 +3,14 @@
 use rayon::prelude::*;
 
 use super::background::Background;
-use super::candidates::{Candidate, candidates, full_blobs, neighbours};
+use super::candidates::{Candidate, candidates, full_blobs};
 use super::defects;
 use super::empirical::EmpiricalPsf;
 use super::fit::{Fit, Freedom, Model, Scene};
-use super::gain::{self, Sample};
+use super::gain;
 use super::learn::PsfStar;
 use super::psf::{Profile, Shape};
+use super::rounds::{Fitting, Stars};
 use super::search::{FIRST_SIGMA_PX, SHARPEST_PX, Search, search};
 use super::surround;
 use super::{DetectError, DetectOptions, Detection, Detections, Flags};
@@ -19,10 +20,6 @@ use crate::frame::Frame;
 const LEAST_SIDE_PX: usize = 9;
 /// Stars from this signal-to-noise ratio on have their own width fitted.
 pub(super) const SNR_FOR_WIDTH: f64 = 30.0;
-/// So often stars are fitted again with their neighbours as these were fitted last. Of two that are 4 px apart (σ 1.1 px) after 2 rounds 0.02 px are
-/// left of what each took for the other's light.
-const ROUNDS: usize = 8;
-
 /// What is known besides the frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Aids<'a> {
@@ -86,117 +83,69 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
     let candidates = candidates(frame, &background, &search, &blobs);
     let freedom = |c: &Candidate| free_shape(options, &search, c);
 
-    // each star alone, the guessed light of its neighbours taken off; then with the neighbours as fitted
-    let guesses: Vec<Model> = candidates.iter().map(|c| c.start).collect();
-    let neighbours = neighbours(&guesses);
+    let mut stars = Stars::new(candidates);
     if variance_per_dn.is_none() {
-        let sample = |(i, c): (usize, &Candidate)| Sample {
-            start: c.start,
-            snr: c.snr,
-            freedom: freedom(c),
-            neighbours: neighbours[i].iter().map(|&j| guesses[j]).collect(),
-        };
-        let samples: Vec<Sample> = candidates.iter().enumerate().filter(|(_, c)| c.full_radius_px == 0.0).map(sample).collect();
-        scene.variance_per_dn = gain::variance_per_dn(&scene, &samples);
+        scene.variance_per_dn = gain::variance_per_dn(&scene, &stars.samples(freedom, false));
     }
-    let mut fits = fit_all(&scene, &candidates, &guesses, &neighbours, &freedom, None);
-    let mut moved = vec![true; candidates.len()];
-    for _ in 0..ROUNDS {
-        let again: Vec<bool> = neighbours.iter().map(|near| near.iter().any(|&j| moved[j])).collect();
-        let next = fit_all(&scene, &candidates, &fitted(&guesses, &fits), &neighbours, &freedom, Some((&fits, &again)));
-        moved = next.iter().zip(&fits).map(|(new, old)| has_moved(new.as_ref(), old.as_ref())).collect();
-        fits = next;
+    let fitting = |scene, empirical| Fitting {
+        scene,
+        freedom,
+        typical: search.shape,
+        scatter: search.scatter,
+        width_is_known: options.psf_sigma_px.is_some(),
+        empirical,
+    };
+    let with_gaussians = scene;
+    fitting(&with_gaussians, false).begin(&mut stars);
+    if aids.psf.is_some() && variance_per_dn.is_none() {
+        scene.variance_per_dn = gain::variance_per_dn(&scene, &stars.samples(|_| Freedom::Empirical, true));
     }
-    let kept = learnable(&scene, &candidates, &fits, &neighbours, &search, aids.keep);
     if aids.psf.is_some() {
-        fits = fit_empirical(&mut scene, &candidates, &fits, &neighbours, options.gain_e_per_dn.is_none());
+        fitting(&scene, true).again(&mut stars);
     }
+    // trails differ from place to place, and two near each other are no other than a longer one
+    if search.field.is_none() && !search.shape.trail {
+        fitting(&scene, aids.psf.is_some()).part(&mut stars);
+    }
+    let kept = learnable(&scene, &stars, &search, aids.keep);
 
-    let mut stars: Vec<(usize, Detection)> = Vec::with_capacity(candidates.len());
-    for (i, (candidate, fit)) in candidates.iter().zip(&fits).enumerate() {
+    let mut chosen: Vec<(usize, Detection)> = Vec::with_capacity(stars.candidates.len());
+    for (i, (candidate, fit)) in stars.candidates.iter().zip(&stars.fits).enumerate() {
         let Some(fit) = fit.as_ref().filter(|f| is_star(candidate, f, &search, (scene.frame.width_px, scene.frame.height_px))) else {
             continue;
         };
         let own = search.shape_at(fit.model.x, fit.model.y);
         let duplicate = |s: &Detection| own.radius_in_sigma(s.x_px - fit.model.x, s.y_px - fit.model.y) < 1.0;
-        if !stars.iter().any(|(_, star)| duplicate(star)) {
-            stars.push((i, detection(&scene, fit, candidate, !neighbours[i].is_empty(), search.scatter)));
+        if !chosen.iter().any(|(_, star)| duplicate(star)) {
+            let wider = stars.wider[i].unwrap_or_default();
+            chosen.push((i, detection(&scene, fit, candidate, stars.is_blended(i), search.scatter).wider_by(wider)));
         }
     }
-    stars.sort_by(|(_, a), (_, b)| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
-    stars.truncate(options.max_stars);
-    let models = fitted(&guesses, &fits);
+    chosen.sort_by(|(_, a), (_, b)| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
+    chosen.truncate(options.max_stars);
     let with_moments = |(i, star): (usize, Detection)| {
-        let others: Vec<Model> = neighbours[i].iter().map(|&j| models[j]).collect();
-        let moments = fits[i].as_ref().and_then(|fit| scene.moments(fit, &others));
+        let moments = stars.fits[i].as_ref().and_then(|fit| scene.moments(fit, &stars.around(&[i])));
         // they are of the image as it is, whatever the fit takes it for: of what enlarges errors only the noise's going together counts
         let factor = correlated(&scene, star.peak_dn, star.x_px, star.y_px, search.scatter).sqrt();
         Detection { moments: moments.map(|m| m.with_errors_times(factor)), ..star }
     };
-    found.stars = stars.into_par_iter().map(with_moments).collect();
+    found.stars = chosen.into_par_iter().map(with_moments).collect();
     Ok((found, kept))
 }
 
-/// Fits again with the empirical image all stars that are not saturated; those that it cannot fit stay as they are.
-fn fit_empirical(
-    scene: &mut Scene<'_>,
-    candidates: &[Candidate],
-    gaussian: &[Option<Fit>],
-    neighbours: &[Vec<usize>],
-    gain_is_sought: bool,
-) -> Vec<Option<Fit>> {
-    let starts: Vec<Option<Candidate>> = candidates
-        .iter()
-        .zip(gaussian)
-        .map(|(c, fit)| fit.as_ref().filter(|_| c.full_radius_px == 0.0).map(|f| Candidate { start: f.model, ..*c }))
-        .collect();
-    let mut models: Vec<Model> = candidates.iter().zip(gaussian).map(|(c, fit)| model_or_dark(&c.start, fit.as_ref())).collect();
-    if gain_is_sought {
-        let sample = |(i, c): (usize, &Candidate)| Sample {
-            start: c.start,
-            snr: c.snr,
-            freedom: Freedom::Empirical,
-            neighbours: neighbours[i].iter().map(|&j| models[j]).collect(),
-        };
-        let samples: Vec<Sample> = starts.iter().enumerate().filter_map(|(i, c)| c.as_ref().map(|c| sample((i, c)))).collect();
-        scene.variance_per_dn = gain::variance_per_dn(scene, &samples);
-    }
-    let mut fits = gaussian.to_vec();
-    for round in 0..3 {
-        let again = |i: usize| -> Option<Fit> {
-            let Some(candidate) = starts[i].filter(|_| round == 0 || !neighbours[i].is_empty()) else {
-                return fits[i].clone();
-            };
-            let others: Vec<Model> = neighbours[i].iter().map(|&j| models[j]).collect();
-            let fit = scene.fit(candidate.start, Freedom::Empirical, &others);
-            fit.or_else(|| gaussian[i].clone())
-        };
-        fits = (0..fits.len()).into_par_iter().map(again).collect();
-        models = models.iter().zip(&fits).map(|(m, fit)| model_or_dark(m, fit.as_ref())).collect();
-    }
-    fits
-}
-
 /// Clean stars with their pixels, the brightest first.
-fn learnable(
-    scene: &Scene<'_>,
-    candidates: &[Candidate],
-    fits: &[Option<Fit>],
-    neighbours: &[Vec<usize>],
-    search: &Search,
-    most: usize,
-) -> Vec<PsfStar> {
+fn learnable(scene: &Scene<'_>, stars: &Stars, search: &Search, most: usize) -> Vec<PsfStar> {
     /// Fainter stars tell little.
     const LEAST_SNR: f64 = 12.0;
     let size_px = (scene.frame.width_px, scene.frame.height_px);
     let clean = |i: &usize| {
-        let (candidate, fit) = (&candidates[*i], fits[*i].as_ref());
+        let (candidate, fit) = (&stars.candidates[*i], stars.fits[*i].as_ref());
         candidate.full_radius_px == 0.0
-            && neighbours[*i].is_empty()
+            && !stars.is_blended(*i)
             && fit.is_some_and(|f| !f.edge && f.model.flux_dn > LEAST_SNR * f.flux_sigma_dn && is_star(candidate, f, search, size_px))
     };
     let keep = |i: usize| {
-        let fit = fits[i].as_ref()?;
+        let fit = stars.fits[i].as_ref()?;
         let mut profile = Profile::new();
         let mut stamp = scene.stamp(Model { shape: search.shape, ..fit.model }, &[], &mut profile);
         let freedom = if fit.model.shape.is_round() { Freedom::Width } else { Freedom::Ellipse };
@@ -214,7 +163,7 @@ fn learnable(
             size_px: [size_px.0 as f64, size_px.1 as f64],
         })
     };
-    let chosen: Vec<usize> = (0..candidates.len()).filter(clean).take(most).collect();
+    let chosen: Vec<usize> = (0..stars.candidates.len()).filter(clean).take(most).collect();
     chosen.into_par_iter().map(keep).collect::<Vec<_>>().into_iter().flatten().collect()
 }
 
@@ -265,49 +214,6 @@ fn residuals(frame: &Frame, background: &Background) -> (Vec<f32>, Vec<f32>) {
         }
     });
     (residual, normalised)
-}
-
-/// Whether a fit differs from the one before by more than a twentieth of its errors.
-fn has_moved(new: Option<&Fit>, old: Option<&Fit>) -> bool {
-    const LITTLE: f64 = 0.05;
-    let (Some(new), Some(old)) = (new, old) else { return new.is_some() != old.is_some() };
-    let sigma_px = new.covariance_px2[0].min(new.covariance_px2[2]).sqrt();
-    let distance_px = (new.model.x - old.model.x).hypot(new.model.y - old.model.y);
-    let width_px = (new.model.shape.sigma_px() - old.model.shape.sigma_px()).abs();
-    distance_px.max(width_px) > LITTLE * sigma_px || (new.model.flux_dn - old.model.flux_dn).abs() > LITTLE * new.flux_sigma_dn
-}
-
-/// Fits all stars, or, given earlier fits, again those that are marked.
-fn fit_all(
-    scene: &Scene<'_>,
-    candidates: &[Candidate],
-    models: &[Model],
-    neighbours: &[Vec<usize>],
-    freedom: &(impl Fn(&Candidate) -> Freedom + Sync),
-    earlier: Option<(&[Option<Fit>], &[bool])>,
-) -> Vec<Option<Fit>> {
-    candidates
-        .par_iter()
-        .enumerate()
-        .map(|(i, candidate)| {
-            if let Some((earlier, _)) = earlier.filter(|(_, again)| !again[i]) {
-                return earlier[i].clone();
-            }
-            let others: Vec<Model> = neighbours[i].iter().map(|&j| models[j]).collect();
-            let first = scene.fit(candidate.start, freedom(candidate), &others);
-            // a width that runs away takes the star with it: then the shape of the others must do
-            first.or_else(|| scene.fit(candidate.start, Freedom::Fixed, &others))
-        })
-        .collect()
-}
-
-/// Models as fitted; where the fit failed no light at all.
-fn fitted(guesses: &[Model], fits: &[Option<Fit>]) -> Vec<Model> {
-    guesses.iter().zip(fits).map(|(guess, fit)| model_or_dark(guess, fit.as_ref())).collect()
-}
-
-fn model_or_dark(guess: &Model, fit: Option<&Fit>) -> Model {
-    fit.map_or(Model { flux_dn: 0.0, ..*guess }, |f| f.model)
 }
 
 fn free_shape(options: &DetectOptions, search: &Search, candidate: &Candidate) -> Freedom {

@@ -6,14 +6,18 @@
 //! 4. `shape`, `search`: the frame's own stars tell width and elongation, and the filter is run again with it; `kind`: their χ² says whether they are
 //!    round, elliptic or trails (`trail`), and `field` how these change over the frame.
 //! 5. `fit`: maximum likelihood for position, flux, background and width; neighbours are taken off each other.
-//! 6. `moments`: second and third moments of every star's image.
-//! 7. `learn`, `empirical`: the image of a star from the recording's own stars, fitted in the Gaussian's place where held-out stars prefer it.
+//! 6. `pairs`: what was taken for one star and is two, by the stars near by (`others`) and the light beside it (`beside`); stars in each other's
+//!    light are fitted together (`duet`), all of a frame until they rest (`rounds`).
+//! 7. `moments`: second and third moments of every star's image.
+//! 8. `learn`, `empirical`: the image of a star from the recording's own stars, fitted in the Gaussian's place where held-out stars prefer it.
 //!
 //! `windowed` is the quick way: a gate and moments.
 
 mod background;
+mod beside;
 mod candidates;
 mod defects;
+mod duet;
 mod empirical;
 mod field;
 mod filter;
@@ -24,7 +28,10 @@ mod known;
 mod learn;
 mod measure;
 mod moments;
+mod others;
+mod pairs;
 mod psf;
+mod rounds;
 mod search;
 mod shape;
 mod surround;
@@ -123,7 +130,8 @@ pub enum DetectError {
 pub struct Flags {
     /// At least one pixel of the stamp is at or above saturation.
     pub saturated: bool,
-    /// Another detection's light reaches into the stamp.
+    /// Another star's light is in the stamp: another detection's, or that of one too near to be told apart, of which only the image's shape
+    /// speaks. Place, flux and width are then of both, and the covariance has in it how far the place may lie from either.
     pub blended: bool,
     /// The stamp is cut by the edge of the frame.
     pub edge: bool,
@@ -159,6 +167,11 @@ pub struct Detection {
 }
 
 impl Detection {
+    /// The same where its image is so much wider than a star's: what another star in it may have moved its place by.
+    fn wider_by(self, px2: [f64; 3]) -> Self {
+        Self { covariance_px2: std::array::from_fn(|k| self.covariance_px2[k] + px2[k]), ..self }
+    }
+
     /// Flux over its standard error.
     #[must_use]
     pub fn snr(&self) -> f64 {

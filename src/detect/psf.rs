@@ -51,6 +51,11 @@ impl Shape {
         if self.trail { Trail::of(self).reach_px(sigmas) } else { sigmas * self.axes_px().0 }
     }
 
+    /// The same shape, so many times as wide.
+    pub(super) fn scaled(self, by: f64) -> Self {
+        Self { xx: by * by * self.xx, xy: by * by * self.xy, yy: by * by * self.yy, ..self }
+    }
+
     /// A distance in units of σ in its direction.
     pub(super) fn radius_in_sigma(self, dx: f64, dy: f64) -> f64 {
         let [a, b, c] = self.inverse();

@@ -29,7 +29,7 @@ const MOST_PEAKS: usize = 20_000;
 pub(super) struct Search {
     pub(super) shape: Shape,
     /// Trails that the frame's stars tell together.
-    field: Option<Field>,
+    pub(super) field: Option<Field>,
     /// Whether the frame's stars, or the caller, told the shape.
     pub(super) shape_known: bool,
     /// Scatter of the filtered noise over that of white noise; 1 unless clearly more.

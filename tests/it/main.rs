@@ -24,6 +24,7 @@ mod moments;
 mod motion;
 mod noise;
 mod orbit;
+mod pairs;
 mod recording;
 mod rendered_columns;
 mod scene;
