@@ -6,7 +6,8 @@
 
 use rayon::prelude::*;
 
-use super::empirical::{EmpiricalPsf, FIELD_TERMS, Grid, Lines, PsfReport, field_terms};
+use super::correction::{Turn, Unknowns};
+use super::empirical::{EmpiricalPsf, FIELD_TERMS, Grid, PsfReport, field_terms};
 use super::fit::{Freedom, Model, Photons, Stamp, inverse, radius_px};
 use super::psf::{Profile, Shape};
 use crate::statistics::median;
@@ -39,16 +40,10 @@ const WORTH_A_TURN: f64 = 0.003;
 /// A step for the image is linear in the positions, and from Gaussians it goes too far: of one that makes χ² larger a part is tried, down to this.
 const PART: f64 = 0.4;
 const LEAST_SHARE: f64 = 0.02;
-/// Steps of the linear solution.
-const MOST_STEPS: usize = 300;
 /// A more complex image must fit held-out stars better by so many σ of what chance makes.
 const CLEARLY_SIGMA: f64 = 3.0;
 /// An image that leaves held-out stars more than this per degree of freedom has not been found: places would be worse with it, not better.
 const MOST_CHI2: f64 = 1.5;
-/// What the correction may be, one σ: share of the image where it is, and of its top anywhere.
-const PRIOR: (f64, f64) = (0.3, 0.01);
-/// Correction that changes over the frame, over that which does not.
-const PRIOR_OF_FIELD: f64 = 0.5;
 
 /// The image that held-out stars prefer to Gaussians, if there is one, and what they said.
 #[must_use]
@@ -131,47 +126,6 @@ fn judge(stars: &[&PsfStar], psf: &EmpiricalPsf) -> Vec<(f64, f64)> {
         (star.photons.normal(&star.stamp, &profile, model.flux_dn, offset, count).chi2, used.saturating_sub(count).max(1) as f64)
     };
     stars.par_iter().map(of).collect()
-}
-
-/// One star under the present image: what the step for the image reads.
-struct Turn<'a> {
-    model: Model,
-    chi2: f64,
-    lines: [Lines; 2],
-    terms: [f64; 6],
-    weights: Vec<f64>,
-    /// Counts less the Gaussian and the background.
-    rest: Vec<f64>,
-    /// Derivatives of the counts by flux, background, x and y.
-    rows: Vec<[f64; 4]>,
-    /// Inverse of the normal matrix of those four.
-    covariance: [[f64; 7]; 7],
-    stamp: &'a Stamp,
-}
-
-impl Turn<'_> {
-    /// Weights the vector and takes out what flux, background and position would take up.
-    fn weigh(&self, vector: &mut [f64]) {
-        let mut sums = [0.0; 4];
-        for ((v, w), row) in vector.iter_mut().zip(&self.weights).zip(&self.rows) {
-            *v *= w;
-            for (sum, r) in sums.iter_mut().zip(row) {
-                *sum += *v * r;
-            }
-        }
-        let steps: [f64; 4] = std::array::from_fn(|a| (0..4).map(|b| self.covariance[a][b] * sums[b]).sum());
-        for ((v, w), row) in vector.iter_mut().zip(&self.weights).zip(&self.rows) {
-            *v -= w * row.iter().zip(steps).map(|(r, s)| r * s).sum::<f64>();
-        }
-    }
-}
-
-/// The correction as unknowns: what is linear in it.
-struct Unknowns {
-    grid: Grid,
-    terms: usize,
-    /// Inverse of the prior's variance for each knot.
-    prior: Vec<f64>,
 }
 
 /// The image of these stars, from `start` on if there is one.
@@ -268,115 +222,4 @@ fn turn<'a>(star: &'a PsfStar, model: Model, psf: &EmpiricalPsf) -> Option<Turn<
     let terms = field_terms(psf.size_px, [model.x, model.y]);
     let lines = psf.grid.lines(star.stamp.window, [model.x, model.y]);
     Some(Turn { model, chi2: normal.chi2, lines, terms, weights, rest, rows, covariance, stamp: &star.stamp })
-}
-
-impl Unknowns {
-    fn new(grid: Grid, base: Shape, terms: usize) -> Self {
-        let sigma2 = base.axes_px().0.powi(2);
-        let top = grid.step_px.powi(2) / (2.0 * std::f64::consts::PI * base.determinant().sqrt());
-        let allowed = |knot: usize| {
-            let [x, y] = grid.place_px(knot);
-            // the wings of real images reach further than a Gaussian's
-            top * (PRIOR.0 * (-0.5 * (x * x + y * y) / (2.25 * sigma2)).exp() + PRIOR.1)
-        };
-        let of_term = |term: usize| if term == 0 { 1.0 } else { PRIOR_OF_FIELD };
-        let prior = (0..terms * grid.knots()).map(|i| (of_term(i / grid.knots()) * allowed(i % grid.knots())).powi(-2)).collect();
-        Self { grid, terms, prior }
-    }
-
-    /// The stars' part of the normal matrix times a vector (or, of their rests, the right side), summed in a fixed order.
-    fn over_stars(&self, turns: &[Turn<'_>], knots: Option<&[f64]>) -> Vec<f64> {
-        const STARS_A_TASK: usize = 16;
-        let n = self.grid.knots();
-        let task = |chunk: &[Turn<'_>]| {
-            let mut sum = vec![0.0; n * self.terms];
-            let (mut local, mut back) = (vec![0.0; n], vec![0.0; n]);
-            for turn in chunk {
-                let mut vector = vec![0.0; turn.stamp.data.len()];
-                match knots {
-                    None => vector.copy_from_slice(&turn.rest),
-                    Some(knots) => {
-                        local.fill(0.0);
-                        for (term, grid) in turn.terms.iter().zip(knots.chunks_exact(n)) {
-                            for (l, g) in local.iter_mut().zip(grid) {
-                                *l += term * g;
-                            }
-                        }
-                        self.grid.forward(&local, &turn.lines, turn.model.flux_dn, &mut vector);
-                    }
-                }
-                turn.weigh(&mut vector);
-                self.grid.back(&vector, &turn.lines, turn.model.flux_dn, &mut back);
-                for (term, grid) in turn.terms.iter().zip(sum.chunks_exact_mut(n)) {
-                    for (g, b) in grid.iter_mut().zip(&back) {
-                        *g += term * b;
-                    }
-                }
-            }
-            sum
-        };
-        let parts: Vec<Vec<f64>> = turns.par_chunks(STARS_A_TASK).map(task).collect();
-        let mut total = vec![0.0; n * self.terms];
-        for part in parts {
-            for (t, p) in total.iter_mut().zip(part) {
-                *t += p;
-            }
-        }
-        total
-    }
-
-    /// Diagonal of the normal matrix, about: what scales the unknowns.
-    fn diagonal(&self, turns: &[Turn<'_>]) -> Vec<f64> {
-        let n = self.grid.knots();
-        let mut diagonal = self.prior.clone();
-        let mut back = vec![0.0; n];
-        for turn in turns {
-            self.grid.back(&turn.weights, &[turn.lines[0].squared(), turn.lines[1].squared()], turn.model.flux_dn.powi(2), &mut back);
-            for (term, grid) in turn.terms.iter().zip(diagonal.chunks_exact_mut(n)) {
-                for (d, b) in grid.iter_mut().zip(&back) {
-                    *d += term * term * b;
-                }
-            }
-        }
-        diagonal
-    }
-
-    /// Conjugate gradients (Hestenes & Stiefel 1952), from the present knots on.
-    fn solve(&self, turns: &[Turn<'_>], knots: &mut [f64]) {
-        let apply = |vector: &[f64]| {
-            let mut out = self.over_stars(turns, Some(vector));
-            for ((o, v), p) in out.iter_mut().zip(vector).zip(&self.prior) {
-                *o += p * v;
-            }
-            out
-        };
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let diagonal = self.diagonal(turns);
-        let scaled = |r: &[f64]| r.iter().zip(&diagonal).map(|(r, d)| r / d).collect::<Vec<f64>>();
-        let mut residual = self.over_stars(turns, None);
-        let aim = dot(&residual, &scaled(&residual));
-        for (r, a) in residual.iter_mut().zip(apply(knots)) {
-            *r -= a;
-        }
-        let mut z = scaled(&residual);
-        let mut direction = z.clone();
-        let mut square = dot(&residual, &z);
-        for _ in 0..MOST_STEPS {
-            if square <= 1e-9 * aim {
-                break;
-            }
-            let image = apply(&direction);
-            let length = square / dot(&direction, &image);
-            for ((k, r), (d, i)) in knots.iter_mut().zip(&mut residual).zip(direction.iter().zip(&image)) {
-                *k += length * d;
-                *r -= length * i;
-            }
-            z = scaled(&residual);
-            let next = dot(&residual, &z);
-            for (d, z) in direction.iter_mut().zip(&z) {
-                *d = z + next / square * *d;
-            }
-            square = next;
-        }
-    }
 }

@@ -16,6 +16,7 @@
 mod background;
 mod beside;
 mod candidates;
+mod correction;
 mod defects;
 mod duet;
 mod empirical;
