@@ -9,6 +9,10 @@
 mod drawn;
 #[path = "detect/figure.rs"]
 mod figure;
+#[path = "detect/learnt.rs"]
+mod learnt;
+#[path = "detect/optics.rs"]
+mod optics;
 #[path = "detect/rendered.rs"]
 mod rendered;
 #[path = "detect/study.rs"]
@@ -32,11 +36,13 @@ fn main() {
     let frames = arguments.get(at + 1).and_then(|n| n.parse().ok()).unwrap_or(17);
     let after = |name: &str| arguments.iter().position(|a| a == name).and_then(|at| arguments.get(at + 1));
     let (mut page, curve) = study::page(frames);
-    rendered::tables(frames.div_ceil(2), &mut |text| {
+    let mut line = |text: &str| {
         println!("{text}");
         page.push_str(text);
         page.push('\n');
-    });
+    };
+    optics::table(frames.div_ceil(4), &mut line);
+    rendered::tables(frames.div_ceil(2), &mut line);
     page.push_str(&times());
     if let Some(file) = after("--page") {
         std::fs::write(file, page).unwrap();

@@ -36,6 +36,19 @@ impl Image {
         Self(parts)
     }
 
+    /// The same with all distances from its core so many times as far; about its common centre again.
+    pub(crate) fn with_flare(mut self, times: f64) -> Self {
+        let core = self.0[0].at_px;
+        for part in &mut self.0 {
+            part.at_px = std::array::from_fn(|k| times * (part.at_px[k] - core[k]));
+        }
+        let centre: [f64; 2] = std::array::from_fn(|k| self.0.iter().map(|p| p.share * p.at_px[k]).sum());
+        for part in &mut self.0 {
+            part.at_px = [part.at_px[0] - centre[0], part.at_px[1] - centre[1]];
+        }
+        self
+    }
+
     /// Half the side of a window that holds all its light.
     pub(crate) fn reach_px(&self) -> usize {
         let far = |p: &Part| p.at_px[0].abs().max(p.at_px[1].abs()) + 6.0 * p.sigma_px;

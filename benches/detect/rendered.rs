@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use super::drawn::{Detector, Image, electrons_for};
 
-const SIDE_PX: usize = 1024;
+pub(crate) const SIDE_PX: usize = 1024;
 const FOCAL_PX: f64 = 4000.0;
 /// Distance of the stars' cells, and how far stars lie from the middles of these, at most.
 const PITCH_PX: usize = 64;
@@ -35,18 +35,25 @@ const BORESIGHT_RAD: [f64; 2] = [1.4, 0.1];
 type Group = Vec<([f64; 2], f64)>;
 
 /// Frames of groups that stand alone, of stars smeared by so many pixels across and down.
-struct Night {
+pub(crate) struct Night {
     groups: Vec<Group>,
+    /// The image of a star as scenes describe it, if it is no round Gaussian.
+    psf: &'static str,
     trail_px: [f64; 2],
     frames: usize,
     seed: u64,
 }
 
 impl Night {
-    fn new(trail_px: [f64; 2], frames: usize, seed: u64, mut group: impl FnMut(&mut Pcg64) -> Group) -> Self {
+    pub(crate) fn new(trail_px: [f64; 2], frames: usize, seed: u64, mut group: impl FnMut(&mut Pcg64) -> Group) -> Self {
         let mut rng = Pcg64::seed_from_u64(seed);
         let groups = (0..(SIDE_PX / PITCH_PX).pow(2)).map(|_| group(&mut rng)).collect();
-        Self { groups, trail_px, frames, seed }
+        Self { groups, psf: "", trail_px, frames, seed }
+    }
+
+    /// The same with another image.
+    pub(crate) fn with_image(self, psf: &'static str) -> Self {
+        Self { psf, ..self }
     }
 
     /// Stars where the first frame shows them, group after group.
@@ -86,6 +93,7 @@ impl Night {
              full_well_e = 1.0e9\n[sky]\nbackground_e_per_px_s = {SKY_E:.1}\nfaintest_magnitude = 20.0\nphysics = \"none\"\n",
             self.seed
         );
+        text.push_str(self.psf);
         for _ in 0..self.frames {
             let mut aside = |at: f64| (at + rng.random_range(-DITHER_PX..DITHER_PX) / FOCAL_PX).to_degrees();
             let [ra, dec] = BORESIGHT_RAD.map(&mut aside);
@@ -99,20 +107,25 @@ impl Night {
 
     /// Detections of all frames, each with the truth of its stars.
     fn measured(&self, options: &DetectOptions) -> Vec<(Detections, Vec<TrueStar>)> {
+        self.frames(|frame, stars| (detect(frame, options).expect("a frame that can be measured"), stars))
+    }
+
+    /// What `look` makes of each frame and its truth.
+    pub(crate) fn frames<T: Send>(&self, look: impl Fn(&Frame, Vec<TrueStar>) -> T + Sync) -> Vec<T> {
         let (scene, catalog) = (self.scene(), self.catalog());
         let renderer = Renderer::new(&scene, &catalog, Backend::Cpu).expect("a scene that can be rendered");
         let one = |index: usize| {
             let rendered = renderer.render(index).expect("a frame that can be rendered");
             let pixels_dn = rendered.pixels_dn.iter().map(|v| f32::from(*v)).collect();
             let frame = Frame { width_px: SIDE_PX, height_px: SIDE_PX, pixels_dn, saturation_dn: TOP_DN as f32 };
-            (detect(&frame, options).expect("a frame that can be measured"), rendered.stars)
+            look(&frame, rendered.stars)
         };
         (0..self.frames).into_par_iter().map(one).collect()
     }
 }
 
 /// Electrons of a round star with this signal-to-noise ratio.
-fn electrons(snr: f64) -> f64 {
+pub(crate) fn electrons(snr: f64) -> f64 {
     let image = Image::gaussian(SIGMA_PX);
     electrons_for(snr, &image, SKY_E, &Detector { gain_e_per_dn: GAIN_E_PER_DN, read_noise_e: READ_NOISE_E, bias_dn: 100.0, top_dn: 1e9 })
 }
@@ -209,7 +222,7 @@ impl Tally {
     }
 }
 
-fn options() -> DetectOptions {
+pub(crate) fn options() -> DetectOptions {
     DetectOptions { gain_e_per_dn: Some(GAIN_E_PER_DN), read_noise_e: Some(READ_NOISE_E), ..DetectOptions::default() }
 }
 

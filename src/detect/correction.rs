@@ -23,7 +23,7 @@ pub(super) struct Turn<'a> {
     pub(super) model: Model,
     pub(super) chi2: f64,
     pub(super) lines: [Lines; 2],
-    pub(super) terms: [f64; 6],
+    pub(super) terms: [f64; 10],
     pub(super) weights: Vec<f64>,
     /// Counts less the Gaussian and the background.
     pub(super) rest: Vec<f64>,
@@ -74,7 +74,7 @@ impl Unknowns {
         let prior = (0..terms * grid.knots()).map(|i| (of_term(i / grid.knots()) * allowed(i % grid.knots())).powi(-2)).collect();
         // first moments of a knot's narrow Gaussian under a Gaussian weight as wide as the image
         let spread = grid.narrow_px.powi(2);
-        let window = Shape { xx: base.xx + spread, xy: base.xy, yy: base.yy + spread };
+        let window = Shape::ellipse(base.xx + spread, base.xy, base.yy + spread);
         let moment = |axis: usize| {
             let of = |knot: usize| {
                 let at = grid.place_px(knot);
@@ -89,7 +89,6 @@ impl Unknowns {
     fn holds(&self, diagonal: &[f64]) -> Vec<Matrix3<f64>> {
         let of_term = |scale: &[f64]| {
             let between = |a: usize, b: usize| self.held[a].iter().zip(&self.held[b]).zip(scale).map(|((a, b), d)| a * b / d).sum::<f64>();
-
             Matrix3::from_fn(between).try_inverse().unwrap_or_else(Matrix3::zeros)
         };
         diagonal.chunks_exact(self.grid.knots()).map(of_term).collect()

@@ -10,15 +10,13 @@ use serde::Serialize;
 
 use super::psf::{PROFILE_PARAMETERS, Shape, Window, axis_shares};
 
-/// Terms of the field polynomial of each order: 1; x, y; x², xy, y².
-pub(super) const FIELD_TERMS: [usize; 3] = [1, 3, 6];
+/// Terms of the field polynomial of each order: 1; x, y; x², xy, y²; x³, x²y, xy², y³.
+pub(super) const FIELD_TERMS: [usize; 4] = [1, 3, 6, 10];
 /// Width of the narrow Gaussians over that of the image.
 const NARROW: f64 = 0.7;
 /// Their distance over their width: at 1 a narrow Gaussian between two knots is missed by 0.7 % of its light in the finest detail (e^(−π²/2)),
 /// which bright stars see; at 0.7 by 4e-5.
 const SPACING: f64 = 0.7;
-/// How far the grid reaches, in widths of the image with its pixel.
-const REACH: f64 = 4.0;
 
 /// A grid of narrow Gaussians, its middle at the star's centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,7 +62,8 @@ impl Grid {
     pub(super) fn for_image(sigma_px: f64, radius: usize) -> Self {
         let narrow_px = NARROW * sigma_px;
         let step_px = SPACING * narrow_px;
-        let half_px = (REACH * (sigma_px * sigma_px + 1.0 / 12.0).sqrt()).min(radius as f64 + 0.5);
+        // all of the window: light of wings and rings beside a smaller grid is many times the noise of bright stars
+        let half_px = radius as f64 + 0.5;
         Self { step_px, narrow_px, side: 2 * (half_px / step_px).round() as usize + 1 }
     }
 
@@ -168,10 +167,10 @@ pub struct EmpiricalPsf {
 }
 
 /// The terms of the field polynomial at a place: coordinates from −1 to 1 over the longer side.
-pub(super) fn field_terms(size_px: [f64; 2], at_px: [f64; 2]) -> [f64; 6] {
+pub(super) fn field_terms(size_px: [f64; 2], at_px: [f64; 2]) -> [f64; 10] {
     let half = 0.5 * size_px[0].max(size_px[1]);
     let [x, y]: [f64; 2] = std::array::from_fn(|k| (at_px[k] - 0.5 * (size_px[k] - 1.0)) / half);
-    [1.0, x, y, x * x, x * y, y * y]
+    [1.0, x, y, x * x, x * y, y * y, x * x * x, x * x * y, x * y * y, y * y * y]
 }
 
 impl EmpiricalPsf {

@@ -19,7 +19,8 @@ const MOST_STARS: usize = 100;
 const OUTLIER_SIGMA: f64 = 7.0;
 
 /// What one star tells.
-struct Told {
+#[derive(Default)]
+pub(super) struct Told {
     /// Σ r² m less what noise without photons leaves, and the same per unit of the sought value.
     excess: f64,
     per_unit: f64,
@@ -28,6 +29,19 @@ struct Told {
 }
 
 impl Told {
+    /// A pixel of so much light: what is left of it, and the variance expected of that without photons, and with them per unit of the sought value.
+    pub(super) fn add(&mut self, light: f64, rest: f64, quiet: f64, lit: f64) {
+        self.excess += light * (rest * rest - quiet);
+        self.per_unit += light * lit;
+        for (term, add) in self.variance.iter_mut().zip([quiet * quiet, 2.0 * quiet * lit, lit * lit]) {
+            *term += light * light * add;
+        }
+    }
+
+    pub(super) fn is_telling(&self) -> bool {
+        self.per_unit > 0.0
+    }
+
     fn value(&self) -> f64 {
         self.excess / self.per_unit
     }
@@ -73,7 +87,7 @@ pub(super) fn variance_per_dn(scene: &Scene<'_>, samples: &[Sample]) -> f64 {
 }
 
 /// The value that all stars tell together, near `start`.
-fn pooled(told: &[Told], start: f64) -> f64 {
+pub(super) fn pooled(told: &[Told], start: f64) -> f64 {
     let mut value = start;
     // weights need the value: a few rounds, leaving out stars (doubles, galaxies) whose residuals are beyond chance
     for round in 0..6 {
@@ -105,7 +119,7 @@ impl Scene<'_> {
         let covariance = inverse(&normal.matrix, count)?;
         let signal: Vec<f64> = profile.value.iter().map(|p| p * fit.model.flux_dn).collect();
         let least = 0.01 * signal.iter().copied().fold(0.0, f64::max);
-        let mut told = Told { excess: 0.0, per_unit: 0.0, variance: [0.0; 3] };
+        let mut told = Told::default();
         for i in (0..stamp.data.len()).filter(|&i| stamp.used[i] && signal[i] > least) {
             let lever: [f64; 7] =
                 std::array::from_fn(|a| if a < count { (0..count).map(|b| covariance[a][b] * rows[i][b]).sum() } else { 0.0 });
@@ -118,13 +132,8 @@ impl Scene<'_> {
                 lit += left * signal[j];
             }
             let residual = stamp.data[i] - signal[i] - fit.offset_dn;
-            let m = signal[i];
-            told.excess += m * (residual * residual - quiet);
-            told.per_unit += m * lit;
-            for (term, add) in told.variance.iter_mut().zip([m * m * quiet * quiet, 2.0 * m * m * quiet * lit, m * m * lit * lit]) {
-                *term += add;
-            }
+            told.add(signal[i], residual, quiet, lit);
         }
-        (told.per_unit > 0.0).then_some(told)
+        told.is_telling().then_some(told)
     }
 }

@@ -27,7 +27,7 @@ pub struct PsfStar {
 /// Fewer stars tell no image.
 const FEWEST_STARS: usize = 25;
 /// Pixels that are used for it, about: more make it no better and take time.
-const MOST_PIXELS: usize = 60_000;
+const MOST_PIXELS: usize = 200_000;
 /// Stars for each term of the field polynomial, at least.
 const STARS_PER_TERM: usize = 40;
 /// One in so many is held out.

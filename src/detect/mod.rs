@@ -9,9 +9,10 @@
 //! 6. `pairs`: what was taken for one star and is two, by the stars near by (`others`) and the light beside it (`beside`); stars in each other's
 //!    light are fitted together (`duet`), all of a frame until they rest (`rounds`).
 //! 7. `moments`: second and third moments of every star's image.
-//! 8. `learn`, `empirical`: the image of a star from the recording's own stars, fitted in the Gaussian's place where held-out stars prefer it.
+//! 8. `learn`, `correction`, `empirical`: the image of a star from the recording's own stars, fitted in the Gaussian's place where held-out stars
+//!    prefer it.
 //!
-//! `windowed` is the quick way: a gate and moments.
+//! `windowed` is the quick way: a gate and moments; `window_gain` learns its photon noise.
 
 mod background;
 mod beside;
@@ -39,6 +40,7 @@ mod surround;
 mod tail;
 mod trail;
 mod window;
+mod window_gain;
 mod windowed;
 
 pub use empirical::{EmpiricalPsf, PsfReport};

@@ -12,6 +12,7 @@ use super::measure::check;
 use super::moments::PIXEL_VARIANCE;
 use super::psf::Shape;
 use super::window::{Bell, Bells, Noise, Scratch, weighted};
+use super::window_gain::{self, Seen, Way};
 use super::{DetectError, DetectOptions, Detection, Detections, Flags};
 use crate::frame::Frame;
 use crate::statistics::{clipped, median_in_place};
@@ -54,8 +55,11 @@ pub fn detect_windowed(frame: &Frame, options: &DetectOptions, bad: Option<&[boo
     let normal = Kernel::new(Shape::round(1.0)).threshold(frame.pixels_dn.len(), options.false_alarms_per_frame);
     let places = gate(frame, &mesh, normal as f32);
     let sigma_px = options.psf_sigma_px.unwrap_or_else(|| typical_sigma_px(frame, &mesh, &places));
-    let window = Window::new(frame, &mesh, options, sigma_px);
+    let mut window = Window::new(frame, &mesh, options, sigma_px);
     let mut scratch = Scratch::new();
+    if options.gain_e_per_dn.is_none() {
+        window.variance_per_dn = window.told_variance_per_dn(&places, normal, &mut scratch);
+    }
     let mut stars: Vec<Detection> = places.iter().filter_map(|place| window.measure(*place, normal, &mut scratch)).collect();
     flag_neighbours(&mut stars, 2.0 * window.radius as f64);
     stars.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
@@ -330,10 +334,12 @@ fn typical_sigma_px(frame: &Frame, mesh: &Mesh, places: &[[usize; 2]]) -> f64 {
         let (mut centre, mut sigma2) = ([p[0] as f64, p[1] as f64], FIRST_SIGMA_PX * FIRST_SIGMA_PX);
         let level = mesh.level_dn(centre[0], centre[1]);
         for _ in 0..MOST_STEPS {
-            let radius = (3.0 * sigma2.sqrt()).ceil() as usize;
-            let sums = weighted(frame, level, centre, &Bell::new(sigma2, radius), &mut scratch)?;
-            centre = std::array::from_fn(|k| centre[k] + (2.0 * sums.shift[k] / sums.light).clamp(-1.0, 1.0));
-            let inverse = sums.light / sums.square - 1.0 / sigma2;
+            let weight2 = sigma2.max(LEAST_WEIGHT_PX * LEAST_WEIGHT_PX);
+            let radius = (3.0 * weight2.sqrt()).ceil() as usize;
+            let sums = weighted(frame, level, centre, &Bell::new(weight2, radius), &mut scratch)?;
+            let gain = 1.0 + sigma2 / weight2;
+            centre = std::array::from_fn(|k| centre[k] + (gain * sums.shift[k] / sums.light).clamp(-1.0, 1.0));
+            let inverse = sums.light / sums.square - 1.0 / weight2;
             let next = if inverse > 0.0 { (1.0 / inverse).min(2.0 * sigma2) } else { 2.0 * sigma2 };
             if !(0.1..=40.0).contains(&next) {
                 return None;
@@ -381,6 +387,22 @@ impl<'a> Window<'a> {
             gain: 1.0 + sigma2 / weight2,
             radius,
         }
+    }
+
+    /// The variance per count that the frame's own stars tell.
+    fn told_variance_per_dn(&self, places: &[[usize; 2]], normal: f64, scratch: &mut Scratch) -> f64 {
+        /// So many are looked at, spread over the frame.
+        const MOST_PLACES: usize = 80;
+        let seen = |place: &[usize; 2]| {
+            let star = self.measure(*place, normal, scratch).filter(|star| !star.flags.saturated)?;
+            let noise_dn = self.mesh.noise_dn(star.x_px, star.y_px).max(self.floor_dn);
+            let snr = star.flux_dn / star.flux_sigma_dn;
+            Some(Seen { centre: [star.x_px, star.y_px], level_dn: star.background_dn, noise_dn, snr })
+        };
+        let step = places.len().div_ceil(MOST_PLACES).max(1);
+        let seen: Vec<Seen> = places.iter().step_by(step).filter_map(seen).collect();
+        let way = Way { sigma_px: self.sigma_px, weight2: self.weight2, radius: self.radius, gain: self.gain };
+        window_gain::variance_per_dn(self.frame, seen, way)
     }
 
     fn measure(&self, [px, py]: [usize; 2], normal: f64, scratch: &mut Scratch) -> Option<Detection> {
