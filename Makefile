@@ -8,7 +8,7 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test check format lint doc deny bench bench-render bench-identify bench-centroid pictures study blind peers catalog runtime
+.PHONY: help demo test check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind peers catalog runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
@@ -18,6 +18,7 @@ help:
 	@echo "make bench-render  what a frame costs, beside numpy, photutils and GalSim (takes PyPI): docs/studies/render.txt"
 	@echo "make bench-identify  identification under stress, beside tetra3rs (takes PyPI and an hour): docs/studies/identify.txt and identify-odds.txt"
 	@echo "make bench-centroid  errors of star places over the Cramér–Rao bound, and what they cost: docs/studies/centroid.txt"
+	@echo "make bench-cedar CEDAR=DIR  stars of 8-bit frames beside cedar-detect, of which DIR is a checkout: docs/studies/cedar.txt"
 	@echo "make pictures what every effect does to a frame, off, on and the difference: outputs/effects/index.html"
 	@echo "make study    calibrators on wrong identifications and on clean data, against rivals and bounds: outputs/; STUDY=--quick for a minute"
 	@echo "make blind    conceals effects in star lists and in frames of pixels, diagnoses them and scores: outputs/blind, docs/studies/blind.md; hours"
@@ -71,6 +72,9 @@ bench-identify:
 CENTROID ?= 68
 bench-centroid:
 	$(CARGO) bench --locked --bench detect -- --study $(CENTROID) --page docs/studies/centroid.txt --figure docs/pictures/centroid.png
+
+bench-cedar:
+	benches/peers/cedar/run.sh "$(CEDAR)" docs/studies/cedar.txt
 
 pictures:
 	$(CARGO) run --locked --release -- effects --pictures outputs/effects

@@ -85,6 +85,11 @@ pub(super) fn widen(found: &Pose, from_px: f64, points: &Points, index: &Index, 
     poses.iter().zip(misfits).fold(none, plainer)
 }
 
+/// How many points around the middle of the frame, where it was found, belong to stars as a pose has them.
+pub(super) fn matched(found: &Pose, reach_px: f64, points: &Points, index: &Index, vectors: &[Vector3<f64>]) -> usize {
+    pairs(found, &within(points, reach_px), index, vectors).len()
+}
+
 /// The stars laid over the points, as many as there are points, and those that belong together.
 fn pairs(pose: &Pose, points: &Points, index: &Index, vectors: &[Vector3<f64>]) -> Vec<refine::Pair> {
     let count = points.centred_px.len();

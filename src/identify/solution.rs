@@ -28,6 +28,9 @@ const CROWDED_MAG: f64 = 2.0;
 /// More pixels than these a side are a mistake.
 const MOST_SIDE_PX: usize = 1_000_000;
 
+/// Of the stars around the middle of a fisheye's frame one in so many has to be named in the end.
+const LEAST_KEPT: usize = 2;
+
 /// The fewest matches of which an attitude is told.
 const FEWEST_MATCHES: usize = 4;
 
@@ -169,6 +172,19 @@ pub(super) fn solve(
             ),
             hypotheses: found.hypotheses,
         };
+    }
+    // A lens that follows no law may be lost on the way outwards: then few stars still lie on their places, and the attitude is degrees off.
+    if pose.projection != Projection::Pinhole {
+        let around_middle = fisheye::matched(&found.pose, found.reach_px, points, index, apparent);
+        if LEAST_KEPT * matches.len() < around_middle {
+            return Identification::NotIdentified {
+                reason: format!(
+                    "{around_middle} stars around the middle of the frame fit a fisheye, but only {} of the whole frame do: its lens could not be followed outwards.",
+                    matches.len()
+                ),
+                hypotheses: found.hypotheses,
+            };
+        }
     }
     Identification::Identified(Solution {
         attitude: attitude_of(&pose),
