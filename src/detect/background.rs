@@ -4,10 +4,9 @@
 //! formula, since the median of coarsely quantised counts cannot resolve a step.
 
 use rayon::prelude::*;
-
-use crate::frame::Frame;
 use statrs::distribution::{ContinuousCDF, Normal};
 
+use crate::frame::Frame;
 use crate::statistics::{Clipped, clipped, median_in_place};
 
 /// Side of a mesh cell, px: above ten times any usual star's width, fine enough for glow at the edge of a detector.

@@ -20,6 +20,7 @@ use crate::frame::Frame;
 const LEAST_SIDE_PX: usize = 9;
 /// Stars from this signal-to-noise ratio on have their own width fitted.
 pub(super) const SNR_FOR_WIDTH: f64 = 30.0;
+
 /// What is known besides the frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Aids<'a> {
