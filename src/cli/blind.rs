@@ -11,6 +11,7 @@ use boresight::recording::write_file;
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
+use super::options::heading;
 use super::{Answer, output};
 
 /// Arguments of `blind`.
@@ -31,6 +32,7 @@ enum Step {
 }
 
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::OUTPUT)]
 struct Which {
     /// The family: null, hard-null, ladder, natural, confuser, two, absorbed, off-library; of frames of pixels: pixel-null, pixel-ladder,
     /// pixel-absorbed, pixel-off-library
@@ -72,6 +74,7 @@ struct RunArgs {
 }
 
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::OUTPUT)]
 struct ScoreArgs {
     /// The benchmark's folder
     #[arg(short, long, value_name = "DIR", value_parser = super::options::folder)]

@@ -18,7 +18,7 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::identify::SearchArgs;
-use super::options::{InputArgs, MeasureArgs, OutputArgs, SkyArgs};
+use super::options::{InputArgs, MeasureArgs, OutputArgs, SkyArgs, heading};
 use super::pipeline::{IdentifiedFrame, Measured};
 use super::update::{self, NewFrames, UpdateArgs};
 use super::{Answer, calibrate_text, output, pictures, pipeline};
@@ -35,13 +35,13 @@ pub(crate) struct CalibrateArgs {
     #[command(flatten)]
     search: SearchArgs,
     /// How to solve [default: bundle]
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, help_heading = heading::SOLVER)]
     method: Option<MethodChoice>,
     /// Take the identifications of a star list (`hip`, or `ra_deg` and `dec_deg`) as they are, instead of making our own
-    #[arg(long)]
+    #[arg(long, help_heading = heading::SEARCH)]
     trust_identifications: bool,
     /// Keep the identifications as they are, instead of making them anew with the improved camera until nothing changes
-    #[arg(long)]
+    #[arg(long, help_heading = heading::SEARCH)]
     no_reidentify: bool,
     #[command(flatten)]
     solve: SolveArgs,
@@ -53,6 +53,7 @@ pub(crate) struct CalibrateArgs {
 
 /// How the camera is solved, and from which control points.
 #[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = heading::SOLVER)]
 pub(crate) struct SolveArgs {
     /// Read the solver's options from this TOML file (keys as under "options" in a calibrate.json); what is given here goes before them
     #[arg(long, value_name = "FILE")]
@@ -62,14 +63,14 @@ pub(crate) struct SolveArgs {
     pub(crate) threshold: Option<f64>,
     /// The parameters to solve, others keep their ground values: x0,y0,f,k1,p1,p2 (the default), k2, k3, any effect or effect.parameter
     /// of `boresight effects`, or `auto`: those of the camera that the data support
-    #[arg(long, value_name = "LIST|auto", value_delimiter = ',', value_parser = solvable)]
+    #[arg(long, value_name = "LIST|auto", value_delimiter = ',', value_parser = solvable, help_heading = heading::MODEL)]
     pub(crate) solve: Option<Vec<String>>,
     /// What is known of a parameter beforehand: name=value:sigma, in its own unit; several times for several
-    #[arg(long, value_name = "NAME=VALUE:SIGMA", value_parser = prior)]
+    #[arg(long, value_name = "NAME=VALUE:SIGMA", value_parser = prior, help_heading = heading::MODEL)]
     pub(crate) prior: Vec<ParameterPrior>,
     /// The projection: pinhole, equidistant, equisolid, stereographic or kannala-brandt; without one, that by which the frames were
     /// identified
-    #[arg(long, value_name = "ID")]
+    #[arg(long, value_name = "ID", help_heading = heading::MODEL)]
     pub(crate) projection: Option<String>,
     /// `free`: one attitude a frame, even if the recording says that the mount is fixed [default: auto]
     #[arg(long, value_enum)]
@@ -78,19 +79,19 @@ pub(crate) struct SolveArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) max_iterations: Option<u16>,
     /// Use only stars brighter than this V magnitude
-    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    #[arg(long, value_name = "V", allow_negative_numbers = true, help_heading = heading::CATALOGUE)]
     pub(crate) max_magnitude: Option<f64>,
     /// Use all stars that are identified, the imprecise ones and those without proper motion too
-    #[arg(long)]
+    #[arg(long, help_heading = heading::CATALOGUE)]
     pub(crate) all_stars: bool,
     /// Replace this share of the identifications deliberately, to test the method (default 0; 0.2 in `demo`)
-    #[arg(long, value_name = "SHARE", value_parser = share)]
+    #[arg(long, value_name = "SHARE", value_parser = share, help_heading = heading::TRIAL)]
     pub(crate) misidentify: Option<f64>,
     /// By what they are replaced
-    #[arg(long, value_enum, default_value_t = MisidentifyChoice::Random, value_name = "KIND")]
+    #[arg(long, value_enum, default_value_t = MisidentifyChoice::Random, value_name = "KIND", help_heading = heading::TRIAL)]
     pub(crate) misidentify_kind: MisidentifyChoice,
     /// Seed of the deliberate misidentification
-    #[arg(long, value_name = "SEED", default_value_t = 0)]
+    #[arg(long, value_name = "SEED", default_value_t = 0, help_heading = heading::TRIAL)]
     pub(crate) misidentify_seed: u64,
 }
 

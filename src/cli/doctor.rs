@@ -9,10 +9,12 @@ use boresight::report;
 use clap::Args;
 use serde::Serialize;
 
+use super::options::heading;
 use super::{Answer, output};
 
 /// Arguments of `doctor`.
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::OUTPUT)]
 pub(crate) struct DoctorArgs {
     /// Print the result as one JSON object on stdout, and nothing else
     #[arg(long)]

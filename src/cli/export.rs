@@ -9,13 +9,15 @@ use clap::Args;
 use serde::Serialize;
 
 use super::map::read_calibration;
+use super::options::heading;
 use super::{Answer, output};
 
 /// Arguments of `export`.
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::OUTPUT)]
 pub(crate) struct ExportArgs {
     /// A calibration: calibrate.json, as `boresight calibrate … -o DIR` writes it
-    #[arg(value_name = "CALIBRATION")]
+    #[arg(value_name = "CALIBRATION", help_heading = None)]
     calibration: PathBuf,
     /// opencv, ros, mrcal, tetra3 (and cedar-solve), tetra3rs; sip or tpv for one FITS header a frame
     #[arg(long, value_name = "FORMAT")]

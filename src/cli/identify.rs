@@ -17,7 +17,7 @@ use serde::Serialize;
 
 use super::calibrate::MisidentifyChoice;
 use super::identify_files::{self, MatchRow};
-use super::options::{InputArgs, MeasureArgs, OutputArgs, SkyArgs};
+use super::options::{InputArgs, MeasureArgs, OutputArgs, SkyArgs, heading};
 use super::pipeline::{IdentifiedFrame, Measured};
 use super::{Answer, output, pipeline};
 
@@ -33,16 +33,16 @@ pub(crate) struct IdentifyArgs {
     #[command(flatten)]
     search: SearchArgs,
     /// Name a wrong star, deliberately, for this share of the matches; the result lists which
-    #[arg(long, value_name = "SHARE", value_parser = super::calibrate::share)]
+    #[arg(long, value_name = "SHARE", value_parser = super::calibrate::share, help_heading = heading::TRIAL)]
     misidentify: Option<f64>,
     /// Which wrong star (of `random` ones, which are directions without a star, the match is left out)
-    #[arg(long, value_enum, default_value_t = MisidentifyChoice::NearNeighbour, value_name = "KIND")]
+    #[arg(long, value_enum, default_value_t = MisidentifyChoice::NearNeighbour, value_name = "KIND", help_heading = heading::TRIAL)]
     misidentify_kind: MisidentifyChoice,
     /// Seed of the deliberate misidentification
-    #[arg(long, value_name = "SEED", default_value_t = 0)]
+    #[arg(long, value_name = "SEED", default_value_t = 0, help_heading = heading::TRIAL)]
     misidentify_seed: u64,
     /// With -o: also write every identified frame as FITS with world coordinates (TAN-SIP) in its header
-    #[arg(long, requires = "output")]
+    #[arg(long, requires = "output", help_heading = heading::OUTPUT)]
     fits: bool,
     #[command(flatten)]
     output: OutputArgs,
@@ -50,6 +50,7 @@ pub(crate) struct IdentifyArgs {
 
 /// How the stars are searched for.
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::SEARCH)]
 pub(crate) struct SearchArgs {
     /// Focal length in pixels, where the recording does not tell it; without one, all fields from 3° to 90° are tried, and
     /// fisheyes

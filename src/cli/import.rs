@@ -8,23 +8,24 @@ use boresight::provenance::Provenance;
 use clap::Args;
 use serde::Serialize;
 
-use super::options::OutputArgs;
+use super::options::{OutputArgs, heading};
 use super::{Answer, output};
 
 /// Arguments of `import`.
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::OUTPUT)]
 pub(crate) struct ImportArgs {
     /// A camera as OpenCV, ROS, mrcal, tetra3 or tetra3rs has it, or a FITS file with world coordinates (TAN, TAN-SIP, TPV)
-    #[arg(value_name = "FILE")]
+    #[arg(value_name = "FILE", help_heading = None)]
     file: PathBuf,
     /// Its format, if the file does not show it: opencv, ros, mrcal, sip, tpv, tetra3, tetra3rs
-    #[arg(long, value_name = "FORMAT")]
+    #[arg(long, value_name = "FORMAT", help_heading = heading::INPUT)]
     from: Option<Format>,
     /// Columns of the frame, for files that do not say
-    #[arg(long, value_name = "PX", requires = "height")]
+    #[arg(long, value_name = "PX", requires = "height", help_heading = heading::INPUT)]
     width: Option<usize>,
     /// Rows of the frame, for files that do not say
-    #[arg(long, value_name = "PX", requires = "width")]
+    #[arg(long, value_name = "PX", requires = "width", help_heading = heading::INPUT)]
     height: Option<usize>,
     /// Take it even if our model misses the camera by more than 0.01 px
     #[arg(long)]

@@ -46,17 +46,30 @@ pub(crate) enum Answer {
 
 /// Simulates a star camera end to end, calibrates one from its images, and explains why the two differ.
 #[derive(Debug, Parser)]
-#[command(name = "boresight", version, propagate_version = true, max_term_width = 120)]
+#[command(
+    name = "boresight",
+    version,
+    propagate_version = true,
+    max_term_width = 120,
+    disable_help_flag = true,
+    disable_version_flag = true
+)]
 struct Arguments {
     /// Say more on stderr (-v: steps, -vv: details)
-    #[arg(short, long, global = true, action = clap::ArgAction::Count)]
+    #[arg(short, long, global = true, action = clap::ArgAction::Count, help_heading = options::heading::GLOBAL)]
     verbose: u8,
     /// Say nothing on stderr but errors
-    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    #[arg(short, long, global = true, conflicts_with = "verbose", help_heading = options::heading::GLOBAL)]
     quiet: bool,
     /// Use this many threads (default: all); results do not depend on it
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..), help_heading = options::heading::GLOBAL)]
     threads: Option<u16>,
+    /// Print this help; -h is shorter
+    #[arg(short, long, global = true, action = clap::ArgAction::Help, help_heading = options::heading::GLOBAL)]
+    help: Option<bool>,
+    /// Print the version
+    #[arg(short = 'V', long, global = true, action = clap::ArgAction::Version, help_heading = options::heading::GLOBAL)]
+    version: Option<bool>,
     #[command(subcommand)]
     verb: Verb,
 }

@@ -13,8 +13,37 @@ use clap::{Args, ValueEnum};
 
 use super::output;
 
+/// The groups of options in the help of every verb, in the order in which the verbs declare them.
+pub(crate) mod heading {
+    /// What is read, and what its files do not say.
+    pub(crate) const INPUT: &str = "Input";
+    /// How stars are found and measured.
+    pub(crate) const MEASURING: &str = "Measuring";
+    /// Which stars take part.
+    pub(crate) const CATALOGUE: &str = "Catalogue";
+    /// What the model contains and which of its parameters are free.
+    pub(crate) const MODEL: &str = "Model";
+    /// How stars are named.
+    pub(crate) const SEARCH: &str = "Identification";
+    /// How the model is solved.
+    pub(crate) const SOLVER: &str = "Solver";
+    /// What is judged, and how sure that must be.
+    pub(crate) const STATISTICS: &str = "Statistics";
+    /// Going on from an earlier result.
+    pub(crate) const UPDATE: &str = "Update";
+    /// How frames are rendered.
+    pub(crate) const RENDERING: &str = "Rendering";
+    /// What is done wrong on purpose.
+    pub(crate) const TRIAL: &str = "Trials of the method";
+    /// Where results go.
+    pub(crate) const OUTPUT: &str = "Output";
+    /// What every verb takes.
+    pub(crate) const GLOBAL: &str = "Global";
+}
+
 /// Where results go.
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::OUTPUT)]
 pub(crate) struct OutputArgs {
     /// Print the result as one JSON object on stdout, and nothing else
     #[arg(long)]
@@ -32,9 +61,10 @@ pub(crate) fn folder(text: &str) -> std::result::Result<PathBuf, String> {
 
 /// What is read.
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::INPUT)]
 pub(crate) struct InputArgs {
     /// A recording (folder with recording.toml, or folder of FITS files) or images
-    #[arg(required = true, value_name = "RECORDING|IMAGE")]
+    #[arg(required = true, value_name = "RECORDING|IMAGE", help_heading = None)]
     pub(crate) inputs: Vec<PathBuf>,
     /// Skip bad frames and list them in the result, instead of stopping at the first
     #[arg(long)]
@@ -43,6 +73,7 @@ pub(crate) struct InputArgs {
 
 /// How stars are measured.
 #[derive(Debug, Default, Args)]
+#[command(next_help_heading = heading::MEASURING)]
 pub(crate) struct MeasureArgs {
     /// What is taken for a star's place
     #[arg(long, value_enum, default_value_t = CentroidChoice::Gaussian)]
@@ -84,13 +115,14 @@ impl MeasureArgs {
 
 /// Which stars, and what happens to their light.
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::CATALOGUE)]
 pub(crate) struct SkyArgs {
     /// Read stars from this file (CSV, or made by `boresight catalog import`) instead of the built-in Hipparcos stars
     #[arg(long, value_name = "FILE")]
     pub(crate) catalog: Option<PathBuf>,
     /// The effects of known size that the model contains: a list, `none`, or `known` (all that follow from the recording)
     /// [default: known; in `diagnose` proper-motion]
-    #[arg(long, value_name = "LIST|none|known")]
+    #[arg(long, value_name = "LIST|none|known", help_heading = heading::MODEL)]
     physics: Option<Physics>,
 }
 
@@ -136,6 +168,7 @@ impl From<BackendChoice> for Backend {
 
 /// How a scene is rendered.
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::RENDERING)]
 pub(crate) struct SceneArgs {
     /// Where to render
     #[arg(long, value_enum, default_value_t = BackendChoice::Auto)]
@@ -144,7 +177,7 @@ pub(crate) struct SceneArgs {
     #[arg(long, value_name = "SEED")]
     pub(crate) seed: Option<u64>,
     /// Read stars from this CSV file instead of the built-in Hipparcos stars
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = heading::CATALOGUE)]
     pub(crate) catalog: Option<PathBuf>,
 }
 

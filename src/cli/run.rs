@@ -14,7 +14,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::calibrate::{SolveArgs, control_points};
-use super::options::{BackendChoice, SceneArgs};
+use super::options::{BackendChoice, SceneArgs, heading};
 use super::pipeline::{IdentifiedFrame, Measured};
 use super::{Answer, identify_files, output, pictures, pipeline, simulate};
 
@@ -37,6 +37,7 @@ pub(crate) struct DemoArgs {
 
 /// Arguments that both share.
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::OUTPUT)]
 struct CommonArgs {
     #[command(flatten)]
     scene: SceneArgs,
@@ -54,6 +55,7 @@ struct CommonArgs {
 
 /// The physics of the calibration; the scene says which physics is rendered.
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::MODEL)]
 struct PhysicsArgs {
     /// The effects of known size that the calibration's model contains
     #[arg(long, value_name = "LIST|none|known", default_value = "known")]

@@ -17,7 +17,7 @@ use boresight::scene::{DetectorTable, Exposure, PsfTable, Scene, SiteTable, SkyT
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
-use super::options::{BackendChoice, SceneArgs};
+use super::options::{BackendChoice, SceneArgs, heading};
 use super::{Answer, output};
 
 /// How photons are counted. There is no rougher way beside the exact one: it would save a fifth of a frame's time.
@@ -29,9 +29,10 @@ enum NoiseChoice {
 
 /// Arguments of `simulate`.
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::OUTPUT)]
 pub(crate) struct SimulateArgs {
     /// The scene
-    #[arg(value_name = "SCENE.toml")]
+    #[arg(value_name = "SCENE.toml", help_heading = None)]
     scene: PathBuf,
     #[command(flatten)]
     options: SceneArgs,
@@ -39,7 +40,7 @@ pub(crate) struct SimulateArgs {
     #[arg(short, long, value_name = "DIR", value_parser = super::options::folder)]
     output: PathBuf,
     /// How photons are counted
-    #[arg(long, value_enum, default_value_t = NoiseChoice::Exact)]
+    #[arg(long, value_enum, default_value_t = NoiseChoice::Exact, help_heading = heading::RENDERING)]
     noise: NoiseChoice,
     #[command(flatten)]
     truth: TruthArgs,
@@ -53,6 +54,7 @@ pub(crate) struct SimulateArgs {
 
 /// What is told of a simulated recording beside its frames.
 #[derive(Clone, Copy, Debug, Default, Args)]
+#[command(next_help_heading = heading::OUTPUT)]
 pub(crate) struct TruthArgs {
     /// Also write each frame's expected electrons, without noise, before charge is moved or read: truth/clean/, FITS of real numbers
     #[arg(long)]

@@ -11,11 +11,12 @@ use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use super::calibrate_text::with_sigma;
-use super::options::OutputArgs;
+use super::options::{OutputArgs, heading};
 use super::{Answer, map, output};
 
 /// Arguments of an update.
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::UPDATE)]
 pub(crate) struct UpdateArgs {
     /// Go on from this calibration (calibrate.json, or sequential.json of an earlier update) with the frames of the recording; the
     /// parameters and the model are those of the file. Writes DIR/sequential.json, whose size does not grow
