@@ -126,7 +126,7 @@ fn main() -> Result<()> {
     println!("{text}");
     write_file(&arguments.output.join("table.txt"), text.as_bytes())?;
     plot(&outcomes).write(&arguments.output.join("misidentification.png"))?;
-    let provenance = Provenance { seed: Some(arguments.seed), ..Provenance::new(std::env::args().collect()) };
+    let provenance = Provenance { seed: Some(arguments.seed), ..Provenance::of_process() };
     let report =
         Report { format: "boresight-misidentification/1", setting: Trial::published(), first_seed: arguments.seed, outcomes, provenance };
     write_file(&arguments.output.join("misidentification.json"), (serde_json::to_string_pretty(&report)? + "\n").as_bytes())?;

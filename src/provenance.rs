@@ -1,5 +1,6 @@
 //! What every result says of its own making: version, command, input hashes, seed, adapter.
 
+use std::ffi::{OsStr, OsString};
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{BufReader, Read};
@@ -14,7 +15,7 @@ use thiserror::Error;
 pub struct Provenance {
     /// Version of the program.
     pub version: String,
-    /// The command line as given.
+    /// The command line as given; a word that is no UTF-8 as [`word`] writes it.
     pub command: Vec<String>,
     /// Every file read: path and SHA-256.
     pub inputs: Vec<InputHash>,
@@ -27,7 +28,7 @@ pub struct Provenance {
 /// A file that was read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct InputHash {
-    /// Path as given.
+    /// Path as given; one that is no UTF-8 as [`word`] writes it.
     pub path: String,
     /// SHA-256 of its bytes, hexadecimal.
     pub sha256: String,
@@ -54,9 +55,15 @@ impl Provenance {
         Self { version: env!("CARGO_PKG_VERSION").to_owned(), command, inputs: Vec::new(), seed: None, adapter: None }
     }
 
+    /// The provenance of what this process makes: its own command line.
+    #[must_use]
+    pub fn of_process() -> Self {
+        Self::new(std::env::args_os().map(|argument: OsString| word(&argument)).collect())
+    }
+
     /// Adds a file that was read, once.
     pub fn add_input(&mut self, path: &Path) -> Result<(), ProvenanceError> {
-        let name = path.display().to_string();
+        let name = word(path.as_os_str());
         if self.inputs.iter().all(|input| input.path != name) {
             self.inputs.push(InputHash { path: name, sha256: sha256_of_file(path)? });
         }
@@ -67,6 +74,29 @@ impl Provenance {
     pub fn add_input_bytes(&mut self, name: &str, bytes: &[u8]) {
         self.inputs.push(InputHash { path: name.to_owned(), sha256: hexadecimal(&Sha256::digest(bytes)) });
     }
+}
+
+/// A word of the command line as text from which it can be had back: as it is where it is UTF-8, else in the quotes of a shell
+/// (`$'caf\xE9.png'`), which bash, zsh and POSIX.1-2024 turn into the same bytes.
+#[must_use]
+pub fn word(given: &OsStr) -> String {
+    if let Some(text) = given.to_str() {
+        return text.to_owned();
+    }
+    let mut text = "$'".to_owned();
+    for chunk in given.as_encoded_bytes().utf8_chunks() {
+        for character in chunk.valid().chars() {
+            if matches!(character, '\'' | '\\') {
+                text.push('\\');
+            }
+            text.push(character);
+        }
+        for byte in chunk.invalid() {
+            let _ = write!(text, "\\x{byte:02X}"); // writing to a String cannot fail
+        }
+    }
+    text.push('\'');
+    text
 }
 
 /// SHA-256 of a file, read piece by piece; lower-case hexadecimal.
@@ -94,6 +124,17 @@ fn hexadecimal(bytes: &[u8]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[cfg(unix)]
+    #[test]
+    fn a_word_that_is_no_text_is_kept_whole() {
+        use std::os::unix::ffi::OsStrExt;
+        let of = |bytes: &[u8]| word(OsStr::from_bytes(bytes));
+        assert_eq!(of("nächtliche Aufnahme".as_bytes()), "nächtliche Aufnahme");
+        assert_eq!(of(b"nu/caf\xe9.png"), r"$'nu/caf\xE9.png'");
+        assert_eq!(of(b"it's \\ \xff\xfe"), r"$'it\'s \\ \xFF\xFE'");
+        assert_ne!(of(b"caf\xe9"), of(b"caf\xe8"));
+    }
 
     #[test]
     fn hashes_are_those_of_sha256() {

@@ -94,7 +94,7 @@ fn main() -> Result<()> {
         coverage_sets,
         coverage_failures,
         coverage,
-        provenance: Provenance { seed: Some(arguments.seed), ..Provenance::new(std::env::args().collect()) },
+        provenance: Provenance { seed: Some(arguments.seed), ..Provenance::of_process() },
     };
     let text = text(&report);
     println!("{text}");

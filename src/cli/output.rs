@@ -99,5 +99,5 @@ pub(crate) fn steps(count: usize) -> ProgressBar {
 
 /// What a result of this command says of its own making; inputs, seed and adapter are added by the verb.
 pub(crate) fn provenance() -> Provenance {
-    Provenance::new(std::env::args().collect())
+    Provenance::of_process()
 }
