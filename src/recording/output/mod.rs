@@ -1,11 +1,17 @@
 //! Output that is there whole or not at all: files and folders are made under another name and renamed at the end.
 
+mod partial;
+mod results;
+
 use std::fs;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use tempfile::{Builder, TempDir};
 use thiserror::Error;
+
+use partial::{PartialFile, PartialFolder};
+
+pub use partial::abandon;
+pub use results::{ResultFolder, check_file};
 
 /// Marks a folder as made by this program, so that it may be replaced on request.
 const MARK: &str = ".boresight";
@@ -32,6 +38,26 @@ pub enum OutputError {
     #[error("{}: holds an earlier result; choose another folder, or add --force to replace it", path.display())]
     Exists {
         /// The folder asked for.
+        path: PathBuf,
+    },
+    /// There is a result of the same verb already.
+    #[error("{}: holds an earlier result of `{verb}`; choose another folder, or add --force to replace it", path.display())]
+    Earlier {
+        /// The folder asked for.
+        path: PathBuf,
+        /// The verb.
+        verb: &'static str,
+    },
+    /// There is a file already.
+    #[error("{}: is there already; choose another name, or add --force to replace it", path.display())]
+    FileExists {
+        /// The file asked for.
+        path: PathBuf,
+    },
+    /// The file is a folder.
+    #[error("{}: is a folder; name a file in it", path.display())]
+    NotAFile {
+        /// The path asked for.
         path: PathBuf,
     },
     /// The folder holds something of the user's.
@@ -74,35 +100,21 @@ fn parent(path: &Path) -> &Path {
     path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Names and rights of what is built under another name: the user's own default rights, not the private ones of scratch files.
-fn builder(prefix: &str, mode: u32) -> Builder<'_, 'static> {
-    let mut builder = Builder::new();
-    builder.prefix(prefix).suffix(".partial");
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(fs::Permissions::from_mode(mode));
-    }
-    #[cfg(not(unix))]
-    let _ = mode;
-    builder
-}
-
 /// Writes a file whole or not at all, and replaces the one of that name. Missing folders above it are made.
 pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     let error = write_error(path);
+    results::note(path)?;
     fs::create_dir_all(parent(path)).map_err(&error)?;
-    let mut file = builder(".boresight-", 0o666).tempfile_in(parent(path)).map_err(&error)?;
+    let mut file = PartialFile::in_folder(parent(path)).map_err(&error)?;
     file.write_all(bytes).map_err(&error)?;
-    file.persist(path).map_err(|persist| error(persist.error))?;
-    Ok(())
+    file.keep_as(path).map_err(&error)
 }
 
 /// A folder in the making. Dropped before [`Self::finish`], it leaves nothing behind.
 #[derive(Debug)]
 pub struct OutputDirectory {
     target: PathBuf,
-    building: TempDir,
+    building: PartialFolder,
 }
 
 impl OutputDirectory {
@@ -112,8 +124,8 @@ impl OutputDirectory {
         let target = if target.exists() { target.canonicalize().map_err(&error)? } else { target.to_owned() };
         check_replaceable(&target, force)?;
         fs::create_dir_all(parent(&target)).map_err(&error)?;
-        let building = builder(".boresight-", 0o777).tempdir_in(parent(&target)).map_err(&error)?;
-        fs::write(building.path().join(MARK), format!("{}\n", env!("CARGO_PKG_VERSION"))).map_err(&error)?;
+        let building = PartialFolder::in_folder(parent(&target)).map_err(&error)?;
+        fs::write(building.path().join(MARK), format!("boresight {}, whole folder\n", env!("CARGO_PKG_VERSION"))).map_err(&error)?;
         Ok(Self { target, building })
     }
 
@@ -126,28 +138,14 @@ impl OutputDirectory {
     /// Gives the folder its name; what stood there before is removed.
     pub fn finish(self) -> Result<PathBuf, OutputError> {
         let Self { target, building } = self;
-        let error = write_error(&target);
-        let former = if target.exists() {
-            let aside = builder(".boresight-", 0o777).tempdir_in(parent(&target)).map_err(&error)?;
-            fs::rename(&target, aside.path().join("former")).map_err(&error)?;
-            Some(aside)
-        } else {
-            None
-        };
-        if let Err(source) = fs::rename(building.path(), &target) {
-            if let Some(aside) = former {
-                let aside = aside.keep(); // not removed before what it holds stands in its place again
-                fs::rename(aside.join("former"), &target).and_then(|()| fs::remove_dir(aside)).map_err(&error)?;
-            }
-            return Err(error(source));
-        }
-        let _ = building.keep(); // it lives on under its new name
-        if let Some(aside) = former {
-            aside.close().map_err(&error)?;
-        }
-        drop(error);
+        building.keep_as(&target, parent(&target)).map_err(write_error(&target))?;
         Ok(target)
     }
+}
+
+/// Whether a folder was made by this program as a whole, and not one into which it wrote files beside others.
+fn is_whole(folder: &Path) -> bool {
+    fs::read_to_string(folder.join(MARK)).is_ok_and(|text| text.lines().next().is_some_and(|line| !line.ends_with(results::LISTED)))
 }
 
 fn check_replaceable(target: &Path, force: bool) -> Result<(), OutputError> {
@@ -159,7 +157,7 @@ fn check_replaceable(target: &Path, force: bool) -> Result<(), OutputError> {
         return Err(OutputError::NotAFolder { path });
     }
     let empty = fs::read_dir(target).map_err(write_error(target))?.next().is_none();
-    match (empty, target.join(MARK).is_file(), force) {
+    match (empty, is_whole(target), force) {
         (true, ..) | (false, true, true) => Ok(()),
         (false, true, false) => Err(OutputError::Exists { path }),
         (false, false, _) => Err(OutputError::Foreign { path }),
