@@ -36,6 +36,25 @@ pub struct AnswerFinding {
     pub set: Vec<String>,
 }
 
+/// An effect proposed, named or not.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AnswerProposal {
+    /// Its id.
+    pub id: String,
+    /// Whether it is among those named.
+    pub named: bool,
+    /// Whether all star images together propose it.
+    pub by_all_images: bool,
+    /// χ² of its score on all star images.
+    pub delta_chi2: f64,
+    /// Fall of χ² where neither choice nor size was made.
+    pub held_out_delta_chi2: f64,
+    /// What was to be expected there of one of its size.
+    pub held_out_expected: f64,
+    /// Turns that chose it, of how many.
+    pub chosen_again: [usize; 2],
+}
+
 /// The answer for one recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
@@ -53,6 +72,12 @@ pub struct Answer {
     pub verdict: String,
     /// What was named.
     pub findings: Vec<AnswerFinding>,
+    /// All that was proposed, those named included.
+    #[serde(default)]
+    pub proposed: Vec<AnswerProposal>,
+    /// The probability of an alarm by chance that was asked for.
+    #[serde(default)]
+    pub alpha: f64,
     /// If something is left without a name: what it follows.
     pub unknown_located_by: Option<Vec<String>>,
     /// What that resembles: ids with their cosines.
@@ -90,6 +115,8 @@ impl Answer {
             error: Some(error),
             verdict: String::new(),
             findings: Vec::new(),
+            proposed: Vec::new(),
+            alpha: 0.0,
             unknown_located_by: None,
             unknown_resembles: Vec::new(),
             unknown_vetoes: Vec::new(),

@@ -11,6 +11,7 @@
 
 mod answer;
 pub mod generate;
+mod held_out;
 mod lasso;
 mod pixels;
 mod record;
@@ -23,7 +24,8 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-pub use answer::{Answer, AnswerFinding, AnswerParameter, answers, append};
+pub use answer::{Answer, AnswerFinding, AnswerParameter, AnswerProposal, answers, append};
+pub use held_out::{HeldOutStudy, Proposals, held_out_study};
 pub use lasso::{Lasso, lasso};
 pub use pixels::{Centres, Painted, PixelAnswer, painted, pixel_answer, pixel_recording, write_pixels};
 pub use record::{control_points, recording, telemetry};

@@ -7,7 +7,7 @@ use std::sync::Mutex;
 use rayon::prelude::*;
 
 use super::generate::{Concealed, Family, Lists, Truth, concealed};
-use super::{Answer, AnswerFinding, AnswerParameter, BlindError, Seal};
+use super::{Answer, AnswerFinding, AnswerParameter, AnswerProposal, BlindError, Seal};
 use super::{answers, append, control_points, pixel_answer, recording, rival_fits, seal, telemetry, write_pixels};
 use crate::catalog::Catalog;
 use crate::diagnose::{DiagnoseOptions, Diagnosis, EffectState, Verdict, diagnose};
@@ -85,6 +85,7 @@ pub(super) fn answer_of_lists(lists: &Lists, family: Family, index: u32, seed: u
             let frames = points.attitudes.len();
             let held_out =
                 if answer.held_out_frames.is_empty() { (3 * frames / 4..frames).collect() } else { answer.held_out_frames.clone() };
+            answer.alpha = options.alpha;
             answer.rivals = rivals.then(|| rival_fits(&points, &options.physics, &held_out)).flatten();
             answer
         }
@@ -104,6 +105,15 @@ pub(super) fn shortened(diagnosis: &Diagnosis, family: Family, index: u32, seed:
         snr: finding.snr,
         set: finding.indistinguishable_from.clone(),
     };
+    let proposal = |own: &crate::diagnose::Proposed| AnswerProposal {
+        id: own.id.clone(),
+        named: own.named,
+        by_all_images: own.by_all_images,
+        delta_chi2: own.delta_chi2,
+        held_out_delta_chi2: own.held_out_delta_chi2,
+        held_out_expected: own.held_out_expected,
+        chosen_again: own.chosen_again,
+    };
     let verdict = match diagnosis.verdict {
         Verdict::Consistent => "consistent",
         Verdict::Explained => "explained",
@@ -120,6 +130,7 @@ pub(super) fn shortened(diagnosis: &Diagnosis, family: Family, index: u32, seed:
         error: None,
         verdict: verdict.to_owned(),
         findings: diagnosis.findings.iter().map(finding).collect(),
+        proposed: diagnosis.proposed.iter().map(proposal).collect(),
         unknown_located_by: diagnosis.unknown.as_ref().map(|unknown| unknown.located_by.clone()),
         unknown_resembles: diagnosis
             .unknown
@@ -130,7 +141,7 @@ pub(super) fn shortened(diagnosis: &Diagnosis, family: Family, index: u32, seed:
         effects: diagnosis.effects.iter().map(|effect| (effect.id.clone(), status(effect.status).to_owned())).collect(),
         located: diagnosis.located.iter().map(|located| located.covariate.clone()).collect(),
         held_out: [diagnosis.fit.baseline.held_out_chi2_per_dof, diagnosis.fit.after.held_out_chi2_per_dof],
-        held_out_frames: diagnosis.lock_box.frames.clone(),
+        held_out_frames: diagnosis.left_out.blocks.first().cloned().unwrap_or_default(),
         rivals: None,
         pixels: None,
         seconds: diagnosis.seconds,

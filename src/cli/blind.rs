@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use boresight::blind::generate::{FAMILIES, Family};
-use boresight::blind::{Score, make, markdown, opened, run, score};
+use boresight::blind::{HeldOutStudy, Score, answers, held_out_study, make, markdown, opened, run, score};
 use boresight::diagnose::DiagnoseOptions;
 use boresight::provenance::Provenance;
 use boresight::recording::write_file;
@@ -29,6 +29,8 @@ enum Step {
     Run(RunArgs),
     /// Break the seal and count
     Score(ScoreArgs),
+    /// Whether what is called held out is, over answered nulls: run these with a loose --alpha, so that chance is proposed
+    HeldOut(HeldOutArgs),
 }
 
 #[derive(Debug, Args)]
@@ -71,6 +73,25 @@ struct RunArgs {
     /// Simulated recordings without any effect that each is held against, at least [default: as `diagnose`]
     #[arg(long, value_name = "N")]
     nulls: Option<usize>,
+    /// Probability of an alarm by chance [default: as `diagnose`]
+    #[arg(long, value_name = "P")]
+    alpha: Option<f64>,
+}
+
+#[derive(Debug, Args)]
+struct HeldOutArgs {
+    /// The benchmark's folder
+    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder)]
+    output: PathBuf,
+    /// The commit that the page is to name
+    #[arg(long, value_name = "HASH", default_value = "unknown")]
+    commit: String,
+    /// Also write the page into this file
+    #[arg(long, value_name = "FILE.md")]
+    page: Option<PathBuf>,
+    /// Print the figures as one JSON object on stdout, and nothing else
+    #[arg(long)]
+    json: bool,
 }
 
 #[derive(Debug, Args)]
@@ -100,6 +121,14 @@ struct StepObject {
 struct ScoreObject {
     #[serde(flatten)]
     score: Score,
+    provenance: Provenance,
+}
+
+#[derive(Serialize)]
+struct HeldOutObject {
+    format: &'static str,
+    #[serde(flatten)]
+    study: HeldOutStudy,
     provenance: Provenance,
 }
 
@@ -140,7 +169,11 @@ pub(crate) fn blind(args: &BlindArgs) -> Result<Answer> {
             let which = &run_args.which;
             let indices = which.indices()?;
             let defaults = DiagnoseOptions::default();
-            let options = DiagnoseOptions { nulls: run_args.nulls.unwrap_or(defaults.nulls), ..defaults };
+            let alpha = run_args.alpha.unwrap_or(defaults.alpha);
+            if !(alpha > 0.0 && alpha < 1.0) {
+                bail!("--alpha {alpha}: a probability between 0 and 1 is needed");
+            }
+            let options = DiagnoseOptions { nulls: run_args.nulls.unwrap_or(defaults.nulls), alpha, ..defaults };
             let bar = output::progress("diagnosing", indices.len());
             let answered = run(&which.output, which.family, indices, &options, || bar.inc(1))?;
             bar.finish_and_clear();
@@ -159,6 +192,20 @@ pub(crate) fn blind(args: &BlindArgs) -> Result<Answer> {
                 write_file(path, page.as_bytes()).with_context(|| format!("--page {}", path.display()))?;
             }
             output::print(&if score_args.json { output::json_text(&object)? } else { page })?;
+        }
+        Step::HeldOut(held_out) => {
+            let study = held_out_study(&answers(&held_out.output, Family::Null)?);
+            if study.recordings == 0 {
+                bail!("{}: no null is answered yet; run `boresight blind run --family null --alpha 0.5` first", held_out.output.display());
+            }
+            let page = study.markdown(&held_out.commit);
+            if let Some(path) = &held_out.page {
+                write_file(path, page.as_bytes()).with_context(|| format!("--page {}", path.display()))?;
+            }
+            let is_honest = study.is_honest();
+            let object = HeldOutObject { format: "boresight-blind/1", study, provenance: output::provenance() };
+            output::print(&if held_out.json { output::json_text(&object)? } else { page })?;
+            return Ok(if is_honest { Answer::Yes } else { Answer::No });
         }
     }
     Ok(Answer::Yes)

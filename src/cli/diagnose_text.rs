@@ -67,7 +67,7 @@ fn found(finding: &Finding, is_said: bool) -> String {
     line(
         "  evidence",
         &format!(
-            "p = {}, {} with all hypotheses counted; signal over noise {}; {} σ on frames not used to find it",
+            "p = {}, {} with all hypotheses counted; signal over noise {}; {} σ where neither choice nor size was made",
             probability(finding.p_value),
             probability(finding.family_p_value),
             significant(finding.snr),
@@ -76,7 +76,7 @@ fn found(finding: &Finding, is_said: bool) -> String {
     );
     line("  agreed", &agreement(finding));
     let odds = |rival: &Rival| {
-        let held = rival.held_out_delta_chi2.map_or_else(String::new, |held| format!(", χ² of frames not used falls by {held:.0}"));
+        let held = rival.held_out_delta_chi2.map_or_else(String::new, |held| format!(", held-out χ² falls by {held:.0}"));
         format!("{} (cosine {:.2}, ΔBIC {}{held})", rival.id, rival.cos, significant(rival.delta_bic))
     };
     if finding.indistinguishable_from.is_empty() {
@@ -101,9 +101,8 @@ fn agreement(finding: &Finding) -> String {
         Some(p) => format!("signs chosen by chance for {} do as well with p = {}", signs.units, probability(p)),
         None => format!("not testable by signs of {}: it lives on {:.0} of them", signs.units, signs.effective),
     }];
-    if let Some([times, turns]) = finding.chosen_again {
-        parts.push(format!("chosen again in {times} of {turns} turns that leave a frame out"));
-    }
+    let [times, turns] = finding.chosen_again;
+    parts.push(format!("chosen again in {times} of {turns} turns that leave {} out", finding.left_out));
     if let Some(p) = finding.resimulated_p_value {
         parts.push(format!("simulated anew it looks the same (p = {})", probability(p)));
     }

@@ -101,14 +101,19 @@ pub struct Finding {
     pub p_value: f64,
     /// The same, all effects tried counted.
     pub family_p_value: f64,
-    /// Fall of χ² on frames that were not used to find the effect.
+    /// Fall of χ² on star images that took part neither in the choice of the effect nor in its size, summed over turns that leave parts of
+    /// the recording out, each turn choosing and sizing anew; turns that do not choose it add nothing. A finding has passed the test of it.
     pub held_out_delta_chi2: f64,
-    /// What was to be expected there.
+    /// What was to be expected of an effect of the size found, the chance of each turn to choose it counted.
     pub held_out_expected: f64,
-    /// The score along the frozen direction on those frames, standard deviations.
+    /// How far that fall lies above its mean without the effect, standard deviations.
     pub held_out_score: f64,
-    /// Where every frame was left out in its turn: in how many of how many turns the frames left chose the effect again, everything repeated.
-    pub chosen_again: Option<[usize; 2]>,
+    /// What is said of a fall that is larger than the size lets expect.
+    pub held_out_remark: Option<String>,
+    /// In how many of how many turns the rest of the recording chose the effect, or one that leaves the same trace.
+    pub chosen_again: [usize; 2],
+    /// What the turns leave out: frames, blocks of frames, halves of the stars with them, parts of the stars.
+    pub left_out: String,
     /// Whether the frames (or stars) agree on it.
     pub signs: Signs,
     /// Probability that the recording simulated anew with what was found differs from the real one along this effect by as much by chance.
@@ -319,13 +324,43 @@ pub struct MeasuredNoise {
     pub background_ratio: Option<f64>,
 }
 
-/// Which frames were set aside.
+/// What was left out, turn by turn.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct LockBox {
-    /// `blocks` of frames, or `leave-one-out`.
-    pub kind: String,
-    /// The frames set aside (of blocks).
-    pub frames: Vec<usize>,
+pub struct LeftOut {
+    /// In words.
+    pub what: String,
+    /// The frames left out together, block by block; none where frames are too few and parts of the stars were left out.
+    pub blocks: Vec<Vec<usize>>,
+    /// Turns for effects that do not go by a star's own numbers.
+    pub turns: usize,
+    /// Turns for those that do, which leave halves of the stars out too.
+    pub turns_of_stars: usize,
+}
+
+/// An effect that was proposed, by all star images or by the rest of a turn, and what the held-out ones say. Where nothing is missing the
+/// held-out falls of all proposals have a mean below zero; those of the ones named alone have not, since these have passed the test of it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Proposed {
+    /// The effect.
+    pub id: String,
+    /// Whether it is a finding.
+    pub named: bool,
+    /// Whether all star images together propose it; else only the rest of some turn does.
+    pub by_all_images: bool,
+    /// What it explains of all star images beside the findings: χ² of its score, in sample.
+    pub delta_chi2: f64,
+    /// As in a finding.
+    pub held_out_delta_chi2: f64,
+    /// As in a finding.
+    pub held_out_expected: f64,
+    /// As in a finding.
+    pub held_out_score: f64,
+    /// As in a finding.
+    pub chosen_again: [usize; 2],
+    /// As in a finding.
+    pub left_out: String,
+    /// Why it is withheld; empty for a finding.
+    pub against: Vec<String>,
 }
 
 /// One star image's residuals, for tables and pictures.
@@ -376,6 +411,8 @@ pub struct Diagnosis {
     pub physics: Vec<String>,
     /// What was left out.
     pub findings: Vec<Finding>,
+    /// All that was proposed, named or withheld, with what held-out images say of it.
+    pub proposed: Vec<Proposed>,
     /// What is left and has no name.
     pub unknown: Option<Unknown>,
     /// Every effect of the registry.
@@ -390,8 +427,8 @@ pub struct Diagnosis {
     pub located: Vec<Located>,
     /// The noise found.
     pub noise: NoiseState,
-    /// What was set aside.
-    pub lock_box: LockBox,
+    /// What was left out in turn, for proof.
+    pub left_out: LeftOut,
     /// Simulated recordings without any effect that the omnibus test was held against.
     pub nulls: usize,
     /// Probability that the recording simulated anew with the findings in force, held against the same model, differs from the real one by as

@@ -5,7 +5,7 @@ use super::diagnosis::{ColumnsOf, Finding, Profile, Signs};
 use super::evidence::Evidence;
 use super::located::{NAMED, ranked};
 use super::omnibus::among_covariates;
-use super::prove::Proof;
+use super::crossfit::{CrossFit, Proof};
 use super::rivals::{decided_by, held_out_of_rivals, rivals};
 use super::run::{family, p_of};
 use super::scan::Scan;
@@ -40,13 +40,11 @@ pub(super) struct Context<'a> {
     pub(super) proofs: &'a [Proof],
     /// Of each entry, whether signs drawn by frame do as well.
     pub(super) signs: &'a [SignTest],
-    /// In how many turns of how many each entry was chosen again.
-    pub(super) chosen_again: &'a [Option<[usize; 2]>],
+    /// Choice and size made anew in turns.
+    pub(super) tried: &'a CrossFit,
     /// Of each entry, whether the recording simulated with it looks the same.
     pub(super) resimulated: &'a [f64],
-    pub(super) tests: &'a [Vec<bool>],
     pub(super) hypotheses: f64,
-    pub(super) locked: bool,
 }
 
 impl Context<'_> {
@@ -76,7 +74,7 @@ impl Context<'_> {
             }
         }
         let mut listed = rivals(self.evidence, self.with_all, self.entries, k);
-        held_out_of_rivals(self.evidence, self.with_all, self.entries, k, self.tests, &mut listed);
+        held_out_of_rivals(self.evidence, self.tried, entry.hypothesis, &mut listed);
         let set: Vec<String> = listed.iter().filter(|own| own.in_set).map(|own| own.rival.id.clone()).collect();
         let magnitudes: Vec<f64> = self.evidence.images.iter().map(|image| self.points.points[image.point].magnitude).collect();
         let mean = magnitudes.iter().sum::<f64>() / magnitudes.len().max(1) as f64;
@@ -87,7 +85,7 @@ impl Context<'_> {
             let other = Entry { hypothesis: index, variant: self.evidence.hypotheses[index].variants.len() / 2 };
             decided_by(self.evidence, self.with_all, self.joint, [entry, other], &faintness)
         });
-        let proof = self.proofs.get(k).copied().unwrap_or_default();
+        let proof = &self.proofs[k];
         let mut finding = Finding {
             id: hypothesis.id().to_owned(),
             known_amplitude: None,
@@ -97,10 +95,12 @@ impl Context<'_> {
             delta_chi2: attribute::fall(self.with_all, &without.fit, &self.with_all.fit),
             p_value,
             family_p_value: family(p_value, self.hypotheses),
-            held_out_delta_chi2: proof.delta_chi2,
+            held_out_delta_chi2: proof.gain.delta_chi2,
             held_out_expected: proof.expected,
-            held_out_score: proof.score,
-            chosen_again: self.chosen_again.get(k).copied().flatten(),
+            held_out_score: proof.gain.score(),
+            held_out_remark: proof.remark(),
+            chosen_again: proof.chosen,
+            left_out: proof.left_out.to_owned(),
             signs: self.signs.get(k).map_or_else(Signs::default, |own| Signs {
                 units: own.units.to_owned(),
                 effective: own.effective,
@@ -114,7 +114,7 @@ impl Context<'_> {
             sentence: String::new(),
         };
         finding.known_amplitude = solved.ratio_beside_rivals(k, variant, &finding.rivals);
-        finding.sentence = words::finding(&finding, hypothesis.effect, hypothesis.in_force, self.locked);
+        finding.sentence = words::finding(&finding, hypothesis.effect, hypothesis.in_force);
         finding
     }
 

@@ -73,11 +73,6 @@ impl Hypothesis {
         let name = |index: &usize| format!("{}.{}", self.id(), self.effect.parameters()[*index].name);
         fitted_once_found(&self.fitted, self.searched.as_ref()).iter().map(name).collect()
     }
-
-    /// The value of what is searched for in a variant.
-    pub(super) fn searched_value(&self, variant: usize) -> Option<f64> {
-        Some(self.variants[variant].start[self.searched.as_ref()?.parameter])
-    }
 }
 
 /// All of them, in the registry's order.
@@ -189,6 +184,11 @@ pub(super) fn finer(hypothesis: &Hypothesis, best: &Variant, joint: &Joint, step
     let range = hypothesis.effect.parameters()[*parameter].range;
     let tried = [-2.0, -1.0, 1.0, 2.0].map(|k| (here + k * share * gap).clamp(range.0, range.1));
     tried.into_iter().filter_map(|value| variant(joint, hypothesis, with(&best.start, *parameter, value))).collect()
+}
+
+/// The variant at a value of what is searched for.
+pub(super) fn at_value(hypothesis: &Hypothesis, best: &Variant, joint: &Joint, value: f64) -> Option<Variant> {
+    variant(joint, hypothesis, with(&best.start, hypothesis.searched.as_ref()?.parameter, value))
 }
 
 fn with(start: &[f64], parameter: usize, value: f64) -> Vec<f64> {

@@ -3,6 +3,7 @@
 use super::attribute::{Entry, Stand, is_observable};
 use super::diagnosis::{Resemblance, Unknown};
 use super::evidence::Evidence;
+use super::folds::Fold;
 use super::omnibus::{Omnibus, among_covariates};
 use super::remainder::{Left, map};
 use super::scan::{Asks, Scan};
@@ -23,7 +24,7 @@ pub(super) fn unknown(
     vetoed: &[(Entry, Vec<String>)],
     test: &Omnibus,
     joint: &Joint,
-    folds: &[Vec<bool>],
+    fold: Option<&Fold>,
 ) -> Unknown {
     let scan = Scan::new(evidence, &stand.noise, &stand.sheet, &stand.fit, |_| true);
     let mut covariates: Vec<(usize, f64)> = Vec::new();
@@ -67,7 +68,7 @@ pub(super) fn unknown(
     resembles.sort_by_key(|resemblance| !is_vetoed(&resemblance.id));
     let residual_px = stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.fit.residual);
     let places: Vec<[f64; 2]> = evidence.predicted_px(super::evidence::REACH_PX).collect();
-    let held = |k: usize| folds.len() == 1 && folds[0][k];
+    let held = |k: usize| fold.is_some_and(|fold| fold.held[k]);
     let of = |k: usize| -> Left {
         let sigma = stand.noise.sigma_px(&evidence.images[k], evidence.place[k]);
         (places[k], [residual_px[2 * k], residual_px[2 * k + 1]], sigma)

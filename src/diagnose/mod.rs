@@ -6,10 +6,12 @@ mod chance;
 mod clusters;
 mod confirm;
 mod covariates;
+mod crossfit;
 mod descent;
 mod diagnosis;
 mod evidence;
 mod findings;
+mod folds;
 mod halves;
 mod hypotheses;
 mod left;
@@ -19,6 +21,7 @@ mod omnibus;
 mod own;
 mod permute;
 mod profile;
+mod proposals;
 mod prove;
 mod quality;
 mod refine;
@@ -51,8 +54,7 @@ use crate::identify::ControlPoints;
 pub struct DiagnoseOptions {
     /// Simulated recordings without any effect for the omnibus test, at least; more are drawn where the decision is near.
     pub nulls: usize,
-    /// Probability, all questions counted, of seeing a mismatch on the training frames where there is none; half as much is spent on what
-    /// shows on all frames only.
+    /// Probability, all questions counted, of seeing a mismatch where there is none.
     pub alpha: f64,
     /// Random halves of the frames that are held against one another to try the p-values on this recording; none unless asked for.
     pub half_nights: usize,

@@ -2,7 +2,7 @@
 
 use super::DiagnoseOptions;
 use super::attribute::Stand;
-use super::chance::{BATCH, COUNTED_FROM, Chance, family_p, family_p_error};
+use super::chance::{Chance, family_p, family_p_error};
 use super::evidence::Evidence;
 use super::scan::{Asks, Scan};
 
@@ -12,20 +12,11 @@ const MORE: usize = 8;
 const NEAR: f64 = 6.0;
 
 /// Whether there is something, by the hypotheses and by the covariates; each has half of α.
+#[derive(Clone, Debug)]
 pub(super) struct Omnibus {
     pub(super) p_value: f64,
     pub(super) largest: String,
     pub(super) chance: Chance,
-}
-
-/// How thoroughly chance is asked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Effort {
-    /// With all simulations: p is told.
-    Whole,
-    /// With a first part of them if it decides: where ten of a few hundred simulations are as surprising there is nothing
-    /// (Besag and Clifford, Biometrika 78, 301, 1991).
-    Decide,
 }
 
 /// Asks all questions, and chance too. `level` is the probability at which it is decided; `stream` makes the simulations those of this call.
@@ -34,7 +25,7 @@ pub(super) fn omnibus(
     stand: &Stand,
     scan: &Scan,
     options: &DiagnoseOptions,
-    (stream, level, effort): (u64, f64, Effort),
+    (stream, level): (u64, f64),
 ) -> Omnibus {
     let mut most = [(0.0_f64, String::new()), (0.0, String::new())];
     for group in &scan.groups {
@@ -49,13 +40,7 @@ pub(super) fn omnibus(
     }
     let seed = options.seed ^ stream.wrapping_mul(0x517c_c1b7_2722_0a95);
     let simulated = |from: usize, to: usize| scan.chance(&stand.fit, &stand.take, seed, from, to);
-    let first = if effort == Effort::Decide { BATCH.min(options.nulls) } else { options.nulls };
-    let mut chance = simulated(0, first);
-    let above = |largest: &[f64], surprise: f64| largest.partition_point(|value| *value >= surprise);
-    let is_plain = |chance: &Chance| above(&chance.hypotheses, most[0].0).min(above(&chance.covariates, most[1].0)) >= COUNTED_FROM;
-    if first < options.nulls && !is_plain(&chance) {
-        chance = chance.and(simulated(first, options.nulls));
-    }
+    let mut chance = simulated(0, options.nulls);
     // p of the hypotheses and of the covariates, and the standard error of ln p of the smaller.
     let decide = |chance: &Chance| {
         let (h, c) = (family_p(&chance.hypotheses, most[0].0), family_p(&chance.covariates, most[1].0));

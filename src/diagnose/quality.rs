@@ -1,16 +1,16 @@
 //! How well a model describes the star images, and which took part.
 
 use super::attribute::{Entry, Stand};
+use super::crossfit::CrossFit;
 use super::descent::psi_of;
 use super::diagnosis::{FitQuality, MeasuredNoise, NoiseState, ResidualRow, StarsUsed};
 use super::evidence::Evidence;
 use super::noise::NoiseModel;
-use super::prove::held_out_quality;
 use super::sheet::{Whitened, dot, weight};
 use crate::identify::ControlPoints;
 
-/// How well a model does, with the noise of the final one.
-pub(super) fn quality(evidence: &Evidence, stand: &Stand, noise: &NoiseModel, entries: &[Entry], tests: &[Vec<bool>]) -> FitQuality {
+/// How well a model does, with the noise of the final one; on held-out frames what each turn chose itself of the effects `named`.
+pub(super) fn quality(evidence: &Evidence, stand: &Stand, noise: &NoiseModel, tried: &CrossFit, named: &[Entry]) -> FitQuality {
     let residual_px = stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.fit.residual);
     let used: Vec<usize> = (0..evidence.images.len()).filter(|k| stand.take[*k]).collect();
     let square: f64 = used.iter().map(|k| residual_px[2 * k].powi(2) + residual_px[2 * k + 1].powi(2)).sum();
@@ -21,7 +21,7 @@ pub(super) fn quality(evidence: &Evidence, stand: &Stand, noise: &NoiseModel, en
     let (psi, _) = psi_of(&white, &stand.take, noise.tail_degrees);
     let held = {
         let judged = Stand { noise: noise.clone(), sheet: evidence.sheet(noise), ..stand.clone() };
-        held_out_quality(evidence, &judged, entries, tests)
+        tried.quality(evidence, &judged, named)
     };
     FitQuality {
         rms_px: (square / used.len().max(1) as f64).sqrt(),

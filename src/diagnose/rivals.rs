@@ -1,7 +1,7 @@
 //! What else could it be: every other effect in a finding's place, and the observation that would decide.
 
 use super::attribute::{AS_GOOD, Entry, Stand, agreement, columns, cosine, is_observable};
-use super::confirm::proof;
+use super::crossfit::CrossFit;
 use super::diagnosis::Rival;
 use super::evidence::{Evidence, REACH_PX};
 use super::own::project_own;
@@ -68,19 +68,10 @@ pub(super) fn rivals(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: u
     found
 }
 
-/// Falls of χ² on held-out images with each of the nearest rivals in the place of entry `k`.
-pub(super) fn held_out_of_rivals(
-    evidence: &Evidence,
-    stand: &Stand,
-    entries: &[Entry],
-    k: usize,
-    tests: &[Vec<bool>],
-    listed: &mut [Listed],
-) {
+/// Falls of χ² on held-out images with each of the nearest rivals in the place of a hypothesis, in the turns that chose this one.
+pub(super) fn held_out_of_rivals(evidence: &Evidence, tried: &CrossFit, hypothesis: usize, listed: &mut [Listed]) {
     for own in listed.iter_mut().take(HELD_OUT) {
-        let mut instead = entries.to_vec();
-        instead[k] = own.entry;
-        own.rival.held_out_delta_chi2 = Some(proof(evidence, stand, &instead, k, tests, None).delta_chi2);
+        own.rival.held_out_delta_chi2 = Some(tried.in_place(evidence, hypothesis, own.entry));
     }
 }
 

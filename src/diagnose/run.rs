@@ -1,4 +1,4 @@
-//! The diagnosis from end to end.
+//! The diagnosis from end to end, stage by stage.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -6,22 +6,23 @@ use std::time::Instant;
 use super::adequacy::{amplitude_veto, concentration, disagreement, superseded, vetoes};
 use super::attribute::{Entry, Stand, select};
 use super::chance::independent;
-use super::confirm::{Confirmation, Withheld, proof};
-use super::diagnosis::{ChannelTest, Channels, Diagnosis, FORMAT, Finding, Fit, LockBox, Verdict};
+use super::confirm::{Confirmed, Withheld, confirm};
+use super::crossfit::CrossFit;
+use super::diagnosis::{ChannelTest, Channels, Diagnosis, FORMAT, Finding, Fit, Located, Verdict};
 use super::evidence::Evidence;
 use super::findings;
 use super::halves::half_nights;
 use super::located::located;
 use super::noise::NoiseModel;
-use super::omnibus::{Effort, Omnibus, omnibus};
+use super::omnibus::{Omnibus, omnibus};
 use super::permute::{Deals, deal};
-use super::prove::{LOCK_BOX_FROM, Proof, folds, locked_away};
+use super::proposals::{left_out, proposed};
 use super::quality::{noise_state, quality, residual_rows, stars_used};
-use super::refine::refine;
+use super::refine::{place, refine};
 use super::rendered::{self, Rendered};
-use super::resimulate::{DIFFERS, resimulate};
+use super::resimulate::{DIFFERS, Resimulated, resimulate};
 use super::scan::Scan;
-use super::signs::sign_test;
+use super::signs::{SignTest, sign_test};
 use super::solved::Solved;
 use super::{DiagnoseError, DiagnoseOptions, Step, Telemetry, left, words};
 use crate::calibrate::{CalibrateOptions, Joint};
@@ -39,249 +40,338 @@ pub(super) fn diagnose(
     tell: &dyn Fn(Step),
 ) -> Result<Diagnosis, DiagnoseError> {
     let started = Instant::now();
-    let solve = CalibrateOptions {
-        solve: options.solve.clone(),
-        leave_out_imprecise: false,
-        proper_motion_only: options.proper_motion_only,
-        held_out: false,
-        physics: options.physics.clone(),
-        terms: options.terms.clone(),
-        ..CalibrateOptions::default()
-    };
     tell(Step::Baseline);
-    let joint = Joint::solve(points, &solve)?;
-    let columns = Rendered::new(&Evidence::without_hypotheses(&joint), &joint, points, options.looks.as_ref());
-    let evidence = Evidence::at(&joint, points, telemetry, options, Arc::new(columns));
-    let too_few = DiagnoseError::TooFew { images: evidence.images.len(), frames: evidence.frames.len() };
-    let locked = locked_away(evidence.frames.len(), hash(points));
-    let all = vec![true; evidence.images.len()];
-    let training: Vec<bool> = evidence.place.iter().map(|place| !locked.contains(place)).collect();
-    let begin = NoiseModel::stated(evidence.frame_factors.clone());
-    let stand = Stand::new(&evidence, &training, &[], &begin);
-    if stand.fit.degrees < FEWEST_DEGREES {
-        return Err(too_few);
-    }
+    let night = Night::new(points, telemetry, options)?;
     tell(Step::Omnibus);
-    let scan = Scan::new(&evidence, &stand.noise, &stand.sheet, &stand.fit, |_| true);
-    let mut first = omnibus(&evidence, &stand, &scan, options, (1, options.alpha, Effort::Whole));
-    let hypotheses = independent(&first.chance.hypotheses);
-    let threshold = (2.0 * hypotheses / options.alpha).ln();
-    let mut warnings: Vec<String> = joint.notes().to_vec();
-    warnings.extend(rendered::left_out(&evidence, options.looks.as_ref()));
-    let base = Stand::new(&evidence, &all, &[], &begin);
-    let (mut locked, mut training) = (locked, training);
-    let mut significant = first.p_value < options.alpha;
-    let follows = |stand: &Stand, scan: &Scan, test: &Omnibus, significant: bool| {
-        let deals = if significant { deal(&evidence, stand, scan, options.seed) } else { Deals::default() };
-        located(&evidence, stand, scan, &test.chance, &deals)
-    };
-    let mut follows_now = follows(&stand, &scan, &first, significant);
-    if !significant && !locked.is_empty() {
-        // What shows on all frames only is proved frame by frame.
-        let scan = Scan::new(&evidence, &base.noise, &base.sheet, &base.fit, |_| true);
-        let second = omnibus(&evidence, &base, &scan, options, (5, options.alpha / 2.0, Effort::Decide));
-        if second.p_value < options.alpha / 2.0 {
-            significant = true;
-            follows_now = follows(&base, &scan, &second, true);
-            first = second;
-            (locked, training) = (Vec::new(), all.clone());
-        }
-    }
-    // Found on the training part; whoever the lock-box does not confirm goes.
+    let alarm = night.alarm();
     tell(Step::Attribution);
-    let mut entries = if significant { select(&evidence, &training, &begin, threshold).0 } else { Vec::new() };
-    let mut refined = evidence.clone();
-    refine(&mut refined, &joint, &mut entries, &training, &begin);
+    let proposals = if alarm.sounds(options) { night.proposals(&alarm) } else { Vec::new() };
     tell(Step::Proof);
-    let tests = folds(&refined, &locked);
-    // Few frames leave no part to lock away: each is left out in its turn, and the choice is made again without it.
-    let repeated = (refined.frames.len() < LOCK_BOX_FROM && !entries.is_empty()).then_some(threshold);
-    let (mut proofs, unproven, mut chosen_again) = {
-        let confirmation = Confirmation::new(&refined, &training, &tests, &begin, repeated);
-        let (proofs, unproven, said) = confirmation.confirm(&mut entries);
-        warnings.extend(said);
-        let again: Vec<Option<[usize; 2]>> = entries.iter().map(|entry| confirmation.chosen_again(*entry)).collect();
-        (proofs, unproven, again)
-    };
-    // All frames: what was found, solved anew with everything free, and with the search made finer.
+    let mut case = Case::new(&night, &alarm, proposals);
     tell(Step::Solution);
-    refine(&mut refined, &joint, &mut entries, &all, &begin);
-    let mut solved = if entries.is_empty() {
-        Solved::unchanged(&joint, &refined, &base)
-    } else {
-        Solved::new(&joint, points, telemetry, options, &refined, &entries)?
-    };
+    case.solve()?;
     tell(Step::Remainder);
-    // Where nothing shows nothing can be left: it is not asked for.
-    let mut final_scan = significant.then(|| solved.scan());
-    let mut final_omnibus = final_scan.as_ref().map(|scan| solved.omnibus(scan, options, 2));
-    if final_omnibus.as_ref().is_some_and(|test| test.p_value < options.alpha) {
-        // More may show on all frames than did on a part of them; it is proved frame by frame.
-        let rejected: Vec<usize> = unproven.iter().map(|(entry, _)| entry.hypothesis).collect();
-        let more = solved.more(&refined, &entries, &rejected, threshold);
-        if more.len() > entries.len() {
-            let stand = Stand::new(&refined, &all, &more, &begin);
-            let turns = folds(&refined, &[]);
-            let late: Vec<Proof> = (0..more.len()).map(|k| proof(&refined, &stand, &more, k, &turns, None)).collect();
-            let kept: Vec<usize> = (0..more.len()).filter(|k| *k < entries.len() || late[*k].confirms).collect();
-            if kept.len() > entries.len() {
-                proofs = kept.iter().map(|k| if *k < entries.len() { proofs[*k] } else { late[*k] }).collect();
-                entries = kept.iter().map(|k| more[*k]).collect();
-                chosen_again.resize(entries.len(), None);
-                refine(&mut refined, &joint, &mut entries, &all, &begin);
-                solved = Solved::new(&joint, points, telemetry, options, &refined, &entries)?;
-                final_scan = Some(solved.scan());
-                final_omnibus = final_scan.as_ref().map(|scan| solved.omnibus(scan, options, 3));
-            }
-        }
-    }
-
-    // Names that do not stand.
+    case.ask_what_is_left()?;
     tell(Step::Adequacy);
-    let with_all = if entries.is_empty() { base.clone() } else { Stand::new(&refined, &all, &entries, &begin) };
-    let something_remains = !entries.is_empty() && final_omnibus.as_ref().is_some_and(|test| test.p_value < options.alpha);
-    let is_free = |index: usize| entries.iter().all(|entry| entry.hypothesis != index);
-    let linear_scan = something_remains.then(|| Scan::new(&refined, &with_all.noise, &with_all.sheet, &with_all.fit, is_free));
-    let signs: Vec<_> = (0..entries.len()).map(|k| sign_test(&refined, &with_all, &entries, k, options.seed)).collect();
-    let simulated = |entries: &[Entry], solved: &Solved| {
-        (!entries.is_empty()).then(|| resimulate(&joint, &refined, entries, solved, &first.chance, options)).flatten()
-    };
-    let anew = simulated(&entries, &solved);
-    let own_anew = anew.as_ref().map_or_else(Vec::new, |anew| anew.own_p.clone());
-    let mut veto: Vec<(usize, Vec<String>)> = Vec::new();
-    for (k, agreement) in signs.iter().enumerate() {
-        let statistic = findings::statistic(&refined, &with_all, &entries, k).0;
-        let mut against = Vec::new();
-        if let Some(scan) = &final_scan {
-            against.extend(vetoes(&solved.evidence, &solved.stand, scan, &solved.entries, k, statistic));
-        }
-        against.extend(concentration(&refined, points, &with_all, &entries, k));
-        against.extend(amplitude_veto(&refined, &with_all, &entries, k, &solved));
-        against.extend(disagreement(agreement));
-        if let Some(p) = own_anew.get(k).filter(|p| **p < DIFFERS) {
-            against.push(format!("the recording simulated anew with it does not look the same (p = {p:.1e})"));
-        }
-        if let Some(scan) = &linear_scan {
-            against.extend(superseded(&refined, &with_all, scan, &entries, k, threshold));
-        }
-        if !against.is_empty() {
-            veto.push((k, against));
-        }
-    }
-    let vetoed = veto.iter().map(|(k, against)| (entries[*k], against.clone()));
-    let resembling: Vec<Withheld> = vetoed.chain(unproven).collect();
-    let standing: Vec<usize> = (0..entries.len()).filter(|k| veto.iter().all(|(vetoed, _)| vetoed != k)).collect();
-
+    let judged = case.judged();
     tell(Step::Findings);
-    let context = findings::Context {
-        evidence: &refined,
-        joint: &joint,
-        points,
-        base: &base,
-        with_all: &with_all,
-        entries: &entries,
-        proofs: &proofs,
-        signs: &signs,
-        chosen_again: &chosen_again,
-        resimulated: &own_anew,
-        tests: &tests,
-        hypotheses,
-        locked: !locked.is_empty(),
-    };
-    let found: Vec<Finding> = standing.iter().map(|k| context.finding(*k, &solved, options)).collect();
-    let kept: Vec<Entry> = standing.iter().map(|k| entries[*k]).collect();
-    // What is left has to be significant on all frames, however the training part fell out.
-    let everything = if kept == entries { with_all.clone() } else { Stand::new(&refined, &all, &kept, &begin) };
-    let rest = if veto.is_empty() {
-        final_omnibus
-    } else {
-        let scan =
-            Scan::new(&refined, &everything.noise, &everything.sheet, &everything.fit, |index| kept.iter().all(|e| e.hypothesis != index));
-        Some(omnibus(&refined, &everything, &scan, options, (4, options.alpha, Effort::Whole)))
-    };
-    let anew = if veto.is_empty() || kept.is_empty() {
-        anew.filter(|_| !kept.is_empty())
-    } else {
-        simulated(&kept, &Solved::new(&joint, points, telemetry, options, &refined, &kept)?)
-    };
-    let left = rest.as_ref().filter(|rest| rest.p_value < options.alpha);
-    let something_left = left.is_some();
-    let unknown = left.map(|rest| left::unknown(&refined, &everything, &resembling, rest, &joint, &tests));
-    let verdict = match (found.is_empty(), something_left) {
-        (_, true) => Verdict::Unexplained,
-        (false, false) => Verdict::Explained,
-        (true, false) => Verdict::Consistent,
-    };
-    if let Some(rest) = rest.as_ref().filter(|_| verdict == Verdict::Consistent) {
-        warnings.push(format!(
-            "the training part alone looks inconsistent (p = {:.1e}, {}), all frames together do not (p = {:.1e}): taken for chance",
-            first.p_value, first.largest, rest.p_value
-        ));
-    }
-    if let Some(anew) = anew.as_ref().filter(|anew| verdict == Verdict::Explained && anew.p_value < DIFFERS) {
-        warnings.push(format!(
-            "a recording simulated anew with what was found differs from this one by more than chance would have it (p = {:.1e}): something small may be left",
-            anew.p_value
-        ));
-    }
-    let effects = context.effects(&solved, &found, &kept);
-    let profiles = context.profiles(&standing, &found);
-    let fit = Fit {
-        baseline: quality(&refined, &base, &solved.stand.noise, &[], &tests),
-        after: quality(&refined, &everything, &solved.stand.noise, &kept, &tests),
-    };
-    if options.half_nights > 0 {
-        tell(Step::HalfNights);
-    }
-    let half_nights = half_nights(&solved, options);
-    if options.half_nights > 0 && half_nights.is_none() {
-        let frames = refined.frames.len();
-        warnings.push(format!("--half-nights was not answered: {frames} frames have too few different halves"));
-    }
-    let largest = if first.largest.is_empty() { "nothing".to_owned() } else { first.largest.clone() };
-    let mut diagnosis = Diagnosis {
-        format: FORMAT.to_owned(),
-        verdict,
-        physics: options.physics.clone(),
-        findings: found,
-        unknown,
-        effects,
-        fit,
-        channels: Channels { astrometry: Some(ChannelTest { p_value: first.p_value, largest }), ..Channels::default() },
-        stars_used: stars_used(&refined, points, &everything),
-        located: follows_now,
-        noise: noise_state(&solved.stand),
-        lock_box: LockBox {
-            kind: if locked.is_empty() { "leave-one-out" } else { "blocks" }.to_owned(),
-            frames: locked.iter().map(|place| refined.frames[*place].0).collect(),
-        },
-        nulls: first.chance.nulls,
-        resimulated_p_value: anew.map(|anew| anew.p_value),
-        left_p_value: rest.as_ref().map(|rest| rest.p_value),
-        half_nights,
-        effective_hypotheses: hypotheses,
-        summary: Vec::new(),
-        warnings,
-        camera: Some(solved.joint.model().clone()),
-        residuals: residual_rows(&refined, &base, &everything, points),
-        profiles,
-        seconds: 0.0,
-        provenance: None,
-    };
-    diagnosis.summary = words::summary(&diagnosis, rest.map_or(1.0, |rest| rest.p_value));
+    let mut diagnosis = case.told(judged, tell)?;
     diagnosis.seconds = started.elapsed().as_secs_f64();
     Ok(diagnosis)
 }
 
-/// A number that depends on the recording alone: which blocks are locked away.
-fn hash(points: &ControlPoints) -> u64 {
-    let mut state = 0xcbf2_9ce4_8422_2325_u64;
-    for point in &points.points {
-        for bits in [point.x_px.to_bits(), point.y_px.to_bits()] {
-            state = (state ^ bits).wrapping_mul(0x0100_0000_01b3);
-        }
+/// The recording as the diagnosis works on it.
+struct Night<'a> {
+    points: &'a ControlPoints,
+    telemetry: &'a Telemetry,
+    options: &'a DiagnoseOptions,
+    joint: Joint,
+    evidence: Evidence,
+    /// All images.
+    all: Vec<bool>,
+    begin: NoiseModel,
+    /// All images fitted with attitudes and camera alone.
+    base: Stand,
+}
+
+/// What the omnibus test says, and what follows from it for a single effect.
+struct Alarm {
+    test: Omnibus,
+    /// Independent hypotheses that the family amounts to.
+    hypotheses: f64,
+    /// Surprise that an effect needs.
+    threshold: f64,
+    /// Covariates that the residuals follow.
+    located: Vec<Located>,
+}
+
+impl Alarm {
+    fn sounds(&self, options: &DiagnoseOptions) -> bool {
+        self.test.p_value < options.alpha
     }
-    state ^ (state >> 29)
+}
+
+impl<'a> Night<'a> {
+    fn new(points: &'a ControlPoints, telemetry: &'a Telemetry, options: &'a DiagnoseOptions) -> Result<Self, DiagnoseError> {
+        let solve = CalibrateOptions {
+            solve: options.solve.clone(),
+            leave_out_imprecise: false,
+            proper_motion_only: options.proper_motion_only,
+            held_out: false,
+            physics: options.physics.clone(),
+            terms: options.terms.clone(),
+            ..CalibrateOptions::default()
+        };
+        let joint = Joint::solve(points, &solve)?;
+        let columns = Rendered::new(&Evidence::without_hypotheses(&joint), &joint, points, options.looks.as_ref());
+        let evidence = Evidence::at(&joint, points, telemetry, options, Arc::new(columns));
+        let all = vec![true; evidence.images.len()];
+        let begin = NoiseModel::stated(evidence.frame_factors.clone());
+        let base = Stand::new(&evidence, &all, &[], &begin);
+        if base.fit.degrees < FEWEST_DEGREES {
+            return Err(DiagnoseError::TooFew { images: evidence.images.len(), frames: evidence.frames.len() });
+        }
+        Ok(Self { points, telemetry, options, joint, evidence, all, begin, base })
+    }
+
+    /// Asks all questions of all images, and chance too.
+    fn alarm(&self) -> Alarm {
+        let (evidence, base, options) = (&self.evidence, &self.base, self.options);
+        let scan = Scan::new(evidence, &base.noise, &base.sheet, &base.fit, |_| true);
+        let test = omnibus(evidence, base, &scan, options, (1, options.alpha));
+        let hypotheses = independent(&test.chance.hypotheses);
+        let deals = if test.p_value < options.alpha { deal(evidence, base, &scan, options.seed) } else { Deals::default() };
+        let located = located(evidence, base, &scan, &test.chance, &deals);
+        Alarm { hypotheses, threshold: (2.0 * hypotheses / options.alpha).ln(), located, test }
+    }
+
+    /// What all images propose.
+    fn proposals(&self, alarm: &Alarm) -> Vec<Entry> {
+        select(&self.evidence, &self.all, &self.begin, alarm.threshold).0
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        let mut warnings = self.joint.notes().to_vec();
+        warnings.extend(rendered::left_out(&self.evidence, self.options.looks.as_ref()));
+        warnings
+    }
+}
+
+/// What is found, as it grows.
+struct Case<'a> {
+    night: &'a Night<'a>,
+    alarm: &'a Alarm,
+    /// With searches made finer about what was proposed.
+    refined: Evidence,
+    /// Choice and size made anew in turns that leave images out.
+    tried: CrossFit,
+    /// All that all images proposed.
+    proposals: Vec<Entry>,
+    confirmed: Confirmed,
+    solved: Solved,
+    /// Questions beside all that is confirmed; none where nothing shows.
+    rest: Option<(Scan, Omnibus)>,
+}
+
+/// What speaks against the names.
+struct Judged {
+    with_all: Stand,
+    signs: Vec<SignTest>,
+    anew: Option<Resimulated>,
+    /// Entries that do not stand, and why.
+    vetoes: Vec<(usize, Vec<String>)>,
+}
+
+impl<'a> Case<'a> {
+    /// Proposals, their searches made finer, and which of them images that took part in nothing confirm.
+    fn new(night: &'a Night<'a>, alarm: &'a Alarm, mut proposals: Vec<Entry>) -> Self {
+        let asked = (alarm.threshold, alarm.hypotheses);
+        let tried = CrossFit::new(&night.evidence, &night.joint, night.points, &night.begin, asked);
+        let mut refined = night.evidence.clone();
+        refine(&mut refined, &night.joint, &mut proposals, &night.all, &night.begin);
+        let solved = Solved::unchanged(&night.joint, &refined, &night.base);
+        let mut case = Self { night, alarm, refined, tried, proposals, confirmed: Confirmed::default(), solved, rest: None };
+        case.confirm(case.proposals.clone());
+        case
+    }
+
+    /// Confirms entries; those withheld before stay so.
+    fn confirm(&mut self, entries: Vec<Entry>) {
+        self.tried.credit(&self.refined, &self.night.base, &self.proposals);
+        let stand = |entries: &[Entry]| Stand::new(&self.refined, &self.night.all, entries, &self.night.begin);
+        let before = std::mem::take(&mut self.confirmed.withheld);
+        self.confirmed = confirm(&self.refined, &self.tried, entries, stand);
+        self.confirmed.withheld.extend(before);
+    }
+
+    /// Solves anew with everything that is confirmed free, and with the search made finer beside it alone.
+    fn solve(&mut self) -> Result<(), DiagnoseError> {
+        let night = self.night;
+        if self.confirmed.entries.len() < self.proposals.len() {
+            refine(&mut self.refined, &night.joint, &mut self.confirmed.entries, &night.all, &night.begin);
+        }
+        place(&mut self.refined, &night.joint, &mut self.confirmed.entries, &night.all, &night.begin);
+        self.solved = if self.confirmed.entries.is_empty() {
+            Solved::unchanged(&night.joint, &self.refined, &night.base)
+        } else {
+            self.solved_with(&self.confirmed.entries)?
+        };
+        Ok(())
+    }
+
+    fn solved_with(&self, entries: &[Entry]) -> Result<Solved, DiagnoseError> {
+        let night = self.night;
+        Solved::new(&night.joint, night.points, night.telemetry, night.options, &self.refined, entries)
+    }
+
+    /// The test of what is left. Where something is, effects that were hidden behind what was not confirmed are proposed too, and held to the
+    /// same proof. Where nothing shows nothing can be left: it is not asked for.
+    fn ask_what_is_left(&mut self) -> Result<(), DiagnoseError> {
+        let night = self.night;
+        if !self.alarm.sounds(night.options) {
+            return Ok(());
+        }
+        let asked = |solved: &Solved, stream: u64| {
+            let scan = solved.scan();
+            let test = solved.omnibus(&scan, night.options, stream);
+            (scan, test)
+        };
+        let rest = if self.confirmed.entries.is_empty() { (self.solved.scan(), self.alarm.test.clone()) } else { asked(&self.solved, 2) };
+        let something = rest.1.p_value < night.options.alpha;
+        self.rest = Some(rest);
+        if !something {
+            return Ok(());
+        }
+        let rejected: Vec<usize> = self.confirmed.withheld.iter().map(|(entry, _)| entry.hypothesis).collect();
+        let mut more = self.solved.more(&self.refined, &self.confirmed.entries, &rejected, self.alarm.threshold);
+        let before = self.confirmed.entries.len();
+        if more.len() == before {
+            return Ok(());
+        }
+        refine(&mut self.refined, &night.joint, &mut more, &night.all, &night.begin);
+        self.proposals.extend(&more[before..]);
+        self.confirm(more);
+        self.solve()?;
+        self.rest = Some(asked(&self.solved, 3));
+        Ok(())
+    }
+
+    fn anew(&self, entries: &[Entry], solved: &Solved) -> Option<Resimulated> {
+        let (night, chance) = (self.night, &self.alarm.test.chance);
+        (!entries.is_empty()).then(|| resimulate(&night.joint, &self.refined, entries, solved, chance, night.options)).flatten()
+    }
+
+    /// Which names do not stand.
+    fn judged(&self) -> Judged {
+        let (night, refined, entries, options) = (self.night, &self.refined, &self.confirmed.entries, self.night.options);
+        let with_all =
+            if entries.is_empty() { night.base.clone() } else { Stand::new(refined, &night.all, entries, &night.begin) };
+        let remains = self.rest.as_ref().is_some_and(|(_, test)| test.p_value < options.alpha);
+        let is_free = |index: usize| entries.iter().all(|entry| entry.hypothesis != index);
+        let linear_scan =
+            (remains && !entries.is_empty()).then(|| Scan::new(refined, &with_all.noise, &with_all.sheet, &with_all.fit, is_free));
+        let signs: Vec<_> = (0..entries.len()).map(|k| sign_test(refined, &with_all, entries, k, options.seed)).collect();
+        let anew = self.anew(entries, &self.solved);
+        let against = |k: usize| {
+            let statistic = findings::statistic(refined, &with_all, entries, k).0;
+            let mut against = Vec::new();
+            if let Some((scan, _)) = &self.rest {
+                against.extend(vetoes(&self.solved.evidence, &self.solved.stand, scan, &self.solved.entries, k, statistic));
+            }
+            against.extend(concentration(refined, night.points, &with_all, entries, k));
+            against.extend(amplitude_veto(refined, &with_all, entries, k, &self.solved));
+            against.extend(disagreement(&signs[k]));
+            if let Some(p) = anew.as_ref().and_then(|anew| anew.own_p.get(k)).filter(|p| **p < DIFFERS) {
+                against.push(format!("the recording simulated anew with it does not look the same (p = {p:.1e})"));
+            }
+            if let Some(scan) = &linear_scan {
+                against.extend(superseded(refined, &with_all, scan, entries, k, self.alarm.threshold));
+            }
+            against
+        };
+        let vetoes = (0..entries.len()).map(|k| (k, against(k))).filter(|(_, against)| !against.is_empty()).collect();
+        Judged { with_all, signs, anew, vetoes }
+    }
+
+    /// Everything as the result has it.
+    fn told(self, judged: Judged, tell: &dyn Fn(Step)) -> Result<Diagnosis, DiagnoseError> {
+        let (night, alarm, refined, options) = (self.night, self.alarm, &self.refined, self.night.options);
+        let entries = &self.confirmed.entries;
+        let mut warnings = night.warnings();
+        let is_vetoed = |k: &usize| judged.vetoes.iter().any(|(vetoed, _)| vetoed == k);
+        let standing: Vec<usize> = (0..entries.len()).filter(|k| !is_vetoed(k)).collect();
+        let kept: Vec<Entry> = standing.iter().map(|k| entries[*k]).collect();
+        let vetoed = judged.vetoes.iter().map(|(k, against)| (entries[*k], against.clone()));
+        let withheld: Vec<Withheld> = vetoed.chain(self.confirmed.withheld.iter().cloned()).collect();
+        for (entry, against) in &self.confirmed.withheld {
+            let id = refined.hypotheses[entry.hypothesis].id();
+            warnings.push(format!("{id} is proposed by all star images together and not claimed: {}", against.join("; ")));
+        }
+        let own_anew = judged.anew.as_ref().map_or_else(Vec::new, |anew| anew.own_p.clone());
+        let context = findings::Context {
+            evidence: refined,
+            joint: &night.joint,
+            points: night.points,
+            base: &night.base,
+            with_all: &judged.with_all,
+            entries,
+            proofs: &self.confirmed.proofs,
+            signs: &judged.signs,
+            tried: &self.tried,
+            resimulated: &own_anew,
+            hypotheses: alarm.hypotheses,
+        };
+        let found: Vec<Finding> = standing.iter().map(|k| context.finding(*k, &self.solved, options)).collect();
+        let everything =
+            if kept == *entries { judged.with_all.clone() } else { Stand::new(refined, &night.all, &kept, &night.begin) };
+        let own_test = (!judged.vetoes.is_empty()).then(|| {
+            let is_free = |index: usize| kept.iter().all(|entry| entry.hypothesis != index);
+            let scan = Scan::new(refined, &everything.noise, &everything.sheet, &everything.fit, is_free);
+            omnibus(refined, &everything, &scan, options, (4, options.alpha))
+        });
+        let rest = own_test.as_ref().or(self.rest.as_ref().map(|(_, test)| test));
+        let anew = if judged.vetoes.is_empty() || kept.is_empty() {
+            judged.anew.as_ref().filter(|_| !kept.is_empty()).map(|anew| anew.p_value)
+        } else {
+            self.anew(&kept, &self.solved_with(&kept)?).map(|anew| anew.p_value)
+        };
+        let left = rest.filter(|rest| rest.p_value < options.alpha);
+        let unknown =
+            left.map(|rest| left::unknown(refined, &everything, &withheld, rest, &night.joint, self.tried.folds.all.first()));
+        let verdict = match (found.is_empty(), unknown.is_some()) {
+            (_, true) => Verdict::Unexplained,
+            (false, false) => Verdict::Explained,
+            (true, false) => Verdict::Consistent,
+        };
+        if let Some(p) = anew.filter(|p| verdict == Verdict::Explained && *p < DIFFERS) {
+            warnings.push(format!(
+                "a recording simulated anew with what was found differs from this one by more than chance would have it (p = {p:.1e}): something small may be left"
+            ));
+        }
+        let fit = Fit {
+            baseline: quality(refined, &night.base, &self.solved.stand.noise, &self.tried, &[]),
+            after: quality(refined, &everything, &self.solved.stand.noise, &self.tried, &kept),
+        };
+        if options.half_nights > 0 {
+            tell(Step::HalfNights);
+        }
+        let half_nights = half_nights(&self.solved, options);
+        if options.half_nights > 0 && half_nights.is_none() {
+            let frames = refined.frames.len();
+            warnings.push(format!("--half-nights was not answered: {frames} frames have too few different halves"));
+        }
+        let largest = if alarm.test.largest.is_empty() { "nothing".to_owned() } else { alarm.test.largest.clone() };
+        let left_p = rest.map(|rest| rest.p_value);
+        let mut diagnosis = Diagnosis {
+            format: FORMAT.to_owned(),
+            verdict,
+            physics: options.physics.clone(),
+            effects: context.effects(&self.solved, &found, &kept),
+            profiles: context.profiles(&standing, &found),
+            findings: found,
+            proposed: proposed(refined, &self.tried, &everything, &kept, &self.proposals, &withheld),
+            unknown,
+            fit,
+            channels: Channels { astrometry: Some(ChannelTest { p_value: alarm.test.p_value, largest }), ..Channels::default() },
+            stars_used: stars_used(refined, night.points, &everything),
+            located: alarm.located.clone(),
+            noise: noise_state(&self.solved.stand),
+            left_out: left_out(refined, &self.tried),
+            nulls: alarm.test.chance.nulls,
+            resimulated_p_value: anew,
+            left_p_value: left_p,
+            half_nights,
+            effective_hypotheses: alarm.hypotheses,
+            summary: Vec::new(),
+            warnings,
+            camera: Some(self.solved.joint.model().clone()),
+            residuals: residual_rows(refined, &night.base, &everything, night.points),
+            seconds: 0.0,
+            provenance: None,
+        };
+        diagnosis.summary = words::summary(&diagnosis, left_p.unwrap_or(1.0));
+        Ok(diagnosis)
+    }
 }
 
 /// p-value of a statistic of so many degrees of freedom.

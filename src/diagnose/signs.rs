@@ -13,12 +13,13 @@ use rand_pcg::Pcg64Mcg;
 
 use super::attribute::{Entry, Stand, basis, columns};
 use super::evidence::{Evidence, REACH_PX};
-use super::prove::LOCK_BOX_FROM;
 use super::sheet::{Fit, Whitened};
 
 /// The test is passed below this. It guards against errors that hang together, not against chance, which the family of all tests holds far lower:
 /// at a tenth of this three of 250 right names near the limit of detection failed it, where sixteen frames of unequal worth can say no more.
 pub(super) const LEVEL: f64 = 1e-2;
+/// From so many frames on these are the units.
+const FRAMES_FROM: usize = 16;
 /// Cells of the field along each axis, where parts of frames are the units.
 const CELLS: usize = 3;
 /// Choices of signs drawn at most,
@@ -68,7 +69,7 @@ fn units(evidence: &Evidence, entry: Entry) -> (&'static str, Vec<usize>) {
     if evidence.hypotheses[entry.hypothesis].effect.is_of_the_star() {
         return ("stars", evidence.star.clone());
     }
-    if evidence.frames.len() >= LOCK_BOX_FROM {
+    if evidence.frames.len() >= FRAMES_FROM {
         return ("frames", evidence.place.clone());
     }
     let places: Vec<[f64; 2]> = evidence.predicted_px(REACH_PX).collect();

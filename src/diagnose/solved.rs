@@ -5,7 +5,7 @@ use super::diagnosis::{FoundParameter, Rival};
 use super::evidence::Evidence;
 use super::hypotheses::{Hypothesis, Variant, with_zenith};
 use super::noise::NoiseModel;
-use super::omnibus::{Effort, Omnibus, omnibus};
+use super::omnibus::{Omnibus, omnibus};
 use super::scan::Scan;
 use super::sheet::{Fit, Whitened, weight};
 use super::{DiagnoseError, DiagnoseOptions, Telemetry};
@@ -106,7 +106,7 @@ impl Solved {
 
     /// The test of what is left.
     pub(super) fn omnibus(&self, scan: &Scan, options: &DiagnoseOptions, stream: u64) -> Omnibus {
-        omnibus(&self.evidence, &self.stand, scan, options, (stream, options.alpha, Effort::Whole))
+        omnibus(&self.evidence, &self.stand, scan, options, (stream, options.alpha))
     }
 
     /// Size found over size known of an accepted effect, with the effects free beside it that resemble it: what they could take of it is

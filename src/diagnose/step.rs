@@ -9,7 +9,7 @@ pub enum Step {
     Omnibus,
     /// Effects enter and leave.
     Attribution,
-    /// What was found is held against frames that were not used.
+    /// Everything is chosen and sized anew in turns that leave parts of the recording out, and held against these.
     Proof,
     /// Everything is solved with what was found.
     Solution,
@@ -40,7 +40,7 @@ impl Step {
             Self::Baseline => "fitting the model that the recording is held against",
             Self::Omnibus => "asking whether anything is missing, and simulated recordings too",
             Self::Attribution => "looking for what is missing",
-            Self::Proof => "asking the frames that were not used",
+            Self::Proof => "choosing anew in turns, and asking what each left out",
             Self::Solution => "solving with what was found",
             Self::Remainder => "asking what is left",
             Self::Adequacy => "asking what speaks against the names, and simulating anew",

@@ -34,7 +34,7 @@ pub(super) fn title(effect: &dyn AnyDisplacement) -> String {
 }
 
 /// A finding in one or two sentences.
-pub(super) fn finding(finding: &Finding, effect: &dyn AnyDisplacement, in_force: bool, locked: bool) -> String {
+pub(super) fn finding(finding: &Finding, effect: &dyn AnyDisplacement, in_force: bool) -> String {
     let sizes: Vec<String> = finding.parameters.iter().map(quantity).collect();
     let located = finding.located_by.first().map_or_else(String::new, |name| format!("Star images are displaced in step with {name}. "));
     let what = if in_force {
@@ -49,18 +49,23 @@ pub(super) fn finding(finding: &Finding, effect: &dyn AnyDisplacement, in_force:
         ColumnsOf::Rendered => " Its trace is that of the recording's own stars, rendered with it and measured.",
         ColumnsOf::Formula => "",
     };
-    let frames = if locked { "on frames that were locked away" } else { "on frames left out one after the other" };
+    let [times, turns] = finding.chosen_again;
+    let held = format!(
+        "Chosen and sized anew in turns that leave {} out (chosen again in {times} of {turns}) it lowers χ² there by {:.0}, {:.0} expected{}.",
+        finding.left_out,
+        finding.held_out_delta_chi2,
+        finding.held_out_expected,
+        finding.held_out_remark.as_ref().map_or_else(String::new, |remark| format!(": {remark}"))
+    );
     let set = if finding.indistinguishable_from.is_empty() {
         String::new()
     } else {
         format!(" It cannot be told from {} here; what would decide: {}.", finding.indistinguishable_from.join(", "), finding.decided_by)
     };
     format!(
-        "{located}{what}: {}{known}. Modelling it lowers χ² by {:.0}, and by {:.0} {frames} ({:.0} expected).{rendered}{set}",
+        "{located}{what}: {}{known}. Modelling it lowers χ² by {:.0}. {held}{rendered}{set}",
         sizes.join(", "),
-        finding.delta_chi2,
-        finding.held_out_delta_chi2,
-        finding.held_out_expected
+        finding.delta_chi2
     )
 }
 

@@ -249,7 +249,9 @@ fn frames_have_to_agree() {
     for (frames, diagnosis) in &found {
         let finding = diagnosis.findings.iter().find(|finding| finding.id == "pixel-aspect").unwrap_or_else(|| panic!("{frames} frames"));
         assert!(finding.signs.p_value.unwrap() < 1e-3 && finding.signs.effective > 10.0, "{:?}", finding.signs);
-        assert_eq!(finding.chosen_again, (*frames == 8).then_some([8, 8]));
+        let turns = finding.chosen_again;
+        assert!(turns[1] == 8 && turns[0] >= 7, "{frames} frames: {turns:?}");
+        assert_eq!(finding.left_out, if *frames == 8 { "frames" } else { "blocks of frames" });
         // Of single recordings a rival may have the luck.
         ahead += finding.rivals.iter().filter_map(|rival| Some(finding.held_out_delta_chi2 - rival.held_out_delta_chi2?)).sum::<f64>();
         for (differs, p) in differs.iter_mut().zip([finding.resimulated_p_value, diagnosis.resimulated_p_value]) {

@@ -2,5 +2,6 @@
 
 mod diagnosed;
 mod generator;
+mod held_out;
 mod pixels;
 mod scorer;
