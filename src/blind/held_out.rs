@@ -106,7 +106,9 @@ impl HeldOutStudy {
             self.unanswered,
             self.alpha
         ));
-        line("A recording is gone through in turns. Each leaves a part of the frames out (for effects that go by a star's own numbers half of the stars too), chooses and sizes effects on the rest, noise and searches included, and holds what it chose against what it left out. The held-out fall of χ² of an effect is the sum over the turns that chose it. Where nothing is hidden its mean is below zero over all that was proposed, by whatever part; an effect that all star images together propose was chosen with every error in hand, and one that is named has passed the test of this very figure besides, so that of these alone the mean is above zero.\n");
+        line(
+            "A recording is gone through in turns. Each leaves a part of the frames out (for effects that go by a star's own numbers half of the stars too), chooses and sizes effects on the rest, noise and searches included, and holds what it chose against what it left out. The held-out fall of χ² of an effect is the sum over the turns that chose it. Where nothing is hidden its mean is below zero over all that was proposed, by whatever part; an effect that all star images together propose was chosen with every error in hand, and one that is named has passed the test of this very figure besides, so that of these alone the mean is above zero.\n",
+        );
         line("| proposals | number | recordings | χ² in sample, mean | held-out fall of χ², mean | expected of a true one |");
         line("|---|---|---|---|---|---|");
         for own in &self.rows {
@@ -115,10 +117,7 @@ impl HeldOutStudy {
                 own.label, own.count, own.recordings, own.in_sample, own.mean, own.error, own.expected
             ));
         }
-        line(&format!(
-            "\nMean over all at most zero, two standard errors allowed: {}.",
-            if self.is_honest() { "yes" } else { "no" }
-        ));
+        line(&format!("\nMean over all at most zero, two standard errors allowed: {}.", if self.is_honest() { "yes" } else { "no" }));
         page
     }
 }

@@ -256,7 +256,8 @@ fn turn(evidence: &Evidence, joint: &Joint, fold: &Fold, begin: &NoiseModel, lea
         stand = Stand::new(&searched, &fold.train, &entries, &stand.noise);
     }
     let held = believed(&searched, &stand, fold);
-    let white = |entry: &Entry| columns(&searched, std::slice::from_ref(entry)).map(|c| searched.white(&stand.noise, c)).collect::<Vec<_>>();
+    let white =
+        |entry: &Entry| columns(&searched, std::slice::from_ref(entry)).map(|c| searched.white(&stand.noise, c)).collect::<Vec<_>>();
     let of = |k: usize| {
         let judged = fold.judges.takes(by_stars[entries[k].hypothesis]);
         let kept: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(entry)).collect();

@@ -1,11 +1,11 @@
 //! From accepted effects to findings: sizes with errors, the evidence, what located them, what else it could be.
 
 use super::attribute::{self, Entry, Stand, columns};
+use super::crossfit::{CrossFit, Proof};
 use super::diagnosis::{ColumnsOf, Finding, Profile, Signs};
 use super::evidence::Evidence;
 use super::located::{NAMED, ranked};
 use super::omnibus::among_covariates;
-use super::crossfit::{CrossFit, Proof};
 use super::rivals::{decided_by, held_out_of_rivals, rivals};
 use super::run::{family, p_of};
 use super::scan::Scan;

@@ -197,8 +197,7 @@ fn light_of(joint: &Joint, evidence: &Evidence, k: usize, segment: Segment) -> O
     let image = &evidence.images[k];
     let camera = joint.model().camera();
     let from_star = nalgebra::Vector3::from(image.star_direction);
-    let direction =
-        if segment == Segment::Sky { from_star } else { joint.attitude(evidence.place[k])?.camera_from_icrs * from_star };
+    let direction = if segment == Segment::Sky { from_star } else { joint.attitude(evidence.place[k])?.camera_from_icrs * from_star };
     let middle = [(camera.width_px as f64 - 1.0) / 2.0, (camera.height_px as f64 - 1.0) / 2.0];
     let [x, y] = image.measured_px;
     Some(Light {

@@ -20,13 +20,7 @@ pub(super) struct Omnibus {
 }
 
 /// Asks all questions, and chance too. `level` is the probability at which it is decided; `stream` makes the simulations those of this call.
-pub(super) fn omnibus(
-    evidence: &Evidence,
-    stand: &Stand,
-    scan: &Scan,
-    options: &DiagnoseOptions,
-    (stream, level): (u64, f64),
-) -> Omnibus {
+pub(super) fn omnibus(evidence: &Evidence, stand: &Stand, scan: &Scan, options: &DiagnoseOptions, (stream, level): (u64, f64)) -> Omnibus {
     let mut most = [(0.0_f64, String::new()), (0.0, String::new())];
     for group in &scan.groups {
         let (which, name) = match group.asks {

@@ -244,8 +244,7 @@ impl<'a> Case<'a> {
     /// Which names do not stand.
     fn judged(&self) -> Judged {
         let (night, refined, entries, options) = (self.night, &self.refined, &self.confirmed.entries, self.night.options);
-        let with_all =
-            if entries.is_empty() { night.base.clone() } else { Stand::new(refined, &night.all, entries, &night.begin) };
+        let with_all = if entries.is_empty() { night.base.clone() } else { Stand::new(refined, &night.all, entries, &night.begin) };
         let remains = self.rest.as_ref().is_some_and(|(_, test)| test.p_value < options.alpha);
         let is_free = |index: usize| entries.iter().all(|entry| entry.hypothesis != index);
         let linear_scan =
@@ -302,8 +301,7 @@ impl<'a> Case<'a> {
             hypotheses: alarm.hypotheses,
         };
         let found: Vec<Finding> = standing.iter().map(|k| context.finding(*k, &self.solved, options)).collect();
-        let everything =
-            if kept == *entries { judged.with_all.clone() } else { Stand::new(refined, &night.all, &kept, &night.begin) };
+        let everything = if kept == *entries { judged.with_all.clone() } else { Stand::new(refined, &night.all, &kept, &night.begin) };
         let own_test = (!judged.vetoes.is_empty()).then(|| {
             let is_free = |index: usize| kept.iter().all(|entry| entry.hypothesis != index);
             let scan = Scan::new(refined, &everything.noise, &everything.sheet, &everything.fit, is_free);
@@ -316,8 +314,7 @@ impl<'a> Case<'a> {
             self.anew(&kept, &self.solved_with(&kept)?).map(|anew| anew.p_value)
         };
         let left = rest.filter(|rest| rest.p_value < options.alpha);
-        let unknown =
-            left.map(|rest| left::unknown(refined, &everything, &withheld, rest, &night.joint, self.tried.folds.all.first()));
+        let unknown = left.map(|rest| left::unknown(refined, &everything, &withheld, rest, &night.joint, self.tried.folds.all.first()));
         let verdict = match (found.is_empty(), unknown.is_some()) {
             (_, true) => Verdict::Unexplained,
             (false, false) => Verdict::Explained,

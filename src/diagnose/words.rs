@@ -62,11 +62,7 @@ pub(super) fn finding(finding: &Finding, effect: &dyn AnyDisplacement, in_force:
     } else {
         format!(" It cannot be told from {} here; what would decide: {}.", finding.indistinguishable_from.join(", "), finding.decided_by)
     };
-    format!(
-        "{located}{what}: {}{known}. Modelling it lowers χ² by {:.0}. {held}{rendered}{set}",
-        sizes.join(", "),
-        finding.delta_chi2
-    )
+    format!("{located}{what}: {}{known}. Modelling it lowers χ² by {:.0}. {held}{rendered}{set}", sizes.join(", "), finding.delta_chi2)
 }
 
 /// A probability: two decimals, or as a power of ten where these say nothing.

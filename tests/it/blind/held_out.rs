@@ -7,7 +7,7 @@ use boresight::diagnose::{DiagnoseOptions, diagnose};
 use rayon::prelude::*;
 
 const SEED: u64 = 20_261_122;
-const NULLS: u32 = 48;
+const NULLS: u32 = 40;
 
 /// Diagnosed so loosely that chance is proposed.
 fn answered(index: u32) -> Answer {
@@ -39,8 +39,8 @@ fn answered(index: u32) -> Answer {
     Answer { error: None, alpha: 0.5, proposed, ..Answer::none(Family::Null, index, SEED, String::new()) }
 }
 
-/// The mean over all that was proposed is not above zero; that over what all star images proposed together is: a figure that is printed of
-/// these alone, as if it were held out, is not.
+/// The mean over all that was proposed is not above zero. What all star images proposed together looks like something in sample (a fall of
+/// χ² of ten), and leaving frames out of its size alone would leave nearly all of that: held out choice and all, nothing is left.
 #[test]
 fn what_is_held_out_has_no_mean_above_zero_where_nothing_is_hidden() {
     let answers: Vec<Answer> = (0..NULLS).into_par_iter().map(answered).collect();
@@ -49,6 +49,6 @@ fn what_is_held_out_has_no_mean_above_zero_where_nothing_is_hidden() {
     let [all, by_parts, by_all] = [0, 1, 2].map(|k| &study.rows[k]);
     assert!(study.is_honest(), "{all:?}");
     assert!(all.mean < 0.0 && by_parts.mean < -2.0 * by_parts.error, "{all:?} {by_parts:?}");
-    assert!(by_all.count >= 5 && by_all.mean > 2.0 * by_all.error, "chosen with all errors in hand it looks like something: {by_all:?}");
-    assert!(by_all.mean < by_all.in_sample, "{by_all:?}");
+    assert!(by_all.count >= 5 && by_all.in_sample > 7.0, "{by_all:?}");
+    assert!(by_all.mean < 0.3 * by_all.in_sample, "a choice made with all errors in hand: {by_all:?}");
 }
