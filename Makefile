@@ -102,7 +102,7 @@ HELD_OUT_NULLS ?= 1000
 held-out:
 	$(CARGO) build --locked --release --bin boresight
 	$(PEERS_PROGRAM) blind generate --family null --to $(HELD_OUT_NULLS) --seed $(HELD_OUT_SEED) -o $(HELD_OUT)
-	$(PEERS_PROGRAM) blind run --family null --to $(HELD_OUT_NULLS) --alpha 0.5 --nulls 400 -o $(HELD_OUT)
+	$(PEERS_PROGRAM) blind run --family null --to $(HELD_OUT_NULLS) --alpha 0.5 --nulls 200 -o $(HELD_OUT)
 	$(PEERS_PROGRAM) blind held-out -o $(HELD_OUT) --commit "$$(git rev-parse --short HEAD)" --page docs/studies/held-out.md
 
 # Other programs on the same data; nothing of it belongs to the tests. PEERS_SETS: synthetic nights of each of the two cameras.

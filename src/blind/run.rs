@@ -66,7 +66,9 @@ pub fn answer(family: Family, index: u32, seed: u64, options: &DiagnoseOptions) 
     }
     let Concealed { lists, .. } = concealed(family, index, seed, Catalog::embedded());
     let options = DiagnoseOptions { seed: u64::from(index), ..options.clone() };
-    answer_of_lists(&lists, family, index, seed, &options, true)
+    // Rivals are held against the diagnosis as it is used, not against one that is made loose to see what chance brings.
+    let as_used = options.alpha <= DiagnoseOptions::default().alpha;
+    answer_of_lists(&lists, family, index, seed, &options, as_used)
 }
 
 /// The answer about star lists; with `rivals`, other ways of mending are tried on them too.
