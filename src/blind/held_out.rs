@@ -41,11 +41,13 @@ pub struct HeldOutStudy {
     pub rows: Vec<Proposals>,
 }
 
+/// A kind of proposals: its name, and whether one is of it.
+type Kind<'a> = (&'a str, &'a dyn Fn(&AnswerProposal) -> bool);
+
 /// Counts the answers about recordings in which nothing is hidden.
 #[must_use]
 pub fn held_out_study(answers: &[Answer]) -> HeldOutStudy {
     let given: Vec<&Answer> = answers.iter().filter(|answer| answer.error.is_none()).collect();
-    type Kind<'a> = (&'a str, &'a dyn Fn(&AnswerProposal) -> bool);
     let kinds: [Kind; 5] = [
         ("all that was proposed", &|_| true),
         ("of these, by parts of a recording alone", &|own| !own.by_all_images),

@@ -160,12 +160,11 @@ impl CrossFit {
                 let trace: Vec<Whitened> = pick.columns.iter().map(white).collect();
                 let of_its_kind = self.owners.iter().zip(&traces).filter(|(own, _)| self.by_stars[**own] == self.by_stars[pick.hypothesis]);
                 let alike = of_its_kind.map(|(own, known)| (*own, cosine(&base.fit, known, &trace))).filter(|(_, cos)| *cos >= SAME_TRACE);
-                match alike.max_by(|a, b| a.1.total_cmp(&b.1)) {
-                    Some((own, _)) => pick.owner = own,
-                    None => {
-                        self.owners.push(pick.hypothesis);
-                        traces.push(trace);
-                    }
+                if let Some((own, _)) = alike.max_by(|a, b| a.1.total_cmp(&b.1)) {
+                    pick.owner = own;
+                } else {
+                    self.owners.push(pick.hypothesis);
+                    traces.push(trace);
                 }
             }
         }

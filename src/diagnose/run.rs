@@ -55,7 +55,7 @@ pub(super) fn diagnose(
     tell(Step::Adequacy);
     let judged = case.judged();
     tell(Step::Findings);
-    let mut diagnosis = case.told(judged, tell)?;
+    let mut diagnosis = case.told(&judged, tell)?;
     diagnosis.seconds = started.elapsed().as_secs_f64();
     Ok(diagnosis)
 }
@@ -273,7 +273,7 @@ impl<'a> Case<'a> {
     }
 
     /// Everything as the result has it.
-    fn told(self, judged: Judged, tell: &dyn Fn(Step)) -> Result<Diagnosis, DiagnoseError> {
+    fn told(&self, judged: &Judged, tell: &dyn Fn(Step)) -> Result<Diagnosis, DiagnoseError> {
         let (night, alarm, refined, options) = (self.night, self.alarm, &self.refined, self.night.options);
         let entries = &self.confirmed.entries;
         let mut warnings = night.warnings();
