@@ -68,7 +68,7 @@ pub struct Answer {
     pub version: String,
     /// Why there is no diagnosis, if there is none.
     pub error: Option<String>,
-    /// `consistent`, `explained` or `unexplained`; empty without a diagnosis.
+    /// `consistent`, `explained`, `unexplained` or `undecided`; empty without a diagnosis.
     pub verdict: String,
     /// What was named.
     pub findings: Vec<AnswerFinding>,

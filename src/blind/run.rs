@@ -120,11 +120,13 @@ pub(super) fn shortened(diagnosis: &Diagnosis, family: Family, index: u32, seed:
         Verdict::Consistent => "consistent",
         Verdict::Explained => "explained",
         Verdict::Unexplained => "unexplained",
+        Verdict::Undecided => "undecided",
     };
     let status = |state: EffectState| match state {
         EffectState::Found => "found",
         EffectState::Indistinguishable => "indistinguishable",
         EffectState::NotFound => "not-found",
+        EffectState::Withheld => "withheld",
         EffectState::NotObservable => "not-observable",
         EffectState::NotApplicable => "not-applicable",
     };
@@ -133,13 +135,13 @@ pub(super) fn shortened(diagnosis: &Diagnosis, family: Family, index: u32, seed:
         verdict: verdict.to_owned(),
         findings: diagnosis.findings.iter().map(finding).collect(),
         proposed: diagnosis.proposed.iter().map(proposal).collect(),
-        unknown_located_by: diagnosis.unknown.as_ref().map(|unknown| unknown.located_by.clone()),
+        unknown_located_by: diagnosis.unknown.first().map(|unknown| unknown.located_by.clone()),
         unknown_resembles: diagnosis
             .unknown
             .iter()
             .flat_map(|unknown| unknown.resembles.iter().map(|resemblance| (resemblance.id.clone(), resemblance.cos)))
             .collect(),
-        unknown_vetoes: diagnosis.unknown.as_ref().map_or_else(Vec::new, |unknown| unknown.vetoes.clone()),
+        unknown_vetoes: diagnosis.unknown.first().map_or_else(Vec::new, |unknown| unknown.vetoes.clone()),
         effects: diagnosis.effects.iter().map(|effect| (effect.id.clone(), status(effect.status).to_owned())).collect(),
         located: diagnosis.located.iter().map(|located| located.covariate.clone()).collect(),
         held_out: [diagnosis.fit.baseline.held_out_chi2_per_dof, diagnosis.fit.after.held_out_chi2_per_dof],

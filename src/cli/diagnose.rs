@@ -177,7 +177,7 @@ fn finish(
     let object =
         DiagnoseObject { diagnosis: &diagnosis, parity: prepared.parity, skipped: &measured.skipped, notes: &measured.recording.notes };
     output::deliver("diagnose", &object, args.output.json, args.output.output.as_deref(), || diagnose_text::text(&diagnosis))?;
-    Ok(if diagnosis.verdict == Verdict::Unexplained { Answer::No } else { Answer::Yes })
+    Ok(if matches!(diagnosis.verdict, Verdict::Unexplained | Verdict::Undecided) { Answer::No } else { Answer::Yes })
 }
 
 /// Images whose noise is not as the camera is said to have it.
@@ -231,10 +231,10 @@ fn store_columns(diagnosis: &mut Diagnosis, width_px: usize) {
     }
     for profile in &mut diagnosis.profiles {
         let turned = matches!(profile.component.as_str(), "along x" | "across the radius");
-        for [at, mean, _, model] in &mut profile.bins {
-            *at = mirrored(&profile.covariate, *at, width_px as f64);
+        for bin in &mut profile.bins {
+            bin.at = mirrored(&profile.covariate, bin.at, width_px as f64);
             if turned {
-                (*mean, *model) = (-*mean, -*model);
+                (bin.mean, bin.model) = (-bin.mean, -bin.model);
             }
         }
     }

@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use boresight::diagnose::{Diagnosis, EffectState, Profile, Unknown};
+use boresight::diagnose::{Diagnosis, EffectState, PREDICTED, Profile, Unknown};
 use boresight::recording::write_file;
 use boresight::report;
+use boresight::statistics::significance::deviations;
 
 use super::diagnose_text;
-use super::pictures::{probability, significant};
+use super::pictures::significant;
 use super::pipeline::Measured;
 
 /// The map of the remainder.
@@ -22,7 +23,8 @@ const PROFILE: &str = "profile-";
 pub(crate) fn write(directory: &Path, diagnosis: &mut Diagnosis, measured: &Measured, size: (usize, usize), alpha: f64) -> Result<()> {
     std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
     remove_former(directory)?;
-    if let Some(unknown) = diagnosis.unknown.as_mut().filter(|unknown| !unknown.field.points.is_empty()) {
+    // A map of what is no more than noise is not drawn.
+    if let Some(unknown) = diagnosis.unknown.iter_mut().find(|unknown| unknown.field.is_told()) {
         unknown.map = Some(MAP_TABLE.to_owned());
         write_file(&directory.join(MAP_TABLE), &map_table(unknown)?)?;
         map_picture(&directory.join(MAP_PICTURE), unknown, size)?;
@@ -38,7 +40,7 @@ pub(crate) fn write(directory: &Path, diagnosis: &mut Diagnosis, measured: &Meas
     }
     for profile in diagnosis.profiles.iter().filter(|profile| !profile.bins.is_empty()) {
         let name = format!("{PROFILE}{}-{}.png", profile.id, profile.covariate.replace(|c: char| !c.is_ascii_alphanumeric(), "-"));
-        profile_plot(profile, diagnosis).write(&directory.join(name))?;
+        profile_plot(profile).write(&directory.join(name))?;
     }
     Ok(())
 }
@@ -92,68 +94,79 @@ fn map_table(unknown: &Unknown) -> Result<Vec<u8>> {
 
 /// The residual vectors before and after, on one scale.
 fn residuals(path: &Path, diagnosis: &Diagnosis, size: (usize, usize)) -> Result<()> {
-    let panel = |title: &str, residual: fn(&boresight::diagnose::ResidualRow) -> [f64; 2]| {
+    let stars = diagnosis.stars_used.with_proper_motion + diagnosis.stars_used.without;
+    let panel = |title: &str, residual: fn(&boresight::diagnose::ResidualRow) -> [f64; 2], rms_px: f64| {
         let vectors = diagnosis.residuals.iter().map(|row| {
             let [dx_px, dy_px] = residual(row);
-            report::Vector { x_px: row.x_px, y_px: row.y_px, dx_px, dy_px, rejected: row.weight <= 0.5 }
+            report::Vector { x_px: row.x_px, y_px: row.y_px, dx_px, dy_px, rejected: row.weight <= 0.0 }
         });
-        report::VectorPanel { title: title.to_owned(), vectors: vectors.collect() }
+        let vectors: Vec<report::Vector> = vectors.collect();
+        let rejected = vectors.iter().filter(|vector| vector.rejected).count();
+        report::VectorPanel { title: title.to_owned(), vectors, told: Some(report::Told { rms_px, stars, rejected }) }
     };
     let ids: Vec<&str> = diagnosis.findings.iter().map(|finding| finding.id.as_str()).collect();
     let after = if ids.is_empty() { "after (nothing was found)".to_owned() } else { format!("after, with {}", ids.join(", ")) };
-    let panels = [&panel("before", |row| row.before_px), &panel(&after, |row| row.after_px)];
-    Ok(report::residual_vectors_on_one_scale(path, "Residuals of the stars, one free attitude a frame, both on one scale", size, panels)?)
+    let fit = &diagnosis.fit;
+    let panels = [&panel("before", |row| row.before_px, fit.baseline.rms_px), &panel(&after, |row| row.after_px, fit.after.rms_px)];
+    Ok(report::residual_vectors_on_one_scale(
+        path,
+        "Residuals of the stars' positions, one free attitude a frame, both on one scale",
+        size,
+        panels,
+    )?)
 }
 
 /// What is left, in each point of the frame.
 fn map_picture(path: &Path, unknown: &Unknown, size: (usize, usize)) -> Result<()> {
     let field = &unknown.field;
     let summary = format!(
-        "rms {} px, changes over {} px, {:.0} % of it without curl; p = {}",
+        "rms {} px, changes over {} px, {:.0} % of it without curl; {}",
         significant(field.rms_px),
         significant(field.length_px),
         100.0 * field.curl_free_share,
-        probability(unknown.p_value)
+        diagnose_text::chance(unknown.p_value, unknown.p_value_is)
     );
-    Ok(report::remainder_map(path, "What is left and has no name", &summary, size, &field.points)?)
+    Ok(report::remainder_map(path, "What is left in the positions and has no name", &summary, size, &field.points)?)
 }
 
-/// The hypotheses by significance; a finding by the probability of its own fall of χ².
+/// The hypotheses by significance; a finding by its own fall of χ².
 fn ranking(diagnosis: &Diagnosis, alpha: f64) -> report::Ranking {
     let kind = |state: EffectState| match state {
         EffectState::Found => Some(report::RankKind::Found),
         EffectState::Indistinguishable => Some(report::RankKind::InSet),
+        EffectState::Withheld => Some(report::RankKind::Withheld),
         EffectState::NotFound => Some(report::RankKind::Tested),
         EffectState::NotObservable | EffectState::NotApplicable => None,
     };
+    let in_model = |id: &str| diagnosis.physics.iter().any(|known| known == id);
     let ranks = diagnosis.effects.iter().filter_map(|effect| {
-        let finding = diagnosis.findings.iter().find(|finding| finding.id == effect.id);
-        let p_value = finding.map(|finding| finding.p_value).or(effect.p_value)?;
-        Some(report::Rank { label: effect.id.clone(), p_value, kind: kind(effect.status)? })
+        // What is in the model already is ranked by how far its size is from the one there.
+        let label = if in_model(&effect.id) { format!("{} (in the model)", effect.id) } else { effect.id.clone() };
+        Some(report::Rank { label, deviations: effect.score_sigma?, kind: kind(effect.status)? })
     });
     let ranks: Vec<report::Rank> = ranks.collect();
     let hypotheses = diagnosis.effective_hypotheses;
     report::Ranking {
-        title: "How significant each effect would be".to_owned(),
+        title: "How far each effect stands out of the positions".to_owned(),
         summary: format!("{} effects tested; they count as {} independent hypotheses", ranks.len(), significant(hypotheses)),
         ranks,
-        threshold: (hypotheses >= 1.0).then(|| alpha / hypotheses),
+        threshold: (hypotheses >= 1.0).then(|| deviations((hypotheses / alpha).ln())),
     }
 }
 
-/// The residuals against what located a finding.
-fn profile_plot(profile: &Profile, diagnosis: &Diagnosis) -> report::ProfilePlot {
-    let finding = diagnosis.findings.iter().find(|finding| finding.id == profile.id);
-    let summary = finding.map(|finding| finding.parameters.iter().map(diagnose_text::measured).collect::<Vec<_>>().join(", "));
+/// The displacements that a finding makes, against what it depends on.
+fn profile_plot(profile: &Profile) -> report::ProfilePlot {
+    let predicted = profile.covariate == PREDICTED;
+    let against = if predicted { "how far it displaces each star image" } else { &profile.covariate };
     report::ProfilePlot {
-        title: format!("{}: what it leaves, against {}", profile.id, profile.covariate),
-        summary: summary.unwrap_or_default(),
-        x_label: axis(&profile.covariate),
-        y_label: format!("residual {} / px", profile.component),
+        title: format!("{}: displacement seen, against {against}", profile.id),
+        summary: format!("{}; attitudes, camera and all else found taken off both", diagnose_text::measured(&profile.parameter)),
+        x_label: if predicted { format!("displacement that {} predicts / px", profile.id) } else { axis(&profile.covariate) },
+        y_label: format!("displacement {} / px", profile.component),
         bins: profile
             .bins
             .iter()
-            .map(|[at, mean, sigma, model]| report::ProfileBin { at: *at, mean: *mean, sigma: *sigma, model: *model })
+            .map(|bin| report::ProfileBin { at: bin.at, mean: bin.mean, sigma: bin.sigma, model: bin.model, stars: bin.stars })
             .collect(),
     }
 }
@@ -170,8 +183,8 @@ fn axis(covariate: &str) -> String {
         "time" => " from the mean / h",
         "temperature" => " from the mean / K",
         "exposure" => " / s",
-        "rate" => " / rad s⁻¹",
-        "velocity" => " along the boresight / km s⁻¹",
+        "rate" => " / (rad/s)",
+        "velocity" => " along the boresight / (km/s)",
         "zenith" => ": displacement for 1 arcsec of refraction at 45° / px",
         "proper-motion" => ": displacement in a year / px",
         "parallax" => ": displacement by parallax / px",

@@ -2,14 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use boresight::diagnose::{Diagnosis, EffectState, EffectStatus, Finding, FitQuality, FoundParameter, Rival, Unknown, Verdict};
+use boresight::diagnose::{Bound, Diagnosis, EffectState, EffectStatus, Finding, FitQuality, FoundParameter, Rival, Unknown, Verdict};
 use boresight::report::table;
 
 use super::calibrate_text::{with_sigma, wrapped};
 use super::pictures::{probability, significant};
 
-/// Columns of a terminal.
-const WIDTH: usize = 100;
 /// Columns of the words on the left.
 const LABEL: usize = 12;
 /// Rejected rivals of a finding shown.
@@ -23,6 +21,7 @@ pub(crate) fn text(diagnosis: &Diagnosis) -> String {
         Verdict::Consistent => "CONSISTENT",
         Verdict::Explained => "EXPLAINED",
         Verdict::Unexplained => "UNEXPLAINED",
+        Verdict::Undecided => "UNDECIDED",
     };
     let mut text = String::new();
     for (index, sentence) in diagnosis.summary.iter().enumerate() {
@@ -32,9 +31,10 @@ pub(crate) fn text(diagnosis: &Diagnosis) -> String {
     let said = |sentence: &str| diagnosis.summary.iter().any(|known| known.contains(sentence));
     for finding in &diagnosis.findings {
         text += "\n";
-        text += &found(finding, said(&finding.sentence));
+        let looks_alike = diagnosis.resimulated_p_value.is_some_and(|p| p >= DIFFERS);
+        text += &found(finding, said(&finding.sentence), looks_alike);
     }
-    if let Some(unknown) = &diagnosis.unknown {
+    for unknown in &diagnosis.unknown {
         text += "\n";
         text += &remainder(unknown, said(&unknown.sentence));
     }
@@ -48,8 +48,20 @@ pub(crate) fn text(diagnosis: &Diagnosis) -> String {
     text
 }
 
-/// What was found: the sentence, the numbers, the evidence, and what else it could be.
-fn found(finding: &Finding, is_said: bool) -> String {
+/// A probability by chance: `p = 0.03`, or `p < 1e-6` where the simulations resolve no smaller one.
+pub(super) fn chance(p: f64, is: Option<Bound>) -> String {
+    match is {
+        Some(Bound::Upper) => format!("p < {}", probability(p)),
+        None => format!("p = {}", probability(p)),
+    }
+}
+
+/// Below this the recording simulated anew with everything found is not like the real one.
+const DIFFERS: f64 = 0.01;
+
+/// What was found: the sentence, the numbers, the evidence, and what else it could be. `looks_alike`: whether the whole recording simulated anew
+/// looks like the real one.
+fn found(finding: &Finding, is_said: bool, looks_alike: bool) -> String {
     let mut text = String::new();
     let mut line = |label: &str, words: &str| text += &wrapped(label, words, LABEL);
     let parameters: Vec<String> = finding.parameters.iter().map(measured).collect();
@@ -62,19 +74,19 @@ fn found(finding: &Finding, is_said: bool) -> String {
         line("", &format!("{value} ± {sigma} of the size that is known"));
     }
     if !finding.located_by.is_empty() {
-        line("  follows", &finding.located_by.join(", "));
+        line("  follows", &format!("the residuals follow {}", finding.located_by.join(", ")));
     }
     line(
         "  evidence",
         &format!(
-            "p = {}, {} with all hypotheses counted; signal over noise {}; {} σ where neither choice nor size was made",
-            probability(finding.p_value),
-            probability(finding.family_p_value),
+            "{} standard deviations on all frames ({}; {} with all effects counted that were tried), {} where neither choice nor size was made",
             significant(finding.snr),
+            chance(finding.p_value, finding.p_value_is),
+            chance(finding.family_p_value, finding.family_p_value_is),
             significant(finding.held_out_score)
         ),
     );
-    line("  agreed", &agreement(finding));
+    line("  agreed", &agreement(finding, looks_alike));
     let odds = |rival: &Rival| {
         let held = rival.held_out_delta_chi2.map_or_else(String::new, |held| format!(", held-out χ² falls by {held:.0}"));
         format!("{} (cosine {:.2}, ΔBIC {}{held})", rival.id, rival.cos, significant(rival.delta_bic))
@@ -82,7 +94,7 @@ fn found(finding: &Finding, is_said: bool) -> String {
     if finding.indistinguishable_from.is_empty() {
         let rivals: Vec<String> = finding.rivals.iter().take(MOST_RIVALS).map(odds).collect();
         if !rivals.is_empty() {
-            line("  not", &rivals.join(", "));
+            line("  not", &format!("these look alike and explain less: {}", rivals.join(", ")));
         }
     } else {
         let alike = |id: &String| finding.rivals.iter().find(|rival| rival.id == *id).map_or_else(|| id.clone(), odds);
@@ -95,16 +107,16 @@ fn found(finding: &Finding, is_said: bool) -> String {
 }
 
 /// Whether frames or stars agree on a finding, whether it is chosen again without each frame, whether it looks the same simulated anew.
-fn agreement(finding: &Finding) -> String {
+fn agreement(finding: &Finding, looks_alike: bool) -> String {
     let signs = &finding.signs;
     let mut parts = vec![match signs.p_value {
-        Some(p) => format!("signs chosen by chance for {} do as well with p = {}", signs.units, probability(p)),
-        None => format!("not testable by signs of {}: it lives on {:.0} of them", signs.units, signs.effective),
+        Some(p) => format!("the {} agree on it: with signs drawn by lot as much comes out with p = {}", signs.units, probability(p)),
+        None => format!("too few {} tell of it ({:.0}) to ask whether they agree", signs.units, signs.effective),
     }];
     let [times, turns] = finding.chosen_again;
     parts.push(format!("chosen again in {times} of {turns} turns that leave {} out", finding.left_out));
-    if let Some(p) = finding.resimulated_p_value {
-        parts.push(format!("simulated anew it looks the same (p = {})", probability(p)));
+    if let Some(p) = finding.resimulated_p_value.filter(|_| looks_alike) {
+        parts.push(format!("the recording simulated anew with it looks the same (p = {})", probability(p)));
     }
     parts.join("; ")
 }
@@ -114,15 +126,16 @@ fn remainder(unknown: &Unknown, is_said: bool) -> String {
     let mut text = String::new();
     let mut line = |label: &str, words: &str| text += &wrapped(label, words, LABEL);
     let follows = if unknown.located_by.is_empty() { "nothing that is known".to_owned() } else { unknown.located_by.join(", ") };
-    line("unknown", &format!("in {}, p = {}; it follows {follows}", unknown.channel, probability(unknown.p_value)));
+    let p = chance(unknown.p_value, unknown.p_value_is);
+    line("unknown", &format!("something is left in {} ({p}); it follows {follows}", unknown.channel.words()));
     if !is_said {
         line("", &unknown.sentence);
     }
-    if !unknown.field.points.is_empty() {
+    if unknown.field.is_told() {
         line(
             "  map",
             &format!(
-                "{} px rms, changes over {} px, {:.0} % of it without curl; on frames not used χ² falls by {} with it{}",
+                "{} px rms, changes over {} px, {:.0} % of it without curl; on frames that it was not made of χ² falls by {} with it{}",
                 significant(unknown.field.rms_px),
                 significant(unknown.field.length_px),
                 100.0 * unknown.field.curl_free_share,
@@ -141,50 +154,42 @@ fn remainder(unknown: &Unknown, is_said: bool) -> String {
     text
 }
 
-/// What it was held against, how it fits, what the residuals follow, and the noise: one line each.
+/// What it was held against, what it could have shown, how it fits, what the residuals follow, and the noise: one line each.
 fn overview(diagnosis: &Diagnosis) -> String {
     let mut text = String::new();
     let mut line = |label: &str, words: &str| text += &wrapped(label, words, LABEL);
     line("model", &if diagnosis.physics.is_empty() { "no physics".to_owned() } else { diagnosis.physics.join(", ") });
     let stars = diagnosis.stars_used;
-    line(
-        "star images",
-        &format!("{} of stars with proper motion, {} without; {} left out", stars.with_proper_motion, stars.without, stars.left_out),
-    );
+    let mut images = format!("{} used", stars.with_proper_motion + stars.without);
+    if stars.without > 0 {
+        images += &format!(" ({} of stars without known proper motion)", stars.without);
+    }
+    let left_out: Vec<String> = diagnosis.unused.iter().map(|own| format!("{}, since {}", own.images, own.reason)).collect();
+    if !left_out.is_empty() {
+        images += &format!("; left out: {}", left_out.join("; "));
+    }
+    line("star images", &images);
+    line("could show", &could_show(diagnosis));
     let (before, after) = (diagnosis.fit.baseline, diagnosis.fit.after);
-    line("fit before", &quality(&before));
-    line("fit after", &quality(&after));
+    line("rms before", &quality(&before));
+    line("rms after", &quality(&after));
+    if let Some(expected) = before.expected_rms_px {
+        line("rms expected", &format!("{} px of the errors that the measurement states", significant(expected)));
+    }
     if !diagnosis.located.is_empty() {
         let located = |located: &boresight::diagnose::Located| {
-            let alone = located.conditional_p_value.map_or_else(String::new, |p| format!(", {} beside those before it", probability(p)));
-            let dealt = match (located.permutation_p_value, &located.permuted) {
-                (Some(p), Some(unit)) => format!(", {} if {unit} are dealt out anew", probability(p)),
-                _ => String::new(),
-            };
-            format!(
-                "{} ({:.1} % of the variance, p = {}{dealt}{alone})",
-                located.covariate,
-                100.0 * located.explained,
-                probability(located.p_value)
-            )
+            let mut p = chance(located.p_value, located.p_value_is);
+            if let (Some(dealt), Some(unit)) = (located.permutation_p_value, &located.permuted) {
+                p += &format!("; {} if {unit} are dealt out anew", probability(dealt));
+            }
+            if let Some(alone) = located.conditional_p_value {
+                p += &format!("; {} beside those before it", probability(alone));
+            }
+            format!("{} ({:.1} % of the variance, {p})", located.covariate, 100.0 * located.explained)
         };
         let shown: Vec<String> = diagnosis.located.iter().take(MOST_LOCATED).map(located).collect();
-        line("followed", &shown.join("; "));
+        line("followed", &format!("before anything was found residuals followed {}", shown.join(", ")));
     }
-    let channels = &diagnosis.channels;
-    let all = [
-        ("positions", &channels.astrometry),
-        ("brightness", &channels.flux),
-        ("width", &channels.shape),
-        ("stamps", &channels.stamp),
-        ("background", &channels.noise),
-    ];
-    let tested = |(name, test): &(&str, &Option<boresight::diagnose::ChannelTest>)| {
-        let test = test.as_ref()?;
-        Some(format!("{name} p = {} ({})", probability(test.p_value), test.largest))
-    };
-    let not: Vec<&str> = all.iter().filter(|(_, test)| test.is_none()).map(|(name, _)| *name).collect();
-    let not = if not.is_empty() { String::new() } else { format!("; not looked at: {}", not.join(", ")) };
     if let Some(halves) = &diagnosis.half_nights {
         let below = |limit: f64| halves.p_values.iter().filter(|p| **p < limit).count();
         let count = halves.p_values.len();
@@ -200,11 +205,17 @@ fn overview(diagnosis: &Diagnosis) -> String {
             ),
         );
     }
-    line("channels", &(all.iter().filter_map(tested).collect::<Vec<_>>().join(", ") + &not));
     if let Some(p) = diagnosis.resimulated_p_value {
         line(
             "simulated",
-            &format!("anew with what was found and held against the same model, it differs from the recording with p = {}", probability(p)),
+            &if p < DIFFERS {
+                format!(
+                    "anew with what was found, the recording differs from the real one by more than chance would have it (p = {})",
+                    probability(p)
+                )
+            } else {
+                format!("anew with what was found, the recording looks like the real one (p = {})", probability(p))
+            },
         );
     }
     let noise = diagnosis.noise;
@@ -222,15 +233,23 @@ fn overview(diagnosis: &Diagnosis) -> String {
     text
 }
 
+/// Which effects of ordinary size would have shown in the positions.
+fn could_show(diagnosis: &Diagnosis) -> String {
+    let all = &diagnosis.channels.astrometry.detectable;
+    let of = |would_show: bool| -> Vec<&str> { all.iter().filter(|own| own.would_show == would_show).map(|own| own.id.as_str()).collect() };
+    let (shown, hidden) = (of(true), of(false));
+    let mut text =
+        if shown.is_empty() { "no effect of ordinary size".to_owned() } else { format!("of ordinary size {}", shown.join(", ")) };
+    if !hidden.is_empty() {
+        text += &format!("; not {}", hidden.join(", "));
+    }
+    text
+}
+
 fn quality(fit: &FitQuality) -> String {
-    let held_out = match (fit.held_out_rms_px, fit.held_out_chi2_per_dof) {
-        (None, None) => "no frames held out".to_owned(),
-        (rms, chi2) => {
-            let parts = [rms.map(|rms| format!("{} px", significant(rms))), chi2.map(|chi2| format!("χ²/dof {chi2:.3}"))];
-            format!("{} held out", parts.into_iter().flatten().collect::<Vec<_>>().join(", "))
-        }
-    };
-    format!("rms {} px, χ²/dof {:.3} in sample; {held_out}", significant(fit.rms_px), fit.chi2_per_dof)
+    let held_out = fit.held_out_rms_px.map_or_else(|| "none were left out to ask".to_owned(), |rms| format!("{} px", significant(rms)));
+    let chi2 = fit.held_out_chi2_per_dof.map_or_else(String::new, |chi2| format!(" (χ²/dof {chi2:.3})"));
+    format!("{} px (χ²/dof {:.3}); on frames not used {held_out}{chi2}", significant(fit.rms_px), fit.chi2_per_dof)
 }
 
 /// The table of what was tested, then what could not be.
@@ -238,18 +257,24 @@ fn effects(all: &[EffectStatus]) -> String {
     let order = |state: EffectState| match state {
         EffectState::Found => 0,
         EffectState::Indistinguishable => 1,
-        EffectState::NotFound => 2,
-        EffectState::NotObservable => 3,
-        EffectState::NotApplicable => 4,
+        EffectState::Withheld => 2,
+        EffectState::NotFound => 3,
+        EffectState::NotObservable => 4,
+        EffectState::NotApplicable => 5,
     };
-    let mut tested: Vec<&EffectStatus> = all.iter().filter(|effect| order(effect.status) < 3).collect();
+    let mut tested: Vec<&EffectStatus> = all.iter().filter(|effect| order(effect.status) < 4).collect();
     tested.sort_by(|a, b| {
         let p = |effect: &EffectStatus| effect.p_value.unwrap_or(1.0);
         order(a.status).cmp(&order(b.status)).then(p(a).total_cmp(&p(b))).then(a.id.cmp(&b.id))
     });
-    let rows: Vec<[String; 6]> = tested.iter().map(|effect| row(effect)).collect();
-    let lines = table(&["effect", "p", "left", "first parameter", "95 %", ""], &rows);
-    let mut text = String::new();
+    let rows: Vec<[String; 5]> = tested.iter().map(|effect| row(effect)).collect();
+    let lines = table(&["effect", "p", "left", "parameter", "size or limit"], &rows);
+    let mut text = wrapped(
+        "",
+        "p: probability by chance of as much, for this effect alone. left: share of its displacement that attitudes and camera do not take up. \
+         size or limit: of the first parameter, ± its standard error, or the limit below which it is with 95 %.",
+        0,
+    );
     let mut state = None;
     for (index, line) in lines.lines().enumerate() {
         let effect = index.checked_sub(2).map(|row| tested[row]);
@@ -258,16 +283,16 @@ fn effects(all: &[EffectStatus]) -> String {
             text += match effect.status {
                 EffectState::Found => "found:\n",
                 EffectState::Indistinguishable => "not told apart from what was found:\n",
+                EffectState::Withheld => "withheld (significant, but the name does not stand):\n",
                 _ => "not found:\n",
             };
         }
-        text += line.chars().take(WIDTH).collect::<String>().trim_end();
+        text += line.trim_end();
         text += "\n";
         if let Some(effect) = effect.filter(|effect| !effect.reason.is_empty()) {
             text += &wrapped("", &effect.reason, LABEL);
         }
     }
-    text += "(left: the share of the displacement that attitudes and camera do not take up; 95 %: upper limit)\n";
     for (label, state) in [("not observable in this recording", EffectState::NotObservable), ("not applicable", EffectState::NotApplicable)]
     {
         let mut by_reason: BTreeMap<&str, Vec<String>> = BTreeMap::new();
@@ -286,16 +311,20 @@ fn effects(all: &[EffectStatus]) -> String {
     text
 }
 
-/// A line of the table. The parameter's name is last: what does not fit of it is left out, and stands in the file.
-fn row(effect: &EffectStatus) -> [String; 6] {
-    let first = effect.parameters.first();
+/// A line of the table.
+fn row(effect: &EffectStatus) -> [String; 5] {
+    let p = |p: f64| if effect.p_value_is.is_some() { format!("< {}", probability(p)) } else { probability(p) };
+    let size = match (&effect.upper_limit_95, effect.parameters.first()) {
+        (Some(limit), _) => format!("< {}", compact(limit.value)),
+        (None, Some(first)) => with_error(first.value, first.sigma),
+        (None, None) => "–".to_owned(),
+    };
     [
         format!("  {}", effect.id),
-        effect.p_value.map_or_else(|| "–".to_owned(), probability),
+        effect.p_value.map_or_else(|| "–".to_owned(), p),
         effect.survival.map_or_else(|| "–".to_owned(), |share| format!("{share:.2}")),
-        first.map_or_else(String::new, |parameter| with_error(parameter.value, parameter.sigma)),
-        effect.upper_limit_95.as_ref().map_or_else(String::new, |limit| format!("< {}", compact(limit.value))),
-        first.map_or_else(String::new, |parameter| parameter.name.clone()),
+        effect.parameters.first().map_or_else(String::new, |parameter| parameter.name.clone()),
+        size,
     ]
 }
 
@@ -335,9 +364,16 @@ mod tests {
             id: id.to_owned(),
             status,
             p_value,
+            p_value_is: None,
+            score_sigma: None,
+            held_out_delta_chi2: None,
             survival: Some(0.25),
             parameters: vec![FoundParameter { name: "x_px".into(), value: 0.0123, sigma: 0.004, unit: "px".into() }],
-            upper_limit_95: None,
+            upper_limit_95: (status == EffectState::NotFound).then(|| boresight::diagnose::Limit {
+                name: "x_px".into(),
+                value: 0.02,
+                unit: "px".into(),
+            }),
             reason: reason.to_owned(),
         }
     }
@@ -357,6 +393,24 @@ mod tests {
         assert!(at("shear") < at("not observable in this recording:\n  tilt 0.250 – attitudes take it up"), "{text}");
         assert!(at("not applicable:\n  pressure-scale 0.250 – no pressure") > at("tilt"), "{text}");
         assert!(text.contains("(12.3 ± 4.0)e-3") && text.contains("found:\n  refraction"), "{text}");
+        // Every column has a heading, and what stands in them is explained before.
+        let heading = text.lines().find(|line| line.starts_with("effect")).unwrap();
+        assert_eq!(heading.split("  ").filter(|part| !part.trim().is_empty()).count(), 5, "{heading}");
+        assert!(at("left: share of its displacement") < at("found:") && text.contains("< 0.0200"), "{text}");
+    }
+
+    #[test]
+    fn names_are_never_cut() {
+        let mut long = status("charge-transfer-inefficiency", EffectState::NotFound, Some(0.5), "");
+        long.parameters[0].name = "arcsec_per_mag_at_45deg_and_some_more".into();
+        long.p_value_is = Some(Bound::Upper);
+        assert!(effects(&[long]).contains(" arcsec_per_mag_at_45deg_and_some_more "));
+    }
+
+    #[test]
+    fn what_is_not_resolved_is_a_bound() {
+        assert_eq!(chance(1e-6, Some(Bound::Upper)), "p < 1e-6");
+        assert_eq!(chance(0.25, None), "p = 0.250");
     }
 
     #[test]

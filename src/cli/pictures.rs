@@ -28,10 +28,20 @@ pub(crate) fn residuals(path: &Path, calibration: &Calibration) -> Result<()> {
                 })
             })
             .collect();
-        report::VectorPanel { title: title.to_owned(), vectors }
+        report::VectorPanel { title: title.to_owned(), vectors, told: None }
     };
     let (before, after) = (&calibration.control_points.nominal, &calibration.camera);
-    let panels = [&panel("before (camera as declared)", before), &panel("after", after)];
+    let mut solved = panel("after", after);
+    solved.told = calibration.rms_px.map(|rms_px| report::Told { rms_px, stars: calibration.stars, rejected: calibration.rejected.len() });
+    let mut declared = panel("before (camera as declared)", before);
+    // The same points are rejected in both.
+    let kept: Vec<f64> = declared.vectors.iter().filter(|v| !v.rejected).map(|v| v.dx_px.powi(2) + v.dy_px.powi(2)).collect();
+    declared.told = Some(report::Told {
+        rms_px: (kept.iter().sum::<f64>() / kept.len().max(1) as f64).sqrt(),
+        stars: kept.len(),
+        rejected: calibration.rejected.len(),
+    });
+    let panels = [&declared, &solved];
     let size = (after.width_px, after.height_px);
     Ok(report::residual_vectors(path, "Residuals of the stars, one free attitude a frame", size, panels)?)
 }
@@ -71,8 +81,11 @@ pub(crate) fn map_sigma(path: &Path, calibration: &Calibration) -> Result<()> {
         };
     };
     let values: Vec<f64> = sigma.into_iter().map(|(_, sigma)| sigma).collect();
-    let mut sorted = values.clone();
-    sorted.sort_by(f64::total_cmp);
+    let told = calibration.map_sigma_px.unwrap_or_else(|| {
+        let mut sorted = values.clone();
+        sorted.sort_by(f64::total_cmp);
+        boresight::calibrate::MapSigma { median: sorted[sorted.len() / 2], max: sorted[sorted.len() - 1] }
+    });
     let scale = arcsec_per_px(calibration);
     let both = |px: f64| match scale {
         Some(scale) => format!("{} px ({} arcsec)", significant(px), significant(px * scale)),
@@ -82,7 +95,7 @@ pub(crate) fn map_sigma(path: &Path, calibration: &Calibration) -> Result<()> {
     let dots: Vec<[f64; 2]> = used.map(|point| [calibration.stored_column_px(point.x_px), point.y_px]).collect();
     let map = report::FieldMap {
         title: "Standard error of the map from pixel to direction".to_owned(),
-        summary: format!("median {}, maximum {}", both(sorted[sorted.len() / 2]), both(sorted[sorted.len() - 1])),
+        summary: format!("median {}, maximum {}", both(told.median), both(told.max)),
         values,
         side: MAP_SIDE,
         unit: "σ / px".to_owned(),

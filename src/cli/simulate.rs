@@ -1,11 +1,13 @@
 //! `boresight simulate`: renders a scene into a recording, with its truth beside it.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use boresight::camera::Camera;
 use boresight::catalog::Catalog;
 use boresight::coordinates::Attitude;
+use boresight::effects::displacement;
 use boresight::imaging::Binning;
 use boresight::provenance::Provenance;
 use boresight::recording::{
@@ -88,7 +90,7 @@ struct TruthObject<'a> {
     format: &'static str,
     camera: &'a Camera,
     projection: &'static str,
-    projection_parameters: &'a [f64],
+    projection_parameters: BTreeMap<&'static str, f64>,
     nominal: &'a Camera,
     /// Of the detector's own pixels.
     detector: &'a DetectorTable,
@@ -124,7 +126,14 @@ struct TrueFrame {
 #[derive(Serialize)]
 struct TrueEffect {
     id: &'static str,
-    parameters: Vec<f64>,
+    /// By name.
+    parameters: BTreeMap<&'static str, f64>,
+}
+
+/// An effect's parameters by name.
+fn by_name(id: &str, values: &[f64]) -> BTreeMap<&'static str, f64> {
+    let Some(effect) = displacement(id) else { return BTreeMap::new() };
+    effect.parameters().iter().map(|spec| spec.name).zip(values.iter().copied()).collect()
 }
 
 /// Renders, and says what was written.
@@ -203,10 +212,10 @@ pub(crate) fn write_recording(
         write_file(&folder.join("lights.csv"), &lights)?;
     }
     let object = TruthObject {
-        format: "boresight-truth/1",
+        format: "boresight-truth/2",
         camera: &scene.camera,
         projection: scene.model.projection(),
-        projection_parameters: scene.model.projection_parameters(),
+        projection_parameters: by_name(scene.model.projection(), scene.model.projection_parameters()),
         nominal: &scene.nominal,
         detector: &scene.detector,
         binning: scene.binning,
@@ -251,7 +260,7 @@ fn mask_file(frame: usize) -> String {
 }
 
 fn true_frame(frame: usize, scene: &Scene, exposure: &Exposure, wanted: TruthArgs) -> TrueFrame {
-    let term = |(id, parameters): (&'static str, &[f64])| TrueEffect { id, parameters: parameters.to_vec() };
+    let term = |(id, parameters): (&'static str, &[f64])| TrueEffect { id, parameters: by_name(id, parameters) };
     let turned = |seconds: f64| exposure.motion.attitude(&exposure.course, seconds);
     TrueFrame {
         frame,

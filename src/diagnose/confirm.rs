@@ -5,7 +5,15 @@ use super::crossfit::{CrossFit, Proof, Proposal};
 use super::evidence::Evidence;
 
 /// An effect that was tried and does not stand, and why.
-pub(super) type Withheld = (Entry, Vec<String>);
+#[derive(Clone, Debug)]
+pub(super) struct Withheld {
+    /// The effect.
+    pub(super) entry: Entry,
+    /// The tests that failed, in words.
+    pub(super) against: Vec<String>,
+    /// Fall of χ² on what took part in nothing.
+    pub(super) held_out_delta_chi2: Option<f64>,
+}
 
 /// What came of the proposals of all images.
 #[derive(Clone, Debug, Default)]
@@ -33,6 +41,7 @@ pub(super) fn confirm(evidence: &Evidence, tried: &CrossFit, mut entries: Vec<En
         let Some((weakest, against)) = failed.min_by(|(a, _), (b, _)| proofs[*a].statistic.total_cmp(&proofs[*b].statistic)) else {
             return Confirmed { entries, proofs, withheld };
         };
-        withheld.push((entries.remove(weakest), vec![against]));
+        let held_out_delta_chi2 = Some(proofs[weakest].gain.delta_chi2);
+        withheld.push(Withheld { entry: entries.remove(weakest), against: vec![against], held_out_delta_chi2 });
     }
 }

@@ -2,21 +2,32 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::channels::{ByChannel, Channel, Channels};
 use crate::provenance::Provenance;
 
 /// The format of the result file.
-pub const FORMAT: &str = "boresight-diagnose/1";
+pub const FORMAT: &str = "boresight-diagnose/2";
 
-/// The answer to "is something missing?".
+/// What a number that cannot be told exactly is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Bound {
+    /// The number itself is not larger.
+    #[serde(rename = "upper bound")]
+    Upper,
+}
+
+/// The answer to "is something missing?", in the channels that were looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// Nothing is missing: the omnibus test is not significant.
+    /// Nothing is missing in what was looked at: the omnibus test is not significant, and an effect of ordinary size could have shown.
     Consistent,
     /// What is missing has a name (or a set of names that cannot be told apart here), and the rest is consistent.
     Explained,
     /// Something is missing that no effect of the registry explains.
     Unexplained,
+    /// Nothing shows, and no effect of ordinary size could have shown.
+    Undecided,
 }
 
 /// What is known of one effect after the diagnosis.
@@ -29,6 +40,8 @@ pub enum EffectState {
     Indistinguishable,
     /// Tested, not significant.
     NotFound,
+    /// Significant, but the name does not stand: the reason says which test failed.
+    Withheld,
     /// Attitudes and the camera's own parameters take it up, or what it depends on does not vary.
     NotObservable,
     /// The recording lacks what it needs.
@@ -99,8 +112,14 @@ pub struct Finding {
     pub delta_chi2: f64,
     /// Probability of such a fall by chance, for this effect alone.
     pub p_value: f64,
+    /// Set where the simulations resolve no smaller one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p_value_is: Option<Bound>,
     /// The same, all effects tried counted.
     pub family_p_value: f64,
+    /// Set where the simulations resolve no smaller one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub family_p_value_is: Option<Bound>,
     /// Fall of χ² on star images that took part neither in the choice of the effect nor in its size, summed over turns that leave parts of
     /// the recording out, each turn choosing and sizing anew; turns that do not choose it add nothing. A finding has passed the test of it.
     pub held_out_delta_chi2: f64,
@@ -118,8 +137,14 @@ pub struct Finding {
     pub signs: Signs,
     /// Probability that the recording simulated anew with what was found differs from the real one along this effect by as much by chance.
     pub resimulated_p_value: Option<f64>,
+    /// The fall of χ² as standard deviations of a normal distribution with the same probability by chance.
+    #[serde(default)]
+    pub score_sigma: f64,
     /// Size over standard error of the best determined combination of the parameters.
     pub snr: f64,
+    /// The effect as each channel alone measures it.
+    #[serde(default)]
+    pub channels: ByChannel,
     /// The effects that explain the mismatch about as well.
     pub indistinguishable_from: Vec<String>,
     /// The same with figures, rejected rivals with a cosine above one half included.
@@ -147,11 +172,14 @@ pub enum ColumnsOf {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Unknown {
     /// In which channel it shows.
-    pub channel: String,
+    pub channel: Channel,
     /// The covariates that it follows.
     pub located_by: Vec<String>,
     /// Probability of as much by chance.
     pub p_value: f64,
+    /// Set where the simulations resolve no smaller one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p_value_is: Option<Bound>,
     /// The effects whose columns look most like it.
     pub resembles: Vec<Resemblance>,
     /// Why those names do not stand.
@@ -201,12 +229,21 @@ pub struct EffectStatus {
     pub status: EffectState,
     /// Probability of its score by chance, given the findings.
     pub p_value: Option<f64>,
+    /// Set where the simulations resolve no smaller one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p_value_is: Option<Bound>,
+    /// The score as standard deviations of a normal distribution with the same probability by chance.
+    #[serde(default)]
+    pub score_sigma: Option<f64>,
     /// Share of its displacement (rms) that attitudes and camera parameters leave.
     pub survival: Option<f64>,
     /// Its parameters refitted beside the findings: what was found of it.
     pub parameters: Vec<FoundParameter>,
-    /// Upper limit of its first parameter; for an effect that is found: none.
+    /// Upper limit of its first parameter; for an effect that is found or withheld: none.
     pub upper_limit_95: Option<Limit>,
+    /// For an effect that was proposed and does not stand: fall of χ² on what took part in nothing.
+    #[serde(default)]
+    pub held_out_delta_chi2: Option<f64>,
     /// Why, where that is not plain.
     pub reason: String,
 }
@@ -216,6 +253,9 @@ pub struct EffectStatus {
 pub struct FitQuality {
     /// 2-D rms of the star images used, px.
     pub rms_px: f64,
+    /// The same as the stated errors let expect of a model that is right.
+    #[serde(default)]
+    pub expected_rms_px: Option<f64>,
     /// χ² per degree of freedom, with the noise of the final model.
     pub chi2_per_dof: f64,
     /// 2-D rms on held-out frames.
@@ -232,30 +272,6 @@ pub struct Fit {
     /// With the findings in it.
     #[serde(rename = "final")]
     pub after: FitQuality,
-}
-
-/// The test of one channel.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct ChannelTest {
-    /// Probability of as large a mismatch by chance.
-    pub p_value: f64,
-    /// What was largest.
-    pub largest: String,
-}
-
-/// The channels. `None`: not looked at.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Channels {
-    /// Positions.
-    pub astrometry: Option<ChannelTest>,
-    /// Brightness.
-    pub flux: Option<ChannelTest>,
-    /// Width and elongation.
-    pub shape: Option<ChannelTest>,
-    /// Stamps.
-    pub stamp: Option<ChannelTest>,
-    /// Background and noise.
-    pub noise: Option<ChannelTest>,
 }
 
 /// The p-values of random halves of the frames held against one another.
@@ -283,6 +299,15 @@ pub struct StarsUsed {
     pub left_out: usize,
 }
 
+/// Star images that took no part.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Unused {
+    /// How many.
+    pub images: usize,
+    /// Why.
+    pub reason: String,
+}
+
 /// A covariate that residuals were held against.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Located {
@@ -292,6 +317,9 @@ pub struct Located {
     pub explained: f64,
     /// Probability by chance, all covariates counted.
     pub p_value: f64,
+    /// Set where the simulations resolve no smaller one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p_value_is: Option<Bound>,
     /// The same among all covariates of its kind dealt out anew, as they are exchangeable; nothing where frames are too few for it.
     pub permutation_p_value: Option<f64>,
     /// What was dealt out: star images within their frames, or frames.
@@ -307,8 +335,8 @@ pub struct NoiseState {
     pub floor_px: f64,
     /// Stated variances times this.
     pub variance_factor: f64,
-    /// Degrees of freedom of the t distribution that fits the tails (large: normal).
-    pub tail_degrees: f64,
+    /// Degrees of freedom of the t distribution that fits the tails; nothing where they are those of a normal one.
+    pub tail_degrees: Option<f64>,
     /// Share of identifications held to be wrong.
     pub wrong_share: f64,
     /// What the images show of it, before any star is named.
@@ -386,18 +414,35 @@ pub struct ResidualRow {
     pub weight: f64,
 }
 
-/// A covariate's picture: residuals in bins, and the model through them.
+/// A bin of a profile: displacements and the model in px, both as attitudes, camera and all other effects leave them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct ProfileBin {
+    /// Mean of what the residuals are held against.
+    pub at: f64,
+    /// Displacement seen there, by the effect's own pattern.
+    pub mean: f64,
+    /// Standard error of that mean.
+    pub sigma: f64,
+    /// Mean of the model there.
+    pub model: f64,
+    /// Star images in it.
+    pub stars: usize,
+}
+
+/// A covariate's picture: displacements in bins, and the model through them. The slope of the one on the other, weighted by their errors, has
+/// the standard error of the parameter over its value.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Profile {
     /// The effect whose finding it shows.
     pub id: String,
-    /// The covariate.
+    /// The parameter that it shows; the effect's others are taken off like all else.
+    pub parameter: FoundParameter,
+    /// The covariate, or `predicted-displacement`: how far the effect displaces each star image.
     pub covariate: String,
-    /// The component of the residual that is drawn, in words ("along the radius", "toward the zenith").
+    /// The component that gives the sign, in words ("along the radius", "toward the zenith").
     pub component: String,
-    /// By bin: mean of the covariate, mean of that component of the residual with everything but this effect modelled, its standard
-    /// error, and the model's mean, px.
-    pub bins: Vec<[f64; 4]>,
+    /// The bins.
+    pub bins: Vec<ProfileBin>,
 }
 
 /// The result.
@@ -405,6 +450,8 @@ pub struct Profile {
 pub struct Diagnosis {
     /// [`FORMAT`].
     pub format: String,
+    /// The channels that were looked at: everything that follows speaks of these alone.
+    pub scope: Vec<Channel>,
     /// The answer.
     pub verdict: Verdict,
     /// The effects of the model that the recording was held against.
@@ -413,13 +460,13 @@ pub struct Diagnosis {
     pub findings: Vec<Finding>,
     /// All that was proposed, named or withheld, with what held-out images say of it.
     pub proposed: Vec<Proposed>,
-    /// What is left and has no name.
-    pub unknown: Option<Unknown>,
+    /// What is left and has no name, one a channel at most.
+    pub unknown: Vec<Unknown>,
     /// Every effect of the registry.
     pub effects: Vec<EffectStatus>,
     /// Before and after.
     pub fit: Fit,
-    /// The tests by channel.
+    /// What is said of each channel.
     pub channels: Channels,
     /// Star images that took part.
     pub stars_used: StarsUsed,
@@ -446,6 +493,9 @@ pub struct Diagnosis {
     pub warnings: Vec<String>,
     /// The camera and sky with the findings in force: names and values of all parameters.
     pub camera: Option<crate::camera::Model>,
+    /// Why star images took no part.
+    #[serde(default)]
+    pub unused: Vec<Unused>,
     /// Residuals of every star image.
     pub residuals: Vec<ResidualRow>,
     /// Pictures' data: one for each finding.

@@ -1,6 +1,7 @@
 //! From accepted effects to findings: sizes with errors, the evidence, what located them, what else it could be.
 
 use super::attribute::{self, Entry, Stand, columns};
+use super::channels::{ByChannel, Channel, ChannelMeasure};
 use super::crossfit::{CrossFit, Proof};
 use super::diagnosis::{ColumnsOf, Finding, Profile, Signs};
 use super::evidence::Evidence;
@@ -15,6 +16,7 @@ use super::solved::Solved;
 use super::{DiagnoseOptions, words};
 use crate::calibrate::Joint;
 use crate::identify::ControlPoints;
+use crate::statistics::significance::{chi_squared_surprise, deviations};
 
 /// A covariate locates a finding if chance does as well with less than this probability.
 const LOCATES_P: f64 = 0.01;
@@ -45,6 +47,17 @@ pub(super) struct Context<'a> {
     /// Of each entry, whether the recording simulated with it looks the same.
     pub(super) resimulated: &'a [f64],
     pub(super) hypotheses: f64,
+}
+
+/// The finding in every channel: so far places alone measure it.
+fn by_channel(finding: &Finding) -> ByChannel {
+    let places = finding.parameters.first().map(|first| ChannelMeasure {
+        delta_chi2: finding.delta_chi2,
+        held_out_delta_chi2: Some(finding.held_out_delta_chi2),
+        amplitude: first.value,
+        sigma: first.sigma,
+    });
+    Channel::ALL.into_iter().map(|channel| (channel, places.filter(|_| channel == Channel::Astrometry))).collect()
 }
 
 impl Context<'_> {
@@ -94,7 +107,9 @@ impl Context<'_> {
             located_by,
             delta_chi2: attribute::fall(self.with_all, &without.fit, &self.with_all.fit),
             p_value,
+            p_value_is: None,
             family_p_value: family(p_value, self.hypotheses),
+            family_p_value_is: None,
             held_out_delta_chi2: proof.gain.delta_chi2,
             held_out_expected: proof.expected,
             held_out_score: proof.gain.score(),
@@ -107,26 +122,23 @@ impl Context<'_> {
                 p_value: own.p_value,
             }),
             resimulated_p_value: self.resimulated.get(k).copied(),
+            score_sigma: deviations(chi_squared_surprise(rank as f64, t)),
             snr: (t - rank as f64 + 1.0).max(0.0).sqrt(),
+            channels: ByChannel::new(),
             indistinguishable_from: set,
             rivals: listed.into_iter().map(|own| own.rival).collect(),
             decided_by: decided.unwrap_or_else(|| "nothing stands beside it that would have to be decided from".to_owned()),
             sentence: String::new(),
         };
+        finding.channels = by_channel(&finding);
         finding.known_amplitude = solved.ratio_beside_rivals(k, variant, &finding.rivals);
         finding.sentence = words::finding(&finding, hypothesis.effect, hypothesis.in_force);
         finding
     }
 
-    /// Data for a picture of each finding: residuals against the covariate that located it.
-    pub(super) fn profiles(&self, standing: &[usize], found: &[Finding]) -> Vec<Profile> {
-        standing.iter().zip(found).filter_map(|(k, finding)| super::profile::profile(self, *k, &finding.located_by)).collect()
-    }
-
-    /// The covariates that residuals without entry `k` follow, the most surprising first.
-    pub(super) fn located_names(&self, k: usize) -> Vec<String> {
-        let without = self.without(k);
-        let scan = Scan::new(self.evidence, &without.noise, &without.sheet, &without.fit, |_| false);
-        ranked(self.evidence, &without, &scan).into_iter().map(|(index, ..)| self.evidence.covariates[index].name.clone()).collect()
+    /// Data for a picture of each finding: displacements against what they depend on.
+    pub(super) fn profiles(&self, solved: &Solved, standing: &[usize], found: &[Finding]) -> Vec<Profile> {
+        let of = |(k, finding): (&usize, &Finding)| super::profile::profile(self, solved, *k, &finding.parameters, &finding.located_by);
+        standing.iter().zip(found).filter_map(of).collect()
     }
 }

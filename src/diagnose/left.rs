@@ -1,11 +1,13 @@
 //! What is left after the findings: its map, what it follows, and which effects it resembles without being one of them.
 
 use super::attribute::{Entry, Stand, is_observable};
+use super::channels::Channel;
+use super::confirm::Withheld;
 use super::diagnosis::{Resemblance, Unknown};
 use super::evidence::Evidence;
-use super::folds::Fold;
 use super::omnibus::{Omnibus, among_covariates};
 use super::remainder::{Left, map};
+use super::resolved::{least_p, told};
 use super::scan::{Asks, Scan};
 use crate::calibrate::Joint;
 
@@ -13,19 +15,13 @@ use crate::calibrate::Joint;
 const NAMED: usize = 3;
 /// What is left looks like an effect from this cosine on.
 const ALIKE: f64 = 0.9;
+/// Parts that the map is made without in turn, to be judged on.
+const PARTS: usize = 4;
 /// Nearest relatives named at most.
 const RELATIVES: usize = 4;
 
 /// The unknown part, beside the findings that stand.
-#[allow(clippy::too_many_arguments, reason = "what is left is what nothing else took")]
-pub(super) fn unknown(
-    evidence: &Evidence,
-    stand: &Stand,
-    vetoed: &[(Entry, Vec<String>)],
-    test: &Omnibus,
-    joint: &Joint,
-    fold: Option<&Fold>,
-) -> Unknown {
+pub(super) fn unknown(evidence: &Evidence, stand: &Stand, vetoed: &[Withheld], test: &Omnibus, joint: &Joint) -> Unknown {
     let scan = Scan::new(evidence, &stand.noise, &stand.sheet, &stand.fit, |_| true);
     let mut covariates: Vec<(usize, f64)> = Vec::new();
     let mut effects: Vec<(usize, f64)> = Vec::new();
@@ -64,37 +60,39 @@ pub(super) fn unknown(
         .take(RELATIVES)
         .collect();
     // Names that were tried and vetoed stand first.
-    let is_vetoed = |id: &str| vetoed.iter().any(|(entry, _)| evidence.hypotheses[entry.hypothesis].id() == id);
+    let is_vetoed = |id: &str| vetoed.iter().any(|own| evidence.hypotheses[own.entry.hypothesis].id() == id);
     resembles.sort_by_key(|resemblance| !is_vetoed(&resemblance.id));
     let residual_px = stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.fit.residual);
     let places: Vec<[f64; 2]> = evidence.predicted_px(super::evidence::REACH_PX).collect();
-    let held = |k: usize| fold.is_some_and(|fold| fold.held[k]);
     let of = |k: usize| -> Left {
         let sigma = stand.noise.sigma_px(&evidence.images[k], evidence.place[k]);
         (places[k], [residual_px[2 * k], residual_px[2 * k + 1]], sigma)
     };
-    let taken = (0..places.len()).filter(|k| stand.take[*k]);
-    let (judged, used): (Vec<usize>, Vec<usize>) = taken.partition(|k| held(*k));
+    let taken: Vec<usize> = (0..places.len()).filter(|k| stand.take[*k]).collect();
+    // Judged on frames that it was not made of; on stars where there is but one frame.
+    let part = |k: usize| if evidence.frames.len() > 1 { evidence.place[k] % PARTS } else { evidence.star[k] % PARTS };
+    let left: Vec<(Left, usize)> = taken.into_iter().map(|k| (of(k), part(k))).collect();
     let camera = joint.model().camera();
     let size = [camera.width_px as f64, camera.height_px as f64];
-    let field = map(&used.into_iter().map(of).collect::<Vec<_>>(), &judged.into_iter().map(of).collect::<Vec<_>>(), size);
+    let field = map(&left, size);
     let vetoes: Vec<String> =
-        vetoed.iter().map(|(entry, against)| format!("{}: {}", evidence.hypotheses[entry.hypothesis].id(), against.join("; "))).collect();
+        vetoed.iter().map(|own| format!("{}: {}", evidence.hypotheses[own.entry.hypothesis].id(), own.against.join("; "))).collect();
     let relatives: Vec<String> = resembles.iter().map(|r| format!("{} (cos {:.2})", r.id, r.cos)).collect();
     let follows = located_by.join(", ");
     let tried = resembles.first().filter(|nearest| nearest.cos > ALIKE && is_vetoed(&nearest.id));
+    let p = told(test.p_value, least_p(test.chance.nulls));
     let mut sentence = match tried {
         Some(nearest) => {
-            let of = |(entry, _): &&(Entry, Vec<String>)| evidence.hypotheses[entry.hypothesis].id() == nearest.id;
-            let against = vetoed.iter().find(of).map_or_else(String::new, |(_, against)| against.join("; "));
-            format!("Something is left (p = {:.1e}) that looks like {}, but {against}; it follows {follows}", test.p_value, nearest.id)
+            let of = |own: &&Withheld| evidence.hypotheses[own.entry.hypothesis].id() == nearest.id;
+            let against = vetoed.iter().find(of).map_or_else(String::new, |own| own.against.join("; "));
+            format!("In the positions something is left ({p}) that looks like {}, but {against}; it follows {follows}", nearest.id)
         }
-        None => format!("Something is left that no effect of the registry explains (p = {:.1e}); it follows {follows}", test.p_value),
+        None => format!("In the positions something is left that no effect of the registry explains ({p}); it follows {follows}"),
     };
     if !relatives.is_empty() {
         sentence += &format!("; most like it are {}", relatives.join(", "));
     }
-    if field.log_evidence_gain > 12.0 {
+    if field.is_told() {
         sentence += &format!(
             ". Its map over the field has an rms of {:.3} px on a scale of {:.0} px, {:.0} % of it free of curl",
             field.rms_px,
@@ -103,5 +101,6 @@ pub(super) fn unknown(
         );
     }
     sentence.push('.');
-    Unknown { channel: "astrometry".to_owned(), located_by, p_value: test.p_value, resembles, vetoes, map: None, field, sentence }
+    let p_value = test.p_value;
+    Unknown { channel: Channel::Astrometry, located_by, p_value, p_value_is: None, resembles, vetoes, map: None, field, sentence }
 }

@@ -66,6 +66,7 @@ pub(super) fn located(evidence: &Evidence, stand: &Stand, scan: &Scan, chance: &
             covariate,
             explained: explained.max(0.0),
             p_value,
+            p_value_is: None,
             permutation_p_value: dealt.map(|(p, _)| p),
             permuted: dealt.map(|(_, unit)| unit.to_owned()),
             conditional_p_value,

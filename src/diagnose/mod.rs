@@ -3,6 +3,7 @@
 mod adequacy;
 mod attribute;
 mod chance;
+mod channels;
 mod clusters;
 mod confirm;
 mod covariates;
@@ -18,6 +19,7 @@ mod left;
 mod located;
 mod noise;
 mod omnibus;
+mod ordinary;
 mod own;
 mod permute;
 mod profile;
@@ -28,6 +30,7 @@ mod refine;
 mod remainder;
 mod rendered;
 mod resimulate;
+mod resolved;
 mod rivals;
 mod run;
 mod scan;
@@ -38,7 +41,9 @@ mod statuses;
 mod step;
 mod words;
 
+pub use channels::{ByChannel, Channel, ChannelMeasure, ChannelReport, ChannelVerdict, Channels, Detectable};
 pub use diagnosis::*;
+pub use profile::PREDICTED;
 pub use step::Step;
 
 use std::collections::BTreeMap;

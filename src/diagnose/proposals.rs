@@ -23,7 +23,7 @@ pub(super) fn proposed(
         let by_all = named.or_else(|| proposals.iter().find(|entry| entry.hypothesis == *hypothesis));
         let proposal = by_all.map_or(Proposal::Turns(*hypothesis), |entry| Proposal::Entry(*entry));
         let proof = tried.proof(evidence, stand, kept, proposal);
-        let against = withheld.iter().find(|(entry, _)| entry.hypothesis == *hypothesis).map(|(_, against)| against.clone());
+        let against = withheld.iter().find(|own| own.entry.hypothesis == *hypothesis).map(|own| own.against.clone());
         Proposed {
             id: evidence.hypotheses[*hypothesis].id().to_owned(),
             named: named.is_some(),

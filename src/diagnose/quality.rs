@@ -1,9 +1,10 @@
 //! How well a model describes the star images, and which took part.
 
+use super::DiagnoseOptions;
 use super::attribute::{Entry, Stand};
 use super::crossfit::CrossFit;
 use super::descent::psi_of;
-use super::diagnosis::{FitQuality, MeasuredNoise, NoiseState, ResidualRow, StarsUsed};
+use super::diagnosis::{FitQuality, MeasuredNoise, NoiseState, ResidualRow, StarsUsed, Unused};
 use super::evidence::Evidence;
 use super::noise::NoiseModel;
 use super::sheet::{Whitened, dot, weight};
@@ -14,6 +15,9 @@ pub(super) fn quality(evidence: &Evidence, stand: &Stand, noise: &NoiseModel, tr
     let residual_px = stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.fit.residual);
     let used: Vec<usize> = (0..evidence.images.len()).filter(|k| stand.take[*k]).collect();
     let square: f64 = used.iter().map(|k| residual_px[2 * k].powi(2) + residual_px[2 * k + 1].powi(2)).sum();
+    let stated: f64 = used.iter().map(|k| evidence.images[*k].stated_px2[0] + evidence.images[*k].stated_px2[2]).sum();
+    // What attitudes and camera take of the errors is missing in the residuals.
+    let free = stand.fit.degrees / (2 * used.len()).max(1) as f64;
     let white: Whitened = {
         let pairs = residual_px.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect();
         evidence.white(noise, &pairs)
@@ -25,6 +29,7 @@ pub(super) fn quality(evidence: &Evidence, stand: &Stand, noise: &NoiseModel, tr
     };
     FitQuality {
         rms_px: (square / used.len().max(1) as f64).sqrt(),
+        expected_rms_px: (!used.is_empty()).then(|| (stated / used.len() as f64 * free).sqrt()),
         chi2_per_dof: dot(&psi, &white) / stand.fit.degrees,
         held_out_rms_px: held.map(|(_, rms)| rms),
         held_out_chi2_per_dof: held.map(|(chi, _)| chi),
@@ -44,13 +49,29 @@ pub(super) fn stars_used(evidence: &Evidence, points: &ControlPoints, stand: &St
     used
 }
 
+/// Why star images took no part.
+pub(super) fn unused(evidence: &Evidence, points: &ControlPoints, stand: &Stand, options: &DiagnoseOptions) -> Vec<Unused> {
+    let far = stand.take.iter().filter(|take| !**take).count();
+    let unmoving = if options.proper_motion_only { points.points.iter().filter(|point| !point.has_proper_motion).count() } else { 0 };
+    let others = points.points.len().saturating_sub(evidence.images.len() + unmoving);
+    [
+        (unmoving, "the catalogue has no proper motion of their stars (--all-stars takes them too)"),
+        (far, "too far from where the model has them to be images of their stars"),
+        (others, "the fit of the camera could not use them"),
+    ]
+    .into_iter()
+    .filter(|(images, _)| *images > 0)
+    .map(|(images, reason)| Unused { images, reason: reason.to_owned() })
+    .collect()
+}
+
 /// The noise, for the result.
 pub(super) fn noise_state(stand: &Stand) -> NoiseState {
     let wrong = stand.take.iter().filter(|take| !**take).count() as f64 / stand.take.len().max(1) as f64;
     NoiseState {
         floor_px: stand.noise.floor_px2.sqrt(),
         variance_factor: stand.noise.factor,
-        tail_degrees: if stand.noise.tail_degrees.is_finite() { stand.noise.tail_degrees } else { 1e9 },
+        tail_degrees: Some(stand.noise.tail_degrees).filter(|degrees| degrees.is_finite()),
         wrong_share: wrong,
         measured: MeasuredNoise::default(),
     }

@@ -10,6 +10,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::diagnosis::RemainderMap;
 
+/// A map is told where it gains so much log-evidence over none.
+const TOLD_FROM: f64 = 12.0;
 /// Cells along the longer side in which star images are averaged.
 const CELLS: usize = 11;
 /// Points of the map along each side.
@@ -24,13 +26,21 @@ const SHARES: [f64; 3] = [0.0, 0.5, 1.0];
 /// One star image's remainder: place, residual and standard error per axis, px.
 pub(super) type Left = ([f64; 2], [f64; 2], f64);
 
+impl RemainderMap {
+    /// Whether it is more than noise: by its evidence, and by what it gains on frames that it was not made of.
+    #[must_use]
+    pub fn is_told(&self) -> bool {
+        !self.points.is_empty() && self.log_evidence_gain > TOLD_FROM && self.held_out_delta_chi2 > 0.0
+    }
+}
+
 struct Cells {
     place: Vec<[f64; 2]>,
     mean: DVector<f64>,
     variance: Vec<f64>,
 }
 
-fn cells(left: &[Left], size: [f64; 2]) -> Cells {
+fn cells<'a>(left: impl Iterator<Item = &'a Left>, size: [f64; 2]) -> Cells {
     let side = size[0].max(size[1]) / CELLS as f64;
     let mut sums: std::collections::BTreeMap<(usize, usize), [f64; 5]> = std::collections::BTreeMap::new();
     for ([x, y], [dx, dy], sigma) in left {
@@ -79,15 +89,31 @@ fn covariance(cells: &Cells, length: f64, variance: f64, curl_free: f64) -> DMat
     matrix
 }
 
+/// The field of greatest evidence.
+struct Field {
+    cells: Cells,
+    /// Gain of log-evidence over no field at all.
+    gain: f64,
+    length: f64,
+    variance: f64,
+    /// Share free of curl.
+    share: f64,
+    solved: DVector<f64>,
+    factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
+}
+
 /// Evidence, length, variance, share free of curl, the solution and its factor.
 type Best = (f64, f64, f64, f64, DVector<f64>, nalgebra::Cholesky<f64, nalgebra::Dyn>);
 
-/// The map of what is left; `held_out` residuals are predicted by it for its proof.
-pub(super) fn map(left: &[Left], held_out: &[Left], size: [f64; 2]) -> RemainderMap {
+/// Fewer cells make no map.
+const FEWEST_CELLS: usize = 6;
+
+/// The field of some residuals.
+fn field<'a>(left: impl Iterator<Item = &'a Left>, size: [f64; 2]) -> Option<Field> {
     let cells = cells(left, size);
     let n = cells.place.len();
-    if n < 6 {
-        return RemainderMap::default();
+    if n < FEWEST_CELLS {
+        return None;
     }
     let rms = (cells.mean.norm_squared() / (2 * n) as f64).sqrt().max(1e-9);
     let nothing: f64 = (0..n)
@@ -110,46 +136,58 @@ pub(super) fn map(left: &[Left], held_out: &[Left], size: [f64; 2]) -> Remainder
             }
         }
     }
-    let Some((evidence, length, variance, share, solved, factor)) = best else { return RemainderMap::default() };
-    let at = |place: [f64; 2]| {
-        let mut cross = DMatrix::zeros(2 * n, 2);
-        for (j, own) in cells.place.iter().enumerate() {
-            let k = kernel(*own, place, length, share);
+    let (evidence, length, variance, share, solved, factor) = best?;
+    Some(Field { cells, gain: evidence - nothing, length, variance, share, solved, factor })
+}
+
+impl Field {
+    /// The field at a place and its standard error per axis.
+    fn at(&self, place: [f64; 2]) -> ([f64; 2], f64) {
+        let mut cross = DMatrix::zeros(2 * self.cells.place.len(), 2);
+        for (j, own) in self.cells.place.iter().enumerate() {
+            let k = kernel(*own, place, self.length, self.share);
             for a in 0..2 {
                 for b in 0..2 {
-                    cross[(2 * j + a, b)] = variance * k[a][b];
+                    cross[(2 * j + a, b)] = self.variance * k[a][b];
                 }
             }
         }
-        let value = cross.tr_mul(&solved);
-        let reduced = factor.solve(&cross);
-        let sigma =
-            (variance - f64::midpoint(cross.column(0).dot(&reduced.column(0)), cross.column(1).dot(&reduced.column(1)))).max(0.0).sqrt();
-        ([value[0], value[1]], sigma)
-    };
+        let value = cross.tr_mul(&self.solved);
+        let reduced = self.factor.solve(&cross);
+        let known = f64::midpoint(cross.column(0).dot(&reduced.column(0)), cross.column(1).dot(&reduced.column(1)));
+        ([value[0], value[1]], (self.variance - known).max(0.0).sqrt())
+    }
+}
+
+/// The map of what is left: residuals, each with the part of the recording that it belongs to. The map is made of all of them; its proof is
+/// the fall of χ² of every part with the map of the others.
+pub(super) fn map(left: &[(Left, usize)], size: [f64; 2]) -> RemainderMap {
+    let Some(whole) = field(left.iter().map(|(left, _)| left), size) else { return RemainderMap::default() };
     let mut points = Vec::new();
     let mut square = 0.0;
     for row in 0..GRID {
         for column in 0..GRID {
             let share = |k: usize, length: f64| k as f64 / (GRID - 1) as f64 * (length - 1.0);
             let place = [share(column, size[0]), share(row, size[1])];
-            let ([dx, dy], sigma) = at(place);
+            let ([dx, dy], sigma) = whole.at(place);
             square += dx * dx + dy * dy;
             points.push([place[0], place[1], dx, dy, sigma]);
         }
     }
-    let held_out_delta_chi2 = held_out
-        .iter()
-        .map(|(place, [dx, dy], sigma)| {
-            let ([mx, my], _) = at(*place);
-            (dx * dx + dy * dy - (dx - mx).powi(2) - (dy - my).powi(2)) / (sigma * sigma)
-        })
-        .sum();
+    let parts: std::collections::BTreeSet<usize> = left.iter().map(|(_, part)| *part).collect();
+    let mut held_out_delta_chi2 = 0.0;
+    for part in &parts {
+        let Some(others) = field(left.iter().filter(|(_, own)| own != part).map(|(left, _)| left), size) else { continue };
+        for ((place, [dx, dy], sigma), _) in left.iter().filter(|(_, own)| own == part) {
+            let ([mx, my], _) = others.at(*place);
+            held_out_delta_chi2 += (dx * dx + dy * dy - (dx - mx).powi(2) - (dy - my).powi(2)) / (sigma * sigma);
+        }
+    }
     RemainderMap {
-        length_px: length,
+        length_px: whole.length,
         rms_px: (square / points.len() as f64).sqrt(),
-        curl_free_share: share,
-        log_evidence_gain: evidence - nothing,
+        curl_free_share: whole.share,
+        log_evidence_gain: whole.gain,
         held_out_delta_chi2,
         points,
     }
@@ -178,16 +216,13 @@ mod tests {
                 })
                 .collect()
         };
-        let (seen, fresh, noise) = (field(0.2), field(0.2), field(0.0));
-        let found = map(&seen, &fresh, [1000.0, 1000.0]);
-        assert!(
-            found.log_evidence_gain > 50.0 && found.held_out_delta_chi2 > 100.0,
-            "{} {}",
-            found.log_evidence_gain,
-            found.held_out_delta_chi2
-        );
+        let mut parts = |amplitude: f64| field(amplitude).into_iter().enumerate().map(|(k, left)| (left, k % 4)).collect::<Vec<_>>();
+        let (seen, noise) = (parts(0.2), parts(0.0));
+        let found = map(&seen, [1000.0, 1000.0]);
+        assert!(found.is_told() && found.log_evidence_gain > 50.0, "{}", found.log_evidence_gain);
+        assert!(found.held_out_delta_chi2 > 100.0, "{}", found.held_out_delta_chi2);
         assert!(found.curl_free_share > 0.9, "{}", found.curl_free_share);
-        let nothing = map(&noise, &fresh, [1000.0, 1000.0]);
-        assert!(nothing.log_evidence_gain < 6.0, "{}", nothing.log_evidence_gain);
+        let nothing = map(&noise, [1000.0, 1000.0]);
+        assert!(!nothing.is_told() && nothing.log_evidence_gain < 6.0, "{}", nothing.log_evidence_gain);
     }
 }

@@ -6,21 +6,24 @@ use std::time::Instant;
 use super::adequacy::{amplitude_veto, concentration, disagreement, superseded, vetoes};
 use super::attribute::{Entry, Stand, select};
 use super::chance::independent;
+use super::channels::{ChannelReport, ChannelVerdict, Channels, Detectable};
 use super::confirm::{Confirmed, Withheld, confirm};
 use super::crossfit::CrossFit;
-use super::diagnosis::{ChannelTest, Channels, Diagnosis, FORMAT, Finding, Fit, Located, Verdict};
+use super::diagnosis::{Diagnosis, EffectState, FORMAT, Finding, Fit, Located, Verdict};
 use super::evidence::Evidence;
 use super::findings;
 use super::halves::half_nights;
 use super::located::located;
 use super::noise::NoiseModel;
 use super::omnibus::{Omnibus, omnibus};
+use super::ordinary::detectable;
 use super::permute::{Deals, deal};
 use super::proposals::{left_out, proposed};
-use super::quality::{noise_state, quality, residual_rows, stars_used};
+use super::quality::{noise_state, quality, residual_rows, stars_used, unused};
 use super::refine::{place, refine};
 use super::rendered::{self, Rendered};
 use super::resimulate::{DIFFERS, Resimulated, resimulate};
+use super::resolved::{bound, least_p, told};
 use super::scan::Scan;
 use super::signs::{SignTest, sign_test};
 use super::solved::Solved;
@@ -29,6 +32,8 @@ use crate::calibrate::{CalibrateOptions, Joint};
 use crate::identify::ControlPoints;
 use crate::statistics::significance::chi_squared_surprise;
 
+/// A covariate is named of a channel below this probability.
+const LOCATES_P: f64 = 0.01;
 /// Fewer numbers beyond the parameters say nothing.
 const FEWEST_DEGREES: f64 = 20.0;
 
@@ -222,7 +227,7 @@ impl<'a> Case<'a> {
         if !something {
             return Ok(());
         }
-        let rejected: Vec<usize> = self.confirmed.withheld.iter().map(|(entry, _)| entry.hypothesis).collect();
+        let rejected: Vec<usize> = self.confirmed.withheld.iter().map(|own| own.entry.hypothesis).collect();
         let mut more = self.solved.more(&self.refined, &self.confirmed.entries, &rejected, self.alarm.threshold);
         let before = self.confirmed.entries.len();
         if more.len() == before {
@@ -243,6 +248,7 @@ impl<'a> Case<'a> {
 
     /// Which names do not stand.
     fn judged(&self) -> Judged {
+        let least = least_p(self.alarm.test.chance.nulls);
         let (night, refined, entries, options) = (self.night, &self.refined, &self.confirmed.entries, self.night.options);
         let with_all = if entries.is_empty() { night.base.clone() } else { Stand::new(refined, &night.all, entries, &night.begin) };
         let remains = self.rest.as_ref().is_some_and(|(_, test)| test.p_value < options.alpha);
@@ -261,7 +267,7 @@ impl<'a> Case<'a> {
             against.extend(amplitude_veto(refined, &with_all, entries, k, &self.solved));
             against.extend(disagreement(&signs[k]));
             if let Some(p) = anew.as_ref().and_then(|anew| anew.own_p.get(k)).filter(|p| **p < DIFFERS) {
-                against.push(format!("the recording simulated anew with it does not look the same (p = {p:.1e})"));
+                against.push(format!("the recording simulated anew with it does not look the same ({})", told(*p, least)));
             }
             if let Some(scan) = &linear_scan {
                 against.extend(superseded(refined, &with_all, scan, entries, k, self.alarm.threshold));
@@ -280,11 +286,15 @@ impl<'a> Case<'a> {
         let is_vetoed = |k: &usize| judged.vetoes.iter().any(|(vetoed, _)| vetoed == k);
         let standing: Vec<usize> = (0..entries.len()).filter(|k| !is_vetoed(k)).collect();
         let kept: Vec<Entry> = standing.iter().map(|k| entries[*k]).collect();
-        let vetoed = judged.vetoes.iter().map(|(k, against)| (entries[*k], against.clone()));
+        let vetoed = judged.vetoes.iter().map(|(k, against)| Withheld {
+            entry: entries[*k],
+            against: against.clone(),
+            held_out_delta_chi2: self.confirmed.proofs.get(*k).map(|proof| proof.gain.delta_chi2),
+        });
         let withheld: Vec<Withheld> = vetoed.chain(self.confirmed.withheld.iter().cloned()).collect();
-        for (entry, against) in &self.confirmed.withheld {
-            let id = refined.hypotheses[entry.hypothesis].id();
-            warnings.push(format!("{id} is proposed by all star images together and not claimed: {}", against.join("; ")));
+        for own in &self.confirmed.withheld {
+            let id = refined.hypotheses[own.entry.hypothesis].id();
+            warnings.push(format!("{id} is proposed by all star images together and not claimed: {}", own.against.join("; ")));
         }
         let own_anew = judged.anew.as_ref().map_or_else(Vec::new, |anew| anew.own_p.clone());
         let context = findings::Context {
@@ -314,15 +324,15 @@ impl<'a> Case<'a> {
             self.anew(&kept, &self.solved_with(&kept)?).map(|anew| anew.p_value)
         };
         let left = rest.filter(|rest| rest.p_value < options.alpha);
-        let unknown = left.map(|rest| left::unknown(refined, &everything, &withheld, rest, &night.joint, self.tried.folds.all.first()));
-        let verdict = match (found.is_empty(), unknown.is_some()) {
-            (_, true) => Verdict::Unexplained,
-            (false, false) => Verdict::Explained,
-            (true, false) => Verdict::Consistent,
-        };
+        let unknown = left.map(|rest| left::unknown(refined, &everything, &withheld, rest, &night.joint));
+        let detectable = detectable(refined, &everything, &night.base, &kept, alarm.threshold);
+        let channels = channels(alarm, (found.is_empty(), unknown.is_some()), detectable);
+        let verdict = channels.verdict();
+        let least = least_p(alarm.test.chance.nulls);
         if let Some(p) = anew.filter(|p| verdict == Verdict::Explained && *p < DIFFERS) {
             warnings.push(format!(
-                "a recording simulated anew with what was found differs from this one by more than chance would have it (p = {p:.1e}): something small may be left"
+                "a recording simulated anew with what was found differs from this one by more than chance would have it ({}): something small may be left",
+                told(p, least)
             ));
         }
         let fit = Fit {
@@ -337,19 +347,19 @@ impl<'a> Case<'a> {
             let frames = refined.frames.len();
             warnings.push(format!("--half-nights was not answered: {frames} frames have too few different halves"));
         }
-        let largest = if alarm.test.largest.is_empty() { "nothing".to_owned() } else { alarm.test.largest.clone() };
         let left_p = rest.map(|rest| rest.p_value);
         let mut diagnosis = Diagnosis {
             format: FORMAT.to_owned(),
+            scope: channels.scope(),
             verdict,
             physics: options.physics.clone(),
-            effects: context.effects(&self.solved, &found, &kept),
-            profiles: context.profiles(&standing, &found),
+            effects: context.effects(&self.solved, &found, &kept, &withheld),
+            profiles: context.profiles(&self.solved, &standing, &found),
             findings: found,
             proposed: proposed(refined, &self.tried, &everything, &kept, &self.proposals, &withheld),
-            unknown,
+            unknown: unknown.into_iter().collect(),
             fit,
-            channels: Channels { astrometry: Some(ChannelTest { p_value: alarm.test.p_value, largest }), ..Channels::default() },
+            channels,
             stars_used: stars_used(refined, night.points, &everything),
             located: alarm.located.clone(),
             noise: noise_state(&self.solved.stand),
@@ -362,12 +372,45 @@ impl<'a> Case<'a> {
             summary: Vec::new(),
             warnings,
             camera: Some(self.solved.joint.model().clone()),
+            unused: unused(refined, night.points, &everything, options),
             residuals: residual_rows(refined, &night.base, &everything, night.points),
             seconds: 0.0,
             provenance: None,
         };
+        // What turns alone proposed has its held-out figure too.
+        for effect in diagnosis.effects.iter_mut().filter(|own| own.status == EffectState::Withheld && own.held_out_delta_chi2.is_none()) {
+            effect.held_out_delta_chi2 = diagnosis.proposed.iter().find(|own| own.id == effect.id).map(|own| own.held_out_delta_chi2);
+        }
         diagnosis.summary = words::summary(&diagnosis, left_p.unwrap_or(1.0));
+        bound(&mut diagnosis);
         Ok(diagnosis)
+    }
+}
+
+/// What is said of each channel: nothing beside the places is held against the model yet.
+fn channels(alarm: &Alarm, (nothing_found, something_left): (bool, bool), detectable: Vec<Detectable>) -> Channels {
+    let verdict = match (nothing_found, something_left) {
+        (_, true) => ChannelVerdict::Unexplained,
+        (false, false) => ChannelVerdict::Explained,
+        (true, false) if detectable.iter().any(|own| own.would_show) => ChannelVerdict::Consistent,
+        (true, false) => ChannelVerdict::Undecided,
+    };
+    let not_held = |what: &str| ChannelReport::not_looked_at(&format!("{what} not held against the model"));
+    Channels {
+        astrometry: ChannelReport {
+            looked_at: true,
+            verdict,
+            p_value: Some(alarm.test.p_value),
+            p_value_is: None,
+            located_by: alarm.located.iter().filter(|own| own.p_value < LOCATES_P).map(|own| own.covariate.clone()).collect(),
+            reason: words::reason(verdict, &alarm.test.largest, &detectable),
+            detectable,
+        },
+        flux: not_held("the brightness of the stars is"),
+        shape: not_held("width, elongation and skewness of the images are"),
+        stamp: not_held("what is left of each image is"),
+        noise: not_held("variances, codes, rows, columns and defects of the pixels are"),
+        background: not_held("the sky between the stars is"),
     }
 }
 

@@ -1,17 +1,22 @@
 //! The status of every effect of the registry: found, not found with a limit, hidden, or not to be judged here.
 
 use super::attribute::{self, Entry, Stand, UNOBSERVABLE, amplitude, columns};
+use super::confirm::Withheld;
 use super::diagnosis::{EffectState, EffectStatus, Finding, FoundParameter, Limit};
 use super::findings::Context;
 use super::hypotheses::Hypothesis;
-use super::run::p_of;
 use super::sheet::{Fit, Whitened};
 use super::solved::{Solved, difference};
+use crate::statistics::significance::{chi_squared_surprise, deviations};
 
 /// An effect of which a smaller share is left is not observable where one of usual size would not be seen at
 const WEAKLY: f64 = 0.1;
 /// so many standard errors.
 const SEEN: f64 = 5.0;
+/// Of an effect whose score has a smaller probability by chance it is not said that it was not found.
+const SIGNIFICANT: f64 = 1e-4;
+/// What another effect explains too has at least this cosine with it.
+const ALIKE: f64 = 0.5;
 
 /// Whether any parameter of an effect would be seen if it were of usual size.
 fn usual_shows(hypothesis: &Hypothesis, stand: &Stand, white: &[Whitened]) -> bool {
@@ -21,9 +26,36 @@ fn usual_shows(hypothesis: &Hypothesis, stand: &Stand, white: &[Whitened]) -> bo
     })
 }
 
+/// Significant, and yet no name: no limit can be given of what is there.
+fn withhold(status: &mut EffectStatus, reason: String, held_out_delta_chi2: Option<f64>) {
+    status.status = EffectState::Withheld;
+    status.upper_limit_95 = None;
+    status.held_out_delta_chi2 = held_out_delta_chi2;
+    status.reason = reason;
+}
+
 impl Context<'_> {
+    /// Why an effect that is significant by itself was never proposed: another one withheld explains the same, or none of so many.
+    fn not_proposed(&self, stand: &Stand, entry: Entry, withheld: &[Withheld]) -> String {
+        let white =
+            |entry: Entry| columns(self.evidence, &[entry]).map(|c| self.evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>();
+        let own = white(entry);
+        let alike = withheld
+            .iter()
+            .map(|other| (attribute::cosine(&stand.fit, &own, &white(other.entry)), other))
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .filter(|(cosine, _)| *cosine >= ALIKE);
+        match alike {
+            Some((cosine, other)) => {
+                let id = self.evidence.hypotheses[other.entry.hypothesis].id();
+                format!("{id} explains the same better (cosine {cosine:.2}) and is withheld itself")
+            }
+            None => "the choice among all effects did not take it: what it follows is explained better otherwise, or not enough for so many effects tried".to_owned(),
+        }
+    }
+
     /// The status of every effect of the registry.
-    pub(super) fn effects(&self, solved: &Solved, found: &[Finding], kept: &[Entry]) -> Vec<EffectStatus> {
+    pub(super) fn effects(&self, solved: &Solved, found: &[Finding], kept: &[Entry], withheld: &[Withheld]) -> Vec<EffectStatus> {
         let sets: Vec<&String> = found.iter().flat_map(|finding| &finding.indistinguishable_from).collect();
         let all = vec![true; self.evidence.images.len()];
         let stand = Stand::new(self.evidence, &all, kept, &solved.stand.noise);
@@ -33,6 +65,9 @@ impl Context<'_> {
                 id: id.clone(),
                 status: EffectState::NotFound,
                 p_value: None,
+                p_value_is: None,
+                score_sigma: None,
+                held_out_delta_chi2: None,
                 survival: None,
                 parameters: Vec::new(),
                 upper_limit_95: None,
@@ -60,11 +95,16 @@ impl Context<'_> {
             if let Some(finding) = found.iter().find(|finding| finding.id == id) {
                 status.status = EffectState::Found;
                 status.p_value = Some(finding.p_value);
+                status.score_sigma = Some(finding.score_sigma);
                 status.parameters.clone_from(&finding.parameters);
                 return status;
             }
             let searched = hypothesis.variants.len() as f64;
-            status.p_value = (rank > 0).then(|| (p_of(t, rank) * searched.sqrt()).min(1.0));
+            if rank > 0 {
+                let surprise = (chi_squared_surprise(rank as f64, t) - 0.5 * searched.ln()).max(0.0);
+                status.p_value = Some((-surprise).exp());
+                status.score_sigma = Some(deviations(surprise));
+            }
             let moves = white.iter().any(|column| stand.fit.length_squared(column) > 0.0);
             if !moves {
                 status.status = EffectState::NotObservable;
@@ -99,6 +139,10 @@ impl Context<'_> {
                 status.status = EffectState::NotObservable;
                 "attitudes and camera parameters take up most of it, and of one of usual size the rest would not show"
                     .clone_into(&mut status.reason);
+            } else if let Some(own) = withheld.iter().find(|own| own.entry.hypothesis == index) {
+                withhold(&mut status, own.against.join("; "), own.held_out_delta_chi2);
+            } else if status.p_value.is_some_and(|p| p < SIGNIFICANT) {
+                withhold(&mut status, self.not_proposed(&stand, entry, withheld), None);
             } else if hypothesis.in_force {
                 "in the model; its size there is confirmed within the errors".clone_into(&mut status.reason);
             }

@@ -1,6 +1,8 @@
 //! The diagnosis in plain sentences.
 
-use super::diagnosis::{ColumnsOf, Diagnosis, EffectState, Finding, FoundParameter, Verdict};
+use super::channels::{ChannelVerdict, Detectable};
+use super::diagnosis::{ColumnsOf, Diagnosis, EffectState, Finding, FoundParameter};
+use super::resolved::{least_p, told};
 use crate::effects::AnyDisplacement;
 
 /// A number with its error, as many digits as the error bears.
@@ -65,21 +67,64 @@ pub(super) fn finding(finding: &Finding, effect: &dyn AnyDisplacement, in_force:
     format!("{located}{what}: {}{known}. Modelling it lowers χ² by {:.0}. {held}{rendered}{set}", sizes.join(", "), finding.delta_chi2)
 }
 
-/// A probability: two decimals, or as a power of ten where these say nothing.
-fn probability(p: f64) -> String {
-    if p >= 0.01 { format!("{p:.2}") } else { format!("{p:.1e}") }
+/// What a channel's verdict rests on.
+pub(super) fn reason(verdict: ChannelVerdict, largest: &str, detectable: &[Detectable]) -> String {
+    let seen = detectable.iter().filter(|own| own.would_show).count();
+    let power = format!("of {} effects of ordinary size {seen} would have shown", detectable.len());
+    match verdict {
+        ChannelVerdict::NotLookedAt => String::new(),
+        ChannelVerdict::Undecided => format!("nothing shows, and {power}"),
+        ChannelVerdict::Consistent => format!("nothing shows; {power}"),
+        ChannelVerdict::Explained | ChannelVerdict::Unexplained if largest.is_empty() => power,
+        ChannelVerdict::Explained | ChannelVerdict::Unexplained => format!("{largest} stands out most; {power}"),
+    }
+}
+
+/// A number in a sentence.
+fn plain(number: f64) -> String {
+    let digits = (1.0 - number.abs().max(f64::MIN_POSITIVE).log10().floor()).max(0.0) as usize;
+    if (1e-3..1e5).contains(&number.abs()) { format!("{number:.digits$}") } else { format!("{number:.1e}") }
+}
+
+/// Effects named where nothing could have shown.
+const NEAREST: usize = 3;
+
+/// How large the effects that show best would have had to be.
+fn would_have_to_be(detectable: &[Detectable]) -> String {
+    let sizes: Vec<String> = detectable
+        .iter()
+        .filter_map(|own| Some((own, own.size_95?)))
+        .take(NEAREST)
+        .map(|(own, size)| format!("{} of {} {} (ordinary: {})", own.id, own.name, plain(size), plain(own.ordinary)))
+        .collect();
+    if sizes.is_empty() {
+        "attitudes and camera take up all effects".to_owned()
+    } else {
+        format!("what could have been seen is {}", sizes.join(", "))
+    }
 }
 
 /// The summary.
 pub(super) fn summary(diagnosis: &Diagnosis, left_p: f64) -> Vec<String> {
     let mut lines = Vec::new();
-    let p = diagnosis.channels.astrometry.as_ref().map_or(1.0, |test| test.p_value);
-    lines.push(match diagnosis.verdict {
-        Verdict::Consistent => format!("Nothing is missing: the star positions are as the model has them (p = {}).", probability(p)),
-        Verdict::Explained => {
-            format!("Something was missing (p = {p:.1e}), and is explained by what follows; nothing is left (p = {}).", probability(left_p))
+    let least = least_p(diagnosis.nulls);
+    let places = &diagnosis.channels.astrometry;
+    let p = told(places.p_value.unwrap_or(1.0), least);
+    // First of what is spoken at all.
+    lines.push(diagnosis.channels.in_words());
+    lines.push(match places.verdict {
+        ChannelVerdict::Consistent => format!("The star positions are as the model has them ({p}); of anything else nothing is said."),
+        ChannelVerdict::Explained => format!(
+            "In the star positions something was missing ({p}), and is explained by what follows; nothing more shows in them ({}).",
+            told(left_p, least)
+        ),
+        ChannelVerdict::Unexplained => {
+            format!("In the star positions something is missing ({p}) that the effects of the registry do not explain in full.")
         }
-        Verdict::Unexplained => format!("Something is missing (p = {p:.1e}) that the effects of the registry do not explain in full."),
+        ChannelVerdict::Undecided | ChannelVerdict::NotLookedAt => format!(
+            "The star positions show nothing ({p}), and no effect of ordinary size could have shown in them; {}.",
+            would_have_to_be(&places.detectable)
+        ),
     });
     lines.extend(diagnosis.findings.iter().map(|finding| finding.sentence.clone()));
     lines.extend(diagnosis.unknown.iter().map(|unknown| unknown.sentence.clone()));
@@ -87,7 +132,7 @@ pub(super) fn summary(diagnosis: &Diagnosis, left_p: f64) -> Vec<String> {
     if !diagnosis.findings.is_empty() {
         let held = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4}"));
         lines.push(format!(
-            "Residuals fall from {:.4} to {:.4} px rms, on held-out frames from {} to {} px.",
+            "Residuals of the positions fall from {:.4} to {:.4} px rms, on held-out frames from {} to {} px.",
             before.rms_px,
             after.rms_px,
             held(before.held_out_rms_px),

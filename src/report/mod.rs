@@ -9,6 +9,8 @@ mod data_table;
 mod ds9;
 mod field_map;
 mod frame_picture;
+#[cfg(test)]
+mod glyphs;
 mod off_on;
 mod panels;
 mod plot;
@@ -30,4 +32,4 @@ pub use profile::{ProfileBin, ProfilePlot};
 pub use ranking::{Rank, RankKind, Ranking};
 pub use remainder::remainder_map;
 pub use table::table;
-pub use vectors::{Vector, VectorPanel, residual_vectors, residual_vectors_on_one_scale};
+pub use vectors::{Told, Vector, VectorPanel, residual_vectors, residual_vectors_on_one_scale};

@@ -12,12 +12,14 @@ use super::canvas::{BLUE, Drawn, INK, PALE, PAPER, Place, ReportError, Sheet, VE
 pub struct ProfileBin {
     /// Mean of what the residuals are held against.
     pub at: f64,
-    /// Mean residual.
+    /// Mean of the data.
     pub mean: f64,
     /// Standard error of that mean.
     pub sigma: f64,
     /// The model's mean.
     pub model: f64,
+    /// Star images in it.
+    pub stars: usize,
 }
 
 /// Residuals in bins and a model.
@@ -38,7 +40,7 @@ pub struct ProfilePlot {
 const SIZE: (usize, usize) = (900, 560);
 const LEFT: f64 = 100.0;
 const RIGHT: f64 = 28.0;
-const TOP: f64 = 84.0;
+const TOP: f64 = 92.0;
 const BOTTOM: f64 = 96.0;
 const GREY: RGBColor = RGBColor(140, 140, 146);
 
@@ -85,6 +87,7 @@ impl ProfilePlot {
             for bin in &bins {
                 error_bar(sheet, &axes, bin)?;
             }
+            counts(sheet, &axes, &bins)?;
             legend(sheet)
         })
     }
@@ -124,11 +127,27 @@ fn error_bar(sheet: &Sheet, axes: &Axes, bin: &ProfileBin) -> Drawn {
     sheet.dot(axes.place(bin.at, bin.mean), 4.0, BLUE)
 }
 
+/// How many star images each bin has, above it; of bins that stand close together every so manieth.
+fn counts(sheet: &Sheet, axes: &Axes, bins: &[ProfileBin]) -> Drawn {
+    sheet.text("stars", (LEFT - 9.0, TOP - 9.0), 13.0, &GREY, HPos::Right, VPos::Center)?;
+    let mut free_from = f64::NEG_INFINITY;
+    for bin in bins {
+        let (x, _) = axes.place(bin.at, axes.along[0]);
+        let text = bin.stars.to_string();
+        let wide = sheet.text_size(&text, 13.0)?.0;
+        if x - wide / 2.0 >= free_from {
+            sheet.text(&text, (x, TOP - 9.0), 13.0, &GREY, HPos::Center, VPos::Center)?;
+            free_from = x + wide / 2.0 + 5.0;
+        }
+    }
+    Ok(())
+}
+
 fn legend(sheet: &Sheet) -> Drawn {
     let y = SIZE.1 as f64 - 22.0;
     sheet.dot((LEFT + 12.0, y), 4.0, BLUE)?;
     sheet.line(&[(LEFT + 12.0, y - 9.0), (LEFT + 12.0, y + 9.0)], BLUE, 1.5)?;
-    let residuals = "mean residual of the bin ± its standard error, everything else modelled";
+    let residuals = "displacement seen in the bin ± its standard error";
     sheet.text(residuals, (LEFT + 26.0, y), 15.0, &INK, HPos::Left, VPos::Center)?;
     let next = LEFT + 26.0 + sheet.text_size(residuals, 15.0)?.0 + 30.0;
     sheet.line(&[(next, y), (next + 28.0, y)], VERMILION, 2.5)?;
@@ -161,7 +180,7 @@ mod tests {
     fn the_model_is_drawn_where_it_is_and_zero_is_seen() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("profile.png");
-        let bins = (0..9).map(|k| ProfileBin { at: f64::from(k), mean: 1.0, sigma: 0.1, model: 2.0 }).collect();
+        let bins = (0..9).map(|k| ProfileBin { at: f64::from(k), mean: 1.0, sigma: 0.1, model: 2.0, stars: 40 }).collect();
         plot(bins).write(&path).unwrap();
         let read = image::open(&path).unwrap().to_rgb8();
         let axes = Axes { across: widened([0.0, 8.0].into_iter()), along: widened([0.0, 2.0].into_iter()) };
@@ -178,7 +197,7 @@ mod tests {
     fn bins_that_are_no_numbers_are_left_out() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("profile.png");
-        let good = ProfileBin { at: 1.0, mean: 0.0, sigma: 0.0, model: 0.0 };
+        let good = ProfileBin { at: 1.0, mean: 0.0, sigma: 0.0, model: 0.0, stars: 1 };
         plot(vec![ProfileBin { mean: f64::NAN, ..good }, good]).write(&path).unwrap();
         assert!(path.exists());
         assert!(matches!(plot(vec![ProfileBin { at: f64::INFINITY, ..good }]).write(&path), Err(ReportError::Empty { .. })));

@@ -5,7 +5,7 @@ use std::path::Path;
 use plotters::style::RGBColor;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::canvas::{BLUE, Drawn, INK, ORANGE, PALE, PAPER, ReportError, Sheet, VERMILION, picture};
+use super::canvas::{BLUE, Drawn, INK, ORANGE, PALE, PAPER, PURPLE, ReportError, Sheet, VERMILION, picture};
 
 /// What became of a hypothesis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,6 +14,8 @@ pub enum RankKind {
     Found,
     /// It cannot be told apart from a finding.
     InSet,
+    /// It stands out, but its name does not stand.
+    Withheld,
     /// It was tested and is no finding.
     Tested,
 }
@@ -23,8 +25,8 @@ pub enum RankKind {
 pub struct Rank {
     /// Its name.
     pub label: String,
-    /// Probability of as large a mismatch by chance, 0 to 1.
-    pub p_value: f64,
+    /// How far it stands out: the standard deviations of a normal number that chance makes as rarely.
+    pub deviations: f64,
     /// What became of it.
     pub kind: RankKind,
 }
@@ -36,9 +38,9 @@ pub struct Ranking {
     pub title: String,
     /// What stands below the title.
     pub summary: String,
-    /// The hypotheses in any order; those without a probability are left out.
+    /// The hypotheses in any order; those without a number are left out.
     pub ranks: Vec<Rank>,
-    /// A finding needs a probability below this.
+    /// A finding needs so many standard deviations.
     pub threshold: Option<f64>,
 }
 
@@ -48,20 +50,19 @@ const TOP: f64 = 84.0;
 const BAR: f64 = 22.0;
 const AXIS: f64 = 62.0;
 const LEGEND: f64 = 34.0;
-/// Smaller probabilities are not told from this one.
-const SMALLEST: f64 = 1e-300;
-/// Numbers of the axis, as powers of ten.
-const POWERS: [f64; 13] = [0.0, 1.0, 2.0, 3.0, 5.0, 8.0, 15.0, 25.0, 50.0, 80.0, 130.0, 200.0, 300.0];
-
-/// √(−log₁₀ p): about proportional to signal over noise, so that findings and the threshold fit on one axis.
-fn length(p_value: f64) -> f64 {
-    (-p_value.clamp(SMALLEST, 1.0).log10()).max(0.0).sqrt()
+/// The ends of bars: lengths grow as the square root, so that the threshold and a finding of a hundred σ are seen on one axis.
+fn length(deviations: f64) -> f64 {
+    deviations.max(0.0).sqrt()
 }
+
+/// Numbers of the axis.
+const TICKS: [f64; 10] = [0.0, 1.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0];
 
 fn colour(kind: RankKind) -> RGBColor {
     match kind {
         RankKind::Found => VERMILION,
         RankKind::InSet => ORANGE,
+        RankKind::Withheld => PURPLE,
         RankKind::Tested => BLUE,
     }
 }
@@ -69,12 +70,12 @@ fn colour(kind: RankKind) -> RGBColor {
 impl Ranking {
     /// Writes the bars as PNG.
     pub fn write(&self, path: &Path) -> Result<(), ReportError> {
-        let mut ranks: Vec<&Rank> = self.ranks.iter().filter(|rank| (0.0..=1.0).contains(&rank.p_value)).collect();
+        let mut ranks: Vec<&Rank> = self.ranks.iter().filter(|rank| rank.deviations.is_finite() && rank.deviations >= 0.0).collect();
         if ranks.is_empty() {
-            return Err(ReportError::Empty { path: path.to_owned(), what: "no hypothesis has a probability" });
+            return Err(ReportError::Empty { path: path.to_owned(), what: "no hypothesis has a score" });
         }
         let order = |kind: RankKind| kind as u8;
-        ranks.sort_by(|a, b| a.p_value.total_cmp(&b.p_value).then(order(a.kind).cmp(&order(b.kind))).then(a.label.cmp(&b.label)));
+        ranks.sort_by(|a, b| b.deviations.total_cmp(&a.deviations).then(order(a.kind).cmp(&order(b.kind))).then(a.label.cmp(&b.label)));
         let height = TOP + ranks.len() as f64 * BAR + AXIS + LEGEND;
         picture(path, (WIDTH as usize, height.ceil() as usize), PAPER, |sheet| self.draw(sheet, &ranks))
     }
@@ -88,29 +89,28 @@ impl Ranking {
         }
         let left = 28.0 + widest + 12.0;
         let bottom = TOP + ranks.len() as f64 * BAR;
-        let longest = ranks.iter().map(|rank| length(rank.p_value)).chain(self.threshold.map(length)).fold(1.0, f64::max) * 1.04;
+        let longest = ranks.iter().map(|rank| length(rank.deviations)).chain(self.threshold.map(length)).fold(1.0, f64::max) * 1.04;
         let place = |length: f64| left + length / longest * (WIDTH - RIGHT - left);
         let mut last = f64::NEG_INFINITY;
-        for power in POWERS.into_iter().filter(|power| power.sqrt() <= longest) {
-            let x = place(power.sqrt());
+        for tick in TICKS.into_iter().filter(|tick| length(*tick) <= longest) {
+            let x = place(length(tick));
             if x - last < 44.0 {
                 continue;
             }
             last = x;
             sheet.line(&[(x, TOP), (x, bottom)], PALE, 1.0)?;
             sheet.line(&[(x, bottom), (x, bottom + 5.0)], INK, 1.0)?;
-            let text = if power == 0.0 { "1".to_owned() } else { format!("1e−{power}") };
-            sheet.text(&text, (x, bottom + 8.0), 14.0, &INK, HPos::Center, VPos::Top)?;
+            sheet.text(&tick.to_string(), (x, bottom + 8.0), 14.0, &INK, HPos::Center, VPos::Top)?;
         }
         if let Some(threshold) = self.threshold {
             dashed(sheet, place(length(threshold)), TOP - 6.0, bottom)?;
         }
         for (index, rank) in ranks.iter().enumerate() {
             let y = TOP + (index as f64 + 0.5) * BAR;
-            let end = place(length(rank.p_value));
+            let end = place(length(rank.deviations));
             sheet.text(&rank.label, (left - 10.0, y), 14.0, &INK, HPos::Right, VPos::Center)?;
             sheet.fill((left, y - 0.34 * BAR), (end.max(left + 1.0), y + 0.34 * BAR), colour(rank.kind))?;
-            let text = written(rank.p_value);
+            let text = written(rank.deviations);
             let (wide, high) = sheet.text_size(&text, 13.0)?;
             // A number that the threshold crosses stands on paper.
             if self.threshold.is_some_and(|threshold| (end..end + 12.0 + wide).contains(&place(length(threshold)))) {
@@ -120,7 +120,7 @@ impl Ranking {
         }
         sheet.line(&[(left, TOP), (left, bottom), (WIDTH - RIGHT, bottom)], INK, 1.0)?;
         sheet.text(
-            "probability by chance (lengths as √(−log p), about as signal over noise)",
+            "standard deviations, this effect alone (a normal number that chance makes as rarely)",
             (left, bottom + 32.0),
             15.0,
             &INK,
@@ -143,7 +143,12 @@ fn dashed(sheet: &Sheet, x: f64, top: f64, bottom: f64) -> Drawn {
 
 /// The colours that occur, and the threshold.
 fn legend(sheet: &Sheet, left: f64, y: f64, ranks: &[&Rank], threshold: Option<f64>) -> Drawn {
-    let kinds = [(RankKind::Found, "found"), (RankKind::InSet, "not told apart from a finding"), (RankKind::Tested, "tested, not found")];
+    let kinds = [
+        (RankKind::Found, "found"),
+        (RankKind::InSet, "not told apart from a finding"),
+        (RankKind::Withheld, "stands out, name withheld"),
+        (RankKind::Tested, "tested, not found"),
+    ];
     let mut x = left;
     for (kind, text) in kinds.into_iter().filter(|(kind, _)| ranks.iter().any(|rank| rank.kind == *kind)) {
         sheet.fill((x, y - 7.0), (x + 20.0, y + 7.0), colour(kind))?;
@@ -157,44 +162,40 @@ fn legend(sheet: &Sheet, left: f64, y: f64, ranks: &[&Rank], threshold: Option<f
     Ok(())
 }
 
-/// A probability as it stands beside its bar.
-fn written(p_value: f64) -> String {
-    match p_value {
-        p if p < SMALLEST => "below 1e−300".to_owned(),
-        p if p >= 0.01 => format!("{p:.2}"),
-        p => format!("{p:.0e}").replace('-', "−"),
-    }
+/// A number as it stands beside its bar.
+fn written(deviations: f64) -> String {
+    if deviations >= 99.95 { format!("{deviations:.0} σ") } else { format!("{deviations:.1} σ") }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn rank(label: &str, p_value: f64, kind: RankKind) -> Rank {
-        Rank { label: label.into(), p_value, kind }
+    fn rank(label: &str, deviations: f64, kind: RankKind) -> Rank {
+        Rank { label: label.into(), deviations, kind }
     }
 
     #[test]
     fn bars_are_as_long_as_significant_and_the_first_is_on_top() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("ranking.png");
-        let ranks = vec![rank("b", 0.5, RankKind::Tested), rank("a", 1e-80, RankKind::Found), rank("c", 1e-20, RankKind::InSet)];
-        Ranking { title: "ranking".into(), ranks, threshold: Some(1e-5), ..Ranking::default() }.write(&path).unwrap();
+        let ranks = vec![rank("b", 0.7, RankKind::Tested), rank("a", 40.0, RankKind::Found), rank("c", 10.0, RankKind::InSet)];
+        Ranking { title: "ranking".into(), ranks, threshold: Some(5.0), ..Ranking::default() }.write(&path).unwrap();
         let read = image::open(&path).unwrap().to_rgb8();
         let bar = |row: usize, colour: RGBColor| {
             let y = (TOP + (row as f64 + 0.5) * BAR) as u32;
             (0..read.width()).filter(|x| read.get_pixel(*x, y).0 == [colour.0, colour.1, colour.2]).count()
         };
         let (first, second) = (bar(0, VERMILION), bar(1, ORANGE));
-        assert!(first > 100 && second.abs_diff(first / 2) < 8, "√20 is half of √80: {second} of {first}");
+        assert!(first > 100 && second.abs_diff(first / 2) < 8, "√10 is half of √40: {second} of {first}");
         assert!(bar(2, BLUE) > 10 && bar(1, VERMILION) == 0);
     }
 
     #[test]
-    fn what_has_no_probability_is_left_out() {
+    fn what_has_no_score_is_left_out() {
         let path = std::env::temp_dir().join("never-written-ranking.png");
         let none = Ranking { ranks: vec![rank("a", f64::NAN, RankKind::Tested)], ..Ranking::default() };
         assert!(matches!(none.write(&path), Err(ReportError::Empty { .. })));
-        assert_eq!([0.0, 0.25, 3e-7].map(written), ["below 1e−300", "0.25", "3e−7"]);
+        assert_eq!([0.0, 5.24, 123.4].map(written), ["0.0 σ", "5.2 σ", "123 σ"]);
     }
 }

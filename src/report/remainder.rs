@@ -8,6 +8,8 @@ use super::vectors::Vector;
 
 /// Points along each side of the picture's background.
 const SIDE: usize = 41;
+/// Arrows are drawn from this many standard errors per axis on: noise alone makes one in seven longer.
+const ABOVE_NOISE: f64 = 2.0;
 /// The most arrows along a side.
 const MOST_ARROWS: usize = 16;
 
@@ -19,10 +21,19 @@ pub fn remainder_map(path: &Path, title: &str, summary: &str, frame_px: (usize, 
     let values = (0..SIDE * SIDE).map(|k| grid.sigma_px(at(k % SIDE, frame_px.0), at(k / SIDE, frame_px.1))).collect();
     let every = [&grid.columns, &grid.rows].map(|lines| lines.len().div_ceil(MOST_ARROWS).max(1));
     let drawn = |k: &usize| (k % grid.columns.len()).is_multiple_of(every[0]) && (k / grid.columns.len()).is_multiple_of(every[1]);
-    let arrows = (0..grid.points.len()).filter(drawn).map(|k| {
-        let [x_px, y_px, dx_px, dy_px, _] = grid.points[k];
+    // An arrow that is no longer than its own noise says nothing and would be read.
+    let (shown, noise): (Vec<usize>, Vec<usize>) = (0..grid.points.len()).filter(drawn).partition(|k| {
+        let [_, _, dx_px, dy_px, sigma_px] = grid.points[*k];
+        dx_px.hypot(dy_px) > ABOVE_NOISE * sigma_px
+    });
+    let arrows = shown.iter().map(|k| {
+        let [x_px, y_px, dx_px, dy_px, _] = grid.points[*k];
         Vector { x_px, y_px, dx_px, dy_px, rejected: false }
     });
+    let note = format!(
+        "arrows: measured − model, what no effect explains; {} below {ABOVE_NOISE} σ are not drawn. Colours: standard error of an arrow, per axis",
+        noise.len()
+    );
     let map = FieldMap {
         title: title.to_owned(),
         summary: summary.to_owned(),
@@ -31,7 +42,7 @@ pub fn remainder_map(path: &Path, title: &str, summary: &str, frame_px: (usize, 
         reach: vec![0.0],
         unit: "σ / px".to_owned(),
         arrows: arrows.collect(),
-        note: "arrows: measured − model, what no effect explains; colours: standard error of an arrow, per axis".to_owned(),
+        note,
         ..FieldMap::default()
     };
     map.write(path, frame_px)

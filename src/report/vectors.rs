@@ -23,12 +23,25 @@ pub struct Vector {
 }
 
 /// The residuals of one calibration.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct VectorPanel {
     /// What they are residuals of.
     pub title: String,
     /// The residuals; those that are not finite are left out and counted.
     pub vectors: Vec<Vector>,
+    /// What the result itself says of them: a picture and a page that differ in a digit are two answers.
+    pub told: Option<Told>,
+}
+
+/// Numbers of a result that stand above its residuals.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Told {
+    /// 2-D rms.
+    pub rms_px: f64,
+    /// Star images used.
+    pub stars: usize,
+    /// Star images rejected, those without a finite residual too.
+    pub rejected: usize,
 }
 
 /// Longer arrows (share of the frame's larger side) are cut and drawn broken off.
@@ -103,6 +116,10 @@ fn draw(sheet: &Sheet, frame_box: &FrameBox, panel: &VectorPanel, factor: Option
 
     sheet.text(&panel.title, (left, top - 58.0), 18.0, &INK, HPos::Left, VPos::Top)?;
     let summary = if kept.is_empty() { "no stars kept".to_owned() } else { format!("rms {} px, {} stars", significant(rms), kept.len()) };
+    let summary = match panel.told {
+        Some(told) => format!("rms {} px, {} stars", significant(told.rms_px), told.stars),
+        None => summary,
+    };
     let lost = panel.vectors.len() - vectors.len();
     let summary = if lost > 0 { format!("{summary}, {lost} without a finite residual") } else { summary };
     sheet.text(&summary, (left, top - 30.0), 15.0, &BLUE, HPos::Left, VPos::Top)?;
@@ -142,7 +159,8 @@ fn draw(sheet: &Sheet, frame_box: &FrameBox, panel: &VectorPanel, factor: Option
             sheet.dot(from, 1.5, colour)?;
         }
     }
-    legend(sheet, frame_box, factor, (rejected, cut), every)
+    let all = panel.told.map_or(rejected, |told| told.rejected);
+    legend(sheet, frame_box, factor, (rejected, all, cut), every)
 }
 
 /// The round factor that makes usual residuals well visible.
@@ -178,7 +196,7 @@ fn broken(sheet: &Sheet, from: (f64, f64), to: (f64, f64), colour: RGBColor) -> 
     Ok(())
 }
 
-fn legend(sheet: &Sheet, frame_box: &FrameBox, factor: f64, (rejected, cut): (usize, usize), every: usize) -> Drawn {
+fn legend(sheet: &Sheet, frame_box: &FrameBox, factor: f64, (drawn, rejected, cut): (usize, usize, usize), every: usize) -> Drawn {
     let left = frame_box.corner.0;
     let y = frame_box.corner.1 + frame_box.size.1 + 60.0;
     // A round length that is drawn 60 to 150 pixels long.
@@ -189,7 +207,11 @@ fn legend(sheet: &Sheet, frame_box: &FrameBox, factor: f64, (rejected, cut): (us
     let times = if every > 1 { format!("{times}; one star image in {every} is drawn") } else { times };
     sheet.text(&times, (left + key + 8.0, y), 15.0, &INK, HPos::Left, VPos::Center)?;
     let mut x = left;
-    for (count, what, colour) in [(rejected, "rejected", VERMILION), (cut, "longer than drawn (dashed)", INK)] {
+    let what = match rejected.checked_sub(drawn) {
+        Some(beyond) if beyond > 0 => format!("rejected, {beyond} of them beyond what is drawn"),
+        _ => "rejected".to_owned(),
+    };
+    for (count, what, colour) in [(rejected, what.as_str(), VERMILION), (cut, "longer than drawn (dashed)", INK)] {
         if count > 0 {
             let text = format!("{count} {what}");
             sheet.text(&text, (x, y + 24.0), 15.0, &colour, HPos::Left, VPos::Center)?;
@@ -228,8 +250,8 @@ mod tests {
     fn an_arrow_lies_where_its_residual_points() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("vectors.png");
-        let panel = VectorPanel { title: "before".into(), vectors: vec![vector(500.0, 500.0, 1.0, 0.0)] };
-        let empty = VectorPanel { title: "after".into(), vectors: vec![vector(f64::NAN, 0.0, 0.0, 0.0)] };
+        let panel = VectorPanel { title: "before".into(), vectors: vec![vector(500.0, 500.0, 1.0, 0.0)], told: None };
+        let empty = VectorPanel { title: "after".into(), vectors: vec![vector(f64::NAN, 0.0, 0.0, 0.0)], told: None };
         residual_vectors(&path, "residuals", (1001, 1001), [&panel, &empty]).unwrap();
         let read = image::open(&path).unwrap().to_rgb8();
         let blue = |dx: f64, dy: f64| {
@@ -245,7 +267,7 @@ mod tests {
     fn on_one_scale_the_smaller_residual_is_drawn_shorter() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("vectors.png");
-        let panel = |dx_px| VectorPanel { title: "panel".into(), vectors: vec![vector(500.0, 500.0, dx_px, 0.0)] };
+        let panel = |dx_px| VectorPanel { title: "panel".into(), vectors: vec![vector(500.0, 500.0, dx_px, 0.0)], told: None };
         let length = |path: &Path, second: f64| {
             let read = image::open(path).unwrap().to_rgb8();
             let left = MARGIN_LEFT + second * (PANEL_WIDTH + GAP) + PANEL_WIDTH / 2.0;
@@ -261,7 +283,7 @@ mod tests {
 
     #[test]
     fn no_residuals_are_refused() {
-        let empty = VectorPanel { title: String::new(), vectors: vec![] };
+        let empty = VectorPanel::default();
         let path = std::env::temp_dir().join("never-written.png");
         assert!(matches!(residual_vectors(&path, "", (10, 10), [&empty, &empty]), Err(ReportError::Empty { .. })));
         assert!(!path.exists());

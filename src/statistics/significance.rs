@@ -44,6 +44,17 @@ pub fn chi_squared_surprise(degrees: f64, value: f64) -> f64 {
     -(ln_front + h.ln())
 }
 
+/// The number of standard deviations that a normal variable exceeds, to either side, with a probability of exp(−surprise).
+#[must_use]
+pub fn deviations(surprise: f64) -> f64 {
+    let (mut low, mut high) = (0.0, (2.0 * surprise.max(0.0)).sqrt() + 1.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if chi_squared_surprise(1.0, middle * middle) < surprise { low = middle } else { high = middle }
+    }
+    0.5 * (low + high)
+}
+
 /// Probability that the distribution of `count` independent uniform numbers is as far from uniform (Kolmogorov and Smirnov).
 ///
 /// Source: the asymptotic series with Stephens' correction, Press et al., Numerical Recipes (2007), 14.3.

@@ -14,7 +14,7 @@ fn diagnosed(args: &[&str]) -> Value {
     let all: Vec<&str> = ["diagnose"].iter().chain(args).chain(&QUICK).copied().collect();
     let ran = run(&all);
     let object: Value = serde_json::from_str(&ran.stdout).unwrap_or_else(|error| panic!("{all:?}: {error}: {} {}", ran.stdout, ran.stderr));
-    let expected = if object["verdict"] == "unexplained" { 3 } else { 0 };
+    let expected = if ["unexplained", "undecided"].contains(&object["verdict"].as_str().unwrap()) { 3 } else { 0 };
     assert_eq!(ran.code, expected, "{}", object["verdict"]);
     object
 }
@@ -32,13 +32,52 @@ fn rows(path: &Path) -> Vec<csv::StringRecord> {
     csv::Reader::from_path(path).unwrap().records().map(Result::unwrap).collect()
 }
 
+/// What format 2 says of each channel.
+fn every_channel_is_told(object: &Value) {
+    assert_eq!(object["scope"], serde_json::json!(["astrometry"]));
+    for name in ["astrometry", "flux", "shape", "stamp", "noise", "background"] {
+        let channel = &object["channels"][name];
+        let looked_at = name == "astrometry";
+        assert_eq!(channel["looked_at"], looked_at, "{name}: {channel}");
+        assert_eq!(channel["verdict"] == "not-looked-at", !looked_at, "{name}: {channel}");
+        assert_eq!(channel["p_value"].is_number(), looked_at, "{name}: {channel}");
+        assert!(channel["located_by"].is_array() && !channel["reason"].as_str().unwrap().is_empty(), "{name}: {channel}");
+        assert_eq!(channel["detectable"].as_array().unwrap().is_empty(), !looked_at, "{name}");
+    }
+    assert!(object["unknown"].is_array());
+    for finding in object["findings"].as_array().unwrap() {
+        let own = &finding["channels"];
+        assert!(own["astrometry"]["sigma"].as_f64().unwrap() > 0.0 && own["flux"].is_null() && own["background"].is_null(), "{own}");
+    }
+    for profile in object["profiles"].as_array().unwrap() {
+        assert!(profile["bins"].as_array().unwrap().iter().all(|bin| bin["stars"].as_u64() > Some(0)), "{profile}");
+    }
+    no_probability_is_smaller_than_resolved(object);
+}
+
+/// Wherever the object says a probability by chance.
+fn no_probability_is_smaller_than_resolved(value: &Value) {
+    match value {
+        Value::Object(map) => {
+            for (key, value) in map {
+                if let (true, Some(p)) = (key.ends_with("p_value"), value.as_f64()) {
+                    assert!(p >= 1e-6, "{key}: {p}");
+                }
+                no_probability_is_smaller_than_resolved(value);
+            }
+        }
+        Value::Array(list) => list.iter().for_each(no_probability_is_smaller_than_resolved),
+        _ => {}
+    }
+}
+
 #[test]
 fn a_diagnosis_is_an_object_a_page_tables_and_pictures() {
     let folder = tempfile::tempdir().unwrap();
     let recording = recorded(folder.path(), &[]);
     let (out, scene) = (folder.path().join("out"), folder.path().join("found.toml"));
     let object = diagnosed(&[text(&recording), "--json", "-o", text(&out), "--write-camera", text(&scene)]);
-    assert_eq!(object["format"], "boresight-diagnose/1");
+    assert_eq!(object["format"], "boresight-diagnose/2");
     assert_eq!(object["physics"], serde_json::json!(["proper-motion"]));
     for key in ["findings", "effects", "warnings"] {
         assert!(object[key].is_array(), "{key}: {}", object[key]);
@@ -46,13 +85,13 @@ fn a_diagnosis_is_an_object_a_page_tables_and_pictures() {
     for pointer in ["/fit/baseline/rms_px", "/fit/final/chi2_per_dof", "/stars_used/with_proper_motion", "/stars_used/without", "/parity"] {
         let _ = number(&object, pointer);
     }
-    for key in ["astrometry", "flux", "shape", "stamp", "noise"] {
-        assert!(object["channels"].get(key).is_some(), "{key}");
-    }
-    assert!(object.get("unknown").is_some());
-    let states = ["found", "indistinguishable", "not-found", "not-observable", "not-applicable"];
+    every_channel_is_told(&object);
+    let states = ["found", "indistinguishable", "not-found", "withheld", "not-observable", "not-applicable"];
     for effect in object["effects"].as_array().unwrap() {
         assert!(states.contains(&effect["status"].as_str().unwrap()), "{effect}");
+        let surely = effect["p_value"].as_f64().is_some_and(|p| p < 1e-4);
+        assert!(!surely || effect["status"] != "not-found", "{effect}");
+        assert!(effect["status"] != "withheld" || effect["upper_limit_95"].is_null() && effect["reason"] != "", "{effect}");
     }
     assert_eq!(object["provenance"]["seed"], 0);
     assert!(object["provenance"]["inputs"].as_array().is_some_and(|inputs| !inputs.is_empty()), "{}", object["provenance"]);
@@ -66,10 +105,15 @@ fn a_diagnosis_is_an_object_a_page_tables_and_pictures() {
     assert!(page.lines().all(|line| line.chars().count() <= 100 || line.contains('─')), "{page}");
     let verdict = object["verdict"].as_str().unwrap().to_uppercase();
     assert!(page.starts_with(&verdict), "{page}");
+    // The first line says what was looked at and what was not.
+    let first = page.lines().next().unwrap();
+    assert!(first.contains("positions: ") && first.ends_with("brightness, shape, stamps, noise, background: not looked at"), "{first}");
+    assert!(object["summary"][0].as_str().unwrap().contains("not looked at"), "{}", object["summary"]);
     for picture in ["residuals.png", "ranking.png"] {
         assert!(image::image_dimensions(out.join(picture)).unwrap().0 > 500, "{picture}");
     }
-    assert_eq!(out.join("map.csv").exists(), !object["unknown"].is_null());
+    let mapped = object["unknown"].as_array().unwrap().iter().any(|unknown| !unknown["map"].is_null());
+    assert_eq!(out.join("map.csv").exists(), mapped);
 
     // What was found is rendered again, and the stars are where they were.
     let again = folder.path().join("again");
@@ -170,4 +214,57 @@ fn wrong_arguments_are_refused_in_one_sentence() {
         assert_eq!(ran.code, code, "{args:?}: {}", ran.stderr);
         assert!(ran.stderr.contains(part) && ran.stdout.is_empty(), "{args:?}: {} {}", ran.stdout, ran.stderr);
     }
+}
+
+/// Half of the light is lost in the corners, and every star stands where it should: what is said is said of places alone.
+#[test]
+fn lost_light_is_not_said_to_be_absent() {
+    let folder = tempfile::tempdir().unwrap();
+    let effect = "[sky]\n";
+    let vignetting = "[[effects]]\nid = \"vignetting\"\nparameters = { loss_at_corner = 0.45 }\n\n[sky]\n";
+    let recording = recorded(folder.path(), &[(effect, vignetting)]);
+    let ran = run(&["diagnose", text(&recording), "--physics", "known", "--nulls", "20", "--quiet"]);
+    let first = ran.stdout.lines().next().unwrap_or_default();
+    assert!(
+        first.contains("positions: ") && first.ends_with("brightness, shape, stamps, noise, background: not looked at"),
+        "{}",
+        ran.stdout
+    );
+    for overstated in ["othing is missing", "nothing is left"] {
+        assert!(!ran.stdout.contains(overstated), "{overstated}: {}", ran.stdout);
+    }
+    assert!(ran.stdout.contains("rms expected") && ran.stdout.contains("could show"), "{}", ran.stdout);
+}
+
+/// One frame of 26 stars: nothing shows, and nothing of ordinary size could.
+#[test]
+fn one_real_frame_of_few_stars_is_undecided() {
+    let Some(directory) = crate::common::recordings_dir("diagnose_cli::one_real_frame_of_few_stars_is_undecided") else { return };
+    let object = diagnosed(&[text(&directory.join("cedar")), "--json"]);
+    assert_eq!((object["verdict"].as_str(), object["channels"]["astrometry"]["verdict"].as_str()), (Some("undecided"), Some("undecided")));
+    let detectable = object["channels"]["astrometry"]["detectable"].as_array().unwrap();
+    assert!(!detectable.is_empty() && detectable.iter().all(|own| own["would_show"] == false && own["ordinary"].as_f64() > Some(0.0)));
+    assert!(detectable[0]["size_95"].as_f64() > detectable[0]["ordinary"].as_f64(), "{}", detectable[0]);
+}
+
+/// On a real night, too, the pictures of what was found tell its size as well as the page does.
+#[test]
+fn profiles_of_a_real_night_are_of_its_data() {
+    let Some(directory) = crate::common::recordings_dir("diagnose_cli::profiles_of_a_real_night_are_of_its_data") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let object = diagnosed(&[text(&directory.join("tetra3_esa2019")), "--json", "-o", text(&out)]);
+    let profiles = object["profiles"].as_array().unwrap();
+    assert!(!profiles.is_empty());
+    for profile in profiles {
+        let id = profile["id"].as_str().unwrap();
+        let sum: f64 = profile["bins"].as_array().unwrap().iter().map(|bin| (number(bin, "/model") / number(bin, "/sigma")).powi(2)).sum();
+        let finding = object["findings"].as_array().unwrap().iter().find(|finding| finding["id"] == id).unwrap();
+        let own = finding["parameters"].as_array().unwrap().iter().find(|own| own["name"] == profile["parameter"]["name"]).unwrap();
+        let page = number(own, "/sigma") / number(own, "/value").abs();
+        assert!((1.0 / sum.sqrt() / page - 1.0).abs() < 0.1, "{id}: {} drawn, {page} on the page", 1.0 / sum.sqrt());
+    }
+    no_probability_is_smaller_than_resolved(&object);
+    let page = std::fs::read_to_string(out.join("summary.txt")).unwrap();
+    assert!(!page.contains("1e-300") && page.contains("p < "), "{page}");
 }

@@ -24,7 +24,8 @@ const OFF_LIBRARY_SNR: f64 = 14.0;
 type Pair<'a> = (&'a Truth, &'a Answer);
 
 pub(super) fn alarmed(answer: &Answer) -> bool {
-    answer.verdict != "consistent"
+    // Where nothing could have shown nothing is said to be missing.
+    !matches!(answer.verdict.as_str(), "consistent" | "undecided")
 }
 
 pub(super) fn first_name(answer: &Answer) -> Option<&str> {
