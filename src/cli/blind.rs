@@ -45,7 +45,7 @@ struct Which {
     #[arg(long)]
     to: Option<u32>,
     /// The benchmark's folder
-    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder)]
+    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder())]
     output: PathBuf,
     /// Print the result as one JSON object on stdout, and nothing else
     #[arg(long)]
@@ -77,7 +77,7 @@ struct RunArgs {
 #[command(next_help_heading = heading::OUTPUT)]
 struct ScoreArgs {
     /// The benchmark's folder
-    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder)]
+    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder())]
     output: PathBuf,
     /// Also write the page of tables into this file
     #[arg(long, value_name = "FILE.md")]

@@ -49,6 +49,7 @@ pub(crate) fn read_calibration(path: &Path) -> Result<Calibration> {
 
 /// Prints the map.
 pub(crate) fn map(args: &MapArgs) -> Result<Answer> {
+    let _folder = args.output.open("map")?;
     let calibration = read_calibration(&args.calibration)?;
     let mut provenance = output::provenance();
     provenance.add_input(&args.calibration)?;
