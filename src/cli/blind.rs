@@ -36,13 +36,13 @@ enum Step {
 struct Which {
     /// The family: null, hard-null, ladder, natural, confuser, two, absorbed, off-library; of frames of pixels: pixel-null, pixel-ladder,
     /// pixel-absorbed, pixel-off-library
-    #[arg(long, value_parser = family)]
+    #[arg(long, value_parser = family, help_heading = heading::INPUT)]
     family: Family,
     /// The first index
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, help_heading = heading::INPUT)]
     from: u32,
     /// The index behind the last [default: every case of the family once]
-    #[arg(long)]
+    #[arg(long, help_heading = heading::INPUT)]
     to: Option<u32>,
     /// The benchmark's folder
     #[arg(short, long, value_name = "DIR", value_parser = super::options::folder())]
@@ -57,10 +57,10 @@ struct GenerateArgs {
     #[command(flatten)]
     which: Which,
     /// The seed of all recordings of the folder
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, help_heading = heading::INPUT)]
     seed: u64,
     /// Write the recordings into DIR/recordings too; `run` makes them anew, the same
-    #[arg(long)]
+    #[arg(long, help_heading = heading::OUTPUT)]
     write: bool,
 }
 
@@ -69,7 +69,7 @@ struct RunArgs {
     #[command(flatten)]
     which: Which,
     /// Simulated recordings without any effect that each is held against, at least [default: as `diagnose`]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", help_heading = heading::STATISTICS)]
     nulls: Option<usize>,
 }
 

@@ -16,13 +16,15 @@ use boresight::scene::shown::{COLOUR_FILTERS, Known, QUANTUM_EFFICIENCY, SAMPLED
 use clap::Args;
 use serde::Serialize;
 
-use super::options::folder;
+use super::options::{folder, heading};
 use super::{Answer, Usage, effect_pictures, output, signature};
 
 /// Arguments of `effects`.
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::OUTPUT)]
 pub(crate) struct EffectsArgs {
     /// Print the page of this effect
+    #[arg(help_heading = None)]
     id: Option<String>,
     /// Write a picture of what each effect does to a frame (off, on, difference), and a page that holds them; with an id, of that one
     #[arg(long, value_name = "DIR", conflicts_with = "json", value_parser = folder())]

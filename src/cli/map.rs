@@ -8,7 +8,7 @@ use boresight::provenance::Provenance;
 use clap::Args;
 use serde::Serialize;
 
-use super::options::OutputArgs;
+use super::options::{OutputArgs, heading};
 use super::{Answer, output};
 
 /// Arguments of `map`.
@@ -18,7 +18,7 @@ pub(crate) struct MapArgs {
     #[arg(value_name = "CALIBRATION")]
     calibration: PathBuf,
     /// Points along each side of the frame
-    #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u16).range(1..=2000))]
+    #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u16).range(1..=2000), help_heading = heading::OUTPUT)]
     grid: u16,
     #[command(flatten)]
     output: OutputArgs,
