@@ -28,7 +28,7 @@ help:
 
 demo: runtime
 	@.ci/vulkan || echo "demo: going on with the CPU implementation of the renderer" >&2
-	$(CARGO) run --locked --release -- demo -o outputs/demo
+	$(CARGO) run --locked --release -- demo -o outputs/demo --force
 
 test: runtime
 	@.ci/vulkan
@@ -77,7 +77,7 @@ bench-cedar:
 	benches/peers/cedar/run.sh "$(CEDAR)" docs/studies/cedar.txt
 
 pictures:
-	$(CARGO) run --locked --release -- effects --pictures outputs/effects
+	$(CARGO) run --locked --release -- effects --pictures outputs/effects --force
 
 study:
 	$(CARGO) run --locked --release --example misidentification -- -o outputs/misidentification $(STUDY)

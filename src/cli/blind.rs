@@ -38,16 +38,16 @@ enum Step {
 struct Which {
     /// The family: null, hard-null, ladder, natural, confuser, two, absorbed, off-library; of frames of pixels: pixel-null, pixel-ladder,
     /// pixel-absorbed, pixel-off-library
-    #[arg(long, value_parser = family)]
+    #[arg(long, value_parser = family, help_heading = heading::INPUT)]
     family: Family,
     /// The first index
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, help_heading = heading::INPUT)]
     from: u32,
     /// The index behind the last [default: every case of the family once]
-    #[arg(long)]
+    #[arg(long, help_heading = heading::INPUT)]
     to: Option<u32>,
     /// The benchmark's folder
-    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder)]
+    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder())]
     output: PathBuf,
     /// Print the result as one JSON object on stdout, and nothing else
     #[arg(long)]
@@ -59,10 +59,10 @@ struct GenerateArgs {
     #[command(flatten)]
     which: Which,
     /// The seed of all recordings of the folder
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 1, help_heading = heading::INPUT)]
     seed: u64,
     /// Write the recordings into DIR/recordings too; `run` makes them anew, the same
-    #[arg(long)]
+    #[arg(long, help_heading = heading::OUTPUT)]
     write: bool,
 }
 
@@ -71,7 +71,7 @@ struct RunArgs {
     #[command(flatten)]
     which: Which,
     /// Simulated recordings without any effect that each is held against, at least [default: as `diagnose`]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", help_heading = heading::STATISTICS)]
     nulls: Option<usize>,
     /// Probability of an alarm by chance [default: as `diagnose`]
     #[arg(long, value_name = "P")]
@@ -81,7 +81,7 @@ struct RunArgs {
 #[derive(Debug, Args)]
 struct HeldOutArgs {
     /// The benchmark's folder
-    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder)]
+    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder())]
     output: PathBuf,
     /// The commit that the page is to name
     #[arg(long, value_name = "HASH", default_value = "unknown")]
@@ -98,7 +98,7 @@ struct HeldOutArgs {
 #[command(next_help_heading = heading::OUTPUT)]
 struct ScoreArgs {
     /// The benchmark's folder
-    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder)]
+    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder())]
     output: PathBuf,
     /// Also write the page of tables into this file
     #[arg(long, value_name = "FILE.md")]

@@ -51,6 +51,9 @@ pub(crate) struct CalibrateArgs {
     output: OutputArgs,
 }
 
+/// The laws by which a lens maps angles.
+const PROJECTIONS: [&str; 5] = ["pinhole", "equidistant", "equisolid", "stereographic", "kannala-brandt"];
+
 /// How the camera is solved, and from which control points.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = heading::SOLVER)]
@@ -68,9 +71,8 @@ pub(crate) struct SolveArgs {
     /// What is known of a parameter beforehand: name=value:sigma, in its own unit; several times for several
     #[arg(long, value_name = "NAME=VALUE:SIGMA", value_parser = prior, help_heading = heading::MODEL)]
     pub(crate) prior: Vec<ParameterPrior>,
-    /// The projection: pinhole, equidistant, equisolid, stereographic or kannala-brandt; without one, that by which the frames were
-    /// identified
-    #[arg(long, value_name = "ID", help_heading = heading::MODEL)]
+    /// The projection; without one, that by which the frames were identified
+    #[arg(long, value_name = "ID", value_parser = PROJECTIONS, help_heading = heading::MODEL)]
     pub(crate) projection: Option<String>,
     /// `free`: one attitude a frame, even if the recording says that the mount is fixed [default: auto]
     #[arg(long, value_enum)]
@@ -250,12 +252,30 @@ pub(crate) fn trusting(error: PipelineError) -> anyhow::Error {
     }
 }
 
+/// Whether stars were looked for and solved, and the answer is no; else it could not be tried.
+pub(crate) fn is_an_answer(error: &CalibrateError) -> bool {
+    matches!(
+        error,
+        CalibrateError::TooFewPoints { .. }
+            | CalibrateError::TooFewPairs { .. }
+            | CalibrateError::Diverged { .. }
+            | CalibrateError::Singular { .. }
+            | CalibrateError::Uncovered { .. }
+            | CalibrateError::NoConsensus { .. }
+            | CalibrateError::NoDegreesOfFreedom { .. }
+    )
+}
+
 /// Calibrates, and prints the camera.
 pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
-    if let Some(path) = &args.update.update {
-        // What cannot be gone on from is said before the work.
-        update::read(path)?;
-    }
+    let _folder = match &args.update.update {
+        None => args.output.open("calibrate")?,
+        Some(path) => {
+            // What cannot be gone on from is said before the work.
+            update::read(path)?;
+            update::folder(path, &args.output)?
+        }
+    };
     let catalog = args.sky.catalog()?;
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
@@ -289,22 +309,24 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
             unmirror_priors(&mut options, points.points.nominal.width_px);
         }
     }
+    tracing::info!(
+        "solving by {} for {} from {} star images of {} frames",
+        options.method.name(),
+        output::listed(&options.solve),
+        points.points.points.len(),
+        points.points.attitudes.len()
+    );
+    let clock = output::Clock::new();
     let anew = options.method == Method::Bundle && !args.no_reidentify && !args.trust_identifications;
     let result = if anew {
         calibrate_identifying_anew(&points.points, &star_images(&measured, &points), &catalog, args.solve.max_magnitude, &options)
     } else {
         calibrate_points(&points.points, &options)
     };
+    tracing::info!("solved in {clock}{}", if anew { ", the stars being identified anew with the improved camera" } else { "" });
     let mut calibration = match result {
         Ok(calibration) => calibration,
-        // The stars were solved for, and the answer is no; what could not be tried at all is an error.
-        Err(
-            reason @ (CalibrateError::Diverged { .. }
-            | CalibrateError::Singular { .. }
-            | CalibrateError::Uncovered { .. }
-            | CalibrateError::NoConsensus { .. }
-            | CalibrateError::NoDegreesOfFreedom { .. }),
-        ) => {
+        Err(reason) if is_an_answer(&reason) => {
             let object = Unsolved::new(&options, &reason, &points, provenance);
             let text = || format!("NOT CONVERGED: {}\n", object.warnings.join("\n"));
             output::deliver("calibrate", &object, args.output.json, args.output.output.as_deref(), text)?;
@@ -322,7 +344,6 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     }
     calibration.provenance = Some(provenance);
     if let Some(directory) = &args.output.output {
-        std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
         pictures::residuals(&directory.join("residuals.png"), &calibration)?;
         pictures::map_sigma(&directory.join("map_sigma.png"), &calibration)?;
     }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use boresight::catalog::{ImportReport, import_catalog};
 use boresight::provenance::Provenance;
-use boresight::recording::write_file;
+use boresight::recording::{check_file, write_file};
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
@@ -29,6 +29,9 @@ pub(crate) struct ImportArgs {
     /// The catalogue to write
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    /// Replace a file that is there
+    #[arg(long)]
+    force: bool,
     /// Leave out stars fainter than this V magnitude
     #[arg(long, value_name = "V", default_value_t = 99.0, allow_negative_numbers = true, help_heading = heading::CATALOGUE)]
     faintest: f64,
@@ -51,6 +54,7 @@ struct ImportObject {
 /// Carries out a command.
 pub(crate) fn catalog(command: &CatalogCommand) -> Result<Answer> {
     let CatalogCommand::Import(args) = command;
+    check_file(&args.output, args.force)?;
     let (catalog, report) = import_catalog(&args.files, args.faintest)?;
     let mut provenance = output::provenance();
     for file in &args.files {
@@ -64,7 +68,7 @@ pub(crate) fn catalog(command: &CatalogCommand) -> Result<Answer> {
     if args.json {
         output::print(&output::json_text(&object)?)?;
     } else {
-        output::print(&text(&object))?;
+        output::print_page(&text(&object))?;
     }
     Ok(Answer::Yes)
 }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use boresight::calibrate::{Comparison, compare as compare_calibrations};
 use boresight::provenance::Provenance;
 use clap::Args;
@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::calibrate_text::wrapped;
 use super::map::read_calibration;
-use super::options::OutputArgs;
+use super::options::{OutputArgs, heading};
 use super::{Answer, output, pictures};
 
 /// Arguments of `compare`.
@@ -22,6 +22,9 @@ pub(crate) struct CompareArgs {
     /// The second; differences are second minus first
     #[arg(value_name = "B")]
     second: PathBuf,
+    /// The largest difference anywhere in the frame that is no difference: exit code 3 beyond it
+    #[arg(long, value_name = "PX", value_parser = super::identify::positive, allow_negative_numbers = true, help_heading = heading::STATISTICS)]
+    max_px: Option<f64>,
     #[command(flatten)]
     output: OutputArgs,
 }
@@ -30,25 +33,38 @@ pub(crate) struct CompareArgs {
 struct CompareObject {
     #[serde(flatten)]
     comparison: Comparison,
+    /// The limit that was given, and whether the difference keeps it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    limit: Option<Limit>,
     provenance: Provenance,
+}
+
+/// `--max-px` and what came of it.
+#[derive(Clone, Copy, Serialize)]
+struct Limit {
+    max_px: f64,
+    is_kept: bool,
 }
 
 /// Compares, and prints the differences.
 pub(crate) fn compare(args: &CompareArgs) -> Result<Answer> {
+    let _folder = args.output.open("compare")?;
     let (first, second) = (read_calibration(&args.first)?, read_calibration(&args.second)?);
     let mut provenance = output::provenance();
     provenance.add_input(&args.first)?;
     provenance.add_input(&args.second)?;
-    let object = CompareObject { comparison: compare_calibrations(&first, &second)?, provenance };
+    let comparison = compare_calibrations(&first, &second)?;
+    let limit = args.max_px.map(|max_px| Limit { max_px, is_kept: comparison.max_px <= max_px });
+    let object = CompareObject { comparison, limit, provenance };
     if let Some(directory) = &args.output.output {
-        std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
         pictures::difference(&directory.join("difference.png"), [&first, &second], &object.comparison)?;
     }
-    output::deliver("compare", &object, args.output.json, args.output.output.as_deref(), || text(&object.comparison))?;
-    Ok(Answer::Yes)
+    output::deliver("compare", &object, args.output.json, args.output.output.as_deref(), || text(&object))?;
+    Ok(if limit.is_none_or(|limit| limit.is_kept) { Answer::Yes } else { Answer::No })
 }
 
-fn text(comparison: &Comparison) -> String {
+fn text(object: &CompareObject) -> String {
+    let comparison = &object.comparison;
     let rows: Vec<Vec<String>> = comparison
         .parameters
         .iter()
@@ -68,6 +84,9 @@ fn text(comparison: &Comparison) -> String {
         "\nmapping differs by {:.4} px rms over the frame, {:.4} px at most, after the best rotation\n",
         comparison.rms_px, comparison.max_px
     );
+    if let Some(Limit { max_px, is_kept }) = object.limit {
+        text += &format!("{} {max_px} px\n", if is_kept { "this is within the limit of" } else { "THIS IS BEYOND THE LIMIT of" });
+    }
     if let Some(p) = comparison.p_value {
         text += &format!("probability of so large a difference if the camera did not change: {}\n", pictures::probability(p));
     }

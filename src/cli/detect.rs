@@ -1,6 +1,6 @@
 //! `boresight detect`: finds the stars in images and measures them.
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use boresight::catalog::Catalog;
 use boresight::detect::{Detections, PsfReport};
 use boresight::provenance::Provenance;
@@ -44,6 +44,7 @@ struct DetectedFrame<'a> {
 
 /// Measures, and prints a line a frame.
 pub(crate) fn detect(args: &DetectArgs) -> Result<Answer> {
+    let _folder = args.output.open("detect")?;
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, None)?;
     let measured = pipeline::measure_as(recording, &args.measure, &mut provenance)?;
@@ -61,7 +62,6 @@ pub(crate) fn detect(args: &DetectArgs) -> Result<Answer> {
         provenance,
     };
     if let Some(directory) = &args.output.output {
-        std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
         identify_files::write_detections(directory, &measured.frames, &object.provenance)?;
         let catalog = Catalog::embedded();
         for frame in &measured.frames {

@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use boresight::diagnose::{DiagnoseOptions, Diagnosis, MeasuredNoise, Step, Verdict};
-use boresight::pipeline::{Asked, Prepared, Question, SkyChoice, measured_noise, question};
+use boresight::diagnose::{DiagnoseError, DiagnoseOptions, Diagnosis, FORMAT, MeasuredNoise, Step, Verdict};
+use boresight::pipeline::{Asked, PipelineError, Prepared, Question, SkyChoice, measured_noise, question};
 use boresight::provenance::Provenance;
-use boresight::recording::SkippedFrame;
+use boresight::recording::{SkippedFrame, check_file};
 use clap::Args;
 use serde::Serialize;
 
-use super::calibrate::{SolveArgs, control_points, parameter_name};
+use super::calibrate::{SolveArgs, control_points, is_an_answer, parameter_name};
 use super::identify::SearchArgs;
 use super::options::{InputArgs, MeasureArgs, OutputArgs, SkyArgs, heading};
 use super::pipeline::Measured;
@@ -112,14 +112,55 @@ impl DiagnoseArgs {
     }
 }
 
+/// What is written where the frames do not lead to a question.
+#[derive(Serialize)]
+struct Unasked {
+    format: &'static str,
+    verdict: &'static str,
+    reason: String,
+    findings: [(); 0],
+    provenance: Provenance,
+}
+
+/// Why nothing can be said of frames that could be read: too few stars, or none that lead to a camera. `None`: it could not be tried.
+fn no_answer(error: &anyhow::Error) -> Option<String> {
+    let of_diagnosis = error.downcast_ref::<DiagnoseError>();
+    let error = of_diagnosis.or_else(|| match error.downcast_ref::<PipelineError>() {
+        Some(PipelineError::Baseline(error)) => Some(error),
+        _ => None,
+    })?;
+    let is_no = match error {
+        DiagnoseError::TooFew { .. } => true,
+        DiagnoseError::Baseline(reason) => is_an_answer(reason),
+        _ => false,
+    };
+    is_no.then(|| error.to_string())
+}
+
 /// Diagnoses, and prints a page.
 pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
+    let _folder = args.output.open("diagnose")?;
+    if let Some(path) = &args.write_camera {
+        check_file(path, args.output.force)?;
+    }
+    let mut of_input = output::provenance();
+    let done = diagnose_into(args, &mut of_input);
+    let Some(reason) = done.as_ref().err().and_then(no_answer) else { return done };
+    let text = format!("UNDECIDED: {reason}\n");
+    let object = Unasked { format: FORMAT, verdict: "undecided", reason, findings: [], provenance: of_input };
+    output::deliver("diagnose", &object, args.output.json, args.output.output.as_deref(), || text)?;
+    Ok(Answer::No)
+}
+
+/// The same; what was read goes into `of_input` as soon as it is known.
+fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answer> {
     let catalog = args.sky.catalog()?;
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
     let measured = pipeline::measure_as(recording, &args.measure, &mut provenance)?;
     let mut options = args.options()?;
     provenance.seed = Some(options.seed);
+    of_input.clone_from(&provenance);
     let choice = args.sky.choice_of_diagnosis();
     let identified = if args.trust_identifications {
         pipeline::take_identifications(&measured, &catalog, &choice)?
@@ -135,13 +176,22 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
     let Question { points, telemetry, mut options, notes, .. } = question(&measured, &identified, &prepared, &asked, options)?;
     // What is rendered is measured by the Gaussian fit: columns for other places would be those of another estimator.
     options.looks = options.looks.filter(|_| args.measure.is_gaussian() && !args.formulas);
-    let bar = output::steps(Step::COUNT);
+    tracing::info!(
+        "{} star images of {} frames are held against {}; physics in force: {}",
+        points.points.len(),
+        points.attitudes.len(),
+        options.solve.join(", "),
+        output::listed(&options.physics)
+    );
+    let (bar, clock) = (output::steps(Step::COUNT), output::Clock::new());
     let result = boresight::diagnose::diagnose_telling(&points, &telemetry, &options, &|step| {
         bar.set_position(step.number() as u64);
         bar.set_message(step.words());
+        tracing::info!("{} (after {clock})", step.words());
     });
     bar.finish_and_clear();
     let mut diagnosis = result?;
+    tracing::info!("diagnosed in {clock}: {} findings", diagnosis.findings.len());
     diagnosis.warnings.extend(warnings(args, &measured, &prepared, &choice));
     diagnosis.warnings.extend(notes);
     if too_few_move {

@@ -21,8 +21,6 @@ const PROFILE: &str = "profile-";
 
 /// Writes summary.txt, residuals.csv, map.csv and the pictures. `size`: columns and rows of the frames. The diagnosis is told where its map is.
 pub(crate) fn write(directory: &Path, diagnosis: &mut Diagnosis, measured: &Measured, size: (usize, usize), alpha: f64) -> Result<()> {
-    std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
-    remove_former(directory)?;
     // A map of what is no more than noise is not drawn.
     if let Some(unknown) = diagnosis.unknown.iter_mut().find(|unknown| unknown.field.is_told()) {
         unknown.map = Some(MAP_TABLE.to_owned());
@@ -41,19 +39,6 @@ pub(crate) fn write(directory: &Path, diagnosis: &mut Diagnosis, measured: &Meas
     for profile in diagnosis.profiles.iter().filter(|profile| !profile.bins.is_empty()) {
         let name = format!("{PROFILE}{}-{}.png", profile.id, profile.covariate.replace(|c: char| !c.is_ascii_alphanumeric(), "-"));
         profile_plot(profile).write(&directory.join(name))?;
-    }
-    Ok(())
-}
-
-/// Takes away what an earlier diagnosis left and this one may not have.
-fn remove_former(directory: &Path) -> Result<()> {
-    for entry in std::fs::read_dir(directory).with_context(|| format!("reading {}", directory.display()))? {
-        let path = entry.with_context(|| format!("reading {}", directory.display()))?.path();
-        let name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        let is_picture = Path::new(&name).extension().is_some_and(|extension| extension == "png");
-        if [MAP_TABLE, MAP_PICTURE, "ranking.png", "residuals.png"].contains(&name.as_str()) || name.starts_with(PROFILE) && is_picture {
-            std::fs::remove_file(&path).with_context(|| format!("removing the former {}", path.display()))?;
-        }
     }
     Ok(())
 }

@@ -89,7 +89,7 @@ pub(crate) fn doctor(args: &DoctorArgs) -> Result<Answer> {
     if args.json {
         output::print(&output::json_text(&object)?)?;
     } else {
-        output::print(&text(&object))?;
+        output::print_page(&text(&object))?;
     }
     // No adapter is no fault: the program works on the CPU. Twins that differ are one.
     Ok(if matches!(object.twin_check, Twins::Differ(_)) { Answer::No } else { Answer::Yes })

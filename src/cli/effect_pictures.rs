@@ -44,7 +44,6 @@ fn largest_shift_px(off: &[TrueStar], on: &[TrueStar]) -> f64 {
 
 /// Writes a picture of each effect, a page that holds them, and returns a table of them.
 pub(crate) fn write(directory: &Path, effects: &[Known]) -> Result<String> {
-    std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
     let bar = output::progress("pictures", effects.len());
     let (mut rows, mut page) = (Vec::new(), String::new());
     for effect in effects {

@@ -2,31 +2,38 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use boresight::effects::detector::{colour_filters, quantum_efficiency};
 use boresight::effects::optics::sampled_psf;
 use boresight::effects::optics::tables::IMAGE_KINDS;
 use boresight::effects::pixel::{pixel_effect, plane_spread, point_spread};
 use boresight::effects::sky::glow::sky_glow;
 use boresight::effects::{ParameterSpec, page_of};
+use boresight::provenance::Provenance;
+use boresight::recording::ResultFolder;
 use boresight::scene::LIGHT_PAGES;
 use boresight::scene::shown::{COLOUR_FILTERS, Known, QUANTUM_EFFICIENCY, SAMPLED, kind_id, known};
 use clap::Args;
 use serde::Serialize;
 
-use super::options::folder;
-use super::{Answer, effect_pictures, output, signature};
+use super::options::{folder, heading};
+use super::{Answer, Usage, effect_pictures, output, signature};
 
 /// Arguments of `effects`.
 #[derive(Debug, Args)]
+#[command(next_help_heading = heading::OUTPUT)]
 pub(crate) struct EffectsArgs {
     /// Print the page of this effect
+    #[arg(help_heading = None)]
     id: Option<String>,
     /// Write a picture of what each effect does to a frame (off, on, difference), and a page that holds them; with an id, of that one
-    #[arg(long, value_name = "DIR", conflicts_with = "json")]
+    #[arg(long, value_name = "DIR", conflicts_with = "json", value_parser = folder())]
     pictures: Option<PathBuf>,
+    /// Replace the pictures or the signature that an earlier run wrote there
+    #[arg(long)]
+    force: bool,
     /// Print the result as one JSON object on stdout, and nothing else
-    #[arg(long, conflicts_with = "id")]
+    #[arg(long)]
     json: bool,
     /// Render and measure what this effect on pixels does to stars, beside the formula of its page
     #[arg(long, value_name = "ID", conflicts_with_all = ["id", "pictures"])]
@@ -38,7 +45,7 @@ pub(crate) struct EffectsArgs {
     #[arg(long, value_name = "FILE", conflicts_with = "id", requires = "signature")]
     scene: Option<PathBuf>,
     /// Also write the signature into this folder
-    #[arg(short, long, value_name = "DIR", conflicts_with = "id", requires = "signature", value_parser = folder)]
+    #[arg(short, long, value_name = "DIR", conflicts_with = "id", requires = "signature", value_parser = folder())]
     output: Option<PathBuf>,
 }
 
@@ -48,6 +55,23 @@ struct Line {
     id: String,
     acts_on: &'static str,
     parameters: Vec<Parameter>,
+}
+
+const FORMAT: &str = "boresight-effects/1";
+
+/// The list, or the one that was asked for with its page.
+#[derive(Serialize)]
+struct List {
+    format: &'static str,
+    effects: Vec<Line>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    page: Option<String>,
+    provenance: Provenance,
+}
+
+fn line(known: Known) -> Line {
+    let parameter = |spec: &ParameterSpec| Parameter { name: spec.name, unit: spec.unit };
+    Line { id: known.id, acts_on: known.acts_on, parameters: known.parameters.iter().map(parameter).collect() }
 }
 
 #[derive(Debug, Serialize)]
@@ -63,6 +87,7 @@ pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
         if known.iter().all(|line| line.id != *id) {
             return Err(unknown(id, &known));
         }
+        let _folder = args.output.as_deref().map(|folder| ResultFolder::open(folder, "signature", args.force)).transpose()?;
         signature::print(id, args.parameter.as_deref(), args.scene.as_deref(), (args.json, args.output.as_deref()))?;
     } else if let Some(directory) = &args.pictures {
         let wanted = |line: &&Known| args.id.as_ref().is_none_or(|id| *id == line.id);
@@ -70,23 +95,23 @@ pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
         if wanted.is_empty() {
             return Err(unknown(args.id.as_deref().unwrap_or_default(), &known));
         }
-        output::print(&effect_pictures::write(directory, &wanted)?)?;
+        let _folder = ResultFolder::open(directory, "effects", args.force)?;
+        output::print_page(&effect_pictures::write(directory, &wanted)?)?;
     } else if let Some(id) = &args.id {
         let Some(page) = page(id) else {
             return Err(unknown(id, &known));
         };
-        output::print(&page)?;
-    } else if args.json {
-        #[derive(Serialize)]
-        struct List {
-            format: &'static str,
-            effects: Vec<Line>,
+        if args.json {
+            let effects = known.into_iter().filter(|known| known.id == *id).map(line).collect();
+            let object = List { format: FORMAT, effects, page: Some(page), provenance: output::provenance() };
+            output::print(&output::json_text(&object)?)?;
+        } else {
+            output::print_page(&page)?;
         }
-        let parameter = |spec: &ParameterSpec| Parameter { name: spec.name, unit: spec.unit };
-        let line =
-            |known: Known| Line { id: known.id, acts_on: known.acts_on, parameters: known.parameters.iter().map(parameter).collect() };
+    } else if args.json {
         let effects = known.into_iter().map(line).collect();
-        output::print(&output::json_text(&List { format: "boresight-effects/1", effects })?)?;
+        let object = List { format: FORMAT, effects, page: None, provenance: output::provenance() };
+        output::print(&output::json_text(&object)?)?;
     } else {
         let rows: Vec<Vec<String>> = known
             .iter()
@@ -105,14 +130,15 @@ pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
                 vec![line.id.clone(), line.acts_on.to_owned(), parameters.join(", ")]
             })
             .collect();
-        output::print(&boresight::report::table(&["effect", "acts on", "parameters"], &rows))?;
+        output::print_page(&boresight::report::table(&["effect", "acts on", "parameters"], &rows))?;
     }
     Ok(Answer::Yes)
 }
 
 fn unknown(id: &str, known: &[Known]) -> anyhow::Error {
     let nearest = known.iter().map(|line| line.id.as_str()).min_by_key(|known| strsim::damerau_levenshtein(id, known));
-    anyhow!("there is no effect {id}; did you mean {}? (`boresight effects` lists them all)", nearest.unwrap_or_default())
+    let nearest = nearest.unwrap_or_default();
+    Usage(format!("there is no effect {id}; did you mean {nearest}? (`boresight effects` lists them all)")).into()
 }
 
 fn page(id: &str) -> Option<String> {

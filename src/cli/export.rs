@@ -1,10 +1,11 @@
 //! `boresight export`: a calibrated camera in the format of another program.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use boresight::exchange::{self, Exported, Format, LIMIT_PX, Subject};
 use boresight::provenance::Provenance;
+use boresight::recording::{ResultFolder, check_file};
 use clap::Args;
 use serde::Serialize;
 
@@ -25,9 +26,12 @@ pub(crate) struct ExportArgs {
     /// The file to write, or a folder; for sip and tpv it is a folder
     #[arg(short, long, value_name = "FILE|DIR")]
     output: PathBuf,
-    /// Write it even if the format misses the camera by more than 0.01 px
+    /// Replace a file that is there, or what an earlier export wrote into the folder
     #[arg(long)]
     force: bool,
+    /// Write it even if the format misses the camera by more than 0.01 px
+    #[arg(long)]
+    inexact: bool,
     /// Print the result as one JSON object on stdout, and nothing else
     #[arg(long)]
     json: bool,
@@ -44,21 +48,28 @@ struct ExportObject {
 
 /// Writes the files.
 pub(crate) fn export(args: &ExportArgs) -> Result<Answer> {
+    let is_folder = args.to.is_per_frame() || args.output.is_dir() || args.output.as_os_str().as_encoded_bytes().ends_with(b"/");
+    let _folder = if is_folder {
+        Some(ResultFolder::open(&args.output, "export", args.force)?)
+    } else {
+        check_file(&args.output, args.force)?;
+        None
+    };
     let calibration = read_calibration(&args.calibration)?;
     let mut provenance = output::provenance();
     provenance.add_input(&args.calibration)?;
     let exported = exchange::export(&Subject::from(&calibration), args.to)?;
-    let written = exported.expressible || args.force;
+    let written = exported.expressible || args.inexact;
     let mut files = Vec::new();
     for file in exported.files.iter().filter(|_| written) {
-        let path = place(&args.output, &file.name, args.to)?;
+        let path = if is_folder { args.output.join(&file.name) } else { args.output.clone() };
         boresight::recording::write_file(&path, &file.bytes)?;
         files.push(path.display().to_string());
     }
     let max_px = exported.residual.max_px;
     if !exported.expressible {
         let consequence =
-            if args.force { "it was written because of --force" } else { "nothing was written; --force writes it all the same" };
+            if args.inexact { "it was written because of --inexact" } else { "nothing was written; --inexact writes it all the same" };
         tracing::warn!(
             "{} misses the camera by up to {max_px:.3} px over the frame, more than {LIMIT_PX} px: {consequence}",
             args.to.name()
@@ -68,24 +79,9 @@ pub(crate) fn export(args: &ExportArgs) -> Result<Answer> {
     if args.json {
         output::print(&output::json_text(&object)?)?;
     } else {
-        output::print(&summary(&object))?;
+        output::print_page(&summary(&object))?;
     }
     Ok(if written { Answer::Yes } else { Answer::No })
-}
-
-/// The path of a file: the one asked for, or its own name in the folder asked for.
-fn place(asked: &Path, name: &str, format: Format) -> Result<PathBuf> {
-    if format.is_per_frame() {
-        anyhow::ensure!(
-            !asked.is_file(),
-            "{}: is a file, but {} writes one file for each frame; name a folder",
-            asked.display(),
-            format.name()
-        );
-        return Ok(asked.join(name));
-    }
-    let text = asked.to_str().with_context(|| format!("{}: the name is no text", asked.display()))?;
-    Ok(if asked.is_dir() || text.ends_with('/') { asked.join(name) } else { asked.to_owned() })
 }
 
 fn summary(object: &ExportObject) -> String {

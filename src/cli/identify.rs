@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use boresight::camera::Camera;
 use boresight::catalog::Catalog;
 use boresight::effects::{StarImage, StarState};
@@ -266,6 +266,7 @@ impl FrameObject {
 
 /// Identifies, and prints a line a frame.
 pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
+    let _folder = args.output.open("identify")?;
     let catalog = args.sky.catalog()?;
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
@@ -302,7 +303,6 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
         provenance,
     };
     if let Some(directory) = &args.output.output {
-        std::fs::create_dir_all(directory).with_context(|| format!("creating {}", directory.display()))?;
         write_files(directory, &measured, &identified, &object, &catalog, args.fits)?;
     }
     output::deliver("identify", &object, args.output.json, args.output.output.as_deref(), || text(&object.frames))?;

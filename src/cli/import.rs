@@ -29,7 +29,7 @@ pub(crate) struct ImportArgs {
     height: Option<usize>,
     /// Take it even if our model misses the camera by more than 0.01 px
     #[arg(long)]
-    force: bool,
+    inexact: bool,
     #[command(flatten)]
     output: OutputArgs,
 }
@@ -43,15 +43,16 @@ struct ImportObject {
 
 /// Reads the camera; with -o DIR it is import.json and camera.toml, the [camera] table of a recording or a scene.
 pub(crate) fn import(args: &ImportArgs) -> Result<Answer> {
+    let _folder = args.output.open("import")?;
     let name = args.file.display().to_string();
     let bytes = std::fs::read(&args.file).with_context(|| format!("{name}: the camera cannot be read"))?;
     let imported = exchange::import(&name, &bytes, args.from, args.width.zip(args.height).map(|(width, height)| [width, height]))?;
     let mut provenance = output::provenance();
     provenance.add_input_bytes(&name, &bytes);
-    let accepted = imported.expressible || args.force;
+    let accepted = imported.expressible || args.inexact;
     if !imported.expressible {
         let max_px = imported.residual.max_px;
-        let consequence = if args.force { "it was taken because of --force" } else { "--force takes it all the same" };
+        let consequence = if args.inexact { "it was taken because of --inexact" } else { "--inexact takes it all the same" };
         tracing::warn!(
             "{name}: our model misses this camera by up to {max_px:.3} px over the frame, more than {LIMIT_PX} px: {consequence}"
         );

@@ -8,7 +8,7 @@ use boresight::provenance::Provenance;
 use clap::Args;
 use serde::Serialize;
 
-use super::options::OutputArgs;
+use super::options::{OutputArgs, heading};
 use super::{Answer, output};
 
 /// Arguments of `map`.
@@ -18,7 +18,7 @@ pub(crate) struct MapArgs {
     #[arg(value_name = "CALIBRATION")]
     calibration: PathBuf,
     /// Points along each side of the frame
-    #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u16).range(1..=2000))]
+    #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u16).range(1..=2000), help_heading = heading::OUTPUT)]
     grid: u16,
     #[command(flatten)]
     output: OutputArgs,
@@ -49,6 +49,7 @@ pub(crate) fn read_calibration(path: &Path) -> Result<Calibration> {
 
 /// Prints the map.
 pub(crate) fn map(args: &MapArgs) -> Result<Answer> {
+    let _folder = args.output.open("map")?;
     let calibration = read_calibration(&args.calibration)?;
     let mut provenance = output::provenance();
     provenance.add_input(&args.calibration)?;

@@ -14,6 +14,7 @@ mod diagnose_text;
 mod doctor;
 mod effect_pictures;
 mod effects;
+mod examples;
 mod export;
 mod identify;
 mod identify_files;
@@ -26,6 +27,8 @@ mod pipeline;
 mod preset;
 mod run;
 mod schema;
+mod shell;
+mod signals;
 mod signature;
 mod simulate;
 mod update;
@@ -43,6 +46,18 @@ pub(crate) enum Answer {
     /// Ran, and the answer is no: not identified, not converged, unexplained.
     No,
 }
+
+/// A command line that cannot be meant as it stands: exit code 2, as where the words of an option are wrong.
+#[derive(Debug)]
+pub(crate) struct Usage(pub(crate) String);
+
+impl std::fmt::Display for Usage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Usage {}
 
 /// Simulates a star camera end to end, calibrates one from its images, and explains why the two differ.
 #[derive(Debug, Parser)]
@@ -77,46 +92,71 @@ struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Verb {
     /// Render a scene into a recording, with its truth beside it
+    #[command(after_help = examples::SIMULATE)]
     Simulate(simulate::SimulateArgs),
     /// Find the stars in images and measure them
+    #[command(after_help = examples::DETECT)]
     Detect(detect::DetectArgs),
     /// Say which stars are in the images, with no prior attitude
+    #[command(after_help = examples::IDENTIFY)]
     Identify(identify::IdentifyArgs),
     /// Solve for the camera: principal point, focal length, distortion
+    #[command(after_help = examples::CALIBRATE)]
     Calibrate(calibrate::CalibrateArgs),
     /// Say whether physics is missing in the model, which, how large, and what is left
+    #[command(after_help = examples::DIAGNOSE)]
     Diagnose(diagnose::DiagnoseArgs),
     /// Print pixel → direction of a calibration on a grid
+    #[command(after_help = examples::MAP)]
     Map(map::MapArgs),
     /// Compare two calibrations
+    #[command(after_help = examples::COMPARE)]
     Compare(compare::CompareArgs),
     /// Write a calibrated camera in the format of another program
+    #[command(after_help = examples::EXPORT)]
     Export(export::ExportArgs),
     /// Read the camera of another program
+    #[command(after_help = examples::IMPORT)]
     Import(import::ImportArgs),
     /// Simulate, measure, identify and calibrate, and compare with the truth
+    #[command(after_help = examples::RUN)]
     Run(run::RunArgs),
     /// `run` on a built-in scene: a night of the real sky
+    #[command(after_help = examples::DEMO)]
     Demo(run::DemoArgs),
     /// Make a deeper catalogue from star tables of other programs
-    #[command(subcommand)]
+    #[command(subcommand, after_help = examples::CATALOG)]
     Catalog(catalog::CatalogCommand),
     /// Hide effects in simulated star lists, diagnose them, and score the answers
+    #[command(after_help = examples::BLIND)]
     Blind(blind::BlindArgs),
     /// List the effects that this build knows, or print the page of one
+    #[command(after_help = examples::EFFECTS)]
     Effects(effects::EffectsArgs),
     /// Scenes of real cameras: list them, or print one as a file to begin from
+    #[command(after_help = examples::PRESET)]
     Preset(preset::PresetArgs),
     /// Print the JSON Schema of scene files
-    Schema,
+    #[command(after_help = examples::SCHEMA)]
+    Schema(schema::SchemaArgs),
     /// Show GPU adapter, driver and versions, and check the GPU against the CPU
+    #[command(after_help = examples::DOCTOR)]
     Doctor(doctor::DoctorArgs),
+    /// Print what a shell needs to complete verbs, options and their values
+    #[command(after_help = examples::COMPLETIONS)]
+    Completions(shell::CompletionsArgs),
+    /// Print the manual page of the program, or write those of all verbs
+    #[command(after_help = examples::MAN)]
+    Man(shell::ManArgs),
 }
 
 /// Runs the program.
 pub(crate) fn main() -> ExitCode {
     let arguments = Arguments::parse();
     output::set_up_log(arguments.verbose, arguments.quiet);
+    if let Err(error) = signals::watch() {
+        tracing::warn!("{error:#}: an interrupted run will leave what it has in the making");
+    }
     if let Some(threads) = arguments.threads
         && let Err(error) = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()
     {
@@ -139,7 +179,9 @@ pub(crate) fn main() -> ExitCode {
         Verb::Blind(args) => blind::blind(args),
         Verb::Effects(args) => effects::effects(args),
         Verb::Preset(args) => preset::preset(args),
-        Verb::Schema => schema::schema(),
+        Verb::Schema(args) => schema::schema(args),
+        Verb::Completions(args) => shell::completions(args),
+        Verb::Man(args) => shell::man(args),
         Verb::Doctor(args) => doctor::doctor(args),
     };
     match answer {
@@ -149,7 +191,7 @@ pub(crate) fn main() -> ExitCode {
         Err(error) if output::is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             output::say_error(&error);
-            ExitCode::from(1)
+            ExitCode::from(if error.is::<Usage>() { 2 } else { 1 })
         }
     }
 }

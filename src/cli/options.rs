@@ -8,7 +8,9 @@ use boresight::catalog::Catalog;
 use boresight::imaging::Backend;
 use boresight::pipeline::{Centroid, Dark, MeasureOptions, SkyChoice};
 use boresight::provenance::Provenance;
+use boresight::recording::ResultFolder;
 use boresight::scene::Scene;
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
 use super::output;
@@ -49,14 +51,24 @@ pub(crate) struct OutputArgs {
     #[arg(long)]
     pub(crate) json: bool,
     /// Also write the result, tables and pictures into this folder
-    #[arg(short, long, value_name = "DIR", value_parser = folder)]
+    #[arg(short, long, value_name = "DIR", value_parser = folder())]
     pub(crate) output: Option<PathBuf>,
+    /// Replace what an earlier run of this verb wrote there
+    #[arg(long)]
+    pub(crate) force: bool,
+}
+
+impl OutputArgs {
+    /// The folder, made or refused before the work, for the results of a verb.
+    pub(crate) fn open(&self, verb: &'static str) -> Result<Option<ResultFolder>> {
+        Ok(self.output.as_deref().map(|folder| ResultFolder::open(folder, verb, self.force)).transpose()?)
+    }
 }
 
 /// A folder that is there or can be made; a file in its place is noticed before the work, not after it.
-pub(crate) fn folder(text: &str) -> std::result::Result<PathBuf, String> {
-    let path = PathBuf::from(text);
-    if path.exists() && !path.is_dir() { Err("this is a file; name a folder".into()) } else { Ok(path) }
+pub(crate) fn folder() -> impl TypedValueParser<Value = PathBuf> {
+    PathBufValueParser::new()
+        .try_map(|path| if path.exists() && !path.is_dir() { Err("this is a file; name a folder".to_owned()) } else { Ok(path) })
 }
 
 /// What is read.

@@ -14,7 +14,9 @@ pub(crate) use boresight::pipeline::{IdentifiedFrame, Measured, MeasuredFrame, p
 
 /// Opens what is named on the command line.
 pub(crate) fn open(input: &InputArgs) -> Result<Recording> {
+    let clock = output::Clock::new();
     let recording = Recording::open_with(&input.inputs, OpenOptions { keep_going: input.keep_going })?;
+    tracing::info!("{} frames opened in {clock}", recording.frames.len());
     for note in &recording.notes {
         tracing::warn!("{note}");
     }
@@ -56,10 +58,24 @@ pub(crate) fn measure_as(mut recording: Recording, args: &MeasureArgs, provenanc
 }
 
 fn measure_by(recording: Recording, options: &MeasureOptions) -> Result<Measured> {
-    let bar = output::progress("measuring", recording.frames.len());
+    let (bar, clock) = (output::progress("measuring", recording.frames.len()), output::Clock::new());
     let measured = pipeline::measure(recording, options, || bar.inc(1));
     bar.finish_and_clear();
-    Ok(measured?)
+    let measured = measured?;
+    let stars: usize = measured.frames.iter().map(|frame| frame.detections.stars.len()).sum();
+    tracing::info!("{} frames measured in {clock}: {stars} star images", measured.frames.len());
+    for frame in &measured.frames {
+        let found = &frame.detections;
+        tracing::debug!(
+            "{}: {} star images, background {:.1} DN, noise {:.2} DN, {:.2} s",
+            frame.name,
+            found.stars.len(),
+            found.background_dn,
+            found.noise_dn,
+            frame.seconds
+        );
+    }
+    Ok(measured)
 }
 
 /// Identifies every frame.
@@ -69,8 +85,37 @@ pub(crate) fn identify_frames(
     physics: &SkyChoice,
     options: &IdentifyOptions,
 ) -> Result<Vec<IdentifiedFrame>> {
-    let bar = output::progress("identifying", measured.frames.len());
+    match options.nominal_focal_length_px {
+        Some(f_px) => tracing::info!("identifying with the focal length that is given, {f_px:.1} px"),
+        None => tracing::info!("identifying without a focal length: all fields are tried"),
+    }
+    let (bar, clock) = (output::progress("identifying", measured.frames.len()), output::Clock::new());
     let identified = pipeline::identify_frames(measured, catalog, physics, options, || bar.inc(1));
     bar.finish_and_clear();
-    Ok(identified?)
+    let identified = identified?;
+    let solved = || identified.iter().filter_map(IdentifiedFrame::solution);
+    let (effects, _) = physics_in_force(&identified);
+    let stars: usize = solved().map(|solution| solution.matches.len()).sum();
+    tracing::info!(
+        "{} of {} frames identified in {clock}: {stars} stars named; physics in force: {}",
+        solved().count(),
+        identified.len(),
+        output::listed(&effects)
+    );
+    for (frame, of) in measured.frames.iter().zip(&identified) {
+        match of.solution() {
+            Some(solution) => tracing::debug!(
+                "{}: {} stars, f = {:.1} px ({}), rms {:.3} px, probability of a false match {:.0e}, {:.2} s",
+                frame.name,
+                solution.matches.len(),
+                solution.camera.focal_length_px,
+                solution.projection.id(),
+                solution.rms_px,
+                solution.false_match_probability,
+                of.seconds
+            ),
+            None => tracing::debug!("{}: not identified, {:.2} s", frame.name, of.seconds),
+        }
+    }
+    Ok(identified)
 }

@@ -1,17 +1,42 @@
 //! `boresight preset`: scenes of real cameras.
 
-use anyhow::{Result, bail};
+use anyhow::Result;
+use boresight::provenance::Provenance;
 use boresight::report::table;
 use boresight::scene::{PRESETS, preset as named};
 use clap::{Args, Subcommand};
+use serde::Serialize;
 
-use super::{Answer, output};
+use super::{Answer, Usage, output};
 
 /// Arguments of `preset`.
 #[derive(Debug, Args)]
 pub(crate) struct PresetArgs {
     #[command(subcommand)]
     verb: PresetVerb,
+    /// Print the result as one JSON object on stdout, and nothing else
+    #[arg(long, global = true, help_heading = super::options::heading::OUTPUT)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct PresetObject {
+    format: &'static str,
+    presets: Vec<PresetRow>,
+    provenance: Provenance,
+}
+
+#[derive(Serialize)]
+struct PresetRow {
+    name: &'static str,
+    camera: &'static str,
+    /// The scene itself, where one preset was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    toml: Option<&'static str>,
+}
+
+fn print_json(presets: Vec<PresetRow>) -> Result<()> {
+    output::print(&output::json_text(&PresetObject { format: "boresight-preset/1", presets, provenance: output::provenance() })?)
 }
 
 #[derive(Debug, Subcommand)]
@@ -28,16 +53,26 @@ enum PresetVerb {
 /// Lists the presets, or prints one.
 pub(crate) fn preset(args: &PresetArgs) -> Result<Answer> {
     match &args.verb {
+        PresetVerb::List if args.json => {
+            print_json(PRESETS.iter().map(|preset| PresetRow { name: preset.name, camera: preset.title(), toml: None }).collect())?;
+        }
         PresetVerb::List => {
             let rows: Vec<[String; 2]> = PRESETS.iter().map(|preset| [preset.name.to_owned(), preset.title().to_owned()]).collect();
-            output::print(&table(&["preset", "camera"], &rows))?;
+            output::print_page(&table(&["preset", "camera"], &rows))?;
         }
         PresetVerb::Show { name } => {
             let Some(preset) = named(name) else {
                 let nearest = PRESETS.iter().map(|preset| preset.name).min_by_key(|known| strsim::damerau_levenshtein(name, known));
-                bail!("there is no preset {name}; did you mean {}? (`boresight preset list` lists them all)", nearest.unwrap_or_default());
+                let nearest = nearest.unwrap_or_default();
+                return Err(
+                    Usage(format!("there is no preset {name}; did you mean {nearest}? (`boresight preset list` lists them all)")).into()
+                );
             };
-            output::print(preset.toml)?;
+            if args.json {
+                print_json(vec![PresetRow { name: preset.name, camera: preset.title(), toml: Some(preset.toml) }])?;
+            } else {
+                output::print(preset.toml)?;
+            }
         }
     }
     Ok(Answer::Yes)

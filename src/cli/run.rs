@@ -8,7 +8,7 @@ use boresight::camera::{Camera, PARAMETER_NAMES, PARAMETER_UNITS};
 use boresight::identify::ControlPoints;
 use boresight::pipeline::Prepared;
 use boresight::provenance::Provenance;
-use boresight::recording::{Recording, write_file};
+use boresight::recording::{Recording, ResultFolder, write_file};
 use boresight::scene::{DEMO_TOML, Scene};
 use clap::Args;
 use serde::Serialize;
@@ -46,8 +46,11 @@ struct CommonArgs {
     #[command(flatten)]
     solve: SolveArgs,
     /// Write the recording, the results and the pictures into this folder [default: outputs/NAME]
-    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder)]
+    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder())]
     output: Option<PathBuf>,
+    /// Replace what an earlier run of this verb wrote there
+    #[arg(long)]
+    force: bool,
     /// Print the result as one JSON object on stdout, and nothing else
     #[arg(long)]
     json: bool,
@@ -122,7 +125,7 @@ pub(crate) fn run(args: &RunArgs) -> Result<Answer> {
         );
     }
     let stem = args.scene.file_stem().map_or_else(|| "run".into(), |stem| stem.to_string_lossy().into_owned());
-    night(&scene, provenance, &args.common, args.common.scene.backend, &args.common.solve, &Path::new("outputs").join(stem))
+    night(&scene, provenance, &args.common, args.common.scene.backend, &args.common.solve, ("run", &Path::new("outputs").join(stem)))
 }
 
 /// `boresight demo`.
@@ -138,7 +141,7 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<Answer> {
         }
     }
     let solve = SolveArgs { misidentify: args.common.solve.misidentify.or(Some(0.2)), ..args.common.solve.clone() };
-    night(&scene, provenance, &args.common, backend, &solve, Path::new("outputs/demo"))
+    night(&scene, provenance, &args.common, backend, &solve, ("demo", Path::new("outputs/demo")))
 }
 
 fn night(
@@ -147,29 +150,23 @@ fn night(
     args: &CommonArgs,
     backend: BackendChoice,
     solve: &SolveArgs,
-    default_output: &Path,
+    (verb, default_output): (&'static str, &Path),
 ) -> Result<Answer> {
     let target = args.output.as_deref().unwrap_or(default_output);
+    let folder = ResultFolder::open(target, verb, args.force)?;
     let catalog = args.scene.catalog(&mut provenance)?;
     let recording_path = target.join("recording");
-    // What an earlier run left there is replaced: the folder is this verb's own. Its results go first, so that none outlives its input.
-    for name in [
-        "run.json",
-        "least-squares/calibrate.json",
-        "variable-weights/calibrate.json",
-        "bundle/calibrate.json",
-        "pictures/frame.png",
-        "pictures/residuals.png",
-    ] {
-        match std::fs::remove_file(target.join(name)) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                return Err(error).with_context(|| format!("removing the former {}", target.join(name).display()));
-            }
-            _ => {}
-        }
-    }
-    let simulated =
-        simulate::write_recording(scene, &catalog, backend, simulate::TruthArgs::default(), &recording_path, true, provenance.clone())?;
+    // The results of an earlier run go first, so that none outlives its input.
+    folder.begin()?;
+    let simulated = simulate::write_recording(
+        scene,
+        &catalog,
+        backend,
+        simulate::TruthArgs::default(),
+        &recording_path,
+        args.force,
+        provenance.clone(),
+    )?;
     provenance = simulated.provenance;
 
     let recording = Recording::open(&[&recording_path])?;
@@ -183,9 +180,12 @@ fn night(
     let (physics, _) = pipeline::physics_in_force(&identified);
     let moved = measured.times_are_known() && physics.contains(&"proper-motion");
     let base = solve.options(&physics, moved)?;
-    let solve_by = |method| {
+    let solve_by = |method: Method| {
+        let clock = output::Clock::new();
         let options = boresight::calibrate::CalibrateOptions { method, ..base.clone() };
-        Solved { method, result: calibrate(&points.points, &options) }
+        let solved = Solved { method, result: calibrate(&points.points, &options) };
+        tracing::info!("{} of {} star images in {clock}", method.name(), points.points.points.len());
+        solved
     };
     let solutions = [Method::LeastSquares, Method::VariableWeights, Method::Bundle].map(solve_by);
     let [_, _, bundle] = &solutions;
@@ -220,7 +220,7 @@ fn night(
     if args.json {
         output::print(&output::json_text(&object)?)?;
     } else {
-        output::print(&text(&object, target))?;
+        output::print_page(&text(&object, target))?;
     }
     let converged = matches!(&bundle.result, Ok(calibration) if calibration.status == Status::Converged);
     Ok(if converged && frames_identified > 0 { Answer::Yes } else { Answer::No })
@@ -356,7 +356,6 @@ fn draw(
     solved: &Solved,
 ) -> Result<()> {
     let pictures = target.join("pictures");
-    std::fs::create_dir_all(&pictures).with_context(|| format!("creating {}", pictures.display()))?;
     if let (Some(frame), Some(identified)) = (measured.frames.first(), identified.first()) {
         identify_files::write_picture(&pictures.join("frame.png"), measured, frame, Some(identified), catalog)?;
     }

@@ -95,8 +95,8 @@ pub(crate) fn print(id: &str, parameter: Option<&str>, scene: Option<&Path>, (js
         }
         None => Scene::parse("the scene of the signatures", SCENE)?,
     };
-    if scene.camera.width_px.min(scene.camera.height_px) < LEAST_SIDE_PX || scene.exposures.is_empty() {
-        bail!("the scene has frames of less than {LEAST_SIDE_PX} px, or none; stars of a signature need room for seven in a row");
+    if scene.camera.width_px.min(scene.camera.height_px) < LEAST_SIDE_PX {
+        bail!("the scene has frames of less than {LEAST_SIDE_PX} px; stars of a signature need room for seven in a row");
     }
     let object = of(effect, parameter, &scene, provenance)?;
     output::deliver("signature", &object, json, directory, || text(&object))

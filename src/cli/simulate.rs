@@ -1,7 +1,10 @@
 //! `boresight simulate`: renders a scene into a recording, with its truth beside it.
 
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use boresight::camera::Camera;
@@ -12,7 +15,7 @@ use boresight::imaging::Binning;
 use boresight::provenance::Provenance;
 use boresight::recording::{
     CameraInfo, FitsHeaders, Form, FrameEntry, Mount, OutputDirectory, Recording, Shutter, Site, Size, write_file, write_fits_f32,
-    write_fits_u8, write_fits_u16, write_manifest,
+    write_fits_u8, write_fits_u16, write_manifest_of,
 };
 use boresight::render::{MaskFlag, Renderer};
 use boresight::scene::{DetectorTable, Exposure, PsfTable, Scene, SiteTable, SkyTable};
@@ -39,7 +42,7 @@ pub(crate) struct SimulateArgs {
     #[command(flatten)]
     options: SceneArgs,
     /// The folder that becomes the recording
-    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder)]
+    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder())]
     output: PathBuf,
     /// How photons are counted
     #[arg(long, value_enum, default_value_t = NoiseChoice::Exact, help_heading = heading::RENDERING)]
@@ -100,10 +103,23 @@ struct TruthObject<'a> {
     psf: Option<&'a PsfTable>,
     sky: &'a SkyTable,
     site: Option<&'a SiteTable>,
-    frames: Vec<TrueFrame>,
+    frames: TrueFrames<'a>,
     #[serde(skip_serializing_if = "Option::is_none")]
     mask_flags: Option<[MaskFlag; MaskFlag::ALL.len()]>,
     provenance: &'a Provenance,
+}
+
+/// The frames as they are written, one after the other.
+struct TrueFrames<'a> {
+    scene: &'a Scene,
+    wanted: TruthArgs,
+}
+
+impl Serialize for TrueFrames<'_> {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let of = |(index, exposure): (usize, Arc<Exposure>)| true_frame(index, self.scene, &exposure, self.wanted);
+        serializer.collect_seq(self.scene.exposures.iter().enumerate().map(of))
+    }
 }
 
 #[derive(Serialize)]
@@ -167,21 +183,29 @@ pub(crate) fn write_recording(
     force: bool,
     mut provenance: Provenance,
 ) -> Result<SimulateObject> {
+    let directory = OutputDirectory::create(target, force)?;
     let renderer = Renderer::new(scene, catalog, backend.into())?
         .with_clean(wanted.clean)
         .with_masks(wanted.masks)
         .with_pixel_shifts(!wanted.no_pixel_shifts);
     provenance.adapter = Some(renderer.adapter());
-    let directory = OutputDirectory::create(target, force)?;
-    let recording = manifest(scene);
-    let bar = output::progress("rendering", scene.exposures.len());
-    let mut truth = csv::Writer::from_writer(Vec::new());
-    let mut lights = csv::Writer::from_writer(Vec::new());
+    let recording = declared(scene);
+    tracing::info!(
+        "{} frames of {} × {} px to render on {}",
+        scene.exposures.len(),
+        scene.camera.width_px,
+        scene.camera.height_px,
+        renderer.adapter()
+    );
+    let (bar, clock) = (output::progress("rendering", scene.exposures.len()), output::Clock::new());
+    let folder = directory.path().join("truth");
+    std::fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
+    let (mut truth, mut lights) = (Rows::new(folder.join("stars.csv"))?, Rows::new(folder.join("lights.csv"))?);
     let mut stars = 0;
-    for (index, entry) in recording.frames.iter().enumerate() {
+    for (index, entry) in entries(scene).enumerate() {
         let frame = renderer.render(index)?;
         let file = entry.file.as_ref().context("a simulated frame has a file")?;
-        let headers = FitsHeaders::new(&recording.camera, recording.site.as_ref(), entry);
+        let headers = FitsHeaders::new(&recording.camera, recording.site.as_ref(), &entry);
         let path = directory.path().join(file);
         let (width_px, height_px) = (scene.camera.width_px, scene.camera.height_px);
         if scene.detector.bits <= 8 && scene.detector.joined(scene.binning).top_dn() <= 255.0 {
@@ -199,18 +223,16 @@ pub(crate) fn write_recording(
             write_fits_u16(&directory.path().join("truth").join(mask_file(index)), width_px, height_px, mask, &beside)?;
         }
         stars += frame.stars.len();
-        write_rows(&mut truth, &frame.stars, "truth/stars.csv")?;
-        write_rows(&mut lights, &frame.lights, "truth/lights.csv")?;
+        tracing::debug!("frame {index}: {} stars, {} other lights, after {clock}", frame.stars.len(), frame.lights.len());
+        truth.add(&frame.stars)?;
+        lights.add(&frame.lights)?;
         bar.inc(1);
     }
     bar.finish_and_clear();
-    write_manifest(directory.path(), &recording)?;
-    let folder = directory.path().join("truth");
-    write_file(&folder.join("stars.csv"), &truth.into_inner().context("writing truth/stars.csv")?)?;
-    let lights = lights.into_inner().context("writing truth/lights.csv")?;
-    if !lights.is_empty() {
-        write_file(&folder.join("lights.csv"), &lights)?;
-    }
+    tracing::info!("rendered in {clock}: {stars} star images");
+    write_manifest_of(directory.path(), &recording, entries(scene))?;
+    truth.finish(true)?;
+    lights.finish(false)?;
     let object = TruthObject {
         format: "boresight-truth/2",
         camera: &scene.camera,
@@ -222,11 +244,11 @@ pub(crate) fn write_recording(
         psf: scene.psf_table.as_ref(),
         sky: &scene.sky,
         site: scene.site.as_ref(),
-        frames: scene.exposures.iter().enumerate().map(|(index, exposure)| true_frame(index, scene, exposure, wanted)).collect(),
+        frames: TrueFrames { scene, wanted },
         mask_flags: wanted.masks.then_some(MaskFlag::ALL),
         provenance: &provenance,
     };
-    write_file(&folder.join("truth.json"), output::json_text(&object)?.as_bytes())?;
+    write_json(&folder.join("truth.json"), &object)?;
     let object = SimulateObject {
         format: "boresight-simulate/1",
         recording: target.to_owned(),
@@ -242,11 +264,43 @@ pub(crate) fn write_recording(
     Ok(object)
 }
 
-fn write_rows(table: &mut csv::Writer<Vec<u8>>, rows: &[impl Serialize], name: &'static str) -> Result<()> {
-    for row in rows {
-        table.serialize(row).context(format!("writing {name}"))?;
+/// A table that grows with the frames, in a folder in the making.
+struct Rows {
+    path: PathBuf,
+    table: csv::Writer<File>,
+    is_empty: bool,
+}
+
+impl Rows {
+    fn new(path: PathBuf) -> Result<Self> {
+        let table = csv::Writer::from_path(&path).with_context(|| format!("writing {}", path.display()))?;
+        Ok(Self { path, table, is_empty: true })
     }
-    Ok(())
+
+    fn add(&mut self, rows: &[impl Serialize]) -> Result<()> {
+        for row in rows {
+            self.is_empty = false;
+            self.table.serialize(row).with_context(|| format!("writing {}", self.path.display()))?;
+        }
+        Ok(())
+    }
+
+    /// Ends the table; one without rows stays only if it `stays_empty`.
+    fn finish(mut self, stays_empty: bool) -> Result<()> {
+        self.table.flush().with_context(|| format!("writing {}", self.path.display()))?;
+        if self.is_empty && !stays_empty {
+            std::fs::remove_file(&self.path).with_context(|| format!("removing {}", self.path.display()))?;
+        }
+        Ok(())
+    }
+}
+
+/// Writes an object piece by piece into a folder in the making.
+fn write_json(path: &Path, object: &impl Serialize) -> Result<()> {
+    let context = || format!("writing {}", path.display());
+    let mut file = BufWriter::new(File::create(path).with_context(context)?);
+    serde_json::to_writer_pretty(&mut file, object).with_context(context)?;
+    file.write_all(b"\n").and_then(|()| file.flush()).with_context(context)
 }
 
 /// Where in truth/ a frame's expected electrons are.
@@ -277,10 +331,9 @@ fn true_frame(frame: usize, scene: &Scene, exposure: &Exposure, wanted: TruthArg
     }
 }
 
-/// The recording as its manifest will declare it: with the nominal camera, not the true one.
-fn manifest(scene: &Scene) -> Recording {
+/// The recording as its manifest will declare it, without its frames: with the nominal camera, not the true one.
+fn declared(scene: &Scene) -> Recording {
     let Camera { width_px, height_px, principal_point_px, focal_length_px, k1, p1, p2 } = scene.nominal;
-    let size = Size { width_px, height_px };
     let detector = scene.detector.joined(scene.binning);
     let camera = CameraInfo {
         width_px,
@@ -301,20 +354,20 @@ fn manifest(scene: &Scene) -> Recording {
         passband: Some("V".into()),
         ..CameraInfo::default()
     };
-    let frames = scene
-        .exposures
-        .iter()
-        .enumerate()
-        .map(|(number, exposure)| FrameEntry {
-            file: Some(PathBuf::from(format!("frames/{number:04}.fits"))),
-            number,
-            size: Some(size),
-            time_utc: exposure.time,
-            exposure_s: Some(exposure.exposure_s),
-            ..exposure.telemetry.entry()
-        })
-        .collect();
     let site = scene.site.as_ref().map(Site::from);
     let mount = Some(if scene.is_fixed { Mount::Fixed } else { Mount::Free });
-    Recording { mount, site, frames, form: Form::Manifest, ..Recording::new(camera) }
+    Recording { mount, site, form: Form::Manifest, ..Recording::new(camera) }
+}
+
+/// Its frames, one after the other.
+fn entries(scene: &Scene) -> impl Iterator<Item = FrameEntry> {
+    let Camera { width_px, height_px, .. } = scene.nominal;
+    scene.exposures.iter().enumerate().map(move |(number, exposure)| FrameEntry {
+        file: Some(PathBuf::from(format!("frames/{number:04}.fits"))),
+        number,
+        size: Some(Size { width_px, height_px }),
+        time_utc: exposure.time,
+        exposure_s: Some(exposure.exposure_s),
+        ..exposure.telemetry.entry()
+    })
 }

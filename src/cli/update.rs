@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail, ensure};
 use boresight::calibrate::{Drift, FORMAT, OnChange, SEQUENTIAL_FORMAT, Sequential, UpdateOptions, UpdateReport};
 use boresight::identify::ControlPoints;
 use boresight::provenance::Provenance;
-use boresight::recording::SkippedFrame;
+use boresight::recording::{ResultFolder, SkippedFrame};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
@@ -85,6 +85,13 @@ pub(crate) fn read(path: &Path) -> Result<Sequential> {
         Some(other) => bail!("{name}: the format is {other:?}, but an update goes on from {FORMAT:?} or {SEQUENTIAL_FORMAT:?}"),
         None => bail!(no_state()),
     }
+}
+
+/// The folder of an update. To write in the place of the very file that it goes on from is what an update is for.
+pub(crate) fn folder(from: &Path, to: &OutputArgs) -> Result<Option<ResultFolder>> {
+    let Some(folder) = &to.output else { return Ok(None) };
+    let goes_on = folder.join("sequential.json").canonicalize().is_ok_and(|there| from.canonicalize().is_ok_and(|from| from == there));
+    Ok(Some(ResultFolder::open(folder, "sequential", to.force || goes_on)?))
 }
 
 /// The new frames, as far as they are prepared.

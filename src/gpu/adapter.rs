@@ -3,6 +3,8 @@
 use std::fmt;
 use std::sync::OnceLock;
 
+use super::quiet::quietly;
+
 /// An adapter in words.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AdapterReport {
@@ -48,7 +50,7 @@ pub fn adapters() -> Vec<AdapterReport> {
 /// Looked for once in a process: loading the drivers takes longer than a frame, and some of them talk each time.
 pub(super) fn found() -> &'static [(AdapterReport, wgpu::Adapter)] {
     static FOUND: OnceLock<Vec<(AdapterReport, wgpu::Adapter)>> = OnceLock::new();
-    FOUND.get_or_init(look)
+    FOUND.get_or_init(|| quietly(look))
 }
 
 fn look() -> Vec<(AdapterReport, wgpu::Adapter)> {

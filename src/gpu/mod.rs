@@ -7,6 +7,7 @@
 mod adapter;
 mod device;
 mod kernel;
+mod quiet;
 
 pub use adapter::{AdapterReport, adapters};
 pub use device::{Gpu, Need};

@@ -1,9 +1,19 @@
 //! What a recording knows of the circumstances of its frames: time and place, motion, telemetry, in the units of the physics.
 
-use super::{FirstRow, Recording, Shutter, Site};
+use super::{FirstRow, FrameEntry, Recording, Shutter, Site};
 use crate::camera::{GroundSite, ObserverError, observation};
 use crate::effects::{Observation, Sensor};
 use crate::units::DEG_RAD;
+
+/// What drifts, minus its mean over the frames that have it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Offsets {
+    pub(crate) time_h: Option<f64>,
+    /// Number of the frame.
+    pub(crate) order: Option<f64>,
+    pub(crate) temperature_k: Option<f64>,
+    pub(crate) pressure_hpa: Option<f64>,
+}
 
 impl From<&Site> for GroundSite {
     fn from(site: &Site) -> Self {
@@ -21,13 +31,6 @@ impl Recording {
     /// the frames that have it.
     pub fn observations(&self) -> Result<Vec<Observation>, (usize, ObserverError)> {
         const SECONDS_PER_HOUR: f64 = 3600.0;
-        let site = self.site.as_ref().map(GroundSite::from);
-        let sensor = Sensor {
-            width_px: self.camera.width_px,
-            height_px: self.camera.height_px,
-            line_time_s: self.line_time_s(),
-            last_row_first: self.camera.first_row == Some(FirstRow::Bottom),
-        };
         let first = self.frames.iter().find_map(|frame| frame.time_utc);
         let hours = self.offsets(|frame| {
             let entry = &self.frames[frame];
@@ -38,20 +41,36 @@ impl Recording {
         let hectopascals = self.offsets(|frame| self.frames[frame].covariates.get("pressure_hpa").copied());
         (0..self.frames.len())
             .map(|frame| {
-                let entry = &self.frames[frame];
-                let known = observation(entry.time_utc, site.as_ref(), entry.velocity_km_s).map_err(|error| (frame, error))?;
-                Ok(Observation {
-                    time_offset_h: hours[frame],
-                    order_offset: orders[frame],
-                    temperature_offset_k: kelvins[frame],
-                    pressure_offset_hpa: hectopascals[frame],
-                    rate_rad_s: entry.rate_deg_s.map(|rate| rate.map(|component| component * DEG_RAD)),
-                    exposure_s: entry.exposure_s,
-                    sensor: Some(sensor),
-                    ..known
-                })
+                let offsets = Offsets {
+                    time_h: hours[frame],
+                    order: orders[frame],
+                    temperature_k: kelvins[frame],
+                    pressure_hpa: hectopascals[frame],
+                };
+                self.observation_of(&self.frames[frame], offsets).map_err(|error| (frame, error))
             })
             .collect()
+    }
+
+    /// The circumstances of a frame, of which its place among all is told.
+    pub(crate) fn observation_of(&self, entry: &FrameEntry, offsets: Offsets) -> Result<Observation, ObserverError> {
+        let site = self.site.as_ref().map(GroundSite::from);
+        let sensor = Sensor {
+            width_px: self.camera.width_px,
+            height_px: self.camera.height_px,
+            line_time_s: self.line_time_s(),
+            last_row_first: self.camera.first_row == Some(FirstRow::Bottom),
+        };
+        Ok(Observation {
+            time_offset_h: offsets.time_h,
+            order_offset: offsets.order,
+            temperature_offset_k: offsets.temperature_k,
+            pressure_offset_hpa: offsets.pressure_hpa,
+            rate_rad_s: entry.rate_deg_s.map(|rate| rate.map(|component| component * DEG_RAD)),
+            exposure_s: entry.exposure_s,
+            sensor: Some(sensor),
+            ..observation(entry.time_utc, site.as_ref(), entry.velocity_km_s)?
+        })
     }
 
     /// How much later each row of a higher number is exposed.

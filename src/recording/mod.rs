@@ -33,13 +33,14 @@ use crate::camera::Camera;
 use crate::coordinates::Attitude;
 use crate::frame::Frame;
 
+pub(crate) use circumstances::Offsets;
 pub use error::{FrameProblem, Place, RecordingError, Size};
 pub use image_file::load as load_image;
 pub use output::{OutputDirectory, OutputError, ResultFolder, abandon, check_file, write_file};
 pub use star_list::{ListedStar, StarList};
 pub use write::{
     FitsHeaders, manifest_text, star_list_text, write_fits_f32, write_fits_u8, write_fits_u16, write_fits_with, write_manifest,
-    write_png_u16,
+    write_manifest_of, write_png_u16,
 };
 
 /// What a real camera left behind, or the simulator in its place.

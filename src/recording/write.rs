@@ -1,6 +1,8 @@
 //! Writing recordings in the form with a manifest: what is written here is what the readers beside it read.
 
 use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
 use fitsio_pure::BLOCK_SIZE;
@@ -206,6 +208,33 @@ pub fn write_manifest(directory: &Path, recording: &Recording) -> Result<PathBuf
     Ok(path)
 }
 
+/// Writes `recording.toml` of a recording without frames of its own, whose frames come one after the other and are not held. The folder is one in
+/// the making: the file grows. What is written is read back in pieces, as by [`write_manifest`].
+pub fn write_manifest_of(
+    directory: &Path,
+    recording: &Recording,
+    frames: impl Iterator<Item = FrameEntry>,
+) -> Result<PathBuf, OutputError> {
+    const PIECE: usize = 256;
+    let path = directory.join(manifest::FILE_NAME);
+    let error = |source| OutputError::Write { path: path.clone(), source };
+    let head = manifest_text(recording);
+    let mut file = BufWriter::new(File::create(&path).map_err(error)?);
+    file.write_all(head.as_bytes()).map_err(error)?;
+    let mut frames = frames.peekable();
+    while frames.peek().is_some() {
+        let mut piece = Lines::default();
+        frames.by_ref().take(PIECE).for_each(|frame| piece.frame(&frame));
+        let read_back = manifest::parse(&path, &format!("{head}{}", piece.0)).map_err(Box::new)?;
+        for frame in read_back.frames {
+            frame.entry.map_err(Box::new)?;
+        }
+        file.write_all(piece.0.as_bytes()).map_err(error)?;
+    }
+    file.flush().map_err(error)?;
+    Ok(path)
+}
+
 /// The text of `recording.toml`.
 #[must_use]
 pub fn manifest_text(recording: &Recording) -> String {
@@ -246,22 +275,7 @@ pub fn manifest_text(recording: &Recording) -> String {
         text.number("temperature_c", site.temperature_c);
         text.number("relative_humidity", site.relative_humidity);
     }
-    for frame in &recording.frames {
-        text.head("[[frames]]");
-        text.quoted("file", frame.file.as_ref().map(|file| file.to_string_lossy()).as_deref());
-        text.quoted("time_utc", frame.time_utc.map(|epoch| format!("{}Z", time::format_utc(epoch))).as_deref());
-        text.number("exposure_s", frame.exposure_s);
-        text.number("temperature_c", frame.temperature_c);
-        text.numbers("velocity_km_s", frame.velocity_km_s);
-        text.numbers("rate_deg_s", frame.rate_deg_s);
-        text.numbers("camera_from_icrs", frame.camera_from_icrs.map(<[f64; 4]>::from));
-        text.number("attitude_sigma_arcsec", frame.attitude_sigma_arcsec);
-        text.numbers("boresight_radec_deg", frame.boresight_radec_deg);
-        text.numbers("altitude_azimuth_deg", frame.altitude_azimuth_deg);
-        for (name, value) in &frame.covariates {
-            text.number(&key(name), Some(*value));
-        }
-    }
+    recording.frames.iter().for_each(|frame| text.frame(frame));
     text.0
 }
 
@@ -322,6 +336,23 @@ struct Lines(String);
 impl Lines {
     fn head(&mut self, head: &str) {
         let _ = writeln!(self.0, "\n{head}"); // writing to a String cannot fail
+    }
+
+    fn frame(&mut self, frame: &FrameEntry) {
+        self.head("[[frames]]");
+        self.quoted("file", frame.file.as_ref().map(|file| file.to_string_lossy()).as_deref());
+        self.quoted("time_utc", frame.time_utc.map(|epoch| format!("{}Z", time::format_utc(epoch))).as_deref());
+        self.number("exposure_s", frame.exposure_s);
+        self.number("temperature_c", frame.temperature_c);
+        self.numbers("velocity_km_s", frame.velocity_km_s);
+        self.numbers("rate_deg_s", frame.rate_deg_s);
+        self.numbers("camera_from_icrs", frame.camera_from_icrs.map(<[f64; 4]>::from));
+        self.number("attitude_sigma_arcsec", frame.attitude_sigma_arcsec);
+        self.numbers("boresight_radec_deg", frame.boresight_radec_deg);
+        self.numbers("altitude_azimuth_deg", frame.altitude_azimuth_deg);
+        for (name, value) in &frame.covariates {
+            self.number(&key(name), Some(*value));
+        }
     }
 
     fn raw(&mut self, key: &str, value: Option<impl std::fmt::Display>) {

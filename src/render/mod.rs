@@ -214,7 +214,7 @@ impl<'a> Renderer<'a> {
     }
 
     fn exposure<'b>(&self, index: usize, frame: &'b FrameLight, sky_e: &'b [f32]) -> Exposure<'b> {
-        let crate::scene::Exposure { exposure_s, telemetry, .. } = &self.scene.exposures[index];
+        let crate::scene::Exposure { exposure_s, telemetry, .. } = &*self.scene.exposures.get(index);
         let (frame_index, temperature_c) = (index as u32, telemetry.temperature_c);
         Exposure { stars: &frame.stars, sky_e, exposure_s: *exposure_s, frame_index, temperature_c }
     }
@@ -223,7 +223,7 @@ impl<'a> Renderer<'a> {
     fn sources(&self, index: usize) -> Sources {
         /// Beyond so many widths lies less than 1e-9 of a Gaussian's light.
         const SIGMAS: f64 = 6.0;
-        let fast_rad = self.scene.exposures[index].motion.fast_rad2().into_iter().fold(0.0, f64::max).sqrt();
+        let fast_rad = self.scene.exposures.get(index).motion.fast_rad2().into_iter().fold(0.0, f64::max).sqrt();
         let jitter_px = fast_rad * self.scene.camera.focal_length_px;
         let (width_px, margin_px) = (self.scene.psf.smooth_px, self.spreader.margin_px() + SIGMAS * jitter_px);
         let tracks = self.scene.star_tracks(self.catalog, index, width_px, margin_px);

@@ -64,7 +64,7 @@ impl<'a> Bench<'a> {
     pub fn frame(&self, stars: &[Probe]) -> Result<Frame, ImagingError> {
         let lights: Vec<StarLight> = stars.iter().map(|star| self.spreader.light(&track(star))).collect();
         let light: FrameLight = lights.iter().collect();
-        let first = &self.scene.exposures[0];
+        let first = self.scene.exposures.get(0);
         let exposure = Exposure {
             stars: &light.stars,
             sky_e: &[],

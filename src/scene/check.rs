@@ -27,7 +27,6 @@ fn folds_over(model: &Model) -> bool {
 #[derive(Clone, Copy, Debug)]
 enum Rule {
     Finite,
-    Positive,
     NotNegative,
     /// Between two numbers, or else this.
     Within(f64, f64, &'static str),
@@ -35,28 +34,32 @@ enum Rule {
 
 /// Why something is no air.
 const NO_AIR: &str = "is no air on Earth: hPa from 0 to 2000, degrees from -150 to 100, humidity from 0 to 1";
+/// More than the sky turns in a day; less than light needs to a detector.
+const EXPOSURE: Rule = Rule::Within(1e-9, 1e5, "must lie between 1e-9 and 100000 s");
+/// From a whole sky on a pixel to a hundredth of an arcsecond.
+const FOCAL_LENGTH: Rule = Rule::Within(1e-2, 1e8, "must lie between 0.01 and 1e8 px");
 const LINE_TIME: &str = "must lie between 0 and 1000000 (first_row says in which direction rows are read)";
 const COORDINATE: &str = "must be a point in px, not further than 100000 from the corner";
 
 /// Every number of the tables that stand once in a file, with its key; `None`: it is not given. The detector's stand with its table.
 fn numbers(file: &SceneFile) -> Vec<(&'static str, Option<f64>, Rule)> {
-    use Rule::{Finite, NotNegative, Positive, Within};
+    use Rule::{Finite, NotNegative, Within};
     let SceneFile { camera, nominal, sky, site, series, .. } = file;
     let size = Within(16.0, 16_384.0, "must lie between 16 and 16384");
     let mut numbers = vec![
         ("camera.width_px", Some(camera.width_px as f64), size),
         ("camera.height_px", Some(camera.height_px as f64), size),
-        ("camera.focal_length_px", Some(camera.focal_length_px), Positive),
+        ("camera.focal_length_px", Some(camera.focal_length_px), FOCAL_LENGTH),
         ("camera.k1", Some(camera.k1), Finite),
         ("camera.p1", Some(camera.p1), Finite),
         ("camera.p2", Some(camera.p2), Finite),
         ("nominal.k1", nominal.k1, Finite),
         ("nominal.p1", nominal.p1, Finite),
         ("nominal.p2", nominal.p2, Finite),
-        ("nominal.focal_length_px", nominal.focal_length_px, Positive),
+        ("nominal.focal_length_px", nominal.focal_length_px, FOCAL_LENGTH),
         ("camera.line_time_us", camera.line_time_us, Within(0.0, 1e6, LINE_TIME)),
         ("nominal.line_time_us", nominal.line_time_us, Within(0.0, 1e6, LINE_TIME)),
-        ("sky.background_e_per_px_s", Some(sky.even_e_per_px_s()), NotNegative),
+        ("sky.background_e_per_px_s", Some(sky.even_e_per_px_s()), Within(0.0, 1e12, "must lie between 0 and 1e12")),
         ("sky.background_image_scale", Some(sky.background_image_scale), NotNegative),
         ("sky.extinction_mag_per_airmass", Some(sky.extinction_mag_per_airmass), Within(0.0, 10.0, "must lie between 0 and 10")),
         ("sky.faintest_magnitude", Some(sky.faintest_magnitude), Finite),
@@ -75,8 +78,8 @@ fn numbers(file: &SceneFile) -> Vec<(&'static str, Option<f64>, Rule)> {
         let altitude = Within(-90.0, 85.0, "must lie between -90 and 85");
         numbers.extend([
             ("series.count", Some(series.count as f64), Within(1.0, 1e6, "must lie between 1 and 1000000")),
-            ("series.exposure_s", Some(series.exposure_s), Positive),
-            ("series.interval_s", Some(series.interval_s), NotNegative),
+            ("series.exposure_s", Some(series.exposure_s), EXPOSURE),
+            ("series.interval_s", Some(series.interval_s), Within(0.0, 1e9, "must lie between 0 and 1000000000 s")),
             ("series.lowest_altitude_deg", Some(series.lowest_altitude_deg), altitude),
         ]);
     }
@@ -94,7 +97,6 @@ impl Refusal<'_> {
     fn number(&self, key: &str, value: f64, rule: Rule) -> Result<(), SceneError> {
         let (is_allowed, remedy) = match rule {
             Rule::Finite => (value.is_finite(), "must be a finite number"),
-            Rule::Positive => (value.is_finite() && value > 0.0, "must be a number above 0"),
             Rule::NotNegative => (value.is_finite() && value >= 0.0, "must be a number not below 0"),
             Rule::Within(low, high, remedy) => ((low..=high).contains(&value), remedy),
         };
@@ -179,7 +181,7 @@ fn check_series(refusal: &Refusal<'_>, series: &SeriesTable, is_fixed: bool) -> 
 fn check_frame(refusal: &Refusal<'_>, index: usize, frame: &FrameTable, is_fixed: bool) -> Result<(), SceneError> {
     let key = |name: &str| format!("frames[{index}].{name}");
     let numbers = [
-        ("exposure_s", Some(frame.exposure_s), Rule::Positive),
+        ("exposure_s", Some(frame.exposure_s), EXPOSURE),
         ("roll_deg", Some(frame.roll_deg), Rule::Finite),
         ("temperature_c", frame.temperature_c, Rule::Finite),
         ("pressure_hpa", frame.pressure_hpa, Rule::Finite),

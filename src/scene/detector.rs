@@ -190,6 +190,12 @@ pub(super) fn check(path: &str, detector: &DetectorTable) -> Result<(), SceneErr
             return refuse(name, value.to_string(), "must be a number not below 0");
         }
     }
+    // An opening of forty metres, of all colours; what holds more electrons is no pixel.
+    for (name, value, most) in [("zero_point_e_per_s", detector.zero_point_e_per_s, 1e14), ("full_well_e", detector.full_well_e, 1e12)] {
+        if value > most {
+            return refuse(name, value.to_string(), "must not be above 1e14 (zero_point_e_per_s) or 1e12 (full_well_e)");
+        }
+    }
     if !(0.2..=20.0).contains(&detector.psf_sigma_px) {
         return refuse("psf_sigma_px", detector.psf_sigma_px.to_string(), "must lie between 0.2 and 20");
     }

@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::sky_light::GlowSetting;
-use super::{DetectorTable, SceneError, SkyTable};
+use super::{DetectorTable, Exposures, SceneError, SkyTable};
 use crate::camera::{Model, SkyChain, Term};
 use crate::effects::detector::adc::full_scale_dn;
 use crate::effects::pixel::{AnyPixelEffect, PIXEL_EFFECTS, pixel_effect};
@@ -79,6 +79,36 @@ fn on_pixels(table: &EffectTable) -> Option<&'static dyn AnyPixelEffect> {
     let is_known = |name: &String| effect.parameters().iter().any(|spec| spec.name == name);
     let is_meant = displacement(&public_id(effect)).is_none() || (!table.parameters.is_empty() && table.parameters.keys().all(is_known));
     is_meant.then_some(effect)
+}
+
+/// Refuses an effect that would do nothing in an exposure, because the exposure does not have what it follows.
+pub(super) fn check_telemetry(path: &str, tables: &[EffectTable], terms: &[Term], exposures: &Exposures) -> Result<(), SceneError> {
+    for term in terms {
+        let Some(effect) = displacement(&term.effect) else { continue };
+        let index = tables.iter().position(|table| table.id.replace('_', "-") == term.effect).unwrap_or_default();
+        for (number, exposure) in exposures.kinds().enumerate() {
+            let known = exposure.sky.observation();
+            let follows = |unit: &str| {
+                let used = effect.parameters().iter().zip(&term.parameters).filter(|(_, value)| **value != 0.0);
+                used.map(|(spec, _)| spec.name).any(|name| name.ends_with(unit))
+            };
+            let missing = effect.missing(known).or_else(|| {
+                let no_temperature = known.temperature_offset_k.is_none() && follows("_per_kelvin");
+                let no_time = known.time_offset_h.is_none() && follows("px_per_hour");
+                no_temperature
+                    .then_some("the temperature of the frames is not known")
+                    .or(no_time.then_some("the time of the frames is not known"))
+            });
+            if let Some(reason) = missing {
+                let id = &term.effect;
+                let message = format!(
+                    "effects[{index}]: {id} does nothing in exposure {number}: {reason}; say it in the scene (time_utc, temperature_c, pressure_hpa of each of [[frames]], [site]), or leave the effect out"
+                );
+                return Err(SceneError::Parse { path: path.to_owned(), message });
+            }
+        }
+    }
+    Ok(())
 }
 
 /// The parameters of a pixel effect: those that are given; else, where `[detector]` has a key of that name, its value; else the value at which

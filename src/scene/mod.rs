@@ -7,6 +7,7 @@ mod binning;
 mod check;
 mod detector;
 mod effects;
+mod exposures;
 mod file;
 mod lights;
 mod motion;
@@ -21,6 +22,7 @@ pub mod shown;
 mod sky_light;
 mod spline;
 mod track;
+mod work;
 
 use hifitime::Epoch;
 use thiserror::Error;
@@ -28,6 +30,7 @@ use thiserror::Error;
 pub use binning::{BinningMethod, BinningSite, BinningTable};
 pub use detector::{ColourFiltersTable, DetectorTable, QuantumEfficiencyTable};
 pub use effects::EffectTable;
+pub use exposures::Exposures;
 pub use file::{DEMO_TOML, FrameTable, MountTable, NominalTable, SceneFile, SeriesTable, SiteTable, SkyTable, TrueCameraTable};
 pub use lights::{CosmicRayTable, GhostTable, LIGHT_PAGES, LightForm, LightKind, LightPage, OtherLight, StreakKind, StreakTable};
 pub use motion::{BandTable, EARTH_RATE_RAD_S, JitterTable, LineTable, Motion};
@@ -41,9 +44,8 @@ pub use track::{Sample, StarTrack};
 
 use sky_light::SkyLight;
 
-use crate::camera::{Camera, GroundSite, Model, ObserverError, Physics, PhysicsError, SkyChain, Term, observation};
+use crate::camera::{Camera, GroundSite, Model, ObserverError, Physics, PhysicsError, SkyChain, Term};
 use crate::coordinates::{Attitude, PixelPoint};
-use crate::effects::Observation;
 use crate::effects::detector::colour_filters::FilterResponse;
 use crate::effects::detector::quantum_efficiency::ColourResponse;
 use crate::imaging::{Binning, EffectSetting};
@@ -155,7 +157,7 @@ pub struct Scene {
     /// The place on the ground, if any.
     pub site: Option<SiteTable>,
     /// The exposures in order of time.
-    pub exposures: Vec<Exposure>,
+    pub exposures: Exposures,
 }
 
 /// One exposure of a scene.
@@ -251,10 +253,6 @@ impl SceneFile {
         let camera = self.camera.camera();
         let nominal = self.nominal.camera(&camera);
         let physics: Physics = self.sky.physics.parse().map_err(|source| SceneError::Physics { path: path.to_owned(), source })?;
-        let site = self.site.as_ref().map(SiteTable::ground_site);
-        let circumstances = |time: Option<Epoch>, velocity| -> Result<Observation, SceneError> {
-            observation(time, site.as_ref(), velocity).map_err(|source| SceneError::Time { path: path.to_owned(), source })
-        };
         let effects::InForce { terms, pixels, glows } = effects::in_force(path, &self.effects, &self.detector)?;
         let mut model = self.camera.model(path)?;
         let undisplaced = self.camera.undisplaced(path)?;
@@ -271,13 +269,12 @@ impl SceneFile {
         let nominal_line_time_us = self.nominal.line_time_us.or(self.camera.line_time_us);
         let first_row = self.camera.first_row;
         let is_fixed = self.mount.is_some_and(|mount| mount.kind == Mount::Fixed);
-        let mut plans = pointing::plan(path, &self, &circumstances)?;
-        orbit::ride(path, &self, &mut plans, &circumstances)?;
-        let exposures = self.exposures(path, plans, &physics, &terms)?;
+        let exposures = self.exposures(path, physics, &terms)?;
+        effects::check_telemetry(path, &self.effects, &terms, &exposures)?;
         let mut sky = self.sky.clone();
-        let sky_light = SkyLight::new(path, &mut sky, glows, [self.camera.width_px, self.camera.height_px], &exposures)?;
+        let sky_light = SkyLight::new(path, &mut sky, glows, [self.camera.width_px, self.camera.height_px], exposures.kinds())?;
         let size_px = [camera.width_px, camera.height_px];
-        let kelvins = exposures.iter().map(|exposure| exposure.sky.observation().temperature_offset_k.unwrap_or_default());
+        let kelvins = exposures.kinds().map(|exposure| exposure.sky.observation().temperature_offset_k.unwrap_or_default());
         let temperatures_k = kelvins.fold([0.0_f64; 2], |[low, high], kelvin| [low.min(kelvin), high.max(kelvin)]);
         let psf = psf_table::read(path, self.psf.as_ref(), self.detector.psf_sigma_px, size_px, temperatures_k)?;
         let binning = self.camera.binning.map(BinningTable::binning);
@@ -286,6 +283,7 @@ impl SceneFile {
             SceneError::Value { path: path.to_owned(), key, value, remedy }
         };
         let own_psf = psf.on_own_pixels(binning.map_or(1, |binning| binning.factor)).map_err(wrong_psf)?;
+        work::check(path, &self, &own_psf)?;
         let saturation_dn = Some(self.detector.top_dn());
         let detector = DetectorTable { psf_sigma_px: psf.typical_px, saturation_dn, ..self.detector.clone() };
         let colour_response = detector.colour_response();
@@ -332,8 +330,8 @@ impl SceneFile {
         SkyTable { background_e_per_px_s: Some(sky.even_e_per_px_s() / pixels), ..sky.clone() }
     }
 
-    /// The exposures, each with the physics in force. Its circumstances are those that a recording with this telemetry tells.
-    fn exposures(&self, path: &str, plans: Vec<pointing::Plan>, physics: &Physics, terms: &[Term]) -> Result<Vec<Exposure>, SceneError> {
+    /// The exposures, each with the physics in force.
+    fn exposures(&self, path: &str, physics: Physics, terms: &[Term]) -> Result<Exposures, SceneError> {
         let info = CameraInfo {
             width_px: self.camera.width_px,
             height_px: self.camera.height_px,
@@ -342,22 +340,9 @@ impl SceneFile {
             first_row: self.camera.first_row,
             ..CameraInfo::default()
         };
-        let frames = plans.iter().enumerate().map(|(number, plan)| FrameEntry {
-            number,
-            time_utc: plan.time,
-            exposure_s: Some(plan.exposure_s),
-            ..plan.telemetry.entry()
-        });
-        let recording = Recording { site: self.site.as_ref().map(Site::from), frames: frames.collect(), ..Recording::new(info) };
-        let observations = recording.observations().map_err(|(_, source)| SceneError::Time { path: path.to_owned(), source })?;
-        let exposure = |(number, (plan, observation)): (usize, (pointing::Plan, Observation))| {
-            let known = SkyChain::new(physics, observation).map_err(|source| SceneError::Physics { path: path.to_owned(), source })?;
-            let sky = effects::on_the_sky(&known, terms);
-            let pointing::Plan { time, exposure_s, attitude: course, telemetry, .. } = plan;
-            let motion = Motion::new(plan.course, self.jitter.as_ref(), self.seed, number as u32, exposure_s);
-            Ok(Exposure { time, exposure_s, attitude: motion.attitude(&course, 0.0), course, motion, sky, telemetry })
-        };
-        plans.into_iter().zip(observations).enumerate().map(exposure).collect()
+        let recording = Recording { site: self.site.as_ref().map(Site::from), ..Recording::new(info) };
+        let (seed, terms, jitter) = (self.seed, terms.to_vec(), self.jitter.clone());
+        Exposures::new(self, exposures::Making { path: path.to_owned(), seed, physics, terms, jitter, recording })
     }
 }
 

@@ -4,7 +4,7 @@ use hifitime::Epoch;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::pointing::{Circumstances, Plan, time};
+use super::pointing::{Plan, time};
 use super::{SceneError, SceneFile};
 use crate::camera::{EARTH_RADIUS_KM, Orbit, OrbitState};
 use crate::dual::{dot, normalize};
@@ -46,9 +46,9 @@ impl OrbitTable {
     }
 }
 
-/// Gives every exposure the velocity of a camera in orbit, if the scene has one.
-pub(super) fn ride(path: &str, file: &SceneFile, plans: &mut [Plan], circumstances: Circumstances<'_>) -> Result<(), SceneError> {
-    let Some(table) = &file.orbit else { return Ok(()) };
+/// The orbit of a scene, if it has one, and nothing that excludes it.
+pub(super) fn of(path: &str, file: &SceneFile) -> Result<Option<Orbit>, SceneError> {
+    let Some(table) = &file.orbit else { return Ok(None) };
     let refuse = |key: String, value: &str, remedy| Err(SceneError::Value { path: path.to_owned(), key, value: value.to_owned(), remedy });
     if file.site.is_some() {
         return refuse("orbit".to_owned(), "given", "stands beside a [site] on the ground: keep one of the two");
@@ -59,36 +59,66 @@ pub(super) fn ride(path: &str, file: &SceneFile, plans: &mut [Plan], circumstanc
     if let Some(index) = file.frames.iter().position(|frame| frame.velocity_km_s.is_some()) {
         return refuse(format!("frames[{index}].velocity_km_s"), "given", "stands beside an [orbit], which gives it: keep one of the two");
     }
-    let orbit = table.orbit(path)?;
-    let (mut hidden, mut oldest) = (Vec::new(), 0.0_f64);
-    for (number, plan) in plans.iter_mut().enumerate() {
-        let Some(now) = plan.time else {
-            return refuse(
-                "orbit".to_owned(),
-                "given",
-                "needs the time of every exposure: give series.start_utc, or time_utc of each frame",
-            );
-        };
-        let known = circumstances(Some(now), None)?;
-        let error = |error| SceneError::Parse { path: path.to_owned(), message: format!("orbit, exposure {number}: {error}") };
-        let state = orbit.at(now).map_err(error)?;
-        let of_earth = known.velocity_km_s.unwrap_or_default();
-        plan.telemetry.velocity_km_s = Some([0, 1, 2].map(|axis| of_earth[axis] + state.velocity_km_s[axis]));
-        oldest = oldest.max(days_apart(now, orbit.epoch()));
+    table.orbit(path).map(Some)
+}
+
+/// Where the camera is in exposure `number`.
+fn state(path: &str, orbit: &Orbit, number: usize, time: Option<Epoch>) -> Result<(Epoch, OrbitState), SceneError> {
+    let Some(now) = time else {
+        let remedy = "needs the time of every exposure: give series.start_utc, or time_utc of each frame";
+        return Err(SceneError::Value { path: path.to_owned(), key: "orbit".to_owned(), value: "given".to_owned(), remedy });
+    };
+    let error = |error| SceneError::Parse { path: path.to_owned(), message: format!("orbit, exposure {number}: {error}") };
+    Ok((now, orbit.at(now).map_err(error)?))
+}
+
+/// The barycentric velocity of the camera, of which `of_earth` is the Earth's.
+pub(super) fn velocity_km_s(
+    path: &str,
+    orbit: &Orbit,
+    number: usize,
+    time: Option<Epoch>,
+    of_earth: [f64; 3],
+) -> Result<[f64; 3], SceneError> {
+    let (_, state) = state(path, orbit, number, time)?;
+    Ok([0, 1, 2].map(|axis| of_earth[axis] + state.velocity_km_s[axis]))
+}
+
+/// What is to be said of the exposures of a camera in orbit.
+#[derive(Debug, Default)]
+pub(super) struct Seen {
+    /// How many look at the Earth, and the first of them.
+    hidden: usize,
+    first: usize,
+    oldest_days: f64,
+}
+
+impl Seen {
+    /// Looks at an exposure.
+    pub(super) fn look(&mut self, path: &str, orbit: &Orbit, number: usize, plan: &Plan) -> Result<(), SceneError> {
+        let (now, state) = state(path, orbit, number, plan.time)?;
+        self.oldest_days = self.oldest_days.max(days_apart(now, orbit.epoch()));
         if sees_earth(&state, plan.attitude.rows()[2]) {
-            hidden.push(number);
+            if self.hidden == 0 {
+                self.first = number;
+            }
+            self.hidden += 1;
+        }
+        Ok(())
+    }
+
+    /// Says it.
+    pub(super) fn tell(&self, path: &str, file: &SceneFile, all: usize) {
+        let Self { hidden, first, oldest_days: oldest } = self;
+        if file.orbit.as_ref().is_some_and(|table| table.tle.is_some()) && *oldest > OLD_DAYS {
+            tracing::warn!("{path}: orbit.tle is {oldest:.0} days from an exposure; elements are good for days, take those nearest to it");
+        }
+        if *hidden > 0 {
+            tracing::warn!(
+                "{path}: {hidden} of {all} exposures look at the Earth (the first is {first}); stars are rendered as if it were not there"
+            );
         }
     }
-    if table.tle.is_some() && oldest > OLD_DAYS {
-        tracing::warn!("{path}: orbit.tle is {oldest:.0} days from an exposure; elements are good for days, take those nearest to it");
-    }
-    if let Some(first) = hidden.first() {
-        let (count, all) = (hidden.len(), plans.len());
-        tracing::warn!(
-            "{path}: {count} of {all} exposures look at the Earth (the first is {first}); stars are rendered as if it were not there"
-        );
-    }
-    Ok(())
 }
 
 /// Whether the Earth's disc lies in this direction.

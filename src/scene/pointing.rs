@@ -1,8 +1,8 @@
 //! Where the camera points in each exposure.
 
-use hifitime::{Epoch, Unit};
+use hifitime::Epoch;
 use nalgebra::{Matrix3, Rotation3, RowVector3, UnitQuaternion};
-use rand::{RngExt, SeedableRng};
+use rand::RngExt;
 use rand_pcg::Pcg64;
 
 use super::motion::{Course, through};
@@ -10,7 +10,6 @@ use super::{SceneError, SceneFile, SeriesTable, Telemetry};
 use crate::coordinates::Attitude;
 use crate::dual::dot;
 use crate::effects::Observation;
-use crate::recording::Mount;
 use crate::units::DEG_RAD;
 
 /// One planned exposure.
@@ -22,70 +21,49 @@ pub(super) struct Plan {
     pub(super) telemetry: Telemetry,
 }
 
-/// What is known of an exposure at a time with a velocity.
-pub(super) type Circumstances<'a> = &'a dyn Fn(Option<Epoch>, Option<[f64; 3]>) -> Result<Observation, SceneError>;
-
-/// The exposures of a scene in order of time.
-pub(super) fn plan(path: &str, file: &SceneFile, circumstances: Circumstances<'_>) -> Result<Vec<Plan>, SceneError> {
-    let mut plans = match &file.series {
-        Some(series) => drawn(path, file, series, circumstances)?,
-        None => listed(path, file)?,
+/// Gives an exposure the attitude to the ground that the first one has, which is kept in `camera_from_earth`.
+pub(super) fn stand_fast(
+    path: &str,
+    plan: &mut Plan,
+    known: &Observation,
+    camera_from_earth: &mut Option<UnitQuaternion<f64>>,
+) -> Result<(), SceneError> {
+    let Some(rows) = known.earth_from_icrs else {
+        let (key, value) = ("mount.kind".to_owned(), "fixed".to_owned());
+        let remedy = "needs the time of every exposure: give series.start_utc, or time_utc of each frame";
+        return Err(SceneError::Value { path: path.to_owned(), key, value, remedy });
     };
-    if file.mount.is_some_and(|mount| mount.kind == Mount::Fixed) {
-        stand_fast(path, &mut plans, circumstances)?;
-    }
-    Ok(plans)
-}
-
-/// Gives every exposure the attitude to the ground that the first one has.
-fn stand_fast(path: &str, plans: &mut [Plan], circumstances: Circumstances<'_>) -> Result<(), SceneError> {
-    let mut camera_from_earth = None;
-    for plan in plans {
-        let Some(rows) = circumstances(plan.time, None)?.earth_from_icrs else {
-            let (key, value) = ("mount.kind".to_owned(), "fixed".to_owned());
-            let remedy = "needs the time of every exposure: give series.start_utc, or time_utc of each frame";
-            return Err(SceneError::Value { path: path.to_owned(), key, value, remedy });
-        };
-        let matrix = Matrix3::from_rows(&rows.map(RowVector3::from));
-        let earth_from_icrs = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix));
-        let stands = *camera_from_earth.get_or_insert(plan.attitude.camera_from_icrs * earth_from_icrs.inverse());
-        plan.attitude = Attitude::new(stands * earth_from_icrs);
-        plan.course = Course::Earth(rows[2]);
-    }
+    let matrix = Matrix3::from_rows(&rows.map(RowVector3::from));
+    let earth_from_icrs = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix));
+    let stands = *camera_from_earth.get_or_insert(plan.attitude.camera_from_icrs * earth_from_icrs.inverse());
+    plan.attitude = Attitude::new(stands * earth_from_icrs);
+    plan.course = Course::Earth(rows[2]);
     Ok(())
 }
 
-/// The exposures of a series.
-fn drawn(path: &str, file: &SceneFile, series: &SeriesTable, circumstances: Circumstances<'_>) -> Result<Vec<Plan>, SceneError> {
-    let start = series.start_utc.as_deref().map(|text| time(path, "series.start_utc", text)).transpose()?;
-    // Its own stream of random numbers: pointings do not change when the noise of the frames is drawn in another way.
-    let mut rng = Pcg64::seed_from_u64(file.seed);
+/// The next exposure of a series.
+pub(super) fn drawn(series: &SeriesTable, time: Option<Epoch>, zenith: Option<[f64; 3]>, chance: &mut Pcg64) -> Plan {
     let sin_lowest = (series.lowest_altitude_deg * DEG_RAD).sin();
-    (0..series.count)
-        .map(|index| {
-            let time = start.map(|start| start + series.interval_s * index as f64 * Unit::Second);
-            let zenith = circumstances(time, None)?.zenith;
-            let (ra, dec) = loop {
-                let ra = rng.random_range(0.0..std::f64::consts::TAU);
-                let dec = rng.random_range(-1.0_f64..1.0).asin();
-                let direction = [ra.cos() * dec.cos(), ra.sin() * dec.cos(), dec.sin()];
-                if zenith.is_none_or(|zenith| dot(direction, zenith) >= sin_lowest) {
-                    break (ra, dec);
-                }
-            };
-            let roll = rng.random_range(0.0..std::f64::consts::TAU);
-            Ok(Plan {
-                time,
-                exposure_s: series.exposure_s,
-                attitude: Attitude::from_pointing(ra, dec, roll),
-                course: even(series.rate_deg_s),
-                telemetry: Telemetry { rate_deg_s: series.rate_deg_s, ..Telemetry::default() },
-            })
-        })
-        .collect()
+    let (ra, dec) = loop {
+        let ra = chance.random_range(0.0..std::f64::consts::TAU);
+        let dec = chance.random_range(-1.0_f64..1.0).asin();
+        let direction = [ra.cos() * dec.cos(), ra.sin() * dec.cos(), dec.sin()];
+        if zenith.is_none_or(|zenith| dot(direction, zenith) >= sin_lowest) {
+            break (ra, dec);
+        }
+    };
+    let roll = chance.random_range(0.0..std::f64::consts::TAU);
+    Plan {
+        time,
+        exposure_s: series.exposure_s,
+        attitude: Attitude::from_pointing(ra, dec, roll),
+        course: even(series.rate_deg_s),
+        telemetry: Telemetry { rate_deg_s: series.rate_deg_s, ..Telemetry::default() },
+    }
 }
 
-fn listed(path: &str, file: &SceneFile) -> Result<Vec<Plan>, SceneError> {
+/// The exposures of a list, in order of time.
+pub(super) fn listed(path: &str, file: &SceneFile) -> Result<Vec<Plan>, SceneError> {
     let mut plans: Vec<Plan> = Vec::new();
     for (index, frame) in file.frames.iter().enumerate() {
         let key = format!("frames[{index}].time_utc");

@@ -57,11 +57,12 @@ impl SkyLight {
         sky: &mut SkyTable,
         glows: Vec<GlowSetting>,
         size_px: [usize; 2],
-        exposures: &[Exposure],
+        exposures: impl ExactSizeIterator<Item = Arc<Exposure>>,
     ) -> Result<Self, SceneError> {
+        let exposures: Vec<Arc<Exposure>> = exposures.collect();
         let wrong = |message: String| SceneError::Parse { path: path.to_owned(), message };
         for GlowSetting { index, glow, .. } in &glows {
-            let is_missing = |exposure: &Exposure| match glow.needs() {
+            let is_missing = |exposure: &Arc<Exposure>| match glow.needs() {
                 Needs::Nothing => false,
                 Needs::Time => exposure.time.is_none(),
                 Needs::Site => exposure.time.is_none() || exposure.sky.observation().zenith.is_none(),
@@ -105,7 +106,7 @@ impl SkyLight {
 /// The models in an exposure.
 struct View<'a> {
     scene: &'a Scene,
-    exposure: &'a Exposure,
+    exposure: Arc<Exposure>,
     circumstances: Circumstances,
     /// The camera's parameters.
     values: Vec<f64>,
@@ -186,7 +187,7 @@ fn fill(piece: Piece, rows: &mut [f32], first_row: usize, stride: usize, at: &im
 
 impl Scene {
     fn view(&self, index: usize) -> View<'_> {
-        let exposure = &self.exposures[index];
+        let exposure = self.exposures.get(index);
         let SkyTable { extinction_mag_per_airmass, faintest_magnitude, .. } = self.sky;
         let known = circumstances(exposure.time, exposure.sky.observation());
         let circumstances = Circumstances { extinction_mag_per_airmass, faintest_magnitude, ..known };

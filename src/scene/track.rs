@@ -205,9 +205,10 @@ impl Scene {
     #[must_use]
     pub fn star_tracks(&self, catalog: &Catalog, index: usize, width_px: f64, margin_px: f64) -> Vec<StarTrack> {
         use rayon::prelude::*;
-        let candidates: Vec<&Star> = self.candidates(catalog, index, margin_px);
+        let exposure = &*self.exposures.get(index);
+        let candidates: Vec<&Star> = self.candidates(catalog, exposure, margin_px);
         let epoch_yr = catalog.epoch_yr;
-        candidates.into_par_iter().filter_map(|star| self.track(star, epoch_yr, index, width_px, margin_px)).collect()
+        candidates.into_par_iter().filter_map(|star| self.track(star, epoch_yr, exposure, width_px, margin_px)).collect()
     }
 
     /// The star images of frame number `index` that reach the frame at the middle of the exposure, brightest first.
@@ -218,17 +219,17 @@ impl Scene {
     /// If `index` is not below the number of exposures.
     #[must_use]
     pub fn star_images(&self, catalog: &Catalog, index: usize, margin_px: f64) -> Vec<StarImage> {
+        let exposure = &*self.exposures.get(index);
         let image = |star: &Star| {
-            let sight = self.sight(star, catalog.epoch_yr, index);
+            let sight = self.sight(star, catalog.epoch_yr, exposure);
             let (position, _) = sight.place_in_row(0.0)?;
             let image = StarImage { hip: star.hip, position, electrons: sight.electrons, magnitude: star.magnitude };
             self.holds(position, margin_px).then_some(image)
         };
-        self.candidates(catalog, index, margin_px).into_iter().filter_map(image).collect()
+        self.candidates(catalog, exposure, margin_px).into_iter().filter_map(image).collect()
     }
 
-    fn sight(&self, star: &Star, epoch_yr: f64, index: usize) -> Sight<'_> {
-        let exposure = &self.exposures[index];
+    fn sight<'a>(&'a self, star: &Star, epoch_yr: f64, exposure: &'a Exposure) -> Sight<'a> {
         let grey = self.detector.zero_point_e_per_s * 10.0_f64.powf(-0.4 * star.magnitude) * exposure.exposure_s;
         let electrons = grey * self.colour_response.relative(star.colour);
         let refracts = exposure.sky.ids().iter().any(|id| ["refraction", "chromatic-refraction"].contains(id));
@@ -242,8 +243,7 @@ impl Scene {
     }
 
     /// The stars near enough to the field of view, and bright enough.
-    fn candidates<'c>(&self, catalog: &'c Catalog, index: usize, margin_px: f64) -> Vec<&'c Star> {
-        let exposure = &self.exposures[index];
+    fn candidates<'c>(&self, catalog: &'c Catalog, exposure: &Exposure, margin_px: f64) -> Vec<&'c Star> {
         let middle = exposure.motion.attitude(&exposure.course, 0.0).rows()[2];
         let half_s = self.half_s(exposure);
         let steps = if exposure.motion.is_still() { 0 } else { exposure.motion.steps(half_s) };
@@ -268,8 +268,8 @@ impl Scene {
         0.5 * exposure.exposure_s + 0.5 * self.line_time_s.abs() * self.camera.height_px as f64
     }
 
-    fn track(&self, star: &Star, epoch_yr: f64, index: usize, width_px: f64, margin_px: f64) -> Option<StarTrack> {
-        let sight = self.sight(star, epoch_yr, index);
+    fn track(&self, star: &Star, epoch_yr: f64, exposure: &Exposure, width_px: f64, margin_px: f64) -> Option<StarTrack> {
+        let sight = self.sight(star, epoch_yr, exposure);
         let motion = &sight.exposure.motion;
         let exposure_s = sight.exposure.exposure_s;
         let moves = !motion.is_still() || sight.drifts;

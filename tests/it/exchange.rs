@@ -286,9 +286,9 @@ fn the_verbs_write_read_and_say_no() {
     assert_eq!(std::fs::metadata(here("wcs/frame-0001.wcs")).unwrap().len() % 2880, 0);
     let (code, _, stderr) = run(&["export", &here("calibrate.json"), "--to", "tetra3", "-o", &here("tetra3.json")]);
     assert_eq!(code, 3, "{stderr}");
-    assert!(stderr.contains("0.01 px") && stderr.contains("--force"), "{stderr}");
+    assert!(stderr.contains("0.01 px") && stderr.contains("--inexact"), "{stderr}");
     assert!(!folder.path().join("tetra3.json").exists());
-    let (code, _, stderr) = run(&["export", &here("calibrate.json"), "--to", "tetra3", "-o", &here("tetra3.json"), "--force"]);
+    let (code, _, stderr) = run(&["export", &here("calibrate.json"), "--to", "tetra3", "-o", &here("tetra3.json"), "--inexact"]);
     assert_eq!(code, 0, "{stderr}");
     assert!(folder.path().join("tetra3.json").exists());
     let (code, _, stderr) = run(&["export", &here("calibrate.json"), "--to", "zemax", "-o", &here("x")]);

@@ -20,6 +20,8 @@ mod identify;
 mod identify_files;
 mod joining;
 mod layering;
+#[cfg(unix)]
+mod manners;
 mod moments;
 mod motion;
 mod noise;

@@ -14,7 +14,7 @@ fn text(orbit: &str, frame: &str) -> String {
 
 fn velocity(text: &str) -> [f64; 3] {
     let scene = Scene::parse("test.toml", text).unwrap_or_else(|error| panic!("{error}"));
-    let exposure = &scene.exposures[0];
+    let exposure = &*scene.exposures.get(0);
     assert_eq!(exposure.telemetry.velocity_km_s, exposure.sky.observation().velocity_km_s);
     exposure.telemetry.velocity_km_s.unwrap()
 }

@@ -88,7 +88,7 @@ fn scene(text: &str) -> Scene {
 /// Unit vector to the zenith of the only exposure, as right ascension and declination, degrees.
 fn zenith_radec_deg(time: &str) -> [f64; 2] {
     let text = scene_text(NARROW, &format!("time_utc = \"{time}\"\nboresight_radec_deg = [0.0, 0.0]"), SITE);
-    let [x, y, z] = scene(&text).exposures[0].sky.observation().zenith.unwrap();
+    let [x, y, z] = scene(&text).exposures.get(0).sky.observation().zenith.unwrap();
     [y.atan2(x).to_degrees(), z.asin().to_degrees()]
 }
 
@@ -166,9 +166,10 @@ fn moon_and_sun_light_the_sky_they_stand_in() {
     assert!(night(FULL_MOON) > 10.0 * night(NEW_MOON), "{} {}", night(FULL_MOON), night(NEW_MOON));
 
     let scene = zenith_scene(FISHEYE, DUSK, &effect("twilight"));
-    let observation = scene.exposures[0].sky.observation();
+    let exposure = scene.exposures.get(0);
+    let observation = exposure.sky.observation();
     let sun = boresight::coordinates::Direction::along(observation.sun_au.unwrap().map(|component| -component));
-    let sun = scene.exposures[0].attitude.camera_from_apparent(&sun).xyz;
+    let sun = scene.exposures.get(0).attitude.camera_from_apparent(&sun).xyz;
     let frame = scene.sky_light_e(0);
     let (mut x, mut y, mut sum) = (0.0, 0.0, 0.0);
     for (index, electrons) in frame.iter().enumerate() {

@@ -206,7 +206,7 @@ fn columns_of_pixel_effects_are_empty_where_they_cannot_be_told() {
 fn the_ideal_place_knows_no_displacement() {
     let scene = Scene::demo().unwrap();
     let truth = Renderer::new(&scene, Catalog::embedded(), Backend::Cpu).unwrap().render(2).unwrap();
-    let attitude = scene.exposures[2].attitude.rows();
+    let attitude = scene.exposures.get(2).attitude.rows();
     let mut displaced = 0.0_f64;
     for star in truth.stars.iter().take(50) {
         let own = Catalog::embedded().stars.iter().find(|own| own.hip == star.hip).unwrap();

@@ -104,7 +104,7 @@ fn parent(path: &Path) -> &Path {
 pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     let error = write_error(path);
     results::note(path)?;
-    fs::create_dir_all(parent(path)).map_err(&error)?;
+    partial::make(parent(path)).map_err(&error)?;
     let mut file = PartialFile::in_folder(parent(path)).map_err(&error)?;
     file.write_all(bytes).map_err(&error)?;
     file.keep_as(path).map_err(&error)
@@ -123,7 +123,7 @@ impl OutputDirectory {
         let error = write_error(target);
         let target = if target.exists() { target.canonicalize().map_err(&error)? } else { target.to_owned() };
         check_replaceable(&target, force)?;
-        fs::create_dir_all(parent(&target)).map_err(&error)?;
+        partial::make(parent(&target)).map_err(&error)?;
         let building = PartialFolder::in_folder(parent(&target)).map_err(&error)?;
         fs::write(building.path().join(MARK), format!("boresight {}, whole folder\n", env!("CARGO_PKG_VERSION"))).map_err(&error)?;
         Ok(Self { target, building })

@@ -27,6 +27,12 @@ fn live() -> MutexGuard<'static, Live> {
     LIVE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
+/// Makes a folder and those above it, but not in a process that has been told to stop.
+pub(super) fn make(folder: &Path) -> io::Result<()> {
+    let _live = live();
+    fs::create_dir_all(folder)
+}
+
 /// Names and rights of what is built under another name: the user's own default rights, not the private ones of scratch files.
 fn builder(mode: u32) -> Builder<'static, 'static> {
     let mut builder = Builder::new();

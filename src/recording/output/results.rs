@@ -211,14 +211,14 @@ pub fn check_file(path: &Path, force: bool) -> Result<(), OutputError> {
         return Err(OutputError::FileExists { path: path.to_owned() });
     }
     let made = make(parent(path)).map_err(write_error(path))?;
-    let tried = PartialFile::in_folder(parent(path));
+    let tried = PartialFile::in_folder(parent(path)).map(drop);
     // What fails leaves nothing; the folder is made again when the file is written.
     for folder in made.iter().rev() {
         if fs::remove_dir(folder).is_err() {
             break;
         }
     }
-    tried.map(drop).map_err(write_error(path))
+    tried.map_err(write_error(path))
 }
 
 #[cfg(test)]

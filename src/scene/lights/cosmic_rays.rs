@@ -89,7 +89,7 @@ impl Scene {
         const WIDTH: f64 = 0.15;
         let Some(rays) = &self.cosmic_rays else { return Vec::new() };
         let mut rng = self.chance(index, COSMIC_RAY_STAGE, 0);
-        let count = draw_count(rays.expected_per_s * self.exposures[index].exposure_s, &mut rng);
+        let count = draw_count(rays.expected_per_s * self.exposures.get(index).exposure_s, &mut rng);
         let normal = rand_distr::StandardNormal;
         (0..count)
             .map(|_| {

@@ -101,7 +101,7 @@ impl Scene {
 
     /// A trail at Gauss–Legendre nodes, piece by piece, as a star's.
     fn trail(&self, index: usize, streak: &StreakTable, start: [f64; 2], end: [f64; 2]) -> OtherLight {
-        let temperature_offset_k = self.exposures[index].sky.observation().temperature_offset_k.unwrap_or_default();
+        let temperature_offset_k = self.exposures.get(index).sky.observation().temperature_offset_k.unwrap_or_default();
         let length = (end[0] - start[0]).hypot(end[1] - start[1]);
         let [rise, fall] = streak.light_curve;
         let curve = |s: f64| s.powf(rise) * (1.0 - s).powf(fall);
