@@ -351,6 +351,7 @@ impl SceneFile {
         let recording = Recording { site: self.site.as_ref().map(Site::from), frames: frames.collect(), ..Recording::new(info) };
         let observations = recording.observations().map_err(|(_, source)| SceneError::Time { path: path.to_owned(), source })?;
         let exposure = |(number, (plan, observation)): (usize, (pointing::Plan, Observation))| {
+            let observation = self.frames.get(number).map_or(observation, |frame| frame.under_its_zenith(&observation));
             let known = SkyChain::new(physics, observation).map_err(|source| SceneError::Physics { path: path.to_owned(), source })?;
             let sky = effects::on_the_sky(&known, terms);
             let pointing::Plan { time, exposure_s, attitude: course, telemetry, .. } = plan;

@@ -22,6 +22,7 @@ mod joining;
 mod layering;
 mod moments;
 mod motion;
+mod nature;
 mod noise;
 mod orbit;
 mod pairs;
