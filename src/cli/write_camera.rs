@@ -6,10 +6,10 @@ use std::path::Path;
 use anyhow::{Context as _, Result, bail};
 use boresight::camera::Model;
 use boresight::catalog::Catalog;
-use boresight::coordinates::{Attitude, PixelPoint};
+use boresight::coordinates::{Attitude, Direction, Icrs, PixelPoint};
 use boresight::detect::Detection;
-use boresight::diagnose::{ColumnsOf, Diagnosis};
-use boresight::effects::{Context, displacement};
+use boresight::diagnose::{ColumnsOf, Diagnosis, ResidualRow};
+use boresight::effects::{Context, Observation, displacement};
 use boresight::identify::{ControlPoint, ControlPoints};
 use boresight::recording::{Site, write_file};
 use boresight::scene::{DetectorTable, EffectTable, FrameTable, NominalTable, Scene, SceneFile, SiteTable, SkyTable, TrueCameraTable};
@@ -20,6 +20,8 @@ use super::pipeline::Measured;
 
 /// Where nobody says how long frames were exposed; the stars' brightness counts for the same time.
 const ASSUMED_EXPOSURE_S: f64 = 1.0;
+/// The scene has what was found if it puts every star as near to where the fit has it.
+const SAME_PX: f64 = 1e-3;
 /// Stars that much fainter than the faintest identified are rendered too.
 const FAINTER: f64 = 0.3;
 
@@ -33,12 +35,16 @@ pub(crate) fn write(
     seed: u64,
 ) -> Result<Vec<String>> {
     let model = model(diagnosis, points)?;
-    let attitudes = attitudes(diagnosis, points, &model);
+    let known = |frame: usize| observation(diagnosis, points, frame);
+    let attitudes = attitudes(diagnosis, points, &model, &known);
     let matched = matched(points, measured);
     let (mut frames, mut missing) = (Vec::new(), Vec::new());
     for frame in &measured.frames {
         match attitudes.get(&frame.index) {
-            Some(attitude) => frames.push(frame_table(measured, frame.index, attitude)),
+            Some(attitude) => frames.push(FrameTable {
+                zenith_radec_deg: zenith_radec_deg(diagnosis, frame.index),
+                ..frame_table(measured, frame.index, attitude)
+            }),
             None => missing.push(frame.name.clone()),
         }
     }
@@ -97,9 +103,20 @@ pub(crate) fn write(
             .to_owned()
             + &toml::to_string(&file).context("writing the scene as TOML")?;
     // What cannot be rendered is said now, and not when somebody tries.
-    Scene::parse(&name, &text).context("--write-camera: the camera found cannot be rendered")?;
-    write_file(path, text.as_bytes())?;
+    let scene = Scene::parse(&name, &text).context("--write-camera: the camera found cannot be rendered")?;
+    let order: Vec<usize> = measured.frames.iter().map(|frame| frame.index).filter(|index| attitudes.contains_key(index)).collect();
     let mut notes = Vec::new();
+    if let Some((frame, off_px)) = farthest(&scene, &model, diagnosis, points, (&attitudes, &order), &known)
+        && off_px > SAME_PX
+    {
+        let named = measured.frames.iter().find(|other| other.index == frame).map_or_else(String::new, |frame| frame.name.clone());
+        let off = format!("the scene {name} puts stars up to {off_px:.3} px from where the fit has them (in {named})");
+        if order.len() == measured.recording.frames.len() {
+            bail!("--write-camera: {off}: it cannot hold what was found, and is not written");
+        }
+        notes.push(format!("{off}: telemetry counts from its mean over the frames, and some are left out"));
+    }
+    write_file(path, text.as_bytes())?;
     if !missing.is_empty() {
         notes.push(format!("the scene {name} lacks the frames without a known attitude: {}", missing.join(", ")));
     }
@@ -116,9 +133,51 @@ pub(crate) fn write(
     Ok(notes)
 }
 
-/// The model found, with the effects that the points' directions contain.
+/// What is known of a frame, and the zenith that was found.
+fn observation(diagnosis: &Diagnosis, points: &ControlPoints, frame: usize) -> Observation {
+    let known = points.observation(frame);
+    match zenith_radec_deg(diagnosis, frame) {
+        Some([ra, dec]) => {
+            let zenith = Direction::<Icrs>::from_radec_rad(ra * DEG_RAD, dec * DEG_RAD).xyz;
+            Observation { zenith: Some(zenith), zenith_is_guessed: true, ..known }
+        }
+        None => known,
+    }
+}
+
+fn zenith_radec_deg(diagnosis: &Diagnosis, frame: usize) -> Option<[f64; 2]> {
+    diagnosis.zeniths.iter().find(|zenith| zenith.frame == frame).map(|zenith| zenith.radec_deg)
+}
+
+/// The farthest that a star of the scene stands from where the model has it, px, and the frame of that. `order`: the scene's frames.
+fn farthest(
+    scene: &Scene,
+    model: &Model,
+    diagnosis: &Diagnosis,
+    points: &ControlPoints,
+    (attitudes, order): (&BTreeMap<usize, Attitude>, &[usize]),
+    known: &dyn Fn(usize) -> Observation,
+) -> Option<(usize, f64)> {
+    let of = |row: &ResidualRow| {
+        let ControlPoint { frame, star, image, .. } = points.points.get(row.point).filter(|_| row.weight > 0.5)?;
+        let exposure = scene.exposures.get(order.iter().position(|other| other == frame)?)?;
+        let context = Context::new(*star, known(*frame)).with_image(*image);
+        let fitted = model.pixel(&attitudes.get(frame)?.camera_from_apparent(&model.apparent(&context)), &context)?;
+        let rendered = Context::new(*star, *exposure.sky.observation()).with_image(*image);
+        let apparent = exposure.sky.apparent_in(star, exposure.sky.observation());
+        let seen = scene.model.pixel(&exposure.attitude.camera_from_apparent(&apparent), &rendered)?;
+        Some((*frame, (seen.x_px - fitted.x_px).hypot(seen.y_px - fitted.y_px)))
+    };
+    diagnosis.residuals.iter().filter_map(of).max_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// The model found, with the effects that the points' directions contain. Where a zenith was found it stands with the frames.
 fn model(diagnosis: &Diagnosis, points: &ControlPoints) -> Result<Model> {
     let mut model = diagnosis.camera.clone().context("--write-camera: the diagnosis has no camera")?;
+    let refraction = model.terms().find(|(id, _)| *id == "refraction").map(|(_, parameters)| parameters.to_vec());
+    if let Some([strength, ..]) = refraction.as_deref().filter(|_| !diagnosis.zeniths.is_empty()) {
+        model.set("refraction", &[*strength, 0.0, 0.0])?;
+    }
     let in_force: Vec<String> = model.terms().map(|(id, _)| id.to_owned()).collect();
     for term in points.sky.iter().filter(|term| !in_force.contains(&term.effect)) {
         model.set(&term.effect, &term.parameters)?;
@@ -147,12 +206,17 @@ fn times_are_known(points: &ControlPoints) -> bool {
 
 /// Each frame's attitude at the model: the rotation with the least sum of squared distances between the directions seen and those from
 /// which the light arrives, weighted with the star images' errors (Kabsch's solution of Wahba's problem).
-fn attitudes(diagnosis: &Diagnosis, points: &ControlPoints, model: &Model) -> BTreeMap<usize, Attitude> {
+fn attitudes(
+    diagnosis: &Diagnosis,
+    points: &ControlPoints,
+    model: &Model,
+    known: &dyn Fn(usize) -> Observation,
+) -> BTreeMap<usize, Attitude> {
     const FEWEST: usize = 2;
     let mut sums: BTreeMap<usize, (Matrix3<f64>, usize)> = BTreeMap::new();
     for row in diagnosis.residuals.iter().filter(|row| row.weight > 0.5 && row.sigma_px > 0.0) {
         let Some(ControlPoint { frame, x_px, y_px, star, image, .. }) = points.points.get(row.point) else { continue };
-        let context = Context::new(*star, points.observation(*frame)).with_image(*image);
+        let context = Context::new(*star, known(*frame)).with_image(*image);
         let Some(seen) = model.direction(PixelPoint { x_px: *x_px, y_px: *y_px }, &context) else { continue };
         let apparent = model.apparent(&context);
         let (sum, count) = sums.entry(*frame).or_insert((Matrix3::zeros(), 0));
@@ -182,6 +246,7 @@ fn frame_table(measured: &Measured, index: usize, attitude: &Attitude) -> FrameT
         attitude_samples: Vec::new(),
         temperature_c: entry.temperature_c,
         pressure_hpa: entry.covariates.get("pressure_hpa").copied(),
+        zenith_radec_deg: None,
     }
 }
 

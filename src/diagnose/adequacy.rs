@@ -1,30 +1,23 @@
 //! Is the name enough: what would betray that an effect only resembles what is there.
 
-use super::attribute::{Entry, Stand, columns};
+use super::attribute::{AGREES, Entry, Stand, columns};
 use super::diagnosis::Rival;
 use super::evidence::Evidence;
+use super::natural;
+use super::patterns::{self, IN_THE_FIELD, Named};
 use super::rivals::rivals;
-use super::scan::{Asks, Scan, orthonormal};
-use super::sheet::{Fit, Whitened, dot};
+use super::scan::{Asks, Scan};
+use super::sheet::{Fit, Whitened};
 use super::signs::{LEVEL, SignTest};
 use super::solved::Solved;
-use super::words;
 use crate::calibrate::Column;
 use crate::identify::ControlPoints;
 use crate::statistics::significance::chi_squared_surprise;
 
 /// A veto needs p below this.
 const VETO_P: f64 = 1e-3;
-/// What is left must be this share of what the effect explains, or it is no fault of the name.
-const LEAST_LEFT: f64 = 0.03;
-/// Covariates that patterns of the field go by.
-const IN_THE_FIELD: &[&str] = &["field-map", "colour", "magnitude", "field-radius", "x", "y", "edge-distance"];
-/// An effect is of the kind of a pattern if the pattern spans so much of it.
-const OF_THE_KIND: f64 = 0.5;
 /// An effect is superseded by a pattern if less than this share of its evidence is left beside it.
 const SUPERSEDED: f64 = 0.3;
-/// A size that is known beforehand and found to be another by more standard errors is not that effect alone.
-const DISAGREES: f64 = 5.0;
 /// Blocks of time.
 const TIME_BLOCKS: usize = 4;
 /// An improvement in one frame (or star) above this share,
@@ -32,42 +25,11 @@ const CONCENTRATED: f64 = 0.5;
 /// and above this many times its share of the information.
 const DISPROPORTIONATE: f64 = 2.5;
 
-/// What speaks against the name of entry `k`; empty if nothing does. `scan` holds the covariates' patterns beside the whole model.
-pub(super) fn vetoes(evidence: &Evidence, stand: &Stand, scan: &Scan, entries: &[Entry], k: usize, statistic: f64) -> Vec<String> {
-    let mut found = Vec::new();
-    let white = |columns: &[&Column]| columns.iter().map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
-    let others: Vec<&Column> = entries
-        .iter()
-        .enumerate()
-        .filter(|(index, _)| *index != k)
-        .flat_map(|(_, entry)| columns(evidence, std::slice::from_ref(entry)))
-        .collect();
-    let others = white(&others);
-    let mut without: Option<Fit> = None;
-    for group in &scan.groups {
-        let Asks::Covariate(index) = group.asks else { continue };
-        let name = evidence.covariates[index].name.as_str();
-        let (surprise, left) = (group.surprise(), group.statistic - group.rank as f64);
-        if !IN_THE_FIELD.contains(&name) || (-surprise).exp() >= VETO_P || left <= LEAST_LEFT * statistic {
-            continue;
-        }
-        // It speaks against the name only if the effect itself is a pattern of this kind.
-        let without = without.get_or_insert_with(|| Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>()));
-        let pattern = &evidence.covariates[index].patterns[group.pattern];
-        let basis = orthonormal(&stand.sheet, without, &white(&pattern.iter().collect::<Vec<_>>()));
-        let own: Vec<Whitened> = white(&columns(evidence, &entries[k..=k]).collect::<Vec<_>>());
-        let within = own.iter().map(|column| {
-            let rest = without.project(column);
-            let inside: f64 = basis.column_iter().map(|b| dot(b.as_slice(), &rest).powi(2)).sum();
-            inside / dot(&rest, &rest).max(f64::MIN_POSITIVE)
-        });
-        if within.fold(0.0, f64::max) > OF_THE_KIND {
-            let over = if name == "field-map" { "the field".to_owned() } else { format!("the field by {name}") };
-            found.push(format!("a pattern over {over} remains beside it (p = {:.1e})", (-surprise).exp()));
-        }
-    }
-    found.truncate(1);
-    if let Some(p) = over_time(evidence, stand, entries, k).filter(|p| *p < VETO_P) {
+/// What speaks against a name; empty if nothing does. `scan` holds the covariates' patterns beside the whole model.
+pub(super) fn vetoes(named: &Named, scan: &Scan, statistic: f64) -> Vec<String> {
+    let mut found: Vec<String> = patterns::veto(named, scan, statistic).into_iter().collect();
+    let solved = named.solved;
+    if let Some(p) = over_time(&solved.evidence, &solved.stand, &solved.entries, named.k).filter(|p| *p < VETO_P) {
         found.push(format!("its size is not the same through the recording (p = {p:.1e})"));
     }
     found
@@ -116,18 +78,14 @@ pub(super) fn amplitude_veto(before: &Evidence, stand: &Stand, entries: &[Entry]
         return None; // another epoch is the finding itself
     }
     let variant = &hypothesis.variants[entries[k].variant];
-    if let Some((least, most)) = hypothesis.effect.natural().filter(|_| !hypothesis.in_force && hypothesis.known.is_none())
-        && let Some(found) = solved.parameters(k, variant).first()
-        && (found.value + DISAGREES * found.sigma < least || found.value - DISAGREES * found.sigma > most)
-    {
-        let size = words::with_error(found.value, found.sigma);
-        return Some(format!("its size, {} = {size} {}, is none that nature has ({least} to {most})", found.name, found.unit));
+    if let Some(unnatural) = natural::veto(solved, k, hypothesis, variant) {
+        return Some(unnatural);
     }
     let listed: Vec<Rival> = rivals(before, stand, entries, k).into_iter().map(|own| own.rival).collect();
     let [ratio, error] = solved.ratio_beside_rivals(k, variant, &listed)?;
     // That what the model has is not there at all is a finding too.
-    let is_absent = hypothesis.in_force && ratio.abs() <= DISAGREES * error;
-    ((ratio - 1.0).abs() > DISAGREES * error && !is_absent)
+    let is_absent = hypothesis.in_force && ratio.abs() <= AGREES * error;
+    ((ratio - 1.0).abs() > AGREES * error && !is_absent)
         .then(|| format!("its size is {ratio:.3} ± {error:.3} of what is known of it: not {id} alone, or more than this effect"))
 }
 

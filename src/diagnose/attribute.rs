@@ -27,8 +27,8 @@ pub(super) const UNOBSERVABLE: f64 = 0.02;
 const WEAK: f64 = 0.1;
 /// not this many times larger than is usual.
 const IMPLAUSIBLE: f64 = 10.0;
-/// A known size is believed if the size found agrees within so many standard errors.
-const AGREES: f64 = 3.0;
+/// A known size is believed if the size found agrees within so many standard errors; if it does not, it is not that effect alone.
+pub(super) const AGREES: f64 = 3.0;
 /// Range over which a size would be looked for if nobody knew it, in units of the known size.
 const PRIOR_RANGE: f64 = 4.0;
 
@@ -244,11 +244,12 @@ pub(super) fn fall(stand: &Stand, from: &Fit, to: &Fit) -> f64 {
     (cost(from) - cost(to)) * stand.fit.d / stand.fit.c
 }
 
-/// What it is worth that a size is as known beforehand, on the scale of BIC.
+/// What it is worth that a size is as known beforehand, on the scale of BIC. Of an effect that the model contains at that size it is worth
+/// nothing: that it is there is no finding, and no explanation of what is missing.
 pub(super) fn agreement(evidence: &Evidence, stand: &Stand, entry: Entry) -> f64 {
     let hypothesis = &evidence.hypotheses[entry.hypothesis];
     let variant = &hypothesis.variants[entry.variant];
-    let (Some(known), [column]) = (hypothesis.known, variant.columns.as_slice()) else { return 0.0 };
+    let (Some(known), [column], false) = (hypothesis.known, variant.columns.as_slice(), hypothesis.in_force) else { return 0.0 };
     let column = evidence.white(&stand.noise, column);
     let Some([change, sigma]) = amplitude(stand, &column) else { return 0.0 };
     let value = variant.start[hypothesis.fitted[0]] + change;

@@ -429,6 +429,15 @@ pub struct ProfileBin {
     pub stars: usize,
 }
 
+/// A zenith that was found.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FoundZenith {
+    /// The frame.
+    pub frame: usize,
+    /// Right ascension and declination, ICRS axes.
+    pub radec_deg: [f64; 2],
+}
+
 /// A covariate's picture: displacements in bins, and the model through them. The slope of the one on the other, weighted by their errors, has
 /// the standard error of the parameter over its value.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -496,6 +505,9 @@ pub struct Diagnosis {
     /// Why star images took no part.
     #[serde(default)]
     pub unused: Vec<Unused>,
+    /// Where the zenith stands in each frame whose place or time is not known, as the refraction that was found has it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub zeniths: Vec<FoundZenith>,
     /// Residuals of every star image.
     pub residuals: Vec<ResidualRow>,
     /// Pictures' data: one for each finding.

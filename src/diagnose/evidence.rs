@@ -10,6 +10,7 @@ use super::hypotheses::{Hypothesis, hypotheses};
 use super::noise::{NoiseModel, whitened};
 use super::rendered::Rendered;
 use super::sheet::{Sheet, Whitened};
+use super::untimed;
 use super::{DiagnoseOptions, Telemetry};
 use crate::calibrate::{Column, Joint, JointImage};
 use crate::effects::{Context, Observation};
@@ -120,6 +121,7 @@ impl Evidence {
             // One attitude for all frames: it is shared as the camera is.
             camera.extend((0..3).map(column));
         }
+        own.extend(untimed::own_column(joint));
         own.shrink_to_fit();
         Self {
             place,

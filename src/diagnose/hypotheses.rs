@@ -9,6 +9,7 @@ use nalgebra::Vector3;
 use super::DiagnoseOptions;
 use super::evidence::Evidence;
 use super::rendered::{Rendered, Shifts};
+use super::untimed::turned;
 use crate::calibrate::{Column, Joint};
 use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Searched, Segment, StarState};
 use crate::identify::ControlPoints;
@@ -27,6 +28,8 @@ pub(super) struct Variant {
     pub(super) start: Vec<f64>,
     /// The zenith that it supposes: a direction in axes fixed to the Earth where the times are known, ICRS else.
     pub(super) zenith: Option<[f64; 3]>,
+    /// By how much the zenith of each frame is turned about the pole from there, rad; none where it is the same for all.
+    pub(super) turns_rad: Vec<f64>,
     /// Columns of the fitted parameters, px per unit.
     pub(super) columns: Vec<Column>,
     /// Standard error of what was searched over, where the search was made finer.
@@ -122,7 +125,7 @@ fn hypothesis(
     };
     if matches!(effect.id(), "refraction") && evidence.frames.iter().any(|(_, observation)| observation.zenith.is_none()) {
         found.known = None;
-        found.fitted = vec![0, 1, 2];
+        found.fitted = effect.fitted(&with_zenith(&first, [0.0, 0.0, 1.0]));
         match unknown_zeniths(evidence, points) {
             Ok(zeniths) => {
                 found.variants = zeniths.into_iter().filter_map(|zenith| free_zenith(joint, effect, &found.fitted, zenith)).collect();
@@ -199,7 +202,7 @@ fn with(start: &[f64], parameter: usize, value: f64) -> Vec<f64> {
 
 fn variant(joint: &Joint, hypothesis: &Hypothesis, start: Vec<f64>) -> Option<Variant> {
     let columns = joint.columns_of(hypothesis.id(), &start, &hypothesis.fitted)?;
-    Some(Variant { start, zenith: None, columns, searched_sigma: None, rendered: false })
+    Some(Variant { start, zenith: None, turns_rad: Vec::new(), columns, searched_sigma: None, rendered: false })
 }
 
 /// Zeniths under which every star image is above the horizon, evenly spread; in axes fixed to the Earth where all times are known.
@@ -236,8 +239,15 @@ fn unknown_zeniths(evidence: &Evidence, points: &ControlPoints) -> Result<Vec<[f
     Ok(possible.into_iter().step_by(every).collect())
 }
 
+/// A solution with a zenith supposed, and each frame's turned about the pole from there.
+pub(super) fn supposed(joint: &Joint, zenith: [f64; 3], turns_rad: &[f64]) -> Joint {
+    joint.with_frames(|place, observation| {
+        with_zenith(observation, turns_rad.get(place).map_or(zenith, |turn_rad| turned(zenith, *turn_rad)))
+    })
+}
+
 /// What is known of a frame with the zenith supposed.
-pub(super) fn with_zenith(observation: &Observation, zenith: [f64; 3]) -> Observation {
+fn with_zenith(observation: &Observation, zenith: [f64; 3]) -> Observation {
     let icrs = match observation.earth_from_icrs {
         Some(rows) => std::array::from_fn(|k| (0..3).map(|row| rows[row][k] * zenith[row]).sum()),
         None => zenith,
@@ -246,9 +256,9 @@ pub(super) fn with_zenith(observation: &Observation, zenith: [f64; 3]) -> Observ
 }
 
 fn free_zenith(joint: &Joint, effect: &'static dyn AnyDisplacement, fitted: &[usize], zenith: [f64; 3]) -> Option<Variant> {
-    let supposed = joint.with_observations(|observation| with_zenith(observation, zenith));
+    let supposed = supposed(joint, zenith, &[]);
     let start = vec![0.0; effect.parameters().len()];
     // Where there is no refraction yet the zenith's own parameters have no columns: the search stands in their place.
     let columns = supposed.columns_of(effect.id(), &start, &fitted[..1])?;
-    Some(Variant { start, zenith: Some(zenith), columns, searched_sigma: None, rendered: false })
+    Some(Variant { start, zenith: Some(zenith), turns_rad: Vec::new(), columns, searched_sigma: None, rendered: false })
 }

@@ -10,8 +10,8 @@ use crate::calibrate::{Column, Joint};
 use crate::effects::Observation;
 use crate::statistics::significance::normal_cdf;
 
-/// Rivals that are no rivals are listed from this cosine on.
-const LISTED_FROM: f64 = 0.5;
+/// Effects of a smaller cosine do not leave the same trace, however much each of them explains: neither members of a set nor listed.
+const ALIKE_FROM: f64 = 0.5;
 /// So many are tried on held-out frames.
 const HELD_OUT: usize = 3;
 
@@ -57,8 +57,8 @@ pub(super) fn rivals(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: u
         }
         let cos = cosine(&without.fit, &mine, &own);
         let delta_bic = best - value;
-        let in_set = delta_bic < AS_GOOD;
-        if in_set || cos > LISTED_FROM {
+        if cos >= ALIKE_FROM {
+            let in_set = delta_bic < AS_GOOD;
             let p_correct = normal_cdf(snr * ((1.0 - cos) / 2.0).max(0.0).sqrt());
             let rival = Rival { id: hypothesis.id().to_owned(), cos, delta_bic, p_correct, held_out_delta_chi2: None };
             found.push(Listed { rival, in_set, entry });

@@ -14,9 +14,11 @@ use super::evidence::Evidence;
 use super::findings;
 use super::halves::half_nights;
 use super::located::located;
+use super::nature::too_weak_to_show;
 use super::noise::NoiseModel;
 use super::omnibus::{Omnibus, omnibus};
 use super::ordinary::detectable;
+use super::patterns::Named;
 use super::permute::{Deals, deal};
 use super::proposals::{left_out, proposed};
 use super::quality::{noise_state, quality, residual_rows, stars_used, unused};
@@ -26,9 +28,11 @@ use super::resimulate::{DIFFERS, Resimulated, resimulate};
 use super::resolved::{bound, least_p, told};
 use super::scan::Scan;
 use super::signs::{SignTest, sign_test};
-use super::solved::Solved;
+use super::solved::{Solved, solve_again};
+use super::untimed::follow;
 use super::{DiagnoseError, DiagnoseOptions, Step, Telemetry, left, words};
 use crate::calibrate::{CalibrateOptions, Joint};
+use crate::camera::{Model, Term};
 use crate::identify::ControlPoints;
 use crate::statistics::significance::chi_squared_surprise;
 
@@ -49,6 +53,12 @@ pub(super) fn diagnose(
     let night = Night::new(points, telemetry, options)?;
     tell(Step::Omnibus);
     let alarm = night.alarm();
+    let beside = if alarm.sounds(options) { too_weak_to_show(&night.evidence, &night.base, alarm.threshold) } else { Vec::new() };
+    let holding = DiagnoseOptions {
+        physics: options.physics.iter().cloned().chain(beside.iter().map(|term| term.effect.clone())).collect(),
+        ..options.clone()
+    };
+    let night = night.holding(&beside, &holding)?;
     tell(Step::Attribution);
     let proposals = if alarm.sounds(options) { night.proposals(&alarm) } else { Vec::new() };
     tell(Step::Proof);
@@ -70,6 +80,10 @@ struct Night<'a> {
     points: &'a ControlPoints,
     telemetry: &'a Telemetry,
     options: &'a DiagnoseOptions,
+    /// The effects that the model was asked to contain.
+    asked: Vec<String>,
+    /// What stands in the model beside, at its known size.
+    beside: Vec<Term>,
     joint: Joint,
     evidence: Evidence,
     /// All images.
@@ -116,7 +130,22 @@ impl<'a> Night<'a> {
         if base.fit.degrees < FEWEST_DEGREES {
             return Err(DiagnoseError::TooFew { images: evidence.images.len(), frames: evidence.frames.len() });
         }
-        Ok(Self { points, telemetry, options, joint, evidence, all, begin, base })
+        let (asked, beside) = (options.physics.clone(), Vec::new());
+        Ok(Self { points, telemetry, options, asked, beside, joint, evidence, all, begin, base })
+    }
+
+    /// The same with effects in the model at their known sizes; `options` name them.
+    fn holding<'b>(self, beside: &[Term], options: &'b DiagnoseOptions) -> Result<Night<'b>, DiagnoseError>
+    where
+        'a: 'b,
+    {
+        if beside.is_empty() {
+            return Ok(self);
+        }
+        let joint = solve_again(&self.joint, options, &self.evidence, &self.base, beside, &[])?;
+        let evidence = Evidence::at(&joint, self.points, self.telemetry, options, self.evidence.rendered.clone());
+        let base = Stand::new(&evidence, &self.all, &[], &self.begin);
+        Ok(Night { options, beside: beside.to_vec(), joint, evidence, base, ..self })
     }
 
     /// Asks all questions of all images, and chance too.
@@ -138,6 +167,13 @@ impl<'a> Night<'a> {
     fn warnings(&self) -> Vec<String> {
         let mut warnings = self.joint.notes().to_vec();
         warnings.extend(rendered::left_out(&self.evidence, self.options.looks.as_ref()));
+        if !self.beside.is_empty() {
+            let ids: Vec<&str> = self.beside.iter().map(|term| term.effect.as_str()).collect();
+            warnings.push(format!(
+                "the model holds {} at the size that place and time tell, beside other effects of nature that were left out: by itself it is too weak to show here",
+                ids.join(", ")
+            ));
+        }
         warnings
     }
 }
@@ -196,17 +232,18 @@ impl<'a> Case<'a> {
             refine(&mut self.refined, &night.joint, &mut self.confirmed.entries, &night.all, &night.begin);
         }
         place(&mut self.refined, &night.joint, &mut self.confirmed.entries, &night.all, &night.begin);
+        follow(&mut self.refined, &night.joint, &mut self.confirmed.entries, &night.all, &night.begin);
         self.solved = if self.confirmed.entries.is_empty() {
             Solved::unchanged(&night.joint, &self.refined, &night.base)
         } else {
-            self.solved_with(&self.confirmed.entries)?
+            self.solved_with(&self.confirmed.entries, None)?
         };
         Ok(())
     }
 
-    fn solved_with(&self, entries: &[Entry]) -> Result<Solved, DiagnoseError> {
+    fn solved_with(&self, entries: &[Entry], nearer: Option<&Model>) -> Result<Solved, DiagnoseError> {
         let night = self.night;
-        Solved::new(&night.joint, night.points, night.telemetry, night.options, &self.refined, entries)
+        Solved::new(&night.joint, night.points, night.telemetry, night.options, &self.refined, entries, nearer)
     }
 
     /// The test of what is left. Where something is, effects that were hidden behind what was not confirmed are proposed too, and held to the
@@ -261,7 +298,8 @@ impl<'a> Case<'a> {
             let statistic = findings::statistic(refined, &with_all, entries, k).0;
             let mut against = Vec::new();
             if let Some((scan, _)) = &self.rest {
-                against.extend(vetoes(&self.solved.evidence, &self.solved.stand, scan, &self.solved.entries, k, statistic));
+                let named = Named { evidence: refined, stand: &with_all, entries, solved: &self.solved, k };
+                against.extend(vetoes(&named, scan, statistic));
             }
             against.extend(concentration(refined, night.points, &with_all, entries, k));
             against.extend(amplitude_veto(refined, &with_all, entries, k, &self.solved));
@@ -318,11 +356,17 @@ impl<'a> Case<'a> {
             omnibus(refined, &everything, &scan, options, (4, options.alpha))
         });
         let rest = own_test.as_ref().or(self.rest.as_ref().map(|(_, test)| test));
-        let anew = if judged.vetoes.is_empty() || kept.is_empty() {
-            judged.anew.as_ref().filter(|_| !kept.is_empty()).map(|anew| anew.p_value)
-        } else {
-            self.anew(&kept, &self.solved_with(&kept)?).map(|anew| anew.p_value)
+        // The camera that is handed on holds what is reported, and nothing that lost its name.
+        let as_reported = match (judged.vetoes.is_empty(), kept.is_empty()) {
+            (true, _) => None,
+            (false, true) => Some(Solved::unchanged(&night.joint, refined, &night.base)),
+            (false, false) => Some(self.solved_with(&kept, Some(self.solved.joint.model()))?),
         };
+        let anew = match &as_reported {
+            None => judged.anew.as_ref().filter(|_| !kept.is_empty()).map(|anew| anew.p_value),
+            Some(solved) => self.anew(&kept, solved).map(|anew| anew.p_value),
+        };
+        let reported = as_reported.as_ref().unwrap_or(&self.solved);
         let left = rest.filter(|rest| rest.p_value < options.alpha);
         let unknown = left.map(|rest| left::unknown(refined, &everything, &withheld, rest, &night.joint));
         let detectable = detectable(refined, &everything, &night.base, &kept, alarm.threshold);
@@ -352,7 +396,7 @@ impl<'a> Case<'a> {
             format: FORMAT.to_owned(),
             scope: channels.scope(),
             verdict,
-            physics: options.physics.clone(),
+            physics: night.asked.clone(),
             effects: context.effects(&self.solved, &found, &kept, &withheld),
             profiles: context.profiles(&self.solved, &standing, &found),
             findings: found,
@@ -371,7 +415,8 @@ impl<'a> Case<'a> {
             effective_hypotheses: alarm.hypotheses,
             summary: Vec::new(),
             warnings,
-            camera: Some(self.solved.joint.model().clone()),
+            camera: Some(reported.joint.model().clone()),
+            zeniths: reported.zeniths(),
             unused: unused(refined, night.points, &everything, options),
             residuals: residual_rows(refined, &night.base, &everything, night.points),
             seconds: 0.0,

@@ -1,17 +1,23 @@
 //! Everything with what was found in force: all frames, solved without linearisation, and sizes with their errors there.
 
+use nalgebra::{DMatrix, DVector};
+
 use super::attribute::{self, Entry, Stand, amplitude, candidates, columns};
-use super::diagnosis::{FoundParameter, Rival};
+use super::diagnosis::{FoundParameter, FoundZenith, Rival};
 use super::evidence::Evidence;
-use super::hypotheses::{Hypothesis, Variant, with_zenith};
+use super::hypotheses::{Hypothesis, Variant, supposed};
 use super::noise::NoiseModel;
 use super::omnibus::{Omnibus, omnibus};
 use super::scan::Scan;
 use super::sheet::{Fit, Whitened, weight};
 use super::{DiagnoseError, DiagnoseOptions, Telemetry};
 use crate::calibrate::{Column, GivenNoise, Joint};
-use crate::camera::Term;
+use crate::camera::{Model, Term};
+use crate::coordinates::{Direction, Icrs};
+use crate::effects::Observation;
+use crate::effects::sky::refraction::zenith_at;
 use crate::identify::ControlPoints;
+use crate::units::DEG_RAD;
 
 /// Effects with a larger cosine stand beside a size that is held against the known one,
 const RESEMBLES: f64 = 0.5;
@@ -40,7 +46,9 @@ impl Solved {
         Self { joint: joint.clone(), evidence: evidence.clone(), entries: Vec::new(), stand: base.clone() }
     }
 
-    /// Solves with the accepted effects from their linear sizes.
+    /// Solves with the accepted effects from their linear sizes; under a zenith that was searched for, from where a solution with more effects
+    /// (`nearer`) has it.
+    #[allow(clippy::too_many_arguments, reason = "all that was found, and where to begin")]
     pub(super) fn new(
         joint: &Joint,
         points: &ControlPoints,
@@ -48,6 +56,7 @@ impl Solved {
         options: &DiagnoseOptions,
         evidence: &Evidence,
         entries: &[Entry],
+        nearer: Option<&Model>,
     ) -> Result<Self, DiagnoseError> {
         const TURNS: usize = 8;
         let all = vec![true; evidence.images.len()];
@@ -69,7 +78,9 @@ impl Solved {
                 *value = value.clamp(spec.range.0, spec.range.1);
             }
             if let Some(zenith) = variant.zenith {
-                now = now.with_observations(|observation| with_zenith(observation, zenith));
+                now = supposed(&now, zenith, &variant.turns_rad);
+                let there = nearer.and_then(|model| model.terms().find(|(id, _)| *id == hypothesis.id()));
+                parameters = there.map_or(parameters, |(_, found)| found.to_vec());
             }
             if let Some(shifts) = hypothesis.shifts.as_ref().filter(|_| variant.rendered) {
                 now = now.with_signatures(shifts);
@@ -96,6 +107,18 @@ impl Solved {
         let entries: Vec<Entry> = entries.iter().map(|entry| Entry { hypothesis: entry.hypothesis, variant: 0 }).collect();
         let stand = Stand::new(&full, &all, &entries, &stand.noise);
         Ok(Self { joint: now, evidence: full, entries, stand })
+    }
+
+    /// The zenith of each frame that refraction was found with, where the recording does not tell it.
+    pub(super) fn zeniths(&self) -> Vec<FoundZenith> {
+        let model = self.joint.model();
+        let Some((_, parameters)) = model.terms().find(|(id, _)| *id == "refraction") else { return Vec::new() };
+        let of = |(frame, observation): (usize, Observation)| {
+            let zenith = Direction::<Icrs>::from_unit(zenith_at(parameters, &observation).filter(|_| observation.zenith_is_guessed)?);
+            let (ra_rad, dec_rad) = zenith.radec_rad();
+            Some(FoundZenith { frame, radec_deg: [ra_rad / DEG_RAD, dec_rad / DEG_RAD] })
+        };
+        self.joint.frames().into_iter().filter_map(of).collect()
     }
 
     /// The questions beside the whole model.
@@ -135,13 +158,33 @@ impl Solved {
         known_ratio(hypothesis, &before.start, &found)
     }
 
+    /// Values of some of an accepted effect's fitted parameters, by their indices, and their covariance.
+    pub(super) fn sizes(&self, k: usize, before: &Variant, wanted: &[usize]) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let hypothesis = &self.evidence.hypotheses[self.entries[k].hypothesis];
+        let first = self.first_column(k);
+        let fitted = &hypothesis.fitted[..hypothesis.variants[0].columns.len()];
+        let places: Vec<usize> = wanted.iter().map(|index| fitted.iter().position(|own| own == index)).collect::<Option<_>>()?;
+        let value = |place: &usize| {
+            let index = fitted[*place];
+            let present = hypothesis.variants[0].start[index] + self.stand.fit.change[first + place];
+            present - difference(hypothesis.id(), &before.start, index)
+        };
+        let covariance = self.stand.fit.covariance();
+        let of = |i: usize, j: usize| covariance[(first + places[i], first + places[j])];
+        Some((DVector::from_iterator(places.len(), places.iter().map(value)), DMatrix::from_fn(places.len(), places.len(), of)))
+    }
+
+    /// Where an accepted effect's columns begin among those of the fit.
+    fn first_column(&self, k: usize) -> usize {
+        let columns = |entry: &Entry| self.evidence.hypotheses[entry.hypothesis].variants[0].columns.len();
+        self.stand.sheet.camera.len() + self.entries[..k].iter().map(columns).sum::<usize>()
+    }
+
     /// Values and standard errors of an accepted effect's fitted parameters.
     pub(super) fn parameters(&self, k: usize, before: &Variant) -> Vec<FoundParameter> {
         let (start, searched_sigma) = (&before.start, before.searched_sigma);
         let hypothesis = &self.evidence.hypotheses[self.entries[k].hypothesis];
-        let shared: usize =
-            self.entries[..k].iter().map(|entry| self.evidence.hypotheses[entry.hypothesis].variants[0].columns.len()).sum();
-        let first = self.stand.sheet.camera.len() + shared;
+        let first = self.first_column(k);
         let covariance = self.stand.fit.covariance();
         let present = &hypothesis.variants[0].start;
         let mut all: Vec<FoundParameter> = Vec::new();
@@ -182,7 +225,7 @@ impl Solved {
 }
 
 /// The joint solution with the findings in force, errors and weights as the diagnosis has them.
-fn solve_again(
+pub(super) fn solve_again(
     joint: &Joint,
     options: &DiagnoseOptions,
     evidence: &Evidence,

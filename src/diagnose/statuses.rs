@@ -1,6 +1,6 @@
 //! The status of every effect of the registry: found, not found with a limit, hidden, or not to be judged here.
 
-use super::attribute::{self, Entry, Stand, UNOBSERVABLE, amplitude, columns};
+use super::attribute::{self, AGREES, Entry, Stand, UNOBSERVABLE, amplitude, columns};
 use super::confirm::Withheld;
 use super::diagnosis::{EffectState, EffectStatus, Finding, FoundParameter, Limit};
 use super::findings::Context;
@@ -18,12 +18,28 @@ const SIGNIFICANT: f64 = 1e-4;
 /// What another effect explains too has at least this cosine with it.
 const ALIKE: f64 = 0.5;
 
+/// A size in the model is not that of the recording below this probability: that of [`AGREES`] standard errors.
+const DIFFERS: f64 = 2.7e-3;
+
 /// Whether any parameter of an effect would be seen if it were of usual size.
 fn usual_shows(hypothesis: &Hypothesis, stand: &Stand, white: &[Whitened]) -> bool {
     hypothesis.fitted.iter().zip(white).any(|(index, column)| {
         let sigma = amplitude(stand, column).map_or(f64::INFINITY, |[_, sigma]| sigma);
         SEEN * sigma < hypothesis.effect.parameters()[*index].typical.abs()
     })
+}
+
+/// What the recording says of an effect that the model contains with `size`: the change that it asks for with its error, and the probability
+/// of so much by chance.
+fn in_force(size: f64, [change, sigma]: [f64; 2], p_value: Option<f64>) -> String {
+    if p_value.is_some_and(|p| p < DIFFERS) || change.abs() > AGREES * sigma {
+        let p = p_value.map_or_else(String::new, |p| format!(" (p = {p:.1e})"));
+        format!("in the model; its size there is not that of the recording{p}, and no name stands for the difference")
+    } else if AGREES * sigma < size.abs() {
+        "in the model; its size there is confirmed within the errors".to_owned()
+    } else {
+        "in the model; the recording is too weak to measure its size".to_owned()
+    }
 }
 
 /// Significant, and yet no name: no limit can be given of what is there.
@@ -127,6 +143,9 @@ impl Context<'_> {
                 if sigma.is_nan() || sigma > spec.range.1 - spec.range.0 {
                     status.upper_limit_95 = None;
                 }
+                if hypothesis.in_force {
+                    status.reason = in_force(start[first], [change, sigma], status.p_value);
+                }
             }
             if sets.contains(&&id) {
                 status.status = EffectState::Indistinguishable;
@@ -143,11 +162,24 @@ impl Context<'_> {
                 withhold(&mut status, own.against.join("; "), own.held_out_delta_chi2);
             } else if status.p_value.is_some_and(|p| p < SIGNIFICANT) {
                 withhold(&mut status, self.not_proposed(&stand, entry, withheld), None);
-            } else if hypothesis.in_force {
-                "in the model; its size there is confirmed within the errors".clone_into(&mut status.reason);
             }
             status
         };
         self.evidence.hypotheses.iter().enumerate().map(of).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A size in the model is called confirmed only where it is measured and agrees.
+    #[test]
+    fn a_size_in_the_model_is_confirmed_or_not() {
+        let confirmed = |text: &str| text.contains("confirmed");
+        assert!(confirmed(&in_force(1.0, [0.1, 0.2], Some(0.6))));
+        assert!(!confirmed(&in_force(1.0, [0.8, 0.2], Some(2e-5))));
+        assert!(!confirmed(&in_force(1.0, [0.1, 0.2], Some(2e-5))), "another of its parameters may differ");
+        assert!(in_force(1.0, [0.1, 2.0], Some(0.9)).contains("too weak"));
     }
 }

@@ -39,6 +39,17 @@ pub struct Searched {
     pub then_fitted: bool,
 }
 
+/// The sizes that nature has for an effect.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Natural {
+    /// What is so long, in words.
+    pub what: &'static str,
+    /// Indices of the parameters: one for a number, several for the components of a vector.
+    pub parameters: &'static [usize],
+    /// The range of the number, or of the vector's length, in the unit of its components; the least length of a vector is 0.
+    pub range: (f64, f64),
+}
+
 /// Where along the way of the light a displacement acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Segment {
@@ -300,9 +311,9 @@ pub trait Displacement: Sync {
     /// Parameters of the effect at its known size, where the recording's own metadata tells it; `None` where they must be fitted.
     fn known(observation: &Observation) -> Option<Vec<f64>>;
 
-    /// Sizes that nature has for the first parameter where it is not known: one found outside is not this effect.
+    /// Sizes that nature has where the size is not known: one found outside is not this effect.
     #[must_use]
-    fn natural() -> Option<(f64, f64)> {
+    fn natural() -> Option<Natural> {
         None
     }
 
@@ -362,7 +373,7 @@ pub trait AnyDisplacement: Sync {
     /// See [`Displacement::known`].
     fn known(&self, observation: &Observation) -> Option<Vec<f64>>;
     /// See [`Displacement::natural`].
-    fn natural(&self) -> Option<(f64, f64)>;
+    fn natural(&self) -> Option<Natural>;
     /// See [`Displacement::fitted`].
     fn fitted(&self, observation: &Observation) -> Vec<usize>;
     /// See [`Displacement::searched`].
@@ -415,7 +426,7 @@ impl<D: Displacement> AnyDisplacement for D {
     fn known(&self, observation: &Observation) -> Option<Vec<f64>> {
         D::known(observation)
     }
-    fn natural(&self) -> Option<(f64, f64)> {
+    fn natural(&self) -> Option<Natural> {
         D::natural()
     }
     fn fitted(&self, observation: &Observation) -> Vec<usize> {

@@ -22,7 +22,7 @@ mod star_image;
 
 pub use centroid::CentroidShift;
 pub use displacement::{
-    AnyDisplacement, Context, DISPLACEMENTS, Displacement, Light, Observation, ParameterSpec, ReferenceValue, RefractionConstants,
+    AnyDisplacement, Context, DISPLACEMENTS, Displacement, Light, Natural, Observation, ParameterSpec, ReferenceValue, RefractionConstants,
     Searched, Segment, Sensor, StarState, displacement, invert, page_of,
 };
 pub use rendering::Rendering;

@@ -136,7 +136,7 @@ pub(super) fn check(path: &str, file: &SceneFile) -> Result<(), SceneError> {
     if let Some(series) = &file.series {
         check_series(&refusal, series, is_fixed)?;
     }
-    file.frames.iter().enumerate().try_for_each(|(index, frame)| check_frame(&refusal, index, frame, is_fixed))
+    file.frames.iter().enumerate().try_for_each(|(index, frame)| check_frame(&refusal, index, frame, [is_fixed, file.site.is_some()]))
 }
 
 /// The two cameras.
@@ -178,7 +178,7 @@ fn check_series(refusal: &Refusal<'_>, series: &SeriesTable, is_fixed: bool) -> 
     Ok(())
 }
 
-fn check_frame(refusal: &Refusal<'_>, index: usize, frame: &FrameTable, is_fixed: bool) -> Result<(), SceneError> {
+fn check_frame(refusal: &Refusal<'_>, index: usize, frame: &FrameTable, [is_fixed, has_site]: [bool; 2]) -> Result<(), SceneError> {
     let key = |name: &str| format!("frames[{index}].{name}");
     let numbers = [
         ("exposure_s", Some(frame.exposure_s), EXPOSURE),
@@ -208,6 +208,16 @@ fn check_frame(refusal: &Refusal<'_>, index: usize, frame: &FrameTable, is_fixed
     if !ra.is_finite() || !(-90.0..=90.0).contains(&dec) {
         let remedy = "must be right ascension and declination in degrees, the latter between -90 and 90";
         return refusal.refuse(&key("boresight_radec_deg"), format!("[{ra}, {dec}]"), remedy);
+    }
+    if let Some([ra, dec]) = frame.zenith_radec_deg {
+        if !ra.is_finite() || !(-90.0..=90.0).contains(&dec) {
+            let remedy = "must be right ascension and declination in degrees, the latter between -90 and 90";
+            return refusal.refuse(&key("zenith_radec_deg"), format!("[{ra}, {dec}]"), remedy);
+        }
+        if has_site && frame.time_utc.is_some() {
+            let remedy = "stands beside [site] and the time of the frame, which tell the zenith: keep one of the two";
+            return refusal.refuse(&key("zenith_radec_deg"), format!("[{ra}, {dec}]"), remedy);
+        }
     }
     if let Some(velocity) = frame.velocity_km_s.filter(|velocity| !velocity.iter().all(|v| v.abs() < 3e5)) {
         let remedy = "must be three numbers in km/s, each below the speed of light";

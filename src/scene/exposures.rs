@@ -149,7 +149,10 @@ fn listed(file: &SceneFile, making: &Making) -> Result<Arc<[Arc<Exposure>]>, Sce
     let frames = plans.iter().enumerate().map(|(number, plan)| Making::entry(number, plan)).collect();
     let recording = Recording { frames, ..making.recording.clone() };
     let observations = recording.observations().map_err(|(_, source)| SceneError::Time { path: path.clone(), source })?;
-    let exposure = |(number, (plan, observation)): (usize, (Plan, &Observation))| making.exposure(number, plan, observation).map(Arc::new);
+    let exposure = |(number, (plan, known)): (usize, (Plan, &Observation))| {
+        let observation = file.frames.get(number).map_or(*known, |frame| frame.under_its_zenith(known));
+        making.exposure(number, plan, &observation).map(Arc::new)
+    };
     plans.into_iter().zip(&observations).enumerate().map(exposure).collect()
 }
 

@@ -7,7 +7,10 @@ use super::{
     BinningTable, CosmicRayTable, DetectorTable, EffectTable, GhostTable, JitterTable, OrbitTable, PsfTable, SceneError, StreakTable,
 };
 use crate::camera::{Camera, Model};
+use crate::coordinates::{Direction, Icrs};
+use crate::effects::Observation;
 use crate::recording::{FirstRow, Mount};
+use crate::units::DEG_RAD;
 
 /// The scene that `boresight demo` renders.
 pub const DEMO_TOML: &str = include_str!("demo.toml");
@@ -233,6 +236,18 @@ pub struct FrameTable {
     pub temperature_c: Option<f64>,
     /// Air pressure at the camera.
     pub pressure_hpa: Option<f64>,
+    /// Where the zenith stands, ICRS axes: what refraction goes by where no place or no time is given. A recording does not tell it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub zenith_radec_deg: Option<[f64; 2]>,
+}
+
+impl FrameTable {
+    /// What is known of the exposure, with the zenith that is written for it.
+    pub(super) fn under_its_zenith(&self, known: &Observation) -> Observation {
+        let Some([ra_deg, dec_deg]) = self.zenith_radec_deg else { return *known };
+        let zenith = Direction::<Icrs>::from_radec_rad(ra_deg * DEG_RAD, dec_deg * DEG_RAD).xyz;
+        Observation { zenith: Some(zenith), zenith_is_guessed: true, ..*known }
+    }
 }
 
 impl TrueCameraTable {

@@ -24,6 +24,7 @@ mod layering;
 mod manners;
 mod moments;
 mod motion;
+mod nature;
 mod noise;
 mod orbit;
 mod pairs;

@@ -113,6 +113,9 @@ const LARGEST_RMS_PX: f64 = 3.0;
 const ABSORBED_RMS_PX: f64 = 0.1;
 const ABSORBED_SNR: f64 = 0.5;
 
+/// No camera at the Earth moves faster: 30.3 km/s of the Earth and 7.8 km/s of a low orbit. Where that is too slow to show so well, less shows.
+const FASTEST_KM_S: f64 = 40.0;
+
 /// Relative standard error of a measured flux.
 const FLUX_ERROR: f64 = 0.02;
 
@@ -229,10 +232,23 @@ fn sized(rng: &mut impl Rng, plan: &Plan, world: &World) -> (Vec<Hidden>, bool) 
         let first = probe.scaled(snr / signal.snr);
         let found = fisher.signal(&first);
         shown &= found.survival >= LEAST_SURVIVAL && found.raw_rms_px <= LARGEST_RMS_PX;
-        first.scaled(snr / found.snr)
+        let whole = first.scaled(snr / found.snr);
+        match speed_km_s(&whole).filter(|speed| *speed > FASTEST_KM_S) {
+            Some(speed) => {
+                shown = false;
+                whole.scaled(FASTEST_KM_S / speed)
+            }
+            None => whole,
+        }
     });
     let hidden: Vec<Hidden> = hidden.collect();
     (hidden, shown)
+}
+
+/// The speed of a velocity that nobody tells.
+fn speed_km_s(hidden: &Hidden) -> Option<f64> {
+    let square: f64 = hidden.numbers.iter().map(|component| component * component).sum();
+    (hidden.kind == Kind::AberrationOfUnknownVelocity).then(|| hidden.size.abs() * square.sqrt())
 }
 
 /// The recording that the world leaves behind.

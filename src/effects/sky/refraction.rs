@@ -10,7 +10,8 @@
 //! temperature and humidity (SOFA's `refco` at 0.55 µm).
 //! `zenith_east_rad`, `zenith_north_rad`: the zenith's offset from where the recording puts it, in the plane that touches the sphere there:
 //! zenith ∝ ẑ + east·ê + north·n̂. Where the Earth's orientation is known, east and north are those of the turning Earth, so that one
-//! pair holds for a night; elsewhere they are those of the ICRS. They are fitted only where the zenith was no more than guessed.
+//! pair holds for a night; elsewhere they are those of the ICRS. They are fitted only where the zenith was no more than guessed; without times
+//! the one to the east is each frame's own, since the Earth turns between the frames.
 //!
 //! **What it leaves when left out.** A displacement towards the zenith that grows downwards. Within a frame the attitude absorbs the
 //! mean; left are a vertical compression (1 + R₄₅·tan² z, 2.8e-4·sec² z in scale) and higher terms.
@@ -24,7 +25,9 @@
 
 use super::proper_motion::east_north;
 use crate::dual::{Real, add, constant, dot, normalize, scale};
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, RefractionConstants, Segment, StarState};
+use crate::effects::{
+    Context, Displacement, Light, Natural, Observation, ParameterSpec, ReferenceValue, RefractionConstants, Segment, StarState,
+};
 use crate::units::ARCSEC_RAD;
 
 /// Sine of the lowest altitude at which the law is evaluated (3°), as in SOFA.
@@ -47,6 +50,14 @@ fn east_north_at(zenith: [f64; 3], earth_from_icrs: Option<[[f64; 3]; 3]>) -> ([
     let (east, north) = east_north(rows.map(|row| dot(row, zenith)));
     let to_icrs = |v: [f64; 3]| [0, 1, 2].map(|column| rows[0][column] * v[0] + rows[1][column] * v[1] + rows[2][column] * v[2]);
     (to_icrs(east), to_icrs(north))
+}
+
+/// The zenith that a refraction with these parameters has in an exposure, ICRS axes: the one supposed and its offset.
+#[must_use]
+pub fn zenith_at(parameters: &[f64], observation: &Observation) -> Option<[f64; 3]> {
+    let (zenith, [_, east_rad, north_rad]) = (observation.zenith?, *parameters.first_chunk::<3>()?);
+    let (east, north) = east_north_at(zenith, observation.earth_from_icrs);
+    Some(normalize([0, 1, 2].map(|axis| zenith[axis] + east_rad * east[axis] + north_rad * north[axis])))
 }
 
 impl Displacement for Refraction {
@@ -96,12 +107,17 @@ impl Displacement for Refraction {
     }
 
     fn fitted(observation: &Observation) -> Vec<usize> {
-        if observation.zenith_is_guessed { vec![0, 1, 2] } else { vec![0] }
+        match (observation.zenith_is_guessed, observation.earth_from_icrs) {
+            (false, _) => vec![0],
+            (true, Some(_)) => vec![0, 1, 2],
+            // Without times the zenith of each frame stands at an hour angle of its own.
+            (true, None) => vec![0, 2],
+        }
     }
 
-    fn natural() -> Option<(f64, f64)> {
+    fn natural() -> Option<Natural> {
         // From 5000 m of altitude in summer to the sea in a polar winter.
-        Some((27.0, 78.0))
+        Some(Natural { what: "refraction_at_45deg_arcsec", parameters: &[0], range: (27.0, 78.0) })
     }
 
     fn reference_values() -> Vec<ReferenceValue> {

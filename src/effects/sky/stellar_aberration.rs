@@ -15,12 +15,16 @@
 //! **Confused with.** The amplitude with the component of w along v. A focal length that changes from frame to frame, as long as pointings
 //! lie close together.
 //!
+//! **Sizes.** Where no velocity is known the camera is at the Earth: 30.29 km/s of the Earth at its perihelion (NASA Earth Fact Sheet; the
+//! Sun's own about the barycentre is 0.02 km/s), 7.8 km/s of a low orbit, and as the margin 11.2 km/s in its place, beyond which nothing stays
+//! at the Earth. A velocity above 42 km/s is no aberration.
+//!
 //! **Neglected.** The potential of the Sun (0.4 µas).
 //!
 //! **Source.** Explanatory Supplement to the Astronomical Almanac, 3rd ed. (2013), equation 7.40; SOFA routine `ab`.
 
 use crate::dual::{Real, add, constant, dot, normalize, scale};
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Light, Natural, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
 use crate::units::SPEED_OF_LIGHT_KM_S;
 
 /// Stellar aberration.
@@ -61,6 +65,11 @@ impl Displacement for StellarAberration {
 
     fn fitted(observation: &Observation) -> Vec<usize> {
         if observation.velocity_km_s.is_some() { vec![0] } else { vec![1, 2, 3] }
+    }
+
+    fn natural() -> Option<Natural> {
+        // The Earth's speed at its perihelion and the speed of escape from its surface.
+        Some(Natural { what: "the velocity", parameters: &[1, 2, 3], range: (0.0, 42.0) })
     }
 
     fn reference_values() -> Vec<ReferenceValue> {

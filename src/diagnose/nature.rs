@@ -1,0 +1,83 @@
+//! What nature adds to every recording whose place and time are known: refraction, aberration, parallax, the bending of light by the Sun, each at
+//! a size that nobody chooses. They come together. One that hardly shows in these frames still moves their stars, and if it is left out another
+//! that resembles it takes its part: in a few frames at one altitude refraction makes aberration twice as large as it is.
+//!
+//! So they are tried together first, at their known sizes, with no parameter free. Those that the frames refute go. If together they explain what
+//! is missing, those that show by themselves are looked for as effects like all others, at a size that is free, and held against the known
+//! one; those too weak to show stay in the model at their known size meanwhile.
+
+use super::attribute::{AGREES, AS_GOOD, Stand, amplitude, fall};
+use super::evidence::Evidence;
+use super::hypotheses::Hypothesis;
+use super::sheet::{Fit, Sheet, Whitened};
+use crate::camera::Term;
+use crate::effects::Segment;
+use crate::statistics::significance::chi_squared_surprise;
+
+/// What air, site and clock leave open of sizes that are known, as a share.
+const OPEN: f64 = 0.05;
+
+/// An effect of nature that the model lacks.
+struct Missing<'a> {
+    hypothesis: &'a Hypothesis,
+    /// What its known size changes the residuals by.
+    change: Whitened,
+    parameters: Vec<f64>,
+}
+
+/// Effects that are to be in the model at their known sizes, because others of their kind are there and they are too weak to show. `threshold`
+/// is the surprise that a finding needs.
+pub(super) fn too_weak_to_show(evidence: &Evidence, stand: &Stand, threshold: f64) -> Vec<Term> {
+    let mut together: Vec<Missing> = evidence.hypotheses.iter().filter_map(|hypothesis| missing(evidence, stand, hypothesis)).collect();
+    let worth = |together: &[Missing]| -> Vec<f64> {
+        let all = gain(stand, together.iter());
+        let without = |k: usize| together.iter().enumerate().filter(move |(other, _)| *other != k).map(|(_, own)| own);
+        (0..together.len()).map(|k| all - gain(stand, without(k))).collect()
+    };
+    let mut worths = worth(&together);
+    while let Some((least, value)) = worths.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, value)| **value < -AS_GOOD) {
+        tracing::debug!("{} at its known size is refuted: {value:.1}", together[least].hypothesis.id());
+        together.remove(least);
+        worths = worth(&together);
+    }
+    // Beside the others of its kind it would be found by itself. A size that is known has a sign that is known.
+    let shows = |worth: f64| chi_squared_surprise(1.0, worth.max(0.0)) + std::f64::consts::LN_2 > threshold;
+    if together.len() < 2 || worths.iter().all(|value| !shows(*value)) || !explains(stand, &together, threshold) {
+        return Vec::new();
+    }
+    let weak = together.into_iter().zip(worths).filter(|(_, value)| !shows(*value));
+    weak.map(|(own, _)| Term { effect: own.hypothesis.id().to_owned(), parameters: own.parameters }).collect()
+}
+
+fn missing<'a>(evidence: &Evidence, stand: &Stand, hypothesis: &'a Hypothesis) -> Option<Missing<'a>> {
+    let ([variant], [index]) = (hypothesis.variants.as_slice(), hypothesis.fitted.as_slice()) else { return None };
+    if hypothesis.in_force || hypothesis.effect.segment() != Segment::Sky {
+        return None;
+    }
+    let (known, [column]) = (hypothesis.known?, variant.columns.as_slice()) else { return None };
+    let by = known - variant.start[*index];
+    let change = evidence.white(&stand.noise, column).into_iter().map(|value| by * value).collect();
+    let mut parameters = variant.start.clone();
+    parameters[*index] = known;
+    Some(Missing { hypothesis, change, parameters })
+}
+
+fn sum<'a>(stand: &Stand, some: impl Iterator<Item = &'a Missing<'a>>) -> Whitened {
+    some.fold(vec![0.0; stand.sheet.residual.len()], |sum, own| sum.iter().zip(&own.change).map(|(a, b)| a + b).collect())
+}
+
+/// Fall of −2·ln of the likelihood with some of them at their known sizes.
+fn gain<'a>(stand: &Stand, some: impl Iterator<Item = &'a Missing<'a>>) -> f64 {
+    let residual = stand.sheet.residual.iter().zip(sum(stand, some)).map(|(a, b)| a + b).collect();
+    let sheet = Sheet { residual, ..stand.sheet.clone() };
+    let more: Vec<&Whitened> = stand.more.iter().collect();
+    fall(stand, &stand.fit, &Fit::new(&sheet, &stand.take, &more))
+}
+
+/// Whether together they explain what is missing, and as much of it as their known sizes do.
+fn explains(stand: &Stand, together: &[Missing], threshold: f64) -> bool {
+    let column = sum(stand, together.iter());
+    let (t, rank) = stand.score(std::slice::from_ref(&column));
+    let Some([size, sigma]) = amplitude(stand, &column) else { return false };
+    chi_squared_surprise(rank as f64, t) > threshold && (size - 1.0).abs() < AGREES * sigma.hypot(OPEN)
+}

@@ -1,0 +1,140 @@
+//! Does a pattern over the field that remains beside an effect speak against the effect's name?
+//!
+//! A pattern that can imitate most of the effect may be the better description of both. It is asked by leaving it free beside the effect: what
+//! it cannot imitate of the effect measures the effect alone. If the name is right, that part shows it, and shows it at the same size: the two
+//! estimates differ by chance only, with the variance σ₁² − σ₀², σ₁ the error beside the pattern, σ₀ that without it (the estimate without the
+//! pattern is the efficient one). If the effect is no more than a likeness of the pattern, nothing of it is left, or another size.
+//!
+//! Every pattern is a question of its own: that one of them remains is judged by the probability that the largest of all does.
+//!
+//! Source: Hausman, Econometrica 46, 1251 (1978), for the difference of two estimates of which one is efficient.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::attribute::{Entry, Stand, columns};
+use super::evidence::Evidence;
+use super::run::family;
+use super::scan::{Asks, Group, Scan, orthonormal};
+use super::sheet::{Fit, Whitened, dot};
+use super::solved::Solved;
+use crate::calibrate::Column;
+use crate::statistics::significance::chi_squared_surprise;
+
+/// A pattern remains if chance leaves the largest of as many with less than this probability.
+const REMAINS_P: f64 = 1e-3;
+/// What is left must be this share of what the effect explains, or it is no fault of the name.
+const LEAST_LEFT: f64 = 0.03;
+/// Covariates that patterns of the field go by.
+pub(super) const IN_THE_FIELD: &[&str] = &["field-map", "colour", "magnitude", "field-radius", "x", "y", "edge-distance"];
+/// An effect is of the kind of a pattern if the pattern spans so much of it.
+const OF_THE_KIND: f64 = 0.5;
+/// −ln of the probability of three standard deviations: by less a size may move beside a pattern, by more the effect has to show there.
+pub(super) const THREE_SIGMA: f64 = 5.915;
+
+/// An accepted effect among others: where it was looked for, and where everything is solved.
+pub(super) struct Named<'a> {
+    /// Linearised without the effects, and the fit of all of them there.
+    pub(super) evidence: &'a Evidence,
+    pub(super) stand: &'a Stand,
+    pub(super) entries: &'a [Entry],
+    /// Everything with the effects in force.
+    pub(super) solved: &'a Solved,
+    /// Which of them.
+    pub(super) k: usize,
+}
+
+/// What the patterns of `scan`, taken beside the whole model, have against a name; `statistic` is what the effect explains.
+pub(super) fn veto(named: &Named, scan: &Scan, statistic: f64) -> Option<String> {
+    let evidence = &named.solved.evidence;
+    let asked: Vec<(&Group, usize)> = scan
+        .groups
+        .iter()
+        .filter_map(|group| match group.asks {
+            Asks::Covariate(index) if IN_THE_FIELD.contains(&evidence.covariates[index].name.as_str()) => Some((group, index)),
+            _ => None,
+        })
+        .collect();
+    let remaining = asked.iter().filter_map(|(group, index)| {
+        let p = family((-group.surprise()).exp(), asked.len() as f64);
+        (p < REMAINS_P && group.statistic - group.rank as f64 > LEAST_LEFT * statistic).then_some((*group, *index, p))
+    });
+    for (group, index, p) in remaining {
+        let covariate = &evidence.covariates[index];
+        let Some(against) = against(named, index, group.pattern) else { continue };
+        let over = if covariate.name == "field-map" { "the field".to_owned() } else { format!("the field by {}", covariate.name) };
+        return Some(format!("a pattern over {over} remains beside it (p = {p:.1e}), and with it free {against}"));
+    }
+    None
+}
+
+/// What becomes of the effect with a pattern free beside it, if that speaks against it.
+fn against(named: &Named, index: usize, pattern: usize) -> Option<String> {
+    let at_start = beside(named.evidence, named.stand, named.entries, named.k, &named.evidence.covariates.get(index)?.patterns[pattern]);
+    let (own, stand) = (&named.solved.evidence, &named.solved.stand);
+    let solved = beside(own, stand, &named.solved.entries, named.k, &own.covariates[index].patterns[pattern]);
+    if solved.within() <= OF_THE_KIND {
+        return None; // it is of another kind than the pattern
+    }
+    let (shows, rank) = at_start.with_pattern.score(&at_start.own);
+    if chi_squared_surprise(rank as f64, shows) < THREE_SIGMA {
+        return Some("nothing of the effect is left".to_owned());
+    }
+    let moved = solved.moved()?;
+    (moved > THREE_SIGMA).then(|| "its size is another".to_owned())
+}
+
+/// An effect's own columns, the fit of all others, and that of all others with a pattern.
+struct Beside {
+    own: Vec<Whitened>,
+    pattern: Vec<Whitened>,
+    without: Stand,
+    with_pattern: Stand,
+}
+
+fn beside(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize, pattern: &[Column]) -> Beside {
+    let white = |column: &Column| evidence.white(&stand.noise, column);
+    let fitted = |more: Vec<Whitened>| {
+        let fit = Fit::new(&stand.sheet, &stand.take, &more.iter().collect::<Vec<_>>()).with_noise_of(&stand.fit);
+        Stand { more, fit, ..stand.clone() }
+    };
+    let others: Vec<Entry> = entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
+    let others: Vec<Whitened> = columns(evidence, &others).map(white).collect();
+    let pattern: Vec<Whitened> = pattern.iter().map(white).collect();
+    let own = columns(evidence, &entries[k..=k]).map(white).collect();
+    let with_pattern = fitted(others.iter().chain(&pattern).cloned().collect());
+    Beside { own, pattern, without: fitted(others), with_pattern }
+}
+
+impl Beside {
+    /// The largest share of one of the effect's columns (squared) that the pattern spans.
+    fn within(&self) -> f64 {
+        let fit = &self.without.fit;
+        let basis = orthonormal(&self.without.sheet, fit, &self.pattern);
+        let share = |column: &Whitened| {
+            let rest = fit.project(column);
+            basis.column_iter().map(|b| dot(b.as_slice(), &rest).powi(2)).sum::<f64>() / dot(&rest, &rest).max(f64::MIN_POSITIVE)
+        };
+        self.own.iter().map(share).fold(0.0, f64::max)
+    }
+
+    /// The surprise that the effect's sizes move so far as the pattern is set free.
+    fn moved(&self) -> Option<f64> {
+        let (before, error) = estimate(&self.without, &self.own)?;
+        let (after, larger) = estimate(&self.with_pattern, &self.own)?;
+        let moved = after - before;
+        // A direction that the pattern does not touch neither moves nor gets a larger error.
+        let difference = (&larger - error) + &larger * 1e-6;
+        let square = moved.dot(&(difference.pseudo_inverse(0.0).ok()? * &moved));
+        Some(chi_squared_surprise(moved.len() as f64, square))
+    }
+}
+
+/// Change of an effect's sizes beside a fit, and its covariance; none where the fit leaves nothing of one of them.
+fn estimate(stand: &Stand, own: &[Whitened]) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    let fit = &stand.fit;
+    let rest: Vec<Whitened> = own.iter().map(|column| fit.project(column)).collect();
+    let gram = DMatrix::from_fn(own.len(), own.len(), |i, j| dot(&rest[i], &rest[j]));
+    let inverse = gram.cholesky()?.inverse();
+    let scores = DVector::from_iterator(own.len(), rest.iter().map(|column| -dot(column, &fit.psi) / fit.d));
+    Some((&inverse * scores, inverse * (fit.c / (fit.d * fit.d))))
+}

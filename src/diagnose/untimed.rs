@@ -1,0 +1,188 @@
+//! Refraction in frames of which neither the times nor the place are known. While the frames are taken the Earth turns, and the zenith moves on
+//! its circle of declination: 15° an hour. One zenith for all frames would be blurred, and the size found under it too small. So each frame's
+//! zenith stands at an hour angle of its own, and all at one declination.
+//!
+//! The search for one zenith gives the start. From there size, declination and hour angles are found by Gauss and Newton's steps, attitudes and
+//! camera free beside them; the hour angle is one more own parameter of a frame, as its attitude is, so its error is in that of the size.
+
+use super::attribute::{Entry, Stand, columns};
+use super::descent::cost;
+use super::evidence::Evidence;
+use super::hypotheses::{Variant, supposed};
+use super::noise::NoiseModel;
+use super::own::own_changes;
+use super::sheet::{Fit, Sheet, Whitened};
+use crate::calibrate::{Column, Joint};
+use crate::dual::normalize;
+
+/// Zeniths that the search starts from.
+const STARTS: usize = 4;
+/// Steps at most.
+const STEPS: usize = 30;
+/// An angle moves by so much in a step at most, rad.
+const LONGEST_RAD: f64 = 0.15;
+/// The steps end where all angles move by less, rad.
+const SETTLED_RAD: f64 = 1e-4;
+/// Half a night: hour angles lie within so much of their mean, rad.
+const FARTHEST_RAD: f64 = std::f64::consts::FRAC_PI_2;
+/// For derivatives the refraction has at least this size, arcsec: without any the zenith does not show.
+const LEAST_ARCSEC: f64 = 27.0;
+/// Differences for derivatives with angles, rad.
+const STEP_RAD: f64 = 1e-4;
+
+/// Where the zenith stands.
+#[derive(Clone, Debug)]
+struct Zeniths {
+    /// The one about which the hour angles lie.
+    middle: [f64; 3],
+    /// Turns of the frames' zeniths about the pole, rad.
+    turns: Vec<f64>,
+}
+
+/// Replaces the one zenith of a refraction that was found by one for each frame.
+pub(super) fn follow(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry], all: &[bool], begin: &NoiseModel) {
+    let untimed = evidence.frames.iter().all(|(_, observation)| observation.zenith.is_none() && observation.earth_from_icrs.is_none());
+    if !untimed || evidence.frames.len() < 2 {
+        return;
+    }
+    for k in 0..entries.len() {
+        let Entry { hypothesis, variant } = entries[k];
+        if evidence.hypotheses[hypothesis].variants[variant].zenith.is_none() {
+            continue;
+        }
+        let stand = Stand::new(evidence, all, entries, begin);
+        let others: Vec<Entry> = entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
+        let Some(found) = followed(evidence, joint, &stand, &others, entries[k]) else { continue };
+        let variants = &mut evidence.hypotheses[hypothesis].variants;
+        entries[k].variant = variants.len();
+        variants.push(found);
+    }
+}
+
+fn followed(evidence: &Evidence, joint: &Joint, stand: &Stand, others: &[Entry], entry: Entry) -> Option<Variant> {
+    let hypothesis = &evidence.hypotheses[entry.hypothesis];
+    let beside: Vec<Whitened> = columns(evidence, others).map(|column| evidence.white(&stand.noise, column)).collect();
+    let without = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>()).with_noise_of(&stand.fit);
+    let alone = Stand { fit: without, more: beside.clone(), ..stand.clone() };
+    // Those that explain most by themselves.
+    let mut order: Vec<(f64, [f64; 3])> = hypothesis
+        .variants
+        .iter()
+        .filter(|variant| variant.turns_rad.is_empty())
+        .filter_map(|variant| {
+            let own: Vec<Whitened> = variant.columns.iter().map(|column| evidence.white(&stand.noise, column)).collect();
+            Some((alone.score(&own).0, variant.zenith?))
+        })
+        .collect();
+    order.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let problem = Problem { evidence, joint, stand, beside, id: hypothesis.id() };
+    let solved = order.iter().take(STARTS).filter_map(|(_, zenith)| problem.solve(*zenith));
+    let (_, zeniths) = solved.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let columns = vec![problem.column(&zeniths)?];
+    let start = vec![0.0; hypothesis.effect.parameters().len()];
+    let Zeniths { middle, turns } = zeniths;
+    Some(Variant { start, zenith: Some(middle), turns_rad: turns, columns, searched_sigma: None, rendered: false })
+}
+
+struct Problem<'a> {
+    evidence: &'a Evidence,
+    joint: &'a Joint,
+    stand: &'a Stand,
+    beside: Vec<Whitened>,
+    id: &'static str,
+}
+
+impl Problem<'_> {
+    /// The column of the size with the zeniths as they are, px/arcsec.
+    fn column(&self, zeniths: &Zeniths) -> Option<Column> {
+        let joint = supposed(self.joint, zeniths.middle, &zeniths.turns);
+        joint.columns_of(self.id, &[0.0; 3], &[0])?.into_iter().next()
+    }
+
+    fn white(&self, zeniths: &Zeniths) -> Option<Whitened> {
+        Some(self.evidence.white(&self.stand.noise, &self.column(zeniths)?))
+    }
+
+    /// Change of the displacement with an angle, for a refraction of this size.
+    fn slope(&self, size: f64, moved: impl Fn(f64) -> Zeniths) -> Option<Whitened> {
+        let (ahead, behind) = (self.white(&moved(STEP_RAD))?, self.white(&moved(-STEP_RAD))?);
+        Some(ahead.iter().zip(&behind).map(|(a, b)| size * (a - b) / (2.0 * STEP_RAD)).collect())
+    }
+
+    /// From one zenith: the cost that is reached, and the zeniths there.
+    fn solve(&self, start: [f64; 3]) -> Option<(f64, Zeniths)> {
+        let Self { stand, beside, .. } = self;
+        let (sheet, take) = (&stand.sheet, &stand.take);
+        let mut now = Zeniths { middle: start, turns: vec![0.0; sheet.frames] };
+        let mut reached = f64::INFINITY;
+        let mut size = None;
+        for _ in 0..STEPS {
+            let unit = self.white(&now)?;
+            let first: Vec<&Whitened> = beside.iter().chain([&unit]).collect();
+            let at = sheet.camera.len() + beside.len();
+            let known = size.unwrap_or_else(|| Fit::new(sheet, take, &first).change[at]);
+            let scale = LEAST_ARCSEC.max(known.abs()).copysign(known);
+            let by_turn =
+                self.slope(scale, |angle| Zeniths { turns: now.turns.iter().map(|turn| turn + angle).collect(), ..now.clone() })?;
+            let by_declination = self.slope(scale, |angle| Zeniths { middle: risen(now.middle, angle), ..now.clone() })?;
+            let own = sheet.own.iter().cloned().chain([by_turn]).collect();
+            let sheet = Sheet { own, ..sheet.clone() };
+            let more: Vec<&Whitened> = first.iter().copied().chain([&by_declination]).collect();
+            let fit = Fit::new(&sheet, take, &more);
+            reached = cost(&fit.residual, take, sheet.tail_degrees);
+            let mut shared = sheet.residual.clone();
+            for (column, change) in sheet.camera.iter().chain(more.iter().copied()).zip(fit.change.iter()) {
+                shared.iter_mut().zip(column).for_each(|(value, column)| *value += change * column);
+            }
+            let turned = own_changes(&sheet, take, &shared, &fit.residual).pop()?;
+            size = Some(fit.change[at]);
+            let rise = fit.change[at + 1].clamp(-LONGEST_RAD, LONGEST_RAD);
+            let mut most = rise.abs();
+            now.middle = risen(now.middle, rise);
+            for (turn, change) in now.turns.iter_mut().zip(turned) {
+                let next = (*turn + change.clamp(-LONGEST_RAD, LONGEST_RAD)).clamp(-FARTHEST_RAD, FARTHEST_RAD);
+                most = most.max((next - *turn).abs());
+                *turn = next;
+            }
+            now.centre();
+            if most < SETTLED_RAD {
+                break;
+            }
+        }
+        Some((reached, now))
+    }
+}
+
+impl Zeniths {
+    /// The same with the middle in the middle of the hour angles.
+    fn centre(&mut self) {
+        let mean = self.turns.iter().sum::<f64>() / self.turns.len().max(1) as f64;
+        self.middle = turned(self.middle, mean);
+        self.turns.iter_mut().for_each(|turn| *turn -= mean);
+    }
+}
+
+/// A direction turned about the pole of the ICRS to the east.
+pub(super) fn turned([x, y, z]: [f64; 3], angle_rad: f64) -> [f64; 3] {
+    let (sin, cos) = angle_rad.sin_cos();
+    [cos * x - sin * y, sin * x + cos * y, z]
+}
+
+/// A direction moved to the north.
+fn risen([x, y, z]: [f64; 3], angle_rad: f64) -> [f64; 3] {
+    const POLE: f64 = 1.57;
+    let (declination, right_ascension) = (z.clamp(-1.0, 1.0).asin(), y.atan2(x));
+    let declination = (declination + angle_rad).clamp(-POLE, POLE);
+    let (sin, cos) = declination.sin_cos();
+    normalize([cos * right_ascension.cos(), cos * right_ascension.sin(), sin])
+}
+
+/// The column of a frame's own hour angle at a solution that has such a refraction: how its star images move as its zenith goes east.
+pub(super) fn own_column(joint: &Joint) -> Option<Column> {
+    let (_, parameters) = joint.model().terms().find(|(id, _)| *id == "refraction")?;
+    let frames = joint.frames();
+    let untimed =
+        |(_, observation): &(usize, crate::effects::Observation)| observation.zenith_is_guessed && observation.earth_from_icrs.is_none();
+    (frames.len() > 1 && parameters.first().is_some_and(|size| *size != 0.0) && frames.iter().all(untimed)).then_some(())?;
+    joint.columns_of("refraction", parameters, &[1])?.into_iter().next()
+}
