@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use boresight::diagnose::{DiagnoseOptions, Diagnosis, MeasuredNoise, Step, Verdict};
+use boresight::guard::guarded;
 use boresight::pipeline::{Asked, Prepared, Question, SkyChoice, measured_noise, question};
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
@@ -92,9 +93,9 @@ impl DiagnoseArgs {
             Some(path) => {
                 let name = path.display();
                 let text = std::fs::read_to_string(path).with_context(|| format!("--options {name}: the file cannot be read"))?;
-                let table: toml::Table = toml::from_str(&text).with_context(|| format!("--options {name}"))?;
+                let table: toml::Table = guarded(|| toml::from_str(&text))?.with_context(|| format!("--options {name}"))?;
                 let is_given = table.contains_key("proper_motion_only");
-                (toml::from_str(&text).with_context(|| format!("--options {name}"))?, is_given)
+                (guarded(|| toml::from_str(&text))?.with_context(|| format!("--options {name}"))?, is_given)
             }
         };
         options.nulls = self.nulls.map_or(options.nulls, |nulls| nulls as usize);
@@ -122,7 +123,7 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
     provenance.seed = Some(options.seed);
     let choice = args.sky.choice_of_diagnosis();
     let identified = if args.trust_identifications {
-        pipeline::take_identifications(&measured, &catalog, &choice)?
+        pipeline::take_identifications(&measured, &choice)?
     } else {
         pipeline::identify_frames(&measured, &catalog, &choice, &args.search.options(&measured))?
     };

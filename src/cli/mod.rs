@@ -28,6 +28,7 @@ mod run;
 mod schema;
 mod signature;
 mod simulate;
+mod told;
 mod update;
 mod write_camera;
 

@@ -7,6 +7,7 @@ use super::{
     BinningTable, CosmicRayTable, DetectorTable, EffectTable, GhostTable, JitterTable, OrbitTable, PsfTable, SceneError, StreakTable,
 };
 use crate::camera::{Camera, Model};
+use crate::guard::{Panicked, guarded};
 use crate::recording::{FirstRow, Mount};
 
 /// The scene that `boresight demo` renders.
@@ -280,7 +281,8 @@ impl NominalTable {
 
 /// Reads the tables.
 pub(super) fn parse(path: &str, text: &str) -> Result<SceneFile, SceneError> {
-    toml::from_str(text).map_err(|error| {
+    let unreadable = |panicked: Panicked| SceneError::Parse { path: path.to_owned(), message: panicked.to_string() };
+    guarded(|| toml::from_str(text)).map_err(unreadable)?.map_err(|error: toml::de::Error| {
         let line = error.span().map_or(1, |span| text[..span.start.min(text.len())].matches('\n').count() + 1);
         let message = format!("line {line}: {}", with_suggestion(error.message()));
         SceneError::Parse { path: path.to_owned(), message }
