@@ -8,7 +8,7 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind held-out peers catalog runtime
+.PHONY: help demo test check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind held-out peers catalog fuzz zoo runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
@@ -23,6 +23,8 @@ help:
 	@echo "make study    calibrators on wrong identifications and on clean data, against rivals and bounds: outputs/; STUDY=--quick for a minute"
 	@echo "make blind    conceals effects in star lists and in frames of pixels, diagnoses them and scores: outputs/blind, docs/studies/blind.md; hours"
 	@echo "make peers    the calibrator beside tetra3rs, scipy and OpenCV: benches/peers (takes PyPI and half an hour)"
+	@echo "make fuzz     damaged inputs over all readers: docs/studies/fuzz.txt; FUZZ=\"--cases N --seed S\""
+	@echo "make zoo      what the readers make of every kind of file: fuzz/zoo.txt"
 	@echo "make doc      documentation in target/doc"
 	@echo "make catalog  rebuild catalogs/ from the published packages"
 
@@ -122,6 +124,16 @@ peers: runtime
 	@if [ -f "$$BORESIGHT_RECORDINGS/tetra3_esa2019/recording.toml" ]; then \
 	set -x; $(PEERS)/bin/python benches/peers/esa2019.py "$$BORESIGHT_RECORDINGS/tetra3_esa2019" $(PEERS_GIVEN); \
 	else echo "peers: esa2019.py is left out, BORESIGHT_RECORDINGS names no folder with tetra3_esa2019"; fi
+
+# Damaged inputs over all readers, bounded and by a seed; the page has the seed and the commit. `make test` holds a short run of it.
+FUZZ ?= --cases 21000 --seed 1
+fuzz:
+	$(CARGO) build --locked --bin boresight --example fuzz
+	$(or $(CARGO_TARGET_DIR),target)/debug/examples/fuzz $(FUZZ) --boresight $(or $(CARGO_TARGET_DIR),target)/debug/boresight --commit "$$(git rev-parse --short HEAD)" --page docs/studies/fuzz.txt
+
+# The sentence of every file of the zoo, which a test compares.
+zoo:
+	$(CARGO) run --locked --example fuzz -- --zoo fuzz/zoo.txt
 
 # star-catalog is a dev-dependency; ruststartracker's table lies in a Python wheel, which is a zip file.
 catalog:

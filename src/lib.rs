@@ -12,6 +12,7 @@ pub mod effects;
 pub mod exchange;
 pub mod frame;
 pub mod gpu;
+pub mod guard;
 pub mod identify;
 pub mod imaging;
 pub mod pipeline;

@@ -9,8 +9,9 @@ use boresight::calibrate::{
 };
 use boresight::catalog::Catalog;
 use boresight::effects;
+use boresight::guard::guarded;
 use boresight::identify::{Misidentification, MisidentificationKind, misidentify};
-use boresight::pipeline::{PipelineError, Prepared, known_behind_the_lens, star_images};
+use boresight::pipeline::{PipelineError, Prepared, known_behind_the_lens, star_images, with_name};
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
 use boresight::units::ARCSEC_RAD;
@@ -194,7 +195,7 @@ impl SolveArgs {
             Some(path) => {
                 let text =
                     std::fs::read_to_string(path).with_context(|| format!("--options {}: the file cannot be read", path.display()))?;
-                toml::from_str(&text).with_context(|| format!("--options {}", path.display()))?
+                guarded(|| toml::from_str(&text))?.with_context(|| format!("--options {}", path.display()))?
             }
         };
         if let Some(names) = &self.solve {
@@ -283,7 +284,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     let measured = pipeline::measure_as(recording, &args.measure, &mut provenance)?;
     let choice = args.sky.choice();
     let identified = if args.trust_identifications {
-        pipeline::take_identifications(&measured, &catalog, &choice)?
+        pipeline::take_identifications(&measured, &choice)?
     } else {
         pipeline::identify_frames(&measured, &catalog, &choice, &args.search.options(&measured))?
     };
@@ -335,6 +336,9 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
         Err(error) => return Err(error.into()),
     };
     calibration.parity = points.parity;
+    for warning in &mut calibration.warnings {
+        *warning = with_name(warning, &measured.recording);
+    }
     calibration.warnings.extend(uneven);
     calibration.warnings.extend(points.notes.iter().cloned());
     if !measured.times_are_known() {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use boresight::catalog::{ImportReport, import_catalog};
+use boresight::guard::guarded;
 use boresight::provenance::Provenance;
 use boresight::recording::{check_file, write_file};
 use clap::{Args, Subcommand};
@@ -55,7 +56,7 @@ struct ImportObject {
 pub(crate) fn catalog(command: &CatalogCommand) -> Result<Answer> {
     let CatalogCommand::Import(args) = command;
     check_file(&args.output, args.force)?;
-    let (catalog, report) = import_catalog(&args.files, args.faintest)?;
+    let (catalog, report) = guarded(|| import_catalog(&args.files, args.faintest))??;
     let mut provenance = output::provenance();
     for file in &args.files {
         provenance.add_input(file)?;

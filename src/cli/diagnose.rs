@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use boresight::diagnose::{DiagnoseError, DiagnoseOptions, Diagnosis, FORMAT, MeasuredNoise, Step, Verdict};
 use boresight::pipeline::{Asked, PipelineError, Prepared, Question, SkyChoice, measured_noise, question};
+use boresight::guard::guarded;
 use boresight::provenance::Provenance;
 use boresight::recording::{SkippedFrame, check_file};
 use clap::Args;
@@ -92,9 +93,9 @@ impl DiagnoseArgs {
             Some(path) => {
                 let name = path.display();
                 let text = std::fs::read_to_string(path).with_context(|| format!("--options {name}: the file cannot be read"))?;
-                let table: toml::Table = toml::from_str(&text).with_context(|| format!("--options {name}"))?;
+                let table: toml::Table = guarded(|| toml::from_str(&text))?.with_context(|| format!("--options {name}"))?;
                 let is_given = table.contains_key("proper_motion_only");
-                (toml::from_str(&text).with_context(|| format!("--options {name}"))?, is_given)
+                (guarded(|| toml::from_str(&text))?.with_context(|| format!("--options {name}"))?, is_given)
             }
         };
         options.nulls = self.nulls.map_or(options.nulls, |nulls| nulls as usize);
@@ -163,7 +164,7 @@ fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answe
     of_input.clone_from(&provenance);
     let choice = args.sky.choice_of_diagnosis();
     let identified = if args.trust_identifications {
-        pipeline::take_identifications(&measured, &catalog, &choice)?
+        pipeline::take_identifications(&measured, &choice)?
     } else {
         pipeline::identify_frames(&measured, &catalog, &choice, &args.search.options(&measured))?
     };

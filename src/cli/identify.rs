@@ -364,7 +364,7 @@ fn misname(
             points.push(ControlPoint {
                 frame,
                 hip: star.hip,
-                direction: identified.directions[matched.star],
+                direction: identified.direction(catalog, matched.star),
                 x_px: shown.x_px,
                 y_px: shown.y_px,
                 covariance_px2: [0.0; 3],

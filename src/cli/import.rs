@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use boresight::exchange::{self, Format, Imported, LIMIT_PX};
+use boresight::guard::guarded;
 use boresight::provenance::Provenance;
 use clap::Args;
 use serde::Serialize;
@@ -46,7 +47,8 @@ pub(crate) fn import(args: &ImportArgs) -> Result<Answer> {
     let _folder = args.output.open("import")?;
     let name = args.file.display().to_string();
     let bytes = std::fs::read(&args.file).with_context(|| format!("{name}: the camera cannot be read"))?;
-    let imported = exchange::import(&name, &bytes, args.from, args.width.zip(args.height).map(|(width, height)| [width, height]))?;
+    let size = args.width.zip(args.height).map(|(width, height)| [width, height]);
+    let imported = guarded(|| exchange::import(&name, &bytes, args.from, size)).with_context(|| name.clone())??;
     let mut provenance = output::provenance();
     provenance.add_input_bytes(&name, &bytes);
     let accepted = imported.expressible || args.inexact;

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use boresight::calibrate::{Calibration, Map, map as map_of};
+use boresight::guard::guarded;
 use boresight::provenance::Provenance;
 use clap::Args;
 use serde::Serialize;
@@ -34,7 +35,7 @@ struct MapObject {
 /// Reads a calibration file.
 pub(crate) fn read_calibration(path: &Path) -> Result<Calibration> {
     let text = std::fs::read_to_string(path).with_context(|| format!("{}: the calibration cannot be read", path.display()))?;
-    let calibration: Calibration = serde_json::from_str(&text).with_context(|| {
+    let calibration: Calibration = guarded(|| serde_json::from_str(&text))?.with_context(|| {
         format!("{}: this is no calibration; give a calibrate.json as `boresight calibrate … -o DIR` writes it", path.display())
     })?;
     anyhow::ensure!(

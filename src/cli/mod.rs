@@ -31,6 +31,7 @@ mod shell;
 mod signals;
 mod signature;
 mod simulate;
+mod told;
 mod update;
 mod write_camera;
 

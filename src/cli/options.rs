@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use boresight::camera::Physics;
 use boresight::catalog::Catalog;
+use boresight::guard::guarded;
 use boresight::imaging::Backend;
 use boresight::pipeline::{Centroid, Dark, MeasureOptions, SkyChoice};
 use boresight::provenance::Provenance;
@@ -14,6 +15,7 @@ use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
 use super::output;
+use super::told::ToldArgs;
 
 /// The groups of options in the help of every verb, in the order in which the verbs declare them.
 pub(crate) mod heading {
@@ -81,6 +83,8 @@ pub(crate) struct InputArgs {
     /// Skip bad frames and list them in the result, instead of stopping at the first
     #[arg(long)]
     pub(crate) keep_going: bool,
+    #[command(flatten)]
+    pub(crate) told: ToldArgs,
 }
 
 /// How stars are measured.
@@ -226,6 +230,6 @@ impl SceneArgs {
 fn open_catalog(path: Option<&Path>) -> Result<std::borrow::Cow<'static, Catalog>> {
     Ok(match path {
         None => std::borrow::Cow::Borrowed(Catalog::embedded()),
-        Some(path) => std::borrow::Cow::Owned(Catalog::from_file(path).context("--catalog")?),
+        Some(path) => std::borrow::Cow::Owned(guarded(|| Catalog::from_file(path)).context("--catalog")?.context("--catalog")?),
     })
 }

@@ -116,6 +116,14 @@ fn folded(line: &str, width: usize) -> String {
     text
 }
 
+/// Prints a result as JSON on stdout, piece by piece: that of many frames is larger than what it was made of.
+fn print_json<T: Serialize>(value: &T) -> Result<()> {
+    let mut stdout = std::io::BufWriter::with_capacity(1 << 16, std::io::stdout().lock());
+    serde_json::to_writer_pretty(&mut stdout, value).map_err(std::io::Error::from).context("writing to stdout")?;
+    stdout.write_all(b"\n").context("writing to stdout")?;
+    stdout.flush().context("writing to stdout")
+}
+
 /// A result as JSON text.
 pub(crate) fn json_text<T: Serialize>(value: &T) -> Result<String> {
     Ok(serde_json::to_string_pretty(value).context("writing the result as JSON")? + "\n")
@@ -133,7 +141,7 @@ pub(crate) fn deliver<T: Serialize>(
         let path = directory.join(format!("{verb}.json"));
         boresight::recording::write_file(&path, json_text(object)?.as_bytes())?;
     }
-    if json { print(&json_text(object)?) } else { print_page(&text()) }
+    if json { print_json(object) } else { print_page(&text()) }
 }
 
 /// How long something takes, for the log.

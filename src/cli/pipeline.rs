@@ -5,7 +5,7 @@ use boresight::catalog::Catalog;
 use boresight::identify::IdentifyOptions;
 use boresight::pipeline::{self, MeasureOptions, SkyChoice};
 use boresight::provenance::Provenance;
-use boresight::recording::{OpenOptions, Recording};
+use boresight::recording::Recording;
 
 use super::options::{InputArgs, MeasureArgs, SkyArgs};
 use super::output;
@@ -15,7 +15,8 @@ pub(crate) use boresight::pipeline::{IdentifiedFrame, Measured, MeasuredFrame, p
 /// Opens what is named on the command line.
 pub(crate) fn open(input: &InputArgs) -> Result<Recording> {
     let clock = output::Clock::new();
-    let recording = Recording::open_with(&input.inputs, OpenOptions { keep_going: input.keep_going })?;
+    let mut recording = Recording::open_with(&input.inputs, input.told.open_options(input.keep_going))?;
+    input.told.tell(&mut recording)?;
     tracing::info!("{} frames opened in {clock}", recording.frames.len());
     for note in &recording.notes {
         tracing::warn!("{note}");
@@ -26,9 +27,7 @@ pub(crate) fn open(input: &InputArgs) -> Result<Recording> {
 /// Provenance of a result that was made of this recording.
 pub(crate) fn provenance(recording: &Recording, sky: Option<&SkyArgs>) -> Result<Provenance> {
     let mut provenance = output::provenance();
-    for file in recording.input_files() {
-        provenance.add_input(&file)?;
-    }
+    provenance.add_inputs(&recording.input_files())?;
     if let Some(path) = sky.and_then(|sky| sky.catalog.as_ref()) {
         provenance.add_input(path)?;
     }

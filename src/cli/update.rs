@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use boresight::calibrate::{Drift, FORMAT, OnChange, SEQUENTIAL_FORMAT, Sequential, UpdateOptions, UpdateReport};
+use boresight::guard::guarded;
 use boresight::identify::ControlPoints;
 use boresight::provenance::Provenance;
 use boresight::recording::{ResultFolder, SkippedFrame};
@@ -77,11 +78,11 @@ pub(crate) fn read(path: &Path) -> Result<Sequential> {
     let no_state = || {
         format!("{name}: this is nothing to update; give a calibrate.json or sequential.json as `boresight calibrate … -o DIR` writes them")
     };
-    let value: serde_json::Value = serde_json::from_str(&text).with_context(no_state)?;
+    let value: serde_json::Value = guarded(|| serde_json::from_str(&text))?.with_context(no_state)?;
     match value.get("format").and_then(serde_json::Value::as_str) {
         // Calculations are made in the un-mirrored image, and files hold the stored one.
         Some(FORMAT) => Sequential::from_calibration(&map::read_calibration(path)?).with_context(|| name.to_string()),
-        Some(SEQUENTIAL_FORMAT) => serde_json::from_value(value).with_context(|| name.to_string()),
+        Some(SEQUENTIAL_FORMAT) => guarded(|| serde_json::from_value(value))?.with_context(|| name.to_string()),
         Some(other) => bail!("{name}: the format is {other:?}, but an update goes on from {FORMAT:?} or {SEQUENTIAL_FORMAT:?}"),
         None => bail!(no_state()),
     }

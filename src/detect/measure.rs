@@ -46,7 +46,8 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
     let saturation_dn = defects::saturation_dn(frame);
     let full: Vec<bool> = frame.pixels_dn.iter().map(|&v| v >= saturation_dn).collect();
     let around = surround::surround(frame);
-    let no_sky: Vec<bool> = full.iter().enumerate().map(|(i, f)| *f || around.as_ref().is_some_and(|around| around[i])).collect();
+    let no_sky: Vec<bool> =
+        (0..full.len()).map(|i| full[i] || around.as_ref().is_some_and(|around| around[i]) || aids.bad.is_some_and(|bad| bad[i])).collect();
     let mut background = Background::measure(frame, &no_sky);
     let (mut residual, mut normalised) = residuals(frame, &background);
     let mut hot = defects::hot_pixels(&normalised, frame.width_px);

@@ -1,9 +1,9 @@
 //! Identified frames → control points.
 
 use super::{ControlPoint, ControlPoints, Identification, Projection, Solution};
-use crate::camera::Camera;
+use crate::camera::{Camera, SkyChain};
 use crate::catalog::Catalog;
-use crate::coordinates::{Apparent, Direction};
+use crate::coordinates::Direction;
 use crate::detect::{Detection, Detections};
 use crate::effects::{StarImage, StarState};
 
@@ -16,8 +16,8 @@ pub struct IdentifiedFrame<'a> {
     pub detections: &'a Detections,
     /// The answer.
     pub identification: &'a Identification,
-    /// Directions in which the light of the catalogue's stars arrives, as given to [`super::identify`]; empty: the catalogue's.
-    pub directions: &'a [Direction<Apparent>],
+    /// The physics with which [`super::identify`] was told the directions of the catalogue's stars; `None`: their own.
+    pub sky: Option<&'a SkyChain>,
     /// Julian years from the catalogue's epoch to the frame; stars without proper motion are the less certain the longer.
     pub years_since_epoch: f64,
     /// Electrons per DN; `None` where nobody says, or where the detections' flux and background are no measurement.
@@ -75,7 +75,7 @@ pub fn control_points(
             ControlPoint {
                 frame: frame.frame,
                 hip: star.hip,
-                direction: frame.directions.get(matched.star).copied().unwrap_or(own),
+                direction: frame.sky.map_or(own, |sky| sky.apparent(star, catalog.epoch_yr)),
                 x_px: detection.x_px,
                 y_px: detection.y_px,
                 covariance_px2: detection.covariance_px2,

@@ -58,15 +58,23 @@ impl Dark {
     pub fn read(path: &Path) -> Result<Self, DarkError> {
         let recording = Recording::open(&[path])?;
         let mut frames: Vec<Frame> = Vec::with_capacity(recording.frames.len());
+        let mut undefined = None;
         for index in 0..recording.frames.len() {
-            let frame = recording.load_frame(index)?;
+            let masked = recording.load_masked(index)?;
+            undefined = merged(undefined, masked.undefined);
+            let frame = masked.frame;
             if let Some(first) = frames.first().map(size).filter(|first| *first != size(&frame)) {
                 return Err(DarkError::Sizes { file: recording.frame_name(index).into(), found: size(&frame), first });
             }
             frames.push(frame);
         }
         let files = recording.input_files();
-        Ok(Self { files, ..Self::of(&frames) })
+        let mut dark = Self { files, ..Self::of(&frames) };
+        // what a dark does not tell of a pixel cannot be taken off it
+        for (hot, undefined) in dark.hot.iter_mut().zip(undefined.iter().flatten()) {
+            *hot |= undefined;
+        }
+        Ok(dark)
     }
 
     /// From dark frames of one size.
@@ -121,6 +129,14 @@ impl Dark {
     pub fn sentence(&self) -> String {
         let hot = self.hot.iter().filter(|hot| **hot).count();
         format!("the median of {} dark frames is taken off; {hot} hot pixels are left out", self.frames)
+    }
+}
+
+/// The pixels that are marked in either.
+fn merged(one: Option<Vec<bool>>, other: Option<Vec<bool>>) -> Option<Vec<bool>> {
+    match (one, other) {
+        (Some(one), Some(other)) => Some(one.iter().zip(&other).map(|(one, other)| *one || *other).collect()),
+        (one, other) => one.or(other),
     }
 }
 

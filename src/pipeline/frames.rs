@@ -11,7 +11,7 @@ use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Attitude, Direction};
 use crate::detect::{Aids, DetectOptions, EmpiricalPsf, PsfReport, PsfStar, detect_aided, detect_windowed, learn};
 use crate::effects::Observation;
-use crate::frame::Frame;
+use crate::frame::MaskedFrame;
 use crate::identify::{ASSUMED_EPOCH_YR, Identification, IdentifyOptions, Index, Near, Solution, common_projection, identify};
 use crate::recording::{Recording, RecordingError, SkippedFrame};
 use crate::statistics::median;
@@ -27,13 +27,17 @@ pub struct IdentifiedFrame {
     pub identification: Identification,
     /// The physics in force.
     pub sky: SkyChain,
-    /// The direction from which every catalogue star's light arrived.
-    pub directions: Vec<Direction<Apparent>>,
     /// How long it took, measuring included, wall time, s.
     pub seconds: f64,
 }
 
 impl IdentifiedFrame {
+    /// The direction from which a catalogue star's light arrived. It is not kept: those of all stars in all frames would fill the memory.
+    #[must_use]
+    pub fn direction(&self, catalog: &Catalog, star: usize) -> Direction<Apparent> {
+        self.sky.apparent(&catalog.stars[star], catalog.epoch_yr)
+    }
+
     /// The solution, if there is one.
     #[must_use]
     pub fn solution(&self) -> Option<&Solution> {
@@ -71,20 +75,21 @@ pub fn measure(recording: Recording, options: &MeasureOptions, done: impl Fn() +
 }
 
 /// The same for frames whose pixels come from elsewhere: `load` gives those of an index, or says why they are to be left out.
-pub fn measure_frames(
+pub fn measure_frames<F: Into<MaskedFrame>>(
     mut recording: Recording,
-    load: impl Fn(&Recording, usize) -> Result<Result<Frame, SkippedFrame>, RecordingError> + Sync,
+    load: impl Fn(&Recording, usize) -> Result<Result<F, SkippedFrame>, RecordingError> + Sync,
     options: &MeasureOptions,
     done: impl Fn() + Sync,
 ) -> Result<Measured, PipelineError> {
     /// Stars of a frame that the image is learnt from, at most.
     const KEPT: usize = 300;
     let learns = options.centroid == Centroid::Empirical && recording.stars.is_none();
+    let load = |recording: &Recording, index| load(recording, index).map(|loaded| loaded.map(Into::into));
     let pass = Pass { recording: &recording, load: &load, options, psf: None, keep: if learns { KEPT } else { 0 } };
     let mut measured = pass.all(&done)?;
     let mut psf = None;
     if learns {
-        let kept: Vec<PsfStar> = measured.iter_mut().flatten().flat_map(|(_, kept)| std::mem::take(kept)).collect();
+        let kept: Vec<PsfStar> = measured.iter_mut().flatten().flat_map(|one| std::mem::take(&mut one.kept)).collect();
         let (found, report) = learn(&kept);
         if let Some(found) = found {
             measured = Pass { psf: Some(&found), keep: 0, ..pass }.all(&|| ())?;
@@ -94,11 +99,19 @@ pub fn measure_frames(
     recording.notes.extend(psf.as_ref().map(PsfReport::sentence));
     let mut skipped = recording.skipped.clone();
     let mut frames = Vec::new();
+    let mut undefined = Undefined::default();
     for result in measured {
         match result {
-            Ok((frame, _)) => frames.push(frame),
+            Ok(one) => {
+                undefined.add(&one);
+                frames.push(one.frame);
+            }
             Err(frame) => skipped.push(frame),
         }
+    }
+    if let Some(sentence) = undefined.sentence() {
+        tracing::warn!("{sentence}");
+        recording.notes.push(sentence);
     }
     if frames.is_empty() {
         let reason = skipped.first().map_or_else(|| "there is none".to_owned(), |frame| frame.reason.clone());
@@ -113,8 +126,44 @@ pub fn measure_frames(
     Ok(Measured { recording, frames, skipped, psf })
 }
 
-/// A frame as measured, with the stars kept, or why it is left out.
-type OneMeasured = Result<(MeasuredFrame, Vec<PsfStar>), SkippedFrame>;
+/// A frame as measured, or why it is left out.
+type OneMeasured = Result<One, SkippedFrame>;
+
+/// A frame as measured, with the stars kept.
+struct One {
+    frame: MeasuredFrame,
+    kept: Vec<PsfStar>,
+    /// Pixels without a value.
+    undefined: usize,
+}
+
+/// Pixels without a value in all frames.
+#[derive(Default)]
+struct Undefined {
+    pixels: usize,
+    frames: usize,
+    /// The frame with most of them.
+    most: Option<(usize, String)>,
+}
+
+impl Undefined {
+    fn add(&mut self, one: &One) {
+        if one.undefined > 0 {
+            self.pixels += one.undefined;
+            self.frames += 1;
+            if self.most.as_ref().is_none_or(|(most, _)| one.undefined > *most) {
+                self.most = Some((one.undefined, one.frame.name.clone()));
+            }
+        }
+    }
+
+    fn sentence(&self) -> Option<String> {
+        let (most, name) = self.most.as_ref()?;
+        let Self { pixels, frames, .. } = self;
+        let of = if *frames == 1 { name.clone() } else { format!("{frames} frames (most of them, {most}, of {name})") };
+        Some(format!("{pixels} pixels of {of} have no value (NaN, infinite or BLANK) and take no part"))
+    }
+}
 
 /// One walk over all frames.
 struct Pass<'a, L> {
@@ -127,7 +176,7 @@ struct Pass<'a, L> {
 
 impl<L> Pass<'_, L>
 where
-    L: Fn(&Recording, usize) -> Result<Result<Frame, SkippedFrame>, RecordingError> + Sync,
+    L: Fn(&Recording, usize) -> Result<Result<MaskedFrame, SkippedFrame>, RecordingError> + Sync,
 {
     fn all(&self, done: &(impl Fn() + Sync)) -> Result<Vec<OneMeasured>, PipelineError> {
         (0..self.recording.frames.len()).into_par_iter().map(|index| self.one(index, done)).collect()
@@ -138,19 +187,28 @@ where
         let name = self.recording.frame_name(index);
         if let Some(stars) = self.recording.stars.as_ref().and_then(|list| list.frames.get(index)) {
             let detections = star_list::detections(self.recording, stars);
-            return Ok(Ok((MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() }, Vec::new())));
+            let frame = MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() };
+            return Ok(Ok(One { frame, kept: Vec::new(), undefined: 0 }));
         }
-        let mut frame = match (self.load)(self.recording, index)? {
+        let masked = match (self.load)(self.recording, index)? {
             Ok(frame) => frame,
             Err(skipped) => return Ok(Err(skipped)),
         };
+        let undefined = masked.count_undefined();
+        let MaskedFrame { mut frame, undefined: mut bad } = masked;
         let failed = |source| PipelineError::Detect { frame: name.clone(), source };
         if let Some(dark) = &self.options.dark {
             dark.subtract(&mut frame).map_err(|source| PipelineError::Dark { frame: name.clone(), source })?;
         }
         let camera = &self.recording.camera;
         let options = DetectOptions { gain_e_per_dn: camera.gain_e_per_dn, read_noise_e: camera.read_noise_e, ..DetectOptions::default() };
-        let bad = self.options.dark.as_ref().map(Dark::hot);
+        if let Some(dark) = &self.options.dark {
+            match &mut bad {
+                Some(bad) => bad.iter_mut().zip(dark.hot()).for_each(|(bad, hot)| *bad |= hot),
+                None => bad = Some(dark.hot().to_vec()),
+            }
+        }
+        let bad = bad.as_deref();
         let (detections, kept) = match self.options.centroid {
             Centroid::Windowed => (detect_windowed(&frame, &options, bad).map_err(failed)?, Vec::new()),
             Centroid::Gaussian | Centroid::Empirical => {
@@ -158,7 +216,8 @@ where
             }
         };
         done();
-        Ok(Ok((MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() }, kept)))
+        let frame = MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() };
+        Ok(Ok(One { frame, kept, undefined }))
     }
 }
 
@@ -192,7 +251,7 @@ pub fn identify_frames(
             let identification = identify(&frame.detections, catalog, &index, &directions, options);
             let searched = search.elapsed();
             done();
-            Ok((IdentifiedFrame { identification, sky, directions, seconds: frame.seconds + start.elapsed().as_secs_f64() }, searched))
+            Ok((IdentifiedFrame { identification, sky, seconds: frame.seconds + start.elapsed().as_secs_f64() }, searched))
         })
         .collect::<Result<Vec<_>, _>>()?
         .into_iter()
@@ -204,7 +263,7 @@ pub fn identify_frames(
 }
 
 /// The frames of a star list whose own identifications are taken: nothing is searched for.
-pub fn take_identifications(measured: &Measured, catalog: &Catalog, physics: &SkyChoice) -> Result<Vec<IdentifiedFrame>, PipelineError> {
+pub fn take_identifications(measured: &Measured, physics: &SkyChoice) -> Result<Vec<IdentifiedFrame>, PipelineError> {
     let known = circumstances(&measured.recording)?;
     measured
         .frames
@@ -213,7 +272,7 @@ pub fn take_identifications(measured: &Measured, catalog: &Catalog, physics: &Sk
             let sky = sky_chain(&known, frame, physics)?;
             let identification =
                 Identification::NotIdentified { reason: "The list's own identifications are taken.".to_owned(), hypotheses: 0 };
-            Ok(IdentifiedFrame { identification, directions: sky.apparent_all(catalog), sky, seconds: frame.seconds })
+            Ok(IdentifiedFrame { identification, sky, seconds: frame.seconds })
         })
         .collect()
 }
@@ -282,6 +341,7 @@ fn retry(
             Identification::NotIdentified { hypotheses, .. } => *hypotheses,
         };
         let mut hypotheses_before = hypotheses(&frame.identification);
+        let directions = frame.sky.apparent_all(catalog);
         // Who says where the camera points is not asked to believe another frame.
         for near in [options.near].into_iter().chain(around.filter(|_| options.near.is_none()).map(Some)) {
             let time_limit = left_of(options.time_limit, *searched + begin.elapsed());
@@ -289,7 +349,7 @@ fn retry(
                 break;
             }
             let options = IdentifyOptions { hypotheses_before, near, time_limit, ..options.clone() };
-            let again = identify(&measured.detections, catalog, index, &frame.directions, &options);
+            let again = identify(&measured.detections, catalog, index, &directions, &options);
             if matches!(again, Identification::Identified(_)) {
                 frame.identification = again;
                 break;

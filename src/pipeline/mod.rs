@@ -20,7 +20,7 @@ pub use frames::{
     Centroid, IdentifiedFrame, MeasureOptions, circumstances, identify_frames, measure, measure_frames, physics_in_force,
     take_identifications,
 };
-pub use prepare::{Asked, Prepared, Question, control_points, known_behind_the_lens, question, star_images, telemetry};
+pub use prepare::{Asked, Prepared, Question, control_points, known_behind_the_lens, question, star_images, telemetry, with_name};
 
 /// Why a recording does not lead to control points.
 #[derive(Debug, thiserror::Error)]

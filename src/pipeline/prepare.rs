@@ -43,7 +43,7 @@ pub fn control_points(
             frame: frame.index,
             detections: &frame.detections,
             identification: &identified.identification,
-            directions: &identified.directions,
+            sky: Some(&identified.sky),
             years_since_epoch: identified.sky.observation().epoch_yr.map_or(0.0, |epoch| epoch - catalog.epoch_yr),
             gain_e_per_dn: measured.gain_e_per_dn(frame),
         })
@@ -53,7 +53,8 @@ pub fn control_points(
         measured.recording.common_size().map_err(PipelineError::SeveralCameras)?;
     }
     let declared = nominal.is_some();
-    let (mut points, mut notes) = build_control_points(&frames, measured.recording.frames.len(), catalog, nominal);
+    let (mut points, notes) = build_control_points(&frames, measured.recording.frames.len(), catalog, nominal);
+    let mut notes: Vec<String> = notes.iter().map(|note| with_name(note, &measured.recording)).collect();
     if trusted {
         trust(&mut points, measured, identified, catalog, &mut notes)?;
     }
@@ -72,6 +73,16 @@ pub fn control_points(
     let mut points = points.unmirrored();
     know_frames(&mut points, measured, identified)?;
     Ok(Prepared { points, parity, misidentified: Vec::new(), notes })
+}
+
+/// A sentence that begins with a frame's number ("frame 5 is …"), with the frame's name in its place.
+#[must_use]
+pub fn with_name(sentence: &str, recording: &Recording) -> String {
+    let number = sentence.strip_prefix("frame ").or_else(|| sentence.strip_prefix("Frame ")).and_then(|rest| {
+        let (number, rest) = rest.split_once(' ')?;
+        Some((number.parse::<usize>().ok().filter(|number| *number < recording.frames.len())?, rest))
+    });
+    number.map_or_else(|| sentence.to_owned(), |(number, rest)| format!("{} {rest}", recording.frame_name(number)))
 }
 
 /// All star images of the frames, in the un-mirrored image.

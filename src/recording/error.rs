@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use thiserror::Error;
 
 /// The kinds of image files that are read, for messages.
-pub(super) const KINDS: &str = "FITS (.fits, .fit, .fts), PNG, TIFF, JPEG or BMP";
+pub(super) const KINDS: &str = "FITS (.fits, .fit, .fts, .fz, .fits.gz), PNG, TIFF, JPEG, BMP or PGM";
 
 /// Why a recording could not be read or written.
 #[derive(Debug, Error)]
@@ -168,6 +168,34 @@ pub enum FrameProblem {
     /// Its bytes are those of no image.
     #[error("is no image that can be read; frames are {KINDS}")]
     NotAnImage,
+    /// Its bytes are those of a kind of file that is known and not read.
+    #[error("is {kind}, which is not read; {remedy}")]
+    OtherKind {
+        /// What it is.
+        kind: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// A cube of which nobody says which plane is meant.
+    #[error(
+        "its {planes} planes may be {planes} exposures or colours, and its header does not say which; choose one with --plane 1 … {planes}{}",
+        if *planes == 3 { ", or join them as colours with --plane colours" } else { "" }
+    )]
+    Cube {
+        /// Planes.
+        planes: usize,
+    },
+    /// A plane or page that is not there.
+    #[error("there is no plane {plane}: the file holds {planes}")]
+    NoSuchPlane {
+        /// The plane asked for, from 1.
+        plane: usize,
+        /// How many there are.
+        planes: usize,
+    },
+    /// No pixel has a value.
+    #[error("none of its pixels has a value (all are NaN, infinite or BLANK); leave the frame out")]
+    NothingDefined,
     /// Nothing in it.
     #[error("the file is empty; frames are {KINDS}")]
     EmptyFile,
@@ -176,7 +204,7 @@ pub enum FrameProblem {
     Decode {
         /// PNG, TIFF, …
         kind: &'static str,
-        /// The decoder's words.
+        /// What is wrong, and the remedy.
         message: String,
     },
     /// Fewer bytes than the header says.
@@ -222,12 +250,10 @@ pub enum FrameProblem {
         expected_from: String,
     },
     /// A pixel that is no number.
-    #[error("{count} of its pixels are {value}, the first at column {x}, row {y}; replace them by a number before use")]
+    #[error("{count} of its pixels have no value (NaN, infinite or BLANK), the first at column {x}, row {y}; give them one before use")]
     NotFinite {
         /// How many.
         count: usize,
-        /// NaN or infinite.
-        value: &'static str,
         /// Column of the first.
         x: usize,
         /// Row of the first.

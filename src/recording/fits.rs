@@ -14,10 +14,12 @@ use fitsio_pure::image::{extract_bscale_bzero, read_image_physical_into_f32};
 use fitsio_pure::value::Value;
 use hifitime::{Duration, Epoch, TimeScale};
 
+use super::Plane;
 use super::error::{FrameProblem, Size};
-use super::image_file::check_size;
+use super::fits_tiles::Tiling;
+use super::image_file::{MAXIMUM_PIXELS, Samples, check_size, luminance};
 use super::time;
-use crate::frame::Frame;
+use crate::guard::guarded;
 
 /// The largest header that is read, blocks of 2880 bytes (36 cards each).
 const MAXIMUM_HEADER_BLOCKS: usize = 1000;
@@ -29,9 +31,12 @@ const MAXIMUM_UNITS: usize = 1000;
 pub(super) struct FitsHeader {
     pub(super) size: Size,
     bitpix: i64,
-    /// 1, or 3 for colour planes.
+    /// Images in the array: 1, 3 for colour planes, or the depth of a cube.
     planes: usize,
     data_start: usize,
+    data_bytes: u64,
+    /// How the image is packed, if it is.
+    tiling: Option<Tiling>,
     cards: Vec<Card>,
     /// `ROWORDER` says BOTTOM-UP.
     pub(super) bottom_up: bool,
@@ -83,14 +88,18 @@ impl FitsHeader {
                 return Ok(None);
             };
             let limit = rest.len().min(MAXIMUM_HEADER_BLOCKS * BLOCK_SIZE);
-            let cards = match parse_header_blocks(&rest[..limit]) {
+            let parsed = guarded(|| parse_header_blocks(&rest[..limit])).map_err(|panicked| FrameProblem::Fits(panicked.to_string()))?;
+            let cards = match parsed {
                 Ok(cards) => cards,
                 // what stands behind the last unit is none of ours
                 Err(_) if unit > 0 && !rest.starts_with(b"XTENSION") => return Ok(None),
                 Err(fitsio_pure::Error::UnexpectedEof) => {
                     return Err(FrameProblem::Fits("its header has no END card; the file is cut off or damaged, copy it again".to_owned()));
                 }
-                Err(error) => return Err(FrameProblem::Fits(error.to_string())),
+                Err(_) => {
+                    let problem = "a card of its header is no FITS card; the file is damaged, copy it again";
+                    return Err(FrameProblem::Fits(problem.to_owned()));
+                }
             };
             // an END card stands among the 36 of the last block; continued strings were merged, so the bytes are counted anew
             let data_start = start + header_length(rest).unwrap_or(limit);
@@ -106,8 +115,31 @@ impl FitsHeader {
 
     /// The length of the file's part up to the last pixel.
     fn end(&self) -> u64 {
-        let pixels = (self.size.width_px * self.size.height_px * self.planes) as u64;
-        self.data_start as u64 + pixels * (self.bitpix.unsigned_abs() / 8)
+        self.data_start as u64 + self.data_bytes
+    }
+
+    /// Which of the planes are read: one, or all three that are colours. A cube whose header does not say that it holds colours is refused.
+    fn wanted(&self, plane: Option<Plane>) -> Result<Wanted, FrameProblem> {
+        let planes = self.planes;
+        match plane {
+            Some(Plane::Index(index)) if index < planes => Ok(Wanted::One(index)),
+            Some(Plane::Index(index)) => Err(FrameProblem::NoSuchPlane { plane: index + 1, planes }),
+            Some(Plane::Colours) if planes == 3 => Ok(Wanted::Colours),
+            None | Some(Plane::Colours) if planes == 1 => Ok(Wanted::One(0)),
+            None if planes == 3 && self.says_colours() => Ok(Wanted::Colours),
+            None | Some(Plane::Colours) => Err(FrameProblem::Cube { planes }),
+        }
+    }
+
+    /// Refuses a cube of which nobody says which plane is meant.
+    pub(super) fn check_plane(&self, plane: Option<Plane>) -> Result<(), FrameProblem> {
+        self.wanted(plane).map(|_| ())
+    }
+
+    /// Whether the third axis is said to be one of colours (Siril and others, PixInsight).
+    fn says_colours(&self) -> bool {
+        let says = |keyword: &str| self.text(keyword).is_some_and(|text| text.to_uppercase().contains("RGB"));
+        says("CTYPE3") || says("COLORSPC")
     }
 
     /// Where the next header-data unit begins, if there is one.
@@ -162,7 +194,7 @@ impl FitsHeader {
         };
         match found.filter(|number| number.is_finite()) {
             Some(number) => Ok(Some(number)),
-            None => Err(fault(keyword, format!("{value:?} is no number; correct or remove it"))),
+            None => Err(fault(keyword, format!("{} is no number; correct or remove it", text_of(value)))),
         }
     }
 
@@ -187,7 +219,7 @@ impl FitsHeader {
         };
         match found.filter(|degrees| degrees.abs() <= limit) {
             Some(degrees) => Ok(Some(degrees)),
-            None => Err(fault(keyword, format!("{value:?} is no angle from -{limit}° to {limit}°; correct or remove it"))),
+            None => Err(fault(keyword, format!("{} is no angle from -{limit}° to {limit}°; correct or remove it", text_of(value)))),
         }
     }
 
@@ -252,38 +284,59 @@ impl FitsHeader {
     }
 }
 
-/// Reads the pixels.
-pub(super) fn decode(bytes: &[u8]) -> Result<Frame, FrameProblem> {
+/// Which planes of an array are read.
+enum Wanted {
+    One(usize),
+    Colours,
+}
+
+/// Reads the pixels; those that are undefined (NaN or BLANK) are NaN.
+pub(super) fn decode(bytes: &[u8], plane: Option<Plane>) -> Result<Samples, FrameProblem> {
     let header = FitsHeader::parse(bytes)?.ok_or_else(|| FrameProblem::Fits("it holds no image".to_owned()))?;
     check_size(header.size)?;
     header.check_length(bytes.len() as u64)?;
-    let saturation_dn = header.top_of_range();
-    let Size { width_px, height_px } = header.size;
-    let pixels = width_px * height_px;
-    let mut naxes = vec![width_px, height_px];
-    if header.planes > 1 {
-        naxes.push(header.planes);
+    let wanted = header.wanted(plane)?;
+    let (saturation_dn, bottom_up, size) = (header.top_of_range(), header.bottom_up, header.size);
+    let planes = header.planes;
+    if size.width_px * size.height_px * planes > 3 * MAXIMUM_PIXELS {
+        return Err(FrameProblem::TooLarge { size, maximum_px: 3 * MAXIMUM_PIXELS / planes });
     }
-    let hdu = Hdu {
-        info: HduInfo::Primary { bitpix: header.bitpix, naxes },
-        header_start: 0,
-        data_start: header.data_start,
-        data_len: (header.end() - header.data_start as u64) as usize,
-        cards: header.cards,
+    let values = guarded(|| header.values(bytes, &wanted)).map_err(|panicked| FrameProblem::Fits(panicked.to_string()))??;
+    let pixels = size.width_px * size.height_px;
+    let mut pixels_dn: Vec<f32> = match wanted {
+        Wanted::One(_) => values,
+        Wanted::Colours => (0..pixels).map(|pixel| luminance([0, 1, 2].map(|plane| f64::from(values[plane * pixels + pixel])))).collect(),
     };
-    let mut values = vec![0.0_f32; pixels * header.planes];
-    read_image_physical_into_f32(bytes, &hdu, &mut values).map_err(|error| FrameProblem::Fits(error.to_string()))?;
-    if header.planes == 3 {
-        for pixel in 0..pixels {
-            let [red, green, blue] = [0, 1, 2].map(|plane| f64::from(values[plane * pixels + pixel]));
-            values[pixel] = ((2126.0 * red + 7152.0 * green + 722.0 * blue) / 10_000.0) as f32;
+    if bottom_up {
+        pixels_dn = pixels_dn.chunks_exact(size.width_px).rev().flatten().copied().collect();
+    }
+    Ok(Samples { size, pixels_dn, saturation_dn })
+}
+
+impl FitsHeader {
+    /// The planes that are wanted, one behind the other.
+    fn values(self, bytes: &[u8], wanted: &Wanted) -> Result<Vec<f32>, FrameProblem> {
+        let pixels = self.size.width_px * self.size.height_px;
+        let (first, count) = match wanted {
+            Wanted::One(index) => (*index, 1),
+            Wanted::Colours => (0, 3),
+        };
+        let damaged = |_| FrameProblem::Fits("its packed pixels are damaged; copy the file again".to_owned());
+        if let Some(tiling) = &self.tiling {
+            tiling.check(&self.cards, bytes.get(self.data_start..self.end() as usize).unwrap_or(&[]))?;
+            let hdu = Hdu::from_cards(self.cards, 0, self.data_start).map_err(damaged)?;
+            let mut all = vec![0.0_f32; pixels * self.planes];
+            read_image_physical_into_f32(bytes, &hdu, &mut all).map_err(damaged)?;
+            return Ok(all[first * pixels..(first + count) * pixels].to_vec());
         }
-        values.truncate(pixels);
+        let plane_bytes = pixels * (self.bitpix.unsigned_abs() / 8) as usize;
+        let info = HduInfo::Primary { bitpix: self.bitpix, naxes: vec![self.size.width_px, self.size.height_px, count] };
+        let data_start = self.data_start + first * plane_bytes;
+        let hdu = Hdu { info, header_start: 0, data_start, data_len: count * plane_bytes, cards: self.cards };
+        let mut values = vec![0.0_f32; pixels * count];
+        read_image_physical_into_f32(bytes, &hdu, &mut values).map_err(damaged)?;
+        Ok(values)
     }
-    if header.bottom_up {
-        values = values.chunks_exact(width_px).rev().flatten().copied().collect();
-    }
-    Ok(Frame { width_px, height_px, pixels_dn: values, saturation_dn })
 }
 
 /// The mandatory keywords of a unit.
@@ -302,13 +355,13 @@ impl Shape {
     fn read(cards: &[Card], primary: bool) -> Result<Self, FrameProblem> {
         let whole = |keyword: &str, high: i64| match value(cards, keyword) {
             Some(Value::Integer(number)) if (0..=high).contains(number) => Ok(*number as u64),
-            Some(other) => Err(fault(keyword, format!("{other:?} is not a whole number from 0 to {high}"))),
+            Some(other) => Err(fault(keyword, format!("{} is not a whole number from 0 to {high}", text_of(other)))),
             None => Err(fault(keyword, "is missing, the file is damaged".to_owned())),
         };
         let optional = |keyword: &str, absent: u64| if value(cards, keyword).is_some() { whole(keyword, i64::MAX) } else { Ok(absent) };
         let bitpix = match value(cards, "BITPIX") {
             Some(Value::Integer(bits @ (8 | 16 | 32 | 64 | -32 | -64))) => *bits,
-            Some(other) => return Err(fault("BITPIX", format!("{other:?} is none of 8, 16, 32, 64, -32, -64"))),
+            Some(other) => return Err(fault("BITPIX", format!("{} is none of 8, 16, 32, 64, -32, -64", text_of(other)))),
             None => return Err(fault("BITPIX", "is missing, the file is damaged".to_owned())),
         };
         let count = whole("NAXIS", 999)?;
@@ -338,27 +391,24 @@ impl Shape {
 
     /// The header, if the unit is an image: `None` if it holds no pixels or a table.
     fn image(&self, cards: Vec<Card>, data_start: usize) -> Result<Option<FitsHeader>, FrameProblem> {
-        if self.compressed {
-            return Err(FrameProblem::Fits("its image is tile-compressed, which is not supported; unpack it with funpack".to_owned()));
+        let tiling = if self.compressed { Some(Tiling::read(&cards)?) } else { None };
+        let is_table = self.extension.as_deref().is_some_and(|name| name != "IMAGE");
+        if tiling.is_some() && self.extension.as_deref() != Some("BINTABLE") {
+            return Err(fault("ZIMAGE", "stands in a header that is not that of a table, the file is damaged".to_owned()));
         }
-        if self.axes.is_empty() || self.extension.as_deref().is_some_and(|name| name != "IMAGE") {
+        if tiling.is_none() && (self.axes.is_empty() || is_table) {
             return Ok(None);
         }
         if self.extension.is_none() && self.axes[0] == 0 && matches!(value(&cards, "GROUPS"), Some(Value::Logical(true))) {
             return Err(FrameProblem::Fits("it holds random groups (interferometer data), not an image".to_owned()));
         }
-        let axis = |at: usize| self.axes.get(at).copied().unwrap_or(1);
+        let (bitpix, axes) = tiling.as_ref().map_or((self.bitpix, &self.axes), |tiling| (tiling.bitpix, &tiling.axes));
+        let axis = |at: usize| axes.get(at).copied().unwrap_or(1);
         let size = |length: u64| usize::try_from(length).unwrap_or(usize::MAX);
         let size = Size { width_px: size(axis(0)), height_px: size(axis(1)) };
         check_size(size)?;
-        let planes = match self.axes.get(2..).unwrap_or(&[]) {
-            [] => 1,
-            [planes @ (1 | 3), rest @ ..] if rest.iter().all(|&length| length == 1) => *planes as usize,
-            more => {
-                let more = more.iter().map(ToString::to_string).collect::<Vec<_>>().join(" × ");
-                return Err(FrameProblem::Fits(format!("it holds {more} planes; give one image a file (or 3 colour planes)")));
-            }
-        };
+        let planes = axes.iter().skip(2).try_fold(1_u64, |all, length| all.checked_mul(*length)).ok_or_else(too_long)?;
+        let planes = usize::try_from(planes).map_err(|_| too_long())?;
         let row_order = match value(&cards, "ROWORDER") {
             Some(Value::String(order)) => order.trim().to_uppercase(),
             _ => String::new(),
@@ -368,12 +418,24 @@ impl Shape {
             "BOTTOM-UP" => true,
             other => return Err(fault("ROWORDER", format!("{other:?} is neither TOP-DOWN nor BOTTOM-UP; correct or remove it"))),
         };
-        Ok(Some(FitsHeader { size, bitpix: self.bitpix, planes, data_start, cards, bottom_up }))
+        let data_bytes = self.data_bytes()?;
+        Ok(Some(FitsHeader { size, bitpix, planes, data_start, data_bytes, tiling, cards, bottom_up }))
+    }
+}
+
+/// A value as it stands in the header.
+pub(super) fn text_of(value: &Value) -> String {
+    match value {
+        Value::Integer(number) => number.to_string(),
+        Value::Float(number) => number.to_string(),
+        Value::String(text) => format!("{text:?}"),
+        Value::Logical(is) => if *is { "T" } else { "F" }.to_owned(),
+        _ => "it".to_owned(),
     }
 }
 
 /// The first card of that name that has a value.
-fn value<'c>(cards: &'c [Card], keyword: &str) -> Option<&'c Value> {
+pub(super) fn value<'c>(cards: &'c [Card], keyword: &str) -> Option<&'c Value> {
     cards.iter().find(|card| card.keyword_str() == keyword).and_then(|card| card.value.as_ref())
 }
 
@@ -411,7 +473,7 @@ fn sexagesimal(text: &str) -> Option<f64> {
     Some(sign * degrees)
 }
 
-fn fault(keyword: &str, problem: String) -> FrameProblem {
+pub(super) fn fault(keyword: &str, problem: String) -> FrameProblem {
     FrameProblem::FitsKeyword { keyword: keyword.to_owned(), problem }
 }
 

@@ -107,7 +107,7 @@ pub(super) fn read(path: &Path) -> Result<Manifest, RecordingError> {
 
 /// Reads the text of a manifest that lies, or will lie, at `path`.
 pub(super) fn parse(path: &Path, source: &str) -> Result<Manifest, RecordingError> {
-    let document = Document { path, source };
+    let document = Document::new(path, source);
     let mut top = document.parse(TOP_KEYS)?;
     match top.text("format")? {
         Some(format) if format == FORMAT => {}

@@ -13,13 +13,20 @@
 
 mod circumstances;
 mod error;
+mod exif;
 mod fits;
+mod fits_tiles;
+mod foreign;
 mod image_file;
 mod manifest;
 mod open;
 mod output;
+mod pnm;
 mod star_list;
+mod tags;
+mod tiff;
 mod time;
+mod told;
 mod toml_table;
 mod write;
 
@@ -31,13 +38,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
 use crate::coordinates::Attitude;
-use crate::frame::Frame;
+use crate::frame::{Frame, MaskedFrame};
 
 pub(crate) use circumstances::Offsets;
 pub use error::{FrameProblem, Place, RecordingError, Size};
 pub use image_file::load as load_image;
 pub use output::{OutputDirectory, OutputError, ResultFolder, abandon, check_file, write_file};
 pub use star_list::{ListedStar, StarList};
+pub use told::{Told, ToldError};
 pub use write::{
     FitsHeaders, manifest_text, star_list_text, write_fits_f32, write_fits_u8, write_fits_u16, write_fits_with, write_manifest,
     write_manifest_of, write_png_u16,
@@ -70,6 +78,8 @@ pub struct Recording {
     pub notes: Vec<String>,
     /// Whether bad frames are to be skipped.
     pub keep_going: bool,
+    /// Which image of files that hold several is read.
+    pub plane: Option<Plane>,
 }
 
 /// The form in which a recording came.
@@ -187,6 +197,8 @@ pub struct FrameEntry {
     pub rows_flipped: bool,
     /// Middle of the exposure.
     pub time_utc: Option<Epoch>,
+    /// Whether that time was given without its zone and is taken for UTC: it may be off by 14 hours.
+    pub zone_unknown: bool,
     /// Length of the exposure.
     pub exposure_s: Option<f64>,
     /// Temperature of the optics or the focal plane.
@@ -225,6 +237,17 @@ pub struct SkippedFrame {
 pub struct OpenOptions {
     /// Bad frames are skipped and listed in [`Recording::skipped`] instead of being an error.
     pub keep_going: bool,
+    /// Which image of files that hold several is read.
+    pub plane: Option<Plane>,
+}
+
+/// Which image of a file that holds several: planes of a FITS cube, pages of a TIFF file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Plane {
+    /// This one, from 0.
+    Index(usize),
+    /// The three planes of a cube are colours, and their luminance is meant.
+    Colours,
 }
 
 impl Recording {
@@ -244,6 +267,7 @@ impl Recording {
             skipped: Vec::new(),
             notes: Vec::new(),
             keep_going: false,
+            plane: None,
         }
     }
 
@@ -271,15 +295,21 @@ impl Recording {
     }
 
     /// Reads the pixels of a frame: every one finite, in DN; full at the camera's `saturation_dn` or at the top of the
-    /// file's number range, whichever is lower.
+    /// file's number range, whichever is lower. Pixels without a value have the median of the others: see [`Self::load_masked`].
     pub fn load_frame(&self, frame: usize) -> Result<Frame, RecordingError> {
+        self.load_masked(frame).map(|masked| masked.frame)
+    }
+
+    /// The same, with the pixels marked that have no value (NaN or BLANK).
+    pub fn load_masked(&self, frame: usize) -> Result<MaskedFrame, RecordingError> {
         let no_such_frame = || RecordingError::NoSuchFrame { frame, frames: self.frames.len() };
         let entry = self.frames.get(frame).ok_or_else(no_such_frame)?;
         let path = self
             .frame_path(frame)
             .ok_or_else(|| RecordingError::NoPixels { path: self.manifest.clone().unwrap_or_else(|| self.directory.clone()), frame })?;
         let fault = |problem| RecordingError::Frame { file: path.clone(), problem: Box::new(problem), place: entry.place.clone() };
-        let mut loaded = image_file::load(&path).map_err(fault)?;
+        let mut masked = image_file::load_masked(&path, self.plane).map_err(fault)?;
+        let loaded = &mut masked.frame;
         let found = Size { width_px: loaded.width_px, height_px: loaded.height_px };
         if let Some(expected) = entry.size.filter(|expected| *expected != found) {
             return Err(fault(FrameProblem::WrongSize { found, expected, expected_from: "the recording says".to_owned() }));
@@ -287,12 +317,12 @@ impl Recording {
         if let Some(saturation_dn) = self.camera.saturation_dn {
             loaded.saturation_dn = loaded.saturation_dn.min(saturation_dn as f32);
         }
-        Ok(loaded)
+        Ok(masked)
     }
 
     /// Reads the pixels of a frame, or says why it is to be left out if bad frames are skipped.
-    pub fn load_frame_or_skip(&self, frame: usize) -> Result<Result<Frame, SkippedFrame>, RecordingError> {
-        match self.load_frame(frame) {
+    pub fn load_frame_or_skip(&self, frame: usize) -> Result<Result<MaskedFrame, SkippedFrame>, RecordingError> {
+        match self.load_masked(frame) {
             Ok(loaded) => Ok(Ok(loaded)),
             Err(error) if self.keep_going && frame < self.frames.len() => {
                 Ok(Err(SkippedFrame { file: self.frame_name(frame), number: self.frames[frame].number, reason: error.to_string() }))

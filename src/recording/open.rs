@@ -3,6 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use hifitime::Duration;
+
 use super::error::{FrameProblem, Place, RecordingError, Size};
 use super::fits::{FitsHeader, FitsMetadata};
 use super::image_file::{self, FITS_ENDINGS, IMAGE_ENDINGS, Probe};
@@ -46,6 +48,16 @@ fn ending(path: &Path) -> Option<String> {
     path.extension().map(|ending| ending.to_string_lossy().to_lowercase())
 }
 
+/// The ending of an image's name: of `a.fits.gz` it is `fits`.
+fn image_ending(path: &Path) -> Option<String> {
+    let ending = ending(path)?;
+    if ending == "gz" {
+        self::ending(Path::new(path.file_stem()?)).filter(|inner| FITS_ENDINGS.contains(&inner.as_str()))
+    } else {
+        Some(ending)
+    }
+}
+
 fn is_toml(path: &Path) -> bool {
     ending(path).as_deref() == Some("toml")
 }
@@ -63,7 +75,7 @@ fn from_folder(directory: &Path, options: OpenOptions) -> Result<Recording, Reco
     }
     files.sort();
     let of_kind = |endings: &[&str]| -> Vec<PathBuf> {
-        files.iter().filter(|file| ending(file).is_some_and(|ending| endings.contains(&ending.as_str()))).cloned().collect()
+        files.iter().filter(|file| image_ending(file).is_some_and(|ending| endings.contains(&ending.as_str()))).cloned().collect()
     };
     let (fits, images) = (of_kind(&FITS_ENDINGS), of_kind(&IMAGE_ENDINGS));
     match (fits.as_slice(), images.as_slice()) {
@@ -88,13 +100,19 @@ fn from_folder(directory: &Path, options: OpenOptions) -> Result<Recording, Reco
 /// Forms B and C: `files` relative to `directory`.
 fn from_images(directory: PathBuf, files: &[PathBuf], form: Form, given: &Path, options: OpenOptions) -> Result<Recording, RecordingError> {
     let of_one_camera = !directory.as_os_str().is_empty();
-    let mut kept: Vec<(FrameEntry, FitsMetadata, bool)> = Vec::new();
+    let mut kept: Vec<(FrameEntry, FitsMetadata)> = Vec::new();
+    let mut more: Vec<String> = Vec::new();
+    let mut turned: Vec<Turned> = Vec::new();
     let mut skipped = Vec::new();
     for (number, file) in files.iter().enumerate() {
         let path = directory.join(file);
         let first = kept.first().and_then(|(entry, ..)| Some((entry.name(), entry.size?))).filter(|_| of_one_camera);
-        match examine(&path, file, number, first) {
-            Ok(frame) => kept.push(frame),
+        match examine(&path, file, number, first, options) {
+            Ok((entry, metadata, probe)) => {
+                turned.extend(Turned::of(&entry, &probe));
+                more.extend(probe.more_images.then(|| more_images(&entry, probe.fits.is_some())));
+                kept.push((entry, metadata));
+            }
             Err(problem) => {
                 let error = RecordingError::Frame { file: path, problem: Box::new(problem), place: None };
                 skip_or_fail(error, file.display().to_string(), number, options, &mut skipped)?;
@@ -107,14 +125,15 @@ fn from_images(directory: PathBuf, files: &[PathBuf], form: Form, given: &Path, 
     if form == Form::FitsFolder && kept.iter().all(|(entry, ..)| entry.time_utc.is_some()) {
         kept.sort_by_key(|(entry, ..)| entry.time_utc);
     }
-    let mut notes: Vec<String> = kept.iter().filter(|(_, _, more)| *more).map(|(entry, ..)| more_images(entry)).collect();
-    let kept: Vec<_> = kept.into_iter().map(|(entry, metadata, _)| (entry, metadata)).collect();
+    let mut notes = more;
     let (camera, site) = shared(&kept, &mut notes);
     for (entry, metadata) in &kept {
         notes.extend(metadata.notes.iter().map(|note| format!("{}: {note}", entry.name())));
     }
     let frames: Vec<FrameEntry> = kept.into_iter().map(|(entry, _)| entry).collect();
     note_flips(&frames, &mut notes);
+    note_zones(&frames, &mut notes);
+    note_turns(turned, files.len(), &mut notes);
     Ok(Recording {
         camera,
         mount: None,
@@ -128,25 +147,35 @@ fn from_images(directory: PathBuf, files: &[PathBuf], form: Form, given: &Path, 
         skipped,
         notes,
         keep_going: options.keep_going,
+        plane: options.plane,
     })
 }
 
-/// One image of forms B and C, and whether its file holds more.
+/// One image of forms B and C.
 fn examine(
     path: &Path,
     file: &Path,
     number: usize,
     first: Option<(String, Size)>,
-) -> Result<(FrameEntry, FitsMetadata, bool), FrameProblem> {
-    let probe = image_file::probe(path)?;
+    options: OpenOptions,
+) -> Result<(FrameEntry, FitsMetadata, Probe), FrameProblem> {
+    let probe = image_file::probe(path, options.plane)?;
     if let Some((name, expected)) = first.filter(|(_, expected)| *expected != probe.size) {
         return Err(FrameProblem::WrongSize { found: probe.size, expected, expected_from: format!("{name} is") });
     }
-    let metadata = probe.fits.as_ref().map_or_else(|| Ok(FitsMetadata::default()), FitsHeader::metadata)?;
+    let mut metadata = probe.fits.as_ref().map_or_else(|| Ok(FitsMetadata::default()), FitsHeader::metadata)?;
+    let mut zone_unknown = false;
+    if let Some(exif) = &probe.exif {
+        (metadata.exposure_s, metadata.focal_length_mm) = (exif.exposure_s, exif.focal_length_mm);
+        let middle = |start| start + Duration::from_seconds(exif.exposure_s.unwrap_or(0.0) / 2.0);
+        metadata.time_utc = exif.start.map(|(start, _)| middle(start));
+        zone_unknown = exif.start.is_some_and(|(_, unknown)| unknown);
+    }
     let mut entry = FrameEntry {
         file: Some(file.to_owned()),
         number,
         time_utc: metadata.time_utc,
+        zone_unknown,
         exposure_s: metadata.exposure_s,
         temperature_c: metadata.temperature_c,
         ..FrameEntry::default()
@@ -155,7 +184,7 @@ fn examine(
         entry.covariates.insert("gain_setting".to_owned(), gain);
     }
     describe(&mut entry, &probe);
-    Ok((entry, metadata, probe.more_images))
+    Ok((entry, metadata, probe))
 }
 
 fn describe(entry: &mut FrameEntry, probe: &Probe) {
@@ -183,7 +212,7 @@ fn shared(kept: &[(FrameEntry, FitsMetadata)], notes: &mut Vec<String>) -> (Came
         width_px: size.width_px,
         height_px: size.height_px,
         pixel_pitch_um: pitch[0].zip(pitch[1]).map(|(x, y)| [x, y]),
-        focal_length_mm: agreed("FOCALLEN", &|metadata| metadata.focal_length_mm),
+        focal_length_mm: agreed("the focal length (FOCALLEN)", &|metadata| metadata.focal_length_mm),
         gain_e_per_dn: agreed("EGAIN or GAIN", &|metadata| metadata.gain_e_per_dn),
         ..CameraInfo::default()
     };
@@ -220,12 +249,14 @@ fn from_manifest(path: &Path, options: OpenOptions) -> Result<Recording, Recordi
     };
     let mut notes = Vec::new();
     let (mut frames, mut skipped): (Vec<FrameEntry>, Vec<SkippedFrame>) = (Vec::new(), Vec::new());
+    let mut turned: Vec<Turned> = Vec::new();
+    let listed_frames = listed.len();
+    let mut latest = None;
     for (number, ListedFrame { name, time_place, entry }) in listed.into_iter().enumerate() {
-        let previous = frames.iter().rev().find_map(|frame| frame.time_utc);
         let checked = entry.and_then(|mut entry| {
             let file = entry.file.as_ref().map_or_else(|| PathBuf::from(&name), |file| directory.join(file));
             let fault = |problem| RecordingError::Frame { file: file.clone(), problem: Box::new(problem), place: entry.place.clone() };
-            if let Some((time, previous)) = entry.time_utc.zip(previous).filter(|(time, previous)| time < previous) {
+            if let Some((time, previous)) = entry.time_utc.zip(latest).filter(|(time, previous)| time < previous) {
                 let (time, previous) = (time::format_utc(time), time::format_utc(previous));
                 let place = Some(time_place);
                 return Err(RecordingError::Frame { file, problem: Box::new(FrameProblem::TimeBackwards { time, previous }), place });
@@ -234,17 +265,21 @@ fn from_manifest(path: &Path, options: OpenOptions) -> Result<Recording, Recordi
                 entry.size = Some(camera_size);
                 return listed_stars.faults.remove(&number).map_or(Ok(entry), Err);
             }
-            let probe = image_file::probe(&file).map_err(fault)?;
+            let probe = image_file::probe(&file, options.plane).map_err(fault)?;
             if probe.size != camera_size {
                 let expected_from = format!("the camera ({}, line {width_line}, width_px and height_px) is", path.display());
                 return Err(fault(FrameProblem::WrongSize { found: probe.size, expected: camera_size, expected_from }));
             }
             describe(&mut entry, &probe);
-            notes.extend(probe.more_images.then(|| more_images(&entry)));
+            notes.extend(probe.more_images.then(|| more_images(&entry, probe.fits.is_some())));
+            turned.extend(Turned::of(&entry, &probe));
             Ok(entry)
         });
         match checked {
-            Ok(entry) => frames.push(entry),
+            Ok(entry) => {
+                latest = entry.time_utc.or(latest);
+                frames.push(entry);
+            }
             Err(error) => skip_or_fail(error, name, number, options, &mut skipped)?,
         }
     }
@@ -253,6 +288,7 @@ fn from_manifest(path: &Path, options: OpenOptions) -> Result<Recording, Recordi
     }
     note_focal_length(&camera, &mut notes);
     note_flips(&frames, &mut notes);
+    note_turns(turned, listed_frames, &mut notes);
     let stars = listed_stars
         .map(|mut listed| StarList { frames: frames.iter().map(|frame| std::mem::take(&mut listed.stars[frame.number])).collect() });
     Ok(Recording {
@@ -268,6 +304,7 @@ fn from_manifest(path: &Path, options: OpenOptions) -> Result<Recording, Recordi
         skipped,
         notes,
         keep_going: options.keep_going,
+        plane: options.plane,
     })
 }
 
@@ -302,8 +339,9 @@ fn all_skipped(skipped: &[SkippedFrame]) -> String {
     )
 }
 
-fn more_images(entry: &FrameEntry) -> String {
-    format!("{}: the file holds more than one image; the first is read, the others are not", entry.name())
+fn more_images(entry: &FrameEntry, is_fits: bool) -> String {
+    let hint = if is_fits { "" } else { " (--plane N chooses another page)" };
+    format!("{}: the file holds more than one image; the first is read, the others are not{hint}", entry.name())
 }
 
 /// Says which focal length is used where the manifest gives two.
@@ -322,6 +360,54 @@ fn note_flips(frames: &[FrameEntry], notes: &mut Vec<String>) {
             "{} of {} frames say ROWORDER = BOTTOM-UP and were turned over on reading: {first} …",
             flipped.len(),
             frames.len()
+        ));
+    }
+}
+
+/// An image that viewers turn.
+struct Turned {
+    name: String,
+    size: Size,
+    orientation: u8,
+}
+
+impl Turned {
+    fn of(entry: &FrameEntry, probe: &Probe) -> Option<Self> {
+        let orientation = probe.exif.as_ref()?.orientation?;
+        Some(Self { name: entry.name(), size: probe.size, orientation })
+    }
+}
+
+/// Says that images are read as they are stored where other programs turn them (EXIF, tag Orientation).
+fn note_turns(turned: Vec<Turned>, frames: usize, notes: &mut Vec<String>) {
+    let count = turned.len();
+    let Some(Turned { name, size, orientation }) = turned.into_iter().next() else { return };
+    let how = match orientation {
+        2 => "mirrored left to right",
+        3 => "turned by 180°",
+        4 => "mirrored top to bottom",
+        5 => "mirrored along the diagonal",
+        6 => "turned clockwise by 90°",
+        7 => "mirrored along the other diagonal",
+        _ => "turned counter-clockwise by 90°",
+    };
+    let Size { width_px, height_px } = size;
+    let shown = if orientation >= 5 { Size { width_px: height_px, height_px: width_px } } else { size };
+    notes.push(format!(
+        "{count} of {frames} frames have an EXIF orientation, {name} the first of them ({orientation}): viewers and cv2.imread show it {how}, as \
+         {shown}; here pixels and positions are as stored, {size}; read it elsewhere without turning it (cv2.IMREAD_IGNORE_ORIENTATION) to use them"
+    ));
+}
+
+/// Says that times are taken for UTC that do not say so.
+fn note_zones(frames: &[FrameEntry], notes: &mut Vec<String>) {
+    let unknown: Vec<&FrameEntry> = frames.iter().filter(|frame| frame.zone_unknown).collect();
+    if let Some((first, time)) = unknown.first().and_then(|frame| Some((frame.name(), frame.time_utc?))) {
+        notes.push(format!(
+            "the zone of the times of {} frames is unknown (EXIF without OffsetTimeOriginal), {first} at {} the first of them: they are taken for \
+             UTC and may be off by 14 hours; tell the times (--time) if that matters",
+            unknown.len(),
+            time::format_utc(time)
         ));
     }
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use super::error::{RecordingError, Size};
 use super::toml_table::suggestion;
+use crate::guard::{Panicked, guarded};
 
 const COLUMNS: [&str; 11] =
     ["frame", "x_px", "y_px", "flux_e", "magnitude", "sigma_x_px", "sigma_y_px", "cov_xy_px2", "hip", "ra_deg", "dec_deg"];
@@ -48,6 +49,11 @@ pub(super) struct Listed {
 
 /// Reads a star list of `frame_count` frames of that size. What cannot be laid to one frame is an error at once.
 pub(super) fn read(path: &Path, frame_count: usize, size: Size) -> Result<Listed, RecordingError> {
+    let damaged = |panicked: Panicked| RecordingError::StarList { path: path.to_owned(), line: 1, problem: panicked.to_string() };
+    guarded(|| parse(path, frame_count, size)).map_err(damaged)?
+}
+
+fn parse(path: &Path, frame_count: usize, size: Size) -> Result<Listed, RecordingError> {
     let bytes = std::fs::read(path).map_err(|source| match source.kind() {
         std::io::ErrorKind::NotFound => RecordingError::Missing { path: path.to_owned() },
         _ => RecordingError::Read { path: path.to_owned(), source },
@@ -83,8 +89,8 @@ pub(super) fn read(path: &Path, frame_count: usize, size: Size) -> Result<Listed
         }
     }
     let mut listed = Listed { stars: vec![Vec::new(); frame_count], faults: BTreeMap::new() };
-    for record in reader.records() {
-        let record = record.map_err(|error| csv_fault(&error, &fault))?;
+    let mut record = csv::StringRecord::new();
+    while reader.read_record(&mut record).map_err(|error| csv_fault(&error, &fault))? {
         let line = record.position().map_or(0, csv::Position::line);
         let row = Row { record: &record, columns: &columns };
         let frame = row.text("frame").unwrap_or("");

@@ -8,17 +8,27 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::error::{Place, RecordingError};
+use crate::guard::guarded;
 
 /// A TOML file and its text.
 pub(super) struct Document<'s> {
-    pub(super) path: &'s Path,
-    pub(super) source: &'s str,
+    path: &'s Path,
+    source: &'s str,
+    /// Where the lines end: a place is asked for thousands of times, and the text is read once.
+    line_ends: Vec<usize>,
 }
 
 impl<'s> Document<'s> {
+    pub(super) fn new(path: &'s Path, source: &'s str) -> Self {
+        let line_ends = source.bytes().enumerate().filter(|(_, byte)| *byte == b'\n').map(|(at, _)| at).collect();
+        Self { path, source, line_ends }
+    }
+
     /// The whole file as a table; duplicate keys and syntax errors are refused here.
     pub(super) fn parse(&'s self, known: &'static [&'static str]) -> Result<Table<'s>, RecordingError> {
-        match DeTable::parse(self.source) {
+        let parsed =
+            guarded(|| DeTable::parse(self.source)).map_err(|panicked| self.fault(0, "", format!("not valid TOML: {panicked}")))?;
+        match parsed {
             Ok(table) => Ok(Table::new(self, "the top of the file", known, 0..0, table.into_inner())),
             Err(error) => {
                 let at = error.span().map_or(0, |span| span.start);
@@ -29,7 +39,7 @@ impl<'s> Document<'s> {
 
     /// The line of a byte, from 1.
     fn line(&self, at: usize) -> usize {
-        1 + self.source.as_bytes().iter().take(at).filter(|&&byte| byte == b'\n').count()
+        1 + self.line_ends.partition_point(|end| *end < at)
     }
 
     fn fault(&self, at: usize, key: &str, problem: String) -> RecordingError {

@@ -9,6 +9,7 @@ use super::{
 use crate::camera::{Camera, Model};
 use crate::coordinates::{Direction, Icrs};
 use crate::effects::Observation;
+use crate::guard::{Panicked, guarded};
 use crate::recording::{FirstRow, Mount};
 use crate::units::DEG_RAD;
 
@@ -295,7 +296,8 @@ impl NominalTable {
 
 /// Reads the tables.
 pub(super) fn parse(path: &str, text: &str) -> Result<SceneFile, SceneError> {
-    toml::from_str(text).map_err(|error| {
+    let unreadable = |panicked: Panicked| SceneError::Parse { path: path.to_owned(), message: panicked.to_string() };
+    guarded(|| toml::from_str(text)).map_err(unreadable)?.map_err(|error: toml::de::Error| {
         let line = error.span().map_or(1, |span| text[..span.start.min(text.len())].matches('\n').count() + 1);
         let message = format!("line {line}: {}", with_suggestion(error.message()));
         SceneError::Parse { path: path.to_owned(), message }

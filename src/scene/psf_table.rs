@@ -220,7 +220,11 @@ fn image(path: &str, table: &PsfTable, refuse: Refuse<'_>, wrong: &dyn Fn(String
         return Err(refuse("image_points_per_px", points_per_px.to_string(), "must lie between 1 and 64"));
     }
     let file = Path::new(path).parent().unwrap_or(Path::new("")).join(name);
-    let frame = Recording::open(&[&file]).and_then(|recording| recording.load_frame(0)).map_err(|error| wrong(error.to_string()))?;
+    let frame = Recording::open(&[&file]).and_then(|recording| recording.load_masked(0)).map_err(|error| wrong(error.to_string()))?;
+    if frame.undefined.is_some() {
+        return Err(refuse("image", format!("{} points without a value", frame.count_undefined()), "must have a number at every point"));
+    }
+    let frame = frame.frame;
     let image = SampledImage { width: frame.width_px, height: frame.height_px, values: frame.pixels_dn, points_per_px };
     if image.width.max(image.height) > 2048 {
         return Err(refuse("image", format!("{} × {} points", image.width, image.height), "must not be larger than 2048 × 2048"));

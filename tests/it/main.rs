@@ -37,6 +37,7 @@ mod spreads;
 mod stages;
 mod star_images;
 mod summary;
+mod told;
 mod trails;
 mod truth;
 mod twins;

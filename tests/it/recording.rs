@@ -5,5 +5,7 @@ mod forms;
 mod fuzz;
 mod made;
 mod output;
+mod readers;
 mod real;
 mod round_trip;
+mod zoo;

@@ -25,7 +25,7 @@ fn night(mirrored: bool) -> (Vec<List>, ControlPoints) {
             frame,
             detections: &made.detections,
             identification,
-            directions: &[],
+            sky: None,
             years_since_epoch: 30.0,
             gain_e_per_dn: Some(2.0),
         })

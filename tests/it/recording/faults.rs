@@ -93,16 +93,13 @@ fn frames_of_a_manifest() {
     let two = "[[frames]]\nfile = \"a.png\"\n\n[[frames]]\nfile = \"b.fits\"\n";
     let good = png(12, 10);
     let whole = fits(&[], &counts());
-    let nan: Vec<u8> = (0..120).flat_map(|pixel| (if pixel == 15 { f32::NAN } else { 0.0 }).to_be_bytes()).collect();
     let infinite: Vec<u8> = vec![f32::INFINITY.to_be_bytes(); 120].concat();
     for (second, parts) in [
         (None, vec!["b.fits: no such file", "key \"file\" in", "recording.toml, line 9"]),
         (Some(whole[..2900].to_vec()), vec!["b.fits", "ends early", "3120 bytes, 2900 are there", "recording.toml, line 9"]),
         (Some(whole[..1000].to_vec()), vec!["b.fits", "no END card", "line 9"]),
         (Some(fits(&["NAXIS1  = 10", "NAXIS2  = 12"], &counts())), vec!["b.fits", "is 10 × 12 px", "line 3", "12 × 10 px", "line 9"]),
-        (Some(fits(&["BITPIX  = -32"], &nan)), vec!["b.fits", "1 of its pixels are NaN", "column 3, row 1", "line 9"]),
-        (Some(fits(&["BITPIX  = -32"], &infinite)), vec!["120 of its pixels are infinite", "column 0, row 0"]),
-        (Some(fits(&["BLANK   = 5"], &counts())), vec!["1 of its pixels are NaN", "column 5, row 0"]),
+        (Some(fits(&["BITPIX  = -32"], &infinite)), vec!["b.fits", "none of its pixels has a value", "line 9"]),
         (Some(b"these are not the stars you are looking for".to_vec()), vec!["b.fits", "is no image that can be read", "PNG", "line 9"]),
         (Some(Vec::new()), vec!["b.fits", "the file is empty"]),
         (Some(png(1, 1)), vec!["b.fits: is 1 × 1 px", "too small", "at least 8 × 8"]),
@@ -112,7 +109,7 @@ fn frames_of_a_manifest() {
         (Some(fits(&["NAXIS1  = -12"], &counts())), vec!["FITS keyword NAXIS1", "whole number"]),
         (Some(fits(&["NAXIS1  = 'wide'"], &counts())), vec!["FITS keyword NAXIS1", "wide"]),
         (Some(fits(&["BITPIX  = 12"], &counts())), vec!["FITS keyword BITPIX", "12"]),
-        (Some(fits(&["NAXIS   = 3", "NAXIS3  = 7"], &counts())), vec!["7 planes", "one image a file"]),
+        (Some(fits(&["NAXIS   = 3", "NAXIS3  = 7"], &counts())), vec!["7 planes", "--plane 1 … 7"]),
         (Some(fits(&["NAXIS   = 0"], &[])), vec!["holds no image"]),
         (Some(fits(&["ROWORDER= 'SIDEWAYS'"], &counts())), vec!["FITS keyword ROWORDER", "SIDEWAYS"]),
         (Some(good[..good.len() - 20].to_vec()), vec!["b.fits", "PNG file is damaged"]),
@@ -161,7 +158,7 @@ fn bad_keys_of_one_frame_skip_only_that_frame() {
     assert_says(&recording.skipped[0].reason, &["recording.toml, line 7", "\"exposure_s\""]);
     // with nothing left there is no recording
     let folder = Folder::with_manifest("[[frames]]\nfile = \"a.png\"\n", &[]);
-    let error = Recording::open_with(&[folder.root()], OpenOptions { keep_going: true }).unwrap_err().to_string();
+    let error = Recording::open_with(&[folder.root()], OpenOptions { keep_going: true, ..OpenOptions::default() }).unwrap_err().to_string();
     assert_says(&error, &["no frames found in", "every one of its 1 frames was skipped", "no such file"]);
 }
 
@@ -193,7 +190,7 @@ fn fits_headers_of_a_folder() {
         (vec!["EXPTIME = 'long'"], vec!["FITS keyword EXPTIME", "no number"]),
         (vec!["SITELAT = '+95 00 00'"], vec!["FITS keyword SITELAT", "-90° to 90°"]),
         (vec!["SITELONG= 'west'"], vec!["FITS keyword SITELONG"]),
-        (vec!["ZIMAGE  = T"], vec!["tile-compressed", "funpack"]),
+        (vec!["ZIMAGE  = T"], vec!["FITS keyword ZBITPIX", "is missing"]),
     ] {
         assert_says(&Folder::with(&[("a.fits", &fits(&cards, &counts()))]).fault(), &parts);
     }

@@ -174,7 +174,7 @@ fn fits_images_in_an_extension_and_in_three_colours_are_read() {
     assert!(notes[0].contains("a.fits: the file holds more than one image"), "{notes:?}");
 
     let planes: Vec<u8> = [counts(), counts(), counts()].concat();
-    let colour = fits(&["NAXIS   = 3", "NAXIS3  = 3"], &planes);
+    let colour = fits(&["NAXIS   = 3", "NAXIS3  = 3", "CTYPE3  = 'RGB'"], &planes);
     assert_eq!(Folder::with(&[("a.fits", &colour)]).open().load_frame(0).unwrap().at(1, 1), 13.0);
 }
 

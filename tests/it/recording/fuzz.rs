@@ -28,7 +28,7 @@ fn files() -> Vec<(&'static str, Vec<u8>)> {
 /// Opens and reads all there is; whatever comes out, it is a value.
 fn read_all(folder: &Folder) {
     for keep_going in [false, true] {
-        if let Ok(recording) = Recording::open_with(&[folder.root()], OpenOptions { keep_going }) {
+        if let Ok(recording) = Recording::open_with(&[folder.root()], OpenOptions { keep_going, ..OpenOptions::default() }) {
             for frame in 0..recording.frames.len() {
                 if let Ok(loaded) = recording.load_frame(frame) {
                     assert_eq!(loaded.pixels_dn.len(), loaded.width_px * loaded.height_px);

@@ -81,7 +81,7 @@ impl Folder {
     }
 
     pub(super) fn keep_going(&self) -> Recording {
-        Recording::open_with(&[self.root()], OpenOptions { keep_going: true }).unwrap()
+        Recording::open_with(&[self.root()], OpenOptions { keep_going: true, ..OpenOptions::default() }).unwrap()
     }
 
     /// Opens and reads every frame; the sentence of the first fault.
