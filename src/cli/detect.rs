@@ -46,7 +46,7 @@ struct DetectedFrame<'a> {
 pub(crate) fn detect(args: &DetectArgs) -> Result<Answer> {
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, None)?;
-    let measured = pipeline::measure_as(recording, &args.measure, &mut provenance)?;
+    let measured = pipeline::measure_as(recording, &args.measure, None, &mut provenance)?;
     let frames = measured
         .frames
         .iter()

@@ -117,7 +117,7 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
     let catalog = args.sky.catalog()?;
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
-    let measured = pipeline::measure_as(recording, &args.measure, &mut provenance)?;
+    let measured = pipeline::measure_as(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
     let mut options = args.options()?;
     provenance.seed = Some(options.seed);
     let choice = args.sky.choice_of_diagnosis();

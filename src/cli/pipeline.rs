@@ -1,5 +1,7 @@
 //! The way of the data as the verbs walk it, with progress shown and what was read told.
 
+use std::time::Duration;
+
 use anyhow::Result;
 use boresight::catalog::Catalog;
 use boresight::identify::IdentifyOptions;
@@ -39,8 +41,13 @@ pub(crate) fn measure(recording: Recording) -> Result<Measured> {
 }
 
 /// The same as asked for; darks go into the provenance.
-pub(crate) fn measure_as(mut recording: Recording, args: &MeasureArgs, provenance: &mut Provenance) -> Result<Measured> {
-    let options = args.options()?;
+pub(crate) fn measure_as(
+    mut recording: Recording,
+    args: &MeasureArgs,
+    time_limit: Option<Duration>,
+    provenance: &mut Provenance,
+) -> Result<Measured> {
+    let options = args.options(time_limit)?;
     if let Some(dark) = &options.dark {
         for file in dark.files() {
             provenance.add_input(file)?;
