@@ -88,7 +88,7 @@ pub(crate) struct MeasureArgs {
 }
 
 /// Reads a signal-to-noise ratio from 2 to 1000.
-fn threshold(text: &str) -> std::result::Result<f64, String> {
+pub(crate) fn threshold(text: &str) -> std::result::Result<f64, String> {
     text.parse::<f64>().ok().filter(|snr| (2.0..=1000.0).contains(snr)).ok_or_else(|| "give a number from 2 to 1000".into())
 }
 

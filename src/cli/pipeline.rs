@@ -35,9 +35,9 @@ pub(crate) fn provenance(recording: &Recording, sky: Option<&SkyArgs>) -> Result
     Ok(provenance)
 }
 
-/// Finds and measures the stars of every frame.
-pub(crate) fn measure(recording: Recording) -> Result<Measured> {
-    measure_by(recording, &MeasureOptions::default())
+/// Finds and measures the stars of every frame; those above a signal-to-noise ratio, if one is asked for.
+pub(crate) fn measure(recording: Recording, detection_threshold: Option<f64>) -> Result<Measured> {
+    measure_by(recording, &MeasureOptions { detection_threshold, ..MeasureOptions::default() })
 }
 
 /// The same as asked for; darks go into the provenance.

@@ -27,7 +27,7 @@ pub(super) struct Background {
     least: f64,
     /// The smallest noise that the steps of the counts allow, DN.
     pub(super) floor_dn: f64,
-    /// Whether black is cut off above the level of the sky, in a part of the frame at least.
+    /// Whether black is cut off above the level of the sky, nearly everywhere.
     pub(super) is_cut: bool,
     /// Its noise before it was cut.
     before_cut: Option<CutNoise>,
@@ -161,7 +161,7 @@ impl Background {
 
     /// Where black is cut off the noise is what it was before.
     fn raise_noise(&mut self, cut: &CutNoise, x_edges: &[usize], y_edges: &[usize]) {
-        self.is_cut = true;
+        self.is_cut = cut.is_everywhere();
         for (cell, noise) in self.noise.iter_mut().enumerate() {
             let middle = |edges: &[usize], i: usize| usize::midpoint(edges[i], edges[i + 1]);
             let before = cut.at(middle(x_edges, cell % self.cells_x), middle(y_edges, cell / self.cells_x));

@@ -38,6 +38,12 @@ impl CutNoise {
         self.sigma_dn[self.part(x, y)]
     }
 
+    /// Whether black is cut off nearly everywhere.
+    pub(super) fn is_everywhere(&self) -> bool {
+        const NEARLY: f64 = 0.9;
+        self.sigma_dn.iter().filter(|sigma| **sigma > 0.0).count() as f64 >= NEARLY * self.sigma_dn.len() as f64
+    }
+
     /// Scatter of what is left of it at a pixel.
     pub(super) fn left_at(&self, x: usize, y: usize) -> f64 {
         self.left_dn[self.part(x, y)]

@@ -7,7 +7,6 @@
 //! leaves of a given noise: for weighted least squares with hat matrix H, E r_i² = Σ_j (δ_ij − H_ij)² v_j.
 
 use super::fit::{Fit, Freedom, Model, Scene, inverse};
-use super::work::WEIGHED;
 
 /// Stars fainter than this tell nothing, brighter than that tell more of the Gaussian's misfit than of photons.
 const SNR_RANGE: (f64, f64) = (8.0, 60.0);
@@ -58,8 +57,8 @@ pub(super) struct Sample {
     pub(super) neighbours: Vec<Model>,
 }
 
-/// Estimates the variance per count; 0 where nothing tells.
-pub(super) fn variance_per_dn(scene: &Scene<'_>, samples: &[Sample]) -> f64 {
+/// Estimates the variance per count; 0 where nothing tells. `until`: the part of the work on the frame by which it is to end.
+pub(super) fn variance_per_dn(scene: &Scene<'_>, samples: &[Sample], until: f64) -> f64 {
     let mut chosen: Vec<&Sample> = samples.iter().filter(|s| s.snr > SNR_RANGE.0 && s.snr < SNR_RANGE.1).collect();
     if chosen.len() < FEWEST_STARS {
         chosen = samples.iter().filter(|s| s.snr > SNR_RANGE.0).collect();
@@ -72,7 +71,7 @@ pub(super) fn variance_per_dn(scene: &Scene<'_>, samples: &[Sample]) -> f64 {
     // the better the weights of the fits, the better their residuals tell
     for _ in 0..2 {
         let scene = Scene { variance_per_dn: value, ..*scene };
-        let told = scene.work.each(&chosen, WEIGHED, |s| {
+        let told = scene.work.each(&chosen, until, |s| {
             let fit = scene.fit(s.start, s.freedom, &s.neighbours).filter(|f| !f.edge && f.lone_pixel_excess > 0.0)?;
             scene.told(&fit, s.freedom, &s.neighbours)
         });

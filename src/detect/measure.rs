@@ -15,7 +15,7 @@ use super::psf::{Profile, Shape};
 use super::rounds::{Fitting, Stars};
 use super::search::{FIRST_SIGMA_PX, Ground, SHARPEST_PX, Search, search};
 use super::surround;
-use super::work::Work;
+use super::work::{PARTED, WEIGHED, Work};
 use super::{DetectError, DetectOptions, Detection, Detections, Flags};
 use crate::frame::Frame;
 
@@ -96,7 +96,7 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
 
     let mut stars = Stars::new(candidates);
     if variance_per_dn.is_none() {
-        scene.variance_per_dn = gain::variance_per_dn(&scene, &stars.samples(freedom, false));
+        scene.variance_per_dn = gain::variance_per_dn(&scene, &stars.samples(freedom, false), WEIGHED);
     }
     let fitting = |scene, empirical| Fitting {
         scene,
@@ -109,7 +109,7 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
     let with_gaussians = scene;
     fitting(&with_gaussians, false).begin(&mut stars);
     if aids.psf.is_some() && variance_per_dn.is_none() {
-        scene.variance_per_dn = gain::variance_per_dn(&scene, &stars.samples(|_| Freedom::Empirical, true));
+        scene.variance_per_dn = gain::variance_per_dn(&scene, &stars.samples(|_| Freedom::Empirical, true), PARTED);
     }
     if aids.psf.is_some() {
         fitting(&scene, true).again(&mut stars);

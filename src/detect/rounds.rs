@@ -99,13 +99,13 @@ impl<F: Fn(&Candidate) -> Freedom + Sync> Fitting<'_, F> {
     /// Each again, from where it is.
     pub(super) fn again(&self, stars: &mut Stars) {
         let all: Vec<usize> = (0..stars.candidates.len()).collect();
-        let fits = self.scene.work.each(&all, FITTED, |i| self.single(stars, *i, &stars.around(&[*i])));
+        let fits = self.scene.work.each(&all, PARTED, |i| self.single(stars, *i, &stars.around(&[*i])));
         for (fit, again) in stars.fits.iter_mut().zip(fits) {
             if let Some(again) = again {
                 *fit = again;
             }
         }
-        self.rest(stars, vec![true; stars.fits.len()], RESTED);
+        self.rest(stars, vec![true; stars.fits.len()], PARTED);
     }
 
     /// Takes apart what was taken for one star, and fits together those that are near to each other. Who is not alone says nothing of images any

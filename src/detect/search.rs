@@ -84,8 +84,10 @@ impl Search {
         let beyond = |ratio: f64| if ratio > CHANCE { ratio } else { 1.0 };
         let of_tail = if is_cut { (independent / normal).max(LEAST_OF_CUT) } else { beyond(independent / normal) };
         let white = if is_cut { scatter.max(LEAST_OF_CUT) } else { scatter.max(1.0) };
-        let threshold = options.detection_threshold.unwrap_or(normal * of_tail * beyond(correlated / white));
         let scatter = Some(kernel.scatter_of_correlated(normalised, &lit, width)).filter(|s| *s > CLEARLY).unwrap_or(1.0);
+        // Blocks of JPEG leave lone pixels darker than the rest of the noise: the tail of these is not all.
+        let of_tail = if is_cut { of_tail * scatter } else { of_tail };
+        let threshold = options.detection_threshold.unwrap_or(normal * of_tail * beyond(correlated / white));
         let mut peaks = filter::peaks(&filtered, width, threshold);
         peaks.truncate(MOST_PEAKS);
         Self { shape, field: None, shape_known, scatter, threshold, peaks, kernel, lit }

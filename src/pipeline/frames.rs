@@ -9,7 +9,7 @@ use super::{Measured, MeasuredFrame, PipelineError, SkyChoice, star_list};
 use crate::camera::SkyChain;
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Attitude, Direction};
-use crate::detect::{Aids, DetectOptions, EmpiricalPsf, PsfReport, PsfStar, detect_aided, detect_windowed, learn};
+use crate::detect::{Aids, DetectOptions, Detection, Detections, EmpiricalPsf, PsfReport, PsfStar, detect_aided, detect_windowed, learn};
 use crate::effects::Observation;
 use crate::frame::Frame;
 use crate::identify::{ASSUMED_EPOCH_YR, Identification, IdentifyOptions, Index, Near, Projection, Solution, common_projection, identify};
@@ -20,6 +20,8 @@ use crate::units::DEG_RAD;
 /// How far a camera may have turned from the nearest frame that is identified, where its attitude is taken for a hint.
 const TURNED_RAD: f64 = 10.0 * DEG_RAD;
 
+/// Frames with fewer stars are looked at a second time.
+const FEW: usize = 30;
 /// By so much the focal length of another frame of the same camera may differ: of any, and of one as wide as this (half a side over f).
 const SAME: f64 = 0.01;
 const SAME_OF_WIDE: f64 = 0.12;
@@ -169,12 +171,40 @@ where
         let (detections, kept) = match self.options.centroid {
             Centroid::Windowed => (detect_windowed(&frame, &options, bad).map_err(failed)?, Vec::new()),
             Centroid::Gaussian | Centroid::Empirical => {
-                detect_aided(&frame, &options, &Aids { psf: self.psf, bad, keep: self.keep, deadline }).map_err(failed)?
+                let (mut detections, kept) =
+                    detect_aided(&frame, &options, &Aids { psf: self.psf, bad, keep: self.keep, deadline }).map_err(failed)?;
+                // Where there are few a second look costs little, and sees some that the first does not.
+                if detections.stars.len() < FEW {
+                    add_missing(&mut detections, detect_windowed(&frame, &options, bad).map_err(failed)?);
+                }
+                (detections, kept)
             }
         };
         done();
         Ok(Ok((MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() }, kept)))
     }
+}
+
+/// Adds to the stars of a frame those that the quick way finds and that are not there yet, if they stand out of the noise as clearly.
+fn add_missing(detections: &mut Detections, quick: Detections) {
+    /// Nearer than this they are the same, px.
+    const SAME_PX: f64 = 3.0;
+    /// Of maxima of noise one in a million is so bright.
+    const CLEARLY: f64 = 5.0;
+    /// A picture in which it finds so many is one of something else, and so is what fits so badly as no star does.
+    const MOST: usize = 100;
+    const MOST_CHI2: f64 = 4.0;
+    if quick.stars.len() > MOST {
+        return;
+    }
+    let noise = (quick.noise_dn / detections.noise_dn).min(1.0);
+    let is_missing = |star: &Detection| {
+        let near = |other: &Detection| (other.x_px - star.x_px).hypot(other.y_px - star.y_px) < SAME_PX;
+        star.snr() * noise > CLEARLY && star.chi2_per_dof < MOST_CHI2 && !detections.stars.iter().any(near)
+    };
+    let missing: Vec<Detection> = quick.stars.into_iter().filter(|star| is_missing(star)).collect();
+    detections.stars.extend(missing);
+    detections.stars.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
 }
 
 /// What the recording knows of the circumstances of its frames.
