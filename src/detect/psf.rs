@@ -113,6 +113,13 @@ impl<'a> Profile<'a> {
         Self { work: Some(work), ..self }
     }
 
+    /// So much was done with what was drawn.
+    pub(super) fn spend(&self, ns: u64) {
+        if let Some(work) = self.work {
+            work.spend(ns);
+        }
+    }
+
     /// Fills in the image of a star; `elliptical` asks for all derivatives by the shape, even of a round one.
     pub(super) fn draw(&mut self, window: Window, model: &Model, elliptical: bool) {
         let Some(psf) = self.psf.filter(|_| model.empirical) else {

@@ -17,7 +17,7 @@ pub(super) const TRAIL_NS: u64 = 220;
 const ALLOWED_NS: u64 = 1_000_000_000;
 const ALLOWED_NS_PER_PIXEL: u64 = 350;
 /// Things that are done together before what they cost is looked at: at first, and at most.
-const FEWEST: usize = 16;
+const FEWEST: usize = 4;
 const MOST: usize = 4096;
 /// What is done together costs at most this part of what is allowed, as far as those before tell.
 const PART: f64 = 0.04;
