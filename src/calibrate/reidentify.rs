@@ -4,6 +4,9 @@
 //! attitude the catalogue's stars are imaged through the solved chain; an image goes to the nearest star within the gate that its own
 //! error, the noise found and the map's uncertainty leave, if the star has no nearer image. An image without such a star keeps the
 //! identification that it has (its weight tells what it is worth), unless its star has gone to another image.
+//!
+//! Where images are so many, or the gate so wide, that stars meet one by chance, the gate is narrower: as wide as leaves no more than a small
+//! share of the new pairs to chance, and closed where no width does.
 
 use std::collections::BTreeMap;
 
@@ -19,6 +22,9 @@ use crate::identify::{ControlPoint, ControlPoints};
 const ROUNDS: usize = 8;
 /// The gate in standard errors, squared: 5σ.
 const GATE: f64 = 25.0;
+/// The gates that are tried, widest first, and the share of new pairs that may come by chance.
+const GATES: [f64; 4] = [GATE, 12.0, 6.0, 3.0];
+const MOST_BY_CHANCE: f64 = 0.1;
 /// Stars this much fainter than the faintest that is surely identified are not looked for.
 const FAINTER: f64 = 0.5;
 /// Stars may stand this much off their catalogue place (aberration, refraction, motion), rad.
@@ -113,7 +119,8 @@ fn identified_anew(
         let observation = points.observation(frame.frame);
         let field = Field { chain: &chain, catalog, limit, epoch_yr: observation.epoch_yr };
         let stars = field.stars(&attitude, &observation);
-        let found = assign(&all, &stars, floor_px2 * frame.variance_factor, chain.camera().focal_length_px);
+        let near = Near { floor_px2: floor_px2 * frame.variance_factor, focal_length_px: chain.camera().focal_length_px };
+        let found = near.assign(&all, of_frame.len(), &stars, (chain.camera().width_px * chain.camera().height_px) as f64);
         let taken: Vec<u32> = found.iter().flatten().map(|star| stars[*star].hip).collect();
         for (place, found) in found.iter().enumerate() {
             let image = &all[place];
@@ -215,29 +222,114 @@ impl Field<'_> {
     }
 }
 
-/// For each image its star (index), if one lies within the gate and has no nearer image.
-fn assign(images: &[StarImage], stars: &[Seen], floor_px2: f64, focal_length_px: f64) -> Vec<Option<usize>> {
-    let distance = |image: &StarImage, star: &Seen| {
-        let common = floor_px2 + (star.sigma_rad * focal_length_px).powi(2);
+/// How near an image and a star have to be.
+struct Near {
+    floor_px2: f64,
+    focal_length_px: f64,
+}
+
+impl Near {
+    /// The covariance of the distance between an image and a star.
+    fn covariance_px2(&self, image: &StarImage, star: &Seen) -> [f64; 3] {
+        let common = self.floor_px2 + (star.sigma_rad * self.focal_length_px).powi(2);
         let [xx, xy, yy] = image.covariance_px2;
-        let (xx, yy) = (xx + common, yy + common);
+        [xx + common, xy, yy + common]
+    }
+
+    /// The square of the distance in standard errors.
+    fn distance(&self, image: &StarImage, star: &Seen) -> f64 {
+        let [xx, xy, yy] = self.covariance_px2(image, star);
         let (dx, dy) = (image.x_px - star.place.x_px, image.y_px - star.place.y_px);
         (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy)
-    };
-    let nearest = |image: &StarImage| {
-        let all = stars.iter().enumerate().map(|(index, star)| (distance(image, star), index));
-        all.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))).filter(|(distance, _)| *distance < GATE)
-    };
-    let found: Vec<Option<(f64, usize)>> = images.iter().map(nearest).collect();
-    let is_nearest = |place: usize, distance: f64, star: usize| {
-        found.iter().enumerate().all(|(other, found)| match found {
-            Some((d, s)) if *s == star && other != place => distance < *d || (distance == *d && place < other),
-            _ => true,
-        })
-    };
-    found
-        .iter()
-        .enumerate()
-        .map(|(place, found)| found.filter(|(distance, star)| is_nearest(place, *distance, *star)).map(|(_, star)| star))
-        .collect()
+    }
+
+    /// For each image its star (index), if one lies within the gate and has no nearer image; the first `identified` of the images have a star
+    /// already. `area_px2`: of the frame.
+    fn assign(&self, images: &[StarImage], identified: usize, stars: &[Seen], area_px2: f64) -> Vec<Option<usize>> {
+        let nearest = |image: &StarImage| {
+            let all = stars.iter().enumerate().map(|(index, star)| (self.distance(image, star), index));
+            all.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))).filter(|(distance, _)| *distance < GATE)
+        };
+        let mut found: Vec<Option<(f64, usize)>> = images.iter().map(nearest).collect();
+        let gate = self.gate(images, identified, &found, stars, area_px2);
+        for found in &mut found[identified..] {
+            *found = found.filter(|(distance, _)| *distance < gate);
+        }
+        let mut of_star: BTreeMap<usize, (f64, usize)> = BTreeMap::new();
+        for (place, (distance, star)) in found.iter().enumerate().filter_map(|(place, found)| Some((place, (*found)?))) {
+            let best = of_star.entry(star).or_insert((distance, place));
+            if distance < best.0 {
+                *best = (distance, place);
+            }
+        }
+        let is_nearest = |place: usize, star: usize| of_star.get(&star).is_some_and(|best| best.1 == place);
+        found.iter().enumerate().map(|(place, found)| found.filter(|(_, star)| is_nearest(place, *star)).map(|(_, star)| star)).collect()
+    }
+
+    /// The gate for images that have no star yet: the widest in which not too many would meet one by chance.
+    fn gate(&self, images: &[StarImage], identified: usize, found: &[Option<(f64, usize)>], stars: &[Seen], area_px2: f64) -> f64 {
+        let per_px2 = stars.len() as f64 / area_px2;
+        // An image that has nothing to do with the stars has so many of them in a gate of one standard error.
+        let by_chance: f64 = images[identified..]
+            .iter()
+            .zip(&found[identified..])
+            .map(|(image, found)| {
+                let [xx, xy, yy] = match found {
+                    Some((_, star)) => self.covariance_px2(image, &stars[*star]),
+                    None => image.covariance_px2.map(|c| c + self.floor_px2),
+                };
+                per_px2 * std::f64::consts::PI * (xx * yy - xy * xy).max(0.0).sqrt()
+            })
+            .sum();
+        let new = |gate: f64| found[identified..].iter().flatten().filter(|(distance, _)| *distance < gate).count() as f64;
+        GATES.into_iter().find(|gate| by_chance * gate <= MOST_BY_CHANCE * new(*gate)).unwrap_or(0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+
+    /// A frame of 1000 × 1000 px with stars anywhere, the first of them imaged to a pixel, and blobs anywhere.
+    fn found(stars: usize, imaged: usize, blobs: usize, floor_px: f64) -> (usize, usize) {
+        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(5);
+        let mut place = || PixelPoint { x_px: rng.random_range(0.0..1000.0), y_px: rng.random_range(0.0..1000.0) };
+        let along = Direction::<Apparent>::along([0.0, 0.0, 1.0]);
+        let seen = |place| Seen {
+            hip: 1,
+            place,
+            apparent: along,
+            star: StarState::default(),
+            magnitude: 5.0,
+            sigma_rad: 0.0,
+            has_proper_motion: true,
+        };
+        let stars: Vec<Seen> = (0..stars).map(|_| seen(place())).collect();
+        let image = |at: PixelPoint| StarImage {
+            frame: 0,
+            x_px: at.x_px,
+            y_px: at.y_px,
+            covariance_px2: [0.01, 0.0, 0.01],
+            state: effects::StarImage::default(),
+        };
+        let moved = |at: PixelPoint| PixelPoint { x_px: at.x_px + 0.5 * floor_px, y_px: at.y_px - 0.5 * floor_px };
+        let mut images: Vec<StarImage> = stars[..imaged].iter().map(|star| image(moved(star.place))).collect();
+        images.extend((0..blobs).map(|_| image(place())));
+        let near = Near { floor_px2: floor_px * floor_px, focal_length_px: 1000.0 };
+        let assigned = near.assign(&images, 0, &stars, 1e6);
+        let right = assigned.iter().enumerate().filter(|(image, star)| **star == Some(*image)).count();
+        (right, assigned.iter().flatten().count())
+    }
+
+    #[test]
+    fn blobs_that_meet_stars_by_chance_are_not_named() {
+        // Of 3000 blobs hundreds lie within 5σ of one of 800 stars where σ is 2 px.
+        let (right, all) = found(800, 20, 3000, 2.0);
+        assert!(all - right <= 10, "{right} of {all}");
+        // What images tell to a tenth of a pixel is named, blobs or not.
+        let (right, all) = found(800, 300, 3000, 0.1);
+        assert!(right > 285 && all - right <= 30, "{right} of {all}");
+        assert_eq!(found(300, 200, 0, 2.0).0, 200);
+    }
 }

@@ -281,7 +281,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
     provenance.seed = args.solve.misidentify.map(|_| args.solve.misidentify_seed);
-    let measured = pipeline::measure_as(recording, &args.measure, &mut provenance)?;
+    let measured = pipeline::measure_as(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
     let choice = args.sky.choice();
     let identified = if args.trust_identifications {
         pipeline::take_identifications(&measured, &choice)?

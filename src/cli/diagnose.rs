@@ -158,7 +158,7 @@ fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answe
     let catalog = args.sky.catalog()?;
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
-    let measured = pipeline::measure_as(recording, &args.measure, &mut provenance)?;
+    let measured = pipeline::measure_as(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
     let mut options = args.options()?;
     provenance.seed = Some(options.seed);
     of_input.clone_from(&provenance);

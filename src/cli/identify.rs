@@ -63,7 +63,7 @@ pub(crate) struct SearchArgs {
     /// How far the camera may be turned from --near
     #[arg(long, value_name = "DEG", value_parser = angle, default_value_t = 10.0, allow_negative_numbers = true)]
     pub(crate) near_within_deg: f64,
-    /// Give up on a frame after this time (the answer may then depend on the machine)
+    /// Give up on a frame after this time, measuring included (the answer may then depend on the machine)
     #[arg(long, alias = "time-limit", value_name = "SECONDS", value_parser = positive, allow_negative_numbers = true)]
     pub(crate) time_limit_s: Option<f64>,
 }
@@ -100,6 +100,11 @@ pub(crate) fn positive(text: &str) -> std::result::Result<f64, String> {
 }
 
 impl SearchArgs {
+    /// What a frame may take; a time too long for the clock is no limit.
+    pub(crate) fn time_limit(&self) -> Option<Duration> {
+        self.time_limit_s.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+    }
+
     /// The options of the search for this recording.
     pub(crate) fn options(&self, measured: &Measured) -> IdentifyOptions {
         IdentifyOptions {
@@ -109,8 +114,7 @@ impl SearchArgs {
                 let [ra_rad, dec_rad] = near.radec_deg.map(|degrees| degrees * DEG_RAD);
                 Near::pointing(ra_rad, dec_rad, roll_rad, self.near_within_deg * DEG_RAD)
             }),
-            // A time too long for the clock is no limit.
-            time_limit: self.time_limit_s.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()),
+            time_limit: self.time_limit(),
             ..IdentifyOptions::default()
         }
     }
@@ -270,7 +274,7 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
     let catalog = args.sky.catalog()?;
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
-    let measured = pipeline::measure_as(recording, &args.measure, &mut provenance)?;
+    let measured = pipeline::measure_as(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
     let options = args.search.options(&measured);
     let identified = pipeline::identify_frames(&measured, &catalog, &args.sky.choice(), &options)?;
     let mut frames: Vec<FrameObject> = measured

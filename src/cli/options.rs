@@ -1,6 +1,7 @@
 //! Options that several verbs share.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::{Context, Result};
 use boresight::camera::Physics;
@@ -97,6 +98,14 @@ pub(crate) struct MeasureArgs {
     /// Take the median of these dark frames (an image, or a folder of images) off every frame, and leave out its hot pixels
     #[arg(long, value_name = "FILE|FOLDER")]
     dark: Option<PathBuf>,
+    /// The signal-to-noise ratio from which on a maximum counts as a star [default: such that noise makes one false star a frame]
+    #[arg(long, value_name = "SNR", value_parser = threshold, allow_negative_numbers = true)]
+    detection_threshold: Option<f64>,
+}
+
+/// Reads a signal-to-noise ratio from 2 to 1000.
+pub(crate) fn threshold(text: &str) -> std::result::Result<f64, String> {
+    text.parse::<f64>().ok().filter(|snr| (2.0..=1000.0).contains(snr)).ok_or_else(|| "give a number from 2 to 1000".into())
 }
 
 /// What is taken for a star's place.
@@ -118,14 +127,14 @@ impl MeasureArgs {
     }
 
     /// Reads the darks.
-    pub(crate) fn options(&self) -> Result<MeasureOptions> {
+    pub(crate) fn options(&self, time_limit: Option<Duration>) -> Result<MeasureOptions> {
         let centroid = match self.centroid {
             CentroidChoice::Gaussian => Centroid::Gaussian,
             CentroidChoice::Empirical => Centroid::Empirical,
             CentroidChoice::Windowed => Centroid::Windowed,
         };
         let dark = self.dark.as_deref().map(Dark::read).transpose().context("--dark")?;
-        Ok(MeasureOptions { centroid, dark })
+        Ok(MeasureOptions { centroid, dark, detection_threshold: self.detection_threshold, time_limit })
     }
 }
 

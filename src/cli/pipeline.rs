@@ -1,5 +1,7 @@
 //! The way of the data as the verbs walk it, with progress shown and what was read told.
 
+use std::time::Duration;
+
 use anyhow::Result;
 use boresight::catalog::Catalog;
 use boresight::identify::IdentifyOptions;
@@ -34,14 +36,19 @@ pub(crate) fn provenance(recording: &Recording, sky: Option<&SkyArgs>) -> Result
     Ok(provenance)
 }
 
-/// Finds and measures the stars of every frame.
-pub(crate) fn measure(recording: Recording) -> Result<Measured> {
-    measure_by(recording, &MeasureOptions::default())
+/// Finds and measures the stars of every frame; those above a signal-to-noise ratio, if one is asked for.
+pub(crate) fn measure(recording: Recording, detection_threshold: Option<f64>) -> Result<Measured> {
+    measure_by(recording, &MeasureOptions { detection_threshold, ..MeasureOptions::default() })
 }
 
 /// The same as asked for; darks go into the provenance.
-pub(crate) fn measure_as(mut recording: Recording, args: &MeasureArgs, provenance: &mut Provenance) -> Result<Measured> {
-    let options = args.options()?;
+pub(crate) fn measure_as(
+    mut recording: Recording,
+    args: &MeasureArgs,
+    time_limit: Option<Duration>,
+    provenance: &mut Provenance,
+) -> Result<Measured> {
+    let options = args.options(time_limit)?;
     if let Some(dark) = &options.dark {
         for file in dark.files() {
             provenance.add_input(file)?;

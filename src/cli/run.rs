@@ -43,6 +43,9 @@ struct CommonArgs {
     scene: SceneArgs,
     #[command(flatten)]
     sky: PhysicsArgs,
+    /// The signal-to-noise ratio from which on a maximum counts as a star [default: such that noise makes one false star a frame]
+    #[arg(long, value_name = "SNR", value_parser = super::options::threshold, allow_negative_numbers = true)]
+    detection_threshold: Option<f64>,
     #[command(flatten)]
     solve: SolveArgs,
     /// Write the recording, the results and the pictures into this folder [default: outputs/NAME]
@@ -170,7 +173,7 @@ fn night(
     provenance = simulated.provenance;
 
     let recording = Recording::open(&[&recording_path])?;
-    let measured = pipeline::measure(recording)?;
+    let measured = pipeline::measure(recording, args.detection_threshold)?;
     let options = search_options(&measured);
     let identified = pipeline::identify_frames(&measured, &catalog, &args.sky.physics.clone().into(), &options)?;
     let frames_identified = identified.iter().filter(|frame| frame.solution().is_some()).count();

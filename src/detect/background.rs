@@ -4,8 +4,8 @@
 //! formula, since the median of coarsely quantised counts cannot resolve a step.
 
 use rayon::prelude::*;
-use statrs::distribution::{ContinuousCDF, Normal};
 
+use super::black::{self, CutNoise};
 use crate::frame::Frame;
 use crate::statistics::{Clipped, clipped, median_in_place};
 
@@ -27,6 +27,10 @@ pub(super) struct Background {
     least: f64,
     /// The smallest noise that the steps of the counts allow, DN.
     pub(super) floor_dn: f64,
+    /// Whether black is cut off above the level of the sky, nearly everywhere.
+    pub(super) is_cut: bool,
+    /// Its noise before it was cut.
+    before_cut: Option<CutNoise>,
 }
 
 /// Where a pixel lies between the cell centres of one axis: index of the lower one, and the share of the upper.
@@ -37,13 +41,28 @@ struct Axis {
     share: f32,
 }
 
-/// The step of the counts: greatest common divisor of their differences; `None` where counts are not whole numbers.
+/// The rounding of colours that were joined into one count, in steps of these: root of the sum of the squares of their weights.
+const JOINED_STEP: f32 = 0.75;
+
+/// Whether counts are those of three colours of eight bits, joined by weights of four digits: no whole numbers, but rounded all the same.
+fn is_joined(pixels: &[f32]) -> bool {
+    const PARTS: f64 = 1e4;
+    const TOLERANCE: f64 = 0.2;
+    let of_colours = |v: f32| {
+        let parts = f64::from(v) * PARTS;
+        v.abs() <= 255.5 && (parts - parts.round()).abs() < TOLERANCE
+    };
+    let stride = (pixels.len() / 8192).max(1);
+    pixels.len() >= 64 && pixels.iter().step_by(stride).all(|v| of_colours(*v)) && pixels.iter().all(|v| of_colours(*v))
+}
+
+/// The step of the counts: greatest common divisor of their differences; `None` where counts are neither whole numbers nor made of such.
 pub(super) fn quantum_dn(pixels: &[f32]) -> Option<f32> {
     const WHOLE_BELOW: f32 = 16_777_216.0;
     let first = *pixels.first()?;
     let whole = |v: f32| v.abs() < WHOLE_BELOW && (v as i32) as f32 == v;
     if !pixels.iter().all(|&v| whole(v)) {
-        return None;
+        return is_joined(pixels).then_some(JOINED_STEP);
     }
     let mut step = 0_u32;
     let stride = (pixels.len() / 8192).max(1);
@@ -59,11 +78,6 @@ pub(super) fn quantum_dn(pixels: &[f32]) -> Option<f32> {
         }
     }
     Some(if step == 0 { 1.0 } else { step as f32 })
-}
-
-/// What a standard normal number stays below with this probability.
-fn normal_quantile(probability: f64) -> f64 {
-    Normal::standard().inverse_cdf(probability)
 }
 
 fn gcd(a: u32, b: u32) -> u32 {
@@ -108,6 +122,8 @@ impl Background {
             row_offset: vec![0.0; frame.height_px],
             least: 0.0,
             floor_dn: noise_dn,
+            is_cut: false,
+            before_cut: None,
         }
     }
 
@@ -129,46 +145,29 @@ impl Background {
             row_offset: vec![0.0; frame.height_px],
             least,
             floor_dn,
+            is_cut: false,
+            before_cut: None,
         };
         background.measure_cells(frame, masked, &x_edges, &y_edges, least);
         if background.measure_rows(frame, masked, least) {
             background.measure_cells(frame, masked, &x_edges, &y_edges, least);
         }
         background.measure_noise(frame, masked, &x_edges, &y_edges, least);
-        background.see_clipped_noise(frame, masked);
+        if let Some(cut) = black::cut_noise(frame, masked, background.floor_dn) {
+            background.raise_noise(&cut, &x_edges, &y_edges);
+        }
         background
     }
 
-    /// The noise of a frame whose black is cut off above the sky's level, from what is left of it: most counts are then the lowest, and their
-    /// scatter says nothing. It is taken where it is so much larger that the noise's own tail would not be seen (`tail`).
-    fn see_clipped_noise(&mut self, frame: &Frame, masked: &[bool]) {
-        /// The share of the lowest count from which on black is cut off above the sky, and up to which enough is left.
-        const LOWEST: [f64; 2] = [0.5, 0.99];
-        const FAR_LARGER: f64 = 4.0;
-        let mut values: Vec<f32> = frame.pixels_dn.iter().zip(masked).filter(|(_, out)| !**out).map(|(v, _)| *v).collect();
-        let Some(lowest) = values.iter().copied().reduce(f32::min) else { return };
-        let share = values.iter().filter(|v| **v == lowest).count() as f64 / values.len() as f64;
-        if !(LOWEST[0]..LOWEST[1]).contains(&share) {
-            return;
+    /// Where black is cut off the noise is what it was before.
+    fn raise_noise(&mut self, cut: &CutNoise, x_edges: &[usize], y_edges: &[usize]) {
+        self.is_cut = cut.is_everywhere();
+        for (cell, noise) in self.noise.iter_mut().enumerate() {
+            let middle = |edges: &[usize], i: usize| usize::midpoint(edges[i], edges[i + 1]);
+            let before = cut.at(middle(x_edges, cell % self.cells_x), middle(y_edges, cell / self.cells_x));
+            *noise = noise.max(before as f32);
         }
-        // Light of stars on a black sky comes in clumps, and noise does not.
-        let (mut lit, mut beside) = (0_usize, 0_usize);
-        for pair in frame.pixels_dn.chunks_exact(frame.width_px).flat_map(|row| row.windows(2)).filter(|pair| pair[0] > lowest) {
-            lit += 1;
-            beside += usize::from(pair[1] > lowest);
-        }
-        if beside as f64 > lit as f64 * (1.0 - 0.5 * share) {
-            return;
-        }
-        // Between the cut and the count that half of the rest stay below lie so many σ of a normal distribution.
-        let half_way = f64::midpoint(share, 1.0);
-        let rank = ((values.len() as f64 * half_way) as usize).min(values.len() - 1);
-        let at_half_way = *values.select_nth_unstable_by(rank, f32::total_cmp).1;
-        let sigma = f64::from(at_half_way - lowest) / (normal_quantile(half_way) - normal_quantile(share));
-        for noise in self.noise.iter_mut().filter(|noise| sigma > FAR_LARGER * f64::from(**noise)) {
-            *noise = sigma as f32;
-        }
-        self.floor_dn = self.floor_dn.max(if sigma > FAR_LARGER * self.floor_dn { sigma } else { 0.0 });
+        self.before_cut = Some(cut.clone());
     }
 
     /// Measures the noise of the cells again, now that slopes within them are known and do not count as noise.
@@ -189,6 +188,9 @@ impl Background {
                 self.level[cell] += c.mean as f32;
                 self.noise[cell] = c.sigma.max(self.floor_dn) as f32;
             }
+        }
+        if let Some(cut) = self.before_cut.take() {
+            self.raise_noise(&cut, &x_edges, &y_edges);
         }
     }
 
@@ -376,22 +378,9 @@ mod tests {
         assert_eq!(quantum_dn(&[5.0; 9]), Some(1.0));
         assert_eq!(quantum_dn(&[7.0, 37.0, 22.0]), Some(15.0));
         assert_eq!(quantum_dn(&[0.5, 1.0]), None);
-    }
-
-    #[test]
-    fn noise_whose_lower_part_is_cut_off_is_known_by_the_rest_and_starlight_is_no_noise() {
-        use rand::SeedableRng;
-        use rand_distr::Distribution;
-        let (w, h) = (256, 192);
-        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(7);
-        let noise = rand_distr::Normal::new(0.0_f32, 10.0).unwrap();
-        let pixels_dn = (0..w * h).map(|_| (noise.sample(&mut rng) - 12.0).round().max(0.0)).collect();
-        let cut = Background::measure(&Frame { width_px: w, height_px: h, pixels_dn, saturation_dn: 255.0 }, &vec![false; w * h]);
-        assert!((8.0..12.0).contains(&cut.noise_dn(100, 100)), "{}", cut.noise_dn(100, 100));
-        let star = |i: usize| 200.0 * (-(((i % w % 16) as f32 - 8.0).powi(2) + ((i / w % 16) as f32 - 8.0).powi(2)) / 2.5).exp();
-        let pixels_dn = (0..w * h).map(|i| star(i).round()).collect();
-        let stars = Background::measure(&Frame { width_px: w, height_px: h, pixels_dn, saturation_dn: 255.0 }, &vec![false; w * h]);
-        assert!(stars.noise_dn(100, 100) < 1.0, "{}", stars.noise_dn(100, 100));
+        let joined = |i: u32| ((2126.0 * f64::from(i % 3) + 7152.0 * f64::from(i % 5) + 722.0 * f64::from(i % 7)) / 1e4) as f32;
+        assert_eq!(quantum_dn(&(0..400).map(joined).collect::<Vec<_>>()), Some(JOINED_STEP));
+        assert_eq!(quantum_dn(&(0..400).map(|i| (f64::from(i) * 0.618_034).fract() as f32).collect::<Vec<_>>()), None);
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Light beside a star, as the residuals of its image show it.
 
 use super::fit::{Fit, Freedom, Model, Scene, Stamp, solve};
-use super::psf::{Profile, Shape};
+use super::psf::Shape;
+use super::work::Work;
 
 /// The image that stars are held against.
 #[derive(Clone, Copy)]
@@ -35,7 +36,7 @@ pub(super) struct Beside {
 impl Scene<'_> {
     /// A star under the typical image, all pixels in; `settled` where its place is that of its image as fitted, which is as good.
     pub(super) fn alone(&self, fit: &Fit, image: Image, neighbours: &[Model], settled: bool) -> Option<Alone> {
-        let mut profile = Profile::of(self.psf);
+        let mut profile = self.profile();
         let start = Model { shape: image.typical, empirical: image.empirical, ..fit.model };
         let stamp = self.stamp(start, neighbours, &mut profile);
         let freedom = if image.empirical { Freedom::Empirical } else { Freedom::Fixed };
@@ -68,7 +69,7 @@ impl Scene<'_> {
 
     /// Light at a place beside a star.
     pub(super) fn beside(&self, alone: &Alone, toward_px: [f64; 2]) -> Option<Beside> {
-        let mut profile = Profile::of(self.psf);
+        let mut profile = self.profile();
         let there = Model { x: alone.model.x + toward_px[0], y: alone.model.y + toward_px[1], ..alone.model };
         profile.draw(alone.stamp.window, &there, false);
         alone.light(&profile.value)
@@ -94,7 +95,9 @@ impl Alone {
     }
 
     /// Where light beside the star explains most of its residuals; not where another star is nearer.
-    pub(super) fn brightest_beside(&self, neighbours: &[Model]) -> Option<([f64; 2], f64)> {
+    pub(super) fn brightest_beside(&self, neighbours: &[Model], work: &Work) -> Option<([f64; 2], f64)> {
+        /// What a pixel costs at each place.
+        const PIXEL_NS: u64 = 5;
         /// Pixels with less than this share of the image's top say little of it.
         const FAINT: f64 = 2e-3;
         let (columns, rows) = (self.stamp.window.columns.cast_signed(), self.stamp.window.rows.cast_signed());
@@ -104,6 +107,7 @@ impl Alone {
             .map(|i| (i.cast_signed() % columns, i.cast_signed() / columns, self.value[i]))
             .collect();
         let reach = self.model.radius.cast_signed() - 1;
+        work.spend(PIXEL_NS * (bright.len() as u64) * ((3 * reach * reach).max(0).cast_unsigned() as u64));
         let mut best: Option<(f64, [f64; 2])> = None;
         for sy in -reach..=reach {
             for sx in -reach..=reach {

@@ -15,6 +15,8 @@ pub(super) struct Candidate {
     pub(super) snr: f64,
     /// Radius of the full pixels at its centre, 0 if there are none.
     pub(super) full_radius_px: f64,
+    /// Whether it is dark around it, as it is around a star, and not at the edge of something or within it.
+    pub(super) lone: bool,
 }
 
 /// A group of touching full pixels.
@@ -103,9 +105,32 @@ pub(super) fn candidates(frame: &Frame, background: &Background, search: &Search
         }
         let flux_dn = peak.snr * noise * search.kernel.flux_per_snr();
         grid.put(x, y, kept.len());
-        kept.push(Candidate { start: Model { x, y, flux_dn, shape, radius: reach, empirical: false }, snr: peak.snr, full_radius_px });
+        let lone = is_lone(frame, background, [x, y], 3.0 * long + 1.5 + full_radius_px);
+        kept.push(Candidate {
+            start: Model { x, y, flux_dn, shape, radius: reach, empirical: false },
+            snr: peak.snr,
+            full_radius_px,
+            lone,
+        });
     }
     kept
+}
+
+/// Whether most of what lies around a place at some distance is darker than a part of what is at the place.
+fn is_lone(frame: &Frame, background: &Background, [x, y]: [f64; 2], far_px: f64) -> bool {
+    const AROUND: u32 = 12;
+    const PART: f64 = 0.25;
+    let light = |x: f64, y: f64| {
+        let inside = |at: f64, length: usize| (at.round().max(0.0) as usize).min(length - 1);
+        let (x, y) = (inside(x, frame.width_px), inside(y, frame.height_px));
+        f64::from(frame.at(x, y)) - background.level_dn(x, y)
+    };
+    let (own, noise) = (light(x, y), background.noise_dn(x.max(0.0) as usize, y.max(0.0) as usize));
+    let dark = |k: &u32| {
+        let (sin, cos) = (f64::from(*k) * std::f64::consts::TAU / f64::from(AROUND)).sin_cos();
+        light(x + far_px * cos, y + far_px * sin).abs() < PART * own + 2.0 * noise
+    };
+    (0..AROUND).filter(dark).count() >= (AROUND as usize * 3).div_ceil(4)
 }
 
 /// Buckets of places, to find those near a place.

@@ -7,6 +7,8 @@
 use super::fit::{Fit, Freedom, MOST_DROPS, MOST_ITERATIONS, Model, Photons, Scene, Stamp, inverse, solve};
 use super::psf::{Profile, Shape};
 
+/// What a pixel costs to be weighed for two beyond what it costs for one and one, nanoseconds.
+const WEIGHED_NS: u64 = 80;
 /// Background; flux, x and y of each; ln of the breadth.
 const UNKNOWNS: usize = 8;
 
@@ -58,6 +60,7 @@ impl Images<'_> {
         for (profile, model) in self.0.iter_mut().zip(&duet.models) {
             profile.draw(stamp.window, model, false);
         }
+        self.0[0].spend(WEIGHED_NS * stamp.data.len() as u64);
     }
 
     fn light_dn(&self, duet: &Duet, i: usize) -> f64 {
@@ -72,7 +75,7 @@ impl Scene<'_> {
         let apart_px = (a.x - b.x).abs().max((a.y - b.y).abs());
         let radius = a.radius.max(b.radius) + (0.5 * apart_px).ceil() as usize;
         let middle = Model { x: f64::midpoint(a.x, b.x), y: f64::midpoint(a.y, b.y), radius, ..*a };
-        self.stamp(middle, neighbours, &mut Profile::of(self.psf))
+        self.stamp(middle, neighbours, &mut self.profile())
     }
 
     /// Fits two stars together; `None` where there are no two. `typical`: the image whose breadth they have.
@@ -85,7 +88,7 @@ impl Scene<'_> {
     /// The best two stars in the pixels, those far off them left out.
     pub(super) fn settle_two(&self, stamp: &mut Stamp, starts: [Model; 2], typical: Shape, breadth: Breadth) -> Option<Duet> {
         let breadth = breadth.of_image(&starts[0]);
-        let mut images = Images([Profile::of(self.psf), Profile::of(self.psf)]);
+        let mut images = Images([self.profile(), self.profile()]);
         let climb = |stamp: &Stamp, models, images: &mut Images<'_>| self.photons().climb_two(stamp, models, typical, breadth, images);
         let mut duet = climb(stamp, starts, &mut images)?;
         for _ in 0..MOST_DROPS {
@@ -101,7 +104,7 @@ impl Scene<'_> {
     /// What is to be known of both: errors are those of the joint fit.
     pub(super) fn finish_two(&self, stamp: &Stamp, duet: &Duet, typical: Shape, breadth: Breadth) -> Option<[Fit; 2]> {
         let breadth = breadth.of_image(&duet.models[0]);
-        let mut images = Images([Profile::of(self.psf), Profile::of(self.psf)]);
+        let mut images = Images([self.profile(), self.profile()]);
         images.draw(stamp, duet);
         let count = breadth.unknowns();
         let normal = self.photons().normal_two(stamp, &images, duet, typical, breadth);
@@ -328,8 +331,16 @@ mod tests {
             let frame = Frame { width_px: width, height_px: width, pixels_dn, saturation_dn: f32::MAX };
             let background = Background::even(&frame, 100.0, 2.0);
             let masked = vec![false; width * width];
-            let scene =
-                Scene { frame: &frame, background: &background, masked: &masked, variance_per_dn: 0.5, noise_floor_dn: 2.0, psf: None };
+            let work = crate::detect::work::Work::unlimited();
+            let scene = Scene {
+                frame: &frame,
+                background: &background,
+                masked: &masked,
+                variance_per_dn: 0.5,
+                noise_floor_dn: 2.0,
+                psf: None,
+                work: &work,
+            };
             let starts = [model(19.8, 19.8, 7000.0), model(21.0, 21.5, 6000.0)];
             let breadth = Breadth { ln: 0.0, sigma: if broader == 1.0 { 0.0 } else { 10.0 } };
             let fits = scene.fit_two(starts, typical, breadth, &[]).unwrap();

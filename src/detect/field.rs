@@ -4,11 +4,10 @@
 //! All stars tell it together, each by how its pixels pull on its trail: of faint ones each alone tells its own badly, and the middle of what they tell
 //! is biased.
 
-use rayon::prelude::*;
-
 use super::fit::{Freedom, Model, Scene, inverse};
 use super::psf::{Profile, Shape};
 use super::trail::Trail;
+use super::work::SEARCHED;
 use crate::statistics::median;
 
 /// Flux, background and position come before the numbers of the trail.
@@ -109,7 +108,8 @@ impl Field {
         /// Steps below this many standard errors are settled.
         const SETTLED: f64 = 0.1;
         for _ in 0..MOST_ROUNDS {
-            let pulls: Vec<Option<Pull>> = starts.par_iter().map(|start| Pull::of(scene, *start, self.at(start.x, start.y))).collect();
+            let pull = |start: &Model| Pull::of(scene, *start, self.at(start.x, start.y));
+            let pulls: Vec<Option<Pull>> = scene.work.each(starts, SEARCHED, pull).into_iter().map(Option::flatten).collect();
             let (mut matrix, mut vector) = ([[0.0; SLOPED]; SLOPED], [0.0; SLOPED]);
             for (pull, start) in pulls.iter().zip(starts).filter_map(|(pull, start)| Some((pull.as_ref()?, start))) {
                 // unknown i moves the trail's number i.1 by the term i.0
@@ -159,7 +159,7 @@ struct Pull {
 
 impl Pull {
     fn of(scene: &Scene<'_>, start: Model, trail: Trail) -> Option<Self> {
-        let mut profile = Profile::new();
+        let mut profile = Profile::new().counted(scene.work);
         let shape: Shape = trail.shape();
         let start = Model { shape, ..start };
         let mut stamp = scene.stamp(start, &[], &mut profile);

@@ -78,6 +78,13 @@ impl Kernel {
         Self { radius, line, full, mean_radius, scale: scale as f32, sum: sum as f32, blurred }
     }
 
+    /// What it costs to filter so many pixels, nanoseconds.
+    pub(super) fn cost_ns(&self, pixels: usize) -> u64 {
+        const TAP_PS: u64 = 150;
+        let taps = self.line.as_ref().map_or_else(|| self.full.iter().filter(|g| **g != 0.0).count(), |line| 2 * line.len());
+        pixels as u64 * taps as u64 * TAP_PS / 1000
+    }
+
     /// Flux, in units of the noise of a pixel, of a star that the filter gives a signal-to-noise ratio of 1.
     pub(super) fn flux_per_snr(&self) -> f64 {
         f64::from(self.scale * self.sum)

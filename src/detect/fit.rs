@@ -9,6 +9,7 @@ use super::empirical::EmpiricalPsf;
 use super::moments::{Moments, moments};
 use super::psf::{PROFILE_PARAMETERS, Profile, Shape, Window};
 use super::trail::Trail;
+use super::work::Work;
 use crate::frame::Frame;
 
 /// Flux, offset of the background, x, y, and up to three numbers of shape.
@@ -88,6 +89,8 @@ pub(super) struct Scene<'a> {
     pub(super) noise_floor_dn: f64,
     /// The image of a star where it is known from the recording's own stars.
     pub(super) psf: Option<&'a EmpiricalPsf>,
+    /// What fits cost.
+    pub(super) work: &'a Work,
 }
 
 /// How the noise grows with the light: all that the fit of a stamp needs besides it.
@@ -132,7 +135,12 @@ fn window(frame: &Frame, x: f64, y: f64, radius: usize) -> (Window, bool) {
     (Window { x0, y0, columns, rows }, cut_x || cut_y)
 }
 
-impl Scene<'_> {
+impl<'a> Scene<'a> {
+    /// What draws images, counted.
+    pub(super) fn profile(&self) -> Profile<'a> {
+        Profile::of(self.psf).counted(self.work)
+    }
+
     pub(super) fn photons(&self) -> Photons {
         Photons { variance_per_dn: self.variance_per_dn }
     }
@@ -171,7 +179,7 @@ impl Scene<'_> {
 
     /// Fits one star; `None` where no star can be fitted.
     pub(super) fn fit(&self, start: Model, freedom: Freedom, neighbours: &[Model]) -> Option<Fit> {
-        let mut profile = Profile::of(self.psf);
+        let mut profile = self.profile();
         let mut stamp = self.stamp(start, neighbours, &mut profile);
         let start = Model { empirical: freedom == Freedom::Empirical, ..start };
         let fit = self.photons().settle(&mut stamp, start, freedom, &mut profile)?;
@@ -209,7 +217,7 @@ impl Scene<'_> {
 
     /// Moments of a fitted star, of the pixels that the fit used.
     pub(super) fn moments(&self, fit: &Fit, neighbours: &[Model]) -> Option<Moments> {
-        let mut profile = Profile::of(self.psf);
+        let mut profile = self.profile();
         let mut stamp = self.stamp(fit.model, neighbours, &mut profile);
         self.photons().drop_all_outliers(&mut stamp, &(fit.model, fit.offset_dn), &mut profile);
         profile.draw(stamp.window, &fit.model, fit.freedom == Freedom::Ellipse);

@@ -6,10 +6,7 @@
 //! The fit takes up part of the noise (with a star one pixel wide, most of it), so residuals are compared with what the fit
 //! leaves of a given noise: for weighted least squares with hat matrix H, E r_i² = Σ_j (δ_ij − H_ij)² v_j.
 
-use rayon::prelude::*;
-
 use super::fit::{Fit, Freedom, Model, Scene, inverse};
-use super::psf::Profile;
 
 /// Stars fainter than this tell nothing, brighter than that tell more of the Gaussian's misfit than of photons.
 const SNR_RANGE: (f64, f64) = (8.0, 60.0);
@@ -60,8 +57,8 @@ pub(super) struct Sample {
     pub(super) neighbours: Vec<Model>,
 }
 
-/// Estimates the variance per count; 0 where nothing tells.
-pub(super) fn variance_per_dn(scene: &Scene<'_>, samples: &[Sample]) -> f64 {
+/// Estimates the variance per count; 0 where nothing tells. `until`: the part of the work on the frame by which it is to end.
+pub(super) fn variance_per_dn(scene: &Scene<'_>, samples: &[Sample], until: f64) -> f64 {
     let mut chosen: Vec<&Sample> = samples.iter().filter(|s| s.snr > SNR_RANGE.0 && s.snr < SNR_RANGE.1).collect();
     if chosen.len() < FEWEST_STARS {
         chosen = samples.iter().filter(|s| s.snr > SNR_RANGE.0).collect();
@@ -74,14 +71,11 @@ pub(super) fn variance_per_dn(scene: &Scene<'_>, samples: &[Sample]) -> f64 {
     // the better the weights of the fits, the better their residuals tell
     for _ in 0..2 {
         let scene = Scene { variance_per_dn: value, ..*scene };
-        let told: Vec<Option<Told>> = chosen
-            .par_iter()
-            .map(|s| {
-                let fit = scene.fit(s.start, s.freedom, &s.neighbours).filter(|f| !f.edge && f.lone_pixel_excess > 0.0)?;
-                scene.told(&fit, s.freedom, &s.neighbours)
-            })
-            .collect();
-        value = pooled(&told.into_iter().flatten().collect::<Vec<_>>(), value);
+        let told = scene.work.each(&chosen, until, |s| {
+            let fit = scene.fit(s.start, s.freedom, &s.neighbours).filter(|f| !f.edge && f.lone_pixel_excess > 0.0)?;
+            scene.told(&fit, s.freedom, &s.neighbours)
+        });
+        value = pooled(&told.into_iter().flatten().flatten().collect::<Vec<_>>(), value);
     }
     value
 }
@@ -110,7 +104,7 @@ pub(super) fn pooled(told: &[Told], start: f64) -> f64 {
 
 impl Scene<'_> {
     fn told(&self, fit: &Fit, freedom: Freedom, neighbours: &[Model]) -> Option<Told> {
-        let mut profile = Profile::of(self.psf);
+        let mut profile = self.profile();
         let stamp = self.stamp(Model { x: fit.model.x, y: fit.model.y, ..fit.model }, neighbours, &mut profile);
         let count = freedom.parameters();
         profile.draw(stamp.window, &fit.model, freedom == Freedom::Ellipse);
@@ -119,6 +113,10 @@ impl Scene<'_> {
         let covariance = inverse(&normal.matrix, count)?;
         let signal: Vec<f64> = profile.value.iter().map(|p| p * fit.model.flux_dn).collect();
         let least = 0.01 * signal.iter().copied().fold(0.0, f64::max);
+        /// What a pixel's part in the rest of another costs.
+        const PAIR_NS: u64 = 8;
+        let lit = stamp.used.iter().zip(&signal).filter(|(used, signal)| **used && **signal > least).count();
+        self.work.spend(PAIR_NS * (lit * stamp.data.len()) as u64);
         let mut told = Told::default();
         for i in (0..stamp.data.len()).filter(|&i| stamp.used[i] && signal[i] > least) {
             let lever: [f64; 7] =

@@ -1,11 +1,10 @@
 //! What kind the images of a frame's stars are: round, elliptic, or trails. The χ² of the stars themselves decides.
 
-use rayon::prelude::*;
-
 use super::fit::{Fit, Freedom, Model, Scene};
 use super::psf::Shape;
 use super::shape::{self, Typical};
 use super::trail::Trail;
+use super::work::SEARCHED;
 use crate::statistics::median;
 
 /// What one star may say for one kind, in σ²: one odd star (a double, a galaxy) decides nothing.
@@ -25,7 +24,8 @@ pub(super) struct Told {
 
 /// Fits stars as they start.
 pub(super) fn fits(scene: &Scene<'_>, starts: &[Model], freedom: Freedom) -> Vec<Option<Fit>> {
-    starts.par_iter().map(|start| scene.fit(*start, freedom, &[])).collect()
+    let each = |start: &Model| scene.fit(*start, freedom, &[]);
+    scene.work.each(starts, SEARCHED, each).into_iter().map(Option::flatten).collect()
 }
 
 impl Told {

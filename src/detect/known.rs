@@ -4,6 +4,7 @@ use super::background::Background;
 use super::fit::{Freedom, Model, Scene, radius_px};
 use super::measure::SNR_FOR_WIDTH;
 use super::psf::Shape;
+use super::work::Work;
 use crate::frame::Frame;
 
 /// What is known of a frame.
@@ -38,6 +39,7 @@ pub struct KnownFit {
 pub fn fit_known(frame: &Frame, places_px: &[[f64; 2]], known: &KnownSky) -> Vec<Option<KnownFit>> {
     let background = Background::even(frame, known.background_dn, known.noise_dn);
     let masked = vec![false; frame.pixels_dn.len()];
+    let work = Work::unlimited();
     let scene = Scene {
         frame,
         background: &background,
@@ -45,6 +47,7 @@ pub fn fit_known(frame: &Frame, places_px: &[[f64; 2]], known: &KnownSky) -> Vec
         variance_per_dn: 1.0 / known.gain_e_per_dn,
         noise_floor_dn: known.noise_dn,
         psf: None,
+        work: &work,
     };
     let shape = Shape::round(known.psf_sigma_px);
     let fit = |[x, y]: &[f64; 2]| {

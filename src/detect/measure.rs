@@ -1,5 +1,7 @@
 //! The stages put together: from one frame to its list of stars.
 
+use std::time::Instant;
+
 use rayon::prelude::*;
 
 use super::background::Background;
@@ -11,8 +13,9 @@ use super::gain;
 use super::learn::PsfStar;
 use super::psf::{Profile, Shape};
 use super::rounds::{Fitting, Stars};
-use super::search::{FIRST_SIGMA_PX, SHARPEST_PX, Search, search};
+use super::search::{FIRST_SIGMA_PX, Ground, SHARPEST_PX, Search, search};
 use super::surround;
+use super::work::{PARTED, WEIGHED, Work};
 use super::{DetectError, DetectOptions, Detection, Detections, Flags};
 use crate::frame::Frame;
 
@@ -30,6 +33,8 @@ pub struct Aids<'a> {
     pub bad: Option<&'a [bool]>,
     /// At most so many clean stars are handed back with their pixels, the brightest, for [`super::learn`].
     pub keep: usize,
+    /// When to come to an end: what is found by then is the answer, and depends on the machine.
+    pub deadline: Option<Instant>,
 }
 
 /// Finds and measures the stars of a frame, brightest first. The same frame gives the same result at any number of threads.
@@ -43,6 +48,7 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
     if let Some(bad) = aids.bad.filter(|bad| bad.len() != frame.pixels_dn.len()) {
         return Err(DetectError::MaskSize { mask: bad.len(), frame: frame.pixels_dn.len() });
     }
+    let work = Work::on(frame.pixels_dn.len(), aids.deadline);
     let saturation_dn = defects::saturation_dn(frame);
     let full: Vec<bool> = frame.pixels_dn.iter().map(|&v| v >= saturation_dn).collect();
     let around = surround::surround(frame);
@@ -60,7 +66,9 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
     let masked: Vec<bool> = hot.iter().zip(&full).map(|(h, f)| *h || *f).collect();
     // a first look shows where stars are, so that their light can be kept out of background and noise
     let first_shape = Shape::round(options.psf_sigma_px.unwrap_or(FIRST_SIGMA_PX));
-    let first = Search::at_shape(first_shape, false, &normalised, frame.width_px, options.false_alarms_per_frame);
+    let is_cut = background.is_cut;
+    let ground = Ground { normalised: &normalised, width: frame.width_px, is_cut, options, work: &work };
+    let first = Search::at_shape(first_shape, false, &ground);
     background.refine(frame, &masked, &first.lit);
     (residual, normalised) = residuals(frame, &background);
     darken(&mut residual, &mut normalised, &hot);
@@ -80,14 +88,16 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
         variance_per_dn: variance_per_dn.unwrap_or(0.0),
         noise_floor_dn,
         psf: aids.psf,
+        work: &work,
     };
-    let search = search(&scene, options, first, &residual, &normalised, &blobs);
+    let ground = Ground { normalised: &normalised, width: frame.width_px, is_cut, options, work: &work };
+    let search = search(&scene, options, first, &residual, &ground, &blobs);
     let candidates = candidates(frame, &background, &search, &blobs);
     let freedom = |c: &Candidate| free_shape(options, &search, c);
 
     let mut stars = Stars::new(candidates);
     if variance_per_dn.is_none() {
-        scene.variance_per_dn = gain::variance_per_dn(&scene, &stars.samples(freedom, false));
+        scene.variance_per_dn = gain::variance_per_dn(&scene, &stars.samples(freedom, false), WEIGHED);
     }
     let fitting = |scene, empirical| Fitting {
         scene,
@@ -100,7 +110,7 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
     let with_gaussians = scene;
     fitting(&with_gaussians, false).begin(&mut stars);
     if aids.psf.is_some() && variance_per_dn.is_none() {
-        scene.variance_per_dn = gain::variance_per_dn(&scene, &stars.samples(|_| Freedom::Empirical, true));
+        scene.variance_per_dn = gain::variance_per_dn(&scene, &stars.samples(|_| Freedom::Empirical, true), PARTED);
     }
     if aids.psf.is_some() {
         fitting(&scene, true).again(&mut stars);
@@ -192,6 +202,7 @@ pub(super) fn check(frame: &Frame, options: &DetectOptions) -> Result<(), Detect
     };
     positive("false_alarms_per_frame", Some(options.false_alarms_per_frame), "above 0 and finite", |v| v > 0.0 && v.is_finite())?;
     positive("psf_sigma_px", options.psf_sigma_px, "between 0.3 and 12", |v| (0.3..=12.0).contains(&v))?;
+    positive("detection_threshold", options.detection_threshold, "from 2 to 1000", |v| (2.0..=1000.0).contains(&v))?;
     positive("gain_e_per_dn", options.gain_e_per_dn, "above 0 and finite", |v| v > 0.0 && v.is_finite())?;
     positive("read_noise_e", options.read_noise_e, "0 or above and finite", |v| v >= 0.0 && v.is_finite())
 }

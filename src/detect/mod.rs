@@ -16,6 +16,7 @@
 
 mod background;
 mod beside;
+mod black;
 mod candidates;
 mod correction;
 mod defects;
@@ -42,6 +43,7 @@ mod trail;
 mod window;
 mod window_gain;
 mod windowed;
+mod work;
 
 pub use empirical::{EmpiricalPsf, PsfReport};
 pub use known::{KnownFit, KnownSky, fit_known};
@@ -66,11 +68,20 @@ pub struct DetectOptions {
     pub read_noise_e: Option<f64>,
     /// At most so many stars are returned, the brightest.
     pub max_stars: usize,
+    /// The signal-to-noise ratio from which on a maximum counts, where it is not to follow from the number of false stars.
+    pub detection_threshold: Option<f64>,
 }
 
 impl Default for DetectOptions {
     fn default() -> Self {
-        Self { false_alarms_per_frame: 1.0, psf_sigma_px: None, gain_e_per_dn: None, read_noise_e: None, max_stars: 5000 }
+        Self {
+            false_alarms_per_frame: 1.0,
+            psf_sigma_px: None,
+            gain_e_per_dn: None,
+            read_noise_e: None,
+            max_stars: 5000,
+            detection_threshold: None,
+        }
     }
 }
 

@@ -6,14 +6,13 @@
 //! as two as well as they do. What the optics make of a star they make of its neighbours too: light at the same place beside them is no star.
 //! Where it is clearly no lone star, but two cannot be told apart, it stays one and says so, and its error is what the companion may do to its place.
 
-use rayon::prelude::*;
-
 use super::beside::{Alone, Beside};
 use super::duet::{Breadth, Duet};
 use super::fit::{Fit, Freedom, Model, Scene, Stamp};
 use super::others::{Local, Others, Share, Telling, expected};
 use super::psf::{Profile, Shape};
 use super::rounds::Stars;
+use super::work::PARTED;
 
 /// Fainter stars cannot be two.
 const LEAST_SNR: f64 = 10.0;
@@ -64,8 +63,9 @@ pub(super) struct Inquiry<'a> {
 impl Inquiry<'_> {
     /// Looks at all stars that seem to be no lone ones.
     pub(super) fn verdicts(&self) -> Vec<(usize, Verdict)> {
-        let look = |i: usize| self.look(i).map(|verdict| (i, verdict));
-        (0..self.stars.fits.len()).into_par_iter().map(look).collect::<Vec<_>>().into_iter().flatten().collect()
+        let all: Vec<usize> = (0..self.stars.fits.len()).collect();
+        let look = |i: &usize| self.look(*i).map(|verdict| (*i, verdict));
+        self.scene.work.each(&all, PARTED, look).into_iter().flatten().flatten().collect()
     }
 
     fn look(&self, i: usize) -> Option<Verdict> {
@@ -113,7 +113,7 @@ impl Inquiry<'_> {
         let breadth = if known { Breadth::KNOWN } else { local.breadth };
         let shape = breadth.of(self.others.image.typical);
         let alone = self.scene.alone(fit, self.others.image, &neighbours, false)?;
-        let (at, linear_gain) = alone.brightest_beside(&neighbours)?;
+        let (at, linear_gain) = alone.brightest_beside(&neighbours, self.scene.work)?;
         if linear_gain < LEAST_LINEAR_GAIN * self.scatter * self.scatter {
             return None;
         }
@@ -203,7 +203,7 @@ impl Inquiry<'_> {
     fn wide(&self, stamp: &mut Stamp, start: Model, shape: Shape, drop: bool) -> Option<Wide> {
         let photons = self.scene.photons();
         let start = Model { empirical: false, ..start };
-        let mut profile = Profile::new();
+        let mut profile = Profile::new().counted(self.scene.work);
         let (model, offset) = if drop {
             photons.settle(stamp, start, Freedom::Ellipse, &mut profile)?
         } else {
@@ -214,7 +214,7 @@ impl Inquiry<'_> {
         let dof = stamp.used.iter().filter(|u| **u).count().saturating_sub(Freedom::Ellipse.parameters()).max(1);
         let start = Model { empirical: self.others.image.empirical, shape, ..start };
         let freedom = if self.others.image.empirical { Freedom::Empirical } else { Freedom::Fixed };
-        let mut profile = Profile::of(self.scene.psf);
+        let mut profile = self.scene.profile();
         let (star, offset) = photons.climb(stamp, start, freedom, &mut profile)?;
         profile.draw(stamp.window, &star, false);
         let as_star = photons.normal(stamp, &profile, star.flux_dn, offset, freedom.parameters()).chi2;

@@ -5,6 +5,7 @@ use statrs::function::erf::erf;
 use super::empirical::EmpiricalPsf;
 use super::fit::Model;
 use super::trail::Trail;
+use super::work::{ELLIPSE_NS, ROUND_NS, TRAIL_NS, Work};
 
 /// Second moments of a star image before the pixel integrates it, px².
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,6 +89,8 @@ pub(super) struct Profile<'a> {
     psf: Option<&'a EmpiricalPsf>,
     /// The correction of the empirical image as it is in the window last drawn.
     local: Option<((usize, usize), Vec<f64>)>,
+    /// Where what it draws is counted.
+    work: Option<&'a Work>,
 }
 
 impl<'a> Profile<'a> {
@@ -97,12 +100,24 @@ impl<'a> Profile<'a> {
 
     /// One that can draw the empirical image too.
     pub(super) fn of(psf: Option<&'a EmpiricalPsf>) -> Self {
-        Self { value: Vec::new(), derivatives: Vec::new(), psf, local: None }
+        Self { value: Vec::new(), derivatives: Vec::new(), psf, local: None, work: None }
     }
 
     /// An empty one that draws the same images.
     pub(super) fn like(&self) -> Self {
-        Self { local: self.local.clone(), ..Self::of(self.psf) }
+        Self { local: self.local.clone(), work: self.work, ..Self::of(self.psf) }
+    }
+
+    /// The same, counted.
+    pub(super) fn counted(self, work: &'a Work) -> Self {
+        Self { work: Some(work), ..self }
+    }
+
+    /// So much was done with what was drawn.
+    pub(super) fn spend(&self, ns: u64) {
+        if let Some(work) = self.work {
+            work.spend(ns);
+        }
     }
 
     /// Fills in the image of a star; `elliptical` asks for all derivatives by the shape, even of a round one.
@@ -134,6 +149,16 @@ impl<'a> Profile<'a> {
         self.value.resize(pixels, 0.0);
         self.derivatives.clear();
         self.derivatives.resize(pixels, [0.0; PROFILE_PARAMETERS]);
+        if let Some(work) = self.work {
+            let each_ns = if shape.trail {
+                TRAIL_NS
+            } else if elliptical {
+                ELLIPSE_NS
+            } else {
+                ROUND_NS
+            };
+            work.spend(each_ns * pixels as u64);
+        }
         if shape.trail {
             Trail::of(shape).fill(window, x, y, &mut self.value, &mut self.derivatives);
         } else if elliptical {

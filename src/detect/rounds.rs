@@ -1,6 +1,6 @@
 //! All stars of a frame, fitted again and again until those in each other's light rest.
 
-use rayon::prelude::*;
+use std::collections::BTreeMap;
 
 use super::beside::Image;
 use super::candidates::{Candidate, neighbours};
@@ -10,6 +10,7 @@ use super::gain::Sample;
 use super::others::Others;
 use super::pairs::{Inquiry, Verdict};
 use super::psf::Shape;
+use super::work::{FITTED, PARTED, RESTED};
 
 /// So often stars are fitted again with their neighbours as these were fitted last. Of two that are 4 px apart (σ 1.1 px) after 2 rounds 0.02 px are
 /// left of what each took for the other's light.
@@ -86,15 +87,25 @@ impl Stars {
 impl<F: Fn(&Candidate) -> Freedom + Sync> Fitting<'_, F> {
     /// Each star alone, the guessed light of its neighbours taken off; then with the neighbours as fitted.
     pub(super) fn begin(&self, stars: &mut Stars) {
-        stars.fits =
-            (0..stars.candidates.len()).into_par_iter().map(|i| self.single(stars, i, &stars.guesses(&stars.neighbours[i]))).collect();
-        self.rest(stars, vec![true; stars.fits.len()]);
+        let order = order(&stars.candidates);
+        let first = |i: &usize| self.single(stars, *i, &stars.guesses(&stars.neighbours[*i]));
+        let fits = self.scene.work.each(&order, FITTED, first);
+        for (i, fit) in order.into_iter().zip(fits) {
+            stars.fits[i] = fit.flatten();
+        }
+        self.rest(stars, vec![true; stars.fits.len()], RESTED);
     }
 
     /// Each again, from where it is.
     pub(super) fn again(&self, stars: &mut Stars) {
-        stars.fits = (0..stars.candidates.len()).into_par_iter().map(|i| self.single(stars, i, &stars.around(&[i]))).collect();
-        self.rest(stars, vec![true; stars.fits.len()]);
+        let all: Vec<usize> = (0..stars.candidates.len()).collect();
+        let fits = self.scene.work.each(&all, PARTED, |i| self.single(stars, *i, &stars.around(&[*i])));
+        for (fit, again) in stars.fits.iter_mut().zip(fits) {
+            if let Some(again) = again {
+                *fit = again;
+            }
+        }
+        self.rest(stars, vec![true; stars.fits.len()], PARTED);
     }
 
     /// Takes apart what was taken for one star, and fits together those that are near to each other. Who is not alone says nothing of images any
@@ -108,7 +119,7 @@ impl<F: Fn(&Candidate) -> Freedom + Sync> Fitting<'_, F> {
             let found = self.split(stars, &others);
             if self.join(stars, &others) {
                 let together = stars.partner.iter().map(Option::is_some).collect();
-                self.rest(stars, together);
+                self.rest(stars, together, PARTED);
             }
             if found * FEW <= others.count() {
                 break;
@@ -130,20 +141,21 @@ impl<F: Fn(&Candidate) -> Freedom + Sync> Fitting<'_, F> {
     }
 
     /// Fits stars in each other's light until they rest.
-    fn rest(&self, stars: &mut Stars, mut moved: Vec<bool>) {
+    fn rest(&self, stars: &mut Stars, mut moved: Vec<bool>, until: f64) {
         for _ in 0..ROUNDS {
             let again = |i: usize| stars.neighbours[i].iter().any(|&j| moved[j]);
-            let next: Vec<Vec<(usize, Option<Fit>)>> = (0..stars.fits.len())
-                .into_par_iter()
-                .map(|i| match stars.partner[i] {
-                    Some((j, _)) if j < i => Vec::new(),
-                    Some((j, breadth)) if again(i) || again(j) => self.two(stars, [i, j], breadth),
-                    None if again(i) => vec![(i, self.single(stars, i, &stars.around(&[i])))],
-                    _ => Vec::new(),
+            let left: Vec<usize> = (0..stars.fits.len())
+                .filter(|&i| match stars.partner[i] {
+                    Some((j, _)) => j > i && (again(i) || again(j)),
+                    None => again(i),
                 })
                 .collect();
+            let next = self.scene.work.each(&left, until, |&i| match stars.partner[i] {
+                Some((j, breadth)) => self.two(stars, [i, j], breadth),
+                None => vec![(i, self.single(stars, i, &stars.around(&[i])))],
+            });
             moved.fill(false);
-            for (i, fit) in next.into_iter().flatten() {
+            for (i, fit) in next.into_iter().flatten().flatten() {
                 moved[i] = has_moved(fit.as_ref(), stars.fits[i].as_ref());
                 stars.fits[i] = fit;
             }
@@ -185,7 +197,7 @@ impl<F: Fn(&Candidate) -> Freedom + Sync> Fitting<'_, F> {
         }
         for fit in companions {
             let snr = fit.model.flux_dn / fit.flux_sigma_dn;
-            stars.candidates.push(Candidate { start: fit.model, snr, full_radius_px: 0.0 });
+            stars.candidates.push(Candidate { start: fit.model, snr, full_radius_px: 0.0, lone: true });
             stars.fits.push(Some(fit));
             stars.partner.push(None);
             stars.wider.push(None);
@@ -218,6 +230,23 @@ impl<F: Fn(&Candidate) -> Freedom + Sync> Fitting<'_, F> {
         }
         any
     }
+}
+
+/// In which order stars are fitted where there may be no time for all: what looks like a star before what does not, and of these the brightest of
+/// every part of the frame before the others there.
+fn order(candidates: &[Candidate]) -> Vec<usize> {
+    /// Side of a part, px.
+    const PART_PX: f64 = 128.0;
+    let mut in_part: BTreeMap<(bool, u32, u32), usize> = BTreeMap::new();
+    let mut order: Vec<(bool, usize, usize)> = Vec::with_capacity(candidates.len());
+    for (index, candidate) in candidates.iter().enumerate() {
+        let part = |at: f64| (at.max(0.0) / PART_PX) as u32;
+        let rank = in_part.entry((candidate.lone, part(candidate.start.x), part(candidate.start.y))).or_default();
+        order.push((!candidate.lone, *rank, index));
+        *rank += 1;
+    }
+    order.sort_unstable();
+    order.into_iter().map(|(_, _, index)| index).collect()
 }
 
 /// Whether a fit differs from the one before by more than a twentieth of its errors.

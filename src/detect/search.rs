@@ -11,6 +11,8 @@ use super::psf::Shape;
 use super::shape;
 use super::tail::Tail;
 use super::trail::Trail;
+use super::work::{SEARCHED, Work};
+use crate::statistics::median_in_place;
 
 /// First guesses of the width before the frame's own stars tell: usual optics, then defocused or trailed ones.
 pub(super) const FIRST_SIGMA_PX: f64 = 1.2;
@@ -23,6 +25,18 @@ const LONGER: f64 = 1.5;
 pub(super) const SHARPEST_PX: f64 = 0.45;
 /// Peaks that are fitted, at most.
 const MOST_PEAKS: usize = 20_000;
+
+/// What the matched filter looks at.
+#[derive(Clone, Copy)]
+pub(super) struct Ground<'a> {
+    /// Counts less the background in units of the noise.
+    pub(super) normalised: &'a [f32],
+    pub(super) width: usize,
+    /// Whether black is cut off above the level of the sky.
+    pub(super) is_cut: bool,
+    pub(super) options: &'a DetectOptions,
+    pub(super) work: &'a Work,
+}
 
 /// What the matched filter found.
 #[derive(Clone)]
@@ -43,29 +57,56 @@ pub(super) struct Search {
 }
 
 impl Search {
-    pub(super) fn at_shape(shape: Shape, shape_known: bool, normalised: &[f32], width: usize, false_alarms: f64) -> Self {
+    pub(super) fn at_shape(shape: Shape, shape_known: bool, ground: &Ground<'_>) -> Self {
         /// Around maxima this much above the threshold for normal noise there is starlight.
         const STARLIGHT: f64 = 1.3;
         /// Where estimates of the noise differ by less than this from the normal case, it is by chance.
         const CHANCE: f64 = 1.02;
         /// From here on errors are stated larger; less comes by chance.
         const CLEARLY: f64 = 1.05;
+        /// Where black is cut off, sums of what is left may scatter so much less than the noise that it was.
+        const LEAST_OF_CUT: f64 = 0.2;
+        let Ground { normalised, width, is_cut, options, work } = *ground;
         let kernel = Kernel::new(shape);
+        work.spend(kernel.cost_ns(normalised.len()));
         let filtered = kernel.apply(normalised, width);
-        let normal = kernel.threshold(normalised.len(), false_alarms);
+        let normal = kernel.threshold(normalised.len(), options.false_alarms_per_frame);
         let stars = filter::peaks(&filtered, width, STARLIGHT * normal * filter::scatter(&filtered, &[]).max(1.0));
         let lit = kernel.lit(&stars, &filtered, width);
         let correlated = filter::scatter(&filtered, &lit);
         let step = (normalised.len() / 60_000).max(1) | 1;
-        let dark = normalised.iter().zip(&lit).step_by(step).filter(|(_, lit)| !**lit).map(|(n, _)| *n);
-        let (independent, scatter) = Tail::of(dark).map_or((normal, 1.0), |t| (t.equivalent(&kernel.weights(), normal), t.scatter()));
+        let tail = if is_cut {
+            tail_of_cut(normalised, &lit, width)
+        } else {
+            Tail::of(normalised.iter().zip(&lit).step_by(step).filter(|(_, lit)| !**lit).map(|(n, _)| *n))
+        };
+        let (independent, scatter) = tail.map_or((normal, 1.0), |t| (t.equivalent(&kernel.weights(), normal), t.scatter()));
         let beyond = |ratio: f64| if ratio > CHANCE { ratio } else { 1.0 };
-        let threshold = normal * beyond(independent / normal) * beyond(correlated / scatter.max(1.0));
+        let of_tail = if is_cut { (independent / normal).max(LEAST_OF_CUT) } else { beyond(independent / normal) };
+        let white = if is_cut { scatter.max(LEAST_OF_CUT) } else { scatter.max(1.0) };
         let scatter = Some(kernel.scatter_of_correlated(normalised, &lit, width)).filter(|s| *s > CLEARLY).unwrap_or(1.0);
+        // Blocks of JPEG leave lone pixels darker than the rest of the noise: the tail of these is not all.
+        let of_tail = if is_cut { of_tail * scatter } else { of_tail };
+        let threshold = options.detection_threshold.unwrap_or(normal * of_tail * beyond(correlated / white));
         let mut peaks = filter::peaks(&filtered, width, threshold);
         peaks.truncate(MOST_PEAKS);
         Self { shape, field: None, shape_known, scatter, threshold, peaks, kernel, lit }
     }
+}
+
+/// The tail of noise whose black is cut off: of pixels whose neighbours are no brighter than most, since starlight too faint to be known would be
+/// taken for it, and hardly a pixel left out.
+fn tail_of_cut(normalised: &[f32], lit: &[bool], width: usize) -> Option<Tail> {
+    const SAMPLE: usize = 400_000;
+    const OUTLYING: f64 = 5e-5;
+    let inner = (width + 1..normalised.len().saturating_sub(width + 1)).step_by((normalised.len() / SAMPLE).max(1) | 1);
+    let around = |i: usize| {
+        let row = |i: usize| normalised[i - 1] + normalised[i] + normalised[i + 1];
+        row(i - width) + row(i) + row(i + width) - normalised[i]
+    };
+    let all: Vec<(f32, f32)> = inner.filter(|i| !lit[*i]).map(|i| (normalised[i], around(i))).collect();
+    let most = median_in_place(&mut all.iter().map(|(_, around)| f64::from(*around)).collect::<Vec<_>>())?;
+    Tail::without(all.iter().filter(|(_, around)| f64::from(*around) <= most + 1e-3).map(|(own, _)| *own), OUTLYING)
 }
 
 impl Search {
@@ -81,11 +122,11 @@ pub(super) fn search(
     options: &DetectOptions,
     mut first: Search,
     residual: &[f32],
-    normalised: &[f32],
+    ground: &Ground<'_>,
     blobs: &[Blob],
 ) -> Search {
-    let width = scene.frame.width_px;
-    let at_shape = |shape, known| Search::at_shape(shape, known, normalised, width, options.false_alarms_per_frame);
+    let Ground { normalised, width, .. } = *ground;
+    let at_shape = |shape, known| Search::at_shape(shape, known, ground);
     if let Some(sigma) = options.psf_sigma_px {
         return at_shape(Shape::round(sigma), true);
     }
@@ -99,7 +140,8 @@ pub(super) fn search(
         }
     }
     let seen_px = typical.as_ref().map_or(0.0, |t| Trail::of(t.shape).length_px());
-    if let Some(trail) = shape::drawn_out(normalised, width, &first.peaks).filter(|t| t.length_px() > LONGER * seen_px)
+    if let Some(trail) =
+        shape::drawn_out(normalised, width, &first.peaks).filter(|t| t.length_px() > LONGER * seen_px && !ground.work.is_spent(SEARCHED))
         && let Some(found) = search_for_trails(scene, &first, trail, &at_shape, blobs)
     {
         return found;

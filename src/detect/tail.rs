@@ -25,6 +25,11 @@ pub(super) struct Tail {
 impl Tail {
     /// From pixels, in units of the noise that was estimated for them; `None` of too few.
     pub(super) fn of(pixels: impl Iterator<Item = f32>) -> Option<Self> {
+        Self::without(pixels, OUTLYING)
+    }
+
+    /// The same without this share of the brightest.
+    pub(super) fn without(pixels: impl Iterator<Item = f32>, outlying: f64) -> Option<Self> {
         let mut histogram = vec![0.0_f64; BINS];
         let width = (HIGHEST - LOWEST) / BINS as f64;
         for v in pixels.map(f64::from).filter(|v| *v >= LOWEST && *v < HIGHEST) {
@@ -37,7 +42,7 @@ impl Tail {
         let mut rare = 0.0;
         for count in histogram.iter_mut().rev() {
             rare += *count;
-            if rare > OUTLYING * all {
+            if rare > outlying * all {
                 break;
             }
             *count = 0.0;

@@ -7,6 +7,7 @@
 //! moments, which come from the sums that are there (to 5 % of σ² at σ 0.6 px, 2 % at 0.8, 0.1 % from 1.2 on).
 
 use super::background::quantum_dn;
+use super::black;
 use super::filter::Kernel;
 use super::measure::check;
 use super::moments::PIXEL_VARIANCE;
@@ -52,7 +53,8 @@ pub fn detect_windowed(frame: &Frame, options: &DetectOptions, bad: Option<&[boo
         }
         None => frame,
     };
-    let normal = Kernel::new(Shape::round(1.0)).threshold(frame.pixels_dn.len(), options.false_alarms_per_frame);
+    let by_chance = || Kernel::new(Shape::round(1.0)).threshold(frame.pixels_dn.len(), options.false_alarms_per_frame);
+    let normal = options.detection_threshold.unwrap_or_else(by_chance);
     let places = gate(frame, &mesh, normal as f32);
     let sigma_px = options.psf_sigma_px.unwrap_or_else(|| typical_sigma_px(frame, &mesh, &places));
     let mut window = Window::new(frame, &mesh, options, sigma_px);
@@ -103,7 +105,22 @@ impl Mesh {
             noise: Vec::new(),
         };
         (mesh.level, mesh.noise) = (mesh.smoothed(&level), mesh.smoothed(&noise));
+        if black::may_be_cut(&samples) {
+            mesh.see_cut_noise(frame, floor);
+        }
         mesh
+    }
+
+    /// Where black is cut off above the sky's level most counts are alike, and the scatter of those that are kept says nothing.
+    fn see_cut_noise(&mut self, frame: &Frame, floor_dn: f64) {
+        /// A sum over few pixels of such noise reaches further than that of a normal one as scattered.
+        const TAIL: f64 = 1.4;
+        let Some(cut) = black::cut_noise(frame, &[], floor_dn) else { return };
+        for (cell, noise) in self.noise.iter_mut().enumerate() {
+            let middle = |i: usize, cell_px: f32| ((i as f32 + 0.5) * cell_px) as usize;
+            let at = (middle(cell % self.columns, self.cell_px[0]), middle(cell / self.columns, self.cell_px[1]));
+            *noise = noise.max((TAIL * cut.left_at(at.0, at.1)) as f32);
+        }
     }
 
     /// The median of each cell and those around it.

@@ -247,7 +247,7 @@ pub(super) fn supposed(joint: &Joint, zenith: [f64; 3], turns_rad: &[f64]) -> Jo
 }
 
 /// What is known of a frame with the zenith supposed.
-fn with_zenith(observation: &Observation, zenith: [f64; 3]) -> Observation {
+pub(super) fn with_zenith(observation: &Observation, zenith: [f64; 3]) -> Observation {
     let icrs = match observation.earth_from_icrs {
         Some(rows) => std::array::from_fn(|k| (0..3).map(|row| rows[row][k] * zenith[row]).sum()),
         None => zenith,

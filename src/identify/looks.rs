@@ -19,6 +19,8 @@ pub(super) struct Seen {
     pub(super) all: Points,
     /// Those that look like stars, if many others do not.
     pub(super) lone: Option<Points>,
+    /// Those spread over the frame, where the brightest stand together.
+    pub(super) spread: Option<Points>,
 }
 
 /// The looks at a frame.
@@ -26,7 +28,7 @@ pub(super) fn looks<'a>(seen: &'a Seen, options: &IdentifyOptions) -> Vec<Look<'
     let mut all = Vec::new();
     let both = || seen.lone.iter().chain([&seen.all]);
     if matches!(options.projection, None | Some(Projection::Pinhole)) {
-        all.extend(both().map(|points| Look {
+        all.extend(seen.lone.iter().chain(&seen.spread).chain([&seen.all]).map(|points| Look {
             frame: points,
             points: Cow::Borrowed(points),
             projection: Projection::Pinhole,

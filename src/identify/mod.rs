@@ -30,6 +30,7 @@ mod refine;
 mod search;
 mod sky;
 mod solution;
+mod spread;
 mod stages;
 
 use std::borrow::Cow;
@@ -92,6 +93,9 @@ pub struct Solution {
     pub parity: i8,
     /// The identified stars, brightest detection first.
     pub matches: Vec<Match>,
+    /// The distance from the principal point beyond which a fisheye's frame shows no star images: that of the outermost detection; infinite where the
+    /// image fills the frame.
+    pub lit_radius_px: f64,
     /// 2-D rms of the matches' residuals.
     pub rms_px: f64,
     /// Probability that an image without these stars would have been matched as well as this one, over all that was tried: as often as
@@ -124,6 +128,8 @@ pub struct IdentifyOptions {
     /// Give up after this time. Without a limit the answer is the same on every machine. Levels of the index that are needed
     /// for the first time are built on this time too: call [`Index::build`] before.
     pub time_limit: Option<Duration>,
+    /// What of that time was taken before, by measuring the frame.
+    pub time_spent: Duration,
 }
 
 impl Default for IdentifyOptions {
@@ -139,6 +145,7 @@ impl Default for IdentifyOptions {
             near: None,
             max_false_match_probability: 1e-6,
             time_limit: None,
+            time_spent: Duration::ZERO,
         }
     }
 }

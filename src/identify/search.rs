@@ -125,7 +125,7 @@ pub(super) fn search<'a>(
     options: &IdentifyOptions,
     begin: Instant,
 ) -> Result<(Found, &'a Points), Failure> {
-    let deadline = options.time_limit.and_then(|limit| Some((begin.checked_add(limit)?, limit)));
+    let deadline = options.time_limit.and_then(|limit| Some((begin.checked_add(limit.saturating_sub(options.time_spent))?, limit)));
     let mut tally = Tally { hypotheses: 0, least_bound: 1.0, least_stated: 1.0, was_cut: false };
     for look in looks::looks(seen, options) {
         let Look { frame, points, projection, stages } = &look;

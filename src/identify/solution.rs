@@ -8,7 +8,7 @@ use super::naming::{self, sure_pairs};
 use super::projection::Projection;
 use super::refine::{self, Pair, Points, Pose};
 use super::search::Found;
-use super::{Identification, IdentifyOptions, Index, MOST_DETECTIONS, Match, Solution, lone};
+use super::{Identification, IdentifyOptions, Index, MOST_DETECTIONS, Match, Solution, lone, spread};
 use crate::camera::{Camera, Model};
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Attitude, CameraAxes, Direction, PixelPoint};
@@ -120,7 +120,8 @@ pub(super) fn usable_points(detections: &Detections) -> Seen {
     }
     let widths_px: Vec<f64> = points.detection.iter().map(|&number| detections.stars[number].width_px).collect();
     let lone = lone::lone(&points, &widths_px).map(|lone| lone.first(MOST_DETECTIONS));
-    Seen { all: points.first(MOST_DETECTIONS), lone }
+    let spread = spread::spread(&points).map(|spread| spread.first(MOST_DETECTIONS));
+    Seen { all: points.first(MOST_DETECTIONS), lone, spread }
 }
 
 /// Fits an accepted hypothesis to all stars of the frame.
@@ -191,10 +192,27 @@ pub(super) fn solve(
         camera: camera_of(&pose, detections, points),
         projection: pose.projection,
         parity: parity_of(&pose),
+        lit_radius_px: lit_radius_px(&pose, &matches, detections),
         rms_px: rms_px(&matches),
         matches,
         false_match_probability: found.false_match_probability,
     })
+}
+
+/// How far from the principal point of a fisheye there are stars. The law of its lens is known so far, and its image ends not far beyond.
+fn lit_radius_px(pose: &Pose, matches: &[Match], detections: &Detections) -> f64 {
+    /// Of a few stars the outermost is not at the rim.
+    const BEYOND: f64 = 1.05;
+    if pose.projection == Projection::Pinhole {
+        return f64::INFINITY;
+    }
+    let (width, height) = (detections.width_px as f64, detections.height_px as f64);
+    let [x0, y0] = [pose.principal_px[0] + (width - 1.0) / 2.0, pose.principal_px[1] + (height - 1.0) / 2.0];
+    let far = |one: &Match| {
+        let star = &detections.stars[one.detection];
+        (unmirrored_x(parity_of(pose), detections.width_px, star.x_px) - x0).hypot(star.y_px - y0)
+    };
+    BEYOND * matches.iter().map(far).fold(0.0, f64::max)
 }
 
 fn rms_px(matches: &[Match]) -> f64 {
@@ -265,13 +283,13 @@ impl Laid {
         let bright = |flux: f64| (flux > 0.0 && flux.is_finite()).then(|| -2.5 * flux.log10());
         let detection_mag: Vec<Option<f64>> = detections.stars.iter().map(|detection| bright(detection.flux_dn)).collect();
         let star_mag: Vec<f64> = stars.iter().map(|&(_, _, star)| catalog.stars[star].magnitude).collect();
-        let area_px2 = (self.width_px * self.height_px) as f64;
+        let field = naming::Field { area_px2: (self.width_px * self.height_px) as f64, radius_px };
         let of = |pair: naming::Pair| {
             let ((star_y, star_x, star), detection) = (stars[pair.star], &detections.stars[pair.detection]);
             let x = unmirrored_x(self.parity, self.width_px, detection.x_px);
             Match { detection: pair.detection, star, residual_px: [x - star_x, detection.y_px - star_y] }
         };
-        let mut matches: Vec<Match> = sure_pairs(pairs, &detection_mag, &star_mag, area_px2).into_iter().map(of).collect();
+        let mut matches: Vec<Match> = sure_pairs(pairs, &detection_mag, &star_mag, field).into_iter().map(of).collect();
         let crowded = |m: &Match| {
             let detection = &detections.stars[m.detection];
             let x = unmirrored_x(self.parity, self.width_px, detection.x_px) - m.residual_px[0];
@@ -325,7 +343,11 @@ impl Solution {
         let model = self.model();
         let context = model.reference_context();
         let [x0, y0] = self.camera.principal_point_px;
-        let towards = |share: f64| PixelPoint { x_px: x0 + share * (point.x_px - x0), y_px: y0 + share * (point.y_px - y0) };
+        // Beyond the image nothing is seen, whatever the law would say of it.
+        let far = (point.x_px - x0).hypot(point.y_px - y0);
+        let within = if far > self.lit_radius_px { self.lit_radius_px / far } else { 1.0 };
+        let towards =
+            |share: f64| PixelPoint { x_px: x0 + share * within * (point.x_px - x0), y_px: y0 + share * within * (point.y_px - y0) };
         let seen = (0..=100).find_map(|step| model.direction(towards(1.0 - 0.01 * f64::from(step)), &context));
         seen.unwrap_or_else(|| self.camera.direction(towards(0.0)))
     }
@@ -347,7 +369,8 @@ impl Solution {
         (up.dot(&east).atan2(up.dot(&north)) / DEG_RAD).rem_euclid(360.0)
     }
 
-    /// The angle from the left to the right edge of the frame, through its middle, degrees.
+    /// The angle from the left to the right edge of the frame, through its middle, degrees; of a fisheye whose image ends before, from edge to edge of
+    /// the image, as far as there are stars in it.
     #[must_use]
     pub fn width_deg(&self) -> f64 {
         let PixelPoint { x_px, y_px } = self.camera.middle();

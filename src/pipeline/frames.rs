@@ -9,16 +9,23 @@ use super::{Measured, MeasuredFrame, PipelineError, SkyChoice, star_list};
 use crate::camera::SkyChain;
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Attitude, Direction};
-use crate::detect::{Aids, DetectOptions, EmpiricalPsf, PsfReport, PsfStar, detect_aided, detect_windowed, learn};
+use crate::detect::{Aids, DetectOptions, Detection, Detections, EmpiricalPsf, PsfReport, PsfStar, detect_aided, detect_windowed, learn};
 use crate::effects::Observation;
 use crate::frame::MaskedFrame;
-use crate::identify::{ASSUMED_EPOCH_YR, Identification, IdentifyOptions, Index, Near, Solution, common_projection, identify};
+use crate::identify::{ASSUMED_EPOCH_YR, Identification, IdentifyOptions, Index, Near, Projection, Solution, common_projection, identify};
 use crate::recording::{Recording, RecordingError, SkippedFrame};
 use crate::statistics::median;
 use crate::units::DEG_RAD;
 
 /// How far a camera may have turned from the nearest frame that is identified, where its attitude is taken for a hint.
 const TURNED_RAD: f64 = 10.0 * DEG_RAD;
+
+/// Frames with fewer stars are looked at a second time.
+const FEW: usize = 30;
+/// By so much the focal length of another frame of the same camera may differ: of any, and of one as wide as this (half a side over f).
+const SAME: f64 = 0.01;
+const SAME_OF_WIDE: f64 = 0.12;
+const WIDE: f64 = 0.36;
 
 /// A frame whose identification was tried.
 #[derive(Clone, Debug)]
@@ -55,6 +62,10 @@ pub struct MeasureOptions {
     pub centroid: Centroid,
     /// What the camera shows in the dark.
     pub dark: Option<Dark>,
+    /// The signal-to-noise ratio from which on a maximum counts as a star; `None`: as few false ones as stated.
+    pub detection_threshold: Option<f64>,
+    /// What measuring and identifying a frame may take together; measuring comes to an end at half of it.
+    pub time_limit: Option<Duration>,
 }
 
 /// What is taken for a star's place.
@@ -201,7 +212,13 @@ where
             dark.subtract(&mut frame).map_err(|source| PipelineError::Dark { frame: name.clone(), source })?;
         }
         let camera = &self.recording.camera;
-        let options = DetectOptions { gain_e_per_dn: camera.gain_e_per_dn, read_noise_e: camera.read_noise_e, ..DetectOptions::default() };
+        let options = DetectOptions {
+            gain_e_per_dn: camera.gain_e_per_dn,
+            read_noise_e: camera.read_noise_e,
+            detection_threshold: self.options.detection_threshold,
+            ..DetectOptions::default()
+        };
+        let deadline = self.options.time_limit.and_then(|limit| start.checked_add(limit / 2));
         if let Some(dark) = &self.options.dark {
             match &mut bad {
                 Some(bad) => bad.iter_mut().zip(dark.hot()).for_each(|(bad, hot)| *bad |= hot),
@@ -212,13 +229,41 @@ where
         let (detections, kept) = match self.options.centroid {
             Centroid::Windowed => (detect_windowed(&frame, &options, bad).map_err(failed)?, Vec::new()),
             Centroid::Gaussian | Centroid::Empirical => {
-                detect_aided(&frame, &options, &Aids { psf: self.psf, bad, keep: self.keep }).map_err(failed)?
+                let (mut detections, kept) =
+                    detect_aided(&frame, &options, &Aids { psf: self.psf, bad, keep: self.keep, deadline }).map_err(failed)?;
+                // Where there are few a second look costs little, and sees some that the first does not.
+                if detections.stars.len() < FEW {
+                    add_missing(&mut detections, detect_windowed(&frame, &options, bad).map_err(failed)?);
+                }
+                (detections, kept)
             }
         };
         done();
         let frame = MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() };
         Ok(Ok(One { frame, kept, undefined }))
     }
+}
+
+/// Adds to the stars of a frame those that the quick way finds and that are not there yet, if they stand out of the noise as clearly.
+fn add_missing(detections: &mut Detections, quick: Detections) {
+    /// Nearer than this they are the same, px.
+    const SAME_PX: f64 = 3.0;
+    /// Of maxima of noise one in a million is so bright.
+    const CLEARLY: f64 = 5.0;
+    /// A picture in which it finds so many is one of something else, and so is what fits so badly as no star does.
+    const MOST: usize = 100;
+    const MOST_CHI2: f64 = 4.0;
+    if quick.stars.len() > MOST {
+        return;
+    }
+    let noise = (quick.noise_dn / detections.noise_dn).min(1.0);
+    let is_missing = |star: &Detection| {
+        let near = |other: &Detection| (other.x_px - star.x_px).hypot(other.y_px - star.y_px) < SAME_PX;
+        star.snr() * noise > CLEARLY && star.chi2_per_dof < MOST_CHI2 && !detections.stars.iter().any(near)
+    };
+    let missing: Vec<Detection> = quick.stars.into_iter().filter(|star| is_missing(star)).collect();
+    detections.stars.extend(missing);
+    detections.stars.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
 }
 
 /// What the recording knows of the circumstances of its frames.
@@ -248,8 +293,10 @@ pub fn identify_frames(
             let sky = sky_chain(&known, frame, physics)?;
             let directions = sky.apparent_all(catalog);
             let search = Instant::now();
-            let identification = identify(&frame.detections, catalog, &index, &directions, options);
-            let searched = search.elapsed();
+            let measuring = Duration::try_from_secs_f64(frame.seconds).unwrap_or_default();
+            let options = IdentifyOptions { time_spent: measuring, ..options.clone() };
+            let identification = identify(&frame.detections, catalog, &index, &directions, &options);
+            let searched = measuring + search.elapsed();
             done();
             Ok((IdentifiedFrame { identification, sky, seconds: frame.seconds + start.elapsed().as_secs_f64() }, searched))
         })
@@ -324,13 +371,18 @@ fn retry(
     let of_most = solutions().filter(|solution| solution.projection == projection);
     let focal_lengths_px: Vec<f64> = of_most.map(|solution| solution.camera.focal_length_px).collect();
     let Some(focal_length_px) = median(&focal_lengths_px) else { return };
-    let options = IdentifyOptions {
+    let options = |tolerance: f64| IdentifyOptions {
         projection: Some(projection),
         nominal_focal_length_px: Some(focal_length_px),
-        focal_length_tolerance: 0.01,
+        focal_length_tolerance: tolerance,
         search_beyond_tolerance: false,
         ..options.clone()
     };
+    // Of a wide field focal length and distortion stand in for each other: another frame of the same camera has another of both.
+    let half_px =
+        measured.frames.iter().map(|frame| frame.detections.width_px.max(frame.detections.height_px)).max().unwrap_or(0) as f64 / 2.0;
+    let is_wide = projection == Projection::Pinhole && half_px > WIDE * focal_length_px;
+    let tolerances: &[f64] = if is_wide { &[SAME, SAME_OF_WIDE] } else { &[SAME] };
     let all = frames.par_iter_mut().enumerate().zip(&measured.frames).zip(searched);
     all.filter(|(((_, frame), _), _)| frame.solution().is_none()).for_each(|(((number, frame), measured), searched)| {
         let begin = Instant::now();
@@ -343,12 +395,14 @@ fn retry(
         let mut hypotheses_before = hypotheses(&frame.identification);
         let directions = frame.sky.apparent_all(catalog);
         // Who says where the camera points is not asked to believe another frame.
-        for near in [options.near].into_iter().chain(around.filter(|_| options.near.is_none()).map(Some)) {
-            let time_limit = left_of(options.time_limit, *searched + begin.elapsed());
-            if time_limit.is_some_and(|left| left.is_zero()) {
+        let asked = options(SAME);
+        let places = || [asked.near].into_iter().chain(around.filter(|_| asked.near.is_none()).map(Some));
+        for (tolerance, near) in tolerances.iter().flat_map(|tolerance| places().map(move |near| (*tolerance, near))) {
+            let time_spent = *searched + begin.elapsed();
+            if left_of(asked.time_limit, time_spent).is_some_and(|left| left.is_zero()) {
                 break;
             }
-            let options = IdentifyOptions { hypotheses_before, near, time_limit, ..options.clone() };
+            let options = IdentifyOptions { hypotheses_before, near, time_spent, ..options(tolerance) };
             let again = identify(&measured.detections, catalog, index, &directions, &options);
             if matches!(again, Identification::Identified(_)) {
                 frame.identification = again;

@@ -5,6 +5,7 @@
 mod crowding;
 mod dark;
 mod frames;
+mod overfull;
 mod prepare;
 mod star_list;
 

@@ -1,6 +1,7 @@
 //! Control points of identified frames, and the camera and options with which a diagnosis is asked about them.
 
 use super::crowding::{self, take_disturbed};
+use super::overfull::{self, Seen};
 use super::{IdentifiedFrame, Measured, MeasuredFrame, PipelineError, SkyChoice, circumstances, looks, physics_in_force};
 use crate::calibrate::{CalibrateOptions, StarImage, calibrate, calibrate_identifying_anew};
 use crate::camera::Term;
@@ -8,7 +9,7 @@ use crate::catalog::Catalog;
 use crate::diagnose::{DiagnoseOptions, Telemetry};
 use crate::effects;
 use crate::identify::{
-    ControlPoint, ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, Projection, add_listed_points,
+    ControlPoint, ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, Projection, Solution, add_listed_points,
     control_points as build_control_points, handedness, image_state,
 };
 use crate::recording::{FrameEntry, Mount, Recording};
@@ -35,14 +36,17 @@ pub fn control_points(
     max_magnitude: Option<f64>,
     trusted: bool,
 ) -> Result<Prepared, PipelineError> {
+    let overfull = overfull_frames(measured, identified, catalog);
+    let none = Identification::NotIdentified { reason: String::new(), hypotheses: 0 };
     let frames: Vec<crate::identify::IdentifiedFrame> = measured
         .frames
         .iter()
         .zip(identified)
-        .map(|(frame, identified)| crate::identify::IdentifiedFrame {
+        .zip(&overfull)
+        .map(|((frame, identified), overfull)| crate::identify::IdentifiedFrame {
             frame: frame.index,
             detections: &frame.detections,
-            identification: &identified.identification,
+            identification: if overfull.is_some() { &none } else { &identified.identification },
             sky: Some(&identified.sky),
             years_since_epoch: identified.sky.observation().epoch_yr.map_or(0.0, |epoch| epoch - catalog.epoch_yr),
             gain_e_per_dn: measured.gain_e_per_dn(frame),
@@ -55,6 +59,7 @@ pub fn control_points(
     let declared = nominal.is_some();
     let (mut points, notes) = build_control_points(&frames, measured.recording.frames.len(), catalog, nominal);
     let mut notes: Vec<String> = notes.iter().map(|note| with_name(note, &measured.recording)).collect();
+    notes.extend(overfull.into_iter().flatten());
     if trusted {
         trust(&mut points, measured, identified, catalog, &mut notes)?;
     }
@@ -83,6 +88,21 @@ pub fn with_name(sentence: &str, recording: &Recording) -> String {
         Some((number.parse::<usize>().ok().filter(|number| *number < recording.frames.len())?, rest))
     });
     number.map_or_else(|| sentence.to_owned(), |(number, rest)| format!("{} {rest}", recording.frame_name(number)))
+}
+
+/// Of each frame why it is left out though it is identified, if it is. A list's stars were chosen by whoever made it.
+fn overfull_frames(measured: &Measured, identified: &[IdentifiedFrame], catalog: &Catalog) -> Vec<Option<String>> {
+    let solved = |(number, (frame, identified))| Some((number, frame, IdentifiedFrame::solution(identified)?));
+    let solved: Vec<(usize, &MeasuredFrame, &Solution)> = measured.frames.iter().zip(identified).enumerate().filter_map(solved).collect();
+    let mut all = vec![None; measured.frames.len()];
+    if measured.recording.stars.is_none() {
+        let seen: Vec<Seen<'_>> =
+            solved.iter().map(|(_, frame, solution)| Seen { name: &frame.name, detections: &frame.detections, solution }).collect();
+        for ((number, ..), sentence) in solved.iter().zip(overfull::left_out(&seen, catalog)) {
+            all[*number] = sentence;
+        }
+    }
+    all
 }
 
 /// All star images of the frames, in the un-mirrored image.

@@ -162,7 +162,7 @@ fn a_dark_takes_pattern_and_hot_pixels_off() {
     let before = detect(&frame, &DetectOptions::default()).unwrap();
     assert!(before.stars.len() > stars.len(), "the groups look like stars");
     for centroid in [Centroid::Gaussian, Centroid::Windowed] {
-        let options = MeasureOptions { centroid, dark: Some(dark.clone()) };
+        let options = MeasureOptions { centroid, dark: Some(dark.clone()), ..MeasureOptions::default() };
         let measured = measure_frames(recording(1), |_, _| Ok(Ok(frame.clone())), &options, || ()).unwrap();
         let after = &measured.frames[0].detections;
         assert!(stars.iter().all(|at| near(after, *at)), "{centroid:?}");

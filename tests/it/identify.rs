@@ -5,6 +5,7 @@
 
 mod control;
 mod fuzz;
+mod overfull;
 mod real;
 mod retry;
 mod star_lists;

@@ -8,6 +8,7 @@ mod camera;
 mod catalog;
 mod centroids;
 mod cli;
+mod clutter;
 mod common;
 mod detect;
 mod detector;

@@ -117,6 +117,7 @@ fn options() -> impl Strategy<Value = IdentifyOptions> {
             hypotheses_before: 0,
             max_false_match_probability: probability,
             time_limit,
+            time_spent: Duration::ZERO,
         })
 }
 
