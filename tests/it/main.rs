@@ -38,3 +38,4 @@ mod trails;
 mod truth;
 mod twins;
 mod wide_angle;
+mod world;
