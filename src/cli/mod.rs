@@ -48,7 +48,7 @@ pub(crate) enum Answer {
 #[derive(Debug, Parser)]
 #[command(
     name = "boresight",
-    version,
+    version = boresight::provenance::version(),
     propagate_version = true,
     max_term_width = 120,
     disable_help_flag = true,

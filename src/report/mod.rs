@@ -9,6 +9,7 @@ mod data_table;
 mod ds9;
 mod field_map;
 mod frame_picture;
+mod letters;
 mod off_on;
 mod panels;
 mod plot;
