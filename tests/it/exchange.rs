@@ -1,5 +1,5 @@
 //! Cameras in the files of other programs and back. What those programs make of the files was computed by themselves
-//! (tests/peers/exchange.py, opencv-python-headless 5.0.0.93, mrcal 2.2, tetra3rs 0.14.0, astropy 8.0.2) and lies in tests/fixtures/exchange.
+//! (tests/interop/exchange.py, opencv-python-headless 5.0.0.93, mrcal 2.2, tetra3rs 0.14.0, astropy 8.0.2) and lies in tests/fixtures/exchange.
 
 use std::path::PathBuf;
 
