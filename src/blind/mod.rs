@@ -11,6 +11,7 @@
 
 mod answer;
 pub mod generate;
+mod judge;
 mod lasso;
 mod pixels;
 mod record;

@@ -113,8 +113,8 @@ pub(super) fn write_tetra3rs(forward: &Forward, size_px: [usize; 2], parity: i8)
     for side in size_px {
         postcard_whole(&mut bytes, side);
     }
-    for axis in 0..2 {
-        bytes.extend((forward.centre_px[axis] - middle[axis]).to_le_bytes());
+    for (centre_px, middle_px) in forward.centre_px.iter().zip(middle) {
+        bytes.extend((centre_px - middle_px).to_le_bytes());
     }
     bytes.extend([u8::from(parity < 0), RADIAL]);
     for coefficient in [c(0) / f2, c(1) / f4, c(4) / (f2 * f4), c(2) / f, c(3) / f, 0.0, 0.0] {

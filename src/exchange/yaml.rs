@@ -137,15 +137,12 @@ fn lines(file: &str, text: &str) -> Result<Vec<Line>, ExchangeError> {
         }
         let text = text.trim();
         // Only the new piece is looked at: a list of many lines is not to be read again with each of them.
-        match found.last_mut().filter(|_| open_list) {
-            Some(last) => {
-                last.text.push(' ');
-                last.text.push_str(text);
-            }
-            None => {
-                found.push(Line { number, indent, text: text.to_owned() });
-                open_list = text.contains(": [");
-            }
+        if let Some(last) = found.last_mut().filter(|_| open_list) {
+            last.text.push(' ');
+            last.text.push_str(text);
+        } else {
+            found.push(Line { number, indent, text: text.to_owned() });
+            open_list = text.contains(": [");
         }
         open_list &= !text.ends_with(']');
     }
@@ -251,7 +248,7 @@ mod tests {
 
     #[test]
     fn eight_times_the_file_takes_no_sixty_four_times_as_long() {
-        let keys = |count: usize| (0..count).map(|k| format!("key{k}: {k}\n")).collect::<String>();
+        let keys = |count: usize| (0..count).map(|k| format!("key{k}: {k}\n")).collect::<Vec<_>>().concat();
         let list = |count: usize| format!("data: [ 0,\n{} 1 ]\n", "  0.25,\n".repeat(count));
         for text in [&keys as &dyn Fn(usize) -> String, &list] {
             let ratio = cost_s(&text(40_000)) / cost_s(&text(5_000));

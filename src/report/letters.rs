@@ -112,9 +112,10 @@ fn ink<E>(letters: &[Letter], size_px: f64, mut draw: impl FnMut(i32, i32, f64) 
             continue;
         }
         let (covered, place) = Mask::new(&outline).render();
-        for (index, cover) in covered.iter().enumerate().filter(|(_, cover)| **cover > 0) {
-            let (column, row) = (index as i32 % place.width as i32, index as i32 / place.width as i32);
-            draw(place.left + column, place.top + row, f64::from(*cover) / 255.0)?;
+        for (y, row) in (place.top..).zip(covered.chunks(place.width.max(1) as usize)) {
+            for (x, cover) in (place.left..).zip(row).filter(|(_, cover)| **cover > 0) {
+                draw(x, y, f64::from(*cover) / 255.0)?;
+            }
         }
     }
     Ok(())
@@ -171,7 +172,8 @@ impl<'a> DrawingBackend for Lettered<'a> {
         ink(&letters, style.size(), |x, y, cover| {
             let (x, y) = turn.transform(x + right, y + down);
             let (x, y) = (place.0 + x, place.1 + y);
-            if x < 0 || y < 0 || x >= wide as i32 || y >= high as i32 {
+            let within = |at: i32, side: u32| u32::try_from(at).is_ok_and(|at| at < side);
+            if !within(x, wide) || !within(y, high) {
                 return Ok(());
             }
             self.0.draw_pixel((x, y), BackendColor { alpha: colour.alpha * cover, rgb: colour.rgb })

@@ -9,6 +9,8 @@ import shutil
 import sys
 import traceback
 
+import warnings
+
 import numpy as np
 
 import exchange
@@ -77,8 +79,6 @@ def light_is_another_thing(program, recording, folder):
 
 def tables_are_read(folder, name):
     """astropy's own reader of Parquet, without a warning, and the same as the CSV."""
-    import warnings
-
     from astropy.table import Table
 
     with warnings.catch_warnings():
@@ -157,6 +157,10 @@ def exported_places(program, calibration, identified, folder):
 
 
 def main(program, folder):
+    from astropy.wcs import FITSFixedWarning
+
+    # A header without an image, and MJD-OBS made of DATE-OBS: both are meant.
+    warnings.simplefilter("ignore", FITSFixedWarning)
     shutil.rmtree(folder, ignore_errors=True)
     os.makedirs(folder)
     at = lambda *names: os.path.join(folder, *names)
