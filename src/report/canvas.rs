@@ -171,7 +171,7 @@ pub(super) fn picture(
     let (wide, high) = (width * OVERSAMPLING, height * OVERSAMPLING);
     let mut large = vec![0_u8; wide * high * 3];
     {
-        let area = Lettered(BitMapBackend::with_buffer(&mut large, (wide as u32, high as u32))).into_drawing_area();
+        let area = Lettered::new(BitMapBackend::with_buffer(&mut large, (wide as u32, high as u32))).into_drawing_area();
         area.fill(&paper).map_err(|error| refused(error.to_string()))?;
         let sheet = Sheet { area };
         draw(&sheet).map_err(|error| refused(error.to_string()))?;

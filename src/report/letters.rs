@@ -121,8 +121,16 @@ fn ink<E>(letters: &[Letter], size_px: f64, mut draw: impl FnMut(i32, i32, f64) 
     Ok(())
 }
 
-/// The drawing library's sheet of pixels with these letters in place of its own.
-pub(super) struct Lettered<'a>(pub(super) BitMapBackend<'a>);
+/// The drawing library's sheet of pixels, with the letters of the built-in fonts in place of its own.
+pub struct Lettered<'a>(BitMapBackend<'a>);
+
+impl<'a> Lettered<'a> {
+    /// On a sheet.
+    #[must_use]
+    pub fn new(sheet: BitMapBackend<'a>) -> Self {
+        Self(sheet)
+    }
+}
 
 type Refused<'a> = DrawingErrorKind<<BitMapBackend<'a> as DrawingBackend>::ErrorType>;
 

@@ -24,6 +24,7 @@ pub use data_table::DataTable;
 pub use ds9::ds9_regions;
 pub use field_map::FieldMap;
 pub use frame_picture::{Figure, Mark, MarkKind, frame_picture};
+pub use letters::Lettered;
 pub use off_on::OffOn;
 pub use panels::{LogPanels, Panel};
 pub use plot::{Plot, Series, SeriesStyle};

@@ -181,7 +181,8 @@ fn rivals_mend_what_is_theirs() {
         let named: Vec<AnswerFinding> = made.truth.effects.iter().map(|effect| finding(&effect.id)).collect();
         (
             made.truth,
-            rival_fits(&points, &made.lists.model.iter().map(|id| (*id).to_owned()).collect::<Vec<_>>(), &named, &held_out).expect("a calibration"),
+            rival_fits(&points, &made.lists.model.iter().map(|id| (*id).to_owned()).collect::<Vec<_>>(), &named, &held_out)
+                .expect("a calibration"),
         )
     };
     let (_, null) = fits(Family::Null, 0);
