@@ -47,7 +47,7 @@ pub(crate) struct IdentifyArgs {
     fits: bool,
     /// With -o: what the world coordinates map the pixels to: places of the catalogue (ICRS, at the frame's epoch; aberration and refraction are in the
     /// map), or the directions of the light as it arrives (apparent)
-    #[arg(long, value_name = "catalog|apparent", default_value = "catalog")]
+    #[arg(long, value_name = "catalog|apparent", default_value = "catalog", help_heading = heading::OUTPUT)]
     wcs: Places,
     #[command(flatten)]
     output: OutputArgs,
