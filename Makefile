@@ -8,11 +8,13 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind held-out peers catalog fuzz zoo runtime
+.PHONY: help demo test interop readme check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind held-out peers catalog fuzz zoo runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
 	@echo "make test     every test; BORESIGHT_RECORDINGS=DIR adds those on real recordings"
+	@echo "make interop  our files in other programs: astropy, OpenCV, tetra3rs, mrcal, DS9's regions (takes PyPI, and Debian for mrcal; 20 minutes at most)"
+	@echo "make readme   rewrite the figures of README.md; READMEARGS=--check compares them"
 	@echo "make check    format, lint, test, doc, deny: what a change has to pass"
 	@echo "make bench    benchmarks"
 	@echo "make bench-render  what a frame costs, beside numpy, photutils and GalSim (takes PyPI): docs/studies/render.txt"
@@ -36,6 +38,16 @@ test: runtime
 	@.ci/vulkan
 	@.ci/test
 
+# Whatever program is there: that of the tests, unless PROGRAM names another.
+PROGRAM ?= $(or $(CARGO_TARGET_DIR),target)/debug/boresight
+interop: runtime
+	$(if $(filter file,$(origin PROGRAM)),$(CARGO) build --locked --bin boresight)
+	tests/interop/run $(PROGRAM) target/interop
+
+readme: runtime
+	$(if $(filter file,$(origin PROGRAM)),$(CARGO) build --locked --bin boresight)
+	.ci/readme $(PROGRAM) $(READMEARGS)
+
 check: format lint test doc deny
 
 format:
@@ -47,9 +59,11 @@ lint:
 doc:
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --locked --no-deps --document-private-items
 
-# Licences, advisories and sources of the dependencies. A tool of its own, so a machine without it is told and not stopped.
+# Licences, advisories and sources of the dependencies. A tool of its own, so a machine without it is told and not stopped. The advisories lie on
+# GitHub; where that cannot be reached, DENY="bans licenses sources" checks the rest, with the unmaintained crates that deny.toml bans by name.
+DENY ?= all
 deny:
-	@if $(CARGO) deny --version >/dev/null 2>&1; then $(CARGO) deny --locked check; \
+	@if $(CARGO) deny --version >/dev/null 2>&1; then $(CARGO) deny --locked check $(DENY); \
 	else echo "deny: left out, cargo-deny is not installed (cargo install --locked cargo-deny)"; fi
 
 bench: runtime

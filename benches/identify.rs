@@ -206,10 +206,11 @@ const STATED: [f64; 8] = [0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4];
 /// How often chance does as well as is stated: the page.
 fn reliability(most: u64, index: &Index) -> String {
     let mut text = format!(
-        "Printed by `make bench-identify IDENTIFY=\"--trials 0 --reliability {most}\"`\n\n\
+        "Printed by `make bench-identify IDENTIFY=\"--trials 0 --reliability {most}\"`: {}\n\n\
          Lists of which nothing can be right, and the least probability of a false match that would be stated of any hypothesis about them.\n\
          Under each probability p: how many lists have a hypothesis that is stated below it, and their share over p, with its standard\n\
-         deviation; 1 is calibrated, less is cautious. A match is accepted by a bound, mostly a hundred times larger, below 1e-6.\n\n"
+         deviation; 1 is calibrated, less is cautious. A match is accepted by a bound, mostly a hundred times larger, below 1e-6.\n\n",
+        boresight::provenance::made_by(None)
     );
     let heads = STATED.map(|p| format!("{p:>22}")).concat();
     let _ = writeln!(text, "{:58} {:>7}{heads}", "lists", "");
@@ -275,8 +276,9 @@ fn main() {
     let model = cpuinfo.lines().find_map(|line| line.strip_prefix("model name")).unwrap_or_default();
     let asked = if only.is_empty() { String::new() } else { format!(" --rows '{only}'") };
     let mut text = format!(
-        "Printed by `make bench-identify IDENTIFY=\"--trials {all_trials} --star-free {star_free}{asked}\"`, on one core of: {}\n",
-        model.trim_start_matches([' ', '\t', ':'])
+        "Printed by `make bench-identify IDENTIFY=\"--trials {all_trials} --star-free {star_free}{asked}\"`, on one core of: {}\n{}\n",
+        model.trim_start_matches([' ', '\t', ':']),
+        boresight::provenance::made_by(None)
     );
     let _ = writeln!(
         text,

@@ -122,7 +122,7 @@ fn main() -> Result<()> {
             eprintln!("{kind}, {percent} % wrong: {sets} nights, {:.1} s in all", start.elapsed().as_secs_f64());
         }
     }
-    let text = tables(&outcomes, sets);
+    let text = format!("Made by `make study`: {}\n\n{}", boresight::provenance::made_by(Some(arguments.seed)), tables(&outcomes, sets));
     println!("{text}");
     write_file(&arguments.output.join("table.txt"), text.as_bytes())?;
     plot(&outcomes).write(&arguments.output.join("misidentification.png"))?;

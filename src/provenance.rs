@@ -6,16 +6,41 @@ use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use thiserror::Error;
+
+/// The commit that this build is made of, as build.rs found it.
+pub const COMMIT: Option<&str> = option_env!("BORESIGHT_COMMIT");
+
+/// Version and commit, for `--version` and the first line of pages: `0.1.0 (64dd495f1a2b)`.
+#[must_use]
+pub fn version() -> &'static str {
+    static TEXT: LazyLock<String> = LazyLock::new(|| match COMMIT {
+        Some(commit) => format!("{} ({commit})", env!("CARGO_PKG_VERSION")),
+        None => env!("CARGO_PKG_VERSION").to_owned(),
+    });
+    &TEXT
+}
+
+/// What made a page, for its head: program, version, commit, and the seed where chance played a part.
+#[must_use]
+pub fn made_by(seed: Option<u64>) -> String {
+    let commit = COMMIT.map_or_else(|| "a build for development, of no commit".to_owned(), |commit| format!("commit {commit}"));
+    let seed = seed.map_or_else(String::new, |seed| format!(", seed {seed}"));
+    format!("boresight {}, {commit}{seed}", env!("CARGO_PKG_VERSION"))
+}
 
 /// How a result came about.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
     /// Version of the program.
     pub version: String,
+    /// The commit it was built from, where that is known (release builds of a checkout); with `-dirty` where files differed from it.
+    #[serde(default)]
+    pub commit: Option<String>,
     /// The command line as given; a word that is no UTF-8 as [`word`] writes it.
     pub command: Vec<String>,
     /// Every file read: path and SHA-256.
@@ -53,7 +78,8 @@ impl Provenance {
     /// The provenance of what `command` makes, without inputs as yet.
     #[must_use]
     pub fn new(command: Vec<String>) -> Self {
-        Self { version: env!("CARGO_PKG_VERSION").to_owned(), command, inputs: Vec::new(), seed: None, adapter: None }
+        let commit = COMMIT.map(str::to_owned);
+        Self { version: env!("CARGO_PKG_VERSION").to_owned(), commit, command, inputs: Vec::new(), seed: None, adapter: None }
     }
 
     /// The provenance of what this process makes: its own command line.
@@ -161,6 +187,10 @@ mod tests {
         // FIPS 180-4, example "abc"
         let expected = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
         assert_eq!(provenance.inputs.iter().map(|input| input.sha256.as_str()).collect::<Vec<_>>(), [expected; 2]);
+        assert_eq!(provenance.commit.as_deref(), COMMIT);
+        let text = serde_json::to_string(&provenance).unwrap().replace(&format!("\"commit\":{},", serde_json::json!(COMMIT)), "");
+        assert!(!text.contains("commit") && serde_json::from_str::<Provenance>(&text).is_ok(), "files of older builds have none: {text}");
+        assert!(version().starts_with(env!("CARGO_PKG_VERSION")) && made_by(Some(7)).ends_with(", seed 7"));
         assert!(provenance.add_input(&directory.path().join("absent")).unwrap_err().to_string().contains("absent"));
     }
 }

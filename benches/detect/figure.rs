@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+use boresight::report::Lettered;
 use plotters::prelude::*;
-use plotters::style::register_font;
 
 use crate::study::magnitude;
 
@@ -11,9 +11,7 @@ type Failed = Box<dyn std::error::Error>;
 
 /// Draws a panel for the narrowest images and one for the widest.
 pub(crate) fn draw(file: &Path, curve: &[[f64; 5]]) -> Result<(), Failed> {
-    let font = epaint_default_fonts::UBUNTU_LIGHT;
-    register_font("sans-serif", FontStyle::Normal, font).map_err(|_| "the font cannot be read")?;
-    let area = BitMapBackend::new(file, (1200, 520)).into_drawing_area();
+    let area = Lettered::new(BitMapBackend::new(file, (1200, 520))).into_drawing_area();
     area.fill(&WHITE)?;
     let widths: Vec<f64> = [curve.first(), curve.last()].into_iter().flatten().map(|point| point[0]).collect();
     for (panel, sigma) in area.split_evenly((1, 2)).iter().zip(widths) {

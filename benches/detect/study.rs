@@ -222,7 +222,7 @@ pub(crate) fn page(frames: usize) -> (String, Vec<[f64; 5]>) {
         let _ = writeln!(page, "{text}");
     };
     let stars = |frames: usize| frames * (SIDE_PX / PITCH_PX).pow(2);
-    line("Centroids against the Cramér–Rao bound: `make bench-centroid`");
+    line(&format!("Centroids against the Cramér–Rao bound: `make bench-centroid`: {}", boresight::provenance::made_by(None)));
     line(&format!(
         "Stars at random phases in {BACKGROUND_E} e of sky per pixel, read noise {} e, {} e per DN; the bound frees position, flux and background.",
         DETECTOR.read_noise_e, DETECTOR.gain_e_per_dn

@@ -262,7 +262,8 @@ fn main() {
     let cpuinfo = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let model = cpuinfo.lines().find_map(|line| line.strip_prefix("model name")).unwrap_or_default();
     let threads = std::thread::available_parallelism().unwrap();
-    let mut text = format!("Made by `make bench-render` on {threads} threads of: {}\n\n", model.trim_start_matches([' ', '\t', ':']));
+    let mut text = format!("Made by `make bench-render` on {threads} threads of: {}\n", model.trim_start_matches([' ', '\t', ':']));
+    text += &format!("{}\n\n", boresight::provenance::made_by(None));
     for (backend, adapter) in &backends {
         let _ = writeln!(text, "{backend}: {}", if *backend == Backend::Cpu { "the twins in Rust" } else { adapter });
     }

@@ -64,7 +64,8 @@ pub(crate) fn text(report: &Report) -> String {
     let percent = |counted: Counted| format!("{:.2} ± {:.2}", 100.0 * counted.value, 100.0 * counted.sigma);
     let efficiency = &report.efficiency;
     let mut text = format!(
-        "{} on clean data.\n\nMapping error {:.5} px rms over {} nights of 12 × 25 stars ({} failed), Cramér–Rao bound {:.5} px: ratio {}\n\n",
+        "Made by `make study`: {}\n\n{} on clean data.\n\nMapping error {:.5} px rms over {} nights of 12 × 25 stars ({} failed), Cramér–Rao bound {:.5} px: ratio {}\n\n",
+        boresight::provenance::made_by(report.provenance.seed),
         report.method.name(),
         efficiency.rms_error_px,
         efficiency.sets,

@@ -111,7 +111,7 @@ impl Answer {
             family,
             index,
             seed,
-            version: env!("CARGO_PKG_VERSION").to_owned(),
+            version: crate::provenance::version().to_owned(),
             error: Some(error),
             verdict: String::new(),
             findings: Vec::new(),

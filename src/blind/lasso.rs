@@ -4,7 +4,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::calibrate::{CalibrateOptions, Column, Joint};
+use super::judge::{Judge, Sums, by_frame};
+use crate::calibrate::{Column, Joint};
 use crate::effects::{Context, DISPLACEMENTS, Observation, Segment, StarState};
 use crate::identify::ControlPoints;
 
@@ -27,46 +28,24 @@ pub struct Lasso {
     pub held_out: f64,
 }
 
-/// Sums over the star images of a frame, attitude taken out: of columns (the camera's first) and residuals.
-struct Sums {
-    gram: DMatrix<f64>,
-    right: DVector<f64>,
-    square: f64,
-    degrees: f64,
-}
-
-impl Sums {
-    fn zero(count: usize) -> Self {
-        Self { gram: DMatrix::zeros(count, count), right: DVector::zeros(count), square: 0.0, degrees: 0.0 }
-    }
-
-    fn add(&mut self, other: &Self, sign: f64) {
-        self.gram += &other.gram * sign;
-        self.right += &other.right * sign;
-        self.square += other.square * sign;
-        self.degrees += other.degrees * sign;
-    }
-
-    fn chi2(&self, solution: &DVector<f64>) -> f64 {
-        self.square - 2.0 * solution.dot(&self.right) + solution.dot(&(&self.gram * solution))
-    }
-}
-
 /// LASSO on control points whose model contains the effects `known`; judged on the frames `held_out`.
 #[must_use]
 pub fn lasso(points: &ControlPoints, known: &[String], held_out: &[usize]) -> Option<Lasso> {
-    let options = CalibrateOptions { held_out: false, leave_out_imprecise: false, physics: known.to_vec(), ..CalibrateOptions::default() };
-    let joint = Joint::solve(points, &options).ok()?;
+    lasso_before(&Judge::new(points, known, held_out)?, points)
+}
+
+/// The same on a recording that is solved already.
+pub(super) fn lasso_before(judge: &Judge, points: &ControlPoints) -> Option<Lasso> {
+    let joint = &judge.joint;
     let camera = joint.solved_columns();
-    let (ids, library) = offered(&joint, points);
+    let (ids, library) = offered(joint, points);
     let columns: Vec<&Column> = camera.iter().chain(&library).collect();
-    let frames = by_frame(&joint, &columns);
-    let (mut train, mut test) = (Sums::zero(columns.len()), Sums::zero(columns.len()));
+    let right: Vec<bool> = joint.images().iter().map(|image| image.weight > LEAST_WEIGHT).collect();
+    let frames = by_frame(joint, &columns, &right);
+    let mut train = Sums::zero(columns.len());
     let mut folds: Vec<Sums> = (0..FOLDS).map(|_| Sums::zero(columns.len())).collect();
     for (place, (frame, sums)) in frames.iter().enumerate() {
-        if held_out.contains(frame) {
-            test.add(sums, 1.0);
-        } else {
+        if !judge.is_held_out(*frame) {
             train.add(sums, 1.0);
             folds[place % FOLDS].add(sums, 1.0);
         }
@@ -81,7 +60,7 @@ pub fn lasso(points: &ControlPoints, known: &[String], held_out: &[usize]) -> Op
         rest.add(fold, -1.0);
         let path = Problem::new(&rest, camera.len())?.path(&penalties);
         for (errors, solution) in errors.iter_mut().zip(path) {
-            errors.push(fold.chi2(&solution) / fold.degrees.max(1.0));
+            errors.push(fold.chi2_per_dof(&solution));
         }
     }
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
@@ -99,7 +78,7 @@ pub fn lasso(points: &ControlPoints, known: &[String], held_out: &[usize]) -> Op
             names.push(id.clone());
         }
     }
-    Some(Lasso { names, held_out: test.chi2(&solution) / test.degrees.max(1.0) })
+    Some(Lasso { names, held_out: judge.of_solution(&columns, &solution) })
 }
 
 /// Columns of everything the recording allows, with the ids that they belong to.
@@ -120,46 +99,6 @@ fn offered(joint: &Joint, points: &ControlPoints) -> (Vec<String>, Vec<Column>) 
         }
     }
     (ids, columns)
-}
-
-/// The sums of each frame, its own parameters taken out.
-fn by_frame(joint: &Joint, columns: &[&Column]) -> Vec<(usize, Sums)> {
-    let images = joint.images();
-    let own_count = joint.own_count();
-    let mut sums = Vec::new();
-    let mut start = 0;
-    for frame in images.chunk_by(|a, b| a.frame == b.frame) {
-        let used: Vec<usize> = (0..frame.len()).filter(|k| frame[*k].weight > LEAST_WEIGHT).collect();
-        let rows = 2 * used.len();
-        let entry = |row: usize| (used[row / 2], row % 2);
-        let sigma = |k: usize, axis: usize| frame[k].stated_px2[2 * axis].sqrt();
-        let white = |of: &dyn Fn(usize, usize) -> f64| {
-            DVector::from_iterator(
-                rows,
-                (0..rows).map(|row| {
-                    let (k, axis) = entry(row);
-                    of(k, axis) / sigma(k, axis)
-                }),
-            )
-        };
-        let own = DMatrix::from_columns(&(0..own_count).map(|c| white(&|k, axis| frame[k].own[axis][c])).collect::<Vec<_>>());
-        let mut matrix = DMatrix::from_columns(&columns.iter().map(|column| white(&|k, axis| column[start + k][axis])).collect::<Vec<_>>());
-        let mut right = white(&|k, axis| frame[k].residual_px[axis]);
-        start += frame.len();
-        if rows <= own_count || columns.is_empty() {
-            continue;
-        }
-        if own_count > 0 {
-            let basis = own.qr().q();
-            matrix -= &basis * (basis.transpose() * &matrix);
-            right -= &basis * (basis.transpose() * &right);
-        }
-        // Residuals are measured minus model; a column is the change of the residual.
-        let gram = matrix.transpose() * &matrix;
-        let product = -(matrix.transpose() * &right);
-        sums.push((frame[0].frame, Sums { gram, right: product, square: right.norm_squared(), degrees: (rows - own_count) as f64 }));
-    }
-    sums
 }
 
 /// The penalised problem: the camera's columns free, the others of length one once it is taken out.

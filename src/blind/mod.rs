@@ -12,6 +12,7 @@
 mod answer;
 pub mod generate;
 mod held_out;
+mod judge;
 mod lasso;
 mod pixels;
 mod record;

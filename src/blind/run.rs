@@ -88,7 +88,7 @@ pub(super) fn answer_of_lists(lists: &Lists, family: Family, index: u32, seed: u
             let held_out =
                 if answer.held_out_frames.is_empty() { (3 * frames / 4..frames).collect() } else { answer.held_out_frames.clone() };
             answer.alpha = options.alpha;
-            answer.rivals = rivals.then(|| rival_fits(&points, &options.physics, &held_out)).flatten();
+            answer.rivals = rivals.then(|| rival_fits(&points, &options.physics, &answer.findings, &held_out)).flatten();
             answer
         }
     }

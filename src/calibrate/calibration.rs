@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{CalibrateOptions, LeftOutReason};
-use crate::camera::{Camera, Model};
+use crate::camera::{Camera, Model, SkyChain};
 use crate::coordinates::Attitude;
 use crate::identify::ControlPoints;
 use crate::provenance::Provenance;
@@ -358,6 +358,20 @@ impl Calibration {
     #[must_use]
     pub fn full_chain(&self) -> Model {
         self.chain.clone().unwrap_or_else(|| Model::new(self.camera))
+    }
+
+    /// What was done to the light of a frame on its way, with what was fitted of it: the Sky effects of `model`, which is [`Self::full_chain`]. `None`
+    /// where the file does not hold the frame's circumstances.
+    #[must_use]
+    pub fn sky_chain(&self, model: &Model, frame: usize) -> Option<SkyChain> {
+        let observation = self.control_points.frames.get(frame).map(|state| state.observation);
+        let known = || self.control_points.sky.iter().map(|term| (term.effect.as_str(), term.parameters.clone())).collect::<Vec<_>>();
+        match (observation, &self.chain) {
+            (Some(observation), Some(_)) => Some(model.sky_chain(observation)),
+            (Some(observation), None) => Some(SkyChain::with_parameters(observation, &known())),
+            // Nothing was done to it.
+            (None, _) => self.physics.is_empty().then(SkyChain::default),
+        }
     }
 
     /// Correlation of two parameters by name; `None` if either was not solved.

@@ -206,7 +206,7 @@ impl SkyChain {
         const STEPS: usize = 20;
         let mut guess = apparent.xyz;
         for _ in 0..STEPS {
-            let star = StarState { direction: guess, epoch_yr: self.observation.epoch_yr.unwrap_or_default(), ..StarState::default() };
+            let star = StarState { direction: guess, ..self.still_star() };
             let reached = self.apparent_in(&star, &self.observation).xyz;
             let error = [0, 1, 2].map(|axis| apparent.xyz[axis] - reached[axis]);
             guess = Direction::<Icrs>::along([0, 1, 2].map(|axis| guess[axis] + error[axis])).xyz;
@@ -215,6 +215,23 @@ impl SkyChain {
             }
         }
         Direction::along(guess)
+    }
+
+    /// A star without proper motion, parallax and colour of its own, whose place is that of the exposure's own epoch; it has yet to be given a direction.
+    #[must_use]
+    pub fn still_star(&self) -> StarState {
+        StarState { epoch_yr: self.observation.epoch_yr.unwrap_or_default(), ..StarState::default() }
+    }
+
+    /// The place that a catalogue star has in the ICRS, seen from the barycentre of the solar system, and the date of that place, Julian year: that of
+    /// the exposure where proper motion is in force, else the catalogue's. [`Self::icrs_from_apparent`] leads back to it, but for the star's parallax.
+    #[must_use]
+    pub fn place(&self, star: &Star, epoch_yr: f64) -> (Direction<Icrs>, f64) {
+        let moved = self.links.iter().find(|(index, _)| DISPLACEMENTS[*index].id() == "proper-motion");
+        let Some(((index, parameters), own_yr)) = moved.zip(self.observation.epoch_yr) else { return (star.direction, epoch_yr) };
+        let context = Context::new(StarState::of(star, epoch_yr), self.observation);
+        let light = DISPLACEMENTS[*index].displace(parameters, Light::from(star.direction.xyz), &context);
+        (Direction::from_unit(light.direction), own_yr + parameters.first().copied().unwrap_or_default())
     }
 
     /// The same at a moment of other circumstances.

@@ -96,7 +96,8 @@ pub(crate) fn doctor(args: &DoctorArgs) -> Result<Answer> {
 }
 
 fn text(object: &DoctorObject) -> String {
-    let mut text = format!("boresight {}, {} threads\ncatalogue: {}\n\n", object.provenance.version, object.threads, object.catalog);
+    let version = boresight::provenance::version();
+    let mut text = format!("boresight {version}, {} threads\ncatalogue: {}\n\n", object.threads, object.catalog);
     if object.adapters.is_empty() {
         text += "no Vulkan adapter: frames are rendered on the CPU\n";
     } else {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use boresight::exchange::{self, Exported, Format, LIMIT_PX, Subject};
+use boresight::exchange::{self, Exported, Format, LIMIT_PX, Places, Subject};
 use boresight::provenance::Provenance;
 use boresight::recording::{ResultFolder, check_file};
 use clap::Args;
@@ -26,6 +26,10 @@ pub(crate) struct ExportArgs {
     /// The file to write, or a folder; for sip and tpv it is a folder
     #[arg(short, long, value_name = "FILE|DIR")]
     output: PathBuf,
+    /// What sip and tpv map the pixels to: places of the catalogue (ICRS, at the frame's epoch; aberration and refraction are in the map), or the
+    /// directions of the light as it arrives (apparent), which hold the camera alone
+    #[arg(long, value_name = "catalog|apparent", default_value = "catalog")]
+    wcs: Places,
     /// Replace a file that is there, or what an earlier export wrote into the folder
     #[arg(long)]
     force: bool,
@@ -58,7 +62,7 @@ pub(crate) fn export(args: &ExportArgs) -> Result<Answer> {
     let calibration = read_calibration(&args.calibration)?;
     let mut provenance = output::provenance();
     provenance.add_input(&args.calibration)?;
-    let exported = exchange::export(&Subject::from(&calibration), args.to)?;
+    let exported = exchange::export(&Subject { places: args.wcs, ..Subject::from(&calibration) }, args.to)?;
     let written = exported.expressible || args.inexact;
     let mut files = Vec::new();
     for file in exported.files.iter().filter(|_| written) {

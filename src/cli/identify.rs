@@ -4,9 +4,10 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::Result;
-use boresight::camera::Camera;
+use boresight::camera::{Camera, SkyChain};
 use boresight::catalog::Catalog;
 use boresight::effects::{StarImage, StarState};
+use boresight::exchange::Places;
 use boresight::identify::{ControlPoint, ControlPoints, Identification, IdentifyOptions, Near, Solution, misidentify};
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
@@ -44,6 +45,10 @@ pub(crate) struct IdentifyArgs {
     /// With -o: also write every identified frame as FITS with world coordinates (TAN-SIP) in its header
     #[arg(long, requires = "output", help_heading = heading::OUTPUT)]
     fits: bool,
+    /// With -o: what the world coordinates map the pixels to: places of the catalogue (ICRS, at the frame's epoch; aberration and refraction are in the
+    /// map), or the directions of the light as it arrives (apparent)
+    #[arg(long, value_name = "catalog|apparent", default_value = "catalog", help_heading = heading::OUTPUT)]
+    wcs: Places,
     #[command(flatten)]
     output: OutputArgs,
 }
@@ -244,10 +249,11 @@ impl FrameObject {
 
 impl FrameObject {
     /// The rows of its matches.
-    fn rows<'a>(&'a self, frame: usize, catalog: &'a Catalog) -> impl Iterator<Item = MatchRow<'a>> {
+    fn rows<'a>(&'a self, frame: usize, catalog: &'a Catalog, sky: &'a SkyChain) -> impl Iterator<Item = MatchRow<'a>> {
         self.matches.iter().map(move |shown| {
             let star = catalog.by_hip(shown.hip);
-            let (ra, dec) = star.map_or((f64::NAN, f64::NAN), |star| star.direction.radec_rad());
+            let place = star.map(|star| sky.place(star, catalog.epoch_yr));
+            let (ra, dec) = place.map_or((f64::NAN, f64::NAN), |(place, _)| place.radec_rad());
             MatchRow {
                 frame,
                 file: &self.file,
@@ -256,6 +262,7 @@ impl FrameObject {
                 name: shown.name,
                 ra_deg: ra / DEG_RAD,
                 dec_deg: dec / DEG_RAD,
+                epoch_yr: place.map_or(f64::NAN, |(_, epoch_yr)| epoch_yr),
                 magnitude: shown.magnitude,
                 colour_mag: star.and_then(|star| star.colour),
                 x_px: shown.x_px,
@@ -307,7 +314,7 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
         provenance,
     };
     if let Some(directory) = &args.output.output {
-        write_files(directory, &measured, &identified, &object, &catalog, args.fits)?;
+        write_files(directory, &measured, &identified, &object, &catalog, args)?;
     }
     output::deliver("identify", &object, args.output.json, args.output.output.as_deref(), || text(&object.frames))?;
     Ok(if all { Answer::Yes } else { Answer::No })
@@ -320,16 +327,21 @@ fn write_files(
     identified: &[IdentifiedFrame],
     object: &IdentifyObject<'_>,
     catalog: &Catalog,
-    with_images: bool,
+    args: &IdentifyArgs,
 ) -> Result<()> {
-    let rows: Vec<MatchRow<'_>> =
-        measured.frames.iter().zip(&object.frames).flat_map(|(frame, shown)| shown.rows(frame.index, catalog)).collect();
+    let rows: Vec<MatchRow<'_>> = measured
+        .frames
+        .iter()
+        .zip(identified)
+        .zip(&object.frames)
+        .flat_map(|((frame, own), shown)| shown.rows(frame.index, catalog, &own.sky))
+        .collect();
     identify_files::write_matches(directory, &rows, &object.provenance)?;
     identify_files::write_detections(directory, &measured.frames, &object.provenance)?;
     let bar = output::progress("writing", measured.frames.len());
     for (frame, identified) in measured.frames.iter().zip(identified) {
         identify_files::write_regions(directory, frame, &identify_files::marks(frame, Some(identified), catalog))?;
-        identify_files::write_world_coordinates(directory, measured, frame, identified, with_images)?;
+        identify_files::write_world_coordinates(directory, measured, frame, identified, args.wcs, args.fits)?;
         let path = identify_files::frame_path(directory, frame, "png");
         identify_files::write_picture(&path, measured, frame, Some(identified), catalog)?;
         bar.inc(1);

@@ -7,7 +7,7 @@ use boresight::camera::SkyChain;
 use boresight::catalog::{Catalog, constellation_lines};
 use boresight::coordinates::{Apparent, Direction};
 use boresight::detect::Detection;
-use boresight::exchange::{self, Format, Subject};
+use boresight::exchange::{self, Format, Places, Subject, SubjectFrame};
 use boresight::identify::Solution;
 use boresight::provenance::Provenance;
 use boresight::recording::{FitsHeaders, write_file, write_fits_with};
@@ -105,6 +105,8 @@ pub(super) struct MatchRow<'a> {
     pub(super) name: Option<&'a str>,
     pub(super) ra_deg: f64,
     pub(super) dec_deg: f64,
+    /// The date of the place (right ascension and declination, ICRS, from the barycentre of the solar system), Julian year.
+    pub(super) epoch_yr: f64,
     pub(super) magnitude: f64,
     pub(super) colour_mag: Option<f64>,
     pub(super) x_px: f64,
@@ -163,6 +165,7 @@ pub(super) fn write_world_coordinates(
     measured: &Measured,
     frame: &MeasuredFrame,
     identified: &IdentifiedFrame,
+    places: Places,
     with_image: bool,
 ) -> Result<()> {
     let Some(solution) = identified.solution() else { return Ok(()) };
@@ -170,7 +173,8 @@ pub(super) fn write_world_coordinates(
         model: solution.model(),
         parity: solution.parity,
         physics: identified.sky.ids().into_iter().map(str::to_owned).collect(),
-        frames: vec![(frame.index, solution.attitude)],
+        frames: vec![SubjectFrame { frame: frame.index, attitude: solution.attitude, sky: Some(identified.sky.clone()) }],
+        places,
     };
     let exported = match exchange::export(&subject, Format::Sip) {
         Ok(exported) if exported.expressible => exported,

@@ -64,7 +64,7 @@ impl std::error::Error for Usage {}
 #[derive(Debug, Parser)]
 #[command(
     name = "boresight",
-    version,
+    version = boresight::provenance::version(),
     propagate_version = true,
     max_term_width = 120,
     disable_help_flag = true,

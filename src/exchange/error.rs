@@ -38,6 +38,16 @@ pub enum ExchangeError {
         /// Row.
         y_px: f64,
     },
+    /// Part of the frame sees no place of the catalogue.
+    #[error(
+        "the light at column {x_px:.1}, row {y_px:.1} comes from no one place of the sky (it is bent by air near or below the horizon, or the camera's distortion folds over): world coordinates of the light as it arrives can be had with --wcs apparent"
+    )]
+    NoPlace {
+        /// Column.
+        x_px: f64,
+        /// Row.
+        y_px: f64,
+    },
     /// The format has no room for the camera.
     #[error("{format} cannot hold this camera: {reason}")]
     NoRoom {

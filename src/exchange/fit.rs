@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use super::ExchangeError;
+use super::view::View;
 use crate::camera::Model;
 use crate::coordinates::{CameraAxes, Direction, PixelPoint};
 
@@ -48,19 +49,26 @@ pub(super) fn frame_points(size_px: [usize; 2], side: usize, border: f64) -> Vec
 /// The camera's own correspondences over the frame, and if it has them there over [`BORDER`] beyond: so that what is fitted stays near it
 /// there too.
 pub(super) fn pairs(model: &Model, side: usize) -> Result<Vec<Pair>, ExchangeError> {
-    pairs_to(model, side, BORDER).or_else(|_| pairs_to(model, side, 0.0))
+    pairs_of(&View::of_camera(model), side)
 }
 
-fn pairs_to(model: &Model, side: usize, border: f64) -> Result<Vec<Pair>, ExchangeError> {
-    let size = [model.camera().width_px, model.camera().height_px];
-    let context = model.reference_context();
+/// The same of a camera that may be under a sky.
+pub(super) fn pairs_of(view: &View<'_>, side: usize) -> Result<Vec<Pair>, ExchangeError> {
+    pairs_to(view, side, BORDER).or_else(|_| pairs_to(view, side, 0.0))
+}
+
+fn pairs_to(view: &View<'_>, side: usize, border: f64) -> Result<Vec<Pair>, ExchangeError> {
+    let size = [view.model().camera().width_px, view.model().camera().height_px];
     let pair = |pixel_px: [f64; 2]| {
-        let point = PixelPoint { x_px: pixel_px[0], y_px: pixel_px[1] };
-        let direction = model.direction(point, &context).map(|direction| direction.xyz);
+        let direction = view.direction(pixel_px);
         // A direction whose image is another point is beyond a fold.
-        let back = direction.and_then(|xyz| model.pixel(&Direction::from_unit(xyz), &context));
-        let same = back.is_some_and(|back| (back.x_px - point.x_px).hypot(back.y_px - point.y_px) < 1e-6);
-        let folds = || ExchangeError::Folds { what: "the calibrated camera".to_owned(), x_px: point.x_px, y_px: point.y_px };
+        let back = direction.and_then(|xyz| view.pixel(xyz));
+        let same = back.is_some_and(|back| (back[0] - pixel_px[0]).hypot(back[1] - pixel_px[1]) < 1e-6);
+        let [x_px, y_px] = pixel_px;
+        let folds = || match view.attitude() {
+            None => ExchangeError::Folds { what: "the calibrated camera".to_owned(), x_px, y_px },
+            Some(_) => ExchangeError::NoPlace { x_px, y_px },
+        };
         direction.filter(|_| same).map(|direction| Pair { pixel_px, direction }).ok_or_else(folds)
     };
     frame_points(size, side, border).into_iter().map(pair).collect()

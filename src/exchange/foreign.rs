@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::forward::Forward;
 use super::plane::stored_column;
 use super::reference::{Freedom, nearest, turned};
-use super::wcs::Wcs;
+use super::wcs::{Meaning, Wcs};
 use super::{ExchangeError, Format, LIMIT_PX, Residual, fit, mrcal, opencv, ros, tetra3};
 use crate::camera::{Camera, Model, PARAMETER_COUNT};
 use crate::coordinates::Attitude;
@@ -105,6 +105,9 @@ pub(super) fn mirrored(model: &Model) -> Result<Model, ExchangeError> {
 /// The format of a file by what stands in it.
 #[must_use]
 pub fn detect(bytes: &[u8]) -> Option<Format> {
+    if tetra3::is_tetra3rs_binary(bytes) {
+        return Some(Format::Tetra3rs);
+    }
     let text = String::from_utf8_lossy(bytes);
     let has = |word: &str| text.contains(word);
     Some(if text.starts_with("SIMPLE  =") || has("CTYPE1  =") {
@@ -132,7 +135,7 @@ pub fn import(file: &str, bytes: &[u8], from: Option<Format>, size_px: Option<[u
     })?;
     let text = match std::str::from_utf8(bytes) {
         Ok(text) => text,
-        Err(_) if from.is_per_frame() => "", // pixels may follow the header
+        Err(_) if from.is_per_frame() || from == Format::Tetra3rs => "", // pixels may follow the header; its own form is binary
         Err(error) => return Err(ExchangeError::of(file, format!("is not UTF-8 text (byte {})", error.valid_up_to()))),
     };
     let mut foreign = match from {
@@ -140,10 +143,14 @@ pub fn import(file: &str, bytes: &[u8], from: Option<Format>, size_px: Option<[u
         Format::Ros => ros::read(file, text)?,
         Format::Mrcal => mrcal::read(file, text)?,
         Format::Tetra3 => tetra3::read_tetra3(file, text)?,
-        Format::Tetra3rs => tetra3::read_tetra3rs(file, text)?,
+        Format::Tetra3rs => tetra3::read_tetra3rs(file, bytes)?,
         Format::Sip | Format::Tpv => {
             let wcs = Wcs::read(file, bytes)?;
-            Foreign { size_px: wcs.size_px, parity: wcs.parity(), kind: Kind::Sky(wcs), notes: Vec::new() }
+            let mut notes = Vec::new();
+            if Wcs::meaning(file, bytes) != Some(Meaning::Apparent) {
+                notes.push("the header maps places of the catalogue, so aberration and refraction are in this camera's scale and shape; headers of the light as it arrives (--wcs apparent) give the camera alone".to_owned());
+            }
+            Foreign { size_px: wcs.size_px, parity: wcs.parity(), kind: Kind::Sky(wcs), notes }
         }
     };
     if let (Some(asked), Some(own)) = (size_px, foreign.size_px)

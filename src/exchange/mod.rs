@@ -18,7 +18,9 @@ mod ros;
 mod sip;
 mod tetra3;
 mod tpv;
+mod view;
 mod wcs;
+mod world;
 mod yaml;
 
 use std::str::FromStr;
@@ -29,8 +31,8 @@ pub use error::ExchangeError;
 pub use fit::Residual;
 pub use foreign::{Imported, detect, import};
 
-use crate::calibrate::Calibration;
-use crate::camera::Model;
+use crate::calibrate::{Calibration, FrameResult};
+use crate::camera::{Model, SkyChain};
 use crate::coordinates::Attitude;
 use foreign::Foreign;
 use forward::{Room, forward_of};
@@ -55,7 +57,7 @@ pub enum Format {
     Tpv,
     /// fov_estimate and distortion of tetra3 and cedar-solve.
     Tetra3,
-    /// CameraModel of tetra3rs.
+    /// CameraModel of tetra3rs, as its `load_from_file` reads it.
     Tetra3rs,
 }
 
@@ -90,7 +92,7 @@ impl Format {
             Self::Ros => "camera_info.yaml",
             Self::Mrcal => "camera.cameramodel",
             Self::Tetra3 => "tetra3.json",
-            Self::Tetra3rs => "tetra3rs.json",
+            Self::Tetra3rs => "tetra3rs.camera",
             Self::Sip | Self::Tpv => "frame.wcs",
         }
     }
@@ -118,15 +120,57 @@ pub struct Subject {
     pub parity: i8,
     /// Ids of the effects that the star directions behind the attitudes contain.
     pub physics: Vec<String>,
-    /// Index in the recording and attitude of every frame that has one.
-    pub frames: Vec<(usize, Attitude)>,
+    /// Every frame that has an attitude.
+    pub frames: Vec<SubjectFrame>,
+    /// What world coordinates map the pixels to.
+    pub places: Places,
+}
+
+/// An exposure of the camera.
+#[derive(Clone, Debug)]
+pub struct SubjectFrame {
+    /// Index in the recording.
+    pub frame: usize,
+    /// Its attitude.
+    pub attitude: Attitude,
+    /// What is done to the light on its way, where that is known.
+    pub sky: Option<SkyChain>,
+}
+
+/// What world coordinates map the pixels of a frame to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Places {
+    /// Places of the catalogue: ICRS, from the barycentre of the solar system, at the frame's epoch. Aberration, refraction and what else the model
+    /// has on the way are part of the map.
+    #[default]
+    Catalog,
+    /// Directions of the light as it arrives, in ICRS axes.
+    Apparent,
+}
+
+impl FromStr for Places {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "catalog" | "catalogue" => Ok(Self::Catalog),
+            "apparent" => Ok(Self::Apparent),
+            _ => Err(format!("there are no world coordinates {text:?}; there are catalog and apparent")),
+        }
+    }
 }
 
 impl From<&Calibration> for Subject {
     /// Of a calibration in the columns of the un-mirrored image, as the program holds it.
     fn from(calibration: &Calibration) -> Self {
-        let frames = calibration.per_frame.iter().filter_map(|frame| Some((frame.frame, frame.camera_from_icrs?)));
-        Self { model: calibration.full_chain(), parity: calibration.parity, physics: calibration.physics.clone(), frames: frames.collect() }
+        let model = calibration.full_chain();
+        let frame = |frame: &FrameResult| {
+            let sky = calibration.sky_chain(&model, frame.frame);
+            Some(SubjectFrame { frame: frame.frame, attitude: frame.camera_from_icrs?, sky })
+        };
+        let frames = calibration.per_frame.iter().filter_map(frame).collect();
+        Self { model, parity: calibration.parity, physics: calibration.physics.clone(), frames, places: Places::default() }
     }
 }
 
@@ -184,7 +228,7 @@ pub fn export(subject: &Subject, to: Format) -> Result<Exported, ExchangeError> 
         exported.notes.push(note.to_owned());
     }
     let wide = model.projection() != "pinhole";
-    let one_file = |bytes: String| vec![File { name: to.file_name().to_owned(), bytes: bytes.into_bytes() }];
+    let one_file = |bytes: Vec<u8>| vec![File { name: to.file_name().to_owned(), bytes }];
     match to {
         Format::OpenCv | Format::Ros | Format::Mrcal | Format::Tetra3rs => {
             let room: &Room = match (to, wide) {
@@ -202,10 +246,10 @@ pub fn export(subject: &Subject, to: Format) -> Result<Exported, ExchangeError> 
             exported.judged(residual);
             let comments = exported.comments();
             exported.files = one_file(match to {
-                Format::OpenCv => opencv::write(&found, size, &comments),
-                Format::Ros => ros::write(&found, size, &comments),
-                Format::Mrcal => mrcal::write(&found, size, &comments),
-                _ => tetra3::write_tetra3rs(&found, size, subject.parity, &comments),
+                Format::OpenCv => opencv::write(&found, size, &comments).into_bytes(),
+                Format::Ros => ros::write(&found, size, &comments).into_bytes(),
+                Format::Mrcal => mrcal::write(&found, size, &comments).into_bytes(),
+                _ => tetra3::write_tetra3rs(&found, size, subject.parity),
             });
         }
         Format::Tetra3 => {
@@ -217,48 +261,11 @@ pub fn export(subject: &Subject, to: Format) -> Result<Exported, ExchangeError> 
                 "the residual is what is left after the rotation rotation_rad, by which the solver's attitudes differ from this camera's";
             exported.notes.push(note.to_owned());
             exported.judged(residual);
-            exported.files = one_file(tetra3::write_tetra3(&found, &exported.comments()));
+            exported.files = one_file(tetra3::write_tetra3(&found, &exported.comments()).into_bytes());
         }
-        Format::Sip | Format::Tpv => headers(subject, &mut exported)?,
+        Format::Sip | Format::Tpv => world::headers(subject, &mut exported)?,
     }
     Ok(exported)
-}
-
-/// The headers of all frames.
-fn headers(subject: &Subject, exported: &mut Exported) -> Result<(), ExchangeError> {
-    if subject.frames.is_empty() {
-        let reason = "world coordinates need an attitude, and no frame of the calibration has one".to_owned();
-        return Err(ExchangeError::NoRoom { format: "a FITS header", reason });
-    }
-    let physics = if subject.physics.is_empty() { "none".to_owned() } else { subject.physics.join(", ") };
-    let has = |id: &str| subject.physics.iter().any(|known| known == id);
-    let aberration = if has("stellar-aberration") { "is in" } else { "was not modelled, so its mean over the frame is taken up by" };
-    let refraction = if has("refraction") { "is in" } else { "was not modelled, so its mean over the frame is taken up by" };
-    exported.notes.push(format!("directions are those of the light as it arrives, in ICRS axes; star directions contain: {physics}"));
-    exported.notes.push(format!("aberration {aberration} these directions, refraction {refraction} them"));
-    exported.notes.push("rows count downwards from the first one stored; FITS readers show it at the bottom".to_owned());
-    let name = |frame: usize| format!("frame-{frame:04}.wcs");
-    if exported.to == Format::Sip {
-        let sip = sip::Sip::of(&subject.model, subject.parity)?;
-        exported.coefficients = sip.coefficients();
-        exported.model = format!("TAN-SIP, A and B of order {}", sip.order);
-        exported.inverse_max_px = Some(sip.inverse_max_px);
-        exported.notes.push(format!("AP and BP, from the sky to the pixel, are off by {:.1e} px at most", sip.inverse_max_px));
-        exported.judged(sip.residual);
-        let comments = exported.comments();
-        let file = |(frame, attitude): &(usize, Attitude)| File { name: name(*frame), bytes: sip.header(attitude, &comments) };
-        exported.files = subject.frames.iter().map(file).collect();
-    } else {
-        let tpv = tpv::Tpv::of(&subject.model, subject.parity)?;
-        exported.coefficients = tpv.coefficients;
-        exported.model = format!("TPV of order {}", tpv.order);
-        exported.judged(tpv.residual);
-        let comments = exported.comments();
-        for (frame, attitude) in &subject.frames {
-            exported.files.push(File { name: name(*frame), bytes: tpv.header(attitude, &comments)? });
-        }
-    }
-    Ok(())
 }
 
 fn words(to: Format, wide: bool) -> &'static str {

@@ -4,9 +4,9 @@ use nalgebra::Matrix2;
 
 use super::ExchangeError;
 use super::fit::{self, FIT_SIDE, Residual};
+use super::view::View;
 use super::wcs::{self, Distortion, Wcs};
-use crate::camera::Model;
-use crate::coordinates::{Attitude, CameraAxes, Direction};
+use crate::coordinates::Attitude;
 
 /// Exponents, and the coefficients of both axes.
 pub(super) type Fitted = (Vec<(i32, i32)>, [Vec<f64>; 2]);
@@ -15,6 +15,7 @@ pub(super) type Fitted = (Vec<(i32, i32)>, [Vec<f64>; 2]);
 pub(super) const NOTHING_PX: f64 = 1e-9;
 
 /// Points of the frame as stored, and where they are without distortion.
+#[derive(Clone)]
 pub(super) struct Plane {
     /// The pixel of the boresight, columns and rows as stored, from 0.
     pub(super) centre_px: [f64; 2],
@@ -32,13 +33,12 @@ pub(super) struct Plane {
 
 impl Plane {
     /// Of a camera (of the un-mirrored image).
-    pub(super) fn of(model: &Model, parity: i8, format: &'static str) -> Result<Self, ExchangeError> {
-        let camera = model.camera();
+    pub(super) fn of(view: &View<'_>, parity: i8, format: &'static str) -> Result<Self, ExchangeError> {
+        let camera = view.model().camera();
         let size_px = [camera.width_px, camera.height_px];
-        let boresight = model.pixel(&Direction::<CameraAxes>::from_unit([0.0, 0.0, 1.0]), &model.reference_context());
-        let centre = boresight.map(|point| [stored_column(point.x_px, size_px, parity), point.y_px]);
+        let centre = view.pixel([0.0, 0.0, 1.0]).map(|[x_px, y_px]| [stored_column(x_px, size_px, parity), y_px]);
         let centre_px = centre.ok_or_else(|| ExchangeError::NoRoom { format, reason: "no pixel looks along its boresight".to_owned() })?;
-        let pairs = fit::pairs(model, FIT_SIDE)?;
+        let pairs = fit::pairs_of(view, FIT_SIDE)?;
         if pairs.iter().any(|pair| pair.direction[2] <= 1e-3) {
             let reason = "part of its frame looks 90° or more from the boresight, where the tangential plane does not reach".to_owned();
             return Err(ExchangeError::NoRoom { format, reason });
@@ -67,16 +67,25 @@ impl Plane {
         Ok((exponents, both))
     }
 
+    /// How far polynomials are off at the worst of the points that they were fitted to, px.
+    pub(super) fn misses_px(&self, exponents: &[(i32, i32)], both: [&[f64]; 2]) -> f64 {
+        let error = |(point, ideal): (&[f64; 2], &[f64; 2])| {
+            let sum = |k: usize| exponents.iter().zip(both[k]).map(|((i, j), c)| c * point[0].powi(*i) * point[1].powi(*j)).sum::<f64>();
+            (sum(0) - ideal[0]).hypot(sum(1) - ideal[1])
+        };
+        self.points.iter().zip(&self.ideal_px).map(error).fold(0.0, f64::max)
+    }
+
     /// A header at an attitude.
     pub(super) fn wcs(&self, crval_rad: [f64; 2], cd_rad: Matrix2<f64>, distortion: Distortion) -> Wcs {
         let crpix = [self.centre_px[0] + 1.0, self.centre_px[1] + 1.0];
         Wcs { crpix, crval_rad, cd_rad, distortion, size_px: Some(self.size_px) }
     }
 
-    /// Where the camera puts the directions that a header made for the camera's own axes ([`no_rotation`]) gives to the pixels, against the pixels.
-    pub(super) fn residual(&self, model: &Model, wcs: &Wcs) -> Residual {
+    /// Where the camera puts the directions that a header made for the view's own axes ([`no_rotation`]) gives to the pixels, against the pixels.
+    pub(super) fn residual(&self, view: &View<'_>, wcs: &Wcs) -> Residual {
         let direction = |pixel: [f64; 2]| Some(wcs.direction([stored_column(pixel[0], self.size_px, self.parity), pixel[1]]));
-        fit::residual(self.size_px, direction, fit::pixels(model))
+        fit::residual(self.size_px, direction, |xyz| view.pixel(xyz))
     }
 
     /// The largest |coordinate| of the points, px.

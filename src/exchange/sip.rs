@@ -5,14 +5,17 @@ use nalgebra::{Matrix2, Vector2};
 use super::ExchangeError;
 use super::fit::{GOOD_PX, Residual};
 use super::plane::{NOTHING_PX, Plane, no_rotation};
+use super::view::View;
 use super::wcs::{Distortion, Polynomials, Wcs};
-use crate::camera::Model;
 use crate::coordinates::Attitude;
 
 /// The largest order that the convention has.
 const MAXIMUM_ORDER: i32 = 9;
 
-/// The distortion of a camera, the same for every frame.
+/// An order whose own points are off by more is not looked at further, px.
+const MISSES_PX: f64 = 10.0 * GOOD_PX;
+
+/// The distortion of a camera; in camera axes the same for every frame.
 pub(super) struct Sip {
     plane: Plane,
     /// What the polynomials' terms of first order say; it goes into CD.
@@ -29,10 +32,11 @@ pub(super) struct Sip {
 
 impl Sip {
     /// The polynomials of the lowest orders that bring the residual below [`GOOD_PX`].
-    pub(super) fn of(model: &Model, parity: i8) -> Result<Self, ExchangeError> {
+    pub(super) fn of(view: &View<'_>, parity: i8) -> Result<Self, ExchangeError> {
+        let plane = Plane::of(view, parity, "TAN-SIP")?;
         let mut best: Option<Self> = None;
         for order in 1..=MAXIMUM_ORDER {
-            let found = Self::of_order(model, parity, order)?;
+            let found = Self::of_order(view, &plane, order)?;
             let residual = found.residual;
             if best.as_ref().is_none_or(|known| residual.max_px < known.residual.max_px) {
                 best = Some(found);
@@ -47,8 +51,7 @@ impl Sip {
         Ok(best)
     }
 
-    fn of_order(model: &Model, parity: i8, order: i32) -> Result<Self, ExchangeError> {
-        let plane = Plane::of(model, parity, "TAN-SIP")?;
+    fn of_order(view: &View<'_>, plane: &Plane, order: i32) -> Result<Self, ExchangeError> {
         let (exponents, [a, b]) = Plane::polynomials(order, &plane.points, &plane.ideal_px)?;
         let linear = Matrix2::new(a[0], a[1], b[0], b[1]);
         let back = linear.try_inverse().ok_or(ExchangeError::NoFit { what: "the scale of the image" })?;
@@ -63,8 +66,12 @@ impl Sip {
             }
         }
         let residual = Residual { rms_px: f64::INFINITY, max_px: f64::INFINITY, beyond_max_px: None };
-        let mut sip = Self { plane, linear, forward, inverse: Default::default(), order, residual, inverse_max_px: 0.0 };
-        sip.residual = sip.plane.residual(model, &sip.at(&no_rotation()));
+        let mut sip = Self { plane: plane.clone(), linear, forward, inverse: Default::default(), order, residual, inverse_max_px: 0.0 };
+        // The residual over the frame costs more than the fit, so an order that misses its own points is not asked for it.
+        let misses_px = plane.misses_px(&exponents, [&a, &b]);
+        if order == MAXIMUM_ORDER || misses_px < MISSES_PX {
+            sip.residual = sip.plane.residual(view, &sip.at(&no_rotation()));
+        }
         Ok(sip)
     }
 
@@ -75,9 +82,9 @@ impl Sip {
         self.plane.wcs(crval, matrix * self.linear, distortion)
     }
 
-    /// The header of a frame.
-    pub(super) fn header(&self, attitude: &Attitude, comments: &[String]) -> Vec<u8> {
-        self.at(attitude).header(Some(&self.inverse), comments)
+    /// What the header of a frame is made of.
+    pub(super) fn ready(&self, attitude: &Attitude) -> (Wcs, Polynomials) {
+        (self.at(attitude), self.inverse.clone())
     }
 
     /// Coefficients of A and B.

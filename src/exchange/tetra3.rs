@@ -13,6 +13,9 @@
 //! # tetra3rs
 //! `CameraModel` with `RadialDistortion` (source: tetra3rs 0.14, `camera_model.rs`, `distortion/radial.rs`): OpenCV's first five coefficients in
 //! pixels instead of units of f, about `crpix`, which counts from the middle of the frame; `parity_flip` turns x after the distortion.
+//! Its files (`CameraModel.load_from_file`) are the fields in that order in postcard's binary form, whose specification is fixed since 1.0: numbers as
+//! eight bytes, the least significant first; whole numbers seven bits a byte; truth values and the kind of distortion a byte. Both this form and the
+//! JSON of its own serde names are read; the first is written.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -43,9 +46,8 @@ pub(super) struct Tetra3 {
 }
 
 /// Serde's form of tetra3rs' `CameraModel`.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 struct Tetra3rs {
-    comment: Option<Vec<String>>,
     focal_length_px: f64,
     image_width: usize,
     image_height: usize,
@@ -54,7 +56,7 @@ struct Tetra3rs {
     distortion: Value,
 }
 
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct Radial {
     k1: f64,
@@ -101,22 +103,99 @@ pub(super) fn write_tetra3(camera: &Tetra3, comments: &[String]) -> String {
     json(&Tetra3 { comment: Some(comments.to_vec()), ..camera.clone() })
 }
 
-/// The text of tetra3rs' file.
-pub(super) fn write_tetra3rs(forward: &Forward, size_px: [usize; 2], parity: i8, comments: &[String]) -> String {
+/// tetra3rs' file.
+pub(super) fn write_tetra3rs(forward: &Forward, size_px: [usize; 2], parity: i8) -> Vec<u8> {
     let f = forward.focal_px[1];
     let c = |index: usize| forward.coefficients.get(index).copied().unwrap_or(0.0);
     let (f2, f4) = (f * f, f * f * f * f);
-    let radial = Radial { k1: c(0) / f2, k2: c(1) / f4, k3: c(4) / (f2 * f4), p1: c(2) / f, p2: c(3) / f, center: [0.0; 2] };
     let middle = middle(size_px);
-    json(&Tetra3rs {
-        comment: Some(comments.to_vec()),
-        focal_length_px: f,
-        image_width: size_px[0],
-        image_height: size_px[1],
-        crpix: [forward.centre_px[0] - middle[0], forward.centre_px[1] - middle[1]],
-        parity_flip: parity < 0,
-        distortion: serde_json::json!({ "Radial": radial }),
-    })
+    let mut bytes = f.to_le_bytes().to_vec();
+    for side in size_px {
+        postcard_whole(&mut bytes, side);
+    }
+    for (centre_px, middle_px) in forward.centre_px.iter().zip(middle) {
+        bytes.extend((centre_px - middle_px).to_le_bytes());
+    }
+    bytes.extend([u8::from(parity < 0), RADIAL]);
+    for coefficient in [c(0) / f2, c(1) / f4, c(4) / (f2 * f4), c(2) / f, c(3) / f, 0.0, 0.0] {
+        bytes.extend(f64::to_le_bytes(coefficient));
+    }
+    bytes
+}
+
+/// The places of tetra3rs' kinds of distortion in its list: None, Radial, Polynomial.
+const NO_DISTORTION: u8 = 0;
+const RADIAL: u8 = 1;
+const POLYNOMIAL: u8 = 2;
+
+/// A whole number in postcard: seven bits a byte, the lowest first, the eighth bit set on all but the last.
+fn postcard_whole(bytes: &mut Vec<u8>, mut value: usize) {
+    while value >= 0x80 {
+        bytes.push((value & 0x7f) as u8 | 0x80);
+        value >>= 7;
+    }
+    bytes.push(value as u8);
+}
+
+/// Reads postcard from the front of what is left.
+struct Postcard<'a>(&'a [u8]);
+
+impl Postcard<'_> {
+    fn number(&mut self) -> Option<f64> {
+        let (head, rest) = self.0.split_first_chunk::<8>()?;
+        self.0 = rest;
+        Some(f64::from_le_bytes(*head))
+    }
+
+    fn byte(&mut self) -> Option<u8> {
+        let (head, rest) = self.0.split_first()?;
+        self.0 = rest;
+        Some(*head)
+    }
+
+    /// Of 32 bits.
+    fn whole(&mut self) -> Option<usize> {
+        let mut value: u64 = 0;
+        for place in 0..5 {
+            let byte = self.byte()?;
+            value |= u64::from(byte & 0x7f) << (7 * place);
+            if byte < 0x80 {
+                return usize::try_from(u32::try_from(value).ok()?).ok();
+            }
+        }
+        None
+    }
+}
+
+/// Whether bytes can only be tetra3rs' binary file: they are used up by its fields, and these make sense.
+pub(super) fn is_tetra3rs_binary(bytes: &[u8]) -> bool {
+    from_postcard(bytes).is_some()
+}
+
+fn from_postcard(bytes: &[u8]) -> Option<Tetra3rs> {
+    let mut rest = Postcard(bytes);
+    let focal_length_px = rest.number().filter(|f| (1.0..1e9).contains(f))?;
+    let (image_width, image_height) = (rest.whole()?, rest.whole()?);
+    let crpix = [rest.number()?, rest.number()?];
+    let parity_flip = rest.byte().filter(|byte| *byte < 2)? == 1;
+    let distortion = match rest.byte()? {
+        NO_DISTORTION => Value::String("None".to_owned()),
+        RADIAL => {
+            let mut values = [0.0; 7];
+            for value in &mut values {
+                *value = rest.number()?;
+            }
+            let [k1, k2, k3, p1, p2, x, y] = values;
+            serde_json::json!({ "Radial": { "k1": k1, "k2": k2, "k3": k3, "p1": p1, "p2": p2, "center": [x, y] } })
+        }
+        // Its terms are not read here, so where it ends is not known.
+        POLYNOMIAL => {
+            rest.0 = &[];
+            serde_json::json!({ "Polynomial": {} })
+        }
+        _ => return None,
+    };
+    rest.0.is_empty().then_some(Tetra3rs { focal_length_px, image_width, image_height, crpix, parity_flip, distortion })
 }
 
 fn unreadable(file: &str, what: &str) -> impl Fn(serde_json::Error) -> ExchangeError {
@@ -146,8 +225,12 @@ pub(super) fn read_tetra3(file: &str, text: &str) -> Result<Foreign, ExchangeErr
 }
 
 /// Reads tetra3rs' file.
-pub(super) fn read_tetra3rs(file: &str, text: &str) -> Result<Foreign, ExchangeError> {
-    let camera: Tetra3rs = serde_json::from_str(text).map_err(unreadable(file, "CameraModel of tetra3rs in JSON"))?;
+pub(super) fn read_tetra3rs(file: &str, bytes: &[u8]) -> Result<Foreign, ExchangeError> {
+    let what = "CameraModel of tetra3rs, neither as its save_to_file writes it nor in JSON";
+    let camera: Tetra3rs = match from_postcard(bytes) {
+        Some(camera) => camera,
+        None => serde_json::from_slice(bytes).map_err(unreadable(file, what))?,
+    };
     let size_px = [camera.image_width, camera.image_height];
     let f = camera.focal_length_px;
     checked_focal(file, 1, [f; 2])?;

@@ -4,8 +4,8 @@
 use super::ExchangeError;
 use super::fit::{GOOD_PX, Residual};
 use super::plane::{NOTHING_PX, Plane, no_rotation};
+use super::view::View;
 use super::wcs::{Distortion, TPV_COUNT, Wcs, tpv_exponents};
-use crate::camera::Model;
 use crate::coordinates::Attitude;
 
 /// The largest order the convention has.
@@ -24,12 +24,12 @@ pub(super) struct Tpv {
 
 impl Tpv {
     /// The lowest order that brings the residual below [`GOOD_PX`].
-    pub(super) fn of(model: &Model, parity: i8) -> Result<Self, ExchangeError> {
-        let plane = Plane::of(model, parity, "TPV")?;
+    pub(super) fn of(view: &View<'_>, parity: i8) -> Result<Self, ExchangeError> {
+        let plane = Plane::of(view, parity, "TPV")?;
         let mut best: Option<(i32, Residual, usize)> = None;
         for order in 1..=MAXIMUM_ORDER {
             let wcs = at(&plane, &no_rotation(), order)?;
-            let residual = plane.residual(model, &wcs);
+            let residual = plane.residual(view, &wcs);
             if best.is_none_or(|(_, known, _)| residual.max_px < known.max_px) {
                 let Distortion::Tpv(pv) = &wcs.distortion else { continue };
                 best = Some((order, residual, pv.iter().flatten().filter(|c| **c != 0.0).count()));
@@ -42,9 +42,9 @@ impl Tpv {
         Ok(Self { plane, order, residual, coefficients })
     }
 
-    /// The header of a frame.
-    pub(super) fn header(&self, attitude: &Attitude, comments: &[String]) -> Result<Vec<u8>, ExchangeError> {
-        Ok(at(&self.plane, attitude, self.order)?.header(None, comments))
+    /// What the header of a frame is made of.
+    pub(super) fn ready(&self, attitude: &Attitude) -> Result<Wcs, ExchangeError> {
+        at(&self.plane, attitude, self.order)
     }
 }
 

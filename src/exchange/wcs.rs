@@ -6,6 +6,8 @@
 //! ```
 //! CRPIX is the pixel on which light along the boresight falls (the principal point of the reference model) and CRVAL its direction, so both ways of
 //! writing it take the distortion away at the measured point, as this program does: polynomials hold the reference model without loss.
+//! What the directions are stands in WCSNAME ([`Meaning`]): places of the catalogue, for which RADESYS says ICRS in its full sense, or those of the
+//! light as it arrives, for which it names the axes alone (FITS has no word for them).
 //! Source: Greisen & Calabretta 2002, A&A 395, 1061; Calabretta & Greisen 2002, A&A 395, 1077; Shupe et al. 2005, ASP Conf. 347, 491;
 //! the FITS registry's TPV convention.
 
@@ -36,6 +38,25 @@ pub(super) enum Distortion {
     Sip(Polynomials),
     /// PV1_0 … PV1_39 and PV2_0 … PV2_39.
     Tpv(Box<[[f64; TPV_COUNT]; 2]>),
+}
+
+/// What the directions of a header are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Meaning {
+    /// Places of the catalogue.
+    Catalog,
+    /// The light as it arrives.
+    Apparent,
+}
+
+impl Meaning {
+    /// WCSNAME.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Catalog => "ICRS PLACES",
+            Self::Apparent => "APPARENT DIRECTIONS",
+        }
+    }
 }
 
 /// A frame's world coordinates.
@@ -130,6 +151,13 @@ impl Wcs {
         }
     }
 
+    /// What the directions of a header are, as far as it says.
+    pub(super) fn meaning(file: &str, bytes: &[u8]) -> Option<Meaning> {
+        let cards = Cards::read(file, bytes).ok()?;
+        let (_, name, _) = cards.text("WCSNAME")?;
+        [Meaning::Catalog, Meaning::Apparent].into_iter().find(|meaning| meaning.name() == name)
+    }
+
     /// −1 if the frame is mirrored.
     pub(super) fn parity(&self) -> i8 {
         if self.slope_rad().determinant() < 0.0 { -1 } else { 1 }
@@ -152,7 +180,7 @@ impl Wcs {
     }
 
     /// The header as the bytes of a FITS file without data; `inverse` holds SIP's polynomials from the sky to the pixel.
-    pub(super) fn header(&self, inverse: Option<&Polynomials>, comments: &[String]) -> Vec<u8> {
+    pub(super) fn header(&self, inverse: Option<&Polynomials>, meaning: Meaning, comments: &[String]) -> Vec<u8> {
         let projection = match self.distortion {
             Distortion::None => "TAN",
             Distortion::Sip(_) => "TAN-SIP",
@@ -163,6 +191,7 @@ impl Wcs {
             card("BITPIX", "8"),
             card("NAXIS", "0"),
             card("WCSAXES", "2"),
+            card("WCSNAME", &format!("'{}'", meaning.name())),
             card("CTYPE1", &format!("'RA---{projection}'")),
             card("CTYPE2", &format!("'DEC--{projection}'")),
             card("CUNIT1", "'deg     '"),

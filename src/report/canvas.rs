@@ -2,7 +2,6 @@
 
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
-use std::sync::LazyLock;
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use plotters::backend::BitMapBackend;
@@ -10,8 +9,9 @@ use plotters::coord::Shift;
 use plotters::drawing::{DrawingArea, IntoDrawingArea};
 use plotters::element::PathElement;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{Color, FontDesc, FontStyle, FontTransform, RGBColor, TextStyle, register_font};
+use plotters::style::{Color, FontDesc, FontTransform, RGBColor, TextStyle};
 
+use super::letters::Lettered;
 use crate::recording::{OutputError, write_file};
 
 /// Why a picture could not be made.
@@ -59,19 +59,12 @@ pub(super) const INK: RGBColor = RGBColor(35, 35, 40);
 pub(super) const PALE: RGBColor = RGBColor(222, 222, 226);
 pub(super) const PAPER: RGBColor = RGBColor(255, 255, 255);
 
-/// The font's name for the drawing library.
-const FONT: &str = "boresight";
-/// The letters come with the program: what fonts a machine has must not change the pictures.
-static FONT_IS_THERE: LazyLock<bool> = LazyLock::new(|| register_font(FONT, FontStyle::Normal, epaint_default_fonts::UBUNTU_LIGHT).is_ok());
-
-/// The name under which the drawing library finds the font.
-pub(super) fn font() -> Result<&'static str, Box<dyn std::error::Error>> {
-    if *FONT_IS_THERE { Ok(FONT) } else { Err("the built-in font cannot be read".into()) }
-}
+/// A font's name, which the drawing library asks for; it has no say in the letters ([`super::letters`]).
+pub(super) const FONT: &str = "boresight";
 
 /// A sheet to draw on. Places and sizes are in pixels of the finished picture, from its upper left corner.
 pub(super) struct Sheet<'a> {
-    area: DrawingArea<BitMapBackend<'a>, Shift>,
+    area: DrawingArea<Lettered<'a>, Shift>,
 }
 
 /// A place on the sheet.
@@ -87,7 +80,7 @@ fn enlarged_place((x, y): Place) -> (i32, i32) {
 
 impl<'a> Sheet<'a> {
     /// The drawing library's own area, in pixels that are `factor` times smaller than those of the finished picture.
-    pub(super) fn raw(&self) -> (&DrawingArea<BitMapBackend<'a>, Shift>, f64) {
+    pub(super) fn raw(&self) -> (&DrawingArea<Lettered<'a>, Shift>, f64) {
         (&self.area, OVERSAMPLING as f64)
     }
 
@@ -125,26 +118,26 @@ impl<'a> Sheet<'a> {
         Ok(self.area.draw(&plotters::element::Rectangle::new([(left, top), (right, bottom)], colour.filled()))?)
     }
 
-    fn style(size: f64, colour: &impl Color, across: HPos, along: VPos) -> Result<TextStyle<'static>, Box<dyn std::error::Error>> {
-        Ok(text_style(FontDesc::from((font()?, size * OVERSAMPLING as f64)), colour, across, along))
+    fn style(size: f64, colour: &impl Color, across: HPos, along: VPos) -> TextStyle<'static> {
+        text_style(FontDesc::from((FONT, size * OVERSAMPLING as f64)), colour, across, along)
     }
 
     /// A line of text at a place, which its anchor says how to stand to.
     pub(super) fn text(&self, text: &str, place: Place, size: f64, colour: &impl Color, across: HPos, along: VPos) -> Drawn {
         let lowered = (place.0, place.1 + DROP * size);
-        Ok(self.area.draw_text(text, &Self::style(size, colour, across, along)?, enlarged_place(lowered))?)
+        Ok(self.area.draw_text(text, &Self::style(size, colour, across, along), enlarged_place(lowered))?)
     }
 
     /// A line of text that is read from below upwards, centred on a place.
     pub(super) fn upward_text(&self, text: &str, place: Place, size: f64, colour: &impl Color) -> Drawn {
-        let upward = FontDesc::from((font()?, size * OVERSAMPLING as f64)).transform(FontTransform::Rotate270);
+        let upward = FontDesc::from((FONT, size * OVERSAMPLING as f64)).transform(FontTransform::Rotate270);
         let style = text_style(upward, colour, HPos::Center, VPos::Center);
         Ok(self.area.draw_text(text, &style, enlarged_place((place.0 + DROP * size, place.1)))?)
     }
 
     /// Width and height of a line of text.
     pub(super) fn text_size(&self, text: &str, size: f64) -> Result<(f64, f64), Box<dyn std::error::Error>> {
-        let (width, height) = self.area.estimate_text_size(text, &Self::style(size, &INK, HPos::Left, VPos::Top)?)?;
+        let (width, height) = self.area.estimate_text_size(text, &Self::style(size, &INK, HPos::Left, VPos::Top))?;
         Ok((f64::from(width) / OVERSAMPLING as f64, f64::from(height) / OVERSAMPLING as f64))
     }
 
@@ -178,7 +171,7 @@ pub(super) fn picture(
     let (wide, high) = (width * OVERSAMPLING, height * OVERSAMPLING);
     let mut large = vec![0_u8; wide * high * 3];
     {
-        let area = BitMapBackend::with_buffer(&mut large, (wide as u32, high as u32)).into_drawing_area();
+        let area = Lettered::new(BitMapBackend::with_buffer(&mut large, (wide as u32, high as u32))).into_drawing_area();
         area.fill(&paper).map_err(|error| refused(error.to_string()))?;
         let sheet = Sheet { area };
         draw(&sheet).map_err(|error| refused(error.to_string()))?;

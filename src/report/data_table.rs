@@ -2,6 +2,9 @@
 //!
 //! A row is a struct whose fields are numbers, words or truth values, by the names that the columns have; fields that are missing now and then
 //! are options. Both files come from the same numbers, so they cannot differ.
+//!
+//! Numbers that are missing are nulls in Parquet; a missing word is the empty one, as in CSV: astropy makes the word "None" of a null. It also wants
+//! to know how long the words are, in letters, under `table::len::<column>` of the file's metadata (astropy 8.0, `io/misc/parquet.py`).
 
 use std::path::Path;
 use std::sync::Arc;
@@ -98,17 +101,22 @@ impl DataTable {
     /// The table as a Parquet file.
     fn parquet(&self, about: &[(&str, String)]) -> Result<Vec<u8>, parquet::errors::ParquetError> {
         let fields = self.columns.iter().map(|column| {
+            let repetition = if column.kind == Kind::Text { Repetition::REQUIRED } else { Repetition::OPTIONAL };
             let field = match column.kind {
                 Kind::Bool => Type::primitive_type_builder(&column.name, Physical::BOOLEAN),
                 Kind::Whole => Type::primitive_type_builder(&column.name, Physical::INT64),
                 Kind::Number => Type::primitive_type_builder(&column.name, Physical::DOUBLE),
                 Kind::Text => Type::primitive_type_builder(&column.name, Physical::BYTE_ARRAY).with_logical_type(Some(LogicalType::String)),
             };
-            Ok(Arc::new(field.with_repetition(Repetition::OPTIONAL).build()?))
+            Ok(Arc::new(field.with_repetition(repetition).build()?))
         });
         let fields = fields.collect::<Result<Vec<_>, parquet::errors::ParquetError>>()?;
         let schema = Arc::new(Type::group_type_builder("schema").with_fields(fields).build()?);
-        let about = about.iter().map(|(key, text)| KeyValue::new((*key).to_owned(), text.clone())).collect();
+        let lengths = self.columns.iter().filter(|column| column.kind == Kind::Text).map(|column| {
+            let longest = column.cells.iter().filter_map(Value::as_str).map(|text| text.chars().count()).max();
+            KeyValue::new(format!("table::len::{}", column.name), longest.unwrap_or_default().max(1).to_string())
+        });
+        let about = about.iter().map(|(key, text)| KeyValue::new((*key).to_owned(), text.clone())).chain(lengths).collect();
         let properties = WriterProperties::builder()
             .set_compression(Compression::UNCOMPRESSED)
             .set_created_by(format!("boresight {}", env!("CARGO_PKG_VERSION")))
@@ -169,8 +177,8 @@ impl Column {
                 writer.typed::<DoubleType>().write_batch(&values, Some(&levels), None)?;
             }
             Kind::Text => {
-                let values: Vec<ByteArray> = self.cells.iter().filter_map(Value::as_str).map(ByteArray::from).collect();
-                writer.typed::<ByteArrayType>().write_batch(&values, Some(&levels), None)?;
+                let values: Vec<ByteArray> = self.cells.iter().map(|cell| ByteArray::from(cell.as_str().unwrap_or_default())).collect();
+                writer.typed::<ByteArrayType>().write_batch(&values, None, None)?;
             }
         }
         Ok(())
@@ -208,7 +216,8 @@ mod tests {
         let read: Vec<_> = file.get_row_iter(None).unwrap().map(Result::unwrap).collect();
         assert_eq!(read.len(), 2);
         assert_eq!(read[0].get_string(0).unwrap(), "Vega, α Lyr");
-        assert!(read[1].get_string(0).is_err(), "nothing is there");
+        assert_eq!(read[1].get_string(0).unwrap(), "", "astropy would make the word None of a null");
+        assert!(about.iter().any(|one| one.key == "table::len::name" && one.value.as_deref() == Some("11")), "letters of the longest word");
         assert_eq!((read[1].get_long(1).unwrap(), read[0].get_double(2).unwrap(), read[1].get_bool(3).unwrap()), (7, 12.25, true));
     }
 

@@ -11,6 +11,7 @@ mod field_map;
 mod frame_picture;
 #[cfg(test)]
 mod glyphs;
+mod letters;
 mod off_on;
 mod panels;
 mod plot;
@@ -25,6 +26,7 @@ pub use data_table::DataTable;
 pub use ds9::ds9_regions;
 pub use field_map::FieldMap;
 pub use frame_picture::{Figure, Mark, MarkKind, frame_picture};
+pub use letters::Lettered;
 pub use off_on::OffOn;
 pub use panels::{LogPanels, Panel};
 pub use plot::{Plot, Series, SeriesStyle};

@@ -3,12 +3,12 @@
 use std::ops::Range;
 use std::path::Path;
 
-use plotters::chart::{ChartBuilder, SeriesLabelPosition};
+use plotters::chart::ChartBuilder;
 use plotters::element::{Circle, PathElement};
 use plotters::style::text_anchor::{HPos, VPos};
 use plotters::style::{Color, RGBColor, TextStyle};
 
-use super::canvas::{BLUE, Drawn, GREEN, INK, ORANGE, PALE, PAPER, PURPLE, ReportError, SKY, Sheet, VERMILION, font, picture, short};
+use super::canvas::{BLUE, Drawn, FONT, GREEN, INK, ORANGE, PALE, PAPER, PURPLE, ReportError, SKY, Sheet, VERMILION, picture, short};
 
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,6 +44,9 @@ pub struct Plot {
 }
 
 const SIZE: (usize, usize) = (960, 600);
+/// From the sheet's edges to the axes.
+const TOP: f64 = 52.0;
+const RIGHT: f64 = 28.0;
 const COLOURS: [RGBColor; 6] = [BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY];
 
 impl Plot {
@@ -59,13 +62,11 @@ impl Plot {
     fn draw(&self, sheet: &Sheet, across: Range<f64>, along: Range<f64>) -> Drawn {
         let (area, factor) = sheet.raw();
         let scaled = |length: f64| (length * factor) as i32;
-        let style = |size: f64| -> Result<TextStyle<'static>, Box<dyn std::error::Error>> {
-            Ok(TextStyle::from((font()?, size * factor)).color(&INK))
-        };
+        let style = |size: f64| TextStyle::from((FONT, size * factor)).color(&INK);
         sheet.text(&self.title, (28.0, 12.0), 21.0, &INK, HPos::Left, VPos::Top)?;
         let mut chart = ChartBuilder::on(area)
-            .margin_top(scaled(52.0))
-            .margin_right(scaled(28.0))
+            .margin_top(scaled(TOP))
+            .margin_right(scaled(RIGHT))
             .margin_bottom(scaled(8.0))
             .margin_left(scaled(8.0))
             .x_label_area_size(scaled(52.0))
@@ -77,8 +78,8 @@ impl Plot {
             .light_line_style(PAPER)
             .bold_line_style(PALE.stroke_width(factor as u32))
             .axis_style(INK.stroke_width(factor as u32))
-            .label_style(style(14.0)?)
-            .axis_desc_style(style(16.0)?)
+            .label_style(style(14.0))
+            .axis_desc_style(style(16.0))
             .x_labels(9)
             .y_labels(8)
             .x_label_formatter(&digits)
@@ -90,31 +91,42 @@ impl Plot {
             let colour = COLOURS[index % COLOURS.len()];
             let points = finite(&series.points).map(|[x, y]| (x, y));
             let line = colour.stroke_width((2.0 * factor) as u32);
-            let drawn = match series.style {
+            match series.style {
                 SeriesStyle::Line => chart.draw_series([PathElement::new(points.collect::<Vec<_>>(), line)])?,
                 SeriesStyle::Points => {
                     let radius = scaled(if series.points.len() > 500 { 1.5 } else { 3.0 });
                     chart.draw_series(points.map(|point| Circle::new(point, radius, colour.mix(0.75).filled())))?
                 }
             };
-            if !series.label.is_empty() {
-                let (reach, is_line) = (scaled(22.0), series.style == SeriesStyle::Line);
-                drawn.label(series.label.as_str()).legend(move |(x, y)| {
-                    let (start, line) = if is_line { (x, line) } else { (x + reach / 2 - 6, colour.stroke_width(12)) };
-                    PathElement::new(vec![(start, y), (if is_line { x + reach } else { start + 12 }, y)], line)
-                });
-            }
         }
-        if self.series.iter().any(|series| !series.label.is_empty()) {
-            chart
-                .configure_series_labels()
-                .position(SeriesLabelPosition::UpperRight)
-                .margin(scaled(10.0))
-                .legend_area_size(scaled(30.0))
-                .label_font(style(15.0)?)
-                .background_style(PAPER.mix(0.85))
-                .border_style(PALE)
-                .draw()?;
+        self.legend(sheet)
+    }
+
+    /// The names of the series, in the upper right corner of the axes.
+    fn legend(&self, sheet: &Sheet) -> Drawn {
+        const LETTERS: f64 = 15.0;
+        const ROW: f64 = 19.0;
+        const SIGN: f64 = 22.0;
+        const MARGIN: f64 = 10.0;
+        let named: Vec<(usize, &Series)> = self.series.iter().enumerate().filter(|(_, series)| !series.label.is_empty()).collect();
+        let mut widest: f64 = 0.0;
+        for (_, series) in &named {
+            widest = widest.max(sheet.text_size(&series.label, LETTERS)?.0);
+        }
+        if named.is_empty() {
+            return Ok(());
+        }
+        let (right, top) = (SIZE.0 as f64 - RIGHT - MARGIN, TOP + MARGIN);
+        let (left, bottom) = (right - widest - SIGN - 3.0 * 8.0, top + ROW * named.len() as f64 + 8.0);
+        sheet.fill((left, top), (right, bottom), PAPER.mix(0.85))?;
+        sheet.line(&[(left, top), (right, top), (right, bottom), (left, bottom), (left, top)], PALE, 1.0)?;
+        for (row, (index, series)) in named.into_iter().enumerate() {
+            let (colour, y) = (COLOURS[index % COLOURS.len()], top + 4.0 + ROW * (row as f64 + 0.5));
+            match series.style {
+                SeriesStyle::Line => sheet.line(&[(left + 8.0, y), (left + 8.0 + SIGN, y)], colour, 2.0)?,
+                SeriesStyle::Points => sheet.dot((left + 8.0 + SIGN / 2.0, y), 3.0, colour)?,
+            }
+            sheet.text(&series.label, (left + 16.0 + SIGN, y), LETTERS, &INK, HPos::Left, VPos::Center)?;
         }
         Ok(())
     }

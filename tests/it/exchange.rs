@@ -1,5 +1,5 @@
 //! Cameras in the files of other programs and back. What those programs make of the files was computed by themselves
-//! (tests/peers/exchange.py, opencv-python-headless 5.0.0.93, mrcal 2.2, tetra3rs 0.14.0, astropy 8.0.2) and lies in tests/fixtures/exchange.
+//! (tests/interop/exchange.py, opencv-python-headless 5.0.0.93, mrcal 2.2, tetra3rs 0.14.0, astropy 8.0.2) and lies in tests/fixtures/exchange.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use boresight::calibrate::{Calibration, Method, calibrate, map};
 use boresight::camera::{Camera, Model};
 use boresight::coordinates::{Apparent, Attitude, CameraAxes, Direction, PixelPoint};
 use boresight::effects::displacement;
-use boresight::exchange::{Exported, Format, Imported, Subject, detect, export, import};
+use boresight::exchange::{Exported, Format, Imported, Places, Subject, SubjectFrame, detect, export, import};
 use nalgebra::Vector3;
 
 use crate::calibrate::{Night, options};
@@ -30,11 +30,13 @@ fn decentred() -> Camera {
 
 fn subject(camera: Camera, parity: i8) -> Subject {
     let attitude = |ra: f64, dec: f64, roll: f64| Attitude::from_pointing(ra, dec, roll);
+    let frame = |frame: usize, attitude: Attitude| SubjectFrame { frame, attitude, sky: None };
     Subject {
         model: Model::new(camera),
         parity,
         physics: vec!["proper-motion".to_owned(), "stellar-aberration".to_owned()],
-        frames: vec![(0, attitude(1.0, 0.3, 2.0)), (3, attitude(6.2, -1.5, -0.4))],
+        frames: vec![frame(0, attitude(1.0, 0.3, 2.0)), frame(3, attitude(6.2, -1.5, -0.4))],
+        places: Places::Apparent,
     }
 }
 
@@ -85,7 +87,8 @@ fn world_coordinates_hold_the_reference_model_without_loss() {
             assert_eq!(imported.parity, parity);
             let stored = if parity < 0 { camera.mirrored() } else { camera };
             assert!(distance_px(&Model::new(stored), &imported.model) < 1e-6, "{format:?}");
-            let turn = imported.camera_from_icrs.unwrap().camera_from_icrs.angle_to(&subject(camera, parity).frames[0].1.camera_from_icrs);
+            let turn =
+                imported.camera_from_icrs.unwrap().camera_from_icrs.angle_to(&subject(camera, parity).frames[0].attitude.camera_from_icrs);
             assert!(turn < 1e-9, "{format:?}: the attitude is off by {turn} rad");
         }
     }
@@ -99,6 +102,23 @@ fn a_mirrored_camera_goes_to_tetra3rs_as_such_and_to_opencv_unmirrored() {
     let (exported, imported) = there_and_back(decentred(), -1, Format::OpenCv);
     assert!(distance_px(&Model::new(decentred()), &imported.model) < 0.01);
     assert!(exported.notes.iter().any(|note| note.contains("mirrored")), "{:?}", exported.notes);
+}
+
+#[test]
+fn tetra3rs_gets_the_bytes_that_it_writes_itself() {
+    // A camera that its model holds as it is: what comes back of its own file goes out the same, but for the last bits of the fit.
+    let theirs = std::fs::read(fixture("tetra3rs.camera")).unwrap();
+    let imported = import("tetra3rs.camera", &theirs, None, None).unwrap();
+    let model = Model::new(imported.model.camera().mirrored());
+    let exported = export(&Subject { model, ..subject(narrow(), -1) }, Format::Tetra3rs).unwrap();
+    let ours = &exported.files[0].bytes;
+    // Sides, handedness and the kind of distortion stand where they stand there.
+    assert_eq!((ours.len(), &ours[8..12], &ours[28..30]), (theirs.len(), &theirs[8..12], &theirs[28..30]));
+    // A byte less or more is another file.
+    for wrong in [&theirs[..theirs.len() - 1], &[theirs.clone(), vec![0]].concat()] {
+        let error = import("cut.camera", wrong, Some(Format::Tetra3rs), None).unwrap_err().to_string();
+        assert!(error.contains("save_to_file"), "{error}");
+    }
 }
 
 #[test]
@@ -161,6 +181,7 @@ fn files_of_other_programs_mean_what_these_say() {
         ("opencv_fisheye.yml", Format::OpenCv),
         ("mrcal.cameramodel", Format::Mrcal),
         ("tetra3rs.json", Format::Tetra3rs),
+        ("tetra3rs.camera", Format::Tetra3rs),
     ] {
         let imported = import(name, &std::fs::read(fixture(name)).unwrap(), None, None).unwrap();
         assert_eq!(imported.from, from);

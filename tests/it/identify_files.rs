@@ -6,6 +6,7 @@ use boresight::recording::{Recording, load_image};
 use boresight::units::DEG_RAD;
 
 use crate::cli::{json, mirrored_night, run, text};
+use crate::world::Header;
 
 #[test]
 fn files_beside_the_result_agree_with_it() {
@@ -34,7 +35,8 @@ fn files_beside_the_result_agree_with_it() {
             let json = |key: &str| star[key].as_f64().unwrap();
             assert_eq!((cell(0), cell(3)), (index as f64, json("hip")));
             let (x_px, y_px) = (json("x_px"), json("y_px"));
-            assert_eq!((cell(9), cell(10)), (x_px, y_px));
+            assert_eq!((cell(10), cell(11)), (x_px, y_px));
+            assert_eq!(cell(7), 1991.25, "without proper motion a place is that of the catalogue's epoch");
             // The world coordinates put the star where it was measured, less the residual of the match, which is told in un-mirrored columns.
             let direction = Direction::<Icrs>::from_radec_rad(cell(5) * DEG_RAD, cell(6) * DEG_RAD);
             let in_camera = attitude.camera_from_apparent(&Direction::from_unit(direction.xyz));
@@ -55,6 +57,25 @@ fn files_beside_the_result_agree_with_it() {
         assert!(image::open(file("png")).unwrap().width() > 500);
     }
     assert_eq!(row, rows.len());
+    // The same with all that is done to the light on its way: a star's place at the frame's epoch, as the table has it, leads through the header to
+    // where the model has its image.
+    let known = folder.path().join("known");
+    let result = json(&["identify", text(&night), "--json", "-o", text(&known)]);
+    let mut table = csv::Reader::from_path(known.join("matches.csv")).unwrap();
+    for (row, star) in table
+        .records()
+        .map(Result::unwrap)
+        .zip(result["frames"].as_array().unwrap().iter().flat_map(|frame| frame["matches"].as_array().unwrap()))
+    {
+        let cell = |number: usize| row[number].parse::<f64>().unwrap();
+        let stem = recording.frame_path(cell(0) as usize).unwrap().file_stem().unwrap().to_string_lossy().into_owned();
+        let header = Header::read(&std::fs::read(known.join(format!("{:04}-{stem}.wcs", cell(0)))).unwrap());
+        let [x_px, y_px] = header.pixel([cell(5), cell(6)]);
+        assert!((cell(7) - 2026.16).abs() < 0.02, "the night is of the first of March of 2026: {}", cell(7));
+        // Residuals are told in un-mirrored columns.
+        let off = [cell(10) + cell(12) - x_px, cell(11) - cell(13) - y_px];
+        assert!(off[0].hypot(off[1]) < 0.01, "HIP {}: {off:?}", star["hip"]);
+    }
     assert!(std::fs::read(out.join("matches.parquet")).unwrap().starts_with(b"PAR1"));
     let detections = std::fs::read_to_string(out.join("detections.csv")).unwrap();
     let detected: u64 = result["frames"].as_array().unwrap().iter().map(|frame| frame["stars_detected"].as_u64().unwrap()).sum();

@@ -43,3 +43,4 @@ mod trails;
 mod truth;
 mod twins;
 mod wide_angle;
+mod world;

@@ -115,10 +115,10 @@ fn measured(frames: &[(GrayImage, Vec<Star>)], find: &dyn Fn(&GrayImage) -> Vec<
 
 fn main() {
     println!(
-        "Printed by `make bench-cedar CEDAR=DIR`, DIR a checkout of cedar-detect.\n\n\
+        "Printed by `make bench-cedar CEDAR=DIR`, DIR a checkout of cedar-detect: {}\n\n\
          {FRAMES} frames of {WIDTH_PX} × {HEIGHT_PX} px, 8 bits, noise {NOISE_DN} DN, stars of σ {SIGMA_PX} px with peaks of {} to {} DN, one thread.\n\
          stars a frame   program                 ms/Mpx   found of all   no stars   2-D rms of the errors of those that all find, px",
-        PEAKS_DN[0], PEAKS_DN[1]
+        boresight::provenance::made_by(None), PEAKS_DN[0], PEAKS_DN[1]
     );
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     for count in [0, 30, 100, 300] {

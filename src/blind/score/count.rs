@@ -59,7 +59,7 @@ pub(super) fn score(pairs: &[(Truth, Answer)]) -> Score {
     };
     let mut score = Score {
         format: SCORE_FORMAT.to_owned(),
-        version: pairs.first().map_or_else(String::new, |(_, answer)| answer.version.clone()),
+        version: versions(pairs.iter().map(|(_, answer)| answer.version.as_str())),
         seed: pairs.first().map_or(0, |(truth, _)| truth.seed),
         answers: given.len(),
         unanswered: pairs.len() - given.len(),
@@ -288,20 +288,24 @@ pub(super) fn summary(label: &str, pulls: &[f64]) -> Pulls {
     }
 }
 
+/// The builds that answered; a page should have one.
+fn versions<'a>(all: impl Iterator<Item = &'a str>) -> String {
+    all.collect::<std::collections::BTreeSet<_>>().into_iter().collect::<Vec<_>>().join(" and ")
+}
+
 fn held_out(score: &mut Score, given: &[Pair]) {
     let mut by_label: BTreeMap<&str, Vec<[Option<f64>; 5]>> = BTreeMap::new();
     for (truth, answer) in given {
-        let ([effect], [Some(before), Some(after)]) = (truth.effects.as_slice(), answer.held_out) else { continue };
+        let ([effect], Some(rivals)) = (truth.effects.as_slice(), answer.rivals.as_ref()) else { continue };
         if effect.multiple < JUDGE_NAME_FROM || truth.family == Family::OffLibrary {
             continue;
         }
-        let rivals = answer.rivals.as_ref();
         by_label.entry(&effect.label).or_default().push([
-            Some(rivals.map_or(before, |rivals| rivals.baseline)),
-            Some(after),
-            rivals.map(|rivals| rivals.radial_clipped),
-            rivals.map(|rivals| rivals.polynomial),
-            rivals.and_then(|rivals| rivals.lasso),
+            Some(rivals.baseline),
+            rivals.diagnosis,
+            Some(rivals.radial_clipped),
+            Some(rivals.polynomial),
+            rivals.lasso,
         ]);
     }
     score.held_out = by_label
@@ -312,7 +316,7 @@ fn held_out(score: &mut Score, given: &[Pair]) {
                 label: label.to_owned(),
                 count: rows.len(),
                 before: column(0).unwrap_or(f64::NAN),
-                after: column(1).unwrap_or(f64::NAN),
+                after: column(1),
                 radial_clipped: column(2),
                 polynomial: column(3),
                 lasso: column(4),

@@ -90,8 +90,8 @@ pub struct HeldOutScore {
     pub count: usize,
     /// Camera and attitudes alone.
     pub before: f64,
-    /// With what the diagnosis found.
-    pub after: f64,
+    /// With the effects that the diagnosis names.
+    pub after: Option<f64>,
     /// k2, k3, clipped outliers.
     pub radial_clipped: Option<f64>,
     /// Polynomial of the seventh degree.

@@ -170,15 +170,26 @@ fn rivals_mend_what_is_theirs() {
         let made = concealed(family, index, 7, catalog);
         let points = control_points(&recording(&made.lists), &made.lists.model, catalog).unwrap();
         let held_out: Vec<usize> = (points.attitudes.len() * 3 / 4..points.attitudes.len()).collect();
+        // A diagnosis that names the truth, judged as all others are.
+        let finding = |effect: &str| AnswerFinding {
+            id: effect.to_owned(),
+            parameters: Vec::new(),
+            located_by: Vec::new(),
+            snr: 0.0,
+            set: Vec::new(),
+        };
+        let named: Vec<AnswerFinding> = made.truth.effects.iter().map(|effect| finding(&effect.id)).collect();
         (
             made.truth,
-            rival_fits(&points, &made.lists.model.iter().map(|id| (*id).to_owned()).collect::<Vec<_>>(), &held_out).expect("a calibration"),
+            rival_fits(&points, &made.lists.model.iter().map(|id| (*id).to_owned()).collect::<Vec<_>>(), &named, &held_out)
+                .expect("a calibration"),
         )
     };
     let (_, null) = fits(Family::Null, 0);
     for chi2 in [null.baseline, null.radial_clipped, null.polynomial] {
         assert!((0.85..1.25).contains(&chi2), "{null:?}");
     }
+    assert_eq!(null.diagnosis, Some(null.baseline), "what names nothing is the camera alone, by the same measure");
     let at = |label: &str| {
         let effect = LIBRARY.iter().position(|kind| kind.label() == label).unwrap();
         fits(Family::Ladder, (effect + 6 * LIBRARY.len()) as u32)
@@ -186,10 +197,13 @@ fn rivals_mend_what_is_theirs() {
     let (truth, radial) = at("radial-high-order, k2");
     println!("{} {radial:?}", truth.setup);
     assert!(radial.baseline > 1.3 && radial.radial_clipped < 1.15 && radial.polynomial < 1.25, "{radial:?}");
+    // The truth named is as good as the columns that are made for it, with the true noise near 1.
+    assert!(radial.diagnosis.is_some_and(|chi2| (0.85..1.15).contains(&chi2)), "{radial:?}");
     let (truth, warm) = at("thermal-focal-length");
     println!("{} {warm:?}", truth.setup);
     // LASSO holds the right column too, among others.
     assert!(warm.lasso_names.as_ref().is_some_and(|names| names.iter().any(|name| name == "thermal-focal-length")), "{warm:?}");
     assert!(warm.lasso < Some(warm.baseline - 0.2), "{warm:?}");
     assert!(warm.baseline > 1.3 && warm.radial_clipped > 1.3 && warm.polynomial > 1.3, "{warm:?}");
+    assert!(warm.diagnosis.is_some_and(|chi2| (0.85..1.15).contains(&chi2)), "{warm:?}");
 }
