@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use boresight::diagnose::{DiagnoseOptions, Diagnosis, MeasuredNoise, Step, Verdict};
-use boresight::pipeline::{Asked, Prepared, Question, SkyChoice, measured_noise, question};
+use boresight::pipeline::{Asked, Prepared, Question, SkyChoice, check_sizes, measured_noise, question};
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
 use clap::Args;
@@ -116,6 +116,7 @@ impl DiagnoseArgs {
 pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
     let catalog = args.sky.catalog()?;
     let recording = pipeline::open(&args.input)?;
+    check_sizes(&recording)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
     let measured = pipeline::measure_as(recording, &args.measure, &mut provenance)?;
     let mut options = args.options()?;
