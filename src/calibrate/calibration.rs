@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{CalibrateOptions, LeftOutReason};
+use super::{CalibrateOptions, LeftOutReason, LitCircle, Systematic};
 use crate::camera::{Camera, Model, SkyChain};
 use crate::coordinates::Attitude;
 use crate::identify::ControlPoints;
@@ -116,6 +116,15 @@ pub struct ModelSelection {
     pub begun_with: Vec<String>,
     /// What was tried, in order.
     pub tried: Vec<Candidate>,
+}
+
+/// Parameters that the star images do not support, and which may be there all the same: with them the covariance of the solved ones.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LeftOpen {
+    /// The solved parameters, in their order, and those left out.
+    pub parameters: Vec<String>,
+    /// Their covariance about the values stated, in their units: that of all of them solved, and by how much they would be others then.
+    pub covariance: Vec<Vec<f64>>,
 }
 
 /// What identifying anew has changed.
@@ -264,8 +273,14 @@ pub struct Calibration {
     pub left_out: Vec<LeftOut>,
     /// What to mind, one sentence each.
     pub warnings: Vec<String>,
-    /// Standard error of the map.
+    /// Standard error of the map, over what is lit.
     pub map_sigma_px: Option<MapSigma>,
+    /// What of the frame the lens lights; absent where that is all of it.
+    #[serde(default)]
+    pub lit: Option<LitCircle>,
+    /// What effects that are not modelled may have done to parameters, where that may be more than their errors say.
+    #[serde(default)]
+    pub systematics: Vec<Systematic>,
     /// Standard deviation of a star image's position per axis, from the residuals (degrees of freedom taken into account).
     pub unit_weight_sigma_px: f64,
     /// The same as predicted by the points' own covariances (rms over the star images used).
@@ -274,6 +289,9 @@ pub struct Calibration {
     pub degrees_of_freedom: usize,
     /// Covariance of the parameters solved, in their order and units.
     pub covariance: Vec<Vec<f64>>,
+    /// What the parameters left out do to the errors of those solved; present if there was a choice.
+    #[serde(default)]
+    pub left_open: Option<LeftOpen>,
     /// The table of singular values, the worst determined combination first.
     #[serde(default)]
     pub combinations: Vec<Combination>,
@@ -310,6 +328,15 @@ fn not_mirrored() -> i8 {
     1
 }
 
+/// Gives a covariance's parameters these signs.
+fn change_signs(covariance: &mut [Vec<f64>], signs: &[f64]) {
+    for (row, own) in covariance.iter_mut().zip(signs) {
+        for (value, other) in row.iter_mut().zip(signs) {
+            *value *= own * other;
+        }
+    }
+}
+
 impl Calibration {
     /// The same with all columns in the coordinates of the images as stored, which is how files have it; applied twice, it is
     /// the original. Only mirrored images differ in it.
@@ -331,11 +358,15 @@ impl Calibration {
             }
         }
         // x0 and p1 change their sign.
-        let sign: Vec<f64> = self.parameters.iter().map(|p| if matches!(p.name.as_str(), "x0" | "p1") { -1.0 } else { 1.0 }).collect();
-        for (k, row) in other.covariance.iter_mut().enumerate() {
-            for (l, value) in row.iter_mut().enumerate() {
-                *value *= sign[k] * sign[l];
-            }
+        let sign = |name: &str| if matches!(name, "x0" | "p1") { -1.0 } else { 1.0 };
+        let signs: Vec<f64> = self.parameters.iter().map(|parameter| sign(&parameter.name)).collect();
+        change_signs(&mut other.covariance, &signs);
+        if let Some(open) = &mut other.left_open {
+            let signs: Vec<f64> = open.parameters.iter().map(|name| sign(name)).collect();
+            change_signs(&mut open.covariance, &signs);
+        }
+        if let Some(lit) = &mut other.lit {
+            flip(&mut lit.centre_px[0]);
         }
         for point in other.points.iter_mut().chain(&mut other.rejected) {
             flip(&mut point.x_px);

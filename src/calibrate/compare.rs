@@ -1,12 +1,16 @@
 //! Are two calibrations of the same, unchanged camera? And if not, where in the field has it changed?
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
-use super::map::{COMPARISON_GRID, as_stored};
-use super::{CalibrateError, Calibration, MappingError, map_difference, map_sigma};
-use crate::camera::Model;
+use super::lit::lit_grid;
+use super::map::{COMPARISON_GRID, as_stored, map_difference_over};
+use super::{CalibrateError, Calibration, LitCircle, MappingError, map_sigma};
+use crate::camera::{Camera, Model};
+use crate::coordinates::PixelPoint;
 use crate::effects::{Segment, displacement};
 
 /// Every so many points of the comparison's grid, the difference stands in files.
@@ -87,7 +91,7 @@ impl MapChange {
 pub struct Comparison {
     /// `boresight-compare/1`.
     pub format: String,
-    /// 2-D rms difference of the maps over the frame, after the best rotation.
+    /// 2-D rms difference of the maps over the frame (over what of it both lenses light), after the best rotation.
     pub rms_px: f64,
     /// Largest difference.
     pub max_px: f64,
@@ -100,6 +104,9 @@ pub struct Comparison {
     pub degrees_of_freedom: usize,
     /// The parameters' differences.
     pub parameters: Vec<ParameterDifference>,
+    /// What of the frame was compared, that of each calibration; empty where that is all of it.
+    #[serde(default)]
+    pub lit: Vec<LitCircle>,
     /// The difference of the maps on a coarse grid from edge to edge, row by row.
     #[serde(default)]
     pub difference_map: Vec<MapChange>,
@@ -108,25 +115,42 @@ pub struct Comparison {
 }
 
 /// How the map has changed from the first calibration to the second, on `side` × `side` pixels of the images as stored, row by row, after
-/// the best rotation over them.
+/// the best rotation over them; pixels that one of the two lenses does not light are left out.
 pub fn map_change(a: &Calibration, b: &Calibration, side: usize) -> Result<Vec<MapChange>, CalibrateError> {
     check_frames(a, b)?;
-    let difference = map_difference(&a.full_chain(), &b.full_chain(), side).ok_or(CalibrateError::NotComparable)?;
+    let (first, second) = (a.full_chain(), b.full_chain());
+    let mut grid = lit_grid(first.camera(), a.lit.as_ref(), side);
+    grid.retain(|pixel| b.lit.is_none_or(|lit| lit.contains(*pixel)));
+    let difference = map_difference_over(&first, &second, &grid).ok_or(CalibrateError::NotComparable)?;
     // `map_difference` says where the FIRST camera images what the second sees at a pixel: the star has moved the other way.
     let mut change: Vec<MapChange> = difference
         .into_iter()
         .map(|(pixel, [x, y])| MapChange { x_px: pixel.x_px, y_px: pixel.y_px, dx_px: -x, dy_px: -y, sigma_px: None })
         .collect();
-    as_stored(a, side, &mut change, |point| {
+    let stored = |point: &mut MapChange| {
         point.x_px = a.stored_column_px(point.x_px);
         point.dx_px = -point.dx_px;
-    });
+    };
+    as_stored(a, &mut change, |point| point.y_px, stored);
     if let (Some(first), Some(second)) = (map_sigma(a, side), map_sigma(b, side)) {
-        for ((point, (_, first)), (_, second)) in change.iter_mut().zip(first).zip(second) {
-            point.sigma_px = Some(first.hypot(second)).filter(|sigma| sigma.is_finite());
+        // Each on what its own lens lights.
+        let by_place = |sigma: Vec<(PixelPoint, f64)>| -> BTreeMap<[usize; 2], f64> {
+            sigma.into_iter().map(|(pixel, sigma)| (place(&a.camera, side, pixel), sigma)).collect()
+        };
+        let (first, second) = (by_place(first), by_place(second));
+        for point in &mut change {
+            let place = place(&a.camera, side, PixelPoint { x_px: point.x_px, y_px: point.y_px });
+            let both = first.get(&place).zip(second.get(&place)).map(|(first, second)| first.hypot(*second));
+            point.sigma_px = both.filter(|sigma| sigma.is_finite());
         }
     }
     Ok(change)
+}
+
+/// Column and row of a pixel in the grid of `side` × `side` over the frame.
+fn place(camera: &Camera, side: usize, pixel: PixelPoint) -> [usize; 2] {
+    let along = |px: f64, length: usize| (px / (length as f64 - 1.0).max(1.0) * (side as f64 - 1.0)).round().max(0.0) as usize;
+    [along(pixel.x_px, camera.width_px), along(pixel.y_px, camera.height_px)]
 }
 
 /// Refuses frames that have nothing to do with each other.
@@ -157,8 +181,7 @@ fn is_of_sky(name: &str) -> bool {
 /// projections the parameters do not mean the same, and there is no p-value.
 pub fn compare(a: &Calibration, b: &Calibration) -> Result<Comparison, CalibrateError> {
     let change = map_change(a, b, COMPARISON_GRID)?;
-    let pairs: Vec<_> =
-        change.iter().map(|p| (crate::coordinates::PixelPoint { x_px: p.x_px, y_px: p.y_px }, [p.dx_px, p.dy_px])).collect();
+    let pairs: Vec<_> = change.iter().map(|p| (PixelPoint { x_px: p.x_px, y_px: p.y_px }, [p.dx_px, p.dy_px])).collect();
     let error = MappingError::of(&pairs);
     let (from, to) = (Solved::of(a), Solved::of(b));
     let both = |name: &str| from.solves(name) && to.solves(name);
@@ -204,8 +227,15 @@ pub fn compare(a: &Calibration, b: &Calibration) -> Result<Comparison, Calibrate
             "the two calibrations share star images, so they are not independent and χ² = {chi_squared:.1} is too small for a fair test"
         ));
     }
-    let difference_map =
-        change.chunks(COMPARISON_GRID).step_by(COARSE_STEP).flat_map(|row| row.iter().step_by(COARSE_STEP).copied()).collect();
+    let is_coarse = |point: &&MapChange| {
+        let place = place(&a.camera, COMPARISON_GRID, PixelPoint { x_px: point.x_px, y_px: point.y_px });
+        place.iter().all(|index| index % COARSE_STEP == 0)
+    };
+    let difference_map = change.iter().filter(is_coarse).copied().collect();
+    // Each as its frames are stored.
+    let mut lit: Vec<LitCircle> = [a, b].into_iter().filter_map(|calibration| calibration.with_stored_columns().lit).collect();
+    lit.dedup();
+    warnings.extend(lit.iter().map(|lit| format!("compared over {} alone", lit.in_words())));
     Ok(Comparison {
         format: "boresight-compare/1".to_owned(),
         rms_px: error.rms_px,
@@ -214,6 +244,7 @@ pub fn compare(a: &Calibration, b: &Calibration) -> Result<Comparison, Calibrate
         chi_squared,
         degrees_of_freedom: tested.len(),
         parameters,
+        lit,
         difference_map,
         warnings,
     })

@@ -289,7 +289,7 @@ impl Joint {
         let run = Run { epsilon_px: 1e-6, max_turns: 20, from_afar: false, hold_noise: true };
         let adjusted = problem.adjust(state, noise, &scale, &run, Some(&weights));
         problem.model.set_values(&adjusted.state.values);
-        Ok(Self { solved: Solved { problem, adjusted, notes } })
+        Ok(Self { solved: Solved { problem, adjusted, notes, alternative: None } })
     }
 }
 

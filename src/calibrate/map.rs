@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::geometry::frame_grid;
+use super::lit::lit_grid;
 use super::{Calibration, bundle};
 use crate::camera::{Camera, Model};
 use crate::coordinates::{Direction, PixelPoint};
@@ -46,34 +47,38 @@ pub fn map(calibration: &Calibration, side: usize) -> Map {
 }
 
 /// Standard error (2-D, px) of the map of a calibration on `side` × `side` pixels of the images as stored, row by row as in [`map`], the
-/// best rotation over the frame taken out; of methods that know the reference model alone, with that model.
+/// best rotation over the frame taken out; of methods that know the reference model alone, with that model. Pixels that the lens does not
+/// light ([`Calibration::lit`]) or that see nothing are left out. Parameters that the calibration left out for want of support are in it
+/// ([`Calibration::left_open`]).
 ///
 /// `None` if the calibration has no covariance of its parameters, or its camera no usable map (the distortion folds over in the frame).
 #[must_use]
 pub fn map_sigma(calibration: &Calibration, side: usize) -> Option<Vec<(PixelPoint, f64)>> {
-    let chain = calibration.full_chain();
-    let known = chain.parameters();
-    let free: Vec<usize> = calibration
-        .parameters
-        .iter()
-        .map(|solved| known.iter().position(|parameter| parameter.name == solved.name))
-        .collect::<Option<_>>()?;
+    let mut chain = calibration.full_chain();
+    let solved: Vec<String> = calibration.parameters.iter().map(|solved| solved.name.clone()).collect();
+    let (names, rows) = match &calibration.left_open {
+        Some(open) => (&open.parameters, &open.covariance),
+        None => (&solved, &calibration.covariance),
+    };
+    let free = bundle::indices(&mut chain, names)?;
     let n = free.len();
-    let square = calibration.covariance.len() == n && calibration.covariance.iter().all(|row| row.len() == n);
+    let square = rows.len() == n && rows.iter().all(|row| row.len() == n);
     if side == 0 || !square {
         return None;
     }
-    let covariance = DMatrix::from_fn(n, n, |k, l| calibration.covariance[k][l]);
-    let mut sigma = bundle::map_sigma_px(&chain, &chain.values(), &free, &covariance, side)?;
-    as_stored(calibration, side, &mut sigma, |(pixel, _)| pixel.x_px = calibration.stored_column_px(pixel.x_px));
+    let covariance = DMatrix::from_fn(n, n, |k, l| rows[k][l]);
+    let grid = lit_grid(chain.camera(), calibration.lit.as_ref(), side);
+    let mut sigma = bundle::map_sigma_px(&chain, &chain.values(), &free, &covariance, &grid)?;
+    as_stored(calibration, &mut sigma, |(pixel, _)| pixel.y_px, |(pixel, _)| pixel.x_px = calibration.stored_column_px(pixel.x_px));
     Some(sigma)
 }
 
-/// Takes a grid of the un-mirrored image to the images as stored: `turn` changes the columns of a point, and the rows begin on the left again.
-pub(super) fn as_stored<T>(calibration: &Calibration, side: usize, grid: &mut [T], turn: impl Fn(&mut T)) {
+/// Takes a grid of the un-mirrored image to the images as stored: `turn` changes the columns of a point, and the rows (points of the same
+/// `row`) begin on the left again.
+pub(super) fn as_stored<T>(calibration: &Calibration, grid: &mut [T], row: impl Fn(&T) -> f64, turn: impl Fn(&mut T)) {
     if calibration.parity < 0 {
         grid.iter_mut().for_each(turn);
-        grid.chunks_mut(side).for_each(<[T]>::reverse);
+        grid.chunk_by_mut(|a, b| row(a).to_bits() == row(b).to_bits()).for_each(<[T]>::reverse);
     }
 }
 
@@ -108,6 +113,11 @@ pub fn mapping_error_of_models_px(truth: &Model, estimate: &Model) -> Option<Map
 /// pixel, after the best rotation. `None` if the frames differ, or the first camera has no image of a direction.
 #[must_use]
 pub fn map_difference(first: &Model, second: &Model, side: usize) -> Option<Vec<(PixelPoint, [f64; 2])>> {
+    map_difference_over(first, second, &frame_grid(first.camera(), side))
+}
+
+/// The same over the pixels given.
+pub(super) fn map_difference_over(first: &Model, second: &Model, grid: &[PixelPoint]) -> Option<Vec<(PixelPoint, [f64; 2])>> {
     const STEPS: usize = 20;
     const SMALL_STEP_RAD: f64 = 1e-13;
     let size = |model: &Model| (model.camera().width_px, model.camera().height_px);
@@ -116,9 +126,9 @@ pub fn map_difference(first: &Model, second: &Model, side: usize) -> Option<Vec<
     }
     let (context, other) = (first.reference_context(), second.reference_context());
     let values = first.values();
-    let places: Vec<(PixelPoint, Vector3<f64>, Vector3<f64>)> = frame_grid(first.camera(), side)
-        .into_iter()
-        .map(|pixel| Some((pixel, first.direction(pixel, &context)?.xyz.into(), second.direction(pixel, &other)?.xyz.into())))
+    let places: Vec<(PixelPoint, Vector3<f64>, Vector3<f64>)> = grid
+        .iter()
+        .map(|pixel| Some((*pixel, first.direction(*pixel, &context)?.xyz.into(), second.direction(*pixel, &other)?.xyz.into())))
         .collect::<Option<_>>()?;
     let mut profile = Matrix3::zeros();
     for (_, to, from) in &places {

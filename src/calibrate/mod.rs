@@ -14,6 +14,7 @@ mod geometry;
 mod held_out;
 mod joint;
 mod least_squares;
+mod lit;
 mod map;
 mod pairs;
 mod reidentify;
@@ -22,6 +23,7 @@ mod select;
 mod sequential;
 mod star_level;
 mod summary;
+mod systematics;
 pub mod trial;
 mod uncertainty;
 mod variable_weights;
@@ -29,16 +31,20 @@ mod variable_weights;
 use serde::{Deserialize, Serialize};
 
 pub use calibration::{
-    AttitudeSigma, Calibration, Candidate, Combination, FORMAT, FrameResult, Iteration, LeftOut, MapSigma, Method, ModelSelection,
-    NoiseFound, ParameterEstimate, PointResult, Reidentified, Status,
+    AttitudeSigma, Calibration, Candidate, Combination, FORMAT, FrameResult, Iteration, LeftOpen, LeftOut, MapSigma, Method,
+    ModelSelection, NoiseFound, ParameterEstimate, PointResult, Reidentified, Status,
 };
 pub use compare::{Comparison, MapChange, ParameterDifference, compare, map_change};
 pub use joint::{Column, GivenNoise, Joint, JointImage, MOST_OWN};
+pub use lit::LitCircle;
 pub use map::{Map, MapPoint, MappingError, map, map_difference, map_sigma, mapping_error_of_models_px, mapping_error_px};
 pub use reidentify::{StarImage, calibrate_identifying_anew};
 pub use residuals::residuals_px;
 pub use select::LeftOutReason;
 pub use sequential::{Drift, OnChange, ParameterChange, SEQUENTIAL_FORMAT, Sequential, SequentialError, UpdateOptions, UpdateReport};
+pub use systematics::{Surroundings, Systematic};
+
+pub(crate) use bundle::optimal_rotation;
 
 use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES, Term};
 use crate::identify::ControlPoints;
@@ -64,6 +70,8 @@ pub struct CalibrateOptions {
     pub solve: Vec<String>,
     /// Let the data say which of f, x0, y0, k1, k2, k3, p1, p2, aspect and quadratic rest they support; joint method only.
     pub select_model: bool,
+    /// Let the data say whether they support k2 and k3 beside the parameters named; joint method only.
+    pub extend_model: bool,
     /// What is known of parameters beforehand; joint method only.
     pub priors: Vec<ParameterPrior>,
     /// Effects in force with their parameters, besides those of the sky that the directions contain; joint method only.
@@ -95,6 +103,7 @@ impl Default for CalibrateOptions {
             max_iterations: 100,
             solve: PARAMETER_NAMES.map(str::to_owned).to_vec(),
             select_model: false,
+            extend_model: false,
             priors: Vec::new(),
             terms: Vec::new(),
             projection: "pinhole".to_owned(),
@@ -296,6 +305,7 @@ pub fn calibrate(control_points: &ControlPoints, options: &CalibrateOptions) -> 
     let for_bundle = [
         ("priors", !options.priors.is_empty()),
         ("select_model", options.select_model),
+        ("extend_model", options.extend_model),
         ("projection", options.projection != "pinhole"),
         ("terms", !options.terms.is_empty()),
     ];

@@ -11,7 +11,9 @@ use boresight::catalog::Catalog;
 use boresight::effects;
 use boresight::guard::guarded;
 use boresight::identify::{Misidentification, MisidentificationKind, misidentify};
-use boresight::pipeline::{PipelineError, Prepared, known_behind_the_lens, star_images, with_name};
+use boresight::pipeline::{
+    PipelineError, Prepared, check_focal_lengths, check_sizes, known_behind_the_lens, star_images, surroundings, with_name,
+};
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
 use boresight::units::ARCSEC_RAD;
@@ -65,8 +67,9 @@ pub(crate) struct SolveArgs {
     /// F of the variable weights: pairs with T above it are weighted down [default: 10.83]
     #[arg(long, value_name = "F", value_parser = super::identify::positive)]
     pub(crate) threshold: Option<f64>,
-    /// The parameters to solve, others keep their ground values: x0,y0,f,k1,p1,p2 (the default), k2, k3, any effect or effect.parameter
-    /// of `boresight effects`, or `auto`: those of the camera that the data support
+    /// The parameters to solve, others keep their ground values: x0, y0, f, k1, p1, p2, k2, k3, any effect or effect.parameter of
+    /// `boresight effects`, or `auto`: those of the camera that the data support [default: x0,y0,f,k1,p1,p2, and in `calibrate` what the
+    /// data support of k2 and k3]
     #[arg(long, value_name = "LIST|auto", value_delimiter = ',', value_parser = solvable, help_heading = heading::MODEL)]
     pub(crate) solve: Option<Vec<String>>,
     /// What is known of a parameter beforehand: name=value:sigma, in its own unit; several times for several
@@ -279,6 +282,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     };
     let catalog = args.sky.catalog()?;
     let recording = pipeline::open(&args.input)?;
+    check_sizes(&recording)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
     provenance.seed = args.solve.misidentify.map(|_| args.solve.misidentify_seed);
     let measured = pipeline::measure_as(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
@@ -288,6 +292,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     } else {
         pipeline::identify_frames(&measured, &catalog, &choice, &args.search.options(&measured))?
     };
+    check_focal_lengths(&measured, &identified, &catalog)?;
     let points = control_points(&measured, &identified, &catalog, &args.solve, args.trust_identifications)?;
     if let Some(path) = &args.update.update {
         let notes = measured.recording.notes.iter().chain(&points.notes).cloned().collect();
@@ -298,6 +303,9 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     let (physics, uneven) = pipeline::physics_in_force(&identified);
     let mut options = args.solve.options(&physics, moved)?;
     options.method = args.method.map_or(options.method, Method::from);
+    // What is not asked for is what the data support; who names the parameters, or reads them from a file, has them so.
+    let names_none = args.solve.solve.is_none() && args.solve.options.is_none();
+    options.extend_model |= names_none && options.method == Method::Bundle;
     if args.solve.projection.is_none() && args.solve.options.is_none() {
         points.points.projection.id().clone_into(&mut options.projection);
     }
@@ -336,6 +344,8 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
         Err(error) => return Err(error.into()),
     };
     calibration.parity = points.parity;
+    calibration.systematics = calibration.unmodelled(surroundings(&measured.recording));
+    calibration.warnings.extend(calibration.systematics.iter().map(|systematic| systematic.sentence.clone()).collect::<Vec<_>>());
     for warning in &mut calibration.warnings {
         *warning = with_name(warning, &measured.recording);
     }

@@ -118,7 +118,8 @@ fn overview(calibration: &Calibration) -> String {
     }
     let scale = arcsec_per_px(calibration);
     if let Some(sigma) = calibration.map_sigma_px {
-        line("map", &format!("σ {} median over the frame, {} at most", size(Some(sigma.median), scale), size(Some(sigma.max), scale)));
+        let over = calibration.lit.map_or_else(|| "the frame".to_owned(), |lit| lit.in_words());
+        line("map", &format!("σ {} median over {over}, {} at most", size(Some(sigma.median), scale), size(Some(sigma.max), scale)));
     }
     if !calibration.gauge.is_empty() {
         line("gauge", &calibration.gauge);

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use boresight::diagnose::{DiagnoseError, DiagnoseOptions, Diagnosis, FORMAT, MeasuredNoise, Step, Verdict};
-use boresight::pipeline::{Asked, PipelineError, Prepared, Question, SkyChoice, measured_noise, question};
 use boresight::guard::guarded;
+use boresight::pipeline::{Asked, PipelineError, Prepared, Question, SkyChoice, check_sizes, measured_noise, question};
 use boresight::provenance::Provenance;
 use boresight::recording::{SkippedFrame, check_file};
 use clap::Args;
@@ -157,6 +157,7 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
 fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answer> {
     let catalog = args.sky.catalog()?;
     let recording = pipeline::open(&args.input)?;
+    check_sizes(&recording)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
     let measured = pipeline::measure_as(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
     let mut options = args.options()?;

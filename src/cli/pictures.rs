@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use boresight::calibrate::{Calibration, Comparison, residuals_px};
+use boresight::calibrate::{Calibration, Comparison, MapChange, residuals_px};
 use boresight::camera::Camera;
 use boresight::coordinates::{Direction, PixelPoint};
 use boresight::report;
@@ -69,6 +69,18 @@ pub(crate) fn arcsec_per_px(calibration: &Calibration) -> Option<f64> {
     Some(mean / ARCSEC_RAD).filter(|scale| scale.is_finite() && *scale > 0.0)
 }
 
+/// Values at points of the grid of `side` × `side` over a frame of this size, row by row; not a number where there is none.
+fn on_grid(size: [usize; 2], side: usize, points: impl Iterator<Item = (PixelPoint, f64)>) -> Vec<f64> {
+    let mut values = vec![f64::NAN; side * side];
+    let along = |px: f64, length: usize| (px / (length as f64 - 1.0) * (side as f64 - 1.0)).round().max(0.0) as usize;
+    for (pixel, value) in points {
+        if let Some(place) = values.get_mut(along(pixel.y_px, size[1]) * side + along(pixel.x_px, size[0])) {
+            *place = value;
+        }
+    }
+    values
+}
+
 /// The standard error of the map over the frame, with the star images used. Where the calibration tells none there is no file, nor one left
 /// from before.
 pub(crate) fn map_sigma(path: &Path, calibration: &Calibration) -> Result<()> {
@@ -80,12 +92,13 @@ pub(crate) fn map_sigma(path: &Path, calibration: &Calibration) -> Result<()> {
             _ => Ok(()),
         };
     };
-    let values: Vec<f64> = sigma.into_iter().map(|(_, sigma)| sigma).collect();
     let told = calibration.map_sigma_px.unwrap_or_else(|| {
-        let mut sorted = values.clone();
+        let mut sorted: Vec<f64> = sigma.iter().map(|(_, sigma)| *sigma).collect();
         sorted.sort_by(f64::total_cmp);
         boresight::calibrate::MapSigma { median: sorted[sorted.len() / 2], max: sorted[sorted.len() - 1] }
     });
+    let size = [calibration.camera.width_px, calibration.camera.height_px];
+    let values = on_grid(size, MAP_SIDE, sigma.into_iter());
     let scale = arcsec_per_px(calibration);
     let both = |px: f64| match scale {
         Some(scale) => format!("{} px ({} arcsec)", significant(px), significant(px * scale)),
@@ -100,7 +113,11 @@ pub(crate) fn map_sigma(path: &Path, calibration: &Calibration) -> Result<()> {
         side: MAP_SIDE,
         unit: "σ / px".to_owned(),
         second_unit: scale.map(|scale| ("σ / arcsec".to_owned(), scale)),
-        note: format!("2-D, the best rotation taken out; dots: the {} star images used", dots.len()),
+        note: format!(
+            "2-D, the best rotation taken out; dots: the {} star images used{}",
+            dots.len(),
+            if calibration.lit.is_some() { "; nothing is said beyond them, where the lens gives no light" } else { "" }
+        ),
         dots,
         ..report::FieldMap::default()
     };
@@ -114,16 +131,18 @@ pub(crate) fn difference(path: &Path, [first, second]: [&Calibration; 2], compar
     /// A map that differs by less everywhere does so by its rounding.
     const ROUNDING_PX: f64 = 1e-8;
     let change = boresight::calibrate::map_change(first, second, MAP_SIDE)?;
-    let mut values: Vec<f64> = change.iter().map(|point| point.significance().unwrap_or(f64::NAN)).collect();
-    let known = values.iter().any(|value| value.is_finite());
-    if !known {
-        values = change.iter().map(|point| point.dx_px.hypot(point.dy_px)).collect();
-    }
+    let size = [first.camera.width_px, first.camera.height_px];
+    let known = change.iter().any(|point| point.significance().is_some_and(f64::is_finite));
+    let value = |point: &MapChange| if known { point.significance().unwrap_or(f64::NAN) } else { point.dx_px.hypot(point.dy_px) };
+    let pixel = |point: &MapChange| PixelPoint { x_px: point.x_px, y_px: point.y_px };
+    let values = on_grid(size, MAP_SIDE, change.iter().map(|point| (pixel(point), value(point))));
+    let has_arrow = |px: f64, length: usize| {
+        let index = (px / (length as f64 - 1.0) * (MAP_SIDE as f64 - 1.0)).round() as usize;
+        index >= ARROW_MARGIN && (index - ARROW_MARGIN) % (2 * ARROW_MARGIN) == 0
+    };
     let mut arrows: Vec<report::Vector> = change
-        .chunks(MAP_SIDE)
-        .skip(ARROW_MARGIN)
-        .step_by(2 * ARROW_MARGIN)
-        .flat_map(|row| row.iter().skip(ARROW_MARGIN).step_by(2 * ARROW_MARGIN))
+        .iter()
+        .filter(|point| has_arrow(point.x_px, size[0]) && has_arrow(point.y_px, size[1]))
         .map(|point| report::Vector { x_px: point.x_px, y_px: point.y_px, dx_px: point.dx_px, dy_px: point.dy_px, rejected: false })
         .collect();
     if comparison.max_px < ROUNDING_PX {

@@ -331,6 +331,9 @@ pub struct ControlPoints {
     /// Whether the camera stands still on the ground while the Earth turns.
     #[serde(default)]
     pub fixed_mount: bool,
+    /// What the frames are called, their files or their numbers; empty where they have no names.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub frame_names: Vec<String>,
 }
 
 impl ControlPoints {
@@ -347,7 +350,14 @@ impl ControlPoints {
             frames: Vec::new(),
             sky: Vec::new(),
             fixed_mount: false,
+            frame_names: Vec::new(),
         }
+    }
+
+    /// What a frame is called in messages: its file, or its number.
+    #[must_use]
+    pub fn frame_name(&self, frame: usize) -> String {
+        self.frame_names.get(frame).cloned().unwrap_or_else(|| format!("frame {frame}"))
     }
 
     /// What is known of a frame; the sensor's size always is.

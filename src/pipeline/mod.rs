@@ -5,15 +5,16 @@
 mod crowding;
 mod dark;
 mod frames;
+mod one_camera;
 mod overfull;
 mod prepare;
 mod star_list;
 
-use crate::calibrate::CalibrateError;
+use crate::calibrate::{CalibrateError, Surroundings};
 use crate::camera::{ObserverError, Physics, PhysicsError};
 use crate::detect::{DetectError, Detection, Detections, PsfReport};
 use crate::diagnose::{DiagnoseError, Looks, MeasuredNoise};
-use crate::recording::{Recording, RecordingError, SkippedFrame};
+use crate::recording::{Mount, Recording, RecordingError, SkippedFrame};
 use crate::statistics::median_in_place;
 
 pub use dark::{Dark, DarkError};
@@ -21,6 +22,7 @@ pub use frames::{
     Centroid, IdentifiedFrame, MeasureOptions, circumstances, identify_frames, measure, measure_frames, physics_in_force,
     take_identifications,
 };
+pub use one_camera::{check_focal_lengths, check_sizes};
 pub use prepare::{Asked, Prepared, Question, control_points, known_behind_the_lens, question, star_images, telemetry, with_name};
 
 /// Why a recording does not lead to control points.
@@ -76,9 +78,12 @@ pub enum PipelineError {
         /// Why the first of them cannot.
         reason: String,
     },
-    /// The frames are of several sizes.
-    #[error("a calibration is of one camera")]
-    SeveralCameras(#[source] RecordingError),
+    /// The frames are of several sizes, or were taken with several focal lengths.
+    #[error("the frames are those of several cameras, and one camera is asked for: {groups}; give one camera's frames at a time")]
+    SeveralCameras {
+        /// What tells them apart, each with its files.
+        groups: String,
+    },
     /// Identifications are to be taken from a list, and there is none.
     #[error("only a star list names its stars; this recording holds images")]
     NoList,
@@ -156,6 +161,14 @@ impl Measured {
             None => self.recording.camera.gain_e_per_dn,
         }
     }
+}
+
+/// Whether a camera looks through air: it is in space where its recording tells how it moves and knows of no ground.
+#[must_use]
+pub fn surroundings(recording: &Recording) -> Surroundings {
+    let flies = recording.frames.iter().any(|frame| frame.velocity_km_s.is_some());
+    let stands = recording.site.is_some() || recording.mount == Some(Mount::Fixed);
+    if flies && !stands { Surroundings::Space } else { Surroundings::MayBeGround }
 }
 
 /// How the stars of a recording look, to render them as they are; `None` where there are no pixels, or nobody says how many electrons a

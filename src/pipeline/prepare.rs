@@ -1,6 +1,7 @@
 //! Control points of identified frames, and the camera and options with which a diagnosis is asked about them.
 
 use super::crowding::{self, take_disturbed};
+use super::one_camera::check_sizes;
 use super::overfull::{self, Seen};
 use super::{IdentifiedFrame, Measured, MeasuredFrame, PipelineError, SkyChoice, circumstances, looks, physics_in_force};
 use crate::calibrate::{CalibrateOptions, StarImage, calibrate, calibrate_identifying_anew};
@@ -54,7 +55,7 @@ pub fn control_points(
         .collect();
     let nominal = measured.recording.nominal_camera();
     if nominal.is_none() {
-        measured.recording.common_size().map_err(PipelineError::SeveralCameras)?;
+        check_sizes(&measured.recording)?;
     }
     let declared = nominal.is_some();
     let (mut points, notes) = build_control_points(&frames, measured.recording.frames.len(), catalog, nominal);
@@ -160,6 +161,7 @@ fn know_frames(points: &mut ControlPoints, measured: &Measured, identified: &[Id
         }
     }
     points.fixed_mount = recording.mount == Some(Mount::Fixed);
+    points.frame_names = (0..recording.frames.len()).map(|frame| recording.frame_name(frame)).collect();
     Ok(())
 }
 

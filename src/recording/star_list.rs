@@ -12,6 +12,8 @@ const COLUMNS: [&str; 11] =
 /// Columns that must be there.
 const REQUIRED: [&str; 3] = ["frame", "x_px", "y_px"];
 
+/// The centre of a star whose image is cut by the edge may be measured this much beyond it, px.
+const BEYOND_PX: f64 = 1.0;
 /// A correlation this near to ±1 leaves a covariance that cannot be inverted.
 const SINGULAR_MARGIN: f64 = 1e-6;
 
@@ -144,8 +146,10 @@ impl Row<'_> {
     fn star(&self, size: Size) -> Result<ListedStar, String> {
         let coordinate = |column: &str, length: usize| {
             let high = length as f64 - 0.5;
-            let what = format!("on the frame, from -0.5 to {high} (pixel centres are whole numbers from 0)");
-            self.number(column, &what, |number| (-0.5..=high).contains(&number))?.ok_or_else(|| format!("{column} is missing"))
+            let what =
+                format!("on the frame, from -0.5 to {high}, or within {BEYOND_PX} px of it (pixel centres are whole numbers from 0)");
+            let near = -0.5 - BEYOND_PX..=high + BEYOND_PX;
+            self.number(column, &what, |number| near.contains(&number))?.ok_or_else(|| format!("{column} is missing"))
         };
         let (x_px, y_px) = (coordinate("x_px", size.width_px)?, coordinate("y_px", size.height_px)?);
         let sigma = |column: &str| self.number(column, "a number greater than 0", |number| number > 0.0);

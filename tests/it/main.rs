@@ -4,6 +4,7 @@
 mod binning;
 mod blind;
 mod calibrate;
+mod calibrate_cli;
 mod camera;
 mod catalog;
 mod centroids;

@@ -7,7 +7,6 @@ use rayon::prelude::*;
 use super::normal::{FrameSums, Reduced, WIDTH};
 use super::problem::{Attitudes, Problem, State};
 use super::reference::Reference;
-use crate::calibrate::geometry::frame_grid;
 use crate::camera::{Model, PARAMETER_COUNT};
 use crate::coordinates::PixelPoint;
 
@@ -19,9 +18,14 @@ pub(in crate::calibrate) struct MapColumns {
     pub(in crate::calibrate) columns: [Vec<f64>; 2],
 }
 
-/// How the map over the frame answers to these parameters (a star of the reference colour, telemetry at its mean), once the best rotation
-/// is taken out. `None` where the model has no usable map.
-pub(in crate::calibrate) fn rotation_free_map(model: &Model, values: &[f64], free: &[usize], side: usize) -> Option<Vec<MapColumns>> {
+/// How the map over a grid of pixels answers to these parameters (a star of the reference colour, telemetry at its mean), once the best
+/// rotation is taken out. `None` where the model has no usable map.
+pub(in crate::calibrate) fn rotation_free_map(
+    model: &Model,
+    values: &[f64],
+    free: &[usize],
+    grid: &[PixelPoint],
+) -> Option<Vec<MapColumns>> {
     let context = model.reference_context();
     let mut places = Vec::new();
     let mut normal = Matrix3::zeros();
@@ -35,7 +39,7 @@ pub(in crate::calibrate) fn rotation_free_map(model: &Model, values: &[f64], fre
     };
     let plain = model.is_reference_behind_the_lens() && free.iter().all(|index| *index < PARAMETER_COUNT);
     let reference = plain.then(|| Reference::new(values));
-    for pixel in frame_grid(model.camera(), side) {
+    for pixel in grid.iter().copied() {
         if let Some(reference) = &reference {
             let point = reference.at([pixel.x_px, pixel.y_px])?;
             let turn = point.by_rotation(point.direction());
@@ -53,7 +57,7 @@ pub(in crate::calibrate) fn rotation_free_map(model: &Model, values: &[f64], fre
         let columns: Vec<_> = seen.by_parameter.iter().map(|change| -(inverse * Vector3::from(*change))).collect();
         add(pixel, columns, rotation);
     }
-    if places.len() * 4 < side * side {
+    if places.len() * 4 < grid.len() {
         return None;
     }
     let factor = normal.cholesky()?;
@@ -71,9 +75,9 @@ pub(in crate::calibrate) fn map_sigma_px(
     values: &[f64],
     free: &[usize],
     covariance: &DMatrix<f64>,
-    side: usize,
+    grid: &[PixelPoint],
 ) -> Option<Vec<(PixelPoint, f64)>> {
-    Some(sigma_px(&rotation_free_map(model, values, free, side)?, covariance))
+    Some(sigma_px(&rotation_free_map(model, values, free, grid)?, covariance))
 }
 
 /// The same from the map's columns.

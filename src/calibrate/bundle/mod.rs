@@ -19,6 +19,7 @@
 //! | [`profile`] | standard errors of what is hardly determined, from the cost itself |
 //! | [`held_out`] | cross-validation without solving anew |
 //! | [`selection`] | which parameters the data support |
+//! | [`worse`] | why a frame is worse than the others |
 //! | [`summary`] | the result |
 //!
 //! Source: Triggs et al., "Bundle adjustment: a modern synthesis" (2000), for the elimination; Brown (1971) for self-calibration.
@@ -38,6 +39,7 @@ mod selection;
 mod solve_for;
 mod summary;
 mod update;
+mod worse;
 
 use nalgebra::{Matrix3, UnitQuaternion};
 use rayon::prelude::*;
@@ -50,8 +52,10 @@ pub(super) use problem::{Attitudes, Exposure, MOST_LOCAL as MOST_OWN, Prior, Pro
 pub(super) use solve_for::{checked as check_name, solve_for};
 pub(super) use update::{Known, Updated, inverse, update};
 
+use selection::Alternative;
+
 use super::select::Selection;
-use super::{AttitudeModel, CalibrateError, CalibrateOptions, Calibration};
+use super::{AttitudeModel, CalibrateError, CalibrateOptions, Calibration, LitCircle};
 use crate::camera::{Model, PARAMETER_COUNT, PARAMETER_NAMES};
 use crate::effects::Segment;
 use crate::identify::ControlPoints;
@@ -68,7 +72,7 @@ const SUPPORTED_SHARE: f64 = 0.5;
 const CONVINCING_SHARE: f64 = 0.3;
 
 /// The optimal rotation of a profile matrix Σ to·fromᵀ.
-pub(super) fn optimal_rotation(profile: &Matrix3<f64>) -> Option<UnitQuaternion<f64>> {
+pub(crate) fn optimal_rotation(profile: &Matrix3<f64>) -> Option<UnitQuaternion<f64>> {
     consensus::optimal(profile)
 }
 
@@ -81,12 +85,14 @@ pub(super) struct Solved {
     pub(super) adjusted: Adjusted,
     /// What to mind.
     pub(super) notes: Vec<String>,
+    /// A larger model that the star images do not support and need not exclude.
+    pub(super) alternative: Option<Alternative>,
 }
 
 /// Calibrates.
 pub(super) fn calibrate(points: &ControlPoints, options: &CalibrateOptions, selection: &Selection) -> Result<Calibration, CalibrateError> {
     let started = std::time::Instant::now();
-    let (solved, chosen) = if options.select_model {
+    let (solved, chosen) = if options.select_model || options.extend_model {
         let (solved, report) = selection::select(points, options, selection)?;
         (solved, Some(report))
     } else {
@@ -103,6 +109,20 @@ pub(super) fn solve(points: &ControlPoints, options: &CalibrateOptions, selectio
     let (problem, mut notes) = pose(points, options, selection)?;
     let solved = start(&problem, points, options, &mut notes)?;
     Ok(Solved { notes, ..solved })
+}
+
+/// Places of these parameters in the model; effects that it does not hold come into it, switched off.
+pub(super) fn indices(model: &mut Model, names: &[String]) -> Option<Vec<usize>> {
+    let first = model.reference_context();
+    let missing: Vec<String> = {
+        let known = model.parameters();
+        names.iter().filter(|name| known.iter().all(|parameter| parameter.name != **name)).cloned().collect()
+    };
+    if !missing.is_empty() {
+        solve_for(model, &missing, &first, &[first.observation]).ok()?;
+    }
+    let known = model.parameters();
+    names.iter().map(|name| known.iter().position(|parameter| parameter.name == *name)).collect()
 }
 
 /// The problem that the options and the points pose.
@@ -152,7 +172,8 @@ pub(super) fn pose(
         notes.push("the mount is said to be fixed, but not all frames have a time: each frame has an attitude of its own".to_owned());
         Attitudes::Free
     };
-    Ok((Problem { model, free, priors, carried: None, exposures, attitudes, solves_sky, at_predicted: false }, notes))
+    let lit = LitCircle::of(points, &options.projection);
+    Ok((Problem { model, free, priors, carried: None, exposures, attitudes, solves_sky, at_predicted: false, lit }, notes))
 }
 
 /// Whether the rows are exposed one after the other while nobody says how the camera turned.
@@ -258,21 +279,27 @@ fn from_focal_length(
         unit_variance: 1.0,
     };
     let run = Run { epsilon_px: options.epsilon_px, max_turns: options.max_iterations, from_afar: true, hold_noise: false };
-    let mut adjusted = problem.adjust(state, noise, &scale, &run, None);
-    if problem.attitudes != Attitudes::FixedToEarth && try_poor_frames_again(&problem, &mut adjusted) {
-        let turns = std::mem::take(&mut adjusted.turns);
-        let run = Run { from_afar: false, ..run };
-        adjusted = problem.adjust(adjusted.state, adjusted.noise, &scale, &run, None);
-        adjusted.turns.splice(0..0, turns);
-    }
-    if problem.attitudes != Attitudes::FixedToEarth && drop_unsupported_frames(&problem, &mut adjusted) {
-        let turns = std::mem::take(&mut adjusted.turns);
-        let run = Run { from_afar: false, ..run };
-        adjusted = problem.adjust(adjusted.state, adjusted.noise, &scale, &run, None);
-        adjusted.turns.splice(0..0, turns);
-    }
+    let adjusted = problem.adjust(state, noise, &scale, &run, None);
+    let adjusted = settled(&problem, adjusted, &run);
     problem.model.set_values(&adjusted.state.values);
-    Ok(Some(Solved { problem, adjusted, notes }))
+    Ok(Some(Solved { problem, adjusted, notes, alternative: None }))
+}
+
+/// An adjustment once more, where frames find a better attitude with the camera as it is now known, and where frames are not supported.
+fn settled(problem: &Problem, mut adjusted: Adjusted, run: &Run) -> Adjusted {
+    if problem.attitudes == Attitudes::FixedToEarth {
+        return adjusted;
+    }
+    for look in [try_poor_frames_again, drop_unsupported_frames] {
+        if look(problem, &mut adjusted) {
+            let turns = std::mem::take(&mut adjusted.turns);
+            let run = Run { from_afar: false, ..*run };
+            let scale = std::mem::take(&mut adjusted.scale);
+            adjusted = problem.adjust(adjusted.state, adjusted.noise, &scale, &run, None);
+            adjusted.turns.splice(0..0, turns);
+        }
+    }
+    adjusted
 }
 
 /// An attitude has three parameters, so a few wrong images can agree on one by chance. A frame in which few images have weight, both in

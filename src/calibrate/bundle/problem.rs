@@ -13,6 +13,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::memory::Carried;
 use super::reference::Reference;
+use crate::calibrate::LitCircle;
 use crate::camera::{Model, PARAMETER_COUNT};
 use crate::effects::{Context, Observation, StarImage, StarState};
 use crate::identify::{ControlPoints, KnownAttitude};
@@ -110,6 +111,8 @@ pub(in crate::calibrate) struct Problem {
     /// Whether all is linearised at the predicted points, not at the measured ones: where columns are held against residuals an error
     /// that stands in both would look like a relation between them.
     pub(in crate::calibrate) at_predicted: bool,
+    /// What of the frame the lens lights; `None`: all of it.
+    pub(in crate::calibrate) lit: Option<LitCircle>,
 }
 
 /// Where the adjustment stands.

@@ -3,11 +3,13 @@
 use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 
-use super::{Attitudes, Problem, Solved, State, held_out, mapping, names, profile};
+use super::{Attitudes, Problem, Solved, State, held_out, mapping, names, profile, selection, worse};
 use crate::calibrate::calibration::{
-    AttitudeSigma, Calibration, Combination, FORMAT, FrameResult, Iteration, MapSigma, NoiseFound, ParameterEstimate, PointResult, Status,
+    AttitudeSigma, Calibration, Combination, FORMAT, FrameResult, Iteration, LeftOpen, MapSigma, NoiseFound, ParameterEstimate,
+    PointResult, Status,
 };
 use crate::calibrate::geometry::GRID;
+use crate::calibrate::lit::lit_grid;
 use crate::calibrate::map::attitude_sigma_rad;
 use crate::calibrate::select::Selection;
 use crate::calibrate::summary::{REJECTED_WEIGHT, degeneracy_warnings, general_warnings, left_out, median};
@@ -45,8 +47,9 @@ pub(super) fn summarise(
     let dof = (2 * used).checked_sub(lost).filter(|dof| *dof > 0);
     let dof = dof.ok_or(CalibrateError::NoDegreesOfFreedom { stars: used, frames: active, parameters: free })?;
     let covariance = covariance(&adjusted.information, &model_names)?;
+    let grid = lit_grid(problem.model.camera(), problem.lit.as_ref(), GRID);
     let map =
-        mapping::rotation_free_map(&problem.model, &adjusted.state.values, &problem.free, GRID).ok_or(CalibrateError::NominalFolds)?;
+        mapping::rotation_free_map(&problem.model, &adjusted.state.values, &problem.free, &grid).ok_or(CalibrateError::NominalFolds)?;
     let (share, direction) = mapping::coverage(problem, &adjusted.state, &adjusted.weights, &adjusted.scale, &map);
     if share.is_nan() || share < BLIND_SHARE {
         return Err(CalibrateError::Uncovered { combination: in_words(&direction, &model_names), share });
@@ -57,10 +60,19 @@ pub(super) fn summarise(
     let linear = DMatrix::from_fn(free, free, |i, j| scaled[(i, j)] / (scale[i] * scale[j]));
     let combinations = combinations(&map, &linear, &model_names);
     let wider = profile::wider(solved, &linear, unit, &weakest(&combinations, &model_names));
-    let dense = profile::widened(&linear, &wider);
-    let in_units: Vec<Vec<f64>> = (0..free).map(|i| (0..free).map(|j| dense[(i, j)]).collect()).collect();
+    let own = profile::widened(&linear, &wider);
+    let open = selection::left_open(&model_names, solved.alternative.as_ref());
+    let dense = open.as_ref().map_or(own.clone(), |(_, all)| all.view((0, 0), (free, free)).into_owned());
+    let rows = |matrix: &DMatrix<f64>| -> Vec<Vec<f64>> { matrix.row_iter().map(|row| row.iter().copied().collect()).collect() };
+    let in_units = rows(&dense);
     let state = &adjusted.state;
-    let mut sigma: Vec<f64> = mapping::sigma_px(&map, &dense).into_iter().map(|(_, sigma)| sigma).collect();
+    let sigma = open.as_ref().and_then(|(names, all)| {
+        let mut model = problem.model.clone();
+        let free = super::indices(&mut model, names)?;
+        mapping::map_sigma_px(&model, &model.values(), &free, all, &grid)
+    });
+    let sigma = sigma.unwrap_or_else(|| mapping::sigma_px(&map, &dense));
+    let mut sigma: Vec<f64> = sigma.into_iter().map(|(_, sigma)| sigma).collect();
     sigma.sort_by(f64::total_cmp);
     let map_sigma = MapSigma { median: sigma[sigma.len() / 2], max: sigma[sigma.len() - 1] };
     let residuals = residuals(solved);
@@ -131,10 +143,13 @@ pub(super) fn summarise(
         left_out: left_out(selection),
         warnings: Vec::new(),
         map_sigma_px: Some(map_sigma),
+        lit: problem.lit,
+        systematics: Vec::new(),
         unit_weight_sigma_px: (square / dof as f64).sqrt(),
         predicted_sigma_px: typical(predicted).unwrap_or(0.0) / std::f64::consts::SQRT_2,
         degrees_of_freedom: dof,
         covariance: in_units,
+        left_open: open.as_ref().map(|(names, all)| LeftOpen { parameters: names.clone(), covariance: rows(all) }),
         combinations,
         gauge: gauge(problem.attitudes),
         noise: Some(NoiseFound {
@@ -155,8 +170,9 @@ pub(super) fn summarise(
     };
     let weak = (share < WEAK_SHARE).then(|| {
         format!(
-            "the star images cover the frame badly: a change of the mapping by 1 px (rms over the frame) in {} moves them by only {share:.3} px; \
+            "the star images cover {} badly: a change of the mapping by 1 px (rms) in {} moves them by only {share:.3} px; \
              the mapping is uncertain where no stars are",
+            problem.lit.map_or_else(|| "the frame".to_owned(), |lit| lit.in_words()),
             in_words(&direction, &model_names)
         )
     });
@@ -172,20 +188,15 @@ pub(super) fn summarise(
             model_names[wider.free], wider.factor
         )
     }));
-    for frame in result.per_frame.iter().filter(|frame| frame.variance_factor > 1.0) {
-        warnings.push(format!(
-            "frame {} is worse than the others (its positions scatter {:.1} times as much) and is weighted by it: trailed, unsharp, or something moved",
-            frame.frame,
-            frame.variance_factor.sqrt()
-        ));
-    }
+    warnings.extend(worse::sentences(solved, points));
     result.warnings = warnings;
     Ok(result)
 }
 
 /// Whether the star images, all of them right, would determine the map.
 pub(super) fn check_coverage(problem: &Problem, state: &State, scale: &[f64]) -> Result<(), CalibrateError> {
-    let Some(map) = mapping::rotation_free_map(&problem.model, &state.values, &problem.free, GRID) else { return Ok(()) };
+    let grid = lit_grid(problem.model.camera(), problem.lit.as_ref(), GRID);
+    let Some(map) = mapping::rotation_free_map(&problem.model, &state.values, &problem.free, &grid) else { return Ok(()) };
     let weights: Vec<Vec<f64>> = problem.exposures.iter().map(|exposure| vec![1.0; exposure.images.len()]).collect();
     let (share, direction) = mapping::coverage(problem, state, &weights, scale, &map);
     if share < BLIND_SHARE {
@@ -208,8 +219,26 @@ fn gauge(attitudes: Attitudes) -> String {
     .to_owned()
 }
 
+/// Whether a solution is one: converged, determined, and its map too.
+pub(super) fn check_solved(solved: &Solved) -> Result<(), CalibrateError> {
+    let Solved { problem, adjusted, .. } = solved;
+    let names = names(problem);
+    covariance(&adjusted.information, &names)?;
+    if !adjusted.converged {
+        return Err(CalibrateError::Singular { combination: names.join(", ") });
+    }
+    let grid = lit_grid(problem.model.camera(), problem.lit.as_ref(), GRID);
+    let values = &adjusted.state.values;
+    let map = mapping::rotation_free_map(&problem.model, values, &problem.free, &grid).ok_or(CalibrateError::NominalFolds)?;
+    let (share, direction) = mapping::coverage(problem, &adjusted.state, &adjusted.weights, &adjusted.scale, &map);
+    if share.is_nan() || share < BLIND_SHARE {
+        return Err(CalibrateError::Uncovered { combination: in_words(&direction, &names), share });
+    }
+    Ok(())
+}
+
 /// The covariance of the scaled free parameters for unit weight.
-fn covariance(information: &DMatrix<f64>, names: &[String]) -> Result<DMatrix<f64>, CalibrateError> {
+pub(super) fn covariance(information: &DMatrix<f64>, names: &[String]) -> Result<DMatrix<f64>, CalibrateError> {
     let n = information.nrows();
     let root: Vec<f64> = (0..n).map(|k| information[(k, k)].max(0.0).sqrt()).collect();
     if let Some(k) = (0..n).find(|k| !(root[*k] > 0.0 && root[*k].is_finite())) {

@@ -16,6 +16,7 @@ use super::change::{Change, test};
 use super::memory::{Carried, NoiseMemory};
 use super::{Adjusted, Attitudes, Noise, Problem, Run, State, TOLERANCE, attitudes, fix_mount, mapping, names, pose, scales};
 use crate::calibrate::geometry::GRID;
+use crate::calibrate::lit::lit_grid;
 use crate::calibrate::select::Selection;
 use crate::calibrate::summary::REJECTED_WEIGHT;
 use crate::calibrate::{CalibrateError, CalibrateOptions};
@@ -183,7 +184,8 @@ fn begin(problem: &mut Problem, points: &ControlPoints, known: &Known, notes: &m
     let stated = images.map(|image| f64::midpoint(image.covariance_px2[0], image.covariance_px2[2])).sum::<f64>();
     let stated = stated / problem.image_count().max(1) as f64;
     let covariance = inverse(&known.information).ok_or_else(|| singular(known))?;
-    let map = mapping::map_sigma_px(&problem.model, &values, &problem.free, &covariance, GRID).ok_or(CalibrateError::NominalFolds)?;
+    let grid = lit_grid(problem.model.camera(), problem.lit.as_ref(), GRID);
+    let map = mapping::map_sigma_px(&problem.model, &values, &problem.free, &covariance, &grid).ok_or(CalibrateError::NominalFolds)?;
     let map_px2 = map.into_iter().map(|(_, sigma)| sigma * sigma).fold(0.0, f64::max);
     let mut tolerance_px = (SIGMAS * (stated + known.floor_px2 + map_px2).sqrt()).max(0.5);
     let (mut found, agreeing) = attitudes(problem, tolerance_px / f);

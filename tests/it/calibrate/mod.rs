@@ -9,6 +9,7 @@ mod joint_statistics;
 mod published;
 mod select;
 mod sequential;
+mod supported;
 mod trial;
 mod uncertainty;
 

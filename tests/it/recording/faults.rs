@@ -232,7 +232,7 @@ fn star_lists() {
         ("frame,x_px,y_px\n0,1,2\n2,1,2\n", vec!["stars.csv, line 3", "no frame 2", "2 frames"]),
         ("frame,x_px,y_px\n0.5,1,2\n", vec!["line 2", "frame \"0.5\""]),
         ("frame,x_px,y_px\n0,1\n", vec!["line 2", "2 fields", "3 columns"]),
-        ("frame,x_px,y_px\n0,11.6,2\n", vec!["line 2", "x_px is \"11.6\"", "from -0.5 to 11.5"]),
+        ("frame,x_px,y_px\n0,12.6,2\n", vec!["line 2", "x_px is \"12.6\"", "from -0.5 to 11.5"]),
         ("frame,x_px,y_px\n0,1,nan\n", vec!["line 2", "y_px is \"nan\""]),
         ("frame,x_px,y_px\n0,1,\n", vec!["line 2", "y_px is missing"]),
         ("frame,x_px,y_px,sigma_x_px,sigma_y_px\n0,1,2,0.1,-0.1\n", vec!["line 2", "sigma_y_px", "greater than 0"]),
