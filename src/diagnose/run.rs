@@ -8,7 +8,7 @@ use super::attribute::{Entry, Stand, select};
 use super::chance::independent;
 use super::confirm::{Confirmed, Withheld, confirm};
 use super::crossfit::CrossFit;
-use super::diagnosis::{ChannelTest, Channels, Diagnosis, FORMAT, Finding, Fit, Located, Verdict};
+use super::diagnosis::{ChannelTest, Channels, Diagnosis, FORMAT, Finding, Fit, HalfNights, Located, Verdict};
 use super::evidence::Evidence;
 use super::findings;
 use super::halves::half_nights;
@@ -162,6 +162,14 @@ struct Judged {
     vetoes: Vec<(usize, Vec<String>)>,
 }
 
+/// The names that stand, by place among the confirmed entries and as entries; what does not stand; everything fitted with them.
+struct Names {
+    standing: Vec<usize>,
+    kept: Vec<Entry>,
+    withheld: Vec<Withheld>,
+    everything: Stand,
+}
+
 impl<'a> Case<'a> {
     /// Proposals, their searches made finer, and which of them images that took part in nothing confirm.
     fn new(night: &'a Night<'a>, alarm: &'a Alarm, mut proposals: Vec<Entry>) -> Self {
@@ -272,20 +280,75 @@ impl<'a> Case<'a> {
         Judged { with_all, signs, anew, vetoes }
     }
 
-    /// Everything as the result has it.
-    fn told(&self, judged: &Judged, tell: &dyn Fn(Step)) -> Result<Diagnosis, DiagnoseError> {
-        let (night, alarm, refined, options) = (self.night, self.alarm, &self.refined, self.night.options);
+    /// Which names stand, and everything with them alone.
+    fn names(&self, judged: &Judged) -> Names {
         let entries = &self.confirmed.entries;
-        let mut warnings = night.warnings();
         let is_vetoed = |k: &usize| judged.vetoes.iter().any(|(vetoed, _)| vetoed == k);
         let standing: Vec<usize> = (0..entries.len()).filter(|k| !is_vetoed(k)).collect();
         let kept: Vec<Entry> = standing.iter().map(|k| entries[*k]).collect();
         let vetoed = judged.vetoes.iter().map(|(k, against)| (entries[*k], against.clone()));
-        let withheld: Vec<Withheld> = vetoed.chain(self.confirmed.withheld.iter().cloned()).collect();
+        let withheld = vetoed.chain(self.confirmed.withheld.iter().cloned()).collect();
+        let everything =
+            if kept == *entries { judged.with_all.clone() } else { Stand::new(&self.refined, &self.night.all, &kept, &self.night.begin) };
+        Names { standing, kept, withheld, everything }
+    }
+
+    /// The test of what is left beside the names that stand.
+    fn rest_beside(&self, names: &Names) -> Option<Omnibus> {
+        if names.kept.len() == self.confirmed.entries.len() {
+            return self.rest.as_ref().map(|(_, test)| test.clone());
+        }
+        let (stand, options) = (&names.everything, self.night.options);
+        let is_free = |index: usize| names.kept.iter().all(|entry| entry.hypothesis != index);
+        let scan = Scan::new(&self.refined, &stand.noise, &stand.sheet, &stand.fit, is_free);
+        Some(omnibus(&self.refined, stand, &scan, options, (4, options.alpha)))
+    }
+
+    /// How well the recording simulated with the names that stand looks like the real one.
+    fn simulated_with(&self, names: &Names, judged: &Judged) -> Result<Option<f64>, DiagnoseError> {
+        let p = |anew: &Resimulated| anew.p_value;
+        Ok(if names.kept.is_empty() {
+            None
+        } else if names.kept.len() == self.confirmed.entries.len() {
+            judged.anew.as_ref().map(p)
+        } else {
+            self.anew(&names.kept, &self.solved_with(&names.kept)?).as_ref().map(p)
+        })
+    }
+
+    fn warnings(&self, verdict: Verdict, anew: Option<f64>) -> Vec<String> {
+        let mut warnings = self.night.warnings();
         for (entry, against) in &self.confirmed.withheld {
-            let id = refined.hypotheses[entry.hypothesis].id();
+            let id = self.refined.hypotheses[entry.hypothesis].id();
             warnings.push(format!("{id} is proposed by all star images together and not claimed: {}", against.join("; ")));
         }
+        if let Some(p) = anew.filter(|p| verdict == Verdict::Explained && *p < DIFFERS) {
+            warnings.push(format!(
+                "a recording simulated anew with what was found differs from this one by more than chance would have it (p = {p:.1e}): something small may be left"
+            ));
+        }
+        warnings
+    }
+
+    /// The p-values of random halves, where they are asked for.
+    fn halves(&self, tell: &dyn Fn(Step), warnings: &mut Vec<String>) -> Option<HalfNights> {
+        if self.night.options.half_nights == 0 {
+            return None;
+        }
+        tell(Step::HalfNights);
+        let halves = half_nights(&self.solved, self.night.options);
+        if halves.is_none() {
+            let frames = self.refined.frames.len();
+            warnings.push(format!("--half-nights was not answered: {frames} frames have too few different halves"));
+        }
+        halves
+    }
+
+    /// Everything as the result has it.
+    fn told(&self, judged: &Judged, tell: &dyn Fn(Step)) -> Result<Diagnosis, DiagnoseError> {
+        let (night, alarm, refined, options) = (self.night, self.alarm, &self.refined, self.night.options);
+        let names = self.names(judged);
+        let (kept, everything) = (&names.kept, &names.everything);
         let own_anew = judged.anew.as_ref().map_or_else(Vec::new, |anew| anew.own_p.clone());
         let context = findings::Context {
             evidence: refined,
@@ -293,64 +356,44 @@ impl<'a> Case<'a> {
             points: night.points,
             base: &night.base,
             with_all: &judged.with_all,
-            entries,
+            entries: &self.confirmed.entries,
             proofs: &self.confirmed.proofs,
             signs: &judged.signs,
             tried: &self.tried,
             resimulated: &own_anew,
             hypotheses: alarm.hypotheses,
         };
-        let found: Vec<Finding> = standing.iter().map(|k| context.finding(*k, &self.solved, options)).collect();
-        let everything = if kept == *entries { judged.with_all.clone() } else { Stand::new(refined, &night.all, &kept, &night.begin) };
-        let own_test = (!judged.vetoes.is_empty()).then(|| {
-            let is_free = |index: usize| kept.iter().all(|entry| entry.hypothesis != index);
-            let scan = Scan::new(refined, &everything.noise, &everything.sheet, &everything.fit, is_free);
-            omnibus(refined, &everything, &scan, options, (4, options.alpha))
-        });
-        let rest = own_test.as_ref().or(self.rest.as_ref().map(|(_, test)| test));
-        let anew = if judged.vetoes.is_empty() || kept.is_empty() {
-            judged.anew.as_ref().filter(|_| !kept.is_empty()).map(|anew| anew.p_value)
-        } else {
-            self.anew(&kept, &self.solved_with(&kept)?).map(|anew| anew.p_value)
-        };
-        let left = rest.filter(|rest| rest.p_value < options.alpha);
-        let unknown = left.map(|rest| left::unknown(refined, &everything, &withheld, rest, &night.joint, self.tried.folds.all.first()));
+        let found: Vec<Finding> = names.standing.iter().map(|k| context.finding(*k, &self.solved, options)).collect();
+        let rest = self.rest_beside(&names);
+        let anew = self.simulated_with(&names, judged)?;
+        let first = self.tried.folds.all.first();
+        let left = rest.as_ref().filter(|rest| rest.p_value < options.alpha);
+        let unknown = left.map(|rest| left::unknown(refined, everything, &names.withheld, rest, &night.joint, first));
         let verdict = match (found.is_empty(), unknown.is_some()) {
             (_, true) => Verdict::Unexplained,
             (false, false) => Verdict::Explained,
             (true, false) => Verdict::Consistent,
         };
-        if let Some(p) = anew.filter(|p| verdict == Verdict::Explained && *p < DIFFERS) {
-            warnings.push(format!(
-                "a recording simulated anew with what was found differs from this one by more than chance would have it (p = {p:.1e}): something small may be left"
-            ));
-        }
-        let fit = Fit {
-            baseline: quality(refined, &night.base, &self.solved.stand.noise, &self.tried, &[]),
-            after: quality(refined, &everything, &self.solved.stand.noise, &self.tried, &kept),
-        };
-        if options.half_nights > 0 {
-            tell(Step::HalfNights);
-        }
-        let half_nights = half_nights(&self.solved, options);
-        if options.half_nights > 0 && half_nights.is_none() {
-            let frames = refined.frames.len();
-            warnings.push(format!("--half-nights was not answered: {frames} frames have too few different halves"));
-        }
+        let mut warnings = self.warnings(verdict, anew);
+        let half_nights = self.halves(tell, &mut warnings);
+        let noise = &self.solved.stand.noise;
         let largest = if alarm.test.largest.is_empty() { "nothing".to_owned() } else { alarm.test.largest.clone() };
-        let left_p = rest.map(|rest| rest.p_value);
+        let left_p = rest.as_ref().map(|rest| rest.p_value);
         let mut diagnosis = Diagnosis {
             format: FORMAT.to_owned(),
             verdict,
             physics: options.physics.clone(),
-            effects: context.effects(&self.solved, &found, &kept),
-            profiles: context.profiles(&standing, &found),
+            effects: context.effects(&self.solved, &found, kept),
+            profiles: context.profiles(&names.standing, &found),
             findings: found,
-            proposed: proposed(refined, &self.tried, &everything, &kept, &self.proposals, &withheld),
+            proposed: proposed(refined, &self.tried, everything, kept, &self.proposals, &names.withheld),
             unknown,
-            fit,
+            fit: Fit {
+                baseline: quality(refined, &night.base, noise, &self.tried, &[]),
+                after: quality(refined, everything, noise, &self.tried, kept),
+            },
             channels: Channels { astrometry: Some(ChannelTest { p_value: alarm.test.p_value, largest }), ..Channels::default() },
-            stars_used: stars_used(refined, night.points, &everything),
+            stars_used: stars_used(refined, night.points, everything),
             located: alarm.located.clone(),
             noise: noise_state(&self.solved.stand),
             left_out: left_out(refined, &self.tried),
@@ -362,7 +405,7 @@ impl<'a> Case<'a> {
             summary: Vec::new(),
             warnings,
             camera: Some(self.solved.joint.model().clone()),
-            residuals: residual_rows(refined, &night.base, &everything, night.points),
+            residuals: residual_rows(refined, &night.base, everything, night.points),
             seconds: 0.0,
             provenance: None,
         };
