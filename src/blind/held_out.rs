@@ -114,6 +114,10 @@ impl HeldOutStudy {
         line("| proposals | number | recordings | χ² in sample, mean | held-out fall of χ², mean | expected of a true one |");
         line("|---|---|---|---|---|---|");
         for own in &self.rows {
+            if own.count == 0 {
+                line(&format!("| {} | 0 | 0 | – | – | – |", own.label));
+                continue;
+            }
             line(&format!(
                 "| {} | {} | {} | {:.2} | {:+.2} ± {:.2} | {:.2} |",
                 own.label, own.count, own.recordings, own.in_sample, own.mean, own.error, own.expected
