@@ -160,7 +160,7 @@ fn farthest(
 ) -> Option<(usize, f64)> {
     let of = |row: &ResidualRow| {
         let ControlPoint { frame, star, image, .. } = points.points.get(row.point).filter(|_| row.weight > 0.5)?;
-        let exposure = scene.exposures.get(order.iter().position(|other| other == frame)?)?;
+        let exposure = scene.exposures.get(order.iter().position(|other| other == frame)?);
         let context = Context::new(*star, known(*frame)).with_image(*image);
         let fitted = model.pixel(&attitudes.get(frame)?.camera_from_apparent(&model.apparent(&context)), &context)?;
         let rendered = Context::new(*star, *exposure.sky.observation()).with_image(*image);

@@ -114,8 +114,7 @@ impl Own<'_> {
                 let star = &self.frame.detections.stars[matched.detection];
                 let x_px = if self.solution.parity < 0 { camera.width_px as f64 - 1.0 - star.x_px } else { star.x_px };
                 let seen = model.direction(PixelPoint { x_px, y_px: star.y_px }, &context)?;
-                let own = catalog.stars[matched.star].direction.xyz;
-                let arrives = self.identified.directions.get(matched.star).map_or(own, |direction| direction.xyz);
+                let arrives = self.identified.sky.apparent(&catalog.stars[matched.star], catalog.epoch_yr).xyz;
                 Some((Vector3::from(seen.xyz), Vector3::from(arrives)))
             })
             .collect();
