@@ -132,7 +132,7 @@ impl Reader {
             }
             Self::Catalogue => {
                 let own = guarded(|| Catalog::from_file(&path)).map_err(|error| words(&error))?;
-                let joined = guarded(|| import_catalog(&[path.clone()], 99.0)).map_err(|error| words(&error))?;
+                let joined = guarded(|| import_catalog(std::slice::from_ref(&path), 99.0)).map_err(|error| words(&error))?;
                 own.map(|_| ()).or(joined.map(|_| ())).map_err(|error| words(&error))
             }
             Self::Scene => Scene::parse("scene.toml", &text()).map(|_| ()).map_err(|error| words(&error)),

@@ -258,7 +258,7 @@ fn others() -> Vec<File> {
     let colours = DynamicImage::ImageRgb8(image::RgbImage::from_fn(16, 12, |x, y| image::Rgb([x as u8, y as u8, (x * y) as u8])));
     let jpeg = encoded(&colours, ImageFormat::Jpeg);
     let bmp = encoded(&colours, ImageFormat::Bmp);
-    let text: String = (0..PIXELS).map(|value| format!("{value}\n")).collect();
+    let text = (0..PIXELS).map(|value| value.to_string()).collect::<Vec<_>>().join("\n");
     let words: Vec<u8> = of(|v| (300 * v as u16).to_be_bytes());
     let f = |name: &str, bytes: Vec<u8>| (name.to_owned(), bytes);
     vec![
@@ -271,9 +271,9 @@ fn others() -> Vec<File> {
         f("bmp-grey.bmp", encoded(&grey, ImageFormat::Bmp)),
         f("tiff-rgb.tif", encoded(&colours, ImageFormat::Tiff)),
         f("pgm-text.pgm", [&b"P2 12 10 200\n"[..], text.as_bytes()].concat()),
-        f("pgm-bytes.pgm", [&b"P5 12 10 255\n"[..], &vec![7; PIXELS]].concat()),
+        f("pgm-bytes.pgm", [&b"P5 12 10 255\n"[..], &[7; PIXELS]].concat()),
         f("pgm-words.pgm", [&b"P5 12 10 65535\n"[..], &words].concat()),
-        f("pgm-colours.ppm", [&b"P6 12 10 255\n"[..], &vec![7; 3 * PIXELS]].concat()),
+        f("pgm-colours.ppm", [&b"P6 12 10 255\n"[..], &[7; 3 * PIXELS]].concat()),
         f("pgm-cut.pgm", [&b"P5 12 10 255\n"[..], &[7; 50]].concat()),
         f("pgm-letters.pgm", b"P2 12 10 255\n1 2 three 4".repeat(20)),
         f("pgm-top-of-none.pgm", b"P5 12 10 0\n".to_vec()),

@@ -78,7 +78,7 @@ fn memory_does_not_grow_with_the_directions_of_all_frames() {
     let head =
         "format = \"star-recording/1\"\nstars = \"stars.csv\"\n[camera]\nwidth_px = 1024\nheight_px = 1024\nfocal_length_px = 2900.0\n";
     std::fs::write(folder.path().join("recording.toml"), head.to_owned() + &"[[frames]]\nexposure_s = 0.2\n".repeat(FRAMES)).unwrap();
-    let stars: String = (0..FRAMES).map(|frame| format!("{frame},100,200\n{frame},300,250\n")).collect();
+    let stars = (0..FRAMES).map(|frame| format!("{frame},100,200\n{frame},300,250")).collect::<Vec<_>>().join("\n");
     std::fs::write(folder.path().join("stars.csv"), format!("frame,x_px,y_px\n{stars}")).unwrap();
     let program = assert_cmd::cargo::cargo_bin("boresight");
     let script = "ulimit -v 900000; exec \"$@\"";

@@ -267,7 +267,7 @@ fn pages_of_a_tiff_file_are_said_and_chosen() {
 
 #[test]
 fn pgm_and_ppm_are_read_as_text_and_as_bytes() {
-    let text: String = (0..120).map(|value| format!("{value} ")).collect();
+    let text = (0..120).map(|value| value.to_string()).collect::<Vec<_>>().join(" ");
     let bytes: Vec<u8> = (0..120).collect();
     let words: Vec<u8> = (0..120_u16).flat_map(|value| (300 * value).to_be_bytes()).collect();
     let colours: Vec<u8> = (0..120).flat_map(|value| [value, 0, 0]).collect();
