@@ -6,9 +6,10 @@
 //! is missing, those that show by themselves are looked for as effects like all others, at a size that is free, and held against the known
 //! one; those too weak to show stay in the model at their known size meanwhile.
 
-use super::attribute::{AGREES, AS_GOOD, Stand, amplitude, fall};
+use super::attribute::{AGREES, AS_GOOD, Entry, Stand, amplitude, fall, select};
 use super::evidence::Evidence;
 use super::hypotheses::Hypothesis;
+use super::noise::NoiseModel;
 use super::sheet::{Fit, Sheet, Whitened};
 use crate::camera::Term;
 use crate::effects::Segment;
@@ -18,56 +19,65 @@ use crate::statistics::significance::chi_squared_surprise;
 const OPEN: f64 = 0.05;
 
 /// An effect of nature that the model lacks.
-struct Missing<'a> {
-    hypothesis: &'a Hypothesis,
+struct Missing {
+    /// Which hypothesis.
+    hypothesis: usize,
     /// What its known size changes the residuals by.
     change: Whitened,
     parameters: Vec<f64>,
 }
 
-/// Effects that are to be in the model at their known sizes, because others of their kind are there and they are too weak to show. `threshold`
-/// is the surprise that a finding needs.
-pub(super) fn too_weak_to_show(evidence: &Evidence, stand: &Stand, threshold: f64) -> Vec<Term> {
-    let mut together: Vec<Missing> = evidence.hypotheses.iter().filter_map(|hypothesis| missing(evidence, stand, hypothesis)).collect();
+/// Effects that are to be in the model at their known sizes, because others of their kind are there and they are too weak to be chosen.
+/// `threshold` is the surprise that a finding needs.
+pub(super) fn too_weak_to_show(evidence: &Evidence, all: &[bool], begin: &NoiseModel, threshold: f64) -> Vec<Term> {
+    let (chosen, _) = select(evidence, all, begin, threshold);
+    let is_of_nature = |entry: &Entry| missing(evidence, begin, entry.hypothesis).is_some();
+    let (natural, others): (Vec<Entry>, Vec<Entry>) = chosen.into_iter().partition(is_of_nature);
+    // Where nothing of nature was chosen another name may stand in its place: it is judged without any.
+    let stand = Stand::new(evidence, all, if natural.is_empty() { &[] } else { &others }, begin);
+    let mut together: Vec<Missing> =
+        (0..evidence.hypotheses.len()).filter_map(|hypothesis| missing(evidence, &stand.noise, hypothesis)).collect();
     let worth = |together: &[Missing]| -> Vec<f64> {
-        let all = gain(stand, together.iter());
+        let all = gain(&stand, together.iter());
         let without = |k: usize| together.iter().enumerate().filter(move |(other, _)| *other != k).map(|(_, own)| own);
-        (0..together.len()).map(|k| all - gain(stand, without(k))).collect()
+        (0..together.len()).map(|k| all - gain(&stand, without(k))).collect()
     };
     let mut worths = worth(&together);
-    while let Some((least, value)) = worths.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, value)| **value < -AS_GOOD) {
-        tracing::debug!("{} at its known size is refuted: {value:.1}", together[least].hypothesis.id());
-        together.remove(least);
+    while let Some((least, _)) = worths.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, value)| **value < -AS_GOOD) {
+        together.remove(least); // the frames refute it
         worths = worth(&together);
     }
-    // Beside the others of its kind it would be found by itself. A size that is known has a sign that is known.
-    let shows = |worth: f64| chi_squared_surprise(1.0, worth.max(0.0)) + std::f64::consts::LN_2 > threshold;
-    if together.len() < 2 || worths.iter().all(|value| !shows(*value)) || !explains(stand, &together, threshold) {
+    if together.len() < 2 || !explains(&stand, &together, threshold) {
         return Vec::new();
     }
-    let weak = together.into_iter().zip(worths).filter(|(_, value)| !shows(*value));
-    weak.map(|(own, _)| Term { effect: own.hypothesis.id().to_owned(), parameters: own.parameters }).collect()
+    let most = worths.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let shows = |own: &Missing, worth: f64| {
+        if natural.is_empty() { worth >= most } else { natural.iter().any(|entry| entry.hypothesis == own.hypothesis) }
+    };
+    let weak = together.into_iter().zip(worths).filter(|(own, worth)| !shows(own, *worth));
+    weak.map(|(own, _)| Term { effect: evidence.hypotheses[own.hypothesis].id().to_owned(), parameters: own.parameters }).collect()
 }
 
-fn missing<'a>(evidence: &Evidence, stand: &Stand, hypothesis: &'a Hypothesis) -> Option<Missing<'a>> {
-    let ([variant], [index]) = (hypothesis.variants.as_slice(), hypothesis.fitted.as_slice()) else { return None };
+fn missing(evidence: &Evidence, noise: &NoiseModel, index: usize) -> Option<Missing> {
+    let hypothesis: &Hypothesis = &evidence.hypotheses[index];
+    let ([variant], [fitted]) = (hypothesis.variants.as_slice(), hypothesis.fitted.as_slice()) else { return None };
     if hypothesis.in_force || hypothesis.effect.segment() != Segment::Sky {
         return None;
     }
     let (known, [column]) = (hypothesis.known?, variant.columns.as_slice()) else { return None };
-    let by = known - variant.start[*index];
-    let change = evidence.white(&stand.noise, column).into_iter().map(|value| by * value).collect();
+    let by = known - variant.start[*fitted];
+    let change = evidence.white(noise, column).into_iter().map(|value| by * value).collect();
     let mut parameters = variant.start.clone();
-    parameters[*index] = known;
-    Some(Missing { hypothesis, change, parameters })
+    parameters[*fitted] = known;
+    Some(Missing { hypothesis: index, change, parameters })
 }
 
-fn sum<'a>(stand: &Stand, some: impl Iterator<Item = &'a Missing<'a>>) -> Whitened {
+fn sum<'a>(stand: &Stand, some: impl Iterator<Item = &'a Missing>) -> Whitened {
     some.fold(vec![0.0; stand.sheet.residual.len()], |sum, own| sum.iter().zip(&own.change).map(|(a, b)| a + b).collect())
 }
 
 /// Fall of −2·ln of the likelihood with some of them at their known sizes.
-fn gain<'a>(stand: &Stand, some: impl Iterator<Item = &'a Missing<'a>>) -> f64 {
+fn gain<'a>(stand: &Stand, some: impl Iterator<Item = &'a Missing>) -> f64 {
     let residual = stand.sheet.residual.iter().zip(sum(stand, some)).map(|(a, b)| a + b).collect();
     let sheet = Sheet { residual, ..stand.sheet.clone() };
     let more: Vec<&Whitened> = stand.more.iter().collect();

@@ -53,7 +53,8 @@ pub(super) fn diagnose(
     let night = Night::new(points, telemetry, options)?;
     tell(Step::Omnibus);
     let alarm = night.alarm();
-    let beside = if alarm.sounds(options) { too_weak_to_show(&night.evidence, &night.base, alarm.threshold) } else { Vec::new() };
+    let beside =
+        if alarm.sounds(options) { too_weak_to_show(&night.evidence, &night.all, &night.begin, alarm.threshold) } else { Vec::new() };
     let holding = DiagnoseOptions {
         physics: options.physics.iter().cloned().chain(beside.iter().map(|term| term.effect.clone())).collect(),
         ..options.clone()
