@@ -82,9 +82,12 @@ fn sum(terms: &Terms, [u, v]: [f64; 2]) -> f64 {
 }
 
 fn world(scene: &Scene, places: Places, format: Format) -> Exported {
-    let frame =
-        |(frame, exposure): (usize, &Exposure)| SubjectFrame { frame, attitude: exposure.attitude, sky: Some(exposure.sky.clone()) };
-    let physics = scene.exposures[0].sky.ids().into_iter().map(str::to_owned).collect();
+    let frame = |(frame, exposure): (usize, std::sync::Arc<Exposure>)| SubjectFrame {
+        frame,
+        attitude: exposure.attitude,
+        sky: Some(exposure.sky.clone()),
+    };
+    let physics = scene.exposures.get(0).sky.ids().into_iter().map(str::to_owned).collect();
     let frames = scene.exposures.iter().enumerate().map(frame).collect();
     export(&Subject { model: scene.model.clone(), parity: 1, physics, frames, places }, format).unwrap()
 }
@@ -160,7 +163,7 @@ fn places_of_the_catalogue_lead_to_the_pixels_of_the_model() {
             assert_eq!((header.text("RADESYS"), header.text("WCSNAME")), (Some("ICRS"), Some("ICRS PLACES")));
             assert_eq!(of_light.text("WCSNAME"), Some("APPARENT DIRECTIONS"));
             for star in &catalog.stars {
-                let Some([x_px, y_px]) = image(&scene.model, exposure, star, catalog.epoch_yr) else { continue };
+                let Some([x_px, y_px]) = image(&scene.model, &exposure, star, catalog.epoch_yr) else { continue };
                 let (place, epoch_yr) = exposure.sky.place(star, catalog.epoch_yr);
                 assert_eq!(Some(epoch_yr), exposure.sky.observation().epoch_yr);
                 let [ra, dec] = [place.radec_rad().0, place.radec_rad().1].map(f64::to_degrees);
@@ -191,7 +194,7 @@ fn tpv_maps_the_places_too() {
 #[test]
 fn what_nobody_says_of_the_light_is_not_made_up() {
     let scene = Scene::demo().unwrap();
-    let frames = vec![SubjectFrame { frame: 0, attitude: scene.exposures[0].attitude, sky: None }];
+    let frames = vec![SubjectFrame { frame: 0, attitude: scene.exposures.get(0).attitude, sky: None }];
     let subject =
         Subject { model: scene.model.clone(), parity: 1, physics: vec!["refraction".to_owned()], frames, places: Places::Catalog };
     let error = export(&subject, Format::Sip).unwrap_err().to_string();
