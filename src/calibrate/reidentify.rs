@@ -330,6 +330,8 @@ mod tests {
         // What images tell to a tenth of a pixel is named, blobs or not.
         let (right, all) = found(800, 300, 3000, 0.1);
         assert!(right > 285 && all - right <= 30, "{right} of {all}");
-        assert_eq!(found(300, 200, 0, 2.0).0, 200);
+        // Without blobs all are named. Another star lies nearer by chance, within the 1.4 px that images are off, for 0.4 of 200.
+        let (right, all) = found(300, 200, 0, 2.0);
+        assert!(right >= 198 && all == 200, "{right} of {all}");
     }
 }

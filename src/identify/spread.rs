@@ -13,8 +13,8 @@ const BRIGHTEST: usize = 64;
 /// … and more of them than this share in a quarter of the parts are too many. Of 64 points by chance, in 40 parts, the fullest quarter holds 0.48 on
 /// average, and 0.61 in one frame of a thousand.
 const TOO_MANY: f64 = 0.65;
-/// Of fewer points it cannot be told.
-const FEWEST: usize = 24;
+/// Of fewer points it cannot be told: by chance alone the fullest quarter holds a larger share of them.
+const FEWEST: usize = BRIGHTEST;
 /// A part with so many times more points than the middle one is full of something else.
 const FULL: f64 = 3.0;
 
@@ -42,7 +42,7 @@ pub(super) fn spread(points: &Points) -> Option<Points> {
     let mut bright = fullest(BRIGHTEST);
     bright.sort_unstable_by(|a, b| b.cmp(a));
     let in_quarter: usize = bright.iter().take((columns * rows).div_ceil(4)).sum();
-    if in_quarter as f64 <= TOO_MANY * count.min(BRIGHTEST) as f64 {
+    if in_quarter as f64 <= TOO_MANY * BRIGHTEST as f64 {
         return None;
     }
     let held = fullest(count);
