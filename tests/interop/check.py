@@ -88,12 +88,12 @@ def tables_are_read(folder, name):
     assert parquet.colnames == csv.colnames and len(parquet) == len(csv) > 0
     for column in csv.colnames:
         ours, theirs = csv[column], parquet[column]
-        if ours.dtype.kind in "US" or theirs.dtype.kind in "US":
+        if theirs.dtype.kind == "b":
+            assert [str(cell).lower() == "true" for cell in ours] == list(theirs), column
+        elif ours.dtype.kind in "US" or theirs.dtype.kind in "US":
             assert "None" not in theirs, f"{column}: a missing word has become the word None"
             filled = [str(cell) if cell is not np.ma.masked else "" for cell in ours]
             assert filled == [str(cell) for cell in theirs], column
-        elif theirs.dtype.kind == "b":
-            assert [str(cell).lower() == "true" for cell in ours] == list(theirs), column
         else:
             filled = np.array(np.ma.filled(np.ma.asarray(ours, dtype=float), np.nan))
             assert np.array_equal(filled, np.asarray(theirs, dtype=float), equal_nan=True), column
