@@ -16,8 +16,21 @@ use std::path::Path;
 use crate::house::{relative, root, source_files};
 
 /// Rooms that both wings stand on. They may import each other.
-const BASEMENT: &[&str] =
-    &["camera", "catalog", "coordinates", "dual", "effects", "frame", "gpu", "guard", "provenance", "recording", "rng", "statistics", "units"];
+const BASEMENT: &[&str] = &[
+    "camera",
+    "catalog",
+    "coordinates",
+    "dual",
+    "effects",
+    "frame",
+    "gpu",
+    "guard",
+    "provenance",
+    "recording",
+    "rng",
+    "statistics",
+    "units",
+];
 
 /// Every room above the basement, with the rooms (besides the basement and itself) that it may import.
 const ROOMS: &[(&str, &[&str])] = &[
