@@ -82,12 +82,11 @@ pub(super) fn cut_noise(frame: &Frame, masked: &[bool], floor_dn: f64) -> Option
         any = true;
         let counts = lone_counts(frame, is_masked, &xs, &ys);
         left_dn[part] = scatter(&counts);
-        match sigma(&counts, lowest) {
-            Some(sigma) => sigma_dn[part] = sigma.max(floor_dn),
-            None => {
-                scanty[part] = true;
-                together.extend(counts);
-            }
+        if let Some(sigma) = sigma(&counts, lowest) {
+            sigma_dn[part] = sigma.max(floor_dn);
+        } else {
+            scanty[part] = true;
+            together.extend(counts);
         }
     }
     if let Some(sigma) = sigma(&together, lowest) {
@@ -140,7 +139,7 @@ fn sigma(counts: &[f32], lowest: f32) -> Option<f64> {
     let all = counts.len() as f64;
     let mut above: Vec<f32> = counts.iter().copied().filter(|count| *count > lowest).collect();
     let share = above.len() as f64 / all;
-    if (above.len() as f64) < FEWEST_ABOVE || share < LEAST_ABOVE || share > 1.0 - LEAST_SHARE {
+    if (above.len() as f64) < FEWEST_ABOVE || !(LEAST_ABOVE..=1.0 - LEAST_SHARE).contains(&share) {
         return None;
     }
     above.sort_unstable_by(f32::total_cmp);

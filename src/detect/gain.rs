@@ -104,6 +104,8 @@ pub(super) fn pooled(told: &[Told], start: f64) -> f64 {
 
 impl Scene<'_> {
     fn told(&self, fit: &Fit, freedom: Freedom, neighbours: &[Model]) -> Option<Told> {
+        /// What a pixel's part in the rest of another costs.
+        const PAIR_NS: u64 = 8;
         let mut profile = self.profile();
         let stamp = self.stamp(Model { x: fit.model.x, y: fit.model.y, ..fit.model }, neighbours, &mut profile);
         let count = freedom.parameters();
@@ -113,8 +115,6 @@ impl Scene<'_> {
         let covariance = inverse(&normal.matrix, count)?;
         let signal: Vec<f64> = profile.value.iter().map(|p| p * fit.model.flux_dn).collect();
         let least = 0.01 * signal.iter().copied().fold(0.0, f64::max);
-        /// What a pixel's part in the rest of another costs.
-        const PAIR_NS: u64 = 8;
         let lit = stamp.used.iter().zip(&signal).filter(|(used, signal)| **used && **signal > least).count();
         self.work.spend(PAIR_NS * (lit * stamp.data.len()) as u64);
         let mut told = Told::default();

@@ -140,10 +140,10 @@ mod tests {
     #[test]
     fn focal_lengths_fall_apart_at_gaps_alone() {
         assert_eq!(groups(&[1000.0, 1001.0, 1100.0, 1102.0]), [0..2, 2..4]);
-        assert_eq!(groups(&[1000.0, 1001.0, 1003.0]), [0..3]);
-        assert_eq!(groups(&[1000.0, 1013.0, 1040.0]), [0..3], "frames that scatter so tell nothing");
+        assert_eq!(groups(&[1000.0, 1001.0, 1003.0]), std::slice::from_ref(&(0..3)));
+        assert_eq!(groups(&[1000.0, 1013.0, 1040.0]), std::slice::from_ref(&(0..3)), "frames that scatter so tell nothing");
         assert_eq!(groups(&[800.0, 1000.0]), [0..1, 1..2]);
-        assert_eq!(groups(&[1000.0]), [0..1]);
+        assert_eq!(groups(&[1000.0]), std::slice::from_ref(&(0..1)));
         assert_eq!(named(&["a".to_owned(), "b".to_owned()]), "a, b");
         assert!(named(&vec!["a".to_owned(); 15]).ends_with("a and 3 more"));
     }
