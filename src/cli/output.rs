@@ -100,7 +100,7 @@ fn folded(line: &str, width: usize) -> String {
     }
     let is_start = |at: &usize| *at >= 2 && letters[*at] != ' ' && letters[*at - 1] == ' ' && letters[*at - 2] == ' ';
     let of_line = letters.iter().take_while(|letter| **letter == ' ').count();
-    let indent = (0..letters.len().min(2 * width / 3)).filter(is_start).next_back().unwrap_or(of_line).min(width / 2);
+    let indent = (0..letters.len().min(2 * width / 3)).rfind(is_start).unwrap_or(of_line).min(width / 2);
     let (mut text, mut from) = (String::new(), 0);
     while letters.len() - from + if from == 0 { 0 } else { indent } > width {
         let room = if from == 0 { width } else { width - indent };

@@ -138,7 +138,7 @@ pub(crate) fn difference(path: &Path, [first, second]: [&Calibration; 2], compar
     let values = on_grid(size, MAP_SIDE, change.iter().map(|point| (pixel(point), value(point))));
     let has_arrow = |px: f64, length: usize| {
         let index = (px / (length as f64 - 1.0) * (MAP_SIDE as f64 - 1.0)).round() as usize;
-        index >= ARROW_MARGIN && (index - ARROW_MARGIN) % (2 * ARROW_MARGIN) == 0
+        index >= ARROW_MARGIN && (index - ARROW_MARGIN).is_multiple_of(2 * ARROW_MARGIN)
     };
     let mut arrows: Vec<report::Vector> = change
         .iter()

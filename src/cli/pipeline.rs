@@ -91,9 +91,10 @@ pub(crate) fn identify_frames(
     physics: &SkyChoice,
     options: &IdentifyOptions,
 ) -> Result<Vec<IdentifiedFrame>> {
-    match options.nominal_focal_length_px {
-        Some(f_px) => tracing::info!("identifying with the focal length that is given, {f_px:.1} px"),
-        None => tracing::info!("identifying without a focal length: all fields are tried"),
+    if let Some(f_px) = options.nominal_focal_length_px {
+        tracing::info!("identifying with the focal length that is given, {f_px:.1} px");
+    } else {
+        tracing::info!("identifying without a focal length: all fields are tried");
     }
     let (bar, clock) = (output::progress("identifying", measured.frames.len()), output::Clock::new());
     let identified = pipeline::identify_frames(measured, catalog, physics, options, || bar.inc(1));
@@ -109,8 +110,8 @@ pub(crate) fn identify_frames(
         output::listed(&effects)
     );
     for (frame, of) in measured.frames.iter().zip(&identified) {
-        match of.solution() {
-            Some(solution) => tracing::debug!(
+        if let Some(solution) = of.solution() {
+            tracing::debug!(
                 "{}: {} stars, f = {:.1} px ({}), rms {:.3} px, probability of a false match {:.0e}, {:.2} s",
                 frame.name,
                 solution.matches.len(),
@@ -119,8 +120,9 @@ pub(crate) fn identify_frames(
                 solution.rms_px,
                 solution.false_match_probability,
                 of.seconds
-            ),
-            None => tracing::debug!("{}: not identified, {:.2} s", frame.name, of.seconds),
+            );
+        } else {
+            tracing::debug!("{}: not identified, {:.2} s", frame.name, of.seconds);
         }
     }
     Ok(identified)

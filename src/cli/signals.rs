@@ -11,17 +11,16 @@ pub(crate) fn watch() -> Result<()> {
     let wanted = [SIGHUP, SIGINT, SIGTERM].into_iter().filter(|signal| !is_ignored(*signal));
     let mut signals = Signals::new(wanted).context("listening for signals")?;
     let wait = move || {
-        for signal in signals.forever() {
-            abandon();
-            let name = match signal {
-                SIGHUP => "SIGHUP",
-                SIGINT => "SIGINT",
-                _ => "SIGTERM",
-            };
-            super::output::say_error(&anyhow::anyhow!("stopped by {name}; what was not finished is removed"));
-            // At once: other threads are still at work, and what ends a process in order would wait for them.
-            signal_hook::low_level::exit(128 + signal);
-        }
+        let Some(signal) = signals.forever().next() else { return };
+        abandon();
+        let name = match signal {
+            SIGHUP => "SIGHUP",
+            SIGINT => "SIGINT",
+            _ => "SIGTERM",
+        };
+        super::output::say_error(&anyhow::anyhow!("stopped by {name}; what was not finished is removed"));
+        // At once: other threads are still at work, and what ends a process in order would wait for them.
+        signal_hook::low_level::exit(128 + signal);
     };
     std::thread::Builder::new().name("signals".to_owned()).spawn(wait).context("listening for signals")?;
     Ok(())
