@@ -19,7 +19,7 @@ impl Chance {
     }
 
     /// Below `end`, which is above 0.
-    fn below(&mut self, end: usize) -> usize {
+    pub(crate) fn below(&mut self, end: usize) -> usize {
         (self.next() % end.max(1) as u64) as usize
     }
 }

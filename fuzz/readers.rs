@@ -7,8 +7,10 @@ use boresight::calibrate::{CalibrateOptions, Calibration, calibrate, map};
 use boresight::catalog::{Catalog, import_catalog};
 use boresight::diagnose::DiagnoseOptions;
 use boresight::exchange;
+use boresight::gpu::Backend;
 use boresight::guard::guarded;
 use boresight::recording::{OpenOptions, Plane, Recording};
+use boresight::render::{Renderer, TrueStar};
 use boresight::scene::{DEMO_TOML, Scene};
 
 use super::zoo::{self, File};
@@ -34,11 +36,12 @@ pub(crate) enum Reader {
     Cameras,
     Catalogue,
     Scene,
+    Rendered,
     Options,
 }
 
 impl Reader {
-    pub(crate) const ALL: [Self; 14] = [
+    pub(crate) const ALL: [Self; 15] = [
         Self::Fits,
         Self::PackedFits,
         Self::Png,
@@ -52,6 +55,7 @@ impl Reader {
         Self::Cameras,
         Self::Catalogue,
         Self::Scene,
+        Self::Rendered,
         Self::Options,
     ];
 
@@ -70,6 +74,7 @@ impl Reader {
             Self::Cameras => "cameras of other programs",
             Self::Catalogue => "catalogues",
             Self::Scene => "SCENE.toml",
+            Self::Rendered => "a scene's first frame",
             Self::Options => "options in files",
         }
     }
@@ -99,6 +104,10 @@ impl Reader {
             ],
             Self::Catalogue => one("stars.csv", CATALOGUE),
             Self::Scene => one("scene.toml", DEMO_TOML),
+            Self::Rendered => vec![
+                ("ground.toml".to_owned(), include_bytes!("scenes/ground.toml").to_vec()),
+                ("orbit.toml".to_owned(), include_bytes!("scenes/orbit.toml").to_vec()),
+            ],
             Self::Options => one("options.toml", OPTIONS),
         }
     }
@@ -136,6 +145,17 @@ impl Reader {
                 own.map(|_| ()).or(joined.map(|_| ())).map_err(|error| words(&error))
             }
             Self::Scene => Scene::parse("scene.toml", &text()).map(|_| ()).map_err(|error| words(&error)),
+            Self::Rendered => {
+                let scene = Scene::parse("scene.toml", &text()).map_err(|error| words(&error))?;
+                let renderer = Renderer::new(&scene, Catalog::embedded(), Backend::Cpu).map_err(|error| words(&error))?;
+                let rendered = renderer.render(0).map_err(|error| words(&error))?;
+                let is_told = |star: &TrueStar| {
+                    [star.x_px, star.y_px, star.x_mean_px, star.y_mean_px, star.electrons_landed, star.snr]
+                        .iter()
+                        .all(|number| number.is_finite())
+                };
+                if rendered.stars.iter().all(is_told) { Ok(()) } else { Err("FAULT: a truth that is no number".to_owned()) }
+            }
             Self::Options => {
                 let calibrate = guarded(|| toml::from_str::<CalibrateOptions>(&text())).map_err(|error| words(&error))?;
                 let diagnose = guarded(|| toml::from_str::<DiagnoseOptions>(&text())).map_err(|error| words(&error))?;

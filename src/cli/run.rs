@@ -35,27 +35,26 @@ pub(crate) struct DemoArgs {
     common: CommonArgs,
 }
 
-/// Arguments that both share.
+/// Arguments that both share. A heading of the whole would be replaced by those of its parts.
 #[derive(Debug, Args)]
-#[command(next_help_heading = heading::OUTPUT)]
 struct CommonArgs {
     #[command(flatten)]
     scene: SceneArgs,
     #[command(flatten)]
     sky: PhysicsArgs,
     /// The signal-to-noise ratio from which on a maximum counts as a star [default: such that noise makes one false star a frame]
-    #[arg(long, value_name = "SNR", value_parser = super::options::threshold, allow_negative_numbers = true)]
+    #[arg(long, value_name = "SNR", value_parser = super::options::threshold, allow_negative_numbers = true, help_heading = heading::MEASURING)]
     detection_threshold: Option<f64>,
     #[command(flatten)]
     solve: SolveArgs,
     /// Write the recording, the results and the pictures into this folder [default: outputs/NAME]
-    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder())]
+    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder(), help_heading = heading::OUTPUT)]
     output: Option<PathBuf>,
     /// Replace what an earlier run of this verb wrote there
-    #[arg(long)]
+    #[arg(long, help_heading = heading::OUTPUT)]
     force: bool,
     /// Print the result as one JSON object on stdout, and nothing else
-    #[arg(long)]
+    #[arg(long, help_heading = heading::OUTPUT)]
     json: bool,
 }
 

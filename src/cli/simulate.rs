@@ -12,7 +12,7 @@ use boresight::catalog::Catalog;
 use boresight::coordinates::Attitude;
 use boresight::effects::displacement;
 use boresight::imaging::Binning;
-use boresight::provenance::Provenance;
+use boresight::provenance::{Provenance, word};
 use boresight::recording::{
     CameraInfo, FitsHeaders, Form, FrameEntry, Mount, OutputDirectory, Recording, Shutter, Site, Size, write_file, write_fits_f32,
     write_fits_u8, write_fits_u16, write_manifest_of,
@@ -76,15 +76,22 @@ pub(crate) struct TruthArgs {
 #[derive(Serialize)]
 pub(crate) struct SimulateObject {
     format: &'static str,
+    #[serde(serialize_with = "as_word")]
     pub(crate) recording: PathBuf,
+    #[serde(serialize_with = "as_word")]
     truth: PathBuf,
     #[serde(skip_serializing_if = "Option::is_none")]
-    clean: Option<PathBuf>,
+    clean: Option<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    masks: Option<PathBuf>,
+    masks: Option<String>,
     frames: usize,
     stars: usize,
     pub(crate) provenance: Provenance,
+}
+
+/// A path need not be UTF-8: it is written as the command line's words are.
+fn as_word<S: serde::Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&word(path.as_os_str()))
 }
 
 /// `truth/truth.json`.
@@ -253,8 +260,8 @@ pub(crate) fn write_recording(
         format: "boresight-simulate/1",
         recording: target.to_owned(),
         truth: target.join("truth"),
-        clean: wanted.clean.then(|| target.join("truth/clean")),
-        masks: wanted.masks.then(|| target.join("truth/masks")),
+        clean: wanted.clean.then(|| word(target.join("truth/clean").as_os_str())),
+        masks: wanted.masks.then(|| word(target.join("truth/masks").as_os_str())),
         frames: scene.exposures.len(),
         stars,
         provenance,

@@ -62,6 +62,20 @@ pub enum ImagingError {
         /// Rows.
         height_px: usize,
     },
+    /// More light than is rendered in any time that somebody waits.
+    #[error(
+        "exposure {index} asks for {places:.1e} points of starlight, each on {area_px} pixels, and at most {most:.0e} pixels are lit in this way: choose a brighter sky.faintest_magnitude, a longer focal length, less jitter, a shorter exposure or a smaller psf.reach_px"
+    )]
+    TooMuchLight {
+        /// Which exposure.
+        index: usize,
+        /// Stars, times the points along their ways, times those of jitter.
+        places: f64,
+        /// Pixels that a point lights.
+        area_px: usize,
+        /// The product that is allowed.
+        most: f64,
+    },
     /// An id that no effect has.
     #[error("no {kind} has the id {id:?}; known: {known}")]
     UnknownEffect {

@@ -120,6 +120,7 @@ impl<'a> Renderer<'a> {
     /// # Panics
     /// If `index` is not below the number of exposures.
     pub fn render(&self, index: usize) -> Result<Rendered, ImagingError> {
+        self.check_light(index)?;
         let Sources { tracks, others, lights } = self.sources(index);
         let sky_e = self.sky_e(index);
         let (of_stars, of_others) = lights.split_at(tracks.len());
@@ -219,13 +220,34 @@ impl<'a> Renderer<'a> {
         Exposure { stars: &frame.stars, sky_e, exposure_s: *exposure_s, frame_index, temperature_c }
     }
 
-    /// Everything that lights an exposure.
-    fn sources(&self, index: usize) -> Sources {
+    /// The width of the narrowest point spread, and how far outside the frame a star lights it, px.
+    fn reach(&self, index: usize) -> (f64, f64) {
         /// Beyond so many widths lies less than 1e-9 of a Gaussian's light.
         const SIGMAS: f64 = 6.0;
         let fast_rad = self.scene.exposures.get(index).motion.fast_rad2().into_iter().fold(0.0, f64::max).sqrt();
         let jitter_px = fast_rad * self.scene.camera.focal_length_px;
-        let (width_px, margin_px) = (self.scene.psf.smooth_px, self.spreader.margin_px() + SIGMAS * jitter_px);
+        (self.scene.psf.smooth_px, self.spreader.margin_px() + SIGMAS * jitter_px)
+    }
+
+    /// Says no to an exposure whose starlight would take minutes: every star is put down at many places along its way, on many pixels each.
+    fn check_light(&self, index: usize) -> Result<(), ImagingError> {
+        /// Pixels lit, over all places: some 15 s of processor time.
+        const MOST: f64 = 4e8;
+        let (width_px, margin_px) = self.reach(index);
+        let (tracks, each) = self.scene.some_star_tracks(self.catalog, index, width_px, margin_px);
+        let lights = tracks.iter().map(|track| self.spreader.light(track));
+        let places = each * lights.map(|light| light.places() as f64).sum::<f64>();
+        let side_px = 2.0 * self.spreader.margin_px() * self.scene.own_psf.own_per_px as f64;
+        let area_px = (side_px * side_px).ceil() as usize;
+        if places * area_px as f64 <= MOST {
+            return Ok(());
+        }
+        Err(ImagingError::TooMuchLight { index, places, area_px, most: MOST })
+    }
+
+    /// Everything that lights an exposure.
+    fn sources(&self, index: usize) -> Sources {
+        let (width_px, margin_px) = self.reach(index);
         let tracks = self.scene.star_tracks(self.catalog, index, width_px, margin_px);
         let others = self.scene.other_lights(index, &tracks);
         let mut lights: Vec<StarLight> = tracks.par_iter().map(|track| self.spreader.light(track)).collect();

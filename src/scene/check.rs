@@ -86,6 +86,11 @@ fn numbers(file: &SceneFile) -> Vec<(&'static str, Option<f64>, Rule)> {
     numbers
 }
 
+/// A number as a message shows it: without a hundred zeros.
+pub(super) fn shown(value: f64) -> String {
+    if value == 0.0 || (1e-6..1e16).contains(&value.abs()) { value.to_string() } else { format!("{value:e}") }
+}
+
 /// Says what is wrong in which file.
 struct Refusal<'a>(&'a str);
 
@@ -100,7 +105,7 @@ impl Refusal<'_> {
             Rule::NotNegative => (value.is_finite() && value >= 0.0, "must be a number not below 0"),
             Rule::Within(low, high, remedy) => ((low..=high).contains(&value), remedy),
         };
-        if is_allowed { Ok(()) } else { self.refuse(key, value.to_string(), remedy) }
+        if is_allowed { Ok(()) } else { self.refuse(key, shown(value), remedy) }
     }
 
     fn rate(&self, key: &str, rate_deg_s: Option<[f64; 3]>) -> Result<(), SceneError> {

@@ -211,6 +211,20 @@ impl Scene {
         candidates.into_par_iter().filter_map(|star| self.track(star, epoch_yr, exposure, width_px, margin_px)).collect()
     }
 
+    /// Some of the stars that light frame number `index`, and how many candidates each stands for: enough to tell what all of them cost.
+    ///
+    /// # Panics
+    /// If `index` is not below the number of exposures.
+    #[must_use]
+    pub fn some_star_tracks(&self, catalog: &Catalog, index: usize, width_px: f64, margin_px: f64) -> (Vec<StarTrack>, f64) {
+        const SOME: usize = 64;
+        let exposure = &*self.exposures.get(index);
+        let candidates: Vec<&Star> = self.candidates(catalog, exposure, margin_px);
+        let step = (candidates.len() / SOME).max(1);
+        let track = |star: &&Star| self.track(star, catalog.epoch_yr, exposure, width_px, margin_px);
+        (candidates.iter().step_by(step).filter_map(track).collect(), step as f64)
+    }
+
     /// The star images of frame number `index` that reach the frame at the middle of the exposure, brightest first.
     ///
     /// `margin_px`: how far outside the frame a star's centre may lie and still be listed (the PSF's radius).

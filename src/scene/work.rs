@@ -31,7 +31,7 @@ fn limit(key: impl Into<String>, value: &dyn std::fmt::Display, amount: f64, mos
     if amount <= most {
         return Ok(());
     }
-    let what = format!("{what}: {amount:.3e}, and at most {most:.0e} are rendered");
+    let what = format!("{amount:.3e} {what}, and at most {most:.0e} are rendered");
     Err(TooLarge { key: key.into(), value: value.to_string(), what })
 }
 
@@ -44,7 +44,7 @@ pub(super) fn check(path: &str, file: &SceneFile, psf: &Psf) -> Result<(), Scene
     };
     all().map_err(|TooLarge { key, value, what }| SceneError::Parse {
         path: path.to_owned(),
-        message: format!("{key} = {value} makes too much for a frame of {what}; choose a smaller number"),
+        message: format!("{key} = {value} is too much work for a frame: {what}; choose a smaller number"),
     })
 }
 
@@ -52,7 +52,7 @@ fn pixels(file: &SceneFile) -> Result<(), TooLarge> {
     let factor = file.camera.binning.map_or(1.0, |table| table.binning().factor as f64);
     let (width, height) = (file.camera.width_px as f64, file.camera.height_px as f64);
     let (key, side) = if width >= height { ("camera.width_px", width) } else { ("camera.height_px", height) };
-    limit(key, &side, width * height * factor * factor, MOST_PIXELS, "the detector's own pixels")
+    limit(key, &side, width * height * factor * factor, MOST_PIXELS, "own pixels of the detector")
 }
 
 fn exposures(file: &SceneFile) -> impl Iterator<Item = (String, f64, Option<[f64; 3]>)> {

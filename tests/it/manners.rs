@@ -38,7 +38,6 @@ fn night(folder: &Path, frames: usize) -> PathBuf {
 
 /// Every verb takes names that are no UTF-8, and what it says of its making holds them.
 #[test]
-#[ignore = "open fault: not looked into yet"]
 fn names_that_are_no_text_are_names() {
     let folder = tempfile::tempdir().unwrap();
     let here = |name: &[u8]| folder.path().join(OsStr::from_bytes(name));
@@ -191,7 +190,6 @@ fn send(child: &Child, signal: &str) {
 }
 
 #[test]
-#[ignore = "open fault: not looked into yet"]
 fn a_run_that_is_stopped_leaves_nothing() {
     for (signal, code) in [("INT", 130), ("TERM", 143)] {
         let folder = tempfile::tempdir().unwrap();
@@ -275,7 +273,6 @@ fn exposures_of_a_series_do_not_hang_on_the_order_in_which_they_are_asked_for() 
 
 /// Numbers that no frame can be made of in reasonable time are refused before the work, each by its name.
 #[test]
-#[ignore = "open fault: not looked into yet"]
 fn scenes_of_extreme_numbers_are_refused_at_once() {
     use boresight::scene::{DEMO_TOML, Scene};
     let refused = |change: &str, to: &str| {
@@ -287,8 +284,16 @@ fn scenes_of_extreme_numbers_are_refused_at_once() {
         message
     };
     for (change, to, parts) in [
-        ("width_px = 1024\nheight_px = 1024", "width_px = 16384\nheight_px = 16384", vec!["camera.width_px = 16384", "own pixels"]),
-        ("[series]", "[cosmic_rays]\nexpected_per_s = 1e6\n[series]", vec!["cosmic_rays.expected_per_s = 1000000", "particles"]),
+        (
+            "width_px = 1024\nheight_px = 1024",
+            "width_px = 4096\nheight_px = 4096\nbinning = { factor = 4, method = \"sum\" }",
+            vec!["camera.width_px = 4096", "2.684e8 own pixels"],
+        ),
+        (
+            "exposure_s = 0.1\nlowest_altitude_deg = 35.0",
+            "exposure_s = 10.0\n[cosmic_rays]\nexpected_per_s = 9e5",
+            vec!["cosmic_rays.expected_per_s = 900000", "particles"],
+        ),
         (
             "[series]",
             "[cosmic_rays]\nexpected_per_s = 1e4\nthickness_um = 2000.0\npitch_um = 0.5\n[series]",
@@ -301,9 +306,9 @@ fn scenes_of_extreme_numbers_are_refused_at_once() {
         ),
         ("[series]", "[jitter]\nsigma_arcsec = [0.0, 36000.0, 0.0]\n[series]", vec!["jitter.sigma_arcsec = 36000", "px of trembling"]),
         ("[series]", "[series]\nrate_deg_s = [0.0, 10000.0, 0.0]", vec!["series.rate_deg_s = 10000", "degrees by which the camera turns"]),
-        ("exposure_s = ", "exposure_s = 1e300 # ", vec!["series.exposure_s = 1", "between 1e-9 and 100000 s"]),
+        ("exposure_s = ", "exposure_s = 1e300 # ", vec!["series.exposure_s = 1e300", "between 1e-9 and 100000 s"]),
         ("interval_s = ", "interval_s = 1e300 # ", vec!["series.interval_s", "1000000000 s"]),
-        ("focal_length_px = 2900.0", "focal_length_px = 1e300", vec!["camera.focal_length_px", "1e8 px"]),
+        ("focal_length_px = 2900.0", "focal_length_px = 1e300", vec!["camera.focal_length_px = 1e300", "1e8 px"]),
         ("zero_point_e_per_s = 2.0e6", "zero_point_e_per_s = 1e300", vec!["detector.zero_point_e_per_s", "1e14"]),
     ] {
         let message = refused(change, to);
@@ -311,6 +316,26 @@ fn scenes_of_extreme_numbers_are_refused_at_once() {
             assert!(message.contains(part), "{part:?} is not in: {message}");
         }
     }
+}
+
+/// Starlight that is put down at millions of places along its ways is refused too, once it is known how many stars there are.
+#[test]
+fn frames_of_endless_starlight_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let ground = include_str!("../../fuzz/scenes/ground.toml");
+    let scene = folder.path().join("scene.toml");
+    let simulate = |text_of: &str| {
+        std::fs::write(&scene, text_of).unwrap();
+        run(&["simulate", text(&scene), "-o", text(&folder.path().join("night")), "--backend", "cpu", "--force"])
+    };
+    let wide =
+        ground.replace("focal_length_px = 250.0", "focal_length_px = 0.5").replace("faintest_magnitude = 5.5", "faintest_magnitude = 12.0");
+    let refused = simulate(&wide);
+    assert_eq!(refused.code, 1, "{}", refused.stderr);
+    for part in ["exposure 0 asks for", "points of starlight", "sky.faintest_magnitude"] {
+        assert!(refused.stderr.contains(part), "{part:?} is not in: {}", refused.stderr);
+    }
+    assert_eq!(simulate(ground).code, 0);
 }
 
 /// What an effect follows has to be in the scene; else it would do nothing and say nothing.
@@ -434,7 +459,6 @@ fn every_answer_is_to_be_had_as_an_object() {
 
 /// The groups of the help are the same everywhere, and no option stands outside of one.
 #[test]
-#[ignore = "open fault: an option stands in no group"]
 fn options_stand_in_groups() {
     for verb in ["simulate", "detect", "identify", "calibrate", "diagnose", "map", "compare", "export", "import", "run", "demo", "doctor"] {
         let help = run(&[verb, "--help"]).stdout;

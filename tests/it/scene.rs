@@ -96,7 +96,6 @@ fn any_displacement_moves_the_stars_of_a_scene() {
 }
 
 #[test]
-#[ignore = "open fault: not looked into yet since exposures are planned as they come"]
 fn rows_of_a_turning_camera_see_other_skies() {
     let frame = "boresight_radec_deg = [83.0, 5.0]\nexposure_s = 0.1";
     let text = |rate: &str, effects: &str| {
@@ -104,7 +103,8 @@ fn rows_of_a_turning_camera_see_other_skies() {
         format!("{}\n[[frames]]\n{frame}\n{rate}\n{effects}", &DEMO_TOML[..start])
     };
     let shutter = "[[effects]]\nid = \"rolling-shutter\"\nparameters = { line_time_us = 12.0 }";
-    let [still, turning] = ["", "rate_deg_s = [0.0, 1.0, 0.0]"].map(|rate| Scene::parse("scene.toml", &text(rate, shutter)).unwrap());
+    let [still, turning] = ["rate_deg_s = [0.0, 0.0, 0.0]", "rate_deg_s = [0.0, 1.0, 0.0]"]
+        .map(|rate| Scene::parse("scene.toml", &text(rate, shutter)).unwrap());
     let [before, after] = [&still, &turning].map(|scene| scene.star_images(Catalog::embedded(), 0, 0.0));
     let mut largest: f64 = 0.0;
     for star in &before {
