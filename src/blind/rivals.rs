@@ -68,7 +68,9 @@ fn columns_of_finding(judge: &Judge, points: &ControlPoints, finding: &AnswerFin
     judge.joint.columns_of(&finding.id, &start, &fitted)
 }
 
-/// All displacements of up to the seventh degree in x and y.
+/// All displacements of up to the seventh degree in x and y: of the place where a star is predicted, as the camera's own columns are. At the
+/// place where it is measured they would differ from those by the errors themselves, and the fit would take these out of every frame,
+/// of those set aside too.
 fn polynomial(judge: &Judge, points: &ControlPoints) -> Vec<Column> {
     let images = judge.joint.images();
     let half = points.nominal.width_px as f64 / 2.0;
@@ -77,7 +79,7 @@ fn polynomial(judge: &Judge, points: &ControlPoints) -> Vec<Column> {
     terms
         .flat_map(|(i, j)| {
             let value = |k: usize| {
-                let [x_px, y_px] = images[k].measured_px;
+                let [x_px, y_px] = [0, 1].map(|axis| images[k].measured_px[axis] - images[k].residual_px[axis]);
                 legendre(i, (x_px - x0) / half) * legendre(j, (y_px - y0) / half)
             };
             let values: Vec<f64> = (0..images.len()).map(value).collect();
