@@ -1,6 +1,7 @@
 //! Which parameters the data support. One group after the other is let free as long as the Bayesian information criterion falls; then each
-//! is tried to be taken out again. All that was tried is reported, with held-out frames beside it. Either all of the camera is chosen so,
-//! from the focal length alone, or k2 and k3 beside parameters that are solved in any case.
+//! is tried to be taken out again. Where no group pays by itself the terms of the radial distortion that are left are tried together: k2 and k3
+//! of a wide lens nearly cancel over the frame, so that each alone is as poor as none. All that was tried is reported, with held-out frames
+//! beside it. Either all of the camera is chosen so, from the focal length alone, or k2 and k3 beside parameters that are solved in any case.
 //!
 //! Models are compared on the same star images with the same weights and the same noise, those of the fullest model: so the differences
 //! are χ² differences of nested models, and a poor model cannot hide behind a large noise. The fullest model is the largest that the star
@@ -103,25 +104,9 @@ pub(super) fn select(
     let mut now = fit(&chosen)?;
     let mut report = ModelSelection { begun_with: names(&now.solved.problem), tried: Vec::new() };
     let bic = |from: &Fitted, to: &Fitted| to.chi_squared - from.chi_squared + count.ln() * (to.parameters as f64 - from.parameters as f64);
-    loop {
-        let mut best: Option<(f64, Group, Fitted)> = None;
-        for group in groups.iter().copied().filter(|group| !chosen.contains(group)) {
-            let mut set = chosen.clone();
-            set.push(group);
-            let tried = fit(&set)?;
-            let delta = bic(&now, &tried);
-            if best.as_ref().is_none_or(|(least, _, _)| delta < least - AS_GOOD) {
-                best = Some((delta, group, tried));
-            }
-        }
-        let Some((delta_bic, group, tried)) = best else { break };
-        let taken = delta_bic < 0.0;
-        report.tried.push(candidate(group, &now, &tried, delta_bic, taken));
-        if !taken {
-            break;
-        }
-        chosen.push(group);
-        now = tried;
+    while let Some((more, larger)) = next_step(&groups, &chosen, &now, &mut report, &fit, bic)? {
+        chosen.extend(more);
+        now = larger;
     }
     // What was taken early may have become superfluous.
     let mut k = 0;
@@ -216,6 +201,49 @@ impl Choice<'_> {
         summary::check_solved(&solved)?;
         Ok(solved)
     }
+}
+
+/// The terms of the radial distortion that are left, in their order: the first two together, the first three.
+fn radial_together(groups: &[Group], chosen: &[Group]) -> Vec<Vec<Group>> {
+    let left: Vec<Group> = RADIAL.iter().copied().filter(|group| groups.contains(group) && !chosen.contains(group)).collect();
+    (2..=left.len()).map(|count| left[..count].to_vec()).collect()
+}
+
+/// The group that lowers the criterion most, with its solution, and where none does the first terms of the radial distortion that do so together;
+/// `None` where nothing pays.
+fn next_step(
+    groups: &[Group],
+    chosen: &[Group],
+    now: &Fitted,
+    report: &mut ModelSelection,
+    fit: &impl Fn(&[Group]) -> Result<Fitted, CalibrateError>,
+    bic: impl Fn(&Fitted, &Fitted) -> f64,
+) -> Result<Option<(Vec<Group>, Fitted)>, CalibrateError> {
+    let with = |more: &[Group]| fit(&chosen.iter().chain(more).copied().collect::<Vec<_>>());
+    let mut best: Option<(f64, Group, Fitted)> = None;
+    for group in groups.iter().copied().filter(|group| !chosen.contains(group)) {
+        let tried = with(&[group])?;
+        let delta = bic(now, &tried);
+        if best.as_ref().is_none_or(|(least, _, _)| delta < least - AS_GOOD) {
+            best = Some((delta, group, tried));
+        }
+    }
+    let Some((delta_bic, group, tried)) = best else { return Ok(None) };
+    let taken = delta_bic < 0.0;
+    report.tried.push(candidate(group, now, &tried, delta_bic, taken));
+    if taken {
+        return Ok(Some((vec![group], tried)));
+    }
+    for several in radial_together(groups, chosen) {
+        let tried = with(&several)?;
+        let delta_bic = bic(now, &tried);
+        let taken = delta_bic < 0.0;
+        report.tried.push(candidate(&several.concat(), now, &tried, delta_bic, taken));
+        if taken {
+            return Ok(Some((several, tried)));
+        }
+    }
+    Ok(None)
 }
 
 /// Whether an error means that the star images leave open what was to be solved.
