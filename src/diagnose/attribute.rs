@@ -2,6 +2,7 @@
 
 use super::clusters::coherent;
 use super::evidence::Evidence;
+use super::nature::is_needed;
 use super::noise::{NoiseModel, freedom};
 use super::scan::{Asks, Scan};
 use super::sheet::{Fit, Sheet, Whitened, dot};
@@ -220,7 +221,7 @@ pub(super) fn candidates(evidence: &Evidence, stand: &Stand, scan: &Scan, thresh
             // A size that is known has a sign that is known: chance would have to hit that too.
             let surprise = if agrees > 0.0 { surprise + std::f64::consts::LN_2 } else { surprise };
             let mut candidate = Candidate { entry, surprise, agrees: agrees > 0.0, evidence: 2.0 * surprise };
-            candidate.evidence += agrees - 2.0 * searched(evidence, &candidate);
+            candidate.evidence += agrees - 2.0 * searched(evidence, hypothesis);
             best[hypothesis] = Some(candidate);
         }
     }
@@ -267,7 +268,10 @@ pub(super) fn select(evidence: &Evidence, allowed: &[bool], begin: &NoiseModel, 
         let scan = Scan::hypotheses(evidence, &stand.noise, &stand.sheet, &stand.fit, free);
         let mut found = candidates(evidence, &stand, &scan, threshold);
         found.retain(|candidate| {
-            candidate.surprise > threshold + searched(evidence, candidate) && is_observable(evidence, &stand, candidate.entry)
+            let asked = threshold + searched(evidence, candidate.entry.hypothesis);
+            candidate.surprise > asked
+                && is_observable(evidence, &stand, candidate.entry)
+                && is_needed(evidence, &stand, &accepted, candidate.entry, asked)
         });
         let Some(chosen) = choose(evidence, &stand, &found) else { break };
         accepted.push(chosen);
@@ -303,7 +307,10 @@ pub(super) fn select(evidence: &Evidence, allowed: &[bool], begin: &NoiseModel, 
             let scan = Scan::hypotheses(evidence, &without.noise, &without.sheet, &without.fit, free);
             let mut found = candidates(evidence, &without, &scan, threshold);
             found.retain(|candidate| is_observable(evidence, &without, candidate.entry));
-            let better = choose(evidence, &without, &found).filter(|better| better.hypothesis != own.hypothesis);
+            let better = choose(evidence, &without, &found).filter(|better| {
+                let asked = threshold + searched(evidence, better.hypothesis);
+                better.hypothesis != own.hypothesis && is_needed(evidence, &without, &others, *better, asked)
+            });
             if let Some(better) = better {
                 accepted[k] = better;
             }
@@ -317,9 +324,8 @@ pub(super) fn select(evidence: &Evidence, allowed: &[bool], begin: &NoiseModel, 
 }
 
 /// What a search over variants costs: the largest of so many.
-pub(super) fn searched(evidence: &Evidence, candidate: &Candidate) -> f64 {
-    let variants = evidence.hypotheses[candidate.entry.hypothesis].variants.len();
-    (variants as f64).ln() * 0.5
+pub(super) fn searched(evidence: &Evidence, hypothesis: usize) -> f64 {
+    (evidence.hypotheses[hypothesis].variants.len() as f64).ln() * 0.5
 }
 
 /// Whether enough of the effect is left to be claimed. Of what is nearly all taken up a small trace needs a large effect: one that is many

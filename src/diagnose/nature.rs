@@ -6,7 +6,7 @@
 //! is missing, those that show by themselves are looked for as effects like all others, at a size that is free, and held against the known
 //! one; those too weak to show stay in the model at their known size meanwhile.
 
-use super::attribute::{AGREES, AS_GOOD, Entry, Stand, amplitude, fall, select};
+use super::attribute::{AGREES, AS_GOOD, Entry, Stand, amplitude, columns, fall, select};
 use super::evidence::Evidence;
 use super::hypotheses::Hypothesis;
 use super::noise::NoiseModel;
@@ -37,16 +37,7 @@ pub(super) fn too_weak_to_show(evidence: &Evidence, all: &[bool], begin: &NoiseM
     let stand = Stand::new(evidence, all, if natural.is_empty() { &[] } else { &others }, begin);
     let mut together: Vec<Missing> =
         (0..evidence.hypotheses.len()).filter_map(|hypothesis| missing(evidence, &stand.noise, hypothesis)).collect();
-    let worth = |together: &[Missing]| -> Vec<f64> {
-        let all = gain(&stand, together.iter());
-        let without = |k: usize| together.iter().enumerate().filter(move |(other, _)| *other != k).map(|(_, own)| own);
-        (0..together.len()).map(|k| all - gain(&stand, without(k))).collect()
-    };
-    let mut worths = worth(&together);
-    while let Some((least, _)) = worths.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, value)| **value < -AS_GOOD) {
-        together.remove(least); // the frames refute it
-        worths = worth(&together);
-    }
+    let worths = drop_refuted(&stand, &mut together);
     if together.len() < 2 || !explains(&stand, &together, threshold) {
         return Vec::new();
     }
@@ -56,6 +47,55 @@ pub(super) fn too_weak_to_show(evidence: &Evidence, all: &[bool], begin: &NoiseM
     };
     let weak = together.into_iter().zip(worths).filter(|(own, worth)| !shows(own, *worth));
     weak.map(|(own, _)| Term { effect: evidence.hypotheses[own.hypothesis].id().to_owned(), parameters: own.parameters }).collect()
+}
+
+/// Whether an effect is significant beside what nature adds too. Nature's effects are there, at sizes that nobody chooses; one with more free
+/// parameters (a seam anywhere in the frame) takes their part as well as they do, and chance adds what makes it better. So they enter at their
+/// known sizes, with no parameter free, but those that the frames refute beside the effect itself; what the effect then still explains is its
+/// own. `stand` holds the `accepted`; `threshold` is the surprise that a choice needs.
+pub(super) fn is_needed(evidence: &Evidence, stand: &Stand, accepted: &[Entry], entry: Entry, threshold: f64) -> bool {
+    if missing(evidence, &stand.noise, entry.hypothesis).is_some() {
+        return true; // one of them
+    }
+    let is_open = |hypothesis: &usize| accepted.iter().all(|own| own.hypothesis != *hypothesis);
+    let mut together: Vec<Missing> =
+        (0..evidence.hypotheses.len()).filter(is_open).filter_map(|hypothesis| missing(evidence, &stand.noise, hypothesis)).collect();
+    if together.is_empty() {
+        return true;
+    }
+    let white = |entry: Entry| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
+    let own = white(entry);
+    let more: Vec<Whitened> = stand.more.iter().chain(&own).cloned().collect();
+    let fit = Fit::new(&stand.sheet, &stand.take, &more.iter().collect::<Vec<_>>());
+    drop_refuted(&Stand { more, fit, ..stand.clone() }, &mut together);
+    if together.is_empty() {
+        return true;
+    }
+    let sheet = moved(stand, together.iter());
+    let fitted = |more: &[&Whitened]| Fit::new(&sheet, &stand.take, more);
+    let kept: Vec<&Whitened> = stand.more.iter().collect();
+    let without = fitted(&kept);
+    let by_likelihood = fall(stand, &without, &fitted(&kept.iter().copied().chain(&own).collect::<Vec<_>>()));
+    let beside = Stand { fit: without, sheet: sheet.clone(), ..stand.clone() };
+    // What is searched for may lie elsewhere once nature has its part.
+    let by_score = (0..evidence.hypotheses[entry.hypothesis].variants.len()).map(|variant| {
+        let (t, rank) = beside.score(&white(Entry { variant, ..entry }));
+        chi_squared_surprise(rank as f64, t)
+    });
+    by_score.fold(chi_squared_surprise(own.len() as f64, by_likelihood), f64::max) > threshold
+}
+
+/// Takes out what the frames refute, the worst first; what each of the others is worth beside the rest (fall of −2·ln of the likelihood).
+fn drop_refuted(stand: &Stand, together: &mut Vec<Missing>) -> Vec<f64> {
+    loop {
+        let all = gain(stand, together.iter());
+        let without = |k: usize| together.iter().enumerate().filter(move |(other, _)| *other != k).map(|(_, own)| own);
+        let worths: Vec<f64> = (0..together.len()).map(|k| all - gain(stand, without(k))).collect();
+        match worths.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, value)| **value < -AS_GOOD) {
+            Some((least, _)) => together.remove(least),
+            None => return worths,
+        };
+    }
 }
 
 fn missing(evidence: &Evidence, noise: &NoiseModel, index: usize) -> Option<Missing> {
@@ -76,10 +116,15 @@ fn sum<'a>(stand: &Stand, some: impl Iterator<Item = &'a Missing>) -> Whitened {
     some.fold(vec![0.0; stand.sheet.residual.len()], |sum, own| sum.iter().zip(&own.change).map(|(a, b)| a + b).collect())
 }
 
+/// The linear problem with some of them in the model at their known sizes.
+fn moved<'a>(stand: &Stand, some: impl Iterator<Item = &'a Missing>) -> Sheet {
+    let residual = stand.sheet.residual.iter().zip(sum(stand, some)).map(|(a, b)| a + b).collect();
+    Sheet { residual, ..stand.sheet.clone() }
+}
+
 /// Fall of −2·ln of the likelihood with some of them at their known sizes.
 fn gain<'a>(stand: &Stand, some: impl Iterator<Item = &'a Missing>) -> f64 {
-    let residual = stand.sheet.residual.iter().zip(sum(stand, some)).map(|(a, b)| a + b).collect();
-    let sheet = Sheet { residual, ..stand.sheet.clone() };
+    let sheet = moved(stand, some);
     let more: Vec<&Whitened> = stand.more.iter().collect();
     fall(stand, &stand.fit, &Fit::new(&sheet, &stand.take, &more))
 }

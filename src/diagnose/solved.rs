@@ -6,6 +6,7 @@ use super::attribute::{self, Entry, Stand, amplitude, candidates, columns};
 use super::diagnosis::{FoundParameter, FoundZenith, Rival};
 use super::evidence::Evidence;
 use super::hypotheses::{Hypothesis, Variant, supposed};
+use super::nature::is_needed;
 use super::noise::NoiseModel;
 use super::omnibus::{Omnibus, omnibus};
 use super::scan::Scan;
@@ -215,8 +216,12 @@ impl Solved {
                 !rejected.contains(&index) && more.iter().all(|e| e.hypothesis != index)
             });
             let mut found = candidates(evidence, &stand, &scan, threshold);
-            found.retain(|candidate| candidate.surprise > threshold + attribute::searched(evidence, candidate));
-            found.retain(|candidate| attribute::is_observable(evidence, &stand, candidate.entry));
+            found.retain(|candidate| {
+                let asked = threshold + attribute::searched(evidence, candidate.entry.hypothesis);
+                candidate.surprise > asked
+                    && attribute::is_observable(evidence, &stand, candidate.entry)
+                    && is_needed(evidence, &stand, &more, candidate.entry, asked)
+            });
             let Some(entry) = attribute::choose(evidence, &stand, &found) else { break };
             more.push(entry);
         }

