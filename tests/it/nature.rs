@@ -428,6 +428,33 @@ fn refraction_keeps_its_name_however_stars_are_measured() {
     }
 }
 
+/// It keeps its name where the detector is declared, so that photons tell how large the errors are: what centroids have beyond them is found, and
+/// errors are not taken for smaller than the residuals show.
+#[test]
+fn refraction_keeps_its_name_where_the_detector_is_declared() {
+    let Some(recordings) = recordings_dir("refraction_keeps_its_name_where_the_detector_is_declared") else { return };
+    let night = recordings.join("tetra3_esa2019");
+    let manifest = std::fs::read_to_string(night.join("recording.toml")).unwrap();
+    let frames = format!("file = \"{}/frames/", night.display());
+    let declared = manifest.replace("file = \"frames/", &frames).replacen(
+        "[camera]",
+        "[camera]\ngain_e_per_dn = 0.168\nread_noise_e = 4.6\nbias_dn = 14.0",
+        1,
+    );
+    assert!(declared.contains("gain_e_per_dn = 0.168") && declared.contains(&frames));
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("recording.toml"), declared).unwrap();
+    let ran = run(&["diagnose", text(folder.path()), "--json", "--nulls", "200", "--quiet"]);
+    let object: serde_json::Value = serde_json::from_str(&ran.stdout).unwrap_or_else(|error| panic!("{error}: {}", ran.stderr));
+    let refraction = object["findings"].as_array().unwrap().iter().find(|finding| finding["id"] == "refraction");
+    let refraction = refraction.unwrap_or_else(|| panic!("{} {}", object["summary"], object["proposed"]));
+    let [ratio, sigma] = [0, 1].map(|k| refraction["known_amplitude"][k].as_f64().unwrap());
+    assert!((ratio - 1.0).abs() < 3.0 * sigma && sigma < 0.2, "{ratio} ± {sigma}");
+    // Under the noise found the residuals are as large as they should be, on frames that took part in nothing too.
+    let held_out = object["fit"]["final"]["held_out_chi2_per_dof"].as_f64().unwrap();
+    assert!((0.8..1.3).contains(&held_out), "{held_out}");
+}
+
 /// A wide lens whose distortion goes on beyond k1: k2 and k3 are named, and that χ² falls on the frames that were not used by more than was expected is
 /// nothing against them.
 #[test]
