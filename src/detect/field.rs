@@ -7,7 +7,7 @@
 use super::fit::{Freedom, Model, Scene, inverse};
 use super::psf::{Profile, Shape};
 use super::trail::Trail;
-use super::work::SEARCHED;
+use super::work::WEIGHED;
 use crate::statistics::median;
 
 /// Flux, background and position come before the numbers of the trail.
@@ -109,7 +109,7 @@ impl Field {
         const SETTLED: f64 = 0.1;
         for _ in 0..MOST_ROUNDS {
             let pull = |start: &Model| Pull::of(scene, *start, self.at(start.x, start.y));
-            let pulls: Vec<Option<Pull>> = scene.work.each(starts, SEARCHED, pull).into_iter().map(Option::flatten).collect();
+            let pulls: Vec<Option<Pull>> = scene.work.each(starts, WEIGHED, pull).into_iter().map(Option::flatten).collect();
             let (mut matrix, mut vector) = ([[0.0; SLOPED]; SLOPED], [0.0; SLOPED]);
             for (pull, start) in pulls.iter().zip(starts).filter_map(|(pull, start)| Some((pull.as_ref()?, start))) {
                 // unknown i moves the trail's number i.1 by the term i.0

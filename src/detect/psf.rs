@@ -5,7 +5,7 @@ use statrs::function::erf::erf;
 use super::empirical::EmpiricalPsf;
 use super::fit::Model;
 use super::trail::Trail;
-use super::work::{ELLIPSE_NS, ROUND_NS, TRAIL_NS, Work};
+use super::work::{ELLIPSE_NS, ROUND_NS, Work};
 
 /// Second moments of a star image before the pixel integrates it, px².
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -150,14 +150,11 @@ impl<'a> Profile<'a> {
         self.derivatives.clear();
         self.derivatives.resize(pixels, [0.0; PROFILE_PARAMETERS]);
         if let Some(work) = self.work {
-            let each_ns = if shape.trail {
-                TRAIL_NS
-            } else if elliptical {
-                ELLIPSE_NS
+            work.spend(if shape.trail {
+                Trail::of(shape).cost_ns(pixels)
             } else {
-                ROUND_NS
-            };
-            work.spend(each_ns * pixels as u64);
+                (if elliptical { ELLIPSE_NS } else { ROUND_NS }) * pixels as u64
+            });
         }
         if shape.trail {
             Trail::of(shape).fill(window, x, y, &mut self.value, &mut self.derivatives);

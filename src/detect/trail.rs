@@ -4,6 +4,7 @@
 //! fit frees its length along x and y and its width instead, which are not degenerate.
 
 use super::psf::{GAUSS_LEGENDRE_4, PROFILE_PARAMETERS, Shape, Window, axis_shares};
+use super::work::{BESIDE_TRAIL_NS, IN_TRAIL_NS};
 use crate::statistics::median;
 
 /// Pieces of this length, in widths of the Gaussian, with four nodes each: no pixel is off by more than 5e-6 of the light.
@@ -36,6 +37,23 @@ impl Trail {
         self.along_px[0].abs().max(self.along_px[1].abs()) / 2.0 + sigmas * self.sigma_px
     }
 
+    /// Pieces of which each is drawn by a few round Gaussians.
+    fn pieces(self) -> f64 {
+        (self.length_px() / (PIECE * self.sigma_px)).ceil().max(1.0)
+    }
+
+    /// Half the side of the square that each of these fills.
+    fn node_reach_px(self) -> f64 {
+        REACH * self.sigma_px + 0.5
+    }
+
+    /// What it costs to draw it in a window of so many pixels, nanoseconds: of a long one most of the window is beside it.
+    pub(super) fn cost_ns(self, pixels: usize) -> u64 {
+        let nodes = (GAUSS_LEGENDRE_4.len() as f64 * self.pieces()) as u64;
+        let lit = ((2.0 * self.node_reach_px()).powi(2) as u64).min(pixels as u64);
+        BESIDE_TRAIL_NS * pixels as u64 + IN_TRAIL_NS * nodes * lit
+    }
+
     /// The trail of these second moments.
     pub(super) fn of(shape: Shape) -> Self {
         let (long, short) = shape.axes_px();
@@ -66,8 +84,8 @@ impl Trail {
     /// Adds to the share of the light in every pixel of a window, and its derivatives by x, y, the length along x and along y, and the width. Along the line
     /// Gauss–Legendre quadrature, at every node the pixels' exact shares.
     pub(super) fn fill(self, window: Window, x: f64, y: f64, value: &mut [f64], derivatives: &mut [[f64; PROFILE_PARAMETERS]]) {
-        let pieces = (self.length_px() / (PIECE * self.sigma_px)).ceil().max(1.0);
-        let reach = REACH * self.sigma_px + 0.5;
+        let pieces = self.pieces();
+        let reach = self.node_reach_px();
         let span = |centre: f64, start: usize, length: usize| {
             let index = |at: f64| (at - start as f64).clamp(0.0, length as f64) as usize;
             (index((centre - reach).ceil()), index((centre + reach).floor() + 1.0))

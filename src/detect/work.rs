@@ -9,10 +9,12 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-/// What a pixel costs to be drawn and weighed, nanoseconds of a usual core: of a round image, of any ellipse, of a trail.
+/// What a pixel costs to be drawn and weighed, nanoseconds of a usual core: of a round image, of any ellipse.
 pub(super) const ROUND_NS: u64 = 20;
 pub(super) const ELLIPSE_NS: u64 = 130;
-pub(super) const TRAIL_NS: u64 = 220;
+/// The same of a trail without its light, and what a pixel costs in the light of each of the trail's round parts.
+pub(super) const BESIDE_TRAIL_NS: u64 = 30;
+pub(super) const IN_TRAIL_NS: u64 = 3;
 /// What is allowed: for any frame, and for each pixel of it.
 const ALLOWED_NS: u64 = 1_000_000_000;
 const ALLOWED_NS_PER_PIXEL: u64 = 350;
