@@ -29,6 +29,8 @@ pub(super) struct Background {
     pub(super) floor_dn: f64,
     /// Whether black is cut off above the level of the sky, nearly everywhere.
     pub(super) is_cut: bool,
+    /// Whether what is left of noise whose black is cut off comes in the blocks of a compressed picture.
+    pub(super) is_in_blocks: bool,
     /// Its noise before it was cut.
     before_cut: Option<CutNoise>,
 }
@@ -123,6 +125,7 @@ impl Background {
             least: 0.0,
             floor_dn: noise_dn,
             is_cut: false,
+            is_in_blocks: false,
             before_cut: None,
         }
     }
@@ -146,6 +149,7 @@ impl Background {
             least,
             floor_dn,
             is_cut: false,
+            is_in_blocks: false,
             before_cut: None,
         };
         background.measure_cells(frame, masked, &x_edges, &y_edges, least);
@@ -154,6 +158,7 @@ impl Background {
         }
         background.measure_noise(frame, masked, &x_edges, &y_edges, least);
         if let Some(cut) = black::cut_noise(frame, masked, background.floor_dn) {
+            background.is_in_blocks = cut.is_in_blocks(frame);
             background.raise_noise(&cut, &x_edges, &y_edges);
         }
         background

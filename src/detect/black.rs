@@ -22,6 +22,9 @@ const LEFT: f64 = 0.3;
 /// Where less of all is above the lowest count than this, it is defects and stars.
 const LEAST_ABOVE: f64 = 3e-4;
 
+/// What holds for this share of the parts holds nearly everywhere.
+const NEARLY: f64 = 0.9;
+
 /// Noise before black was cut off, DN, by parts of the frame; 0 where it was not.
 #[derive(Clone, Debug)]
 pub(super) struct CutNoise {
@@ -30,6 +33,9 @@ pub(super) struct CutNoise {
     sigma_dn: Vec<f64>,
     /// Scatter of what is left of it.
     left_dn: Vec<f64>,
+    /// The share of the parts in which most counts are the lowest.
+    black: f64,
+    lowest_dn: f32,
 }
 
 impl CutNoise {
@@ -40,8 +46,12 @@ impl CutNoise {
 
     /// Whether black is cut off nearly everywhere.
     pub(super) fn is_everywhere(&self) -> bool {
-        const NEARLY: f64 = 0.9;
         self.sigma_dn.iter().filter(|sigma| **sigma > 0.0).count() as f64 >= NEARLY * self.sigma_dn.len() as f64
+    }
+
+    /// Whether most counts are the lowest nearly everywhere, and what is above comes in blocks.
+    pub(super) fn is_in_blocks(&self, frame: &Frame) -> bool {
+        self.black >= NEARLY && comes_in_blocks(frame, self.lowest_dn)
     }
 
     /// Scatter of what is left of it at a pixel.
@@ -72,14 +82,14 @@ pub(super) fn cut_noise(frame: &Frame, masked: &[bool], floor_dn: f64) -> Option
     let mut scanty = vec![false; columns * rows];
     let mut sigma_dn = vec![0.0; columns * rows];
     let mut left_dn = sigma_dn.clone();
-    let mut any = false;
+    let mut black = 0_usize;
     for part in 0..columns * rows {
         let span = |i: usize, n: usize, length: usize| (i * PART_PX)..(if i + 1 == n { length } else { (i + 1) * PART_PX });
         let (xs, ys) = (span(part % columns, columns, frame.width_px), span(part / columns, rows, frame.height_px));
         if !is_mostly(frame, is_masked, &xs, &ys, lowest) {
             continue;
         }
-        any = true;
+        black += 1;
         let counts = lone_counts(frame, is_masked, &xs, &ys);
         left_dn[part] = scatter(&counts);
         if let Some(sigma) = sigma(&counts, lowest) {
@@ -94,7 +104,32 @@ pub(super) fn cut_noise(frame: &Frame, masked: &[bool], floor_dn: f64) -> Option
             *own = sigma.max(floor_dn);
         }
     }
-    any.then_some(CutNoise { columns, rows, sigma_dn, left_dn })
+    let share = black as f64 / (columns * rows) as f64;
+    (black > 0).then_some(CutNoise { columns, rows, sigma_dn, left_dn, black: share, lowest_dn: lowest })
+}
+
+/// Whether what is above the lowest count begins and ends at the edges of the blocks that JPEG compresses pictures in, more often than between
+/// them: stars, and noise of single pixels, know nothing of these.
+fn comes_in_blocks(frame: &Frame, lowest_dn: f32) -> bool {
+    const BLOCK: usize = 8;
+    /// The edge has so many times as many as any other place, and so many standard deviations more.
+    const TIMES: f64 = 1.15;
+    const CLEARLY: f64 = 5.0;
+    let width = frame.width_px;
+    let is_above = |i: usize| frame.pixels_dn[i] > lowest_dn;
+    let most_at_one = |edges: [usize; BLOCK]| {
+        let mut edges = edges.map(|count| count as f64);
+        edges.sort_unstable_by(f64::total_cmp);
+        let (next, most) = (edges[BLOCK - 2], edges[BLOCK - 1]);
+        most > TIMES * next + CLEARLY * (most + TIMES * TIMES * next).sqrt()
+    };
+    let (mut across, mut down) = ([0; BLOCK], [0; BLOCK]);
+    for i in 0..frame.pixels_dn.len() {
+        let (x, y) = (i % width, i / width);
+        across[x % BLOCK] += usize::from(x + 1 < width && is_above(i) != is_above(i + 1));
+        down[y % BLOCK] += usize::from(y + 1 < frame.height_px && is_above(i) != is_above(i + width));
+    }
+    most_at_one(across) && most_at_one(down)
 }
 
 /// Whether most pixels of a part are at the lowest count.
@@ -183,6 +218,22 @@ mod tests {
                 |i: usize| 300.0 * (-(((i % SIZE.0 % 40) as f64 - 20.0).powi(2) + ((i / SIZE.0 % 40) as f64 - 20.0).powi(2)) / 2.5).exp();
             let found = noise_of(&frame(|i| ((noise.sample(&mut rng) + star(i)) as f32).round().clamp(0.0, 255.0)));
             assert!((found / sigma - 1.0).abs() < 0.25, "{found} for {sigma} at {level}, with stars");
+        }
+    }
+
+    #[test]
+    fn blocks_are_seen_and_stars_and_lone_pixels_are_none() {
+        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(9);
+        let noise = rand_distr::Normal::new(-2.0, 1.5).unwrap();
+        let lone = frame(|_| (noise.sample(&mut rng) as f32).round().max(0.0));
+        let star = |i: usize| 90.0 * (-(((i % SIZE.0 % 37) as f32 - 18.0).powi(2) + ((i / SIZE.0 % 41) as f32 - 20.0).powi(2)) / 2.5).exp();
+        let stars = frame(|i| star(i).round());
+        // One block in nine is brighter by two counts.
+        let block = |i: usize| if (i % SIZE.0 / 8 * 7 + i / SIZE.0 / 8 * 5).is_multiple_of(9) { 2.0 } else { 0.0 };
+        let blocks = frame(|i| block(i) + star(i).round());
+        for (name, frame, expected) in [("lone", lone, false), ("stars", stars, false), ("blocks", blocks, true)] {
+            let cut = cut_noise(&frame, &vec![false; frame.pixels_dn.len()], 0.3).unwrap();
+            assert_eq!(cut.is_in_blocks(&frame), expected, "{name}");
         }
     }
 

@@ -5,6 +5,7 @@
 //! second spectral moment, 1/(4σ²) per axis and variance 1/(2σ²) for white noise smoothed by a Gaussian of σ.
 
 use rayon::prelude::*;
+use statrs::distribution::{ContinuousCDF, Normal};
 
 use super::psf::{Profile, Shape, Window};
 use crate::statistics::clipped;
@@ -255,6 +256,12 @@ pub(super) fn scatter(filtered: &[f32], lit: &[bool]) -> f64 {
     let dark = |i: usize| !lit.get(i).copied().unwrap_or(false);
     let sample: Vec<f32> = (0..filtered.len()).step_by(step).filter(|&i| dark(i)).map(|i| filtered[i]).collect();
     clipped(&sample, 0.0).map_or(1.0, |c| c.sigma)
+}
+
+/// What `times` of so many standard normal numbers exceed.
+pub(super) fn exceeded_in(count: usize, times: f64) -> f64 {
+    let share = (times / count.max(1) as f64).clamp(f64::MIN_POSITIVE, 0.1);
+    -Normal::standard().inverse_cdf(share)
 }
 
 /// Maxima above a threshold, brightest first.

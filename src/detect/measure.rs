@@ -66,8 +66,8 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
     let masked: Vec<bool> = hot.iter().zip(&full).map(|(h, f)| *h || *f).collect();
     // a first look shows where stars are, so that their light can be kept out of background and noise
     let first_shape = Shape::round(options.psf_sigma_px.unwrap_or(FIRST_SIGMA_PX));
-    let is_cut = background.is_cut;
-    let ground = Ground { normalised: &normalised, width: frame.width_px, is_cut, options, work: &work };
+    let (is_cut, is_in_blocks) = (background.is_cut, background.is_in_blocks);
+    let ground = Ground { normalised: &normalised, width: frame.width_px, is_cut, is_in_blocks, options, work: &work };
     let first = Search::at_shape(first_shape, false, &ground);
     background.refine(frame, &masked, &first.lit);
     (residual, normalised) = residuals(frame, &background);
@@ -90,7 +90,7 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
         psf: aids.psf,
         work: &work,
     };
-    let ground = Ground { normalised: &normalised, width: frame.width_px, is_cut, options, work: &work };
+    let ground = Ground { normalised: &normalised, width: frame.width_px, is_cut, is_in_blocks, options, work: &work };
     let search = search(&scene, options, first, &residual, &ground, &blobs);
     let candidates = candidates(frame, &background, &search, &blobs);
     let freedom = |c: &Candidate| free_shape(options, &search, c);

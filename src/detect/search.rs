@@ -34,6 +34,8 @@ pub(super) struct Ground<'a> {
     pub(super) width: usize,
     /// Whether black is cut off above the level of the sky.
     pub(super) is_cut: bool,
+    /// Whether what is left of it comes in the blocks of a compressed picture.
+    pub(super) is_in_blocks: bool,
     pub(super) options: &'a DetectOptions,
     pub(super) work: &'a Work,
 }
@@ -66,11 +68,13 @@ impl Search {
         const CLEARLY: f64 = 1.05;
         /// Where black is cut off, sums of what is left may scatter so much less than the noise that it was.
         const LEAST_OF_CUT: f64 = 0.2;
-        let Ground { normalised, width, is_cut, options, work } = *ground;
+        let Ground { normalised, width, is_cut, is_in_blocks, options, work } = *ground;
         let kernel = Kernel::new(shape);
         work.spend(kernel.cost_ns(normalised.len()));
         let filtered = kernel.apply(normalised, width);
         let normal = kernel.threshold(normalised.len(), options.false_alarms_per_frame);
+        // what is left of cut noise are lone pixels rather than a smooth field: there are no more maxima than pixels
+        let normal = if is_cut { normal.min(filter::exceeded_in(normalised.len(), options.false_alarms_per_frame)) } else { normal };
         let stars = filter::peaks(&filtered, width, STARLIGHT * normal * filter::scatter(&filtered, &[]).max(1.0));
         let lit = kernel.lit(&stars, &filtered, width);
         let correlated = filter::scatter(&filtered, &lit);
@@ -85,8 +89,8 @@ impl Search {
         let of_tail = if is_cut { (independent / normal).max(LEAST_OF_CUT) } else { beyond(independent / normal) };
         let white = if is_cut { scatter.max(LEAST_OF_CUT) } else { scatter.max(1.0) };
         let scatter = Some(kernel.scatter_of_correlated(normalised, &lit, width)).filter(|s| *s > CLEARLY).unwrap_or(1.0);
-        // Blocks of JPEG leave lone pixels darker than the rest of the noise: the tail of these is not all.
-        let of_tail = if is_cut { of_tail * scatter } else { of_tail };
+        // Noise in blocks leaves lone pixels darker than the rest of it: the tail of these is not all. Elsewhere what goes together are faint stars.
+        let of_tail = if is_in_blocks { of_tail * scatter } else { of_tail };
         let threshold = options.detection_threshold.unwrap_or(normal * of_tail * beyond(correlated / white));
         let mut peaks = filter::peaks(&filtered, width, threshold);
         peaks.truncate(MOST_PEAKS);
