@@ -65,16 +65,25 @@ pub(super) fn candidates(frame: &Frame, background: &Background, search: &Search
     const RIPPLE: f64 = 0.04;
     const RIPPLE_OF_FULL: f64 = 0.15;
     const RESOLVED_SIGMA: f64 = 2.0;
+    /// A peak so near to full pixels is theirs.
+    const FULL_BESIDE_PX: f64 = 1.5;
     let (long, _) = search.shape.axes_px();
     let mut blob_taken = vec![false; blobs.len()];
+    let mut of_blobs = Grid::new(frame.width_px, frame.height_px);
+    for (index, blob) in blobs.iter().enumerate() {
+        of_blobs.put_around(blob.x, blob.y, blob.radius_px + FULL_BESIDE_PX, index);
+    }
     let mut kept: Vec<Candidate> = Vec::with_capacity(search.peaks.len());
     let mut grid = Grid::new(frame.width_px, frame.height_px);
     let loud = |c: &Candidate| if c.full_radius_px > 0.0 { RIPPLE_OF_FULL } else { RIPPLE };
     for peak in &search.peaks {
         let (mut x, mut y) = (peak.x as f64, peak.y as f64);
         let mut full_radius_px = 0.0;
-        let inside = |b: &Blob| (b.x - x).hypot(b.y - y) <= b.radius_px + 1.5;
-        if let Some(index) = blobs.iter().position(inside) {
+        let inside = |index: &usize| {
+            let b = &blobs[*index];
+            (b.x - x).powi(2) + (b.y - y).powi(2) <= (b.radius_px + FULL_BESIDE_PX).powi(2)
+        };
+        if let Some(index) = of_blobs.at(x, y).find(inside) {
             if std::mem::replace(&mut blob_taken[index], true) {
                 continue;
             }
@@ -156,6 +165,22 @@ impl Grid {
     fn put(&mut self, x: f64, y: f64, item: usize) {
         let (cx, cy) = self.cell(x, y);
         self.cells[cy * self.columns + cx].push(item);
+    }
+
+    /// Puts it into every cell that a square around its place reaches.
+    fn put_around(&mut self, x: f64, y: f64, reach_px: f64, item: usize) {
+        let ((left, top), (right, bottom)) = (self.cell(x - reach_px, y - reach_px), self.cell(x + reach_px, y + reach_px));
+        for row in top..=bottom {
+            for column in left..=right {
+                self.cells[row * self.columns + column].push(item);
+            }
+        }
+    }
+
+    /// What was put into the cell of a place, in the order in which it was.
+    fn at(&self, x: f64, y: f64) -> impl Iterator<Item = usize> + '_ {
+        let (cx, cy) = self.cell(x, y);
+        self.cells[cy * self.columns + cx].iter().copied()
     }
 
     fn near(&self, x: f64, y: f64) -> impl Iterator<Item = usize> + '_ {

@@ -1,5 +1,6 @@
 //! The stages put together: from one frame to its list of stars.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -15,7 +16,7 @@ use super::psf::{Profile, Shape};
 use super::rounds::{Fitting, Stars};
 use super::search::{FIRST_SIGMA_PX, Ground, SHARPEST_PX, Search, search};
 use super::surround;
-use super::work::{PARTED, WEIGHED, Work};
+use super::work::{DESCRIBED, PARTED, WEIGHED, Work};
 use super::{DetectError, DetectOptions, Detection, Detections, Flags};
 use crate::frame::Frame;
 
@@ -35,6 +36,8 @@ pub struct Aids<'a> {
     pub keep: usize,
     /// When to come to an end: what is found by then is the answer, and depends on the machine.
     pub deadline: Option<Instant>,
+    /// Where it is said that something was left undone: by the deadline, or since more in the frame looks like stars than can be measured.
+    pub is_unfinished: Option<&'a AtomicBool>,
 }
 
 /// Finds and measures the stars of a frame, brightest first. The same frame gives the same result at any number of threads.
@@ -135,13 +138,17 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
     }
     chosen.sort_by(|(_, a), (_, b)| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
     chosen.truncate(options.max_stars);
-    let with_moments = |(i, star): (usize, Detection)| {
-        let moments = stars.fits[i].as_ref().and_then(|fit| scene.moments(fit, &stars.around(&[i])));
+    let moments = |(i, star): &(usize, Detection)| {
+        let moments = stars.fits[*i].as_ref().and_then(|fit| scene.moments(fit, &stars.around(&[*i])));
         // they are of the image as it is, whatever the fit takes it for: of what enlarges errors only the noise's going together counts
         let factor = correlated(&scene, star.peak_dn, star.x_px, star.y_px, search.scatter).sqrt();
-        Detection { moments: moments.map(|m| m.with_errors_times(factor)), ..star }
+        moments.map(|m| m.with_errors_times(factor))
     };
-    found.stars = chosen.into_par_iter().map(with_moments).collect();
+    let moments = work.each(&chosen, DESCRIBED, moments);
+    found.stars = chosen.into_iter().zip(moments).map(|((_, star), moments)| Detection { moments: moments.flatten(), ..star }).collect();
+    if let Some(told) = aids.is_unfinished.filter(|_| work.is_unfinished()) {
+        told.store(true, Ordering::Relaxed);
+    }
     Ok((found, kept))
 }
 

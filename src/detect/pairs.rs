@@ -6,6 +6,8 @@
 //! as two as well as they do. What the optics make of a star they make of its neighbours too: light at the same place beside them is no star.
 //! Where it is clearly no lone star, but two cannot be told apart, it stays one and says so, and its error is what the companion may do to its place.
 
+use rayon::prelude::*;
+
 use super::beside::{Alone, Beside};
 use super::duet::{Breadth, Duet};
 use super::fit::{Fit, Freedom, Model, Scene, Stamp};
@@ -61,14 +63,18 @@ pub(super) struct Inquiry<'a> {
 }
 
 impl Inquiry<'_> {
-    /// Looks at all stars that seem to be no lone ones.
+    /// Looks at all stars that seem to be no lone ones. Which these are costs little to tell, and each of them much: work is shared out among them alone.
     pub(super) fn verdicts(&self) -> Vec<(usize, Verdict)> {
-        let all: Vec<usize> = (0..self.stars.fits.len()).collect();
-        let look = |i: &usize| self.look(*i).map(|verdict| (*i, verdict));
-        self.scene.work.each(&all, PARTED, look).into_iter().flatten().flatten().collect()
+        let odd: Vec<(usize, Local<'_>, f64)> = (0..self.stars.fits.len()).into_par_iter().filter_map(|i| self.odd(i)).collect();
+        let judge = |(i, local, allowed): &(usize, Local<'_>, f64)| {
+            let verdict = self.judge(*i, self.stars.fits[*i].as_ref()?, local, *allowed)?;
+            Some((*i, verdict))
+        };
+        self.scene.work.each(&odd, PARTED, judge).into_iter().flatten().flatten().collect()
     }
 
-    fn look(&self, i: usize) -> Option<Verdict> {
+    /// A star that is no star's image as the frame's other stars have it: what those near by say, and the χ² that their images allow it.
+    fn odd(&self, i: usize) -> Option<(usize, Local<'_>, f64)> {
         let fit = self.stars.fits[i].as_ref()?;
         if self.stars.candidates[i].full_radius_px > 0.0 || fit.edge || fit.lone_pixel_excess <= 0.0 {
             return None;
@@ -88,10 +94,7 @@ impl Inquiry<'_> {
         let local = self.others.near([fit.model.x, fit.model.y], &[i])?;
         let allowed = (BEYOND_OTHERS * local.misfit).max(SLACK * SLACK) * snr * snr;
         let wide = ln_breadth - local.breadth.ln > WIDER_SIGMA * local.breadth.sigma.hypot(1.0 / snr);
-        if !(dropped || wide || fit.chi2 > dof + chance + allowed) {
-            return None;
-        }
-        self.judge(i, fit, &local, allowed)
+        (dropped || wide || fit.chi2 > dof + chance + allowed).then_some((i, local, allowed))
     }
 
     /// Pixels of a star's window that say something.

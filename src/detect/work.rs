@@ -4,7 +4,7 @@
 //! number of threads. Frames of stars stay far below the limit. A deadline, where one is asked for, ends the work too, and then the answer
 //! depends on the machine.
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -18,9 +18,9 @@ pub(super) const IN_TRAIL_NS: u64 = 3;
 /// What is allowed: for any frame, and for each pixel of it.
 const ALLOWED_NS: u64 = 1_000_000_000;
 const ALLOWED_NS_PER_PIXEL: u64 = 350;
-/// Things that are done together before what they cost is looked at: at first, and at most.
+/// Things that are done together before what they cost is looked at: at first, and at most, since dear ones may follow on cheap ones.
 const FEWEST: usize = 4;
-const MOST: usize = 4096;
+const MOST: usize = 64;
 /// What is done together costs at most this part of what is allowed, as far as those before tell.
 const PART: f64 = 0.04;
 
@@ -30,6 +30,7 @@ pub(super) const WEIGHED: f64 = 0.4;
 pub(super) const FITTED: f64 = 0.75;
 pub(super) const RESTED: f64 = 0.85;
 pub(super) const PARTED: f64 = 1.0;
+pub(super) const DESCRIBED: f64 = 1.1;
 
 /// The work on one frame.
 #[derive(Debug)]
@@ -37,18 +38,19 @@ pub(super) struct Work {
     spent_ns: AtomicU64,
     allowed_ns: u64,
     deadline: Option<Instant>,
+    is_unfinished: AtomicBool,
 }
 
 impl Work {
     /// On a frame of so many pixels.
     pub(super) fn on(pixels: usize, deadline: Option<Instant>) -> Self {
         let allowed_ns = ALLOWED_NS.saturating_add(ALLOWED_NS_PER_PIXEL.saturating_mul(pixels as u64));
-        Self { spent_ns: AtomicU64::new(0), allowed_ns, deadline }
+        Self { spent_ns: AtomicU64::new(0), allowed_ns, deadline, is_unfinished: AtomicBool::new(false) }
     }
 
     /// Without a limit.
     pub(super) const fn unlimited() -> Self {
-        Self { spent_ns: AtomicU64::new(0), allowed_ns: u64::MAX, deadline: None }
+        Self { spent_ns: AtomicU64::new(0), allowed_ns: u64::MAX, deadline: None, is_unfinished: AtomicBool::new(false) }
     }
 
     /// So much was done.
@@ -69,6 +71,11 @@ impl Work {
         self.spent() >= self.until(part) || self.deadline.is_some_and(|deadline| Instant::now() >= deadline)
     }
 
+    /// Whether anything was left undone.
+    pub(super) fn is_unfinished(&self) -> bool {
+        self.is_unfinished.load(Ordering::Relaxed)
+    }
+
     /// Does something for each of some things, until a part of what is allowed is spent; nothing for those that are left then. To be called by
     /// one stage at a time.
     pub(super) fn each<T: Sync, R: Send>(&self, of: &[T], part: f64, each: impl Fn(&T) -> R + Sync) -> Vec<Option<R>> {
@@ -81,6 +88,9 @@ impl Work {
             done.extend(results);
             let each_ns = ((self.spent() - before) as f64 / now.len() as f64).max(1.0);
             together = ((PART * self.allowed_ns as f64 / each_ns) as usize).clamp(FEWEST, MOST);
+        }
+        if done.len() < of.len() {
+            self.is_unfinished.store(true, Ordering::Relaxed);
         }
         done.resize_with(of.len(), || None);
         done
@@ -95,7 +105,7 @@ mod tests {
     fn work_ends_where_its_part_is_spent_and_at_the_same_place_with_any_threads() {
         let things: Vec<u64> = (0..2000).map(|i| 1 + i % 7).collect();
         let done = |threads: usize| {
-            let work = Work { spent_ns: AtomicU64::new(0), allowed_ns: 4000, deadline: None };
+            let work = Work { allowed_ns: 4000, ..Work::unlimited() };
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let results = pool.install(|| work.each(&things, 0.5, |ns| work.spend(*ns)));
             results.iter().flatten().count()

@@ -1,5 +1,6 @@
 //! Frames measured and identified.
 
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 use rayon::prelude::*;
@@ -111,16 +112,18 @@ pub fn measure_frames<F: Into<MaskedFrame>>(
     let mut skipped = recording.skipped.clone();
     let mut frames = Vec::new();
     let mut undefined = Undefined::default();
+    let mut unfinished = Vec::new();
     for result in measured {
         match result {
             Ok(one) => {
                 undefined.add(&one);
+                unfinished.extend(one.is_unfinished.then(|| one.frame.name.clone()));
                 frames.push(one.frame);
             }
             Err(frame) => skipped.push(frame),
         }
     }
-    if let Some(sentence) = undefined.sentence() {
+    for sentence in [undefined.sentence(), unfinished_sentence(&unfinished, options)].into_iter().flatten() {
         tracing::warn!("{sentence}");
         recording.notes.push(sentence);
     }
@@ -146,6 +149,8 @@ struct One {
     kept: Vec<PsfStar>,
     /// Pixels without a value.
     undefined: usize,
+    /// Whether more looks like stars than was measured.
+    is_unfinished: bool,
 }
 
 /// Pixels without a value in all frames.
@@ -176,6 +181,17 @@ impl Undefined {
     }
 }
 
+/// What is said of frames in which more looks like stars than was measured.
+fn unfinished_sentence(names: &[String], options: &MeasureOptions) -> Option<String> {
+    let first = names.first()?;
+    let of = if names.len() == 1 { first.clone() } else { format!("{} frames (the first is {first})", names.len()) };
+    let limit = if options.time_limit.is_some() { "the work or the time" } else { "the work" };
+    Some(format!(
+        "{of}: more looks like stars than {limit} allowed to one frame can measure, so some are missing or less well measured; \
+         leaves, letters, lamps and clouds do that: crop the frame to the sky"
+    ))
+}
+
 /// One walk over all frames.
 struct Pass<'a, L> {
     recording: &'a Recording,
@@ -199,7 +215,7 @@ where
         if let Some(stars) = self.recording.stars.as_ref().and_then(|list| list.frames.get(index)) {
             let detections = star_list::detections(self.recording, stars);
             let frame = MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() };
-            return Ok(Ok(One { frame, kept: Vec::new(), undefined: 0 }));
+            return Ok(Ok(One { frame, kept: Vec::new(), undefined: 0, is_unfinished: false }));
         }
         let masked = match (self.load)(self.recording, index)? {
             Ok(frame) => frame,
@@ -226,11 +242,12 @@ where
             }
         }
         let bad = bad.as_deref();
+        let is_unfinished = AtomicBool::new(false);
         let (detections, kept) = match self.options.centroid {
             Centroid::Windowed => (detect_windowed(&frame, &options, bad).map_err(failed)?, Vec::new()),
             Centroid::Gaussian | Centroid::Empirical => {
-                let (mut detections, kept) =
-                    detect_aided(&frame, &options, &Aids { psf: self.psf, bad, keep: self.keep, deadline }).map_err(failed)?;
+                let aids = Aids { psf: self.psf, bad, keep: self.keep, deadline, is_unfinished: Some(&is_unfinished) };
+                let (mut detections, kept) = detect_aided(&frame, &options, &aids).map_err(failed)?;
                 // Where there are few a second look costs little, and sees some that the first does not.
                 if detections.stars.len() < FEW {
                     add_missing(&mut detections, detect_windowed(&frame, &options, bad).map_err(failed)?);
@@ -240,7 +257,7 @@ where
         };
         done();
         let frame = MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() };
-        Ok(Ok(One { frame, kept, undefined }))
+        Ok(Ok(One { frame, kept, undefined, is_unfinished: is_unfinished.into_inner() }))
     }
 }
 
