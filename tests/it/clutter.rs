@@ -1,6 +1,8 @@
 //! Pictures as cameras of other people make them, from our own renderer: black cut off, leaves, letters, lamps, JPEG's blocks. What is no star is not
 //! found in numbers, what is one is, and neither takes for ever.
 
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use boresight::catalog::Catalog;
@@ -168,23 +170,77 @@ fn stars_beside_leaves_are_identified() {
     assert!(right >= 3, "{right} of 4");
 }
 
+/// Bright letters, of which the tops lie in these rows.
+fn letters(light_e: &mut [f64], count: usize, rows: Range<usize>, rng: &mut Pcg64Mcg) {
+    for _ in 0..count {
+        let (x0, y0, size) = (rng.random_range(0..SIZE.0 - 24), rng.random_range(rows.clone()), rng.random_range(5..20));
+        for stroke in 0..4 {
+            for along in 0..size {
+                let (x, y) = [(0, along), (along, 0), (along, along), (size - 1, along)][stroke];
+                for thick in 0..2 {
+                    light_e[(y0 + y) * SIZE.0 + x0 + x + thick] = 900.0;
+                }
+            }
+        }
+    }
+}
+
+/// Light that falls from the bottom of the frame to its top, and from the middle of its sides outwards.
+fn twilight(light_e: &mut [f64]) {
+    for (i, light) in light_e.iter_mut().enumerate() {
+        let (x, y) = ((i % SIZE.0) as f64 / SIZE.0 as f64 - 0.5, (i / SIZE.0) as f64 / SIZE.1 as f64);
+        *light += 400.0 * (4.0 * (y - 1.0)).exp() * (1.0 - x * x);
+    }
+}
+
+type Draw = fn(&mut [f64], u64);
+
+/// What stands before the stars, or about them.
+const KINDS: [(&str, Draw); 3] = [
+    ("leaves", |light_e, seed| leaves(light_e, 0.8, seed)),
+    ("twilight", |light_e, _| twilight(light_e)),
+    ("letters", |light_e, seed| letters(light_e, 60, SIZE.1 - 90..SIZE.1 - 24, &mut Pcg64Mcg::seed_from_u64(seed))),
+];
+
+#[test]
+#[ignore = "open fault: of three fields behind leaves over a fifth of the frame the first is not identified; twilight and letters not looked into yet"]
+fn stars_among_other_things_are_identified_and_other_things_alone_are_not() {
+    let (catalog, index) = (Catalog::embedded(), Index::new(Catalog::embedded()));
+    let fields = [[83.0, 5.0], [300.0, 30.0], [30.0, -40.0]];
+    let nothing = vec![0.0; SIZE.0 * SIZE.1];
+    let skies: Vec<(Option<[f64; 2]>, Vec<f64>)> =
+        fields.into_iter().map(|at| (Some(at), starlight(at, 2.5e4))).chain([(None, nothing)]).collect();
+    for (name, draw) in KINDS {
+        for (number, (radec_deg, light_e)) in (30_u64..).zip(&skies) {
+            let mut light_e = light_e.clone();
+            draw(&mut light_e, number);
+            let detections = detect(&DARK.expose(&light_e, number), &OPTIONS).unwrap();
+            let answer = identify(&detections, catalog, &index, &[], &IdentifyOptions::default());
+            let found_deg = match &answer {
+                Identification::Identified(solution) => {
+                    Some(solution.centre().radec_rad()).map(|(ra, dec)| [ra.to_degrees(), dec.to_degrees()])
+                }
+                Identification::NotIdentified { .. } => None,
+            };
+            println!("{name}, {radec_deg:?}: {} detections, {found_deg:?}", detections.stars.len());
+            match (radec_deg, found_deg) {
+                (None, None) => {}
+                (Some([ra, dec]), Some([found_ra, found_dec])) => {
+                    assert!((ra - found_ra).abs() < 0.3 && (dec - found_dec).abs() < 0.3, "{name}: {found_ra} {found_dec} for {ra} {dec}");
+                }
+                _ => panic!("{name}: {found_deg:?} where {radec_deg:?} is seen"),
+            }
+        }
+    }
+}
+
 /// Letters, leaves and lamps all over.
 fn clutter() -> Vec<(&'static str, Frame)> {
     let mut rng = Pcg64Mcg::seed_from_u64(4);
     let mut leafy = vec![0.0; SIZE.0 * SIZE.1];
     leaves(&mut leafy, 0.0, 3);
-    let mut letters = vec![0.0_f64; SIZE.0 * SIZE.1];
-    for _ in 0..2500 {
-        let (x0, y0, size) = (rng.random_range(0..SIZE.0 - 24), rng.random_range(0..SIZE.1 - 24), rng.random_range(5..20));
-        for stroke in 0..4 {
-            for along in 0..size {
-                let (x, y) = [(0, along), (along, 0), (along, along), (size - 1, along)][stroke];
-                for thick in 0..2 {
-                    letters[(y0 + y) * SIZE.0 + x0 + x + thick] = 900.0;
-                }
-            }
-        }
-    }
+    let mut text = vec![0.0; SIZE.0 * SIZE.1];
+    letters(&mut text, 2500, 0..SIZE.1 - 24, &mut rng);
     let mut lamps = vec![0.0_f64; SIZE.0 * SIZE.1];
     for _ in 0..1500 {
         let (x0, y0, sigma) = (rng.random_range(0.0..SIZE.0 as f64), rng.random_range(0.0..SIZE.1 as f64), rng.random_range(0.8..6.0_f64));
@@ -195,13 +251,13 @@ fn clutter() -> Vec<(&'static str, Frame)> {
             }
         }
     }
-    vec![("leaves", DARK.expose(&leafy, 1)), ("letters", DARK.expose(&letters, 2)), ("lamps", DARK.expose(&lamps, 3))]
+    vec![("leaves", DARK.expose(&leafy, 1)), ("letters", DARK.expose(&text, 2)), ("lamps", DARK.expose(&lamps, 3))]
 }
 
 #[test]
 fn pictures_full_of_other_things_are_done_with_in_time() {
     /// What two megapixels may take where the program is built to be fast is 3 s; here it is a third of that picture, and slower by some times.
-    const MOST_S: f64 = if cfg!(debug_assertions) { 12.0 } else { 2.0 };
+    const MOST_S: f64 = if cfg!(debug_assertions) { 6.0 } else { 2.0 };
     for (name, frame) in clutter() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let (found, took_s) = pool.install(|| {
@@ -218,6 +274,34 @@ fn pictures_full_of_other_things_are_done_with_in_time() {
         detect_aided(&frame, &OPTIONS, &aids).unwrap();
         assert!(begin.elapsed().as_secs_f64() < 0.3 + MOST_S / 4.0, "{name}: {:?} for 0.3 s", begin.elapsed());
     }
+}
+
+/// Full pixels by the ten thousand, of which each was once held against every maximum; and what is left undone is said.
+#[test]
+fn work_that_is_left_undone_is_said() {
+    let mut rng = Pcg64Mcg::seed_from_u64(12);
+    let mut light_e = vec![0.0; SIZE.0 * SIZE.1];
+    for _ in 0..14_000 {
+        let (x0, y0) = (rng.random_range(1..SIZE.0 - 1), rng.random_range(1..SIZE.1 - 1));
+        for i in 0..9 {
+            light_e[(y0 + i / 3 - 1) * SIZE.0 + x0 + i % 3 - 1] = 1200.0;
+        }
+    }
+    let told = |light_e: &[f64]| {
+        let is_unfinished = AtomicBool::new(false);
+        let aids = Aids { is_unfinished: Some(&is_unfinished), ..Aids::default() };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let took_s = pool.install(|| {
+            let begin = cpu_time_s();
+            detect_aided(&DARK.expose(light_e, 4), &OPTIONS, &aids).unwrap();
+            cpu_time_s() - begin
+        });
+        (is_unfinished.load(Ordering::Relaxed), took_s)
+    };
+    let (is_unfinished, took_s) = told(&light_e);
+    println!("{took_s:.2} s of CPU");
+    assert!(is_unfinished && took_s < if cfg!(debug_assertions) { 4.0 } else { 2.0 }, "{is_unfinished} {took_s}");
+    assert!(!told(&starlight([83.0, 5.0], 1.0e5)).0, "a frame of stars is done with");
 }
 
 /// The processor time of this thread, s.
