@@ -230,9 +230,12 @@ pub(super) fn blended(tracks: &[StarTrack], reach_px: f64, share: f64) -> Vec<bo
     let mut blended = vec![false; tracks.len()];
     for (rank, &a) in order.iter().enumerate() {
         for &b in order[rank + 1..].iter().take_while(|b| ranges[**b][0] - ranges[a][1] < reach_px) {
-            if distance_px(&trails[a], &trails[b]) < reach_px {
-                blended[a] |= tracks[b].electrons >= share * tracks[a].electrons;
-                blended[b] |= tracks[a].electrons >= share * tracks[b].electrons;
+            // Only what is not known yet is worth a look: where all stars lie on a few pixels, that is next to nothing.
+            let learns_a = !blended[a] && tracks[b].electrons >= share * tracks[a].electrons;
+            let learns_b = !blended[b] && tracks[a].electrons >= share * tracks[b].electrons;
+            if (learns_a || learns_b) && distance_px(&trails[a], &trails[b]) < reach_px {
+                blended[a] |= learns_a;
+                blended[b] |= learns_b;
             }
         }
     }

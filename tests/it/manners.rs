@@ -328,8 +328,10 @@ fn frames_of_endless_starlight_are_refused() {
         std::fs::write(&scene, text_of).unwrap();
         run(&["simulate", text(&scene), "-o", text(&folder.path().join("night")), "--backend", "cpu", "--force"])
     };
-    let wide =
-        ground.replace("focal_length_px = 250.0", "focal_length_px = 0.5").replace("faintest_magnitude = 5.5", "faintest_magnitude = 12.0");
+    let wide = ground
+        .replace("focal_length_px = 250.0", "focal_length_px = 0.5")
+        .replace("faintest_magnitude = 5.5", "faintest_magnitude = 12.0")
+        .replace("sigma_arcsec = [2.0, 2.0, 10.0]", "sigma_arcsec = [36000.0, 36000.0, 36000.0]");
     let refused = simulate(&wide);
     assert_eq!(refused.code, 1, "{}", refused.stderr);
     for part in ["exposure 0 asks for", "points of starlight", "sky.faintest_magnitude"] {
