@@ -154,10 +154,14 @@ pub(super) fn check(refuse: Refuse<'_>, streaks: &[StreakTable]) -> Result<(), S
         let is_placed = streak.frame.is_some() && streak.start_px.is_some() && streak.end_px.is_some();
         let is_drawn = streak.frame.is_none() && streak.start_px.is_none() && streak.end_px.is_none();
         if is_placed == streak.expected_per_frame.is_some() || !(is_placed || is_drawn) {
-            return refuse(key("frame"), format!("{:?}", streak.frame), "must stand with start_px and end_px, or expected_per_frame alone");
+            return refuse(
+                key("frame"),
+                streak.frame.map_or("not given".to_owned(), |frame| frame.to_string()),
+                "must stand with start_px and end_px, or expected_per_frame alone",
+            );
         }
-        if streak.expected_per_frame.is_some_and(|mean| !(0.0..=1e4).contains(&mean)) {
-            return refuse(key("expected_per_frame"), format!("{:?}", streak.expected_per_frame), "must lie between 0 and 10000");
+        if let Some(mean) = streak.expected_per_frame.filter(|mean| !(0.0..=1e4).contains(mean)) {
+            return refuse(key("expected_per_frame"), mean.to_string(), "must lie between 0 and 10000");
         }
         if ![streak.start_px, streak.end_px].into_iter().flatten().flatten().all(|place| place.abs() <= 1e5) {
             return refuse(key("start_px"), format!("{:?}", streak.start_px), "and end_px must be points within 100000 px of the frame");
