@@ -100,7 +100,7 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
 
     let mut stars = Stars::new(candidates);
     if variance_per_dn.is_none() {
-        scene.variance_per_dn = gain::variance_per_dn(&scene, &stars.samples(freedom, false), WEIGHED);
+        scene.variance_per_dn = gain::variance_per_dn(&scene, &stars.samples(frame, freedom, false), WEIGHED);
     }
     let fitting = |scene, empirical| Fitting {
         scene,
@@ -113,7 +113,7 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
     let with_gaussians = scene;
     fitting(&with_gaussians, false).begin(&mut stars);
     if aids.psf.is_some() && variance_per_dn.is_none() {
-        scene.variance_per_dn = gain::variance_per_dn(&scene, &stars.samples(|_| Freedom::Empirical, true), PARTED);
+        scene.variance_per_dn = gain::variance_per_dn(&scene, &stars.samples(frame, |_| Freedom::Empirical, true), PARTED);
     }
     if aids.psf.is_some() {
         fitting(&scene, true).again(&mut stars);

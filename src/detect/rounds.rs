@@ -10,7 +10,9 @@ use super::gain::Sample;
 use super::others::Others;
 use super::pairs::{Inquiry, Verdict};
 use super::psf::Shape;
+use super::search::apart;
 use super::work::{FITTED, PARTED, RESTED};
+use crate::frame::Frame;
 
 /// So often stars are fitted again with their neighbours as these were fitted last. Of two that are 4 px apart (σ 1.1 px) after 2 rounds 0.02 px are
 /// left of what each took for the other's light.
@@ -66,8 +68,10 @@ impl Stars {
         all.into_iter().map(|j| self.model(j)).collect()
     }
 
-    /// Those that tell the gain.
-    pub(super) fn samples(&self, freedom: impl Fn(&Candidate) -> Freedom, fitted: bool) -> Vec<Sample> {
+    /// Those that tell the gain: of all, or where the brightest stand together, in the other parts of the frame.
+    pub(super) fn samples(&self, frame: &Frame, freedom: impl Fn(&Candidate) -> Freedom, fitted: bool) -> Vec<Sample> {
+        let candidates = |i: &usize| [self.candidates[*i].start.x, self.candidates[*i].start.y];
+        let told = apart(&(0..self.candidates.len()).collect::<Vec<_>>(), candidates, frame);
         let sample = |i: usize| {
             let candidate = &self.candidates[i];
             let near = &self.neighbours[i];
@@ -75,7 +79,7 @@ impl Stars {
             let start = if fitted { self.fits[i].as_ref()?.model } else { candidate.start };
             (candidate.full_radius_px == 0.0).then(|| Sample { start, snr: candidate.snr, freedom: freedom(candidate), neighbours })
         };
-        (0..self.candidates.len()).filter_map(sample).collect()
+        told.into_iter().filter_map(sample).collect()
     }
 
     /// Whether another star's light, found or not, is in its image.

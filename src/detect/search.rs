@@ -1,7 +1,7 @@
 //! Where stars may be: the matched filter, run with first guesses of the image and then with that of the frame's own stars.
 
 use super::DetectOptions;
-use super::candidates::{Blob, candidates};
+use super::candidates::{Blob, Candidate, candidates};
 use super::field::Field;
 use super::filter::{self, Kernel, Peak};
 use super::fit::{Fit, Freedom, Model, Scene};
@@ -12,6 +12,8 @@ use super::shape;
 use super::tail::Tail;
 use super::trail::Trail;
 use super::work::{SEARCHED, Work};
+use crate::frame::Frame;
+use crate::statistics::crowding::crowding;
 use crate::statistics::median_in_place;
 
 /// First guesses of the width before the frame's own stars tell: usual optics, then defocused or trailed ones.
@@ -134,10 +136,14 @@ pub(super) fn search(
     if let Some(sigma) = options.psf_sigma_px {
         return at_shape(Shape::round(sigma), true);
     }
-    let mut typical = shape::typical(residual, width, scene.masked, &first.peaks);
+    let typical_of = |peaks: &[Peak]| {
+        let place = |peak: &Peak| [peak.x as f64, peak.y as f64];
+        shape::typical(residual, width, scene.masked, &apart(peaks, place, scene.frame))
+    };
+    let mut typical = typical_of(&first.peaks);
     if typical.as_ref().is_none_or(|t| t.stars < 5) {
         let wide = at_shape(Shape::round(WIDE_SIGMA_PX), false);
-        let other = shape::typical(residual, width, scene.masked, &wide.peaks);
+        let other = typical_of(&wide.peaks);
         // glow and nebulae are wide too, but no two alike
         if other.as_ref().is_some_and(|o| o.stars >= 5 && o.spread < 0.25 && o.stars > typical.as_ref().map_or(0, |t| t.stars)) {
             (typical, first) = (other, wide);
@@ -165,6 +171,21 @@ pub(super) fn search(
     refined(scene, found, blobs)
 }
 
+/// Those of some things, brightest first, that tell what stars are like: where the brightest stand together, those in other parts of the frame.
+pub(super) fn apart<T: Copy>(some: &[T], place: impl Fn(&T) -> [f64; 2], frame: &Frame) -> Vec<T> {
+    /// Fewer tell nothing, and all are asked.
+    const FEWEST: usize = 8;
+    let at_px: Vec<[f64; 2]> = some.iter().map(place).collect();
+    let Some(standing) = crowding(&at_px, [frame.width_px as f64, frame.height_px as f64]) else { return some.to_vec() };
+    let left: Vec<T> = some.iter().zip(&standing).filter(|(_, own)| !own.is_crowded).map(|(one, _)| *one).collect();
+    if left.len() < FEWEST { some.to_vec() } else { left }
+}
+
+/// The same of stars with their first guesses.
+fn stars_apart(candidates: &[Candidate], frame: &Frame) -> Vec<Candidate> {
+    apart(candidates, |candidate| [candidate.start.x, candidate.start.y], frame)
+}
+
 /// Faint trails, which the round filter sees in pieces. `None` where there are none.
 fn search_for_trails(
     scene: &Scene<'_>,
@@ -187,7 +208,7 @@ fn shape_by_fits(scene: &Scene<'_>, search: &Search, blobs: &[Blob], elongated: 
     const FEWEST_BRIGHT: usize = 3;
     const FEWEST_FAINT: usize = 8;
     const LARGEST_SPREAD: f64 = 0.3;
-    let candidates = candidates(scene.frame, scene.background, search, blobs);
+    let candidates = stars_apart(&candidates(scene.frame, scene.background, search, blobs), scene.frame);
     let good = |f: &Fit| f.lone_pixel_excess > 0.0 && f.model.shape.axes_px().1 > SHARPEST_PX && !f.edge;
     let told = |starts: &[Model], fewest: usize| Told::of(scene, starts, search.shape, fewest, good);
     let clear = || candidates.iter().filter(|c| c.full_radius_px == 0.0);
@@ -243,7 +264,7 @@ fn turning(scene: &Scene<'_>, found: Search, blobs: &[Blob]) -> Search {
 fn asked(scene: &Scene<'_>, found: &Search, blobs: &[Blob]) -> (Vec<Model>, bool) {
     const MOST_FAINT: usize = 400;
     const ENOUGH_BRIGHT: usize = 100;
-    let candidates = candidates(scene.frame, scene.background, found, blobs);
+    let candidates = stars_apart(&candidates(scene.frame, scene.background, found, blobs), scene.frame);
     let bright = candidates.iter().filter(|c| c.snr > SNR_FOR_WIDTH).count() >= ENOUGH_BRIGHT;
     let most = if bright { ENOUGH_BRIGHT } else { MOST_FAINT };
     (candidates.iter().filter(|c| c.full_radius_px == 0.0).take(most).map(|c| c.start).collect(), bright)

@@ -1,5 +1,6 @@
 //! Noise model, robust location and scale, weights, tests: one place for all of them.
 
+pub mod crowding;
 pub mod robust;
 pub mod significance;
 

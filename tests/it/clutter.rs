@@ -203,7 +203,6 @@ const KINDS: [(&str, Draw); 3] = [
 ];
 
 #[test]
-#[ignore = "open fault: of three fields behind leaves over a fifth of the frame the first is not identified; twilight and letters not looked into yet"]
 fn stars_among_other_things_are_identified_and_other_things_alone_are_not() {
     let (catalog, index) = (Catalog::embedded(), Index::new(Catalog::embedded()));
     let fields = [[83.0, 5.0], [300.0, 30.0], [30.0, -40.0]];
