@@ -174,7 +174,7 @@ fn overview(diagnosis: &Diagnosis) -> String {
     line("rms before", &quality(&before));
     line("rms after", &quality(&after));
     if let Some(expected) = before.expected_rms_px {
-        line("rms expected", &format!("{} px of the errors that the measurement states", significant(expected)));
+        line("expected", &format!("{} px of the errors that the measurement states", significant(expected)));
     }
     if !diagnosis.located.is_empty() {
         let located = |located: &boresight::diagnose::Located| {

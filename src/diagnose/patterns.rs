@@ -3,7 +3,9 @@
 //! A pattern that can imitate most of the effect may be the better description of both. It is asked by leaving it free beside the effect: what
 //! it cannot imitate of the effect measures the effect alone. If the name is right, that part shows it, and shows it at the same size: the two
 //! estimates differ by chance only, with the variance σ₁² − σ₀², σ₁ the error beside the pattern, σ₀ that without it (the estimate without the
-//! pattern is the efficient one). If the effect is no more than a likeness of the pattern, nothing of it is left, or another size.
+//! pattern is the efficient one). If the effect is no more than a likeness of the pattern, nothing of it is left, or another size. Where the
+//! size is known beforehand it is the known one that is the efficient estimate: a pattern of another origin moves what is estimated without
+//! it, and not what is estimated beside it.
 //!
 //! Every pattern is a question of its own: that one of them remains is judged by the probability that the largest of all does.
 //!
@@ -11,7 +13,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::attribute::{Entry, Stand, columns};
+use super::attribute::{AGREES, Entry, Stand, columns};
 use super::evidence::Evidence;
 use super::run::family;
 use super::scan::{Asks, Group, Scan, orthonormal};
@@ -80,7 +82,10 @@ fn against(named: &Named, index: usize, pattern: usize) -> Option<String> {
         return Some("nothing of the effect is left".to_owned());
     }
     let moved = solved.moved()?;
-    (moved > THREE_SIGMA).then(|| "its size is another".to_owned())
+    let before = &named.evidence.hypotheses[named.entries[named.k].hypothesis].variants[named.entries[named.k].variant];
+    let known = named.solved.ratio_beside(named.k, before, &solved.with_pattern);
+    let is_known = known.is_some_and(|[ratio, sigma]| (ratio - 1.0).abs() <= AGREES * sigma);
+    (moved > THREE_SIGMA && !is_known).then(|| "its size is another".to_owned())
 }
 
 /// An effect's own columns, the fit of all others, and that of all others with a pattern.

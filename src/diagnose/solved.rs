@@ -138,8 +138,9 @@ impl Solved {
     pub(super) fn ratio_beside_rivals(&self, k: usize, before: &Variant, rivals: &[Rival]) -> Option<[f64; 2]> {
         let (evidence, stand) = (&self.evidence, &self.stand);
         let hypothesis = &evidence.hypotheses[self.entries[k].hypothesis];
-        let variant = &hypothesis.variants[self.entries[k].variant];
-        let [column] = variant.columns.as_slice() else { return None };
+        if hypothesis.variants[self.entries[k].variant].columns.len() != 1 {
+            return None;
+        }
         let white = |entry: Entry| columns(evidence, &[entry]).map(|c| evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>();
         let mut beside: Vec<Whitened> =
             self.entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(*entry)).collect();
@@ -151,7 +152,16 @@ impl Solved {
         }
         let fit = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>());
         let free = Stand { fit: fit.with_noise_of(&stand.fit), more: beside, ..stand.clone() };
-        let [change, sigma] = amplitude(&free, &evidence.white(&stand.noise, column))?;
+        self.ratio_beside(k, before, &free)
+    }
+
+    /// Size found over size known of an accepted effect beside whatever `free` holds, and its standard error; none where it has not one
+    /// parameter alone, or no known size.
+    pub(super) fn ratio_beside(&self, k: usize, before: &Variant, free: &Stand) -> Option<[f64; 2]> {
+        let hypothesis = &self.evidence.hypotheses[self.entries[k].hypothesis];
+        let variant = &hypothesis.variants[self.entries[k].variant];
+        let [column] = variant.columns.as_slice() else { return None };
+        let [change, sigma] = amplitude(free, &self.evidence.white(&free.noise, column))?;
         let first = *hypothesis.fitted.first()?;
         let spec = &hypothesis.effect.parameters()[first];
         let value = variant.start[first] + change - difference(hypothesis.id(), &before.start, first);
