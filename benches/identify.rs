@@ -27,7 +27,7 @@ mod star_lists;
 use star_lists::{BASE, ByChance, List, MAGNITUDE_SIGMA, RIGHT_DEG, Scene, Told, WIDTH_PX, cpu_ms, make};
 
 /// The other program gets no more lists of a row than these.
-const MOST_OF_THEIRS: u64 = 1000;
+const MAX_OF_THEIRS: u64 = 1000;
 
 /// A row of the table.
 struct Row {
@@ -293,10 +293,10 @@ fn main() {
          that is told is wrong by up to 10 % by chance (tolerance 10 %) or, in rows of focal lengths, by the factor (tolerance 7, 14, 28 %), or\n\
          (no prior) nothing is told. right: middle within {RIGHT_DEG}°, roll, handedness and all names right (of tetra3rs, which names none: the\n\
          middle); wrong: another attitude; misnamed: right but for a name. star-free: 4 to 200 points by chance; right is a refusal. CPU time of\n\
-         one core. tetra3rs is given the first {MOST_OF_THEIRS} lists of a row.\n"
+         one core. tetra3rs is given the first {MAX_OF_THEIRS} lists of a row.\n"
     );
     let heads = format!("{:>7} {:>6} {:>9} {:>10} {:>10} {:>10}", "right %", "wrong", "misnamed", "median ms", "95 % ms", "most ms");
-    let peers = option("--python").map(|python| theirs(&python, &rows, |row| trials(row).min(MOST_OF_THEIRS)));
+    let peers = option("--python").map(|python| theirs(&python, &rows, |row| trials(row).min(MAX_OF_THEIRS)));
     let peer_head = if peers.is_some() { "   tetra3rs: right %  wrong  median ms  95 % ms  ours/theirs" } else { "" };
     let _ = writeln!(text, "{:42} {:>6} {:>5} {heads}{peer_head}", "row", "lists", "stars");
     print!("{text}");

@@ -29,7 +29,7 @@ const FAILED_PX: f64 = 10.0;
 const BUNDLE: &str = "bundle";
 const ANEW: &str = "bundle, identified anew";
 /// The published iteration needs more solutions with F = 4 than it is given by default.
-const MOST_ITERATIONS: usize = 400;
+const MAX_ITERATIONS: usize = 400;
 const KINDS: [(&str, &str, WrongStars); 3] = [
     ("random", "a direction 0.05° to 2° away", WrongStars::Random),
     ("near-neighbour", "one of the nearest catalogue stars", WrongStars::NearNeighbour),
@@ -84,7 +84,7 @@ struct Report {
 /// Every method, in the order of the plot's colours.
 fn methods() -> Vec<Box<dyn Calibrator>> {
     let library = |name: &str, options: CalibrateOptions| -> Box<dyn Calibrator> {
-        let options = CalibrateOptions { leave_out_imprecise: false, held_out: false, max_iterations: MOST_ITERATIONS, ..options };
+        let options = CalibrateOptions { leave_out_imprecise: false, held_out: false, max_iterations: MAX_ITERATIONS, ..options };
         Box::new(Library { name: name.to_owned(), options })
     };
     let weights = |f_threshold: f64| CalibrateOptions { method: Method::VariableWeights, f_threshold, ..CalibrateOptions::default() };

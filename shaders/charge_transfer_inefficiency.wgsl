@@ -12,7 +12,7 @@ struct ChargeTransferInefficiencyUniforms {
     capture: f32,
 }
 
-const LEAST_E = 0.01;
+const MIN_E = 0.01;
 
 // Electrons of the packet and of the traps after one kind of traps, of which the whole way has `traps` and `held` are full.
 fn trap(traps: f32, released: f32, electrons: f32, held: f32) -> vec2<f32> {
@@ -20,8 +20,8 @@ fn trap(traps: f32, released: f32, electrons: f32, held: f32) -> vec2<f32> {
     let exponent = effects.charge_transfer_inefficiency.cloud_exponent;
     let met = traps * power(filling, exponent);
     let certain = 1.0 - exponential(-effects.charge_transfer_inefficiency.capture * power(filling, 1.0 - exponent));
-    let could = (met - held) / (met / max(electrons, LEAST_E) + 1.0) * certain;
-    let taken = select(0.0, max(could, 0.0), electrons > LEAST_E);
+    let could = (met - held) / (met / max(electrons, MIN_E) + 1.0) * certain;
+    let taken = select(0.0, max(could, 0.0), electrons > MIN_E);
     let full = held + taken;
     let let_go = full * released;
     return vec2<f32>(electrons - taken + let_go, full - let_go);

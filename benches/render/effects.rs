@@ -6,7 +6,7 @@ use boresight::catalog::Catalog;
 use boresight::imaging::Backend;
 use boresight::render::Renderer;
 use boresight::scene::Scene;
-use boresight::scene::shown::{Known, SHOWN, View, known};
+use boresight::scene::effect_demo::{Known, SHOWN, View, known};
 
 use crate::{cpu_ms, median};
 

@@ -4,7 +4,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::calibrate::{CalibrateOptions, Column, Joint};
+use crate::calibrate::{BundleSolution, CalibrateOptions, Column};
 use crate::identify::ControlPoints;
 
 /// Ridge on columns of length one, which keeps what cannot be determined from growing.
@@ -55,17 +55,17 @@ impl Sums {
 
 /// A recording whose camera is solved, and the frames set aside.
 pub(super) struct Judge {
-    pub(super) joint: Joint,
+    pub(super) joint: BundleSolution,
     held_out: Vec<usize>,
     looked_at: Vec<bool>,
 }
 
 impl Judge {
-    /// On control points whose model contains the effects `known`. `None` if there is no calibration to start from.
+    /// On control points whose model contains the effects `predicted`. `None` if there is no calibration to start from.
     pub(super) fn new(points: &ControlPoints, known: &[String], held_out: &[usize]) -> Option<Self> {
         let options =
             CalibrateOptions { held_out: false, leave_out_imprecise: false, physics: known.to_vec(), ..CalibrateOptions::default() };
-        let joint = Joint::solve(points, &options).ok()?;
+        let joint = BundleSolution::solve(points, &options).ok()?;
         let looked_at = joint
             .images()
             .iter()
@@ -133,7 +133,7 @@ impl Judge {
 
 /// Columns of the frame's own parameters, other columns, and residuals of star images of a frame, in standard errors.
 fn white(
-    frame: &[crate::calibrate::JointImage],
+    frame: &[crate::calibrate::BundleImage],
     start: usize,
     used: &[usize],
     own_count: usize,
@@ -156,7 +156,7 @@ fn white(
 }
 
 /// The sums of each frame over the star images kept, its own parameters taken out.
-pub(super) fn by_frame(joint: &Joint, columns: &[&Column], kept: &[bool]) -> Vec<(usize, Sums)> {
+pub(super) fn by_frame(joint: &BundleSolution, columns: &[&Column], kept: &[bool]) -> Vec<(usize, Sums)> {
     let images = joint.images();
     let own_count = joint.own_count();
     let mut sums = Vec::new();

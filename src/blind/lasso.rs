@@ -5,7 +5,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::judge::{Judge, Sums, by_frame};
-use crate::calibrate::{Column, Joint};
+use crate::calibrate::{BundleSolution, Column};
 use crate::effects::{Context, DISPLACEMENTS, Observation, Segment, StarState};
 use crate::identify::ControlPoints;
 
@@ -13,11 +13,11 @@ use crate::identify::ControlPoints;
 const FOLDS: usize = 5;
 /// Penalties tried, from where nothing enters down to this share of it.
 const PENALTIES: usize = 40;
-const LEAST_PENALTY: f64 = 0.01;
+const MIN_PENALTY: f64 = 0.01;
 /// Columns of which less is left are not offered.
-const LEAST_SURVIVAL: f64 = 0.02;
+const MIN_SURVIVAL: f64 = 0.02;
 /// Star images with a smaller weight are held to be misidentified.
-const LEAST_WEIGHT: f64 = 0.5;
+const MIN_WEIGHT: f64 = 0.5;
 
 /// What LASSO answers.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,7 +28,7 @@ pub struct Lasso {
     pub held_out: f64,
 }
 
-/// LASSO on control points whose model contains the effects `known`; judged on the frames `held_out`.
+/// LASSO on control points whose model contains the effects `predicted`; judged on the frames `held_out`.
 #[must_use]
 pub fn lasso(points: &ControlPoints, known: &[String], held_out: &[usize]) -> Option<Lasso> {
     lasso_before(&Judge::new(points, known, held_out)?, points)
@@ -40,7 +40,7 @@ pub(super) fn lasso_before(judge: &Judge, points: &ControlPoints) -> Option<Lass
     let camera = joint.solved_columns();
     let (ids, library) = offered(joint, points);
     let columns: Vec<&Column> = camera.iter().chain(&library).collect();
-    let right: Vec<bool> = joint.images().iter().map(|image| image.weight > LEAST_WEIGHT).collect();
+    let right: Vec<bool> = joint.images().iter().map(|image| image.weight > MIN_WEIGHT).collect();
     let frames = by_frame(joint, &columns, &right);
     let mut train = Sums::zero(columns.len());
     let mut folds: Vec<Sums> = (0..FOLDS).map(|_| Sums::zero(columns.len())).collect();
@@ -52,7 +52,7 @@ pub(super) fn lasso_before(judge: &Judge, points: &ControlPoints) -> Option<Lass
     }
     let whole = Problem::new(&train, camera.len())?;
     let largest = whole.largest_penalty();
-    let penalties: Vec<f64> = (0..PENALTIES).map(|step| largest * LEAST_PENALTY.powf(step as f64 / (PENALTIES - 1) as f64)).collect();
+    let penalties: Vec<f64> = (0..PENALTIES).map(|step| largest * MIN_PENALTY.powf(step as f64 / (PENALTIES - 1) as f64)).collect();
     let mut errors = vec![Vec::new(); PENALTIES];
     for fold in &folds {
         let mut rest = Sums::zero(columns.len());
@@ -82,17 +82,17 @@ pub(super) fn lasso_before(judge: &Judge, points: &ControlPoints) -> Option<Lass
 }
 
 /// Columns of everything the recording allows, with the ids that they belong to.
-fn offered(joint: &Joint, points: &ControlPoints) -> (Vec<String>, Vec<Column>) {
+fn offered(joint: &BundleSolution, points: &ControlPoints) -> (Vec<String>, Vec<Column>) {
     let frames = joint.frames();
     let first = frames.first().map_or_else(Observation::default, |(_, observation)| *observation);
     let star = points.points.first().map_or_else(StarState::default, |point| point.star);
     let (mut ids, mut columns) = (Vec::new(), Vec::new());
     for effect in DISPLACEMENTS.iter().filter(|effect| effect.segment() != Segment::Projection && effect.id() != "brown-conrady") {
-        if frames.iter().any(|(_, observation)| effect.missing(observation).is_some()) {
+        if frames.iter().any(|(_, observation)| effect.unmet_requirement(observation).is_some()) {
             continue;
         }
         let Some(start) = effect.identity(&Context::new(star, first)) else { continue };
-        let found = joint.columns_of(effect.id(), &start, &effect.fitted(&first)).unwrap_or_default();
+        let found = joint.columns_of(effect.id(), &start, &effect.default_free(&first)).unwrap_or_default();
         for column in found.into_iter().filter(|column| column.iter().flatten().all(|value| value.is_finite())) {
             ids.push(effect.id().to_owned());
             columns.push(column);
@@ -135,7 +135,7 @@ impl Problem {
         let scale: Vec<f64> = (0..penalised)
             .map(|k| {
                 let (left, whole) = (gram[(k, k)], sums.gram[(free + k, free + k)]);
-                if whole > 0.0 && left > LEAST_SURVIVAL * LEAST_SURVIVAL * whole { 1.0 / left.sqrt() } else { 0.0 }
+                if whole > 0.0 && left > MIN_SURVIVAL * MIN_SURVIVAL * whole { 1.0 / left.sqrt() } else { 0.0 }
             })
             .collect();
         for i in 0..penalised {

@@ -15,7 +15,8 @@ use crate::diagnose::{DiagnoseOptions, diagnose};
 use crate::frame::Frame;
 use crate::identify::{ControlPoint, IdentifyOptions};
 use crate::pipeline::{
-    Asked, MeasureOptions, PipelineError, Question, SkyChoice, control_points, identify_frames, measure_frames, question,
+    DiagnosisInput, DiagnosisRequest, MeasureOptions, PipelineError, SkyChoice, control_points, diagnosis_request, identify_frames,
+    measure_frames,
 };
 use crate::recording::{FitsHeaders, Form, FrameEntry, Recording, Size, write_fits_u16, write_manifest};
 
@@ -107,7 +108,7 @@ pub fn write_pixels(folder: &Path, lists: &Lists, canvas: &Canvas) -> Result<(),
 #[derive(Clone, Debug)]
 pub struct Painted {
     /// What the diagnosis is asked.
-    pub question: Question,
+    pub question: DiagnosisRequest,
     /// Frames identified.
     pub frames_identified: usize,
     /// Wall time of painting, measuring, identifying and of the baseline, s.
@@ -133,9 +134,9 @@ pub fn painted(lists: &Lists, canvas: &Canvas, catalog: &Catalog, options: &Diag
     let identified = identify_frames(&measured, catalog, &choice, &search, || ())?;
     let named = start.elapsed().as_secs_f64();
     let prepared = control_points(&measured, &identified, catalog, None, false)?;
-    let asked = Asked { catalog, choice: &choice, max_magnitude: None, trusted: false };
+    let asked = DiagnosisInput { catalog, choice: &choice, max_magnitude: None, trusted: false };
     let options = DiagnoseOptions { proper_motion_only: measured.times_are_known(), ..options.clone() };
-    let question = question(&measured, &identified, &prepared, &asked, options)?;
+    let question = diagnosis_request(&measured, &identified, &prepared, &asked, options)?;
     Ok(Painted {
         question,
         frames_identified: identified.iter().filter(|frame| frame.solution().is_some()).count(),
@@ -156,7 +157,7 @@ pub fn pixel_answer(family: Family, index: u32, seed: u64, options: &DiagnoseOpt
         Ok(painted) => painted,
         Err(error) => return none(whole(&error)),
     };
-    let Painted { question: Question { points, left_out, telemetry, options: asked, .. }, frames_identified, mut seconds_by_step } =
+    let Painted { question: DiagnosisRequest { points, left_out, telemetry, options: asked, .. }, frames_identified, mut seconds_by_step } =
         painted;
     let mut answer = match diagnose(&points, &telemetry, &asked) {
         Ok(diagnosis) => shortened(&diagnosis, family, index, seed),

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::generate::Lists;
 use crate::camera::Physics;
 use crate::catalog::Catalog;
-use crate::identify::{ControlPoints, ListedError, listed_control_points};
+use crate::identify::{ControlPoints, PreidentifiedError, listed_control_points};
 use crate::recording::{CameraInfo, Form, FrameEntry, ListedStar, Recording, Site, StarList};
 
 /// The recording, as it would be read back from its folder.
@@ -61,7 +61,7 @@ pub fn recording(lists: &Lists) -> Recording {
 }
 
 /// The control points of a concealed recording, for a model with these effects of the sky.
-pub fn control_points(recording: &Recording, model: &[&str], catalog: &Catalog) -> Result<ControlPoints, ListedError> {
+pub fn control_points(recording: &Recording, model: &[&str], catalog: &Catalog) -> Result<ControlPoints, PreidentifiedError> {
     let physics = Physics::List(model.iter().map(|id| (*id).to_owned()).collect());
     listed_control_points(recording, catalog, &physics)
 }

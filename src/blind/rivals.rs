@@ -34,7 +34,7 @@ const DEGREE: i32 = 7;
 /// Coefficients of `radial-high-order`: k2 and k3.
 const RADIAL: &str = "radial-high-order";
 
-/// The rivals, and what the diagnosis `named`, on control points whose model contains the effects `known`, judged on these frames. `None` if there is no
+/// The rivals, and what the diagnosis `named`, on control points whose model contains the effects `predicted`, judged on these frames. `None` if there is no
 /// calibration to start from.
 #[must_use]
 pub fn rival_fits(points: &ControlPoints, known: &[String], named: &[AnswerFinding], held_out: &[usize]) -> Option<RivalFits> {
@@ -64,7 +64,7 @@ fn columns_of_finding(judge: &Judge, points: &ControlPoints, finding: &AnswerFin
         let found = finding.parameters.iter().find(|parameter| parameter.name == name || parameter.name.ends_with(&format!(".{name}")))?;
         *start.get_mut(index)? = found.value;
     }
-    let fitted: Vec<usize> = effect.fitted(&first).into_iter().filter(|index| Some(*index) != searched).collect();
+    let fitted: Vec<usize> = effect.default_free(&first).into_iter().filter(|index| Some(*index) != searched).collect();
     judge.joint.columns_of(&finding.id, &start, &fitted)
 }
 

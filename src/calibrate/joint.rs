@@ -14,11 +14,11 @@ use crate::effects::{Observation, Segment, Signature, displacement};
 use crate::identify::ControlPoints;
 
 /// Own parameters of a frame at most: its attitude, and its rates where they are solved.
-pub const MOST_OWN: usize = bundle::MOST_OWN;
+pub const MAX_FRAME_PARAMETERS: usize = bundle::MAX_FRAME_PARAMETERS;
 
 /// One star image at the solution.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct JointImage {
+pub struct BundleImage {
     /// Index of its control point.
     pub point: usize,
     /// Its frame in the recording.
@@ -32,32 +32,32 @@ pub struct JointImage {
     /// Covariance that the measurement states, the catalogue's error included: xx, xy, yy, px².
     pub stated_px2: [f64; 3],
     /// Change of the residual with the frame's own parameters (attitude about the camera's axes in rad, rates in rad/s), by axis.
-    pub own: [[f64; MOST_OWN]; 2],
+    pub own: [[f64; MAX_FRAME_PARAMETERS]; 2],
     /// The probability that the identification is right, as the robust solution has it.
     pub weight: f64,
 }
 
-/// Columns of a parameter: the change of every image's residual with it, px per unit, in the order of [`Joint::images`].
+/// Columns of a parameter: the change of every image's residual with it, px per unit, in the order of [`BundleSolution::images`].
 pub type Column = Vec<[f64; 2]>;
 
 /// The errors that an adjustment reckons with: stated covariance times the frame's factor, plus a floor; and a weight for each image.
 #[derive(Clone, Debug, PartialEq)]
-pub struct GivenNoise {
+pub struct FixedNoise {
     /// Floor, px² per axis.
     pub floor_px2: f64,
-    /// Factor on the variances of every frame taking part, in the order of [`Joint::frames`].
+    /// Factor on the variances of every frame taking part, in the order of [`BundleSolution::frames`].
     pub factors: Vec<f64>,
-    /// Weight of every image, in the order of [`Joint::images`].
+    /// Weight of every image, in the order of [`BundleSolution::images`].
     pub weights: Vec<f64>,
 }
 
 /// A joint solution.
 #[derive(Clone, Debug)]
-pub struct Joint {
+pub struct BundleSolution {
     solved: Solved,
 }
 
-impl Joint {
+impl BundleSolution {
     /// Solves for the camera from nothing but ground values; robust. Every point takes part but those that a rule of `options` leaves out.
     pub fn solve(points: &ControlPoints, options: &CalibrateOptions) -> Result<Self, CalibrateError> {
         check_points(points, options)?;
@@ -122,7 +122,7 @@ impl Joint {
 
     /// Every star image that has a residual, frame by frame.
     #[must_use]
-    pub fn images(&self) -> Vec<JointImage> {
+    pub fn images(&self) -> Vec<BundleImage> {
         let (problem, adjusted) = (&self.solved.problem, &self.solved.adjusted);
         let of = |place: usize| {
             let exposure = &problem.exposures[place];
@@ -131,7 +131,7 @@ impl Joint {
                 let image = &exposure.images[index];
                 let [xx, xy, yy] = image.covariance_px2;
                 let catalog = (image.catalog_sigma_rad * adjusted.noise.focal_length_px).powi(2);
-                let mut own = [[0.0; MOST_OWN]; 2];
+                let mut own = [[0.0; MAX_FRAME_PARAMETERS]; 2];
                 let time_s = Problem::row_time_s(&exposure.observation, image.pixel[1]);
                 for (own, columns) in own.iter_mut().zip(&row.by_rotation) {
                     own[..3].copy_from_slice(columns);
@@ -139,7 +139,7 @@ impl Joint {
                         own[3 + axis] = -time_s * columns[axis];
                     }
                 }
-                found.push(JointImage {
+                found.push(BundleImage {
                     point: image.point,
                     frame: exposure.frame,
                     star_direction: image.star.direction,
@@ -255,7 +255,7 @@ impl Joint {
 
     /// The solution anew, from here: with `terms` in force beside the model's own (replacing those of the same id), the parameters that
     /// `solve` names free, and the errors as given. What is minimised is the plain weighted sum of squares.
-    pub fn again(&self, terms: &[Term], solve: &[String], noise: &GivenNoise) -> Result<Self, CalibrateError> {
+    pub fn again(&self, terms: &[Term], solve: &[String], noise: &FixedNoise) -> Result<Self, CalibrateError> {
         let mut problem = self.solved.problem.clone();
         let refuse =
             |name: &str, error: crate::camera::ModelError| CalibrateError::NotSolvable { name: name.to_owned(), reason: error.to_string() };

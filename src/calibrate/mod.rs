@@ -35,7 +35,7 @@ pub use calibration::{
     ModelSelection, NoiseFound, ParameterEstimate, PointResult, Reidentified, Status,
 };
 pub use compare::{Comparison, MapChange, ParameterDifference, compare, map_change};
-pub use joint::{Column, GivenNoise, Joint, JointImage, MOST_OWN};
+pub use joint::{BundleImage, BundleSolution, Column, FixedNoise, MAX_FRAME_PARAMETERS};
 pub use lit::LitCircle;
 pub use map::{Map, MapPoint, MappingError, map, map_difference, map_sigma, mapping_error_of_models_px, mapping_error_px};
 pub use reidentify::{StarImage, calibrate_identifying_anew};

@@ -24,13 +24,13 @@ const ROUNDS: usize = 8;
 const GATE: f64 = 25.0;
 /// The gates that are tried, widest first, and the share of new pairs that may come by chance.
 const GATES: [f64; 4] = [GATE, 12.0, 6.0, 3.0];
-const MOST_BY_CHANCE: f64 = 0.1;
+const MAX_BY_CHANCE: f64 = 0.1;
 /// Stars this much fainter than the faintest that is surely identified are not looked for.
 const FAINTER: f64 = 0.5;
 /// Stars may stand this much off their catalogue place (aberration, refraction, motion), rad.
 const MARGIN_RAD: f64 = 0.012;
 /// A frame with fewer images of weight is not trusted to name stars.
-const FEWEST: usize = 4;
+const MIN_STARS: usize = 4;
 
 /// A measured star image, identified or not.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,7 +105,7 @@ fn identified_anew(
     let limit = faintest.filter(|magnitude| *magnitude < 90.0).fold(f64::NEG_INFINITY, f64::max) + FAINTER;
     let limit = limit.min(max_magnitude);
     for frame in &calibration.per_frame {
-        let Some(attitude) = frame.camera_from_icrs.filter(|_| frame.stars >= FEWEST) else { continue };
+        let Some(attitude) = frame.camera_from_icrs.filter(|_| frame.stars >= MIN_STARS) else { continue };
         let of_frame = by_frame.get(&frame.frame).map_or(&[][..], Vec::as_slice);
         let known = |image: &&StarImage| {
             of_frame.iter().any(|index| points.points[*index].x_px == image.x_px && points.points[*index].y_px == image.y_px)
@@ -282,7 +282,7 @@ impl Near {
             })
             .sum();
         let new = |gate: f64| found[identified..].iter().flatten().filter(|(distance, _)| *distance < gate).count() as f64;
-        GATES.into_iter().find(|gate| by_chance * gate <= MOST_BY_CHANCE * new(*gate)).unwrap_or(0.0)
+        GATES.into_iter().find(|gate| by_chance * gate <= MAX_BY_CHANCE * new(*gate)).unwrap_or(0.0)
     }
 }
 

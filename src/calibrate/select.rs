@@ -28,7 +28,7 @@ pub(super) const CENTROID_FLOOR_PX: f64 = 0.05;
 /// How much larger than the smallest the variance may get for the sake of more points.
 const TOLERATED_LOSS: f64 = 0.1;
 /// A frame with fewer points is left out.
-pub(super) const FEWEST_STARS: usize = 3;
+pub(super) const MIN_STARS: usize = 3;
 
 /// Why a control point did not enter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -102,7 +102,7 @@ pub(super) fn select(control_points: &ControlPoints, options: &CalibrateOptions)
     }
     let mut frames = Vec::new();
     for (frame, indices) in by_frame {
-        if indices.len() < FEWEST_STARS {
+        if indices.len() < MIN_STARS {
             for i in indices {
                 reasons[i] = Some(LeftOutReason::FewInFrame);
             }

@@ -9,7 +9,7 @@ use super::calibration::{AttitudeSigma, Calibration, FORMAT, FrameResult, LeftOu
 use super::geometry::{Scaling, folds_over};
 use super::map::attitude_sigma_rad;
 use super::pairs::{FrameStars, PairStar, Pairs};
-use super::select::{CENTROID_FLOOR_PX, FEWEST_STARS, Selection, predicted_sigma_px};
+use super::select::{CENTROID_FLOOR_PX, MIN_STARS, Selection, predicted_sigma_px};
 use super::star_level::{FrameFit, ResidualSums, fit_frames};
 use super::uncertainty::{Coverage, covariances, map_sigma_px};
 use super::variable_weights::PairSolution;
@@ -162,7 +162,7 @@ pub(super) fn summarise(
 /// with another one only by chance.
 fn star_weights(pair_weights: Vec<Vec<f64>>) -> (Vec<f64>, bool) {
     let medians: Vec<f64> = pair_weights.iter().cloned().map(median).collect();
-    if medians.iter().filter(|weight| **weight > REJECTED_WEIGHT).count() >= FEWEST_STARS {
+    if medians.iter().filter(|weight| **weight > REJECTED_WEIGHT).count() >= MIN_STARS {
         return (medians, false);
     }
     let upper_quartile = |mut values: Vec<f64>| {

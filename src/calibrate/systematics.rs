@@ -64,7 +64,7 @@ impl Calibration {
         let frames = &self.control_points.frames;
         let could = |id: &str| {
             let known =
-                |frame: &crate::identify::FrameState| displacement(id).is_some_and(|effect| effect.known(&frame.observation).is_some());
+                |frame: &crate::identify::FrameState| displacement(id).is_some_and(|effect| effect.predicted(&frame.observation).is_some());
             !frames.is_empty() && frames.iter().all(known)
         };
         // Who leaves out what could be computed knows it.

@@ -78,7 +78,7 @@ fn known_effects() -> impl Iterator<Item = &'static str> {
         sensor: Some(Sensor { width_px: 1024, height_px: 1024, line_time_s: Some(1e-5), last_row_first: false }),
         ..Observation::default()
     };
-    DISPLACEMENTS.iter().filter(move |effect| effect.known(&everything).is_some()).map(|effect| effect.id())
+    DISPLACEMENTS.iter().filter(move |effect| effect.predicted(&everything).is_some()).map(|effect| effect.id())
 }
 
 impl Physics {
@@ -92,12 +92,12 @@ impl Physics {
                 Self::Known => true,
                 Self::List(ids) => ids.iter().any(|id| id == effect.id()),
             };
-            let known: Vec<_> = observations.iter().filter_map(|observation| effect.known(observation)).collect();
+            let known: Vec<_> = observations.iter().filter_map(|observation| effect.predicted(observation)).collect();
             let everywhere = !known.is_empty() && known.len() == observations.len() && known.iter().all(|one| *one == known[0]);
             if wanted && everywhere {
                 terms.push(Term { effect: effect.id().to_owned(), parameters: known[0].clone() });
             } else if wanted && matches!(self, Self::List(_)) {
-                let reason = observations.iter().find_map(|observation| effect.missing(observation));
+                let reason = observations.iter().find_map(|observation| effect.unmet_requirement(observation));
                 let reason = reason.unwrap_or("its size must be fitted, or is not the same in all frames").to_owned();
                 return Err(PhysicsError::NotComputable { id: effect.id().to_owned(), reason });
             }
@@ -137,10 +137,10 @@ impl SkyChain {
             if !wanted {
                 continue;
             }
-            match (effect.known(&observation), physics) {
+            match (effect.predicted(&observation), physics) {
                 (Some(parameters), _) => links.push((index, parameters)),
                 (None, Physics::List(_)) => {
-                    let reason = effect.missing(&observation).unwrap_or(match effect.id() {
+                    let reason = effect.unmet_requirement(&observation).unwrap_or(match effect.id() {
                         "stellar-aberration" => "neither the velocity of the camera nor the time of the frames is known",
                         _ => "its size must be fitted",
                     });

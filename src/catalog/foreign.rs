@@ -46,7 +46,7 @@ const GAIA_HEADER_BYTES: usize = 16;
 const GAIA_ROW_BYTES: usize = 36;
 const CARD_BYTES: usize = 80;
 /// Header-data units of an index file that are walked through.
-const MOST_UNITS: usize = 200;
+const MAX_UNITS: usize = 200;
 
 /// Reads a foreign table; `None` if the bytes are of no kind known here.
 pub(super) fn read(path: &Path, bytes: &[u8]) -> Option<Result<ForeignTable, CatalogError>> {
@@ -113,7 +113,7 @@ fn card_value(card: &[u8]) -> Option<(String, String)> {
 fn binary_tables(bytes: &[u8]) -> Result<(Vec<BinaryTable<'_>>, bool), String> {
     let damaged = || "is cut off or damaged; copy it again".to_owned();
     let (mut tables, mut is_little, mut start) = (Vec::new(), true, 0);
-    for _ in 0..MOST_UNITS {
+    for _ in 0..MAX_UNITS {
         let rest = &bytes[start..];
         if rest.len() < BLOCK_SIZE {
             break;

@@ -12,7 +12,7 @@ use boresight::effects;
 use boresight::guard::guarded;
 use boresight::identify::{Misidentification, MisidentificationKind, misidentify};
 use boresight::pipeline::{
-    PipelineError, Prepared, check_focal_lengths, check_sizes, known_behind_the_lens, star_images, surroundings, with_name,
+    PipelineError, PreparedPoints, check_focal_lengths, check_sizes, known_behind_the_lens, star_images, surroundings, with_name,
 };
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
@@ -121,7 +121,8 @@ pub(crate) enum MisidentifyChoice {
     /// A star near by
     NearNeighbour,
     /// The star that a match through a wrong camera takes it for
-    Natural,
+    #[value(alias = "natural")]
+    WrongCamera,
 }
 
 pub(crate) fn share(text: &str) -> std::result::Result<f64, String> {
@@ -185,7 +186,7 @@ impl From<MisidentifyChoice> for MisidentificationKind {
         match choice {
             MisidentifyChoice::Random => Self::Random,
             MisidentifyChoice::NearNeighbour => Self::NearNeighbour,
-            MisidentifyChoice::Natural => Self::Natural,
+            MisidentifyChoice::WrongCamera => Self::WrongCamera,
         }
     }
 }
@@ -239,7 +240,7 @@ pub(crate) fn control_points(
     catalog: &Catalog,
     args: &SolveArgs,
     trusted: bool,
-) -> Result<Prepared> {
+) -> Result<PreparedPoints> {
     let mut prepared = boresight::pipeline::control_points(measured, identified, catalog, args.max_magnitude, trusted).map_err(trusting)?;
     let share = args.misidentify.unwrap_or(0.0);
     let (wrong, too_few) = misidentify(&mut prepared.points, catalog, share, args.misidentify_kind.into(), args.misidentify_seed);
@@ -393,7 +394,7 @@ struct Misidentified {
 }
 
 impl Misidentified {
-    fn new(wrong: &Misidentification, points: &Prepared, calibration: &Calibration) -> Self {
+    fn new(wrong: &Misidentification, points: &PreparedPoints, calibration: &Calibration) -> Self {
         let point = &points.points.points[wrong.point];
         Self {
             frame: point.frame,
@@ -424,7 +425,7 @@ struct Unsolved {
 }
 
 impl Unsolved {
-    fn new(options: &CalibrateOptions, reason: &CalibrateError, points: &Prepared, provenance: Provenance) -> Self {
+    fn new(options: &CalibrateOptions, reason: &CalibrateError, points: &PreparedPoints, provenance: Provenance) -> Self {
         Self {
             format: boresight::calibrate::FORMAT,
             method: options.method,

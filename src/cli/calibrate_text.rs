@@ -10,7 +10,7 @@ const WIDTH: usize = 100;
 /// Columns of the words on the left.
 const LABEL: usize = 12;
 /// The most combinations of parameters shown.
-const MOST_COMBINATIONS: usize = 6;
+const MAX_COMBINATIONS: usize = 6;
 
 /// The calibration as text; `calibration` in the columns of the images as stored.
 pub(crate) fn text(calibration: &Calibration) -> String {
@@ -26,7 +26,7 @@ pub(crate) fn text(calibration: &Calibration) -> String {
     }
     // What stands under the table of combinations is not said twice.
     let said: Vec<&String> =
-        calibration.combinations.iter().take(MOST_COMBINATIONS).filter_map(|combination| combination.sentence.as_ref()).collect();
+        calibration.combinations.iter().take(MAX_COMBINATIONS).filter_map(|combination| combination.sentence.as_ref()).collect();
     let warnings: Vec<&String> = calibration.warnings.iter().filter(|warning| !said.contains(warning)).collect();
     if !warnings.is_empty() {
         text += "\n";
@@ -129,7 +129,7 @@ fn overview(calibration: &Calibration) -> String {
 
 /// The table of singular values, the worst first.
 fn combinations(all: &[Combination]) -> String {
-    let shown = &all[..all.len().min(MOST_COMBINATIONS)];
+    let shown = &all[..all.len().min(MAX_COMBINATIONS)];
     let rows: Vec<[String; 3]> = shown
         .iter()
         .map(|combination| {

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use boresight::diagnose::{DiagnoseError, DiagnoseOptions, Diagnosis, FORMAT, MeasuredNoise, Step, Verdict};
 use boresight::guard::guarded;
-use boresight::pipeline::{Asked, PipelineError, Prepared, Question, SkyChoice, check_sizes, measured_noise, question};
+use boresight::pipeline::{
+    DiagnosisInput, DiagnosisRequest, PipelineError, PreparedPoints, SkyChoice, check_sizes, diagnosis_request, measured_noise,
+};
 use boresight::provenance::Provenance;
 use boresight::recording::{SkippedFrame, check_file};
 use clap::Args;
@@ -37,8 +39,8 @@ pub(crate) struct DiagnoseArgs {
     /// Probability of a false finding in a recording [default: 3e-4]
     #[arg(long, value_name = "P", value_parser = probability, help_heading = heading::STATISTICS)]
     alpha: Option<f64>,
-    /// Try the p-values on this recording: hold so many random halves of its frames against one another
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = heading::STATISTICS)]
+    /// Validate the p-values on this recording: N random half-splits of its frames must give uniform p-values
+    #[arg(long = "split-half", alias = "half-nights", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = heading::STATISTICS)]
     half_nights: Option<u32>,
     /// Seed of what is drawn by chance [default: 0]
     #[arg(long, value_name = "N", help_heading = heading::STATISTICS)]
@@ -66,7 +68,7 @@ pub(crate) struct DiagnoseArgs {
 }
 
 /// All stars take part where fewer than one in so many has a known proper motion.
-const FEWEST_MOVING: usize = 5;
+const MIN_MOVING: usize = 5;
 /// Noise off by this factor is said.
 const NOISE_OFF: f64 = 1.3;
 
@@ -172,10 +174,12 @@ fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answe
     let limits = SolveArgs { max_magnitude: args.max_magnitude, ..SolveArgs::default() };
     let prepared = control_points(&measured, &identified, &catalog, &limits, args.trust_identifications)?;
     let moving = prepared.points.points.iter().filter(|point| point.has_proper_motion).count();
-    let too_few_move = options.proper_motion_only && FEWEST_MOVING * moving < prepared.points.points.len();
+    let too_few_move = options.proper_motion_only && MIN_MOVING * moving < prepared.points.points.len();
     options.proper_motion_only &= !too_few_move;
-    let asked = Asked { catalog: &catalog, choice: &choice, max_magnitude: args.max_magnitude, trusted: args.trust_identifications };
-    let Question { points, telemetry, mut options, notes, .. } = question(&measured, &identified, &prepared, &asked, options)?;
+    let asked =
+        DiagnosisInput { catalog: &catalog, choice: &choice, max_magnitude: args.max_magnitude, trusted: args.trust_identifications };
+    let DiagnosisRequest { points, telemetry, mut options, notes, .. } =
+        diagnosis_request(&measured, &identified, &prepared, &asked, options)?;
     // What is rendered is measured by the Gaussian fit: columns for other places would be those of another estimator.
     options.looks = options.looks.filter(|_| args.measure.is_gaussian() && !args.formulas);
     tracing::info!(
@@ -186,7 +190,7 @@ fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answe
         output::listed(&options.physics)
     );
     let (bar, clock) = (output::steps(Step::COUNT), output::Clock::new());
-    let result = boresight::diagnose::diagnose_telling(&points, &telemetry, &options, &|step| {
+    let result = boresight::diagnose::diagnose_with_progress(&points, &telemetry, &options, &|step| {
         bar.set_position(step.number() as u64);
         bar.set_message(step.words());
         tracing::info!("{} (after {clock})", step.words());
@@ -214,7 +218,7 @@ fn finish(
     args: &DiagnoseArgs,
     mut diagnosis: Diagnosis,
     measured: &Measured,
-    prepared: &Prepared,
+    prepared: &PreparedPoints,
     alpha: f64,
     provenance: Provenance,
 ) -> Result<Answer> {
@@ -241,7 +245,7 @@ fn noise_warning(measured: &MeasuredNoise) -> Option<String> {
 }
 
 /// What is to be minded of how the points came about.
-fn warnings(args: &DiagnoseArgs, measured: &Measured, prepared: &Prepared, choice: &SkyChoice) -> Vec<String> {
+fn warnings(args: &DiagnoseArgs, measured: &Measured, prepared: &PreparedPoints, choice: &SkyChoice) -> Vec<String> {
     let mut warnings = prepared.notes.clone();
     if !measured.times_are_known() {
         let where_taken = if choice.assumes_time {

@@ -11,9 +11,9 @@ use super::pictures::{probability, significant};
 /// Columns of the words on the left.
 const LABEL: usize = 12;
 /// Rejected rivals of a finding shown.
-const MOST_RIVALS: usize = 3;
+const MAX_RIVALS: usize = 3;
 /// Covariates shown.
-const MOST_LOCATED: usize = 5;
+const MAX_LOCATED: usize = 5;
 
 /// The page.
 pub(crate) fn text(diagnosis: &Diagnosis) -> String {
@@ -92,7 +92,7 @@ fn found(finding: &Finding, is_said: bool, looks_alike: bool) -> String {
         format!("{} (cosine {:.2}, ΔBIC {}{held})", rival.id, rival.cos, significant(rival.delta_bic))
     };
     if finding.indistinguishable_from.is_empty() {
-        let rivals: Vec<String> = finding.rivals.iter().take(MOST_RIVALS).map(odds).collect();
+        let rivals: Vec<String> = finding.rivals.iter().take(MAX_RIVALS).map(odds).collect();
         if !rivals.is_empty() {
             line("  not", &format!("these look alike and explain less: {}", rivals.join(", ")));
         }
@@ -187,7 +187,7 @@ fn overview(diagnosis: &Diagnosis) -> String {
             }
             format!("{} ({:.1} % of the variance, {p})", located.covariate, 100.0 * located.explained)
         };
-        let shown: Vec<String> = diagnosis.located.iter().take(MOST_LOCATED).map(located).collect();
+        let shown: Vec<String> = diagnosis.located.iter().take(MAX_LOCATED).map(located).collect();
         line("followed", &format!("before anything was found residuals followed {}", shown.join(", ")));
     }
     if let Some(halves) = &diagnosis.half_nights {

@@ -11,7 +11,7 @@ use boresight::recording::write_file;
 use boresight::render::{Renderer, TrueStar};
 use boresight::report::{self, OffOn};
 use boresight::scene::Scene;
-use boresight::scene::shown::{Known, SHOWN, View};
+use boresight::scene::effect_demo::{Known, SHOWN, View};
 
 use super::output;
 

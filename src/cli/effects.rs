@@ -6,13 +6,13 @@ use anyhow::Result;
 use boresight::effects::detector::{colour_filters, quantum_efficiency};
 use boresight::effects::optics::sampled_psf;
 use boresight::effects::optics::tables::IMAGE_KINDS;
-use boresight::effects::pixel::{pixel_effect, plane_spread, point_spread};
+use boresight::effects::pixel::{pixel_effect, psf_2d, separable_psf};
 use boresight::effects::sky::glow::sky_glow;
 use boresight::effects::{ParameterSpec, page_of};
 use boresight::provenance::Provenance;
 use boresight::recording::ResultFolder;
 use boresight::scene::LIGHT_PAGES;
-use boresight::scene::shown::{COLOUR_FILTERS, Known, QUANTUM_EFFICIENCY, SAMPLED, kind_id, known};
+use boresight::scene::effect_demo::{COLOUR_FILTERS, Known, QUANTUM_EFFICIENCY, SAMPLED, kind_id, known};
 use clap::Args;
 use serde::Serialize;
 
@@ -147,8 +147,8 @@ fn page(id: &str) -> Option<String> {
     let name = id.replace('-', "_");
     let pixels = || pixel_effect(&name).map(|effect| page_of(effect.source()));
     let glow = || sky_glow(id).map(|glow| page_of(glow.source()));
-    let spread = || point_spread(&name).map(|spread| page_of(spread.source()));
-    let plane = || plane_spread(&name).map(|spread| page_of(spread.source()));
+    let spread = || separable_psf(&name).map(|spread| page_of(spread.source()));
+    let plane = || psf_2d(&name).map(|spread| page_of(spread.source()));
     let kind = || IMAGE_KINDS.iter().find(|kind| kind_id(kind.id()) == id).map(|kind| page_of(kind.source()));
     let sampled = || (id == SAMPLED).then(|| page_of(sampled_psf::source()));
     let by_colour = || (id == QUANTUM_EFFICIENCY).then(|| page_of(quantum_efficiency::source()));

@@ -8,7 +8,7 @@ use boresight::camera::{Camera, SkyChain};
 use boresight::catalog::Catalog;
 use boresight::effects::{StarImage, StarState};
 use boresight::exchange::Places;
-use boresight::identify::{ControlPoint, ControlPoints, Identification, IdentifyOptions, Near, Solution, misidentify};
+use boresight::identify::{AttitudePrior, ControlPoint, ControlPoints, Identification, IdentifyOptions, Solution, misidentify};
 use boresight::provenance::Provenance;
 use boresight::recording::SkippedFrame;
 use boresight::report;
@@ -117,7 +117,7 @@ impl SearchArgs {
             near: self.near.map(|near| {
                 let roll_rad = near.roll_deg.map(|roll| roll * DEG_RAD);
                 let [ra_rad, dec_rad] = near.radec_deg.map(|degrees| degrees * DEG_RAD);
-                Near::pointing(ra_rad, dec_rad, roll_rad, self.near_within_deg * DEG_RAD)
+                AttitudePrior::pointing(ra_rad, dec_rad, roll_rad, self.near_within_deg * DEG_RAD)
             }),
             time_limit: self.time_limit(),
             ..IdentifyOptions::default()

@@ -20,7 +20,7 @@ use super::pipeline::{IdentifiedFrame, Measured, MeasuredFrame};
 const PIECE_RAD: f64 = 0.004;
 
 /// No lens sees further from the middle of the frame, rad.
-const MOST_FROM_MIDDLE_RAD: f64 = 1.75;
+const MAX_FROM_MIDDLE_RAD: f64 = 1.75;
 
 /// A row of `detections.csv` and `detections.parquet`.
 #[derive(Debug, Default, Serialize)]
@@ -208,7 +208,7 @@ pub(super) fn figures(solution: &Solution, sky: &SkyChain) -> Vec<Figure> {
     let half_diagonal_rad = 0.6 * solution.width_deg().hypot(solution.height_deg()).to_radians();
     let place = |direction: &Direction<Apparent>| {
         // What stands far outside has no place that a camera's polynomials would give.
-        if solution.centre().angle_rad(direction) > half_diagonal_rad.min(MOST_FROM_MIDDLE_RAD) {
+        if solution.centre().angle_rad(direction) > half_diagonal_rad.min(MAX_FROM_MIDDLE_RAD) {
             return None;
         }
         let point = model.pixel(&solution.attitude.camera_from_apparent(direction), &context)?;

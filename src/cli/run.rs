@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use boresight::calibrate::{Calibration, Method, Status, calibrate, mapping_error_px};
 use boresight::camera::{Camera, PARAMETER_NAMES, PARAMETER_UNITS};
 use boresight::identify::ControlPoints;
-use boresight::pipeline::Prepared;
+use boresight::pipeline::PreparedPoints;
 use boresight::provenance::Provenance;
 use boresight::recording::{Recording, ResultFolder, write_file};
 use boresight::scene::{DEMO_TOML, Scene};
@@ -322,7 +322,7 @@ fn rejected(misidentified: &[boresight::identify::Misidentification], solved: &S
 }
 
 /// Writes which identifications were made wrong on purpose: truth/misidentified.csv.
-fn write_truth_of_points(recording: &Path, points: &Prepared) -> Result<()> {
+fn write_truth_of_points(recording: &Path, points: &PreparedPoints) -> Result<()> {
     #[derive(Serialize)]
     struct Row {
         frame: usize,

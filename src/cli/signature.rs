@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use anyhow::{Result, anyhow, bail};
-use boresight::detect::{KnownSky, fit_known};
+use boresight::detect::{FixedBackground, fit_forced};
 use boresight::effects::pixel::{AnyPixelEffect, pixel_effect};
 use boresight::effects::{AnyDisplacement, Context, Light, Observation, StarImage, StarState, displacement};
 use boresight::frame::Frame;
 use boresight::imaging::EffectSetting;
 use boresight::provenance::Provenance;
-use boresight::render::{Bench, Measured, Probe, signature};
+use boresight::render::{Measured, StampRenderer, TestStar, signature};
 use boresight::report::table;
 use boresight::scene::Scene;
 use serde::Serialize;
@@ -21,7 +21,7 @@ const ALONG: usize = 7;
 const BRIGHTNESSES_E: [f64; 3] = [1e3, 1e4, 1e5];
 
 /// The smallest frame with room for them.
-const LEAST_SIDE_PX: usize = 128;
+const MIN_SIDE_PX: usize = 128;
 
 /// Where no scene is given: one exposure of a second of a small camera.
 const SCENE: &str = r#"
@@ -95,8 +95,8 @@ pub(crate) fn print(id: &str, parameter: Option<&str>, scene: Option<&Path>, (js
         }
         None => Scene::parse("the scene of the signatures", SCENE)?,
     };
-    if scene.camera.width_px.min(scene.camera.height_px) < LEAST_SIDE_PX {
-        bail!("the scene has frames of less than {LEAST_SIDE_PX} px; stars of a signature need room for seven in a row");
+    if scene.camera.width_px.min(scene.camera.height_px) < MIN_SIDE_PX {
+        bail!("the scene has frames of less than {MIN_SIDE_PX} px; stars of a signature need room for seven in a row");
     }
     let object = of(effect, parameter, &scene, provenance)?;
     output::deliver("signature", &object, json, directory, || text(&object))
@@ -116,20 +116,20 @@ fn of(effect: &dyn AnyPixelEffect, parameter: Option<&str>, scene: &Scene, prove
     let design = design(scene);
     let dark_e = dark_level_e(scene, effect)?;
     let read_noise_e = scene.detector.read_noise_e;
-    let sky = KnownSky {
+    let sky = FixedBackground {
         background_dn: dark_e,
         noise_dn: (dark_e.max(0.0) + read_noise_e * read_noise_e).sqrt().max(1.0),
         gain_e_per_dn: 1.0, // the frames of a bench are in electrons
         psf_sigma_px: scene.detector.psf_sigma_px,
     };
-    let measure = |frame: &Frame, stars: &[Probe]| fitted(&sky, frame, stars);
+    let measure = |frame: &Frame, stars: &[TestStar]| fitted(&sky, frame, stars);
     let [weaker, stronger] = values.map(|value| with(scene, effect, spec.name, value));
-    let benches = [Bench::new(&weaker)?, Bench::new(&stronger)?];
+    let benches = [StampRenderer::new(&weaker)?, StampRenderer::new(&stronger)?];
     let step = values[1] - values[0];
     let found = signature(&benches[0], &benches[1], step, &design, measure)?;
     let dark = [benches[0].frame(&[])?, benches[1].frame(&[])?];
     let formula = displacement(&id);
-    let column = |(star, found): (&Probe, Option<Measured>)| {
+    let column = |(star, found): (&TestStar, Option<Measured>)| {
         let found = found?;
         let shift = formula.map(|formula| by_formula(formula, scene, star, gradient_e_px(&dark, step, star)));
         Some(Column {
@@ -172,24 +172,24 @@ fn without(scene: &Scene, effect: &dyn AnyPixelEffect) -> Scene {
 /// Level of a frame without stars and without the effect, unless that is the sky itself.
 fn dark_level_e(scene: &Scene, effect: &dyn AnyPixelEffect) -> Result<f64> {
     let plain = if effect.id() == "background" { scene.clone() } else { without(scene, effect) };
-    let mut pixels = Bench::new(&plain)?.frame(&[])?.pixels_dn;
+    let mut pixels = StampRenderer::new(&plain)?.frame(&[])?.pixels_dn;
     pixels.sort_by(f32::total_cmp);
     Ok(f64::from(pixels[pixels.len() / 2]))
 }
 
 /// Frames of seven stars in columns and rows of their own, at phases within the pixel that fill it evenly, seven for each brightness.
-fn design(scene: &Scene) -> Vec<Vec<Probe>> {
+fn design(scene: &Scene) -> Vec<Vec<TestStar>> {
     /// From the edge to the outermost star, px.
     const MARGIN_PX: f64 = 24.0;
     let side = |length: usize| (length as f64 - 2.0 * MARGIN_PX).max(0.0) / (ALONG - 1) as f64;
     let [step_x, step_y] = [side(scene.camera.width_px), side(scene.camera.height_px)];
     let phase = |k: usize, step: f64| (step * k as f64).fract() - 0.5;
-    let stars = |frame: usize, electrons: f64| -> Vec<Probe> {
+    let stars = |frame: usize, electrons: f64| -> Vec<TestStar> {
         let star = |k: usize| {
             let (number, row) = (ALONG * frame + k, (3 * k + frame) % ALONG);
             let x_px = (MARGIN_PX + step_x * k as f64).round() + phase(number, 0.754_877_666);
             let y_px = (MARGIN_PX + step_y * row as f64).round() + phase(number, 0.569_840_291);
-            Probe { x_px, y_px, electrons, colour: Some(1.6) } // one magnitude redder than the Sun
+            TestStar { x_px, y_px, electrons, colour: Some(1.6) } // one magnitude redder than the Sun
         };
         (0..ALONG).map(star).collect()
     };
@@ -197,16 +197,16 @@ fn design(scene: &Scene) -> Vec<Vec<Probe>> {
 }
 
 /// The program's own fit.
-fn fitted(sky: &KnownSky, frame: &Frame, stars: &[Probe]) -> Vec<Option<Measured>> {
+fn fitted(sky: &FixedBackground, frame: &Frame, stars: &[TestStar]) -> Vec<Option<Measured>> {
     let places: Vec<[f64; 2]> = stars.iter().map(|star| [star.x_px.round(), star.y_px.round()]).collect();
-    let measured = |fit: Option<boresight::detect::KnownFit>| {
+    let measured = |fit: Option<boresight::detect::ForcedFit>| {
         fit.map(|fit| Measured { x_px: fit.x_px, y_px: fit.y_px, flux_e: fit.flux_dn, variance_px2: fit.width_px * fit.width_px })
     };
-    fit_known(frame, &places, sky).into_iter().map(measured).collect()
+    fit_forced(frame, &places, sky).into_iter().map(measured).collect()
 }
 
 /// Slope under a star that a unit of the parameter adds to the frame without stars, electrons per pixel.
-fn gradient_e_px([weaker, stronger]: &[Frame; 2], step: f64, star: &Probe) -> [f64; 2] {
+fn gradient_e_px([weaker, stronger]: &[Frame; 2], step: f64, star: &TestStar) -> [f64; 2] {
     /// How far to both sides, px.
     const REACH_PX: usize = 4;
     let (x, y) = (star.x_px.round() as usize, star.y_px.round() as usize);
@@ -216,7 +216,7 @@ fn gradient_e_px([weaker, stronger]: &[Frame; 2], step: f64, star: &Probe) -> [f
 }
 
 /// The shift of a unit of the formula's first parameter. The star's image is measured as the fit would: electrons, width, slope under it.
-fn by_formula(formula: &dyn AnyDisplacement, scene: &Scene, star: &Probe, gradient_e_px: [f64; 2]) -> [f64; 2] {
+fn by_formula(formula: &dyn AnyDisplacement, scene: &Scene, star: &TestStar, gradient_e_px: [f64; 2]) -> [f64; 2] {
     let [width, height] = [scene.camera.width_px, scene.camera.height_px];
     let image = StarImage {
         flux_e: Some(star.electrons),

@@ -8,7 +8,7 @@ use boresight::camera::Model;
 use boresight::catalog::Catalog;
 use boresight::coordinates::{Attitude, Direction, Icrs, PixelPoint};
 use boresight::detect::Detection;
-use boresight::diagnose::{ColumnsOf, Diagnosis, ResidualRow};
+use boresight::diagnose::{ColumnSource, Diagnosis, ResidualRow};
 use boresight::effects::{Context, Observation, displacement};
 use boresight::identify::{ControlPoint, ControlPoints};
 use boresight::recording::{Site, write_file};
@@ -123,7 +123,7 @@ pub(crate) fn write(
     if measured.frames.iter().any(|frame| measured.recording.frames[frame.index].exposure_s.is_none()) {
         notes.push(format!("the scene {name} takes {ASSUMED_EXPOSURE_S} s for exposures of which nothing is said"));
     }
-    let rendered = diagnosis.findings.iter().filter(|finding| finding.columns == ColumnsOf::Rendered);
+    let rendered = diagnosis.findings.iter().filter(|finding| finding.columns == ColumnSource::Rendered);
     notes.extend(rendered.map(|finding| {
         format!(
             "the scene {name} moves stars by the formula of {id} at the size found, not by its traces in pixels: `boresight effects {id}` has the stage that makes them",
@@ -212,7 +212,7 @@ fn attitudes(
     model: &Model,
     known: &dyn Fn(usize) -> Observation,
 ) -> BTreeMap<usize, Attitude> {
-    const FEWEST: usize = 2;
+    const MIN_STARS: usize = 2;
     let mut sums: BTreeMap<usize, (Matrix3<f64>, usize)> = BTreeMap::new();
     for row in diagnosis.residuals.iter().filter(|row| row.weight > 0.5 && row.sigma_px > 0.0) {
         let Some(ControlPoint { frame, x_px, y_px, star, image, .. }) = points.points.get(row.point) else { continue };
@@ -228,7 +228,7 @@ fn attitudes(
         let (u, v) = (svd.u?, svd.v_t?);
         let turned = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v).determinant().signum()));
         let rotation = Rotation3::from_matrix_unchecked(u * turned * v);
-        (count >= FEWEST).then(|| (frame, Attitude::new(UnitQuaternion::from_rotation_matrix(&rotation))))
+        (count >= MIN_STARS).then(|| (frame, Attitude::new(UnitQuaternion::from_rotation_matrix(&rotation))))
     };
     sums.into_iter().filter_map(attitude).collect()
 }

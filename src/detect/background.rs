@@ -185,11 +185,11 @@ impl Background {
 
     /// Measures level and noise again, leaving out pixels that stars light, in cells where enough pixels are left.
     pub(super) fn refine(&mut self, frame: &Frame, masked: &[bool], lit: &[bool]) {
-        const LEAST_LEFT: usize = 8;
+        const MIN_LEFT: usize = 8;
         let (x_edges, y_edges) = (edges(frame.width_px), edges(frame.height_px));
         let measured = self.measure_residuals(frame, &x_edges, &y_edges, self.least, |i| !masked[i] && !lit[i]);
         for (cell, (c, left)) in measured.into_iter().enumerate().filter_map(|(i, m)| m.map(|m| (i, m))) {
-            if left * LEAST_LEFT > CELL_PX * CELL_PX {
+            if left * MIN_LEFT > CELL_PX * CELL_PX {
                 self.level[cell] += c.mean as f32;
                 self.noise[cell] = c.sigma.max(self.floor_dn) as f32;
             }
@@ -288,8 +288,8 @@ impl Background {
 
     /// Measures offsets of rows from the mesh; keeps them, and says so, where they scatter more than the noise makes them.
     fn measure_rows(&mut self, frame: &Frame, masked: &[bool], least: f64) -> bool {
-        const FEWEST_COLUMNS: usize = 64;
-        if frame.width_px < FEWEST_COLUMNS {
+        const MIN_COLUMNS: usize = 64;
+        if frame.width_px < MIN_COLUMNS {
             return false;
         }
         let rows: Vec<(f64, f64)> = (0..frame.height_px)

@@ -14,13 +14,13 @@ use crate::statistics::median_in_place;
 /// Side of a part of the frame that tells its own noise, px.
 const PART_PX: usize = 128;
 /// The share of the lowest count from which on black is cut off above the sky.
-const LEAST_SHARE: f64 = 0.5;
+const MIN_SHARE: f64 = 0.5;
 /// Fewer pixels above the lowest count tell nothing.
-const FEWEST_ABOVE: f64 = 40.0;
+const MIN_COUNT_ABOVE: f64 = 40.0;
 /// The other edge is where so much of what is above the lowest count is left.
 const LEFT: f64 = 0.3;
 /// Where less of all is above the lowest count than this, it is defects and stars.
-const LEAST_ABOVE: f64 = 3e-4;
+const MIN_SHARE_ABOVE: f64 = 3e-4;
 
 /// What holds for this share of the parts holds nearly everywhere.
 const NEARLY: f64 = 0.9;
@@ -67,9 +67,9 @@ impl CutNoise {
 /// Whether samples of a frame's parts are such that black may be cut off in one.
 pub(super) fn may_be_cut(samples: &[Vec<f32>]) -> bool {
     /// Samples have fewer of the lowest count by chance.
-    const LEAST: f64 = 0.8 * LEAST_SHARE;
+    const MIN_BLACK_SHARE: f64 = 0.8 * MIN_SHARE;
     let Some(lowest) = samples.iter().flatten().copied().reduce(f32::min) else { return false };
-    samples.iter().any(|part| part.iter().filter(|count| **count == lowest).count() as f64 > LEAST * part.len() as f64)
+    samples.iter().any(|part| part.iter().filter(|count| **count == lowest).count() as f64 > MIN_BLACK_SHARE * part.len() as f64)
 }
 
 /// The noise where black is cut off; `None` where it is not. `masked`: pixels that say nothing, empty if there are none.
@@ -142,7 +142,7 @@ fn is_mostly(frame: &Frame, is_masked: impl Fn(usize) -> bool, xs: &Range<usize>
             at += usize::from(!is_masked(i) && frame.pixels_dn[i] == lowest);
         }
     }
-    all > 0 && at as f64 >= LEAST_SHARE * all as f64
+    all > 0 && at as f64 >= MIN_SHARE * all as f64
 }
 
 /// The counts of the pixels of a part whose eight neighbours together are no brighter than those of most.
@@ -174,7 +174,7 @@ fn sigma(counts: &[f32], lowest: f32) -> Option<f64> {
     let all = counts.len() as f64;
     let mut above: Vec<f32> = counts.iter().copied().filter(|count| *count > lowest).collect();
     let share = above.len() as f64 / all;
-    if (above.len() as f64) < FEWEST_ABOVE || !(LEAST_ABOVE..=1.0 - LEAST_SHARE).contains(&share) {
+    if (above.len() as f64) < MIN_COUNT_ABOVE || !(MIN_SHARE_ABOVE..=1.0 - MIN_SHARE).contains(&share) {
         return None;
     }
     above.sort_unstable_by(f32::total_cmp);

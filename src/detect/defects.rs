@@ -7,13 +7,13 @@ use crate::frame::Frame;
 /// A lone pixel counts as hot from this many σ of its background on.
 const HOT_SIGMA: f32 = 8.0;
 /// Eight neighbours of the sharpest real star (σ 0.45 px, centred on the pixel) hold this share of the centre's light or more.
-const LEAST_NEIGHBOUR_SHARE: f32 = 0.7;
+const MIN_NEIGHBOUR_SHARE: f32 = 0.7;
 
 /// Counts at and above which pixels are full: as declared, or lower where counts pile up at the frame's highest value (12-bit
 /// counts in a 16-bit file do).
 pub(super) fn saturation_dn(frame: &Frame) -> f32 {
-    const FEWEST_AT_TOP: usize = 6;
-    const FEWEST_PAIRS: usize = 2;
+    const MIN_AT_TOP: usize = 6;
+    const MIN_PAIRS: usize = 2;
     let (mut low, mut top) = (f32::INFINITY, f32::NEG_INFINITY);
     for &v in &frame.pixels_dn {
         low = low.min(v);
@@ -24,11 +24,11 @@ pub(super) fn saturation_dn(frame: &Frame) -> f32 {
     }
     let at_top = frame.pixels_dn.iter().filter(|v| **v == top).count();
     // more than a fiftieth of all at the top is a background, not stars
-    if at_top < FEWEST_AT_TOP || at_top * 50 > frame.pixels_dn.len() {
+    if at_top < MIN_AT_TOP || at_top * 50 > frame.pixels_dn.len() {
         return frame.saturation_dn;
     }
     let pairs = frame.pixels_dn.chunks_exact(frame.width_px).flat_map(|row| row.windows(2)).filter(|p| p[0] == top && p[1] == top);
-    if pairs.count() < FEWEST_PAIRS { frame.saturation_dn } else { top }
+    if pairs.count() < MIN_PAIRS { frame.saturation_dn } else { top }
 }
 
 /// Which pixels are hot, from residuals in units of their noise: bright, with neighbours darker than any lens leaves them.
@@ -51,7 +51,7 @@ pub(super) fn hot_pixels(normalised: &[f32], width: usize) -> Vec<bool> {
                 }
             }
             // 3σ of the sum stay between it and what a star leaves there; at the edge of the frame fewer neighbours share
-            *hot = count > 0.0 && sum + 3.0 * count.sqrt() < LEAST_NEIGHBOUR_SHARE * own * count / 8.0;
+            *hot = count > 0.0 && sum + 3.0 * count.sqrt() < MIN_NEIGHBOUR_SHARE * own * count / 8.0;
         }
     });
     hot

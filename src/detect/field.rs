@@ -69,10 +69,10 @@ impl Field {
 
     /// Least squares through trails whose signs are those of the field, again until these stay; with the middle of what it leaves.
     fn drawn_through(mut self, trails: &[([f64; 2], Trail)]) -> Option<(Self, f64)> {
-        const MOST_ROUNDS: usize = 10;
+        const MAX_ROUNDS: usize = 10;
         const TERMS: usize = 3;
         let mut left = f64::INFINITY;
-        for _ in 0..MOST_ROUNDS {
+        for _ in 0..MAX_ROUNDS {
             let (mut matrix, mut vectors) = ([[0.0; SLOPED]; SLOPED], [[0.0; TERMS]; 2]);
             for ([x, y], trail) in trails {
                 let ([u, v], [own_x, own_y]) = (self.terms(*x, *y), trail.like(self.at(*x, *y)).along_px);
@@ -104,10 +104,10 @@ impl Field {
 
     /// Gauss–Newton steps of the first `count` unknowns; what the slopes are in squared σ.
     fn settled(mut self, scene: &Scene<'_>, starts: &[Model], count: usize) -> Option<(Self, f64)> {
-        const MOST_ROUNDS: usize = 8;
+        const MAX_ROUNDS: usize = 8;
         /// Steps below this many standard errors are settled.
         const SETTLED: f64 = 0.1;
-        for _ in 0..MOST_ROUNDS {
+        for _ in 0..MAX_ROUNDS {
             let pull = |start: &Model| Pull::of(scene, *start, self.at(start.x, start.y));
             let pulls: Vec<Option<Pull>> = scene.work.each(starts, WEIGHED, pull).into_iter().map(Option::flatten).collect();
             let (mut matrix, mut vector) = ([[0.0; SLOPED]; SLOPED], [0.0; SLOPED]);

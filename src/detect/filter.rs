@@ -49,11 +49,11 @@ fn blurred(shape: Shape) -> Shape {
 
 /// The image of a trail in a square of this half side; what adds next to nothing is left out, since most of the square is beside the trail.
 fn trailed(shape: Shape, radius: usize) -> Vec<f32> {
-    const LEAST: f64 = 3e-3;
+    const MIN_SHARE: f64 = 3e-3;
     let side = 2 * radius + 1;
     let mut profile = Profile::new();
     profile.fill(Window { x0: 0, y0: 0, columns: side, rows: side }, radius as f64, radius as f64, shape, true);
-    let least = LEAST * profile.value.iter().copied().fold(0.0, f64::max);
+    let least = MIN_SHARE * profile.value.iter().copied().fold(0.0, f64::max);
     profile.value.iter().map(|v| if *v > least { *v as f32 } else { 0.0 }).collect()
 }
 

@@ -5,7 +5,7 @@
 //! efficient where weights from the data would pull it to low counts. Levenberg–Marquardt steps; covariance from the Fisher matrix.
 
 use super::background::Background;
-use super::empirical::EmpiricalPsf;
+use super::epsf::EmpiricalPsf;
 use super::moments::{Moments, moments};
 use super::psf::{PROFILE_PARAMETERS, Profile, Shape, Window};
 use super::trail::Trail;
@@ -13,12 +13,12 @@ use super::work::Work;
 use crate::frame::Frame;
 
 /// Flux, offset of the background, x, y, and up to three numbers of shape.
-const MOST_PARAMETERS: usize = 2 + PROFILE_PARAMETERS;
-pub(super) const MOST_ITERATIONS: usize = 40;
+const MAX_PARAMETERS: usize = 2 + PROFILE_PARAMETERS;
+pub(super) const MAX_ITERATIONS: usize = 40;
 /// Residuals of a single pixel beyond this many σ are no noise: a hot pixel, a cosmic ray, another star.
 const OUTLIER_SIGMA: f64 = 6.0;
 /// So often they are looked for anew.
-pub(super) const MOST_DROPS: usize = 3;
+pub(super) const MAX_DROPS: usize = 3;
 /// How far a real star's image may differ from the Gaussian at any pixel: share of the model there, and of its peak.
 const MODEL_SLACK: (f64, f64) = (0.1, 0.02);
 
@@ -114,8 +114,8 @@ pub(super) struct Stamp {
 }
 
 pub(super) struct Normal {
-    pub(super) matrix: [[f64; MOST_PARAMETERS]; MOST_PARAMETERS],
-    pub(super) vector: [f64; MOST_PARAMETERS],
+    pub(super) matrix: [[f64; MAX_PARAMETERS]; MAX_PARAMETERS],
+    pub(super) vector: [f64; MAX_PARAMETERS],
     pub(super) chi2: f64,
 }
 
@@ -223,7 +223,7 @@ impl<'a> Scene<'a> {
         profile.draw(stamp.window, &fit.model, fit.freedom == Freedom::Ellipse);
         let count = fit.freedom.parameters();
         let normal = self.photons().normal(&stamp, &profile, fit.model.flux_dn, fit.offset_dn, count);
-        let mut of_offset = [0.0; MOST_PARAMETERS];
+        let mut of_offset = [0.0; MAX_PARAMETERS];
         of_offset[1] = 1.0;
         let row = solve(&normal.matrix, &of_offset, count, 0.0)?;
         let told = self.photons().told(&stamp, &profile, fit.model.flux_dn, &row[..count]);
@@ -270,7 +270,7 @@ impl Photons {
     /// The best model and its offset, pixels far off it left out of the stamp.
     pub(super) fn settle(self, stamp: &mut Stamp, start: Model, freedom: Freedom, profile: &mut Profile<'_>) -> Option<(Model, f64)> {
         let mut fit = self.climb(stamp, start, freedom, profile)?;
-        for _ in 0..MOST_DROPS {
+        for _ in 0..MAX_DROPS {
             if !self.drop_outliers(stamp, &fit, profile) {
                 break;
             }
@@ -280,7 +280,7 @@ impl Photons {
     }
 
     fn drop_all_outliers(self, stamp: &mut Stamp, fit: &(Model, f64), profile: &mut Profile<'_>) {
-        for _ in 0..MOST_DROPS {
+        for _ in 0..MAX_DROPS {
             if !self.drop_outliers(stamp, fit, profile) {
                 break;
             }
@@ -315,7 +315,7 @@ impl Photons {
     }
 
     pub(super) fn normal(self, stamp: &Stamp, profile: &Profile<'_>, flux: f64, offset: f64, count: usize) -> Normal {
-        let mut n = Normal { matrix: [[0.0; MOST_PARAMETERS]; MOST_PARAMETERS], vector: [0.0; MOST_PARAMETERS], chi2: 0.0 };
+        let mut n = Normal { matrix: [[0.0; MAX_PARAMETERS]; MAX_PARAMETERS], vector: [0.0; MAX_PARAMETERS], chi2: 0.0 };
         for i in 0..stamp.data.len() {
             if !stamp.used[i] {
                 continue;
@@ -360,7 +360,7 @@ impl Photons {
         let mut weights = vec![0.0; stamp.data.len()];
         let mut left = f64::INFINITY;
         let dof = (used - count) as f64;
-        for _ in 0..MOST_ITERATIONS {
+        for _ in 0..MAX_ITERATIONS {
             let normal = self.normal(stamp, profile, model.flux_dn, offset, count);
             // where the image is not the model's, errors are larger in that measure, and steps need not be finer
             let misfit = (normal.chi2 / dof).max(1.0);
@@ -423,7 +423,7 @@ fn trial_chi2(stamp: &Stamp, profile: &Profile<'_>, flux: f64, offset: f64, weig
     pixels.filter(|(_, used)| **used).map(|(((data, share), w), _)| w * (data - flux * share - offset).powi(2)).sum()
 }
 
-fn advanced(model: Model, offset: f64, step: &[f64; MOST_PARAMETERS], freedom: Freedom) -> (Model, f64) {
+fn advanced(model: Model, offset: f64, step: &[f64; MAX_PARAMETERS], freedom: Freedom) -> (Model, f64) {
     let shape = match freedom {
         Freedom::Fixed | Freedom::Empirical => model.shape,
         Freedom::Width => Shape::round(model.shape.sigma_px() + step[4]),

@@ -10,14 +10,14 @@ use super::fit::{Fit, Freedom, Model, Scene, inverse};
 
 /// Stars fainter than this tell nothing, brighter than that tell more of the Gaussian's misfit than of photons.
 const SNR_RANGE: (f64, f64) = (8.0, 60.0);
-const FEWEST_STARS: usize = 5;
-const MOST_STARS: usize = 100;
+const MIN_STARS: usize = 5;
+const MAX_STARS: usize = 100;
 /// Far out, since few residuals make up a star's and their squares are skewed.
 const OUTLIER_SIGMA: f64 = 7.0;
 
 /// What one star tells.
 #[derive(Default)]
-pub(super) struct Told {
+pub(super) struct GainStatistics {
     /// Σ r² m less what noise without photons leaves, and the same per unit of the sought value.
     excess: f64,
     per_unit: f64,
@@ -25,7 +25,7 @@ pub(super) struct Told {
     variance: [f64; 3],
 }
 
-impl Told {
+impl GainStatistics {
     /// A pixel of so much light: what is left of it, and the variance expected of that without photons, and with them per unit of the sought value.
     pub(super) fn add(&mut self, light: f64, rest: f64, quiet: f64, lit: f64) {
         self.excess += light * (rest * rest - quiet);
@@ -60,12 +60,12 @@ pub(super) struct Sample {
 /// Estimates the variance per count; 0 where nothing tells. `until`: the part of the work on the frame by which it is to end.
 pub(super) fn variance_per_dn(scene: &Scene<'_>, samples: &[Sample], until: f64) -> f64 {
     let mut chosen: Vec<&Sample> = samples.iter().filter(|s| s.snr > SNR_RANGE.0 && s.snr < SNR_RANGE.1).collect();
-    if chosen.len() < FEWEST_STARS {
+    if chosen.len() < MIN_STARS {
         chosen = samples.iter().filter(|s| s.snr > SNR_RANGE.0).collect();
         chosen.sort_by(|a, b| a.snr.total_cmp(&b.snr));
     }
     // spread over the list, not its first
-    let step = chosen.len().div_ceil(MOST_STARS).max(1);
+    let step = chosen.len().div_ceil(MAX_STARS).max(1);
     let chosen: Vec<&Sample> = chosen.into_iter().step_by(step).collect();
     let mut value = 0.0;
     // the better the weights of the fits, the better their residuals tell
@@ -73,7 +73,7 @@ pub(super) fn variance_per_dn(scene: &Scene<'_>, samples: &[Sample], until: f64)
         let scene = Scene { variance_per_dn: value, ..*scene };
         let told = scene.work.each(&chosen, until, |s| {
             let fit = scene.fit(s.start, s.freedom, &s.neighbours).filter(|f| !f.edge && f.lone_pixel_excess > 0.0)?;
-            scene.told(&fit, s.freedom, &s.neighbours)
+            scene.influence(&fit, s.freedom, &s.neighbours)
         });
         value = pooled(&told.into_iter().flatten().flatten().collect::<Vec<_>>(), value);
     }
@@ -81,7 +81,7 @@ pub(super) fn variance_per_dn(scene: &Scene<'_>, samples: &[Sample], until: f64)
 }
 
 /// The value that all stars tell together, near `start`.
-pub(super) fn pooled(told: &[Told], start: f64) -> f64 {
+pub(super) fn pooled(told: &[GainStatistics], start: f64) -> f64 {
     let mut value = start;
     // weights need the value: a few rounds, leaving out stars (doubles, galaxies) whose residuals are beyond chance
     for round in 0..6 {
@@ -103,7 +103,7 @@ pub(super) fn pooled(told: &[Told], start: f64) -> f64 {
 }
 
 impl Scene<'_> {
-    fn told(&self, fit: &Fit, freedom: Freedom, neighbours: &[Model]) -> Option<Told> {
+    fn influence(&self, fit: &Fit, freedom: Freedom, neighbours: &[Model]) -> Option<GainStatistics> {
         /// What a pixel's part in the rest of another costs.
         const PAIR_NS: u64 = 8;
         let mut profile = self.profile();
@@ -117,7 +117,7 @@ impl Scene<'_> {
         let least = 0.01 * signal.iter().copied().fold(0.0, f64::max);
         let lit = stamp.used.iter().zip(&signal).filter(|(used, signal)| **used && **signal > least).count();
         self.work.spend(PAIR_NS * (lit * stamp.data.len()) as u64);
-        let mut told = Told::default();
+        let mut told = GainStatistics::default();
         for i in (0..stamp.data.len()).filter(|&i| stamp.used[i] && signal[i] > least) {
             let lever: [f64; 7] =
                 std::array::from_fn(|a| if a < count { (0..count).map(|b| covariance[a][b] * rows[i][b]).sum() } else { 0.0 });

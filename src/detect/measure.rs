@@ -8,20 +8,20 @@ use rayon::prelude::*;
 use super::background::Background;
 use super::candidates::{Candidate, candidates, full_blobs};
 use super::defects;
-use super::empirical::EmpiricalPsf;
+use super::epsf::EmpiricalPsf;
+use super::epsf_build::PsfStar;
 use super::fit::{Fit, Freedom, Model, Scene};
 use super::gain;
-use super::learn::PsfStar;
+use super::image_circle;
 use super::psf::{Profile, Shape};
-use super::rounds::{Fitting, Stars};
 use super::search::{FIRST_SIGMA_PX, Ground, SHARPEST_PX, Search, search};
-use super::surround;
+use super::simultaneous_fit::{FieldFit, FitSettings};
 use super::work::{DESCRIBED, PARTED, WEIGHED, Work};
 use super::{DetectError, DetectOptions, Detection, Detections, Flags};
 use crate::frame::Frame;
 
 /// Smallest side of a frame, px: a star's window.
-const LEAST_SIDE_PX: usize = 9;
+const MIN_SIDE_PX: usize = 9;
 /// Stars from this signal-to-noise ratio on have their own width fitted.
 pub(super) const SNR_FOR_WIDTH: f64 = 30.0;
 
@@ -32,7 +32,7 @@ pub struct Aids<'a> {
     pub psf: Option<&'a EmpiricalPsf>,
     /// Pixels that say nothing, row by row: hot ones of a dark frame.
     pub bad: Option<&'a [bool]>,
-    /// At most so many clean stars are handed back with their pixels, the brightest, for [`super::learn`].
+    /// At most so many clean stars are handed back with their pixels, the brightest, for [`super::learn()`].
     pub keep: usize,
     /// When to come to an end: what is found by then is the answer, and depends on the machine.
     pub deadline: Option<Instant>,
@@ -54,7 +54,7 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
     let work = Work::on(frame.pixels_dn.len(), aids.deadline);
     let saturation_dn = defects::saturation_dn(frame);
     let full: Vec<bool> = frame.pixels_dn.iter().map(|&v| v >= saturation_dn).collect();
-    let around = surround::surround(frame);
+    let around = image_circle::surround(frame);
     let no_sky: Vec<bool> =
         (0..full.len()).map(|i| full[i] || around.as_ref().is_some_and(|around| around[i]) || aids.bad.is_some_and(|bad| bad[i])).collect();
     let mut background = Background::measure(frame, &no_sky);
@@ -98,11 +98,11 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
     let candidates = candidates(frame, &background, &search, &blobs);
     let freedom = |c: &Candidate| free_shape(options, &search, c);
 
-    let mut stars = Stars::new(candidates);
+    let mut stars = FieldFit::new(candidates);
     if variance_per_dn.is_none() {
         scene.variance_per_dn = gain::variance_per_dn(&scene, &stars.samples(frame, freedom, false), WEIGHED);
     }
-    let fitting = |scene, empirical| Fitting {
+    let fitting = |scene, empirical| FitSettings {
         scene,
         freedom,
         typical: search.shape,
@@ -153,15 +153,15 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
 }
 
 /// Clean stars with their pixels, the brightest first.
-fn learnable(scene: &Scene<'_>, stars: &Stars, search: &Search, most: usize) -> Vec<PsfStar> {
+fn learnable(scene: &Scene<'_>, stars: &FieldFit, search: &Search, most: usize) -> Vec<PsfStar> {
     /// Fainter stars tell little.
-    const LEAST_SNR: f64 = 12.0;
+    const MIN_SNR: f64 = 12.0;
     let size_px = (scene.frame.width_px, scene.frame.height_px);
     let clean = |i: &usize| {
         let (candidate, fit) = (&stars.candidates[*i], stars.fits[*i].as_ref());
         candidate.full_radius_px == 0.0
             && !stars.is_blended(*i)
-            && fit.is_some_and(|f| !f.edge && f.model.flux_dn > LEAST_SNR * f.flux_sigma_dn && is_star(candidate, f, search, size_px))
+            && fit.is_some_and(|f| !f.edge && f.model.flux_dn > MIN_SNR * f.flux_sigma_dn && is_star(candidate, f, search, size_px))
     };
     let keep = |i: usize| {
         let fit = stars.fits[i].as_ref()?;
@@ -197,8 +197,8 @@ pub(super) fn check(frame: &Frame, options: &DetectOptions) -> Result<(), Detect
     if width_px.checked_mul(height_px) != Some(frame.pixels_dn.len()) {
         return Err(DetectError::SizeMismatch { width_px, height_px, found: frame.pixels_dn.len() });
     }
-    if width_px < LEAST_SIDE_PX || height_px < LEAST_SIDE_PX {
-        return Err(DetectError::TooSmall { width_px, height_px, least_px: LEAST_SIDE_PX });
+    if width_px < MIN_SIDE_PX || height_px < MIN_SIDE_PX {
+        return Err(DetectError::TooSmall { width_px, height_px, least_px: MIN_SIDE_PX });
     }
     if let Some(i) = odd(&frame.pixels_dn).then(|| frame.pixels_dn.iter().position(|v| !v.is_finite())).flatten() {
         return Err(DetectError::NotFinite { x: i % width_px, y: i / width_px, value: frame.pixels_dn[i] });
@@ -254,14 +254,14 @@ fn is_star(candidate: &Candidate, fit: &Fit, search: &Search, frame_px: (usize, 
     /// Fits of σ below this share of the frame's width are hot pixels in groups, or cosmic rays.
     const SHARP: f64 = 0.5;
     /// A fit may find so much less than the filter; if less, the peak was a ripple on other light.
-    const LEAST_SHARE: f64 = 0.6;
+    const MIN_SHARE: f64 = 0.6;
     // A star beside the frame whose wing reaches in: only the tail of its image is seen, and no position worth the name.
     let on_frame = |v: f64, n: usize| v > -0.5 && v < n as f64 - 0.5;
     if !on_frame(fit.model.x, frame_px.0) || !on_frame(fit.model.y, frame_px.1) {
         return false;
     }
     let snr = fit.model.flux_dn / fit.flux_sigma_dn;
-    if snr < LEAST_SHARE * search.threshold {
+    if snr < MIN_SHARE * search.threshold {
         return false;
     }
     if candidate.full_radius_px > 0.0 {

@@ -62,11 +62,11 @@ pub(super) const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 const BOX: [f64; 2] = [-1.0 / 2880.0, 1.0 / 181_440.0];
 /// Stars from this signal-to-noise ratio on have a weight of their own: its noise then biases moments by less than a tenth of their error.
 pub(super) const SNR_TO_ADAPT: f64 = 25.0;
-const MOST_STEPS: usize = 25;
+const MAX_STEPS: usize = 25;
 /// Steps smaller than this, in units of the width, leave nothing after the next, which is the last.
 const SETTLED: f64 = 1e-3;
 /// What a step may change the matrix by, at most, along its axes.
-const MOST_CHANGE: (f64, f64) = (-0.5, 1.0);
+const MAX_CHANGE: (f64, f64) = (-0.5, 1.0);
 /// Flux, shift, matrix.
 const UNKNOWNS: usize = 6;
 type Square = [[f64; 7]; 7];
@@ -142,7 +142,7 @@ impl Image {
         let (xx, xy, yy) = (2.0 * step[3], step[4], 2.0 * step[5]);
         let (mean, half) = (f64::midpoint(xx, yy), ((xx - yy) / 2.0).hypot(xy));
         let (low, high) = (mean - half, mean + half);
-        let share = 1.0_f64.min(MOST_CHANGE.0 / low.min(-1e-9)).min(MOST_CHANGE.1 / high.max(1e-9));
+        let share = 1.0_f64.min(MAX_CHANGE.0 / low.min(-1e-9)).min(MAX_CHANGE.1 / high.max(1e-9));
         let shift = [step[1], step[2]].map(|s| s.clamp(-1.0, 1.0));
         Self {
             flux_dn: self.flux_dn * (1.0 + step[0].clamp(-0.5, 1.0)),
@@ -209,7 +209,7 @@ fn settled(first: Image, stamp: &Stamp, offset_dn: f64, pixels: &mut Vec<Pixel>)
     let reach_px = 1.5 + first.matrix_px2[0].max(first.matrix_px2[2]).sqrt();
     let widest_px2 = (stamp.window.columns.max(stamp.window.rows) as f64 / 2.0).powi(2);
     let mut image = first;
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         let factor = image.factor()?;
         image.look(stamp, offset_dn, factor, pixels);
         let (matrix, vector) = equations(pixels);

@@ -2,7 +2,7 @@
 
 use statrs::function::erf::erf;
 
-use super::empirical::EmpiricalPsf;
+use super::epsf::EmpiricalPsf;
 use super::fit::Model;
 use super::trail::Trail;
 use super::work::{ELLIPSE_NS, ROUND_NS, Work};

@@ -5,11 +5,11 @@ use super::candidates::{Blob, Candidate, candidates};
 use super::field::Field;
 use super::filter::{self, Kernel, Peak};
 use super::fit::{Fit, Freedom, Model, Scene};
-use super::kind::{self, Told};
 use super::measure::SNR_FOR_WIDTH;
+use super::noise_tail::Tail;
 use super::psf::Shape;
+use super::psf_class::{self, ShapeStatistics};
 use super::shape;
-use super::tail::Tail;
 use super::trail::Trail;
 use super::work::{SEARCHED, Work};
 use crate::frame::Frame;
@@ -26,7 +26,7 @@ const LONGER: f64 = 1.5;
 /// Fits narrower than this along the short axis are lone pixels or cosmic rays where the frame's own stars do not tell, px.
 pub(super) const SHARPEST_PX: f64 = 0.45;
 /// Peaks that are fitted, at most.
-const MOST_PEAKS: usize = 20_000;
+const MAX_PEAKS: usize = 20_000;
 
 /// What the matched filter looks at.
 #[derive(Clone, Copy)]
@@ -69,7 +69,7 @@ impl Search {
         /// From here on errors are stated larger; less comes by chance.
         const CLEARLY: f64 = 1.05;
         /// Where black is cut off, sums of what is left may scatter so much less than the noise that it was.
-        const LEAST_OF_CUT: f64 = 0.2;
+        const MIN_OF_CUT: f64 = 0.2;
         let Ground { normalised, width, is_cut, is_in_blocks, options, work } = *ground;
         let kernel = Kernel::new(shape);
         work.spend(kernel.cost_ns(normalised.len()));
@@ -88,14 +88,14 @@ impl Search {
         };
         let (independent, scatter) = tail.map_or((normal, 1.0), |t| (t.equivalent(&kernel.weights(), normal), t.scatter()));
         let beyond = |ratio: f64| if ratio > CHANCE { ratio } else { 1.0 };
-        let of_tail = if is_cut { (independent / normal).max(LEAST_OF_CUT) } else { beyond(independent / normal) };
-        let white = if is_cut { scatter.max(LEAST_OF_CUT) } else { scatter.max(1.0) };
+        let of_tail = if is_cut { (independent / normal).max(MIN_OF_CUT) } else { beyond(independent / normal) };
+        let white = if is_cut { scatter.max(MIN_OF_CUT) } else { scatter.max(1.0) };
         let scatter = Some(kernel.scatter_of_correlated(normalised, &lit, width)).filter(|s| *s > CLEARLY).unwrap_or(1.0);
         // Noise in blocks leaves lone pixels darker than the rest of it: the tail of these is not all. Elsewhere what goes together are faint stars.
         let of_tail = if is_in_blocks { of_tail * scatter } else { of_tail };
         let threshold = options.detection_threshold.unwrap_or(normal * of_tail * beyond(correlated / white));
         let mut peaks = filter::peaks(&filtered, width, threshold);
-        peaks.truncate(MOST_PEAKS);
+        peaks.truncate(MAX_PEAKS);
         Self { shape, field: None, shape_known, scatter, threshold, peaks, kernel, lit }
     }
 }
@@ -159,7 +159,7 @@ pub(super) fn search(
     let elongated = typical.as_ref().and_then(|t| t.elongated);
     let guess = typical.as_ref().map_or(first.shape, |t| t.shape);
     let told = shape_by_fits(scene, &Search { shape: guess, ..first.clone() }, blobs, elongated);
-    let misfit = told.as_ref().map_or(f64::INFINITY, Told::misfit);
+    let misfit = told.as_ref().map_or(f64::INFINITY, ShapeStatistics::misfit);
     let Some(shape) = told.map(|t| t.typical.shape).or(typical.map(|t| t.shape)) else {
         return at_shape(first.shape, false);
     };
@@ -174,11 +174,11 @@ pub(super) fn search(
 /// Those of some things, brightest first, that tell what stars are like: where the brightest stand together, those in other parts of the frame.
 pub(super) fn apart<T: Copy>(some: &[T], place: impl Fn(&T) -> [f64; 2], frame: &Frame) -> Vec<T> {
     /// Fewer tell nothing, and all are asked.
-    const FEWEST: usize = 8;
+    const MIN_STARS: usize = 8;
     let at_px: Vec<[f64; 2]> = some.iter().map(place).collect();
     let Some(standing) = crowding(&at_px, [frame.width_px as f64, frame.height_px as f64]) else { return some.to_vec() };
     let left: Vec<T> = some.iter().zip(&standing).filter(|(_, own)| !own.is_crowded).map(|(one, _)| *one).collect();
-    if left.len() < FEWEST { some.to_vec() } else { left }
+    if left.len() < MIN_STARS { some.to_vec() } else { left }
 }
 
 /// The same of stars with their first guesses.
@@ -203,22 +203,22 @@ fn search_for_trails(
 
 /// The middle of free-shape fits to bright stars: moments of images of a pixel's width are not those of the light before the
 /// pixels summed it. `None` where too few stars tell, or they disagree. `elongated`: what moments say where they are not round.
-fn shape_by_fits(scene: &Scene<'_>, search: &Search, blobs: &[Blob], elongated: Option<Shape>) -> Option<Told> {
-    const MOST_STARS: usize = 48;
-    const FEWEST_BRIGHT: usize = 3;
-    const FEWEST_FAINT: usize = 8;
+fn shape_by_fits(scene: &Scene<'_>, search: &Search, blobs: &[Blob], elongated: Option<Shape>) -> Option<ShapeStatistics> {
+    const MAX_STARS: usize = 48;
+    const MIN_BRIGHT: usize = 3;
+    const MIN_FAINT: usize = 8;
     const LARGEST_SPREAD: f64 = 0.3;
     let candidates = stars_apart(&candidates(scene.frame, scene.background, search, blobs), scene.frame);
     let good = |f: &Fit| f.lone_pixel_excess > 0.0 && f.model.shape.axes_px().1 > SHARPEST_PX && !f.edge;
-    let told = |starts: &[Model], fewest: usize| Told::of(scene, starts, search.shape, fewest, good);
+    let told = |starts: &[Model], fewest: usize| ShapeStatistics::of(scene, starts, search.shape, fewest, good);
     let clear = || candidates.iter().filter(|c| c.full_radius_px == 0.0);
-    let bright: Vec<Model> = clear().filter(|c| c.snr > SNR_FOR_WIDTH).take(MOST_STARS).map(|c| c.start).collect();
-    if let Some(told) = told(&bright, FEWEST_BRIGHT) {
-        return Some(kind::decided(scene, &bright, told, elongated, good));
+    let bright: Vec<Model> = clear().filter(|c| c.snr > SNR_FOR_WIDTH).take(MAX_STARS).map(|c| c.start).collect();
+    if let Some(told) = told(&bright, MIN_BRIGHT) {
+        return Some(psf_class::decided(scene, &bright, told, elongated, good));
     }
-    let faint: Vec<Model> = clear().take(4 * MOST_STARS).map(|c| c.start).collect();
-    let told = told(&faint, FEWEST_FAINT).filter(|t| t.typical.spread < LARGEST_SPREAD)?;
-    Some(kind::decided(scene, &faint, told, elongated, good))
+    let faint: Vec<Model> = clear().take(4 * MAX_STARS).map(|c| c.start).collect();
+    let told = told(&faint, MIN_FAINT).filter(|t| t.typical.spread < LARGEST_SPREAD)?;
+    Some(psf_class::decided(scene, &faint, told, elongated, good))
 }
 
 /// Trails with the field that all of them together tell. Only the filter that finds whole trails chooses stars to ask without preferring those that
@@ -234,38 +234,38 @@ fn refined(scene: &Scene<'_>, found: Search, blobs: &[Blob]) -> Search {
 
 /// The same where a roll of the camera makes trails that lie each its own way, if that fits the stars clearly better.
 fn turning(scene: &Scene<'_>, found: Search, blobs: &[Blob]) -> Search {
-    const FEWEST: usize = 12;
+    const MIN_STARS: usize = 12;
     /// So many first say whether it is worth a closer look.
     const SAMPLE: usize = 24;
     let (starts, bright) = asked(scene, &found, blobs);
     let sample: Vec<Model> = starts.iter().step_by((starts.len() / SAMPLE).max(1)).copied().collect();
     let free = |shape: Shape| if shape.is_round() { Freedom::Width } else { Freedom::Ellipse };
-    let round = kind::fits(
+    let round = psf_class::fits(
         scene,
         &sample.iter().map(|s| Model { shape: Shape::round(s.shape.sigma_px()), ..*s }).collect::<Vec<_>>(),
         Freedom::Width,
     );
-    if starts.len() < FEWEST || !kind::is_better(&kind::fits(scene, &sample, Freedom::Ellipse), &round) {
+    if starts.len() < MIN_STARS || !psf_class::is_better(&psf_class::fits(scene, &sample, Freedom::Ellipse), &round) {
         return found;
     }
-    let ellipses = kind::fits(scene, &starts, Freedom::Ellipse);
+    let ellipses = psf_class::fits(scene, &starts, Freedom::Ellipse);
     let trails: Vec<([f64; 2], Trail)> = ellipses.iter().flatten().map(|f| ([f.model.x, f.model.y], Trail::of(f.model.shape))).collect();
     let Some(field) = Field::turning(scene, &starts, &trails) else { return found };
     let turned: Vec<Model> = starts.iter().map(|start| Model { shape: field.at(start.x, start.y).shape(), ..*start }).collect();
     // faint stars are fitted with the shape that they are given
     let freedom = |shape: Shape| if bright { free(shape) } else { Freedom::Fixed };
-    let trails = kind::fits(scene, &turned, freedom(Shape { trail: true, ..found.shape }));
-    let as_found = kind::fits(scene, &starts, freedom(found.shape));
-    let of_trails = kind::is_better(&trails, &as_found) && (!bright || kind::is_likelier(&trails, &ellipses));
+    let trails = psf_class::fits(scene, &turned, freedom(Shape { trail: true, ..found.shape }));
+    let as_found = psf_class::fits(scene, &starts, freedom(found.shape));
+    let of_trails = psf_class::is_better(&trails, &as_found) && (!bright || psf_class::is_likelier(&trails, &ellipses));
     if of_trails { Search { field: Some(field), ..found } } else { found }
 }
 
 /// Stars to ask for their shapes, and whether they are bright enough to tell their own.
 fn asked(scene: &Scene<'_>, found: &Search, blobs: &[Blob]) -> (Vec<Model>, bool) {
-    const MOST_FAINT: usize = 400;
+    const MAX_FAINT: usize = 400;
     const ENOUGH_BRIGHT: usize = 100;
     let candidates = stars_apart(&candidates(scene.frame, scene.background, found, blobs), scene.frame);
     let bright = candidates.iter().filter(|c| c.snr > SNR_FOR_WIDTH).count() >= ENOUGH_BRIGHT;
-    let most = if bright { ENOUGH_BRIGHT } else { MOST_FAINT };
+    let most = if bright { ENOUGH_BRIGHT } else { MAX_FAINT };
     (candidates.iter().filter(|c| c.full_radius_px == 0.0).take(most).map(|c| c.start).collect(), bright)
 }

@@ -16,8 +16,8 @@ const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 const SHARPEST_PX: f64 = 0.38;
 const WIDEST_PX: f64 = 12.0;
 /// Peaks looked at, brightest first.
-const MOST_PEAKS: usize = 80;
-const LEAST_SNR: f64 = 15.0;
+const MAX_PEAKS: usize = 80;
+const MIN_SNR: f64 = 15.0;
 /// An image is round unless its axes differ by more than this.
 const ROUND_RATIO: f64 = 1.15;
 
@@ -55,21 +55,21 @@ pub(super) fn middle(shapes: &[Shape]) -> Option<Typical> {
 fn is_elongated(shapes: &[Shape]) -> bool {
     /// In σ of the middle; such a one costs more fits, which decide.
     const CLEARLY: f64 = 5.0;
-    const FEWEST: usize = 3;
+    const MIN_PEAKS: usize = 3;
     let clear = |pick: fn(&Shape) -> f64| {
         let values: Vec<f64> = shapes.iter().map(pick).collect();
         let scatter = mad_sigma(&values).unwrap_or(f64::INFINITY) / (values.len() as f64).sqrt();
         median(&values).is_some_and(|middle| middle.abs() > CLEARLY * 1.25 * scatter)
     };
-    shapes.len() >= FEWEST && (clear(|s| (s.xx - s.yy) / (s.xx + s.yy)) || clear(|s| 2.0 * s.xy / (s.xx + s.yy)))
+    shapes.len() >= MIN_PEAKS && (clear(|s| (s.xx - s.yy) / (s.xx + s.yy)) || clear(|s| 2.0 * s.xy / (s.xx + s.yy)))
 }
 
 /// Measures the typical shape; `None` where no bright star is.
 pub(super) fn typical(residual: &[f32], width: usize, unusable: &[bool], peaks: &[Peak]) -> Option<Typical> {
-    let bright: Vec<&Peak> = peaks.iter().filter(|p| p.snr > LEAST_SNR).collect();
+    let bright: Vec<&Peak> = peaks.iter().filter(|p| p.snr > MIN_SNR).collect();
     // the very brightest may be saturated or galaxies of their own; a share of the list, spread over it, tells the rule
-    let step = (bright.len() / MOST_PEAKS).clamp(1, 4);
-    let chosen: Vec<&Peak> = bright.into_iter().step_by(step).take(2 * MOST_PEAKS).collect();
+    let step = (bright.len() / MAX_PEAKS).clamp(1, 4);
+    let chosen: Vec<&Peak> = bright.into_iter().step_by(step).take(2 * MAX_PEAKS).collect();
     let shapes: Vec<Shape> = chosen
         .par_iter()
         .map(|p| adaptive_moments(residual, width, unusable, p, WIDEST_PX))
@@ -84,19 +84,19 @@ pub(super) fn typical(residual: &[f32], width: usize, unusable: &[bool], peaks: 
 /// What the surroundings of all peaks together are drawn out to: where noise breaks faint trails into peaks, these lie anywhere along them, and
 /// the sum of their surroundings is the trail with itself laid over, its variance along the line twice as large. `None` where it is round.
 pub(super) fn drawn_out(normalised: &[f32], width: usize, peaks: &[Peak]) -> Option<Trail> {
-    const FEWEST: usize = 8;
-    const MOST: usize = 200;
+    const MIN_PEAKS: usize = 8;
+    const MAX_SUMMED: usize = 200;
     /// Half the side of what is summed, and σ of the longest sum that is seen in it.
     const REACH: usize = 90;
     const LONGEST_PX: f64 = 42.0;
     /// No star shall outshine the others.
     const CUT: f32 = 5.0;
     /// Less drawn out than this, over the width, stars are found by their round filter.
-    const LEAST: f64 = 3.0;
+    const MIN_ELONGATION: f64 = 3.0;
     let height = normalised.len() / width;
     let inside = |p: &&Peak| p.x >= REACH && p.y >= REACH && p.x + REACH < width && p.y + REACH < height;
-    let chosen: Vec<&Peak> = peaks.iter().filter(inside).take(MOST).collect();
-    if chosen.len() < FEWEST {
+    let chosen: Vec<&Peak> = peaks.iter().filter(inside).take(MAX_SUMMED).collect();
+    if chosen.len() < MIN_PEAKS {
         return None;
     }
     let side = 2 * REACH + 1;
@@ -114,7 +114,7 @@ pub(super) fn drawn_out(normalised: &[f32], width: usize, peaks: &[Peak]) -> Opt
     let moments = adaptive_moments(&both, side, &vec![false; both.len()], &Peak { x: REACH, y: REACH, snr: f64::INFINITY }, LONGEST_PX)?;
     let of_sum = Trail::of(moments);
     let trail = Trail { along_px: of_sum.along_px.map(|v| v * std::f64::consts::FRAC_1_SQRT_2), ..of_sum };
-    (trail.length_px() > LEAST * trail.sigma_px).then_some(trail)
+    (trail.length_px() > MIN_ELONGATION * trail.sigma_px).then_some(trail)
 }
 
 /// Shape of one star, the pixel's own width taken off; `None` where the moments do not settle.

@@ -7,23 +7,23 @@ use super::moments::{Moments, PIXEL_VARIANCE, SNR_TO_ADAPT};
 use crate::frame::Frame;
 
 /// Pixels along the side of the largest window.
-pub(super) const MOST_SIDE: usize = 81;
+pub(super) const MAX_SIDE: usize = 81;
 /// Orders of the sums of the noise along an axis: 0 to 6.
 const NOISE_ORDERS: usize = 7;
 
-type Line = [f64; MOST_SIDE];
+type Line = [f64; MAX_SIDE];
 
 /// A Gaussian exp(−d² / 2 s²) at whole steps, from which it follows for any centre with two more exponentials.
 pub(super) struct Bell {
     variance_px2: f64,
     radius: usize,
-    steps: [f64; MOST_SIDE / 2 + 1],
+    steps: [f64; MAX_SIDE / 2 + 1],
 }
 
 impl Bell {
     pub(super) fn new(variance_px2: f64, radius: usize) -> Self {
-        let radius = radius.min(MOST_SIDE / 2);
-        let mut steps = [0.0; MOST_SIDE / 2 + 1];
+        let radius = radius.min(MAX_SIDE / 2);
+        let mut steps = [0.0; MAX_SIDE / 2 + 1];
         for (k, step) in steps.iter_mut().enumerate().take(radius + 1) {
             *step = (-0.5 * (k * k) as f64 / variance_px2).exp();
         }
@@ -38,7 +38,7 @@ impl Bell {
         }
         let (part, middle) = (centre - middle, middle as usize);
         let (from, to) = (middle.saturating_sub(self.radius), (middle + self.radius + 1).min(length));
-        let mut axis = Axis { from, length: to - from, middle: middle - from, part, value: [0.0; MOST_SIDE] };
+        let mut axis = Axis { from, length: to - from, middle: middle - from, part, value: [0.0; MAX_SIDE] };
         axis.fill(self);
         Some(axis)
     }
@@ -107,12 +107,12 @@ pub(super) struct Sums {
 /// Room for sums by columns.
 pub(super) struct Scratch {
     columns: [Line; 3],
-    factors: [[f64; 3]; MOST_SIDE],
+    factors: [[f64; 3]; MAX_SIDE],
 }
 
 impl Scratch {
     pub(super) const fn new() -> Self {
-        Self { columns: [[0.0; MOST_SIDE]; 3], factors: [[0.0; 3]; MOST_SIDE] }
+        Self { columns: [[0.0; MAX_SIDE]; 3], factors: [[0.0; 3]; MAX_SIDE] }
     }
 
     /// Sums of light above a level down each column of a window, each pixel times three factors of its row.
@@ -248,11 +248,11 @@ impl Bells {
         let star = flux_dn > SNR_TO_ADAPT * flux_sigma_dn;
         let moments = self.moments(&sums, spread, star);
 
-        let mut along = [0.0; MOST_SIDE];
+        let mut along = [0.0; MAX_SIDE];
         for (a, (_, g)) in along.iter_mut().zip(gx.each()) {
             *a = flux_dn * norm * g;
         }
-        let mut misfits = [0.0; MOST_SIDE];
+        let mut misfits = [0.0; MAX_SIDE];
         let first = &frame.pixels_dn[wy.from * frame.width_px + wx.from..];
         let model = [&along[..wx.length], &gy.value[..wy.length]];
         add_misfits(first, frame.width_px, level, model, [noise.variance_dn2, noise.per_dn], &mut misfits[..wx.length]);

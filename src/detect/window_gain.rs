@@ -3,18 +3,18 @@
 //! Flux and centre are sums of the counts, so what is left of a pixel is linear in them: r = (1 − H) d with H of rank three, and
 //! E r_i² = v_i (1 − 2 H_ii) + Σ_j H_ij² v_j takes no more than sums over the window.
 
-use super::gain::{Told, pooled};
+use super::gain::{GainStatistics, pooled};
 use super::psf::axis_shares;
 use crate::frame::Frame;
 
 /// Fainter stars tell nothing, brighter ones more of their image than of photons.
 const SNR_RANGE: (f64, f64) = (8.0, 60.0);
-const FEWEST_STARS: usize = 5;
+const MIN_STARS: usize = 5;
 /// Where all are brighter the faintest must do.
 const FAINTEST: usize = 20;
 
 /// A measured star and how it was measured.
-pub(super) struct Seen {
+pub(super) struct WindowStar {
     pub(super) centre: [f64; 2],
     pub(super) level_dn: f64,
     pub(super) noise_dn: f64,
@@ -33,13 +33,13 @@ pub(super) struct Way {
 }
 
 /// The value that these stars tell together; 0 where there are too few.
-pub(super) fn variance_per_dn(frame: &Frame, mut stars: Vec<Seen>, way: Way) -> f64 {
+pub(super) fn variance_per_dn(frame: &Frame, mut stars: Vec<WindowStar>, way: Way) -> f64 {
     stars.retain(|star| star.snr > SNR_RANGE.0);
     stars.sort_by(|a, b| a.snr.total_cmp(&b.snr));
     let in_range = stars.iter().filter(|star| star.snr < SNR_RANGE.1).count();
-    stars.truncate(if in_range < FEWEST_STARS { FAINTEST } else { in_range });
-    let told: Vec<Told> = stars.iter().filter_map(|star| told(frame, star, way)).collect();
-    if told.len() < FEWEST_STARS { 0.0 } else { pooled(&told, 0.0) }
+    stars.truncate(if in_range < MIN_STARS { FAINTEST } else { in_range });
+    let told: Vec<GainStatistics> = stars.iter().filter_map(|star| told(frame, star, way)).collect();
+    if told.len() < MIN_STARS { 0.0 } else { pooled(&told, 0.0) }
 }
 
 /// A pixel of a star: what is left of it, its share of the light, what its count does to flux, x and y, and what these do to it.
@@ -50,7 +50,7 @@ struct Pixel {
     from: [f64; 3],
 }
 
-fn told(frame: &Frame, star: &Seen, way: Way) -> Option<Told> {
+fn told(frame: &Frame, star: &WindowStar, way: Way) -> Option<GainStatistics> {
     let axis = |centre: f64, length: usize| {
         let from = centre.round() - way.radius as f64;
         // stars at the rim tell no less, but there are others
@@ -98,7 +98,7 @@ fn told(frame: &Frame, star: &Seen, way: Way) -> Option<Told> {
     let through =
         |matrix: &[[f64; 3]; 3], f: &[f64; 3]| (0..3).map(|a| (0..3).map(|b| f[a] * matrix[a][b] * f[b]).sum::<f64>()).sum::<f64>();
     let least = 0.01 * pixels.iter().map(|p| p.share).fold(0.0, f64::max);
-    let mut told = Told::default();
+    let mut told = GainStatistics::default();
     for pixel in pixels.iter().filter(|p| p.share > least) {
         let hat: f64 = (0..3).map(|a| pixel.from[a] * pixel.to[a]).sum();
         let quiet = star.noise_dn.powi(2) * (1.0 - 2.0 * hat + through(&dark, &pixel.from));

@@ -13,7 +13,7 @@ use super::measure::check;
 use super::moments::PIXEL_VARIANCE;
 use super::psf::Shape;
 use super::window::{Bell, Bells, Noise, Scratch, weighted};
-use super::window_gain::{self, Seen, Way};
+use super::window_gain::{self, Way, WindowStar};
 use super::{DetectError, DetectOptions, Detection, Detections, Flags};
 use crate::frame::Frame;
 use crate::statistics::{clipped, median_in_place};
@@ -33,8 +33,8 @@ const HOT: (f32, f32) = (8.0, 0.7);
 const FIRST_SIGMA_PX: f64 = 1.2;
 const SIGMA_RANGE_PX: (f64, f64) = (0.4, 6.0);
 /// The weight is at least so wide: in a narrower one the pixels are too coarse for moments, and the phase in the pixel shows.
-const LEAST_WEIGHT_PX: f64 = 1.0;
-const MOST_STEPS: usize = 20;
+const MIN_WEIGHT_PX: f64 = 1.0;
+const MAX_STEPS: usize = 20;
 
 /// Finds and measures the stars of a frame quickly: windowed centroids in the place of fits. `bad` pixels say nothing.
 ///
@@ -350,8 +350,8 @@ fn typical_sigma_px(frame: &Frame, mesh: &Mesh, places: &[[usize; 2]]) -> f64 {
     let mut width2 = |p: [usize; 2]| {
         let (mut centre, mut sigma2) = ([p[0] as f64, p[1] as f64], FIRST_SIGMA_PX * FIRST_SIGMA_PX);
         let level = mesh.level_dn(centre[0], centre[1]);
-        for _ in 0..MOST_STEPS {
-            let weight2 = sigma2.max(LEAST_WEIGHT_PX * LEAST_WEIGHT_PX);
+        for _ in 0..MAX_STEPS {
+            let weight2 = sigma2.max(MIN_WEIGHT_PX * MIN_WEIGHT_PX);
             let radius = (3.0 * weight2.sqrt()).ceil() as usize;
             let sums = weighted(frame, level, centre, &Bell::new(weight2, radius), &mut scratch)?;
             let gain = 1.0 + sigma2 / weight2;
@@ -391,7 +391,7 @@ struct Window<'a> {
 impl<'a> Window<'a> {
     fn new(frame: &'a Frame, mesh: &'a Mesh, options: &DetectOptions, sigma_px: f64) -> Self {
         let sigma2 = sigma_px * sigma_px + PIXEL_VARIANCE;
-        let weight2 = sigma2.max(LEAST_WEIGHT_PX * LEAST_WEIGHT_PX);
+        let weight2 = sigma2.max(MIN_WEIGHT_PX * MIN_WEIGHT_PX);
         let radius = (3.0 * weight2.sqrt()).ceil() as usize;
         Self {
             frame,
@@ -409,15 +409,15 @@ impl<'a> Window<'a> {
     /// The variance per count that the frame's own stars tell.
     fn told_variance_per_dn(&self, places: &[[usize; 2]], normal: f64, scratch: &mut Scratch) -> f64 {
         /// So many are looked at, spread over the frame.
-        const MOST_PLACES: usize = 80;
+        const MAX_PLACES: usize = 80;
         let seen = |place: &[usize; 2]| {
             let star = self.measure(*place, normal, scratch).filter(|star| !star.flags.saturated)?;
             let noise_dn = self.mesh.noise_dn(star.x_px, star.y_px).max(self.floor_dn);
             let snr = star.flux_dn / star.flux_sigma_dn;
-            Some(Seen { centre: [star.x_px, star.y_px], level_dn: star.background_dn, noise_dn, snr })
+            Some(WindowStar { centre: [star.x_px, star.y_px], level_dn: star.background_dn, noise_dn, snr })
         };
-        let step = places.len().div_ceil(MOST_PLACES).max(1);
-        let seen: Vec<Seen> = places.iter().step_by(step).filter_map(seen).collect();
+        let step = places.len().div_ceil(MAX_PLACES).max(1);
+        let seen: Vec<WindowStar> = places.iter().step_by(step).filter_map(seen).collect();
         let way = Way { sigma_px: self.sigma_px, weight2: self.weight2, radius: self.radius, gain: self.gain };
         window_gain::variance_per_dn(self.frame, seen, way)
     }
@@ -426,7 +426,7 @@ impl<'a> Window<'a> {
         let (frame, start) = (self.frame, [px as f64, py as f64]);
         let level = self.mesh.level_dn(start[0], start[1]);
         let mut centre = start;
-        for _ in 0..MOST_STEPS {
+        for _ in 0..MAX_STEPS {
             let sums = weighted(frame, level, centre, &self.bells.weight, scratch)?;
             let step: [f64; 2] = std::array::from_fn(|k| (self.gain * sums.shift[k] / sums.light).clamp(-1.0, 1.0));
             centre = [centre[0] + step[0], centre[1] + step[1]];
@@ -443,13 +443,13 @@ impl<'a> Window<'a> {
     /// Brightness, errors and χ² at a centre.
     fn weigh(&self, centre: [f64; 2], level: f64, normal: f64, scratch: &mut Scratch) -> Option<Detection> {
         /// A star holds at least so much of what the gate asks for.
-        const LEAST_SHARE: f64 = 0.6;
+        const MIN_SHARE: f64 = 0.6;
         /// Brighter stars than this SNR have a width of their own.
         const SNR_FOR_WIDTH: f64 = 30.0;
         let noise_dn = self.mesh.noise_dn(centre[0], centre[1]).max(self.floor_dn);
         let noise = Noise { variance_dn2: noise_dn * noise_dn, per_dn: self.variance_per_dn };
         let star = self.bells.weigh(self.frame, level, centre, noise, scratch)?;
-        if star.flux_dn < LEAST_SHARE * normal * star.flux_sigma_dn {
+        if star.flux_dn < MIN_SHARE * normal * star.flux_sigma_dn {
             return None;
         }
         let inverse = 1.0 / star.square_px2 - 1.0 / self.weight2;

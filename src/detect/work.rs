@@ -19,8 +19,8 @@ pub(super) const IN_TRAIL_NS: u64 = 3;
 const ALLOWED_NS: u64 = 1_000_000_000;
 const ALLOWED_NS_PER_PIXEL: u64 = 350;
 /// Things that are done together before what they cost is looked at: at first, and at most, since dear ones may follow on cheap ones.
-const FEWEST: usize = 4;
-const MOST: usize = 64;
+const MIN_BATCH: usize = 4;
+const MAX_BATCH: usize = 64;
 /// What is done together costs at most this part of what is allowed, as far as those before tell.
 const PART: f64 = 0.04;
 
@@ -80,14 +80,14 @@ impl Work {
     /// one stage at a time.
     pub(super) fn each<T: Sync, R: Send>(&self, of: &[T], part: f64, each: impl Fn(&T) -> R + Sync) -> Vec<Option<R>> {
         let mut done: Vec<Option<R>> = Vec::with_capacity(of.len());
-        let mut together = FEWEST;
+        let mut together = MIN_BATCH;
         while done.len() < of.len() && !self.is_spent(part) {
             let before = self.spent();
             let now = &of[done.len()..(done.len() + together).min(of.len())];
             let results: Vec<Option<R>> = now.par_iter().map(|one| Some(each(one))).collect();
             done.extend(results);
             let each_ns = ((self.spent() - before) as f64 / now.len() as f64).max(1.0);
-            together = ((PART * self.allowed_ns as f64 / each_ns) as usize).clamp(FEWEST, MOST);
+            together = ((PART * self.allowed_ns as f64 / each_ns) as usize).clamp(MIN_BATCH, MAX_BATCH);
         }
         if done.len() < of.len() {
             self.is_unfinished.store(true, Ordering::Relaxed);

@@ -1,18 +1,18 @@
 //! Is the name enough: what would betray that an effect only resembles what is there.
 
-use super::attribute::{AGREES, Entry, Stand, columns};
 use super::diagnosis::Rival;
 use super::evidence::Evidence;
-use super::natural;
+use super::final_fit::FinalFit;
+use super::linear_system::{Fit, Whitened};
 use super::patterns::{self, IN_THE_FIELD, Named};
+use super::plausible_size;
 use super::rivals::rivals;
 use super::scan::{Asks, Scan};
-use super::sheet::{Fit, Whitened};
-use super::signs::{LEVEL, SignTest};
-use super::solved::Solved;
+use super::stepwise::{AGREES, FitState, SelectedEffect, columns};
+use super::wild_bootstrap::{LEVEL, WildBootstrap};
 use crate::calibrate::Column;
 use crate::identify::ControlPoints;
-use crate::statistics::significance::chi_squared_surprise;
+use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// A veto needs p below this.
 const VETO_P: f64 = 1e-3;
@@ -36,14 +36,21 @@ pub(super) fn vetoes(named: &Named, scan: &Scan, statistic: f64) -> Vec<String> 
 }
 
 /// Whether the frames (or stars) do not agree on it.
-pub(super) fn disagreement(signs: &SignTest) -> Option<String> {
+pub(super) fn disagreement(signs: &WildBootstrap) -> Option<String> {
     let p = signs.p_value.filter(|p| *p >= LEVEL)?;
     Some(format!("the {} do not agree on it (choosing a sign for each does as well in {:.1} % of the choices)", signs.units, 100.0 * p))
 }
 
 /// Whether an effect is not needed beside the pattern that remains: a focal length that drifts with time resembles one that follows a telescope's
 /// focus, and if the residuals still follow the focus it is the focus that explains both. `threshold` is the surprise that a finding needs.
-pub(super) fn superseded(evidence: &Evidence, stand: &Stand, scan: &Scan, entries: &[Entry], k: usize, threshold: f64) -> Option<String> {
+pub(super) fn superseded(
+    evidence: &Evidence,
+    stand: &FitState,
+    scan: &Scan,
+    entries: &[SelectedEffect],
+    k: usize,
+    threshold: f64,
+) -> Option<String> {
     // Patterns over the field are so free that they hold every static effect: they have a test of their own.
     let in_the_field = |index: usize| IN_THE_FIELD.contains(&evidence.covariates[index].name.as_str());
     let of_covariates = scan.groups.iter().filter(|group| matches!(group.asks, Asks::Covariate(index) if !in_the_field(index)));
@@ -58,27 +65,33 @@ pub(super) fn superseded(evidence: &Evidence, stand: &Stand, scan: &Scan, entrie
     }
     let own: Vec<Whitened> = columns(evidence, &entries[k..=k]).map(white).collect();
     let alone = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>()).with_noise_of(&stand.fit);
-    let without = Stand { fit: alone, more: beside.clone(), ..stand.clone() };
+    let without = FitState { fit: alone, more: beside.clone(), ..stand.clone() };
     beside.extend(covariate.patterns[group.pattern].iter().map(white));
     let fit = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>()).with_noise_of(&stand.fit);
-    let with_pattern = Stand { fit, more: beside, ..stand.clone() };
+    let with_pattern = FitState { fit, more: beside, ..stand.clone() };
     let (before, _) = without.score(&own);
     let (after, rank) = with_pattern.score(&own);
-    (chi_squared_surprise(rank as f64, after) < threshold && after < SUPERSEDED * before).then(|| {
+    (neg_ln_chi2_sf(rank as f64, after) < threshold && after < SUPERSEDED * before).then(|| {
         let name = &covariate.name;
         format!("residuals still follow {name} (p = {:.1e}), and beside a pattern of {name} it is not needed", (-surprise).exp())
     })
 }
 
 /// Whether a size that the recording tells beforehand is another: judged where everything is solved, what resembles the effect free beside it.
-pub(super) fn amplitude_veto(before: &Evidence, stand: &Stand, entries: &[Entry], k: usize, solved: &Solved) -> Option<String> {
+pub(super) fn amplitude_veto(
+    before: &Evidence,
+    stand: &FitState,
+    entries: &[SelectedEffect],
+    k: usize,
+    solved: &FinalFit,
+) -> Option<String> {
     let hypothesis = &before.hypotheses[entries[k].hypothesis];
     let id = hypothesis.id();
     if hypothesis.in_force && id == "proper-motion" {
         return None; // another epoch is the finding itself
     }
     let variant = &hypothesis.variants[entries[k].variant];
-    if let Some(unnatural) = natural::veto(solved, k, hypothesis, variant) {
+    if let Some(unnatural) = plausible_size::veto(solved, k, hypothesis, variant) {
         return Some(unnatural);
     }
     let listed: Vec<Rival> = rivals(before, stand, entries, k).into_iter().map(|own| own.rival).collect();
@@ -90,7 +103,7 @@ pub(super) fn amplitude_veto(before: &Evidence, stand: &Stand, entries: &[Entry]
 }
 
 /// Probability that the amplitude in four blocks of time differs as much by chance.
-fn over_time(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> Option<f64> {
+fn over_time(evidence: &Evidence, stand: &FitState, entries: &[SelectedEffect], k: usize) -> Option<f64> {
     let frames = evidence.frames.len();
     let hours: Vec<Option<f64>> = evidence.frames.iter().map(|(_, observation)| observation.time_offset_h).collect();
     let (least, most) = hours.iter().flatten().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(*t), b.max(*t)));
@@ -111,17 +124,25 @@ fn over_time(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) ->
     });
     let mut beside = stand.more.clone();
     for (index, _) in by_nature.filter(|(_, hypothesis)| hypothesis.variants.len() == 1) {
-        beside.extend(columns(evidence, &[Entry { hypothesis: index, variant: 0 }]).map(|column| evidence.white(&stand.noise, column)));
+        beside.extend(
+            columns(evidence, &[SelectedEffect { hypothesis: index, variant: 0 }]).map(|column| evidence.white(&stand.noise, column)),
+        );
     }
     let fit = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>()).with_noise_of(&stand.fit);
-    let (t, rank) = Stand { fit, more: beside, ..stand.clone() }.score(&split);
-    (rank > 0).then(|| (-chi_squared_surprise(rank as f64, t)).exp())
+    let (t, rank) = FitState { fit, more: beside, ..stand.clone() }.score(&split);
+    (rank > 0).then(|| (-neg_ln_chi2_sf(rank as f64, t)).exp())
 }
 
 /// Whether one frame or one star carries the improvement out of proportion. At the baseline's linearisation, where the effect is not yet
 /// in the model.
-pub(super) fn concentration(evidence: &Evidence, points: &ControlPoints, stand: &Stand, entries: &[Entry], k: usize) -> Vec<String> {
-    let white = |entry: &Entry| {
+pub(super) fn concentration(
+    evidence: &Evidence,
+    points: &ControlPoints,
+    stand: &FitState,
+    entries: &[SelectedEffect],
+    k: usize,
+) -> Vec<String> {
+    let white = |entry: &SelectedEffect| {
         columns(evidence, std::slice::from_ref(entry)).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>()
     };
     let others: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(entry)).collect();

@@ -8,14 +8,14 @@ use nalgebra::{DMatrix, DVector};
 
 use super::evidence::{Evidence, REACH_PX};
 use super::noise::NoiseModel;
-use crate::statistics::significance::chi_squared_surprise;
+use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Chance puts so many large residuals into a group with less than this probability (as −ln), all groups counted.
 const SURPRISE: f64 = 14.0;
 /// Share of a group's squares that a simple field explains, at least, numbers and parameters counted.
 const COHERENT: f64 = 0.4;
 /// A group's images, at least.
-const FEWEST: usize = 3;
+const MIN_IMAGES: usize = 3;
 /// Cells of the field along each axis.
 const CELLS: usize = 6;
 /// Turns: what is found no longer counts as a rank.
@@ -53,7 +53,7 @@ pub(super) fn coherent(evidence: &Evidence, noise: &NoiseModel, residual_px: &[f
         for group in &groups {
             let sum: f64 = group.images.iter().map(|k| rareness(*k)).sum();
             let rank = 2.0 * group.images.len() as f64;
-            if chi_squared_surprise(rank, 2.0 * sum) > limit && moves_as_a_whole(group, evidence, noise, &white) {
+            if neg_ln_chi2_sf(rank, 2.0 * sum) > limit && moves_as_a_whole(group, evidence, noise, &white) {
                 for k in &group.images {
                     flagged[*k] = true;
                 }
@@ -83,7 +83,7 @@ fn groups(evidence: &Evidence, allowed: &[bool]) -> Vec<Group> {
             }
             all[own].push(k);
         }
-        all.into_iter().filter(|own| own.len() >= FEWEST)
+        all.into_iter().filter(|own| own.len() >= MIN_IMAGES)
     };
     let shift = |own: &[usize]| [[1.0, 0.0], [0.0, 1.0]].map(|unit| vec![unit; own.len()]).to_vec();
     let mut groups = Vec::new();
@@ -142,6 +142,6 @@ mod tests {
         let n = 400_usize;
         let sum: f64 = (0..n).map(|k| -((n - k) as f64 + 0.5).ln() + (n as f64 + 0.5).ln()).sum();
         assert!((sum / n as f64 - 1.0).abs() < 0.02, "{sum}");
-        assert!(chi_squared_surprise(2.0 * n as f64, 2.0 * sum) < 2.0);
+        assert!(neg_ln_chi2_sf(2.0 * n as f64, 2.0 * sum) < 2.0);
     }
 }

@@ -9,27 +9,27 @@
 
 use rayon::prelude::*;
 
-use super::attribute::{Entry, Stand, basis, columns, cosine, select};
 use super::evidence::Evidence;
 use super::folds::{Fold, Folds, goes_by_stars, threshold};
+use super::holdout::{Gain, Turned, gain, held_out_quality, plausible};
+use super::linear_system::{Fit, Whitened, dot};
 use super::noise::NoiseModel;
-use super::prove::{Gain, Turned, gain, held_out_quality, plausible};
 use super::refine::refine;
-use super::sheet::{Fit, Whitened, dot};
-use crate::calibrate::{Column, Joint};
+use super::stepwise::{FitState, SelectedEffect, basis, columns, cosine, select};
+use crate::calibrate::{BundleSolution, Column};
 use crate::identify::ControlPoints;
 use crate::statistics::significance::{chi_squared_quantile, normal_cdf};
 
 /// Effects with a larger cosine leave the same trace: what one gains the other would.
 const SAME_TRACE: f64 = 0.95;
 /// Fewer numbers beyond the parameters choose nothing.
-const FEWEST_DEGREES: f64 = 20.0;
+const MIN_DEGREES: f64 = 20.0;
 /// The fall on what was held out must stand so many standard deviations above that without the effect.
-const LEAST_SCORE: f64 = 2.0;
+const MIN_SCORE: f64 = 2.0;
 /// The root of a statistic scatters by one: the fall stays within so many, nearly always.
 const SCATTER: f64 = 2.0;
 /// An effect is chosen again in this share of the turns at least: one that is just significant is in nine of ten.
-const LEAST_TURNS: f64 = 0.5;
+const MIN_TURNS: f64 = 0.5;
 
 /// An effect that a turn has chosen, and what it gained.
 #[derive(Clone, Debug)]
@@ -65,7 +65,7 @@ pub(super) struct CrossFit {
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Proposal {
     /// By all images.
-    Entry(Entry),
+    Entry(SelectedEffect),
     /// By turns alone: a hypothesis.
     Turns(usize),
 }
@@ -100,11 +100,11 @@ impl Proof {
     /// Why it is not confirmed; nothing where it is.
     pub(super) fn fails(&self) -> Option<String> {
         let ([times, turns], held) = (self.chosen, self.gain.delta_chi2);
-        if (times as f64) < LEAST_TURNS * turns as f64 || times == 0 {
+        if (times as f64) < MIN_TURNS * turns as f64 || times == 0 {
             return Some(format!("it is chosen again in {times} of {turns} turns that leave {} out", self.left_out));
         }
         let least = 0.5 * self.expected - SCATTER * self.scatter;
-        let confirms = held > 0.0 && self.gain.score() >= LEAST_SCORE && held >= least;
+        let confirms = held > 0.0 && self.gain.score() >= MIN_SCORE && held >= least;
         (!confirms).then(|| {
             format!("{} left out in turn do not confirm it (χ² falls by {held:.1} where {:.1} is expected)", self.left_out, self.expected)
         })
@@ -123,7 +123,7 @@ impl CrossFit {
     /// Chooses and sizes anew in every turn; `whole` is the surprise that a choice needs on all images, of `hypotheses` independent ones.
     pub(super) fn new(
         evidence: &Evidence,
-        joint: &Joint,
+        joint: &BundleSolution,
         points: &ControlPoints,
         begin: &NoiseModel,
         (whole, hypotheses): (f64, f64),
@@ -146,7 +146,7 @@ impl CrossFit {
 
     /// Credits every pick of every turn: to the effect itself, or to one of its kind that leaves the same trace. Effects that all images
     /// propose (`proposals`) stand first, then those that turns alone propose. `base` is the fit of all images without any.
-    pub(super) fn credit(&mut self, evidence: &Evidence, base: &Stand, proposals: &[Entry]) {
+    pub(super) fn credit(&mut self, evidence: &Evidence, base: &FitState, proposals: &[SelectedEffect]) {
         let white = |column: &Column| evidence.white(&base.noise, column);
         self.owners = proposals.iter().map(|entry| entry.hypothesis).collect();
         let mut traces: Vec<Vec<Whitened>> =
@@ -176,7 +176,7 @@ impl CrossFit {
     }
 
     /// The proof of a proposal. `stand` holds `kept`, on all images; where the proposal is one of them it is judged beside the others.
-    pub(super) fn proof(&self, evidence: &Evidence, stand: &Stand, kept: &[Entry], proposal: Proposal) -> Proof {
+    pub(super) fn proof(&self, evidence: &Evidence, stand: &FitState, kept: &[SelectedEffect], proposal: Proposal) -> Proof {
         let hypothesis = proposal.hypothesis();
         let shown = shown(evidence, stand, kept, proposal);
         let (mut sum, mut times, mut turns, mut expected) = (Gain::default(), 0, 0, 0.0);
@@ -198,7 +198,7 @@ impl CrossFit {
     }
 
     /// What the held-out images gain with another effect in the place of a hypothesis, in the turns that chose this one.
-    pub(super) fn in_place(&self, evidence: &Evidence, hypothesis: usize, instead: Entry) -> f64 {
+    pub(super) fn in_place(&self, evidence: &Evidence, hypothesis: usize, instead: SelectedEffect) -> f64 {
         let of = |(fold, turn): (&Fold, &Turn)| {
             let (noise, take) = turn.rest.as_ref().filter(|_| turn.picks.iter().any(|pick| pick.owner == hypothesis))?;
             let white = |column: &Column| evidence.white(noise, column);
@@ -207,7 +207,7 @@ impl CrossFit {
             let tried: Vec<Whitened> = columns(evidence, &[instead]).map(white).collect();
             let sheet = evidence.sheet(noise);
             let fit = Fit::new(&sheet, take, &kept.iter().collect::<Vec<_>>());
-            let stand = Stand { noise: noise.clone(), sheet, take: take.clone(), more: kept, fit };
+            let stand = FitState { noise: noise.clone(), sheet, take: take.clone(), more: kept, fit };
             let held = believed(evidence, &stand, fold);
             Some(gain(&stand, &held, &stand.more.iter().collect::<Vec<_>>(), &tried.iter().collect::<Vec<_>>()).delta_chi2)
         };
@@ -215,7 +215,7 @@ impl CrossFit {
     }
 
     /// χ² per number and rms (px) of held-out frames with the noise of `stand`; each turn's model is what it chose itself of `named`.
-    pub(super) fn quality(&self, evidence: &Evidence, stand: &Stand, named: &[Entry]) -> Option<(f64, f64)> {
+    pub(super) fn quality(&self, evidence: &Evidence, stand: &FitState, named: &[SelectedEffect]) -> Option<(f64, f64)> {
         let first = self.folds.all.first()?.judges;
         let is_named = |pick: &&Pick| named.iter().any(|entry| entry.hypothesis == pick.owner);
         let of = |(fold, turn): (&'_ Fold, &Turn)| {
@@ -234,15 +234,15 @@ impl CrossFit {
 }
 
 /// Held-out images of a turn that are images of their stars.
-fn believed(evidence: &Evidence, stand: &Stand, fold: &Fold) -> Vec<bool> {
+fn believed(evidence: &Evidence, stand: &FitState, fold: &Fold) -> Vec<bool> {
     fold.held.iter().zip(plausible(evidence, stand)).map(|(held, plausible)| *held && plausible).collect()
 }
 
 /// One turn: choice, search and size on the rest, and what comes of it on what is left out.
-fn turn(evidence: &Evidence, joint: &Joint, fold: &Fold, begin: &NoiseModel, least: f64, by_stars: &[bool]) -> Turn {
+fn turn(evidence: &Evidence, joint: &BundleSolution, fold: &Fold, begin: &NoiseModel, least: f64, by_stars: &[bool]) -> Turn {
     let asked = chi_squared_quantile(1.0, least).sqrt();
     let nothing = Turn { picks: Vec::new(), rest: None, asked };
-    if degrees(evidence, fold) < FEWEST_DEGREES {
+    if degrees(evidence, fold) < MIN_DEGREES {
         return nothing;
     }
     let (mut entries, mut stand) = select(evidence, &fold.train, begin, least);
@@ -252,11 +252,12 @@ fn turn(evidence: &Evidence, joint: &Joint, fold: &Fold, begin: &NoiseModel, lea
     let mut searched = std::borrow::Cow::Borrowed(evidence);
     if entries.iter().any(|entry| evidence.hypotheses[entry.hypothesis].searched.is_some()) {
         refine(searched.to_mut(), joint, &mut entries, &fold.train, begin);
-        stand = Stand::new(&searched, &fold.train, &entries, &stand.noise);
+        stand = FitState::new(&searched, &fold.train, &entries, &stand.noise);
     }
     let held = believed(&searched, &stand, fold);
-    let white =
-        |entry: &Entry| columns(&searched, std::slice::from_ref(entry)).map(|c| searched.white(&stand.noise, c)).collect::<Vec<_>>();
+    let white = |entry: &SelectedEffect| {
+        columns(&searched, std::slice::from_ref(entry)).map(|c| searched.white(&stand.noise, c)).collect::<Vec<_>>()
+    };
     let of = |k: usize| {
         let judged = fold.judges.takes(by_stars[entries[k].hypothesis]);
         let kept: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(entry)).collect();
@@ -312,16 +313,17 @@ impl Shown {
 }
 
 /// Of a proposal beside the others of `kept`; of one by turns alone at its best variant.
-fn shown(evidence: &Evidence, stand: &Stand, kept: &[Entry], proposal: Proposal) -> Shown {
-    let white = |entry: Entry| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
+fn shown(evidence: &Evidence, stand: &FitState, kept: &[SelectedEffect], proposal: Proposal) -> Shown {
+    let white =
+        |entry: SelectedEffect| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
     let hypothesis = proposal.hypothesis();
     let others: Vec<Whitened> = kept.iter().filter(|entry| entry.hypothesis != hypothesis).flat_map(|entry| white(*entry)).collect();
     let fit = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());
-    let without = Stand { fit: fit.with_noise_of(&stand.fit), more: others, ..stand.clone() };
+    let without = FitState { fit: fit.with_noise_of(&stand.fit), more: others, ..stand.clone() };
     let own = match proposal {
         Proposal::Entry(entry) => white(entry),
         Proposal::Turns(_) => (0..evidence.hypotheses[hypothesis].variants.len())
-            .map(|variant| white(Entry { hypothesis, variant }))
+            .map(|variant| white(SelectedEffect { hypothesis, variant }))
             .max_by(|a, b| without.score(a).0.total_cmp(&without.score(b).0))
             .unwrap_or_default(),
     };

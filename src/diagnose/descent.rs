@@ -1,7 +1,7 @@
 //! The robust fit itself: the density's logarithm, its slope ψ, and the descent to the residuals of greatest likelihood.
 
-use super::own::Own;
-use super::sheet::{Sheet, Whitened, masked, weight};
+use super::frame_nuisance::FrameNuisance;
+use super::linear_system::{Whitened, WhitenedSystem, masked, weight};
 
 /// −2·ln of the density over its value at zero, summed over the images taken.
 pub(super) fn cost(residual: &[f64], take: &[bool], tail_degrees: f64) -> f64 {
@@ -28,8 +28,8 @@ pub(super) fn psi_of(residual: &[f64], take: &[bool], tail_degrees: f64) -> (Whi
 }
 
 /// Residuals of the images taken with every parameter but the own ones held: the attitudes are refitted, robustly.
-pub(super) fn refit_own(sheet: &Sheet, take: &[bool], residual: &[f64]) -> Whitened {
-    let own = Own::new(sheet, take);
+pub(super) fn refit_own(sheet: &WhitenedSystem, take: &[bool], residual: &[f64]) -> Whitened {
+    let own = FrameNuisance::new(sheet, take);
     let project = |column: &mut Whitened| -> Vec<f64> {
         own.take_out(column);
         Vec::new()

@@ -105,7 +105,7 @@ pub struct Finding {
     /// Its parameters.
     pub parameters: Vec<FoundParameter>,
     /// Whether its columns are stars rendered with a little more of the effect and measured as the recording was, or a formula.
-    pub columns: ColumnsOf,
+    pub columns: ColumnSource,
     /// The covariates that the mismatch follows, the one that explains most first.
     pub located_by: Vec<String>,
     /// Fall of χ² on all frames, everything else refitted.
@@ -160,7 +160,7 @@ pub struct Finding {
 /// What the columns of an effect come from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum ColumnsOf {
+pub enum ColumnSource {
     /// The formula on the effect's page.
     #[default]
     Formula,

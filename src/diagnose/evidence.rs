@@ -7,12 +7,12 @@ use nalgebra::Vector3;
 
 use super::covariates::{Covariate, covariates};
 use super::hypotheses::{Hypothesis, hypotheses};
+use super::linear_system::{Whitened, WhitenedSystem};
 use super::noise::{NoiseModel, whitened};
-use super::rendered::Rendered;
-use super::sheet::{Sheet, Whitened};
+use super::rendered_columns::Rendered;
 use super::untimed;
 use super::{DiagnoseOptions, Telemetry};
-use crate::calibrate::{Column, Joint, JointImage};
+use crate::calibrate::{BundleImage, BundleSolution, Column};
 use crate::effects::{Context, Observation};
 use crate::identify::ControlPoints;
 
@@ -25,7 +25,7 @@ pub(super) const WITHIN_REACH_PX: f64 = 1.0;
 #[derive(Clone, Debug)]
 pub(super) struct Evidence {
     /// The star images.
-    pub(super) images: Vec<JointImage>,
+    pub(super) images: Vec<BundleImage>,
     /// Place of each image's frame among the frames.
     pub(super) place: Vec<usize>,
     /// Number of each image's star among the distinct ones.
@@ -84,7 +84,7 @@ impl Whiteners {
 impl Evidence {
     /// At a joint solution.
     pub(super) fn at(
-        joint: &Joint,
+        joint: &BundleSolution,
         points: &ControlPoints,
         telemetry: &Telemetry,
         options: &DiagnoseOptions,
@@ -99,7 +99,7 @@ impl Evidence {
     }
 
     /// Star images and camera alone.
-    pub(super) fn without_hypotheses(joint: &Joint) -> Self {
+    pub(super) fn without_hypotheses(joint: &BundleSolution) -> Self {
         let images = joint.images();
         let frames = joint.frames();
         let places: BTreeMap<usize, usize> = frames.iter().enumerate().map(|(place, (frame, _))| (*frame, place)).collect();
@@ -141,10 +141,10 @@ impl Evidence {
     }
 
     /// Whitened.
-    pub(super) fn sheet(&self, noise: &NoiseModel) -> Sheet {
+    pub(super) fn sheet(&self, noise: &NoiseModel) -> WhitenedSystem {
         let white = |column: &Column| self.white(noise, column);
         let residual: Column = self.residual_px.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect();
-        Sheet {
+        WhitenedSystem {
             frame: self.place.clone(),
             frames: self.frames.len(),
             residual: white(&residual),
@@ -177,7 +177,7 @@ impl Evidence {
 }
 
 /// Where a star moves on its frame if it stands farther east, and north, px per rad: as through a pinhole.
-fn sky_axes(joint: &Joint, image: &JointImage, place: usize) -> [[f64; 2]; 2] {
+fn sky_axes(joint: &BundleSolution, image: &BundleImage, place: usize) -> [[f64; 2]; 2] {
     let Some(attitude) = joint.attitude(place) else { return [[0.0; 2]; 2] };
     let focal_px = joint.model().camera().focal_length_px;
     let direction = Vector3::from(image.star_direction);

@@ -1,47 +1,48 @@
 //! From accepted effects to findings: sizes with errors, the evidence, what located them, what else it could be.
 
-use super::attribute::{self, Entry, Stand, columns};
 use super::channels::{ByChannel, Channel, ChannelMeasure};
 use super::crossfit::{CrossFit, Proof};
-use super::diagnosis::{ColumnsOf, Finding, Profile, Signs};
+use super::diagnosis::{ColumnSource, Finding, Profile, Signs};
 use super::evidence::Evidence;
+use super::final_fit::FinalFit;
+use super::linear_system::{Fit, Whitened};
 use super::located::{NAMED, ranked};
 use super::omnibus::among_covariates;
 use super::rivals::{decided_by, held_out_of_rivals, rivals};
 use super::run::{family, p_of};
 use super::scan::Scan;
-use super::sheet::{Fit, Whitened};
-use super::signs::SignTest;
-use super::solved::Solved;
-use super::{DiagnoseOptions, words};
-use crate::calibrate::Joint;
+use super::stepwise::{self, FitState, SelectedEffect, columns};
+use super::wild_bootstrap::WildBootstrap;
+use super::{DiagnoseOptions, wording};
+use crate::calibrate::BundleSolution;
 use crate::identify::ControlPoints;
-use crate::statistics::significance::{chi_squared_surprise, deviations};
+use crate::statistics::significance::{deviations, neg_ln_chi2_sf};
 
 /// A covariate locates a finding if chance does as well with less than this probability.
 const LOCATES_P: f64 = 0.01;
 
 /// T of an accepted effect beside the others, and its degrees of freedom.
-pub(super) fn statistic(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> (f64, usize) {
-    let white =
-        |entry: &Entry| columns(evidence, std::slice::from_ref(entry)).map(|c| evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>();
+pub(super) fn statistic(evidence: &Evidence, stand: &FitState, entries: &[SelectedEffect], k: usize) -> (f64, usize) {
+    let white = |entry: &SelectedEffect| {
+        columns(evidence, std::slice::from_ref(entry)).map(|c| evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>()
+    };
     let others: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(entry)).collect();
     let fit = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());
-    let without = Stand { fit: fit.with_noise_of(&stand.fit), more: others, ..stand.clone() };
+    let without = FitState { fit: fit.with_noise_of(&stand.fit), more: others, ..stand.clone() };
     without.score(&white(&entries[k]))
 }
 
 /// What the findings are made of.
 pub(super) struct Context<'a> {
     pub(super) evidence: &'a Evidence,
-    pub(super) joint: &'a Joint,
+    pub(super) joint: &'a BundleSolution,
     pub(super) points: &'a ControlPoints,
-    pub(super) base: &'a Stand,
-    pub(super) with_all: &'a Stand,
-    pub(super) entries: &'a [Entry],
+    pub(super) base: &'a FitState,
+    pub(super) with_all: &'a FitState,
+    pub(super) entries: &'a [SelectedEffect],
     pub(super) proofs: &'a [Proof],
     /// Of each entry, whether signs drawn by frame do as well.
-    pub(super) signs: &'a [SignTest],
+    pub(super) signs: &'a [WildBootstrap],
     /// Choice and size made anew in turns.
     pub(super) tried: &'a CrossFit,
     /// Of each entry, whether the recording simulated with it looks the same.
@@ -62,15 +63,16 @@ fn by_channel(finding: &Finding) -> ByChannel {
 
 impl Context<'_> {
     /// The model without entry `k`, all others in it.
-    fn without(&self, k: usize) -> Stand {
-        let others: Vec<Entry> = self.entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
+    fn without(&self, k: usize) -> FitState {
+        let others: Vec<SelectedEffect> =
+            self.entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
         let own: Vec<Whitened> = columns(self.evidence, &others).map(|c| self.evidence.white(&self.with_all.noise, c)).collect();
         let fit = Fit::new(&self.with_all.sheet, &self.with_all.take, &own.iter().collect::<Vec<_>>());
-        Stand { fit: fit.with_noise_of(&self.with_all.fit), more: own, ..self.with_all.clone() }
+        FitState { fit: fit.with_noise_of(&self.with_all.fit), more: own, ..self.with_all.clone() }
     }
 
     /// The finding of entry `k`.
-    pub(super) fn finding(&self, k: usize, solved: &Solved, options: &DiagnoseOptions) -> Finding {
+    pub(super) fn finding(&self, k: usize, solved: &FinalFit, options: &DiagnoseOptions) -> Finding {
         let entry = self.entries[k];
         let hypothesis = &self.evidence.hypotheses[entry.hypothesis];
         let variant = &hypothesis.variants[entry.variant];
@@ -95,7 +97,7 @@ impl Context<'_> {
         let nearest = set.first().or_else(|| listed.first().map(|own| &own.rival.id));
         let rival = nearest.and_then(|id| self.evidence.hypotheses.iter().position(|hypothesis| hypothesis.id() == id));
         let decided = rival.and_then(|index| {
-            let other = Entry { hypothesis: index, variant: self.evidence.hypotheses[index].variants.len() / 2 };
+            let other = SelectedEffect { hypothesis: index, variant: self.evidence.hypotheses[index].variants.len() / 2 };
             decided_by(self.evidence, self.with_all, self.joint, [entry, other], &faintness)
         });
         let proof = &self.proofs[k];
@@ -103,9 +105,9 @@ impl Context<'_> {
             id: hypothesis.id().to_owned(),
             known_amplitude: None,
             parameters,
-            columns: if variant.rendered { ColumnsOf::Rendered } else { ColumnsOf::Formula },
+            columns: if variant.rendered { ColumnSource::Rendered } else { ColumnSource::Formula },
             located_by,
-            delta_chi2: attribute::fall(self.with_all, &without.fit, &self.with_all.fit),
+            delta_chi2: stepwise::fall(self.with_all, &without.fit, &self.with_all.fit),
             p_value,
             p_value_is: None,
             family_p_value: family(p_value, self.hypotheses),
@@ -122,7 +124,7 @@ impl Context<'_> {
                 p_value: own.p_value,
             }),
             resimulated_p_value: self.resimulated.get(k).copied(),
-            score_sigma: deviations(chi_squared_surprise(rank as f64, t)),
+            score_sigma: deviations(neg_ln_chi2_sf(rank as f64, t)),
             snr: (t - rank as f64 + 1.0).max(0.0).sqrt(),
             channels: ByChannel::new(),
             indistinguishable_from: set,
@@ -132,12 +134,12 @@ impl Context<'_> {
         };
         finding.channels = by_channel(&finding);
         finding.known_amplitude = solved.ratio_beside_rivals(k, variant, &finding.rivals);
-        finding.sentence = words::finding(&finding, hypothesis.effect, hypothesis.in_force);
+        finding.sentence = wording::finding(&finding, hypothesis.effect, hypothesis.in_force);
         finding
     }
 
     /// Data for a picture of each finding: displacements against what they depend on.
-    pub(super) fn profiles(&self, solved: &Solved, standing: &[usize], found: &[Finding]) -> Vec<Profile> {
+    pub(super) fn profiles(&self, solved: &FinalFit, standing: &[usize], found: &[Finding]) -> Vec<Profile> {
         let of = |(k, finding): (&usize, &Finding)| super::profile::profile(self, solved, *k, &finding.parameters, &finding.located_by);
         standing.iter().zip(found).filter_map(of).collect()
     }

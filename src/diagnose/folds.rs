@@ -3,17 +3,17 @@
 //! Frames are parted into blocks, and each block is left out in its turn: attitudes, errors that a frame's stars share and telemetry are then
 //! new to the effect that is judged. Effects that go by a star's own numbers (motion, distance, colour, brightness) share the errors of these
 //! with all images of the star: for them one half of the stars is left out too, and an image is held out with its frame and its star. Fewer
-//! frames than [`FEWEST_FRAMES`] cannot be left out in turn; parts of the stars are, for all effects.
+//! frames than [`MIN_FRAMES`] cannot be left out in turn; parts of the stars are, for all effects.
 
 use super::evidence::Evidence;
 use super::hypotheses::Hypothesis;
-use crate::calibrate::Joint;
+use crate::calibrate::BundleSolution;
 use crate::effects::{Context, Light, Segment};
 use crate::identify::ControlPoints;
-use crate::statistics::significance::{chi_squared_quantile, chi_squared_surprise};
+use crate::statistics::significance::{chi_squared_quantile, neg_ln_chi2_sf};
 
 /// Fewer frames are not left out in turn.
-const FEWEST_FRAMES: usize = 4;
+const MIN_FRAMES: usize = 4;
 /// Blocks of frames at most; up to so many frames each is a block.
 const BLOCKS: usize = 8;
 /// Where there are frames enough a block is two stretches of frames, half the recording apart.
@@ -92,7 +92,7 @@ impl Folds {
             held: (0..images).map(held).collect(),
         };
         let order = star_order(evidence);
-        if frames < FEWEST_FRAMES {
+        if frames < MIN_FRAMES {
             let part = |k: usize| order[evidence.star[k]] % STAR_PARTS;
             let all = (0..STAR_PARTS).map(|own| fold(Judges::All, &|k| part(k) != own, &|k| part(k) == own)).collect();
             return Self { all, block: Vec::new() };
@@ -157,11 +157,11 @@ fn star_order(evidence: &Evidence) -> Vec<usize> {
 pub(super) fn threshold(whole: f64, hypotheses: f64, share: f64) -> f64 {
     let z = chi_squared_quantile(1.0, whole).sqrt();
     let asked = (share.sqrt() * z - NEARLY_ALWAYS * (1.0 - share).max(0.0).sqrt()).max(0.0);
-    chi_squared_surprise(1.0, asked * asked).max((hypotheses / BY_CHANCE).ln()).min(whole)
+    neg_ln_chi2_sf(1.0, asked * asked).max((hypotheses / BY_CHANCE).ln()).min(whole)
 }
 
 /// Whether an effect moves a star by numbers of the star's own: whether another motion, distance, colour or brightness moves it otherwise.
-pub(super) fn goes_by_stars(hypothesis: &Hypothesis, joint: &Joint, evidence: &Evidence, points: &ControlPoints) -> bool {
+pub(super) fn goes_by_stars(hypothesis: &Hypothesis, joint: &BundleSolution, evidence: &Evidence, points: &ControlPoints) -> bool {
     let Some(variant) = hypothesis.variants.first() else { return false };
     let mut parameters = variant.start.clone();
     for index in &hypothesis.fitted {
@@ -193,7 +193,7 @@ fn other_star(context: &Context) -> Context {
 }
 
 /// The light of a star image, wherever along its way an effect asks for it.
-fn light_of(joint: &Joint, evidence: &Evidence, k: usize, segment: Segment) -> Option<Light<f64>> {
+fn light_of(joint: &BundleSolution, evidence: &Evidence, k: usize, segment: Segment) -> Option<Light<f64>> {
     let image = &evidence.images[k];
     let camera = joint.model().camera();
     let from_star = nalgebra::Vector3::from(image.star_direction);

@@ -8,9 +8,9 @@ use nalgebra::Vector3;
 
 use super::DiagnoseOptions;
 use super::evidence::Evidence;
-use super::rendered::{Rendered, Shifts};
+use super::rendered_columns::{Rendered, Shifts};
 use super::untimed::turned;
-use crate::calibrate::{Column, Joint};
+use crate::calibrate::{BundleSolution, Column};
 use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Searched, Segment, StarState};
 use crate::identify::ControlPoints;
 
@@ -80,7 +80,7 @@ impl Hypothesis {
 
 /// All of them, in the registry's order.
 pub(super) fn hypotheses(
-    joint: &Joint,
+    joint: &BundleSolution,
     evidence: &Evidence,
     points: &ControlPoints,
     options: &DiagnoseOptions,
@@ -96,7 +96,7 @@ pub(super) fn hypotheses(
 
 fn hypothesis(
     effect: &'static dyn AnyDisplacement,
-    joint: &Joint,
+    joint: &BundleSolution,
     evidence: &Evidence,
     points: &ControlPoints,
     options: &DiagnoseOptions,
@@ -104,9 +104,9 @@ fn hypothesis(
 ) -> Hypothesis {
     let first = evidence.frames.first().map_or_else(Observation::default, |(_, observation)| *observation);
     let present = joint.model().terms().find(|(id, _)| *id == effect.id()).map(|(_, parameters)| parameters.to_vec());
-    let known: Vec<Option<Vec<f64>>> = evidence.frames.iter().map(|(_, observation)| effect.known(observation)).collect();
+    let known: Vec<Option<Vec<f64>>> = evidence.frames.iter().map(|(_, observation)| effect.predicted(observation)).collect();
     let is_there = present.as_ref().is_some_and(|parameters| parameters.first().is_some_and(|size| *size != 0.0));
-    let fitted = effect.fitted(&first);
+    let fitted = effect.default_free(&first);
     let searched = effect.searched(&first);
     let fitted = if is_there { fitted_once_found(&fitted, searched.as_ref()) } else { fitted };
     let whole = |parameters: &Vec<f64>| fitted.first().and_then(|index| parameters.get(*index)).copied();
@@ -125,7 +125,7 @@ fn hypothesis(
     };
     if matches!(effect.id(), "refraction") && evidence.frames.iter().any(|(_, observation)| observation.zenith.is_none()) {
         found.known = None;
-        found.fitted = effect.fitted(&with_zenith(&first, [0.0, 0.0, 1.0]));
+        found.fitted = effect.default_free(&with_zenith(&first, [0.0, 0.0, 1.0]));
         match unknown_zeniths(evidence, points) {
             Ok(zeniths) => {
                 found.variants = zeniths.into_iter().filter_map(|zenith| free_zenith(joint, effect, &found.fitted, zenith)).collect();
@@ -134,7 +134,7 @@ fn hypothesis(
         }
         return found;
     }
-    let lacks = evidence.frames.iter().filter_map(|(_, observation)| effect.missing(observation)).collect::<Vec<_>>();
+    let lacks = evidence.frames.iter().filter_map(|(_, observation)| effect.unmet_requirement(observation)).collect::<Vec<_>>();
     // Where a few frames do not tell what moves their stars, the effect leaves them alone and the others tell.
     let a_few = found.known.is_none() && FEW_OF * lacks.len() <= evidence.frames.len();
     if let Some(reason) = lacks.first().filter(|_| !a_few) {
@@ -143,8 +143,8 @@ fn hypothesis(
         return found;
     }
     let mut contexts = (0..evidence.images.len()).map(|k| evidence.context(k, points));
-    if let Some(reason) = contexts.next().and_then(|context| effect.missing_in(&context))
-        && contexts.all(|context| effect.missing_in(&context).is_some())
+    if let Some(reason) = contexts.next().and_then(|context| effect.unmet_in_context(&context))
+        && contexts.all(|context| effect.unmet_in_context(&context).is_some())
     {
         found.missing = Some(reason.to_owned());
         return found;
@@ -177,7 +177,7 @@ fn fitted_once_found(fitted: &[usize], searched: Option<&Searched>) -> Vec<usize
 }
 
 /// A finer search about a variant, for effects that have one: halfway to the values tried before, each `step` halving the way once more.
-pub(super) fn finer(hypothesis: &Hypothesis, best: &Variant, joint: &Joint, step: usize) -> Vec<Variant> {
+pub(super) fn finer(hypothesis: &Hypothesis, best: &Variant, joint: &BundleSolution, step: usize) -> Vec<Variant> {
     let Some(Searched { parameter, values, .. }) = &hypothesis.searched else { return Vec::new() };
     let here = best.start[*parameter];
     let share = 0.5_f64.powi(i32::try_from(step + 1).unwrap_or(i32::MAX));
@@ -190,7 +190,7 @@ pub(super) fn finer(hypothesis: &Hypothesis, best: &Variant, joint: &Joint, step
 }
 
 /// The variant at a value of what is searched for.
-pub(super) fn at_value(hypothesis: &Hypothesis, best: &Variant, joint: &Joint, value: f64) -> Option<Variant> {
+pub(super) fn at_value(hypothesis: &Hypothesis, best: &Variant, joint: &BundleSolution, value: f64) -> Option<Variant> {
     variant(joint, hypothesis, with(&best.start, hypothesis.searched.as_ref()?.parameter, value))
 }
 
@@ -200,7 +200,7 @@ fn with(start: &[f64], parameter: usize, value: f64) -> Vec<f64> {
     own
 }
 
-fn variant(joint: &Joint, hypothesis: &Hypothesis, start: Vec<f64>) -> Option<Variant> {
+fn variant(joint: &BundleSolution, hypothesis: &Hypothesis, start: Vec<f64>) -> Option<Variant> {
     let columns = joint.columns_of(hypothesis.id(), &start, &hypothesis.fitted)?;
     Some(Variant { start, zenith: None, turns_rad: Vec::new(), columns, searched_sigma: None, rendered: false })
 }
@@ -240,7 +240,7 @@ fn unknown_zeniths(evidence: &Evidence, points: &ControlPoints) -> Result<Vec<[f
 }
 
 /// A solution with a zenith supposed, and each frame's turned about the pole from there.
-pub(super) fn supposed(joint: &Joint, zenith: [f64; 3], turns_rad: &[f64]) -> Joint {
+pub(super) fn supposed(joint: &BundleSolution, zenith: [f64; 3], turns_rad: &[f64]) -> BundleSolution {
     joint.with_frames(|place, observation| {
         with_zenith(observation, turns_rad.get(place).map_or(zenith, |turn_rad| turned(zenith, *turn_rad)))
     })
@@ -255,7 +255,7 @@ pub(super) fn with_zenith(observation: &Observation, zenith: [f64; 3]) -> Observ
     Observation { zenith: Some(icrs), zenith_is_guessed: true, ..*observation }
 }
 
-fn free_zenith(joint: &Joint, effect: &'static dyn AnyDisplacement, fitted: &[usize], zenith: [f64; 3]) -> Option<Variant> {
+fn free_zenith(joint: &BundleSolution, effect: &'static dyn AnyDisplacement, fitted: &[usize], zenith: [f64; 3]) -> Option<Variant> {
     let supposed = supposed(joint, zenith, &[]);
     let start = vec![0.0; effect.parameters().len()];
     // Where there is no refraction yet the zenith's own parameters have no columns: the search stands in their place.

@@ -1,14 +1,14 @@
 //! Where a mismatch shows: the covariates that the residuals follow.
 
-use super::attribute::Stand;
-use super::chance::Chance;
 use super::diagnosis::Located;
 use super::evidence::Evidence;
+use super::linear_system::{Fit, Whitened};
+use super::null_distribution::NullDistribution;
 use super::omnibus::among_covariates;
-use super::permute::Deals;
+use super::permutation::Permutations;
 use super::scan::{Asks, Scan};
-use super::sheet::{Fit, Whitened};
-use crate::statistics::significance::chi_squared_surprise;
+use super::stepwise::FitState;
+use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// So many are named.
 pub(super) const NAMED: usize = 3;
@@ -16,7 +16,7 @@ pub(super) const NAMED: usize = 3;
 const LISTED_P: f64 = 0.05;
 
 /// Covariates by how surprisingly residuals follow them.
-pub(super) fn ranked(evidence: &Evidence, stand: &Stand, scan: &Scan) -> Vec<(usize, f64, f64)> {
+pub(super) fn ranked(evidence: &Evidence, stand: &FitState, scan: &Scan) -> Vec<(usize, f64, f64)> {
     let mut best: Vec<Option<(f64, f64)>> = vec![None; evidence.covariates.len()];
     for group in &scan.groups {
         let Asks::Covariate(index) = group.asks else { continue };
@@ -33,7 +33,7 @@ pub(super) fn ranked(evidence: &Evidence, stand: &Stand, scan: &Scan) -> Vec<(us
 
 /// The covariates that residuals follow, each also with those before it taken out.
 /// `deals` holds what they are worth once dealt out anew, where that was asked for.
-pub(super) fn located(evidence: &Evidence, stand: &Stand, scan: &Scan, chance: &Chance, deals: &Deals) -> Vec<Located> {
+pub(super) fn located(evidence: &Evidence, stand: &FitState, scan: &Scan, chance: &NullDistribution, deals: &Permutations) -> Vec<Located> {
     let all = ranked(evidence, stand, scan);
     let mut leaders: Vec<Whitened> = Vec::new();
     let mut found = Vec::new();
@@ -49,11 +49,11 @@ pub(super) fn located(evidence: &Evidence, stand: &Stand, scan: &Scan, chance: &
         }
         let conditional_p_value = (place > 0 && place <= NAMED).then(|| {
             let fit = Fit::new(&stand.sheet, &stand.take, &leaders.iter().collect::<Vec<_>>());
-            let beside = Stand { fit, ..stand.clone() };
+            let beside = FitState { fit, ..stand.clone() };
             let most = evidence.covariates[index].patterns.iter().map(|pattern| {
                 let own: Vec<Whitened> = pattern.iter().map(|column| evidence.white(&stand.noise, column)).collect();
                 let (t, rank) = beside.score(&own);
-                chi_squared_surprise(rank as f64, t)
+                neg_ln_chi2_sf(rank as f64, t)
             });
             among_covariates(chance, most.fold(0.0, f64::max))
         });

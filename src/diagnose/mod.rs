@@ -1,49 +1,49 @@
 //! ControlPoints → Diagnosis: is physics missing, where, which, how large, what else could it be, does the fit improve, what is left.
 
 mod adequacy;
-mod attribute;
-mod chance;
 mod channels;
 mod clusters;
-mod confirm;
 mod covariates;
+mod cross_validation;
 mod crossfit;
 mod descent;
 mod diagnosis;
 mod evidence;
+mod final_fit;
 mod findings;
 mod folds;
-mod halves;
+mod frame_nuisance;
+mod holdout;
 mod hypotheses;
-mod left;
+mod linear_system;
 mod located;
-mod natural;
-mod nature;
 mod noise;
+mod null_distribution;
+mod omitted_nature;
 mod omnibus;
 mod ordinary;
-mod own;
 mod patterns;
-mod permute;
+mod permutation;
+mod plausible_size;
 mod profile;
 mod proposals;
-mod prove;
 mod quality;
 mod refine;
-mod remainder;
-mod rendered;
+mod rendered_columns;
+mod residual_field;
 mod resimulate;
 mod resolved;
 mod rivals;
 mod run;
 mod scan;
-mod sheet;
-mod signs;
-mod solved;
+mod split_half;
 mod statuses;
 mod step;
+mod stepwise;
+mod unexplained;
 mod untimed;
-mod words;
+mod wild_bootstrap;
+mod wording;
 
 pub use channels::{ByChannel, Channel, ChannelMeasure, ChannelReport, ChannelVerdict, Channels, Detectable};
 pub use diagnosis::*;
@@ -78,13 +78,13 @@ pub struct DiagnoseOptions {
     /// Leave out stars without known proper motion.
     pub proper_motion_only: bool,
     /// How the stars of the recording look, where it has pixels: the columns of effects on pixels are then rendered and measured.
-    pub looks: Option<Looks>,
+    pub looks: Option<ImageConditions>,
 }
 
 /// How the stars of a recording look: what has to be known to render them as they are.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Looks {
+pub struct ImageConditions {
     /// Width of the typical image (Gaussian σ before the pixel integrates it), px.
     pub psf_sigma_px: f64,
     /// Level of the sky, electrons per pixel.
@@ -135,7 +135,7 @@ pub fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &Diagnos
 }
 
 /// The same, telling `tell` each step as it begins.
-pub fn diagnose_telling(
+pub fn diagnose_with_progress(
     points: &ControlPoints,
     telemetry: &Telemetry,
     options: &DiagnoseOptions,

@@ -8,9 +8,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::evidence::Evidence;
-use super::sheet::Sheet;
-use crate::calibrate::{Column, JointImage};
-use crate::statistics::significance::chi_squared_surprise;
+use super::linear_system::WhitenedSystem;
+use crate::calibrate::{BundleImage, Column};
+use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Degrees of freedom tried; the last means normal errors.
 const TAILS: &[f64] = &[3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, f64::INFINITY];
@@ -46,7 +46,7 @@ impl NoiseModel {
     }
 
     /// Scatter of an image: xx, xy, yy, px².
-    pub(super) fn scatter_px2(&self, image: &JointImage, place: usize) -> [f64; 3] {
+    pub(super) fn scatter_px2(&self, image: &BundleImage, place: usize) -> [f64; 3] {
         let worse = self.frame_factors[place];
         let [xx, xy, yy] = image.stated_px2;
         let of = |variance: f64| (worse * (self.factor * variance + self.floor_px2)).max(1e-12);
@@ -54,13 +54,13 @@ impl NoiseModel {
     }
 
     /// Standard error per axis (of the core of the distribution), px.
-    pub(super) fn sigma_px(&self, image: &JointImage, place: usize) -> f64 {
+    pub(super) fn sigma_px(&self, image: &BundleImage, place: usize) -> f64 {
         let [xx, _, yy] = self.scatter_px2(image, place);
         f64::midpoint(xx, yy).sqrt()
     }
 
     /// L⁻¹ with L·Lᵀ the scatter: xx, yx, yy.
-    pub(super) fn whitener(&self, image: &JointImage, place: usize) -> [f64; 3] {
+    pub(super) fn whitener(&self, image: &BundleImage, place: usize) -> [f64; 3] {
         let [xx, xy, yy] = self.scatter_px2(image, place);
         let l_xx = xx.sqrt();
         let l_yx = xy / l_xx;
@@ -71,7 +71,7 @@ impl NoiseModel {
     /// The noise of greatest likelihood. `residual_px` x, y, x, y, … of the images; `freedom` = degrees of freedom over numbers, by which the
     /// fit has made residuals smaller than errors.
     pub(super) fn find(
-        images: &[JointImage],
+        images: &[BundleImage],
         place: &[usize],
         residual_px: &[f64],
         take: &[bool],
@@ -104,7 +104,7 @@ impl NoiseModel {
     }
 
     /// Which images take part: all but those that are no images of their stars.
-    pub(super) fn plausible(&self, images: &[JointImage], place: &[usize], residual_px: &[f64]) -> Vec<bool> {
+    pub(super) fn plausible(&self, images: &[BundleImage], place: &[usize], residual_px: &[f64]) -> Vec<bool> {
         let of = |k: usize| {
             let white = apply(self.whitener(&images[k], place[k]), [residual_px[2 * k], residual_px[2 * k + 1]]);
             let q = white[0] * white[0] + white[1] * white[1];
@@ -114,12 +114,12 @@ impl NoiseModel {
     }
 
     /// What whitens each image.
-    pub(super) fn whiteners(&self, images: &[JointImage], place: &[usize]) -> Vec<[f64; 3]> {
+    pub(super) fn whiteners(&self, images: &[BundleImage], place: &[usize]) -> Vec<[f64; 3]> {
         images.iter().zip(place).map(|(image, place)| self.whitener(image, *place)).collect()
     }
 
     /// Whitened numbers back in px.
-    pub(super) fn unwhiten(&self, images: &[JointImage], place: &[usize], white: &[f64]) -> Vec<f64> {
+    pub(super) fn unwhiten(&self, images: &[BundleImage], place: &[usize], white: &[f64]) -> Vec<f64> {
         let mut out = Vec::with_capacity(white.len());
         for k in 0..images.len() {
             let [a, b, c] = self.whitener(&images[k], place[k]);
@@ -143,7 +143,7 @@ fn apply(whitener: [f64; 3], [x, y]: [f64; 2]) -> [f64; 2] {
     [whitener[0] * x, whitener[1] * x + whitener[2] * y]
 }
 
-fn square_and_log(model: &NoiseModel, image: &JointImage, place: usize, residual: [f64; 2], freedom: f64) -> [f64; 2] {
+fn square_and_log(model: &NoiseModel, image: &BundleImage, place: usize, residual: [f64; 2], freedom: f64) -> [f64; 2] {
     let [xx, xy, yy] = model.scatter_px2(image, place);
     let [x, y] = apply(model.whitener(image, place), residual);
     [(x * x + y * y) / freedom, (xx * yy - xy * xy).max(1e-30).ln()]
@@ -171,7 +171,7 @@ impl Squares {
         let count = self.used.len().max(1) as f64;
         let mut scale = self.start;
         for _ in 0..12 {
-            let sum = sum_of(&self.used, |q| super::sheet::weight(tail_degrees, q / scale) * q);
+            let sum = sum_of(&self.used, |q| super::linear_system::weight(tail_degrees, q / scale) * q);
             let next = (sum / (2.0 * count)).max(1e-12);
             let settled = (next / scale - 1.0).abs() < 1e-4;
             scale = next;
@@ -204,7 +204,7 @@ fn sum_of(values: &[f64], of: impl Fn(f64) -> f64) -> f64 {
 }
 
 /// Degrees of freedom over numbers.
-pub(super) fn freedom(sheet: &Sheet, take: &[bool], shared: usize) -> f64 {
+pub(super) fn freedom(sheet: &WhitenedSystem, take: &[bool], shared: usize) -> f64 {
     let taken = take.iter().filter(|take| **take).count() as f64;
     let mut seen = vec![false; sheet.frames];
     for (frame, _) in sheet.frame.iter().zip(take).filter(|(_, take)| **take) {
@@ -268,7 +268,7 @@ pub(super) fn frame_factors(evidence: &Evidence, floor_px2: f64) -> Vec<f64> {
         (_, Some([level, degrees])) => {
             let ratio = level / usual;
             // A median knows as much as half as many numbers.
-            let surprise = chi_squared_surprise(0.5 * degrees, 0.5 * degrees * ratio);
+            let surprise = neg_ln_chi2_sf(0.5 * degrees, 0.5 * degrees * ratio);
             if (-surprise).exp() < WORSE_P { ratio } else { 1.0 }
         }
     };

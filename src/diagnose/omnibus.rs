@@ -1,10 +1,10 @@
 //! Whether there is something at all: the most surprising hypothesis and the most surprising covariate, held against chance.
 
 use super::DiagnoseOptions;
-use super::attribute::Stand;
-use super::chance::{Chance, family_p, family_p_error};
 use super::evidence::Evidence;
+use super::null_distribution::{NullDistribution, family_p, family_p_error};
 use super::scan::{Asks, Scan};
+use super::stepwise::FitState;
 
 /// Where the decision is near, up to this many times the simulations asked for are added.
 const MORE: usize = 8;
@@ -16,11 +16,17 @@ const NEAR: f64 = 6.0;
 pub(super) struct Omnibus {
     pub(super) p_value: f64,
     pub(super) largest: String,
-    pub(super) chance: Chance,
+    pub(super) chance: NullDistribution,
 }
 
 /// Asks all questions, and chance too. `level` is the probability at which it is decided; `stream` makes the simulations those of this call.
-pub(super) fn omnibus(evidence: &Evidence, stand: &Stand, scan: &Scan, options: &DiagnoseOptions, (stream, level): (u64, f64)) -> Omnibus {
+pub(super) fn omnibus(
+    evidence: &Evidence,
+    stand: &FitState,
+    scan: &Scan,
+    options: &DiagnoseOptions,
+    (stream, level): (u64, f64),
+) -> Omnibus {
     let mut most = [(0.0_f64, String::new()), (0.0, String::new())];
     for group in &scan.groups {
         let (which, name) = match group.asks {
@@ -36,7 +42,7 @@ pub(super) fn omnibus(evidence: &Evidence, stand: &Stand, scan: &Scan, options: 
     let simulated = |from: usize, to: usize| scan.chance(&stand.fit, &stand.take, seed, from, to);
     let mut chance = simulated(0, options.nulls);
     // p of the hypotheses and of the covariates, and the standard error of ln p of the smaller.
-    let decide = |chance: &Chance| {
+    let decide = |chance: &NullDistribution| {
         let (h, c) = (family_p(&chance.hypotheses, most[0].0), family_p(&chance.covariates, most[1].0));
         let error = if h <= c { family_p_error(&chance.hypotheses, most[0].0) } else { family_p_error(&chance.covariates, most[1].0) };
         (h, c, error)
@@ -54,6 +60,6 @@ pub(super) fn omnibus(evidence: &Evidence, stand: &Stand, scan: &Scan, options: 
 }
 
 /// p-value of a covariate among all.
-pub(super) fn among_covariates(chance: &Chance, surprise: f64) -> f64 {
+pub(super) fn among_covariates(chance: &NullDistribution, surprise: f64) -> f64 {
     family_p(&chance.covariates, surprise)
 }

@@ -1,12 +1,12 @@
 //! How large effects are in real cameras and skies, and whether a recording could show one of that size. "Nothing is missing" is worth as much
 //! as what would have been seen.
 
-use super::attribute::{Entry, Stand, UNOBSERVABLE, amplitude, columns, survival};
 use super::channels::Detectable;
 use super::evidence::Evidence;
 use super::hypotheses::{Hypothesis, with_zenith};
-use super::sheet::Whitened;
-use crate::statistics::significance::chi_squared_surprise;
+use super::linear_system::Whitened;
+use super::stepwise::{FitState, SelectedEffect, UNOBSERVABLE, amplitude, columns, survival};
+use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// A normal number is above −SURE with 95 %.
 const SURE: f64 = 1.645;
@@ -95,7 +95,7 @@ fn needed(rank: usize, threshold: f64) -> f64 {
         }
         high
     };
-    let least = bisect(&|t| chi_squared_surprise(rank, t) >= threshold);
+    let least = bisect(&|t| neg_ln_chi2_sf(rank, t) >= threshold);
     bisect(&|lambda| {
         let (mean, twice) = (rank + lambda, rank + 2.0 * lambda);
         let h = 1.0 - 2.0 / 3.0 * mean * (rank + 3.0 * lambda) / (twice * twice);
@@ -123,7 +123,13 @@ fn usual_variant(evidence: &Evidence, hypothesis: &Hypothesis) -> usize {
 
 /// What the recording could have shown beside what was found, the effects that show best (in units of their ordinary size) first.
 /// `threshold` is the surprise that a name needs.
-pub(super) fn detectable(evidence: &Evidence, stand: &Stand, base: &Stand, found: &[Entry], threshold: f64) -> Vec<Detectable> {
+pub(super) fn detectable(
+    evidence: &Evidence,
+    stand: &FitState,
+    base: &FitState,
+    found: &[SelectedEffect],
+    threshold: f64,
+) -> Vec<Detectable> {
     let mut all: Vec<Detectable> = Vec::new();
     for (index, hypothesis) in evidence.hypotheses.iter().enumerate() {
         if hypothesis.variants.is_empty() || found.iter().any(|entry| entry.hypothesis == index) {
@@ -133,8 +139,9 @@ pub(super) fn detectable(evidence: &Evidence, stand: &Stand, base: &Stand, found
         let Some(column) = hypothesis.variants[variant].columns.first() else { continue };
         let reach_px = column.iter().map(|[x, y]| x.hypot(*y)).fold(0.0, f64::max);
         let Some((ordinary, source)) = ordinary(hypothesis, reach_px) else { continue };
-        let entry = [Entry { hypothesis: index, variant }];
-        let white = |stand: &Stand| columns(evidence, &entry).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
+        let entry = [SelectedEffect { hypothesis: index, variant }];
+        let white =
+            |stand: &FitState| columns(evidence, &entry).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
         let own = white(stand);
         let (_, rank) = stand.score(&own);
         let threshold = threshold + 0.5 * (hypothesis.variants.len() as f64).ln();
@@ -196,7 +203,7 @@ mod tests {
                         (draw + if k == 0 { mean } else { 0.0 }).powi(2)
                     })
                     .sum();
-                chi_squared_surprise(rank as f64, t) >= threshold
+                neg_ln_chi2_sf(rank as f64, t) >= threshold
             });
             let share = seen.count() as f64 / DRAWS as f64;
             assert!((share - 0.95).abs() < 0.012, "rank {rank}: {share}");

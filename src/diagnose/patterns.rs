@@ -13,19 +13,19 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::attribute::{AGREES, Entry, Stand, columns};
 use super::evidence::Evidence;
+use super::final_fit::FinalFit;
+use super::linear_system::{Fit, Whitened, dot};
 use super::run::family;
 use super::scan::{Asks, Group, Scan, orthonormal};
-use super::sheet::{Fit, Whitened, dot};
-use super::solved::Solved;
+use super::stepwise::{AGREES, FitState, SelectedEffect, columns};
 use crate::calibrate::Column;
-use crate::statistics::significance::chi_squared_surprise;
+use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// A pattern remains if chance leaves the largest of as many with less than this probability.
 const REMAINS_P: f64 = 1e-3;
 /// What is left must be this share of what the effect explains, or it is no fault of the name.
-const LEAST_LEFT: f64 = 0.03;
+const MIN_LEFT: f64 = 0.03;
 /// Covariates that patterns of the field go by.
 pub(super) const IN_THE_FIELD: &[&str] = &["field-map", "colour", "magnitude", "field-radius", "x", "y", "edge-distance"];
 /// An effect is of the kind of a pattern if the pattern spans so much of it.
@@ -37,10 +37,10 @@ pub(super) const THREE_SIGMA: f64 = 5.915;
 pub(super) struct Named<'a> {
     /// Linearised without the effects, and the fit of all of them there.
     pub(super) evidence: &'a Evidence,
-    pub(super) stand: &'a Stand,
-    pub(super) entries: &'a [Entry],
+    pub(super) stand: &'a FitState,
+    pub(super) entries: &'a [SelectedEffect],
     /// Everything with the effects in force.
-    pub(super) solved: &'a Solved,
+    pub(super) solved: &'a FinalFit,
     /// Which of them.
     pub(super) k: usize,
 }
@@ -58,7 +58,7 @@ pub(super) fn veto(named: &Named, scan: &Scan, statistic: f64) -> Option<String>
         .collect();
     let remaining = asked.iter().filter_map(|(group, index)| {
         let p = family((-group.surprise()).exp(), asked.len() as f64);
-        (p < REMAINS_P && group.statistic - group.rank as f64 > LEAST_LEFT * statistic).then_some((*group, *index, p))
+        (p < REMAINS_P && group.statistic - group.rank as f64 > MIN_LEFT * statistic).then_some((*group, *index, p))
     });
     for (group, index, p) in remaining {
         let covariate = &evidence.covariates[index];
@@ -78,7 +78,7 @@ fn against(named: &Named, index: usize, pattern: usize) -> Option<String> {
         return None; // it is of another kind than the pattern
     }
     let (shows, rank) = at_start.with_pattern.score(&at_start.own);
-    if chi_squared_surprise(rank as f64, shows) < THREE_SIGMA {
+    if neg_ln_chi2_sf(rank as f64, shows) < THREE_SIGMA {
         return Some("nothing of the effect is left".to_owned());
     }
     let moved = solved.moved()?;
@@ -92,17 +92,17 @@ fn against(named: &Named, index: usize, pattern: usize) -> Option<String> {
 struct Beside {
     own: Vec<Whitened>,
     pattern: Vec<Whitened>,
-    without: Stand,
-    with_pattern: Stand,
+    without: FitState,
+    with_pattern: FitState,
 }
 
-fn beside(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize, pattern: &[Column]) -> Beside {
+fn beside(evidence: &Evidence, stand: &FitState, entries: &[SelectedEffect], k: usize, pattern: &[Column]) -> Beside {
     let white = |column: &Column| evidence.white(&stand.noise, column);
     let fitted = |more: Vec<Whitened>| {
         let fit = Fit::new(&stand.sheet, &stand.take, &more.iter().collect::<Vec<_>>()).with_noise_of(&stand.fit);
-        Stand { more, fit, ..stand.clone() }
+        FitState { more, fit, ..stand.clone() }
     };
-    let others: Vec<Entry> = entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
+    let others: Vec<SelectedEffect> = entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
     let others: Vec<Whitened> = columns(evidence, &others).map(white).collect();
     let pattern: Vec<Whitened> = pattern.iter().map(white).collect();
     let own = columns(evidence, &entries[k..=k]).map(white).collect();
@@ -130,12 +130,12 @@ impl Beside {
         // A direction that the pattern does not touch neither moves nor gets a larger error.
         let difference = (&larger - error) + &larger * 1e-6;
         let square = moved.dot(&(difference.pseudo_inverse(0.0).ok()? * &moved));
-        Some(chi_squared_surprise(moved.len() as f64, square))
+        Some(neg_ln_chi2_sf(moved.len() as f64, square))
     }
 }
 
 /// Change of an effect's sizes beside a fit, and its covariance; none where the fit leaves nothing of one of them.
-fn estimate(stand: &Stand, own: &[Whitened]) -> Option<(DVector<f64>, DMatrix<f64>)> {
+fn estimate(stand: &FitState, own: &[Whitened]) -> Option<(DVector<f64>, DMatrix<f64>)> {
     let fit = &stand.fit;
     let rest: Vec<Whitened> = own.iter().map(|column| fit.project(column)).collect();
     let gram = DMatrix::from_fn(own.len(), own.len(), |i, j| dot(&rest[i], &rest[j]));

@@ -10,12 +10,12 @@
 //! ```
 //! A line through zero fitted to what is drawn has a slope with the error of θ over θ, as the finding says it: nothing is lost to the bins.
 
-use super::attribute::{Entry, columns};
 use super::diagnosis::{FoundParameter, Profile, ProfileBin};
 use super::evidence::{Evidence, REACH_PX};
+use super::final_fit::FinalFit;
 use super::findings::Context;
-use super::sheet::{Fit, Whitened};
-use super::solved::Solved;
+use super::linear_system::{Fit, Whitened};
+use super::stepwise::{SelectedEffect, columns};
 
 /// Bins.
 const BINS: usize = 12;
@@ -48,9 +48,10 @@ struct Drawn<'a> {
 
 impl<'a> Drawn<'a> {
     /// Of column `j` of entry `k`, whose size is `value`.
-    fn new(solved: &'a Solved, k: usize, j: usize, value: f64) -> Self {
+    fn new(solved: &'a FinalFit, k: usize, j: usize, value: f64) -> Self {
         let (evidence, stand) = (&solved.evidence, &solved.stand);
-        let white = |entry: &Entry| columns(evidence, std::slice::from_ref(entry)).map(|c| evidence.white(&stand.noise, c)).collect();
+        let white =
+            |entry: &SelectedEffect| columns(evidence, std::slice::from_ref(entry)).map(|c| evidence.white(&stand.noise, c)).collect();
         let mut beside: Vec<Whitened> = Vec::new();
         let mut own = None;
         for (index, entry) in solved.entries.iter().enumerate() {
@@ -128,7 +129,7 @@ impl<'a> Drawn<'a> {
 }
 
 /// The parameter that is drawn: of those that are sizes (nought is no effect) the best determined.
-fn drawn_parameter(solved: &Solved, k: usize, found: &[FoundParameter]) -> Option<usize> {
+fn drawn_parameter(solved: &FinalFit, k: usize, found: &[FoundParameter]) -> Option<usize> {
     let hypothesis = &solved.evidence.hypotheses[solved.entries[k].hypothesis];
     let searched = hypothesis.searched.as_ref().map(|searched| searched.parameter);
     let is_size = |j: &usize| Some(hypothesis.fitted[*j]) != searched && !found[*j].name.starts_with("zenith");
@@ -161,7 +162,7 @@ fn depends_on(id: &str, parameter: &str) -> Option<&'static str> {
 }
 
 /// The profile of entry `k`, with the names of the covariates that located it. `found`: its parameters as the finding has them.
-pub(super) fn profile(context: &Context, solved: &Solved, k: usize, found: &[FoundParameter], located_by: &[String]) -> Option<Profile> {
+pub(super) fn profile(context: &Context, solved: &FinalFit, k: usize, found: &[FoundParameter], located_by: &[String]) -> Option<Profile> {
     let id = solved.evidence.hypotheses[solved.entries.get(k)?.hypothesis].id();
     let j = drawn_parameter(solved, k, found)?;
     let drawn = Drawn::new(solved, k, j, found[j].value);

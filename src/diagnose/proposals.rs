@@ -1,10 +1,10 @@
 //! All that was proposed and what held-out images say of it, for the result: the list over which the mean is below zero where nothing is hidden.
 
-use super::attribute::{Entry, Stand};
-use super::confirm::Withheld;
+use super::cross_validation::Withheld;
 use super::crossfit::{CrossFit, Proposal};
 use super::diagnosis::{LeftOut, Proposed};
 use super::evidence::Evidence;
+use super::stepwise::{FitState, SelectedEffect};
 
 /// Of what turns alone propose.
 const NOT_SIGNIFICANT: &str = "parts of the recording propose it, all star images together do not";
@@ -13,9 +13,9 @@ const NOT_SIGNIFICANT: &str = "parts of the recording propose it, all star image
 pub(super) fn proposed(
     evidence: &Evidence,
     tried: &CrossFit,
-    stand: &Stand,
-    kept: &[Entry],
-    proposals: &[Entry],
+    stand: &FitState,
+    kept: &[SelectedEffect],
+    proposals: &[SelectedEffect],
     withheld: &[Withheld],
 ) -> Vec<Proposed> {
     let of = |hypothesis: &usize| {

@@ -1,17 +1,17 @@
 //! How well a model describes the star images, and which took part.
 
 use super::DiagnoseOptions;
-use super::attribute::{Entry, Stand};
 use super::crossfit::CrossFit;
 use super::descent::psi_of;
 use super::diagnosis::{FitQuality, MeasuredNoise, NoiseState, ResidualRow, StarsUsed, Unused};
 use super::evidence::Evidence;
+use super::linear_system::{Whitened, dot, weight};
 use super::noise::NoiseModel;
-use super::sheet::{Whitened, dot, weight};
+use super::stepwise::{FitState, SelectedEffect};
 use crate::identify::ControlPoints;
 
 /// How well a model does, with the noise of the final one; on held-out frames what each turn chose itself of the effects `named`.
-pub(super) fn quality(evidence: &Evidence, stand: &Stand, noise: &NoiseModel, tried: &CrossFit, named: &[Entry]) -> FitQuality {
+pub(super) fn quality(evidence: &Evidence, stand: &FitState, noise: &NoiseModel, tried: &CrossFit, named: &[SelectedEffect]) -> FitQuality {
     let residual_px = stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.fit.residual);
     let used: Vec<usize> = (0..evidence.images.len()).filter(|k| stand.take[*k]).collect();
     let square: f64 = used.iter().map(|k| residual_px[2 * k].powi(2) + residual_px[2 * k + 1].powi(2)).sum();
@@ -24,7 +24,7 @@ pub(super) fn quality(evidence: &Evidence, stand: &Stand, noise: &NoiseModel, tr
     };
     let (psi, _) = psi_of(&white, &stand.take, noise.tail_degrees);
     let held = {
-        let judged = Stand { noise: noise.clone(), sheet: evidence.sheet(noise), ..stand.clone() };
+        let judged = FitState { noise: noise.clone(), sheet: evidence.sheet(noise), ..stand.clone() };
         tried.quality(evidence, &judged, named)
     };
     FitQuality {
@@ -37,7 +37,7 @@ pub(super) fn quality(evidence: &Evidence, stand: &Stand, noise: &NoiseModel, tr
 }
 
 /// The star images that took part.
-pub(super) fn stars_used(evidence: &Evidence, points: &ControlPoints, stand: &Stand) -> StarsUsed {
+pub(super) fn stars_used(evidence: &Evidence, points: &ControlPoints, stand: &FitState) -> StarsUsed {
     let mut used = StarsUsed { left_out: points.points.len() - stand.take.iter().filter(|take| **take).count(), ..StarsUsed::default() };
     for (image, _) in evidence.images.iter().zip(&stand.take).filter(|(_, take)| **take) {
         if points.points[image.point].has_proper_motion {
@@ -50,7 +50,7 @@ pub(super) fn stars_used(evidence: &Evidence, points: &ControlPoints, stand: &St
 }
 
 /// Why star images took no part.
-pub(super) fn unused(evidence: &Evidence, points: &ControlPoints, stand: &Stand, options: &DiagnoseOptions) -> Vec<Unused> {
+pub(super) fn unused(evidence: &Evidence, points: &ControlPoints, stand: &FitState, options: &DiagnoseOptions) -> Vec<Unused> {
     let far = stand.take.iter().filter(|take| !**take).count();
     let unmoving = if options.proper_motion_only { points.points.iter().filter(|point| !point.has_proper_motion).count() } else { 0 };
     let others = points.points.len().saturating_sub(evidence.images.len() + unmoving);
@@ -66,7 +66,7 @@ pub(super) fn unused(evidence: &Evidence, points: &ControlPoints, stand: &Stand,
 }
 
 /// The noise, for the result.
-pub(super) fn noise_state(stand: &Stand) -> NoiseState {
+pub(super) fn noise_state(stand: &FitState) -> NoiseState {
     let wrong = stand.take.iter().filter(|take| !**take).count() as f64 / stand.take.len().max(1) as f64;
     NoiseState {
         floor_px: stand.noise.floor_px2.sqrt(),
@@ -78,10 +78,10 @@ pub(super) fn noise_state(stand: &Stand) -> NoiseState {
 }
 
 /// Residuals of every star image before and after.
-pub(super) fn residual_rows(evidence: &Evidence, before: &Stand, after: &Stand, points: &ControlPoints) -> Vec<ResidualRow> {
-    let px = |stand: &Stand| stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.everywhere());
+pub(super) fn residual_rows(evidence: &Evidence, before: &FitState, after: &FitState, points: &ControlPoints) -> Vec<ResidualRow> {
+    let px = |stand: &FitState| stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.everywhere());
     let (before_px, after_px) = (px(before), px(after));
-    let of = |(k, image): (usize, &crate::calibrate::JointImage)| {
+    let of = |(k, image): (usize, &crate::calibrate::BundleImage)| {
         let point = &points.points[image.point];
         let q = after.fit.residual[2 * k].powi(2) + after.fit.residual[2 * k + 1].powi(2);
         ResidualRow {

@@ -8,13 +8,13 @@
 
 use rayon::prelude::*;
 
-use super::attribute::{Entry, Stand, columns};
 use super::descent::cost;
 use super::evidence::Evidence;
 use super::hypotheses::{Hypothesis, Variant, at_value, finer};
+use super::linear_system::{Fit, Whitened};
 use super::noise::NoiseModel;
-use super::sheet::{Fit, Whitened};
-use crate::calibrate::Joint;
+use super::stepwise::{FitState, SelectedEffect, columns};
+use crate::calibrate::BundleSolution;
 
 /// Halvings of the search over places and lengths.
 const REFINEMENTS: usize = 5;
@@ -30,14 +30,14 @@ const NARROWER: f64 = 0.7;
 const AS_GOOD: f64 = 4.0;
 
 /// Makes the search over places and lengths finer about what was found.
-pub(super) fn refine(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry], all: &[bool], begin: &NoiseModel) {
+pub(super) fn refine(evidence: &mut Evidence, joint: &BundleSolution, entries: &mut [SelectedEffect], all: &[bool], begin: &NoiseModel) {
     for k in 0..entries.len() {
-        let others: Vec<Entry> = entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
+        let others: Vec<SelectedEffect> = entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
         let hypothesis = entries[k].hypothesis;
         if evidence.hypotheses[hypothesis].searched.is_none() {
             continue;
         }
-        let stand = Stand::new(evidence, all, &others, begin);
+        let stand = FitState::new(evidence, all, &others, begin);
         for step in 0..REFINEMENTS {
             let best = evidence.hypotheses[hypothesis].variants[entries[k].variant].clone();
             let tried = finer(&evidence.hypotheses[hypothesis], &best, joint, step);
@@ -48,7 +48,7 @@ pub(super) fn refine(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entr
             let count = tried.len();
             evidence.hypotheses[hypothesis].variants.extend(tried);
             let score = |variant: usize| {
-                let entry = Entry { hypothesis, variant };
+                let entry = SelectedEffect { hypothesis, variant };
                 let own: Vec<Whitened> = columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect();
                 stand.score(&own).0
             };
@@ -63,14 +63,14 @@ pub(super) fn refine(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entr
 }
 
 /// Tells of each entry's searched parameter that is not fitted once found where it is, and its standard error.
-pub(super) fn place(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry], all: &[bool], begin: &NoiseModel) {
+pub(super) fn place(evidence: &mut Evidence, joint: &BundleSolution, entries: &mut [SelectedEffect], all: &[bool], begin: &NoiseModel) {
     for k in 0..entries.len() {
-        let Entry { hypothesis, variant } = entries[k];
+        let SelectedEffect { hypothesis, variant } = entries[k];
         let own = &evidence.hypotheses[hypothesis];
         let best = own.variants[variant].clone();
         let Some(searched) = own.searched.as_ref().filter(|searched| !searched.then_fitted) else { continue };
         let parameter = searched.parameter;
-        let stand = Stand::new(evidence, all, entries, begin);
+        let stand = FitState::new(evidence, all, entries, begin);
         let others: Vec<Whitened> = entries
             .iter()
             .filter(|entry| entry.hypothesis != hypothesis)
@@ -98,7 +98,7 @@ pub(super) fn place(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry
 }
 
 /// What the fit gains at places all over the range, more of them where it is best; in rising order.
-fn profile(own: &Hypothesis, best: &Variant, joint: &Joint, gain: &(impl Fn(&Variant) -> f64 + Sync)) -> Vec<(f64, f64)> {
+fn profile(own: &Hypothesis, best: &Variant, joint: &BundleSolution, gain: &(impl Fn(&Variant) -> f64 + Sync)) -> Vec<(f64, f64)> {
     let Some((mut low, mut high)) = own.searched.as_ref().and_then(|searched| Some((*searched.values.first()?, *searched.values.last()?)))
     else {
         return Vec::new();

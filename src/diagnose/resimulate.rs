@@ -3,14 +3,14 @@
 //! errors alone, if the findings are what was missing.
 
 use super::DiagnoseOptions;
-use super::attribute::{Entry, Stand, columns};
-use super::chance::{Chance, family_p};
 use super::evidence::Evidence;
+use super::final_fit::FinalFit;
+use super::linear_system::{Fit, Whitened, WhitenedSystem, weight};
+use super::null_distribution::{NullDistribution, family_p};
 use super::scan::{Asks, Scan};
-use super::sheet::{Fit, Sheet, Whitened, weight};
-use super::solved::Solved;
-use crate::calibrate::{Column, GivenNoise, Joint};
-use crate::statistics::significance::chi_squared_surprise;
+use super::stepwise::{FitState, SelectedEffect, columns};
+use crate::calibrate::{BundleSolution, Column, FixedNoise};
+use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Real and simulated recording differ, and what was found is not what is missing, below this.
 pub(super) const DIFFERS: f64 = 0.01;
@@ -27,11 +27,11 @@ pub(super) struct Resimulated {
 /// Simulates with the effects of `solved` in force. `baseline` is the model that the recording was held against, `evidence` its linearisation
 /// with the columns of `entries`, `chance` what its questions answer without any effect.
 pub(super) fn resimulate(
-    baseline: &Joint,
+    baseline: &BundleSolution,
     evidence: &Evidence,
-    entries: &[Entry],
-    solved: &Solved,
-    chance: &Chance,
+    entries: &[SelectedEffect],
+    solved: &FinalFit,
+    chance: &NullDistribution,
     options: &DiagnoseOptions,
 ) -> Option<Resimulated> {
     let stand = &solved.stand;
@@ -41,8 +41,8 @@ pub(super) fn resimulate(
         if stand.take[k] { weight(stand.noise.tail_degrees, q) } else { 0.0 }
     });
     let factors = stand.noise.frame_factors.iter().map(|factor| factor * stand.noise.factor).collect();
-    let noise = GivenNoise { floor_px2: stand.noise.floor_px2 / stand.noise.factor, factors, weights: weights.collect() };
-    let fitted = |joint: &Joint| Some(Evidence::without_hypotheses(&joint.again(&[], &options.solve, &noise).ok()?));
+    let noise = FixedNoise { floor_px2: stand.noise.floor_px2 / stand.noise.factor, factors, weights: weights.collect() };
+    let fitted = |joint: &BundleSolution| Some(Evidence::without_hypotheses(&joint.again(&[], &options.solve, &noise).ok()?));
     let real = fitted(baseline)?;
     let simulated = fitted(&baseline.with_measured(&solved.joint.simulated_px()))?;
     if [&real, &simulated].iter().any(|other| other.images.len() != evidence.images.len()) {
@@ -54,7 +54,7 @@ pub(super) fn resimulate(
         .zip(simulated.residual_px.chunks_exact(2))
         .map(|(real, simulated)| [real[0] - simulated[0], real[1] - simulated[1]])
         .collect();
-    let sheet = Sheet { residual: evidence.white(&stand.noise, &difference), ..evidence.sheet(&stand.noise) };
+    let sheet = WhitenedSystem { residual: evidence.white(&stand.noise, &difference), ..evidence.sheet(&stand.noise) };
     let fit = Fit::new(&sheet, &stand.take, &[]);
     let scan = Scan::new(evidence, &stand.noise, &sheet, &fit, |_| true);
     let most = |of_hypotheses: bool| {
@@ -62,12 +62,12 @@ pub(super) fn resimulate(
         asked.map(super::scan::Group::surprise).fold(0.0, f64::max)
     };
     let p = family_p(&chance.hypotheses, most(true)).min(family_p(&chance.covariates, most(false)));
-    let beside = Stand { noise: stand.noise.clone(), sheet, take: stand.take.clone(), more: Vec::new(), fit };
-    let own = |entry: &Entry| {
+    let beside = FitState { noise: stand.noise.clone(), sheet, take: stand.take.clone(), more: Vec::new(), fit };
+    let own = |entry: &SelectedEffect| {
         let white: Vec<Whitened> =
             columns(evidence, std::slice::from_ref(entry)).map(|column| evidence.white(&stand.noise, column)).collect();
         let (t, rank) = beside.score(&white);
-        (-chi_squared_surprise(rank as f64, t)).exp()
+        (-neg_ln_chi2_sf(rank as f64, t)).exp()
     };
     Some(Resimulated { p_value: (2.0 * p).min(1.0), own_p: entries.iter().map(own).collect() })
 }

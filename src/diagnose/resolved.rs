@@ -4,13 +4,13 @@
 use super::diagnosis::{Bound, Diagnosis};
 
 /// No probability is told below this.
-const LEAST: f64 = 1e-6;
+const MIN_P: f64 = 1e-6;
 /// So many times beyond the last simulation the tail is followed.
 const BEYOND: f64 = 1e-3;
 
 /// The smallest probability that so many simulations resolve.
 pub(super) fn least_p(nulls: usize) -> f64 {
-    (BEYOND / nulls.max(1) as f64).max(LEAST)
+    (BEYOND / nulls.max(1) as f64).max(MIN_P)
 }
 
 /// In a sentence: `p = 0.03`, or `p < 1e-6` where no smaller one is resolved.

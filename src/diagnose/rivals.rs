@@ -1,12 +1,12 @@
 //! What else could it be: every other effect in a finding's place, and the observation that would decide.
 
-use super::attribute::{AS_GOOD, Entry, Stand, agreement, columns, cosine, is_observable};
 use super::crossfit::CrossFit;
 use super::diagnosis::Rival;
 use super::evidence::{Evidence, REACH_PX};
-use super::own::project_own;
-use super::sheet::{Fit, Whitened, dot};
-use crate::calibrate::{Column, Joint};
+use super::frame_nuisance::project_own;
+use super::linear_system::{Fit, Whitened, dot};
+use super::stepwise::{AS_GOOD, FitState, SelectedEffect, agreement, columns, cosine, is_observable};
+use crate::calibrate::{BundleSolution, Column};
 use crate::effects::Observation;
 use crate::statistics::significance::normal_cdf;
 
@@ -19,18 +19,19 @@ const HELD_OUT: usize = 3;
 pub(super) struct Listed {
     pub(super) rival: Rival,
     pub(super) in_set: bool,
-    entry: Entry,
+    entry: SelectedEffect,
 }
 
 /// A finding's rivals, the members of its set first.
-pub(super) fn rivals(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: usize) -> Vec<Listed> {
-    let white = |entry: Entry| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
+pub(super) fn rivals(evidence: &Evidence, stand: &FitState, entries: &[SelectedEffect], k: usize) -> Vec<Listed> {
+    let white =
+        |entry: SelectedEffect| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
     let others: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(*entry)).collect();
     let fit = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());
     // The noise is that of the whole model: a model without the finding has no noise of its own to be judged by.
-    let without = Stand { fit: fit.with_noise_of(&stand.fit), more: others.clone(), ..stand.clone() };
+    let without = FitState { fit: fit.with_noise_of(&stand.fit), more: others.clone(), ..stand.clone() };
     let ln_n = stand.ln_n();
-    let criterion = |entry: Entry, own: &[Whitened]| {
+    let criterion = |entry: SelectedEffect, own: &[Whitened]| {
         let (t, rank) = without.score(own);
         let searched = if evidence.hypotheses[entry.hypothesis].variants.len() > 1 { 1.0 } else { 0.0 };
         (t, t - (rank as f64 + searched) * ln_n + agreement(evidence, &without, entry))
@@ -45,7 +46,7 @@ pub(super) fn rivals(evidence: &Evidence, stand: &Stand, entries: &[Entry], k: u
         }
         let at_best = (0..hypothesis.variants.len())
             .map(|variant| {
-                let entry = Entry { hypothesis: index, variant };
+                let entry = SelectedEffect { hypothesis: index, variant };
                 let own = white(entry);
                 let (_, value) = criterion(entry, &own);
                 (value, own, entry)
@@ -143,15 +144,22 @@ const MENU: &[Further] = &[
 ];
 
 /// The observation of the menu that best tells two effects apart, in words; `None` if none helps.
-pub(super) fn decided_by(evidence: &Evidence, stand: &Stand, joint: &Joint, [a, b]: [Entry; 2], faintness: &[f64]) -> Option<String> {
+pub(super) fn decided_by(
+    evidence: &Evidence,
+    stand: &FitState,
+    joint: &BundleSolution,
+    [a, b]: [SelectedEffect; 2],
+    faintness: &[f64],
+) -> Option<String> {
     let camera = joint.model().camera();
     let (half, middle) = (camera.width_px as f64 / 2.0, [(camera.width_px as f64 - 1.0) / 2.0, (camera.height_px as f64 - 1.0) / 2.0]);
     let positions: Vec<[f64; 2]> = evidence.predicted_px(REACH_PX).collect();
-    let columns_of = |joint: &Joint, entry: Entry| -> Option<Vec<Column>> {
+    let columns_of = |joint: &BundleSolution, entry: SelectedEffect| -> Option<Vec<Column>> {
         let hypothesis = &evidence.hypotheses[entry.hypothesis];
         joint.columns_of(hypothesis.id(), &hypothesis.variants[entry.variant].start, &hypothesis.fitted)
     };
-    let whitened = |entry: Entry| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
+    let whitened =
+        |entry: SelectedEffect| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
     let apart = |option: &Further| -> Option<f64> {
         let changed = joint.with_frames(option.change);
         let roots: Vec<f64> = positions
@@ -159,7 +167,7 @@ pub(super) fn decided_by(evidence: &Evidence, stand: &Stand, joint: &Joint, [a, 
             .zip(faintness)
             .map(|([x, y], fainter)| (option.weight)([(x - middle[0]) / half, (y - middle[1]) / half], *fainter).sqrt())
             .collect();
-        let rest = |entry: Entry| -> Option<Vec<Whitened>> {
+        let rest = |entry: SelectedEffect| -> Option<Vec<Whitened>> {
             let (here, there) = (columns_of(joint, entry)?, columns_of(&changed, entry)?);
             let more = here.iter().zip(&there).map(|(here, there)| {
                 let mut first = stand.fit.project(&evidence.white(&stand.noise, here));

@@ -4,42 +4,42 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::adequacy::{amplitude_veto, concentration, disagreement, superseded, vetoes};
-use super::attribute::{Entry, Stand, select};
-use super::chance::independent;
 use super::channels::{ChannelReport, ChannelVerdict, Channels, Detectable};
-use super::confirm::{Confirmed, Withheld, confirm};
+use super::cross_validation::{Confirmed, Withheld, confirm};
 use super::crossfit::CrossFit;
 use super::diagnosis::{Diagnosis, EffectState, FORMAT, Finding, Fit, Located, Verdict};
 use super::evidence::Evidence;
+use super::final_fit::{FinalFit, solve_again};
 use super::findings;
-use super::halves::half_nights;
 use super::located::located;
-use super::nature::too_weak_to_show;
 use super::noise::NoiseModel;
+use super::null_distribution::independent;
+use super::omitted_nature::too_weak_to_show;
 use super::omnibus::{Omnibus, omnibus};
 use super::ordinary::detectable;
 use super::patterns::Named;
-use super::permute::{Deals, deal};
+use super::permutation::{Permutations, permute};
 use super::proposals::{left_out, proposed};
 use super::quality::{noise_state, quality, residual_rows, stars_used, unused};
 use super::refine::{place, refine};
-use super::rendered::{self, Rendered};
+use super::rendered_columns::{self, Rendered};
 use super::resimulate::{DIFFERS, Resimulated, resimulate};
 use super::resolved::{bound, least_p, told};
 use super::scan::Scan;
-use super::signs::{SignTest, sign_test};
-use super::solved::{Solved, solve_again};
+use super::split_half::half_nights;
+use super::stepwise::{FitState, SelectedEffect, select};
 use super::untimed::follow;
-use super::{DiagnoseError, DiagnoseOptions, Step, Telemetry, left, words};
-use crate::calibrate::{CalibrateOptions, Joint};
+use super::wild_bootstrap::{WildBootstrap, wild_bootstrap};
+use super::{DiagnoseError, DiagnoseOptions, Step, Telemetry, unexplained, wording};
+use crate::calibrate::{BundleSolution, CalibrateOptions};
 use crate::camera::{Model, Term};
 use crate::identify::ControlPoints;
-use crate::statistics::significance::chi_squared_surprise;
+use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// A covariate is named of a channel below this probability.
 const LOCATES_P: f64 = 0.01;
 /// Fewer numbers beyond the parameters say nothing.
-const FEWEST_DEGREES: f64 = 20.0;
+const MIN_DEGREES: f64 = 20.0;
 
 /// See [`super::diagnose`].
 pub(super) fn diagnose(
@@ -85,13 +85,13 @@ struct Night<'a> {
     asked: Vec<String>,
     /// What stands in the model beside, at its known size.
     beside: Vec<Term>,
-    joint: Joint,
+    joint: BundleSolution,
     evidence: Evidence,
     /// All images.
     all: Vec<bool>,
     begin: NoiseModel,
     /// All images fitted with attitudes and camera alone.
-    base: Stand,
+    base: FitState,
 }
 
 /// What the omnibus test says, and what follows from it for a single effect.
@@ -122,13 +122,13 @@ impl<'a> Night<'a> {
             terms: options.terms.clone(),
             ..CalibrateOptions::default()
         };
-        let joint = Joint::solve(points, &solve)?;
+        let joint = BundleSolution::solve(points, &solve)?;
         let columns = Rendered::new(&Evidence::without_hypotheses(&joint), &joint, points, options.looks.as_ref());
         let evidence = Evidence::at(&joint, points, telemetry, options, Arc::new(columns));
         let all = vec![true; evidence.images.len()];
         let begin = NoiseModel::stated(evidence.frame_factors.clone());
-        let base = Stand::new(&evidence, &all, &[], &begin);
-        if base.fit.degrees < FEWEST_DEGREES {
+        let base = FitState::new(&evidence, &all, &[], &begin);
+        if base.fit.degrees < MIN_DEGREES {
             return Err(DiagnoseError::TooFew { images: evidence.images.len(), frames: evidence.frames.len() });
         }
         let (asked, beside) = (options.physics.clone(), Vec::new());
@@ -145,7 +145,7 @@ impl<'a> Night<'a> {
         }
         let joint = solve_again(&self.joint, options, &self.evidence, &self.base, beside, &[])?;
         let evidence = Evidence::at(&joint, self.points, self.telemetry, options, self.evidence.rendered.clone());
-        let base = Stand::new(&evidence, &self.all, &[], &self.begin);
+        let base = FitState::new(&evidence, &self.all, &[], &self.begin);
         Ok(Night { options, beside: beside.to_vec(), joint, evidence, base, ..self })
     }
 
@@ -155,19 +155,19 @@ impl<'a> Night<'a> {
         let scan = Scan::new(evidence, &base.noise, &base.sheet, &base.fit, |_| true);
         let test = omnibus(evidence, base, &scan, options, (1, options.alpha));
         let hypotheses = independent(&test.chance.hypotheses);
-        let deals = if test.p_value < options.alpha { deal(evidence, base, &scan, options.seed) } else { Deals::default() };
+        let deals = if test.p_value < options.alpha { permute(evidence, base, &scan, options.seed) } else { Permutations::default() };
         let located = located(evidence, base, &scan, &test.chance, &deals);
         Alarm { hypotheses, threshold: (2.0 * hypotheses / options.alpha).ln(), located, test }
     }
 
     /// What all images propose.
-    fn proposals(&self, alarm: &Alarm) -> Vec<Entry> {
+    fn proposals(&self, alarm: &Alarm) -> Vec<SelectedEffect> {
         select(&self.evidence, &self.all, &self.begin, alarm.threshold).0
     }
 
     fn warnings(&self) -> Vec<String> {
         let mut warnings = self.joint.notes().to_vec();
-        warnings.extend(rendered::left_out(&self.evidence, self.options.looks.as_ref()));
+        warnings.extend(rendered_columns::left_out(&self.evidence, self.options.looks.as_ref()));
         if !self.beside.is_empty() {
             let ids: Vec<&str> = self.beside.iter().map(|term| term.effect.as_str()).collect();
             warnings.push(format!(
@@ -188,17 +188,17 @@ struct Case<'a> {
     /// Choice and size made anew in turns that leave images out.
     tried: CrossFit,
     /// All that all images proposed.
-    proposals: Vec<Entry>,
+    proposals: Vec<SelectedEffect>,
     confirmed: Confirmed,
-    solved: Solved,
+    solved: FinalFit,
     /// Questions beside all that is confirmed; none where nothing shows.
     rest: Option<(Scan, Omnibus)>,
 }
 
 /// What speaks against the names.
 struct Judged {
-    with_all: Stand,
-    signs: Vec<SignTest>,
+    with_all: FitState,
+    signs: Vec<WildBootstrap>,
     anew: Option<Resimulated>,
     /// Entries that do not stand, and why.
     vetoes: Vec<(usize, Vec<String>)>,
@@ -206,21 +206,21 @@ struct Judged {
 
 impl<'a> Case<'a> {
     /// Proposals, their searches made finer, and which of them images that took part in nothing confirm.
-    fn new(night: &'a Night<'a>, alarm: &'a Alarm, mut proposals: Vec<Entry>) -> Self {
+    fn new(night: &'a Night<'a>, alarm: &'a Alarm, mut proposals: Vec<SelectedEffect>) -> Self {
         let asked = (alarm.threshold, alarm.hypotheses);
         let tried = CrossFit::new(&night.evidence, &night.joint, night.points, &night.begin, asked);
         let mut refined = night.evidence.clone();
         refine(&mut refined, &night.joint, &mut proposals, &night.all, &night.begin);
-        let solved = Solved::unchanged(&night.joint, &refined, &night.base);
+        let solved = FinalFit::unchanged(&night.joint, &refined, &night.base);
         let mut case = Self { night, alarm, refined, tried, proposals, confirmed: Confirmed::default(), solved, rest: None };
         case.confirm(case.proposals.clone());
         case
     }
 
     /// Confirms entries; those withheld before stay so.
-    fn confirm(&mut self, entries: Vec<Entry>) {
+    fn confirm(&mut self, entries: Vec<SelectedEffect>) {
         self.tried.credit(&self.refined, &self.night.base, &self.proposals);
-        let stand = |entries: &[Entry]| Stand::new(&self.refined, &self.night.all, entries, &self.night.begin);
+        let stand = |entries: &[SelectedEffect]| FitState::new(&self.refined, &self.night.all, entries, &self.night.begin);
         let before = std::mem::take(&mut self.confirmed.withheld);
         self.confirmed = confirm(&self.refined, &self.tried, entries, stand);
         self.confirmed.withheld.extend(before);
@@ -235,16 +235,16 @@ impl<'a> Case<'a> {
         place(&mut self.refined, &night.joint, &mut self.confirmed.entries, &night.all, &night.begin);
         follow(&mut self.refined, &night.joint, &mut self.confirmed.entries, &night.all, &night.begin);
         self.solved = if self.confirmed.entries.is_empty() {
-            Solved::unchanged(&night.joint, &self.refined, &night.base)
+            FinalFit::unchanged(&night.joint, &self.refined, &night.base)
         } else {
             self.solved_with(&self.confirmed.entries, None)?
         };
         Ok(())
     }
 
-    fn solved_with(&self, entries: &[Entry], nearer: Option<&Model>) -> Result<Solved, DiagnoseError> {
+    fn solved_with(&self, entries: &[SelectedEffect], nearer: Option<&Model>) -> Result<FinalFit, DiagnoseError> {
         let night = self.night;
-        Solved::new(&night.joint, night.points, night.telemetry, night.options, &self.refined, entries, nearer)
+        FinalFit::new(&night.joint, night.points, night.telemetry, night.options, &self.refined, entries, nearer)
     }
 
     /// The test of what is left. Where something is, effects that were hidden behind what was not confirmed are proposed too, and held to the
@@ -254,7 +254,7 @@ impl<'a> Case<'a> {
         if !self.alarm.sounds(night.options) {
             return Ok(());
         }
-        let asked = |solved: &Solved, stream: u64| {
+        let asked = |solved: &FinalFit, stream: u64| {
             let scan = solved.scan();
             let test = solved.omnibus(&scan, night.options, stream);
             (scan, test)
@@ -279,7 +279,7 @@ impl<'a> Case<'a> {
         Ok(())
     }
 
-    fn anew(&self, entries: &[Entry], solved: &Solved) -> Option<Resimulated> {
+    fn anew(&self, entries: &[SelectedEffect], solved: &FinalFit) -> Option<Resimulated> {
         let (night, chance) = (self.night, &self.alarm.test.chance);
         (!entries.is_empty()).then(|| resimulate(&night.joint, &self.refined, entries, solved, chance, night.options)).flatten()
     }
@@ -288,12 +288,12 @@ impl<'a> Case<'a> {
     fn judged(&self) -> Judged {
         let least = least_p(self.alarm.test.chance.nulls);
         let (night, refined, entries, options) = (self.night, &self.refined, &self.confirmed.entries, self.night.options);
-        let with_all = if entries.is_empty() { night.base.clone() } else { Stand::new(refined, &night.all, entries, &night.begin) };
+        let with_all = if entries.is_empty() { night.base.clone() } else { FitState::new(refined, &night.all, entries, &night.begin) };
         let remains = self.rest.as_ref().is_some_and(|(_, test)| test.p_value < options.alpha);
         let is_free = |index: usize| entries.iter().all(|entry| entry.hypothesis != index);
         let linear_scan =
             (remains && !entries.is_empty()).then(|| Scan::new(refined, &with_all.noise, &with_all.sheet, &with_all.fit, is_free));
-        let signs: Vec<_> = (0..entries.len()).map(|k| sign_test(refined, &with_all, entries, k, options.seed)).collect();
+        let signs: Vec<_> = (0..entries.len()).map(|k| wild_bootstrap(refined, &with_all, entries, k, options.seed)).collect();
         let anew = self.anew(entries, &self.solved);
         let against = |k: usize| {
             let statistic = findings::statistic(refined, &with_all, entries, k).0;
@@ -324,7 +324,7 @@ impl<'a> Case<'a> {
         let mut warnings = night.warnings();
         let is_vetoed = |k: &usize| judged.vetoes.iter().any(|(vetoed, _)| vetoed == k);
         let standing: Vec<usize> = (0..entries.len()).filter(|k| !is_vetoed(k)).collect();
-        let kept: Vec<Entry> = standing.iter().map(|k| entries[*k]).collect();
+        let kept: Vec<SelectedEffect> = standing.iter().map(|k| entries[*k]).collect();
         let vetoed = judged.vetoes.iter().map(|(k, against)| Withheld {
             entry: entries[*k],
             against: against.clone(),
@@ -350,7 +350,7 @@ impl<'a> Case<'a> {
             hypotheses: alarm.hypotheses,
         };
         let found: Vec<Finding> = standing.iter().map(|k| context.finding(*k, &self.solved, options)).collect();
-        let everything = if kept == *entries { judged.with_all.clone() } else { Stand::new(refined, &night.all, &kept, &night.begin) };
+        let everything = if kept == *entries { judged.with_all.clone() } else { FitState::new(refined, &night.all, &kept, &night.begin) };
         let own_test = (!judged.vetoes.is_empty()).then(|| {
             let is_free = |index: usize| kept.iter().all(|entry| entry.hypothesis != index);
             let scan = Scan::new(refined, &everything.noise, &everything.sheet, &everything.fit, is_free);
@@ -360,7 +360,7 @@ impl<'a> Case<'a> {
         // The camera that is handed on holds what is reported, and nothing that lost its name.
         let as_reported = match (judged.vetoes.is_empty(), kept.is_empty()) {
             (true, _) => None,
-            (false, true) => Some(Solved::unchanged(&night.joint, refined, &night.base)),
+            (false, true) => Some(FinalFit::unchanged(&night.joint, refined, &night.base)),
             (false, false) => Some(self.solved_with(&kept, Some(self.solved.joint.model()))?),
         };
         let anew = match &as_reported {
@@ -369,7 +369,7 @@ impl<'a> Case<'a> {
         };
         let reported = as_reported.as_ref().unwrap_or(&self.solved);
         let left = rest.filter(|rest| rest.p_value < options.alpha);
-        let unknown = left.map(|rest| left::unknown(refined, &everything, &withheld, rest, &night.joint));
+        let unknown = left.map(|rest| unexplained::unknown(refined, &everything, &withheld, rest, &night.joint));
         let detectable = detectable(refined, &everything, &night.base, &kept, alarm.threshold);
         let channels = channels(alarm, (found.is_empty(), unknown.is_some()), detectable);
         let verdict = channels.verdict();
@@ -390,7 +390,7 @@ impl<'a> Case<'a> {
         let half_nights = half_nights(&self.solved, options);
         if options.half_nights > 0 && half_nights.is_none() {
             let frames = refined.frames.len();
-            warnings.push(format!("--half-nights was not answered: {frames} frames have too few different halves"));
+            warnings.push(format!("--split-half was not answered: {frames} frames have too few different halves"));
         }
         let left_p = rest.map(|rest| rest.p_value);
         let mut diagnosis = Diagnosis {
@@ -427,7 +427,7 @@ impl<'a> Case<'a> {
         for effect in diagnosis.effects.iter_mut().filter(|own| own.status == EffectState::Withheld && own.held_out_delta_chi2.is_none()) {
             effect.held_out_delta_chi2 = diagnosis.proposed.iter().find(|own| own.id == effect.id).map(|own| own.held_out_delta_chi2);
         }
-        diagnosis.summary = words::summary(&diagnosis, left_p.unwrap_or(1.0));
+        diagnosis.summary = wording::summary(&diagnosis, left_p.unwrap_or(1.0));
         bound(&mut diagnosis);
         Ok(diagnosis)
     }
@@ -449,7 +449,7 @@ fn channels(alarm: &Alarm, (nothing_found, something_left): (bool, bool), detect
             p_value: Some(alarm.test.p_value),
             p_value_is: None,
             located_by: alarm.located.iter().filter(|own| own.p_value < LOCATES_P).map(|own| own.covariate.clone()).collect(),
-            reason: words::reason(verdict, &alarm.test.largest, &detectable),
+            reason: wording::reason(verdict, &alarm.test.largest, &detectable),
             detectable,
         },
         flux: not_held("the brightness of the stars is"),
@@ -462,7 +462,7 @@ fn channels(alarm: &Alarm, (nothing_found, something_left): (bool, bool), detect
 
 /// p-value of a statistic of so many degrees of freedom.
 pub(super) fn p_of(t: f64, rank: usize) -> f64 {
-    (-chi_squared_surprise(rank as f64, t)).exp()
+    (-neg_ln_chi2_sf(rank as f64, t)).exp()
 }
 
 /// p-value once all hypotheses are counted.

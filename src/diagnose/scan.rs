@@ -5,13 +5,13 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::evidence::Evidence;
+use super::linear_system::{Fit, Whitened, WhitenedSystem, products};
 use super::noise::NoiseModel;
-use super::sheet::{Fit, Sheet, Whitened, products};
 use crate::calibrate::Column;
-use crate::statistics::significance::chi_squared_surprise;
+use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// A combination of columns of which attitudes and camera leave a smaller share is no question.
-pub(super) const LEAST_SHARE: f64 = 1e-3;
+pub(super) const MIN_SHARE: f64 = 1e-3;
 /// Whose question it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Asks {
@@ -37,7 +37,7 @@ pub(super) struct Group {
 impl Group {
     /// −ln of the probability of such a statistic without any effect.
     pub(super) fn surprise(&self) -> f64 {
-        chi_squared_surprise(self.rank as f64, self.statistic)
+        neg_ln_chi2_sf(self.rank as f64, self.statistic)
     }
 }
 
@@ -53,19 +53,25 @@ pub(super) struct Scan {
 
 impl Scan {
     /// The questions of the hypotheses for which `asked` is true, and of all covariates.
-    pub(super) fn new(evidence: &Evidence, noise: &NoiseModel, sheet: &Sheet, fit: &Fit, asked: impl Fn(usize) -> bool) -> Self {
+    pub(super) fn new(evidence: &Evidence, noise: &NoiseModel, sheet: &WhitenedSystem, fit: &Fit, asked: impl Fn(usize) -> bool) -> Self {
         Self::prepared(evidence, noise, sheet, fit, asked, true)
     }
 
     /// The questions of hypotheses alone.
-    pub(super) fn hypotheses(evidence: &Evidence, noise: &NoiseModel, sheet: &Sheet, fit: &Fit, asked: impl Fn(usize) -> bool) -> Self {
+    pub(super) fn hypotheses(
+        evidence: &Evidence,
+        noise: &NoiseModel,
+        sheet: &WhitenedSystem,
+        fit: &Fit,
+        asked: impl Fn(usize) -> bool,
+    ) -> Self {
         Self::prepared(evidence, noise, sheet, fit, asked, false)
     }
 
     fn prepared(
         evidence: &Evidence,
         noise: &NoiseModel,
-        sheet: &Sheet,
+        sheet: &WhitenedSystem,
         fit: &Fit,
         asked: impl Fn(usize) -> bool,
         with_covariates: bool,
@@ -107,13 +113,13 @@ impl Scan {
 }
 
 /// Orthonormal columns that span what a fit leaves of others.
-pub(super) fn orthonormal(sheet: &Sheet, fit: &Fit, raw: &[Whitened]) -> DMatrix<f64> {
+pub(super) fn orthonormal(sheet: &WhitenedSystem, fit: &Fit, raw: &[Whitened]) -> DMatrix<f64> {
     let (rest, mixing) = spanned(sheet, fit, raw);
     rest * mixing
 }
 
 /// What a fit leaves of columns, and the coefficients of orthonormal combinations of it.
-fn spanned(sheet: &Sheet, fit: &Fit, raw: &[Whitened]) -> (DMatrix<f64>, DMatrix<f64>) {
+fn spanned(sheet: &WhitenedSystem, fit: &Fit, raw: &[Whitened]) -> (DMatrix<f64>, DMatrix<f64>) {
     let rest = fit.project_all(sheet, raw);
     let length: Vec<f64> = raw.iter().map(|column| fit.length_squared(column).sqrt()).collect();
     let scale: Vec<f64> = length.iter().map(|length| if *length > 0.0 { 1.0 / length } else { 0.0 }).collect();
@@ -123,7 +129,7 @@ fn spanned(sheet: &Sheet, fit: &Fit, raw: &[Whitened]) -> (DMatrix<f64>, DMatrix
         *value *= scale[k % n] * scale[k / n];
     }
     let eigen = gram.symmetric_eigen();
-    let kept: Vec<usize> = (0..n).filter(|k| eigen.eigenvalues[*k] > LEAST_SHARE * LEAST_SHARE).collect();
+    let kept: Vec<usize> = (0..n).filter(|k| eigen.eigenvalues[*k] > MIN_SHARE * MIN_SHARE).collect();
     let mixing = DMatrix::from_fn(n, kept.len(), |i, j| scale[i] * eigen.eigenvectors[(i, kept[j])] / eigen.eigenvalues[kept[j]].sqrt());
     (rest, mixing)
 }

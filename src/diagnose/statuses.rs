@@ -1,13 +1,13 @@
 //! The status of every effect of the registry: found, not found with a limit, hidden, or not to be judged here.
 
-use super::attribute::{self, AGREES, Entry, Stand, UNOBSERVABLE, amplitude, columns};
-use super::confirm::Withheld;
+use super::cross_validation::Withheld;
 use super::diagnosis::{EffectState, EffectStatus, Finding, FoundParameter, Limit};
+use super::final_fit::{FinalFit, difference};
 use super::findings::Context;
 use super::hypotheses::Hypothesis;
-use super::sheet::{Fit, Whitened};
-use super::solved::{Solved, difference};
-use crate::statistics::significance::{chi_squared_surprise, deviations};
+use super::linear_system::{Fit, Whitened};
+use super::stepwise::{self, AGREES, FitState, SelectedEffect, UNOBSERVABLE, amplitude, columns};
+use crate::statistics::significance::{deviations, neg_ln_chi2_sf};
 
 /// An effect of which a smaller share is left is not observable where one of usual size would not be seen at
 const WEAKLY: f64 = 0.1;
@@ -22,7 +22,7 @@ const ALIKE: f64 = 0.5;
 const DIFFERS: f64 = 2.7e-3;
 
 /// Whether any parameter of an effect would be seen if it were of usual size.
-fn usual_shows(hypothesis: &Hypothesis, stand: &Stand, white: &[Whitened]) -> bool {
+fn usual_shows(hypothesis: &Hypothesis, stand: &FitState, white: &[Whitened]) -> bool {
     hypothesis.fitted.iter().zip(white).any(|(index, column)| {
         let sigma = amplitude(stand, column).map_or(f64::INFINITY, |[_, sigma]| sigma);
         SEEN * sigma < hypothesis.effect.parameters()[*index].typical.abs()
@@ -52,13 +52,14 @@ fn withhold(status: &mut EffectStatus, reason: String, held_out_delta_chi2: Opti
 
 impl Context<'_> {
     /// Why an effect that is significant by itself was never proposed: another one withheld explains the same, or none of so many.
-    fn not_proposed(&self, stand: &Stand, entry: Entry, withheld: &[Withheld]) -> String {
-        let white =
-            |entry: Entry| columns(self.evidence, &[entry]).map(|c| self.evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>();
+    fn not_proposed(&self, stand: &FitState, entry: SelectedEffect, withheld: &[Withheld]) -> String {
+        let white = |entry: SelectedEffect| {
+            columns(self.evidence, &[entry]).map(|c| self.evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>()
+        };
         let own = white(entry);
         let alike = withheld
             .iter()
-            .map(|other| (attribute::cosine(&stand.fit, &own, &white(other.entry)), other))
+            .map(|other| (stepwise::cosine(&stand.fit, &own, &white(other.entry)), other))
             .max_by(|a, b| a.0.total_cmp(&b.0))
             .filter(|(cosine, _)| *cosine >= ALIKE);
         match alike {
@@ -71,10 +72,16 @@ impl Context<'_> {
     }
 
     /// The status of every effect of the registry.
-    pub(super) fn effects(&self, solved: &Solved, found: &[Finding], kept: &[Entry], withheld: &[Withheld]) -> Vec<EffectStatus> {
+    pub(super) fn effects(
+        &self,
+        solved: &FinalFit,
+        found: &[Finding],
+        kept: &[SelectedEffect],
+        withheld: &[Withheld],
+    ) -> Vec<EffectStatus> {
         let sets: Vec<&String> = found.iter().flat_map(|finding| &finding.indistinguishable_from).collect();
         let all = vec![true; self.evidence.images.len()];
-        let stand = Stand::new(self.evidence, &all, kept, &solved.stand.noise);
+        let stand = FitState::new(self.evidence, &all, kept, &solved.stand.noise);
         let of = |(index, hypothesis): (usize, &Hypothesis)| {
             let id = hypothesis.id().to_owned();
             let mut status = EffectStatus {
@@ -96,7 +103,7 @@ impl Context<'_> {
             }
             // At its best variant, beside what was found.
             let own = |variant: usize| {
-                let entry = Entry { hypothesis: index, variant };
+                let entry = SelectedEffect { hypothesis: index, variant };
                 columns(self.evidence, &[entry]).map(|c| self.evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>()
             };
             let scored = (0..hypothesis.variants.len()).map(|variant| (variant, stand.score(&own(variant))));
@@ -104,10 +111,10 @@ impl Context<'_> {
             let Some((variant, (t, rank))) = best else { return status };
             let white = own(variant);
             // Beside camera and attitudes alone, and in their units: with other noise nothing would be taken up in full.
-            let entry = Entry { hypothesis: index, variant };
+            let entry = SelectedEffect { hypothesis: index, variant };
             let bare: Vec<Whitened> =
                 columns(self.evidence, &[entry]).map(|column| self.evidence.white(&self.base.noise, column)).collect();
-            status.survival = Some(attribute::survival(self.base, &bare));
+            status.survival = Some(stepwise::survival(self.base, &bare));
             if let Some(finding) = found.iter().find(|finding| finding.id == id) {
                 status.status = EffectState::Found;
                 status.p_value = Some(finding.p_value);
@@ -117,7 +124,7 @@ impl Context<'_> {
             }
             let searched = hypothesis.variants.len() as f64;
             if rank > 0 {
-                let surprise = (chi_squared_surprise(rank as f64, t) - 0.5 * searched.ln()).max(0.0);
+                let surprise = (neg_ln_chi2_sf(rank as f64, t) - 0.5 * searched.ln()).max(0.0);
                 status.p_value = Some((-surprise).exp());
                 status.score_sigma = Some(deviations(surprise));
             }
@@ -134,7 +141,7 @@ impl Context<'_> {
             let rest: Vec<&Whitened> = stand.more.iter().chain(white.iter().skip(1)).collect();
             let fit =
                 if white.len() > 1 { Fit::new(&stand.sheet, &stand.take, &rest).with_noise_of(&stand.fit) } else { stand.fit.clone() };
-            let beside = Stand { fit, ..stand.clone() };
+            let beside = FitState { fit, ..stand.clone() };
             if let Some([change, sigma]) = amplitude(&beside, &white[0]) {
                 let value = start[first] + change - difference(&id, start, first);
                 status.parameters.push(FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() });

@@ -5,14 +5,14 @@
 //! The search for one zenith gives the start. From there size, declination and hour angles are found by Gauss and Newton's steps, attitudes and
 //! camera free beside them; the hour angle is one more own parameter of a frame, as its attitude is, so its error is in that of the size.
 
-use super::attribute::{Entry, Stand, columns};
 use super::descent::cost;
 use super::evidence::Evidence;
+use super::frame_nuisance::own_changes;
 use super::hypotheses::{Variant, supposed};
+use super::linear_system::{Fit, Whitened, WhitenedSystem};
 use super::noise::NoiseModel;
-use super::own::own_changes;
-use super::sheet::{Fit, Sheet, Whitened};
-use crate::calibrate::{Column, Joint};
+use super::stepwise::{FitState, SelectedEffect, columns};
+use crate::calibrate::{BundleSolution, Column};
 use crate::dual::normalize;
 
 /// Zeniths that the search starts from.
@@ -26,7 +26,7 @@ const SETTLED_RAD: f64 = 1e-4;
 /// Half a night: hour angles lie within so much of their mean, rad.
 const FARTHEST_RAD: f64 = std::f64::consts::FRAC_PI_2;
 /// For derivatives the refraction has at least this size, arcsec: without any the zenith does not show.
-const LEAST_ARCSEC: f64 = 27.0;
+const MIN_ARCSEC: f64 = 27.0;
 /// Differences for derivatives with angles, rad.
 const STEP_RAD: f64 = 1e-4;
 
@@ -40,18 +40,18 @@ struct Zeniths {
 }
 
 /// Replaces the one zenith of a refraction that was found by one for each frame.
-pub(super) fn follow(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entry], all: &[bool], begin: &NoiseModel) {
+pub(super) fn follow(evidence: &mut Evidence, joint: &BundleSolution, entries: &mut [SelectedEffect], all: &[bool], begin: &NoiseModel) {
     let untimed = evidence.frames.iter().all(|(_, observation)| observation.zenith.is_none() && observation.earth_from_icrs.is_none());
     if !untimed || evidence.frames.len() < 2 {
         return;
     }
     for k in 0..entries.len() {
-        let Entry { hypothesis, variant } = entries[k];
+        let SelectedEffect { hypothesis, variant } = entries[k];
         if evidence.hypotheses[hypothesis].variants[variant].zenith.is_none() {
             continue;
         }
-        let stand = Stand::new(evidence, all, entries, begin);
-        let others: Vec<Entry> = entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
+        let stand = FitState::new(evidence, all, entries, begin);
+        let others: Vec<SelectedEffect> = entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
         let Some(found) = followed(evidence, joint, &stand, &others, entries[k]) else { continue };
         let variants = &mut evidence.hypotheses[hypothesis].variants;
         entries[k].variant = variants.len();
@@ -59,11 +59,17 @@ pub(super) fn follow(evidence: &mut Evidence, joint: &Joint, entries: &mut [Entr
     }
 }
 
-fn followed(evidence: &Evidence, joint: &Joint, stand: &Stand, others: &[Entry], entry: Entry) -> Option<Variant> {
+fn followed(
+    evidence: &Evidence,
+    joint: &BundleSolution,
+    stand: &FitState,
+    others: &[SelectedEffect],
+    entry: SelectedEffect,
+) -> Option<Variant> {
     let hypothesis = &evidence.hypotheses[entry.hypothesis];
     let beside: Vec<Whitened> = columns(evidence, others).map(|column| evidence.white(&stand.noise, column)).collect();
     let without = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>()).with_noise_of(&stand.fit);
-    let alone = Stand { fit: without, more: beside.clone(), ..stand.clone() };
+    let alone = FitState { fit: without, more: beside.clone(), ..stand.clone() };
     // Those that explain most by themselves.
     let mut order: Vec<(f64, [f64; 3])> = hypothesis
         .variants
@@ -86,8 +92,8 @@ fn followed(evidence: &Evidence, joint: &Joint, stand: &Stand, others: &[Entry],
 
 struct Problem<'a> {
     evidence: &'a Evidence,
-    joint: &'a Joint,
-    stand: &'a Stand,
+    joint: &'a BundleSolution,
+    stand: &'a FitState,
     beside: Vec<Whitened>,
     id: &'static str,
 }
@@ -121,12 +127,12 @@ impl Problem<'_> {
             let first: Vec<&Whitened> = beside.iter().chain([&unit]).collect();
             let at = sheet.camera.len() + beside.len();
             let known = size.unwrap_or_else(|| Fit::new(sheet, take, &first).change[at]);
-            let scale = LEAST_ARCSEC.max(known.abs()).copysign(known);
+            let scale = MIN_ARCSEC.max(known.abs()).copysign(known);
             let by_turn =
                 self.slope(scale, |angle| Zeniths { turns: now.turns.iter().map(|turn| turn + angle).collect(), ..now.clone() })?;
             let by_declination = self.slope(scale, |angle| Zeniths { middle: risen(now.middle, angle), ..now.clone() })?;
             let own = sheet.own.iter().cloned().chain([by_turn]).collect();
-            let sheet = Sheet { own, ..sheet.clone() };
+            let sheet = WhitenedSystem { own, ..sheet.clone() };
             let more: Vec<&Whitened> = first.iter().copied().chain([&by_declination]).collect();
             let fit = Fit::new(&sheet, take, &more);
             reached = cost(&fit.residual, take, sheet.tail_degrees);
@@ -178,7 +184,7 @@ fn risen([x, y, z]: [f64; 3], angle_rad: f64) -> [f64; 3] {
 }
 
 /// The column of a frame's own hour angle at a solution that has such a refraction: how its star images move as its zenith goes east.
-pub(super) fn own_column(joint: &Joint) -> Option<Column> {
+pub(super) fn own_column(joint: &BundleSolution) -> Option<Column> {
     let (_, parameters) = joint.model().terms().find(|(id, _)| *id == "refraction")?;
     let frames = joint.frames();
     let untimed =

@@ -5,7 +5,7 @@
 //! estimator in use, the shift found so ([`super::Signatures`]) takes the formula's place. Either way the effect is a [`Displacement`] in
 //! [`Segment::Focal`] like any other: what solves or tests it knows nothing of this.
 
-use super::star_image::MOST_SHIFTS;
+use super::star_image::MAX_SHIFTS;
 use super::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Rendering, Segment};
 use crate::dual::Real;
 
@@ -13,7 +13,7 @@ use crate::dual::Real;
 pub trait CentroidShift: Sync {
     /// Its id in files.
     const ID: &'static str;
-    /// Its parameters: amplitudes, in which the shift is linear, of which zero means no effect. At most [`MOST_SHIFTS`].
+    /// Its parameters: amplitudes, in which the shift is linear, of which zero means no effect. At most [`MAX_SHIFTS`].
     const PARAMETERS: &'static [ParameterSpec];
     /// See [`Displacement::WITHIN_PIXELS`].
     const WITHIN_PIXELS: bool = false;
@@ -52,7 +52,7 @@ impl<C: CentroidShift> Displacement for C {
     const SEGMENT: Segment = Segment::Focal;
     const WITHIN_PIXELS: bool = C::WITHIN_PIXELS;
     const PARAMETERS: &'static [ParameterSpec] = {
-        assert!(C::PARAMETERS.len() <= MOST_SHIFTS);
+        assert!(C::PARAMETERS.len() <= MAX_SHIFTS);
         C::PARAMETERS
     };
 
@@ -71,11 +71,11 @@ impl<C: CentroidShift> Displacement for C {
         Light { point_px, ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         C::missing(observation)
     }
 
-    fn missing_in(context: &Context) -> Option<&'static str> {
+    fn unmet_in_context(context: &Context) -> Option<&'static str> {
         let is_measured = context.image.signatures.of(<C as CentroidShift>::ID).is_some();
         if is_measured { None } else { C::missing(&context.observation).or_else(|| C::missing_in(context)) }
     }
@@ -84,7 +84,7 @@ impl<C: CentroidShift> Displacement for C {
         Some(vec![0.0; <C as CentroidShift>::PARAMETERS.len()])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

@@ -285,7 +285,7 @@ pub trait Displacement: Sync {
 
     /// Whether it displaces a star by numbers of its own that the catalogue holds (motion, distance), the errors of which all images of the
     /// star share.
-    const OF_THE_STAR: bool = false;
+    const PER_STAR: bool = false;
 
     /// The body. `parameters` come in the order of [`Self::PARAMETERS`].
     fn displace<T: Real>(parameters: &[T], light: Light<T>, context: &Context) -> Light<T>;
@@ -297,30 +297,30 @@ pub trait Displacement: Sync {
     }
 
     /// What this exposure lacks for the effect to be computed or fitted, or `None` if it lacks nothing.
-    fn missing(observation: &Observation) -> Option<&'static str>;
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str>;
 
     /// The same of one image: what the exposure or the image lacks for the effect to move the image.
     #[must_use]
-    fn missing_in(context: &Context) -> Option<&'static str> {
-        Self::missing(&context.observation)
+    fn unmet_in_context(context: &Context) -> Option<&'static str> {
+        Self::unmet_requirement(&context.observation)
     }
 
     /// Parameters with which the effect does nothing at all in this context; `None` for a projection, which always does something.
     fn identity(context: &Context) -> Option<Vec<f64>>;
 
     /// Parameters of the effect at its known size, where the recording's own metadata tells it; `None` where they must be fitted.
-    fn known(observation: &Observation) -> Option<Vec<f64>>;
+    fn predicted(observation: &Observation) -> Option<Vec<f64>>;
 
     /// Sizes that nature has where the size is not known: one found outside is not this effect.
     #[must_use]
-    fn natural() -> Option<Natural> {
+    fn plausible_range() -> Option<Natural> {
         None
     }
 
     /// Indices of the parameters that are fitted where the effect is asked for by its id alone; the others keep their values unless they
     /// are asked for by name. All, unless the effect says otherwise.
     #[must_use]
-    fn fitted(_observation: &Observation) -> Vec<usize> {
+    fn default_free(_observation: &Observation) -> Vec<usize> {
         (0..Self::PARAMETERS.len()).collect()
     }
 
@@ -352,7 +352,7 @@ pub trait AnyDisplacement: Sync {
     fn segment(&self) -> Segment;
     /// See [`Displacement::WITHIN_PIXELS`].
     fn is_within_pixels(&self) -> bool;
-    /// See [`Displacement::OF_THE_STAR`].
+    /// See [`Displacement::PER_STAR`].
     fn is_of_the_star(&self) -> bool;
     /// See [`Displacement::PARAMETERS`].
     fn parameters(&self) -> &'static [ParameterSpec];
@@ -364,18 +364,18 @@ pub trait AnyDisplacement: Sync {
     fn ray(&self, parameters: &[f64], light: Light<f64>) -> Option<[f64; 3]>;
     /// See [`Displacement::ray`], on dual numbers.
     fn ray_jet(&self, parameters: &[Jet], light: Light<Jet>) -> Option<[Jet; 3]>;
-    /// See [`Displacement::missing`].
-    fn missing(&self, observation: &Observation) -> Option<&'static str>;
-    /// See [`Displacement::missing_in`].
-    fn missing_in(&self, context: &Context) -> Option<&'static str>;
+    /// See [`Displacement::unmet_requirement`].
+    fn unmet_requirement(&self, observation: &Observation) -> Option<&'static str>;
+    /// See [`Displacement::unmet_in_context`].
+    fn unmet_in_context(&self, context: &Context) -> Option<&'static str>;
     /// See [`Displacement::identity`].
     fn identity(&self, context: &Context) -> Option<Vec<f64>>;
-    /// See [`Displacement::known`].
-    fn known(&self, observation: &Observation) -> Option<Vec<f64>>;
-    /// See [`Displacement::natural`].
-    fn natural(&self) -> Option<Natural>;
-    /// See [`Displacement::fitted`].
-    fn fitted(&self, observation: &Observation) -> Vec<usize>;
+    /// See [`Displacement::predicted`].
+    fn predicted(&self, observation: &Observation) -> Option<Vec<f64>>;
+    /// See [`Displacement::plausible_range`].
+    fn plausible_range(&self) -> Option<Natural>;
+    /// See [`Displacement::default_free`].
+    fn default_free(&self, observation: &Observation) -> Vec<usize>;
     /// See [`Displacement::searched`].
     fn searched(&self, observation: &Observation) -> Option<Searched>;
     /// See [`Displacement::rendering`].
@@ -397,7 +397,7 @@ impl<D: Displacement> AnyDisplacement for D {
         D::WITHIN_PIXELS
     }
     fn is_of_the_star(&self) -> bool {
-        D::OF_THE_STAR
+        D::PER_STAR
     }
     fn parameters(&self) -> &'static [ParameterSpec] {
         D::PARAMETERS
@@ -414,23 +414,23 @@ impl<D: Displacement> AnyDisplacement for D {
     fn ray_jet(&self, parameters: &[Jet], light: Light<Jet>) -> Option<[Jet; 3]> {
         D::ray(parameters, light)
     }
-    fn missing(&self, observation: &Observation) -> Option<&'static str> {
-        D::missing(observation)
+    fn unmet_requirement(&self, observation: &Observation) -> Option<&'static str> {
+        D::unmet_requirement(observation)
     }
-    fn missing_in(&self, context: &Context) -> Option<&'static str> {
-        D::missing_in(context)
+    fn unmet_in_context(&self, context: &Context) -> Option<&'static str> {
+        D::unmet_in_context(context)
     }
     fn identity(&self, context: &Context) -> Option<Vec<f64>> {
         D::identity(context)
     }
-    fn known(&self, observation: &Observation) -> Option<Vec<f64>> {
-        D::known(observation)
+    fn predicted(&self, observation: &Observation) -> Option<Vec<f64>> {
+        D::predicted(observation)
     }
-    fn natural(&self) -> Option<Natural> {
-        D::natural()
+    fn plausible_range(&self) -> Option<Natural> {
+        D::plausible_range()
     }
-    fn fitted(&self, observation: &Observation) -> Vec<usize> {
-        D::fitted(observation)
+    fn default_free(&self, observation: &Observation) -> Vec<usize> {
+        D::default_free(observation)
     }
     fn searched(&self, observation: &Observation) -> Option<Searched> {
         D::searched(observation)

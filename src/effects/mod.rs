@@ -26,4 +26,4 @@ pub use displacement::{
     Searched, Segment, Sensor, StarState, displacement, invert, page_of,
 };
 pub use rendering::Rendering;
-pub use star_image::{MOST_SHIFTS, MOST_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE, Signature, Signatures, StarImage};
+pub use star_image::{MAX_SHIFTS, MAX_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE, Signature, Signatures, StarImage};

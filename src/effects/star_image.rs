@@ -10,9 +10,9 @@ pub const REFERENCE_MAGNITUDE: f64 = 5.0;
 /// [`REFERENCE_MAGNITUDE`] is held to have so many: the parameter then is that of a star of this magnitude.
 pub const REFERENCE_FLUX_E: f64 = 1e4;
 /// Parameters that an effect on the measured centre has at most.
-pub const MOST_SHIFTS: usize = 2;
+pub const MAX_SHIFTS: usize = 2;
 /// Effects at most of which an image carries measured shifts.
-pub const MOST_SIGNATURES: usize = 8;
+pub const MAX_SIGNATURES: usize = 8;
 
 /// One star image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -39,12 +39,12 @@ pub struct Signature {
     /// The effect's id.
     pub effect: &'static str,
     /// Shift (x, y) in px per unit of each of its parameters, in their order; zero beyond the last.
-    pub shift_px: [[f64; 2]; MOST_SHIFTS],
+    pub shift_px: [[f64; 2]; MAX_SHIFTS],
 }
 
-/// The signatures that an image carries, of no more than [`MOST_SIGNATURES`] effects.
+/// The signatures that an image carries, of no more than [`MAX_SIGNATURES`] effects.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Signatures([Option<Signature>; MOST_SIGNATURES]);
+pub struct Signatures([Option<Signature>; MAX_SIGNATURES]);
 
 impl Signatures {
     /// Adds one; replaces that of the same effect. False, and nothing is changed, where there is no room left.

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::level::{LANES, Level, Neighbours, Shape};
+use super::index_scale::{IndexScale, LANES, Neighbours, Shape};
 use super::point_map::PointMap;
 use super::projection::Projection;
 use super::refine::Pose;
@@ -24,7 +24,7 @@ pub(super) struct Context<'a> {
     pub(super) ratio_tolerance: f64,
     /// How many of the brightest detections speak about a candidate.
     pub(super) judges: usize,
-    pub(super) level: &'a Level,
+    pub(super) level: &'a IndexScale,
     /// Undistorted points: at least of the detections that form triangles.
     pub(super) ideal: &'a [[f64; 2]],
     pub(super) map: &'a PointMap,
@@ -215,7 +215,7 @@ mod tests {
 
     #[test]
     fn a_right_candidate_checks_out_and_the_same_triangle_on_other_stars_does_not() {
-        let level = Level::build(&stars(), 8.0 * DEG_RAD);
+        let level = IndexScale::build(&stars(), 8.0 * DEG_RAD);
         let focal_px = 3889.0;
         for parity in [1.0, -1.0] {
             let see = |v: &Vector3<f64>| [parity * focal_px * v.x / v.z, focal_px * v.y / v.z];

@@ -15,7 +15,7 @@ pub(super) const REACH_RAD: [f64; 2] = [30.0 * DEG_RAD, 75.0 * DEG_RAD];
 /// Half the step in ln f.
 pub(super) const HALF_STEP: f64 = 0.01;
 /// Fewer points are not looked at so: chance would match as many.
-const FEWEST: usize = 8;
+const MIN_POINTS: usize = 8;
 /// By how much more of the frame is taken from fit to fit.
 const WIDEN: f64 = 1.12;
 /// Within this part of the frame's size a point belongs to a star then.
@@ -32,7 +32,7 @@ pub(super) fn inner(points: &Points) -> Option<Points> {
     let mut inner = within(points, INNER * radii.get(radii.len() / 2)?);
     // Lengths within which places agree are measured in it: lenses that follow no law need them wider than others.
     inner.size_px = 2.0 * inner.area_px2().sqrt();
-    (inner.centred_px.len() >= FEWEST).then_some(inner)
+    (inner.centred_px.len() >= MIN_POINTS).then_some(inner)
 }
 
 /// The points within a distance from the middle of the frame.

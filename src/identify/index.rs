@@ -1,11 +1,11 @@
-//! The index of triangles of catalogue stars: one [`Level`] for each width of field, built when first needed.
+//! The index of triangles of catalogue stars: one [`IndexScale`] for each width of field, built when first needed.
 
 use std::sync::OnceLock;
 use std::time::Duration;
 
 use nalgebra::Vector3;
 
-use super::level::Level;
+use super::index_scale::IndexScale;
 use super::sky::Zones;
 use crate::catalog::Catalog;
 use crate::units::DEG_RAD;
@@ -33,7 +33,7 @@ pub struct Index {
     pub(super) vectors: Vec<Vector3<f64>>,
     /// All stars, the brightest quarter, the brightest sixteenth … for cone searches that want only the brightest.
     prefixes: OnceLock<Vec<(usize, Zones)>>,
-    levels: [OnceLock<Level>; LEVELS],
+    levels: [OnceLock<IndexScale>; LEVELS],
 }
 
 impl Index {
@@ -71,7 +71,7 @@ impl Index {
     }
 
     /// The level whose width is nearest to `width_rad`, `coarser` steps up (for fields that show few stars) or down.
-    pub(super) fn level_for(&self, width_rad: f64, coarser: i32) -> &Level {
+    pub(super) fn level_for(&self, width_rad: f64, coarser: i32) -> &IndexScale {
         let number = (2.0 * (width_rad / FIRST_WIDTH_RAD).log2()).round() + f64::from(coarser);
         self.level(number.clamp(0.0, (LEVELS - 1) as f64) as usize)
     }
@@ -90,8 +90,8 @@ impl Index {
         })
     }
 
-    fn level(&self, number: usize) -> &Level {
-        self.levels[number].get_or_init(|| Level::build(&self.vectors, FIRST_WIDTH_RAD * 2_f64.powf(number as f64 / 2.0)))
+    fn level(&self, number: usize) -> &IndexScale {
+        self.levels[number].get_or_init(|| IndexScale::build(&self.vectors, FIRST_WIDTH_RAD * 2_f64.powf(number as f64 / 2.0)))
     }
 
     /// About the `wanted` brightest stars within `radius_rad` of `centre`: all stars of the cone down to some magnitude, at

@@ -5,7 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use serde::{Deserialize, Serialize};
 
-use super::{ControlPoint, ControlPoints, natural};
+use super::{ControlPoint, ControlPoints, wrong_camera};
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Direction};
 use crate::effects::StarState;
@@ -22,7 +22,7 @@ pub enum MisidentificationKind {
     /// What a match through a wrong camera makes of it: the catalogue star nearest to where a camera with another focal length that points
     /// elsewhere sees it, no fainter than the faintest of the frame. The camera is as little wrong as gives the share, one for all frames,
     /// so the errors of neighbours in a frame are alike, and there are more of them where that camera errs more and where stars are dense.
-    Natural,
+    WrongCamera,
 }
 
 /// A control point that was given a wrong star.
@@ -45,7 +45,7 @@ const NEAREST: usize = 4;
 
 /// Gives the share `share` (0 to 1, rounded to whole points) of the control points wrong stars, chosen by `seed`; returns which, in
 /// order, and a sentence if they are fewer than asked for. Points keep their frame, pixel and covariance. A point that has no other star
-/// of the catalogue near enough gets a random direction, but for [`MisidentificationKind::Natural`], where it stays right.
+/// of the catalogue near enough gets a random direction, but for [`MisidentificationKind::WrongCamera`], where it stays right.
 pub fn misidentify(
     points: &mut ControlPoints,
     catalog: &Catalog,
@@ -56,14 +56,14 @@ pub fn misidentify(
     let all = points.points.len();
     let wanted = (share.clamp(0.0, 1.0) * all as f64).round() as usize;
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
-    if kind == MisidentificationKind::Natural {
-        let names = natural::wrong_names(points, catalog, wanted, &mut rng);
+    if kind == MisidentificationKind::WrongCamera {
+        let names = wrong_camera::wrong_names(points, catalog, wanted, &mut rng);
         let wrong: Vec<_> = names.into_iter().map(|(number, star)| give_star(points, number, star, catalog)).collect();
         let sentence = (wrong.len() < wanted).then(|| {
             format!(
                 "Only {} of the {wanted} wrong identifications asked for were made, of {all} in all: a camera whose focal length is {:.0} % off makes no more of them wrong; ask for a smaller share, or for those of another kind.",
                 wrong.len(),
-                100.0 * natural::MOST_SCALE
+                100.0 * wrong_camera::MAX_SCALE
             )
         });
         return (wrong, sentence);
@@ -75,7 +75,7 @@ pub fn misidentify(
     let wrong = chosen.into_iter().map(|number| {
         let neighbour = match kind {
             MisidentificationKind::NearNeighbour => near_neighbour(&points.points[number], catalog, &mut rng),
-            MisidentificationKind::Random | MisidentificationKind::Natural => None,
+            MisidentificationKind::Random | MisidentificationKind::WrongCamera => None,
         };
         match neighbour {
             Some(star) => give_star(points, number, star, catalog),

@@ -11,27 +11,27 @@
 //! 4. A hypothesis is accepted if the probability that detections which have nothing to do with the stars would match as well
 //!    is below a limit, everything that was tried included; else the frame is not identified, and a sentence says why.
 
+mod association;
 mod candidate;
+mod clutter;
 mod control;
+mod false_match;
 mod fisheye;
 mod index;
-mod level;
-mod listed;
-mod lone;
-mod looks;
+mod index_scale;
 mod misidentify;
-mod naming;
-mod natural;
-mod near;
-mod odds;
 mod point_map;
+mod preidentified;
+mod prior_attitude;
 mod projection;
 mod refine;
 mod search;
+mod search_plan;
 mod sky;
 mod solution;
 mod spread;
 mod stages;
+mod wrong_camera;
 
 use std::borrow::Cow;
 use std::time::{Duration, Instant};
@@ -48,9 +48,11 @@ use crate::units::DEG_RAD;
 
 pub use control::{IdentifiedFrame, common_projection, control_points, image_state};
 pub use index::{Index, IndexSize};
-pub use listed::{ASSUMED_EPOCH_YR, ListedError, add_listed_points, handedness, listed_control_points, listed_covariance_px2};
 pub use misidentify::{Misidentification, MisidentificationKind, misidentify};
-pub use near::Near;
+pub use preidentified::{
+    ASSUMED_EPOCH_YR, PreidentifiedError, add_listed_points, handedness, listed_control_points, listed_covariance_px2,
+};
+pub use prior_attitude::AttitudePrior;
 pub use projection::Projection;
 pub use solution::catalog_directions;
 
@@ -121,7 +123,7 @@ pub struct IdentifyOptions {
     /// Hypotheses about this frame that were tried before, in other searches: they count in [`Solution::false_match_probability`].
     pub hypotheses_before: u64,
     /// Where the camera is held to point: nothing is searched elsewhere, so that there is time for more.
-    pub near: Option<Near>,
+    pub near: Option<AttitudePrior>,
     /// A match is accepted only if detections without these stars would match as well with less than this probability. A bound decides,
     /// mostly a hundred times what is stated in [`Solution::false_match_probability`].
     pub max_false_match_probability: f64,
@@ -151,9 +153,9 @@ impl Default for IdentifyOptions {
 }
 
 /// The fewest star images of which a frame can be identified.
-const FEWEST_DETECTIONS: usize = 4;
+const MIN_DETECTIONS: usize = 4;
 /// More detections than these, the brightest, are not looked at in the search.
-const MOST_DETECTIONS: usize = 400;
+const MAX_DETECTIONS: usize = 400;
 
 /// Identifies the stars of one frame.
 ///
@@ -214,7 +216,7 @@ pub fn least_false_match_probability(
 }
 
 /// The points of a frame, and the directions of the catalogue's stars in it.
-type Searchable<'a> = (looks::Seen, Cow<'a, [Vector3<f64>]>);
+type Searchable<'a> = (search_plan::FramePoints, Cow<'a, [Vector3<f64>]>);
 
 /// What the search is made of, or why there is nothing to search.
 fn prepare<'a>(
@@ -239,9 +241,9 @@ fn prepare<'a>(
     }
     let points = solution::usable_points(detections);
     let usable = points.all.centred_px.len();
-    if usable < FEWEST_DETECTIONS {
+    if usable < MIN_DETECTIONS {
         return Err(format!(
-            "{usable} usable star image{} of {} detected: fewer than the {FEWEST_DETECTIONS} that a match needs; expose longer or lower the detection threshold.",
+            "{usable} usable star image{} of {} detected: fewer than the {MIN_DETECTIONS} that a match needs; expose longer or lower the detection threshold.",
             if usable == 1 { "" } else { "s" },
             detections.stars.len()
         ));

@@ -19,9 +19,9 @@ pub enum Projection {
 }
 
 /// Directions nearer to the plane through the camera than this, z, are no image of a tangent plane.
-const LEAST_DEPTH: f64 = 0.05;
+const MIN_DEPTH: f64 = 0.05;
 /// Fisheyes see no further than this, z: 10° behind the camera.
-const LEAST_DEPTH_OF_FISHEYE: f64 = -0.174;
+const MIN_DEPTH_OF_FISHEYE: f64 = -0.174;
 
 impl Projection {
     /// Those of fisheyes, the most common first.
@@ -46,7 +46,7 @@ impl Projection {
 
     /// Whether a direction of this z, the cosine of its angle from the boresight, has an image.
     pub(super) fn sees(self, z: f64) -> bool {
-        z > if self == Self::Pinhole { LEAST_DEPTH } else { LEAST_DEPTH_OF_FISHEYE }
+        z > if self == Self::Pinhole { MIN_DEPTH } else { MIN_DEPTH_OF_FISHEYE }
     }
 
     /// s of the image f·s·(x, y) of the direction (x, y, z), and ds/dz.

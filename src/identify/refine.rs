@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::odds;
+use super::false_match;
 use super::projection::Projection;
 
 /// Parameters of the fit: three small rotations, ln f and κ; and of a fisheye the principal point.
@@ -269,7 +269,7 @@ fn step<const N: usize>(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], 
 /// Repeats [`step`] until it no longer moves.
 pub(super) fn fit(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], pairs: &[Pair], fit_kappa: bool) -> Option<Pose> {
     let mut pose = *pose;
-    let fisheye = pose.projection != Projection::Pinhole && pairs.len() >= FEWEST_FOR_PRINCIPAL;
+    let fisheye = pose.projection != Projection::Pinhole && pairs.len() >= MIN_FOR_PRINCIPAL;
     for _ in 0..8 {
         let step = if fisheye { step::<FREE_OF_FISHEYE> } else { step::<FREE> };
         let (next, moved) = step(&pose, points, vectors, pairs, fit_kappa)?;
@@ -282,7 +282,7 @@ pub(super) fn fit(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], pairs:
 }
 
 /// So many pairs tell the principal point of a fisheye besides all else.
-const FEWEST_FOR_PRINCIPAL: usize = 12;
+const MIN_FOR_PRINCIPAL: usize = 12;
 
 /// A pose that the detections support.
 #[derive(Clone, Debug)]
@@ -301,7 +301,7 @@ const RADII: [f64; 6] = [0.000_25, 0.000_7, 0.001_5, 0.003, 0.006, 0.012];
 /// Catalogue stars laid over for one detection.
 const DEPTHS: [f64; 4] = [0.4, 1.0, 2.0, 4.0];
 /// Not more than these: of few detections most stars may be missing, of many there are enough among the brighter stars.
-const MOST_OF_DEPTHS: usize = 96;
+const MAX_OF_DEPTHS: usize = 96;
 /// In the fit only so many stars are laid over that their circles cover this part of the frame: more would match by chance.
 const COVERED: f64 = 0.04;
 /// ln of the probability by chance that a first look must go below.
@@ -314,7 +314,7 @@ const FIRST_LOOK: f64 = -3.0;
 pub(super) fn refine(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], near: &[u32], judges: usize) -> Option<Supported> {
     let used = points.centred_px.len().min(judges);
     let depth = |share: f64| ((used as f64 * share) as usize).max(8);
-    let depths = DEPTHS.into_iter().filter(|share| *share <= 2.0 || depth(*share) <= MOST_OF_DEPTHS);
+    let depths = DEPTHS.into_iter().filter(|share| *share <= 2.0 || depth(*share) <= MAX_OF_DEPTHS);
     let most = depths.clone().map(depth).max().unwrap_or(8);
     let wide = RADII[RADII.len() - 1] * points.size_px;
     let area = points.area_px2();
@@ -331,13 +331,13 @@ pub(super) fn refine(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], nea
         }
         if turn == 0 {
             let by_chance = overlay.chance_matches(&pose, points, used, usize::MAX, radius_px);
-            if odds::ln_poisson_tail(by_chance, pairs.len() - 3) > FIRST_LOOK {
+            if false_match::ln_poisson_tail(by_chance, pairs.len() - 3) > FIRST_LOOK {
                 return None;
             }
         }
         let fit_kappa = turn > 0 && pairs.len() >= 8;
         fitted_kappa |= fit_kappa;
-        fitted_principal |= pose.projection != Projection::Pinhole && pairs.len() >= FEWEST_FOR_PRINCIPAL;
+        fitted_principal |= pose.projection != Projection::Pinhole && pairs.len() >= MIN_FOR_PRINCIPAL;
         pose = fit(&pose, points, vectors, &pairs, fit_kappa)?;
     }
     let spent = 3 + usize::from(fitted_kappa) + usize::from(fitted_principal);
@@ -349,7 +349,7 @@ pub(super) fn refine(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], nea
             let matched = overlay.pairs(&pose, points, used, depth(share), radius_px).len();
             if matched > spent {
                 let by_chance = overlay.chance_matches(&pose, points, used, depth(share), radius_px);
-                best = best.min(odds::ln_poisson_tail(by_chance, matched - spent));
+                best = best.min(false_match::ln_poisson_tail(by_chance, matched - spent));
             }
         }
     }

@@ -9,25 +9,25 @@ use rand_pcg::Pcg64Mcg;
 
 use super::candidate::{Context, LONGER, Trial, undistort};
 use super::index::Index;
-use super::level::{Ranges, Window};
-use super::looks::Seen;
+use super::index_scale::{Ranges, Window};
 use super::point_map::PointMap;
 use super::projection::Projection;
 use super::refine::{self, Points, Pose, Supported};
+use super::search_plan::FramePoints;
 use super::stages::Choice::{Brightest, Drawn};
 use super::stages::{DRAWN_FROM, Stage};
-use super::{IdentifyOptions, fisheye, looks, odds};
+use super::{IdentifyOptions, false_match, fisheye, search_plan};
 use crate::units::DEG_RAD;
 
 /// The angle from the middle to the corner of the widest fields that are searched: beyond that of any square frame that may be asked for.
-const MOST_TO_CORNER_RAD: f64 = 80.0 * DEG_RAD;
+const MAX_TO_CORNER_RAD: f64 = 80.0 * DEG_RAD;
 
 /// Hypotheses in one pass over the focal lengths after which the rest of it is given up: narrow fields full of false
 /// detections would take for ever.
-const MOST_HYPOTHESES: u64 = 2_000_000;
+const MAX_HYPOTHESES: u64 = 2_000_000;
 /// The same for one stage at one focal length, where all are searched: the catalogue has so many more triangles for fields of
 /// three degrees than for wide ones that they would take nearly all of the time.
-const MOST_IN_A_STEP: u64 = 2000;
+const MAX_IN_A_STEP: u64 = 2000;
 /// Hypotheses between two looks at the clock.
 const BETWEEN_LOOKS: u64 = 32;
 
@@ -81,7 +81,7 @@ struct Batch {
 type Pass = (Vec<(f64, f64)>, bool);
 
 /// One way to look at a frame: which of its points, through which lens, what is tried.
-pub(super) struct Look<'a> {
+pub(super) struct SearchPass<'a> {
     /// The frame's points.
     pub(super) frame: &'a Points,
     /// Those among which is searched.
@@ -119,7 +119,7 @@ struct Search<'a> {
 /// Looks at a frame in each way in turn until a hypothesis is accepted. `begin`: when the work on this frame began, from which a time limit
 /// counts.
 pub(super) fn search<'a>(
-    seen: &'a Seen,
+    seen: &'a FramePoints,
     index: &Index,
     apparent: &[Vector3<f64>],
     options: &IdentifyOptions,
@@ -127,8 +127,8 @@ pub(super) fn search<'a>(
 ) -> Result<(Found, &'a Points), Failure> {
     let deadline = options.time_limit.and_then(|limit| Some((begin.checked_add(limit.saturating_sub(options.time_spent))?, limit)));
     let mut tally = Tally { hypotheses: 0, least_bound: 1.0, least_stated: 1.0, was_cut: false };
-    for look in looks::looks(seen, options) {
-        let Look { frame, points, projection, stages } = &look;
+    for look in search_plan::search_passes(seen, options) {
+        let SearchPass { frame, points, projection, stages } = &look;
         let (projection, stages) = (*projection, *stages);
         let mut search = Search { points, projection, stages, index, apparent, options, deadline, tally, most: 0, found: None };
         if !search.run() {
@@ -161,11 +161,11 @@ impl Search<'_> {
                 let ideal: Vec<[f64; 2]> = judges.map(|p| undistort(*p, kappa, corner_px)).collect();
                 let map = PointMap::new(&ideal, self.points);
                 for (&focal_length, tried) in focal_lengths.iter().zip(&mut tried) {
-                    if self.tally.hypotheses > begun + MOST_HYPOTHESES {
+                    if self.tally.hypotheses > begun + MAX_HYPOTHESES {
                         self.tally.was_cut = true;
                         continue;
                     }
-                    self.most = if narrow { u64::MAX } else { self.tally.hypotheses + MOST_IN_A_STEP };
+                    self.most = if narrow { u64::MAX } else { self.tally.hypotheses + MAX_IN_A_STEP };
                     // Triangles of detections that an earlier stage with the same settings has tried are not tried again.
                     let before = stages[..number].iter().zip(&*tried).filter(|(s, _)| covers(s));
                     let done = before.map(|(_, tried)| *tried).max().unwrap_or(0);
@@ -205,7 +205,7 @@ impl Search<'_> {
             let [narrow, wide] = self.options.field_width_range_rad;
             let half_width = self.points.half_px[0];
             // Of a frame far taller than wide no more is searched than a plane shows: the steps would have no end.
-            let shortest = self.points.corner_px / MOST_TO_CORNER_RAD.tan();
+            let shortest = self.points.corner_px / MAX_TO_CORNER_RAD.tan();
             ((half_width / (wide / 2.0).tan()).max(shortest), half_width / (narrow / 2.0).tan())
         } else {
             let [least, most] = fisheye::REACH_RAD.map(|angle| self.projection.radius(angle));
@@ -388,11 +388,12 @@ impl Search<'_> {
             return true;
         };
         let tried = self.tally.hypotheses as f64;
-        let bound = odds::over_all_tries(ln_probability, tried);
+        let bound = false_match::over_all_tries(ln_probability, tried);
         // What was tried before this search counts in what is stated; accepted is what this search finds by itself, as the others did.
         let of_all = tried + self.options.hypotheses_before as f64;
         let width_rad = self.width_rad(pose.focal_px);
-        let stated = odds::as_often_as_by_chance(ln_best, of_all, width_rad, judges).min(odds::over_all_tries(ln_probability, of_all));
+        let stated = false_match::calibrated_false_match_probability(ln_best, of_all, width_rad, judges)
+            .min(false_match::over_all_tries(ln_probability, of_all));
         self.tally.least_bound = self.tally.least_bound.min(bound);
         let is_near = self.options.near.is_none_or(|near| near.allows(&pose.rotation, 0.0));
         if self.within_range(pose.focal_px) && is_near {

@@ -2,13 +2,13 @@
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
+use super::association::{self, sure_pairs};
 use super::fisheye;
-use super::looks::Seen;
-use super::naming::{self, sure_pairs};
 use super::projection::Projection;
 use super::refine::{self, Pair, Points, Pose};
 use super::search::Found;
-use super::{Identification, IdentifyOptions, Index, MOST_DETECTIONS, Match, Solution, lone, spread};
+use super::search_plan::FramePoints;
+use super::{Identification, IdentifyOptions, Index, MAX_DETECTIONS, Match, Solution, clutter, spread};
 use crate::camera::{Camera, Model};
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Attitude, CameraAxes, Direction, PixelPoint};
@@ -17,7 +17,7 @@ use crate::statistics::{mad_sigma, median, median_in_place};
 use crate::units::DEG_RAD;
 
 /// Stars are picked from so many detections, the brightest, where many look like none.
-const MOST_LOOKED_THROUGH: usize = 4 * MOST_DETECTIONS;
+const MAX_LOOKED_THROUGH: usize = 4 * MAX_DETECTIONS;
 /// Detections nearer to a brighter one than this are not used in the search, px: halves of one star image.
 const MERGE_PX: f64 = 2.5;
 /// A star is not a clean control point if another of similar brightness stands this near, px.
@@ -26,13 +26,13 @@ const CROWDED_PX: f64 = 3.0;
 const CROWDED_MAG: f64 = 2.0;
 
 /// More pixels than these a side are a mistake.
-const MOST_SIDE_PX: usize = 1_000_000;
+const MAX_SIDE_PX: usize = 1_000_000;
 
 /// Of the stars around the middle of a fisheye's frame one in so many has to be named in the end.
-const LEAST_KEPT: usize = 2;
+const MIN_KEPT: usize = 2;
 
 /// The fewest matches of which an attitude is told.
-const FEWEST_MATCHES: usize = 4;
+const MIN_MATCHES: usize = 4;
 
 /// The catalogue's own directions, for frames about which nothing is known that would change them.
 #[must_use]
@@ -47,9 +47,9 @@ pub(super) fn fault_in(options: &IdentifyOptions, detections: &Detections) -> Op
     if width_px == 0 || height_px == 0 {
         return Some(format!("The frame has {width_px}×{height_px} pixels: there is nothing in it."));
     }
-    if width_px.max(height_px) > MOST_SIDE_PX {
+    if width_px.max(height_px) > MAX_SIDE_PX {
         return Some(format!(
-            "The frame has {width_px}×{height_px} pixels: no camera has more than {MOST_SIDE_PX} a side, correct its size."
+            "The frame has {width_px}×{height_px} pixels: no camera has more than {MAX_SIDE_PX} a side, correct its size."
         ));
     }
     if let Some(fault) = options.near.and_then(|near| near.fault()) {
@@ -87,7 +87,7 @@ pub(super) fn fault_in(options: &IdentifyOptions, detections: &Detections) -> Op
 }
 
 /// The detections that the search can use, brightest first: finite, on the frame, not the second half of a brighter one.
-pub(super) fn usable_points(detections: &Detections) -> Seen {
+pub(super) fn usable_points(detections: &Detections) -> FramePoints {
     let (width, height) = (detections.width_px as f64, detections.height_px as f64);
     let middle = [(width - 1.0) / 2.0, (height - 1.0) / 2.0];
     let mut order: Vec<usize> = (0..detections.stars.len())
@@ -113,15 +113,15 @@ pub(super) fn usable_points(detections: &Detections) -> Seen {
         if points.centred_px.iter().all(apart) {
             points.centred_px.push(at);
             points.detection.push(number);
-            if points.centred_px.len() == MOST_LOOKED_THROUGH {
+            if points.centred_px.len() == MAX_LOOKED_THROUGH {
                 break;
             }
         }
     }
     let widths_px: Vec<f64> = points.detection.iter().map(|&number| detections.stars[number].width_px).collect();
-    let lone = lone::lone(&points, &widths_px).map(|lone| lone.first(MOST_DETECTIONS));
-    let spread = spread::spread(&points).map(|spread| spread.first(MOST_DETECTIONS));
-    Seen { all: points.first(MOST_DETECTIONS), lone, spread }
+    let lone = clutter::without_clutter(&points, &widths_px).map(|lone| lone.first(MAX_DETECTIONS));
+    let spread = spread::spread(&points).map(|spread| spread.first(MAX_DETECTIONS));
+    FramePoints { all: points.first(MAX_DETECTIONS), lone, spread }
 }
 
 /// Fits an accepted hypothesis to all stars of the frame.
@@ -160,12 +160,12 @@ pub(super) fn solve(
         pose = fitted;
         // Five robust standard deviations.
         let mut lengths: Vec<f64> = matches.iter().map(|m| (m.residual_px[0].powi(2) + m.residual_px[1].powi(2)).sqrt()).collect();
-        let sigma_px = median_in_place(&mut lengths).map_or(1.0, |median| median / naming::MEDIAN_LENGTH);
+        let sigma_px = median_in_place(&mut lengths).map_or(1.0, |median| median / association::MEDIAN_LENGTH);
         radius_px = (5.0 * sigma_px).clamp(1.5_f64.min(radius_px), radius_px);
     }
     // Those of this very pose: pairs of an earlier turn would carry another's residuals.
     let matches = matches_of(&pose, radius_px);
-    if matches.len() < FEWEST_MATCHES {
+    if matches.len() < MIN_MATCHES {
         return Identification::NotIdentified {
             reason: format!(
                 "Only {} stars remained when the accepted hypothesis was fitted to the whole frame: too few to trust it.",
@@ -177,7 +177,7 @@ pub(super) fn solve(
     // A lens that follows no law may be lost on the way outwards: then few stars still lie on their places, and the attitude is degrees off.
     if pose.projection != Projection::Pinhole {
         let around_middle = fisheye::matched(&found.pose, found.reach_px, points, index, apparent);
-        if LEAST_KEPT * matches.len() < around_middle {
+        if MIN_KEPT * matches.len() < around_middle {
             return Identification::NotIdentified {
                 reason: format!(
                     "{around_middle} stars around the middle of the frame fit a fisheye, but only {} of the whole frame do: its lens could not be followed outwards.",
@@ -276,15 +276,15 @@ impl Laid {
             for (star, &(star_y, star_x, _)) in band(detection.y_px, radius_px) {
                 let distance2_px2 = (x - star_x).powi(2) + (detection.y_px - star_y).powi(2);
                 if distance2_px2 <= radius_px * radius_px {
-                    pairs.push(naming::Pair { detection: number, star, distance2_px2 });
+                    pairs.push(association::Pair { detection: number, star, distance2_px2 });
                 }
             }
         }
         let bright = |flux: f64| (flux > 0.0 && flux.is_finite()).then(|| -2.5 * flux.log10());
         let detection_mag: Vec<Option<f64>> = detections.stars.iter().map(|detection| bright(detection.flux_dn)).collect();
         let star_mag: Vec<f64> = stars.iter().map(|&(_, _, star)| catalog.stars[star].magnitude).collect();
-        let field = naming::Field { area_px2: (self.width_px * self.height_px) as f64, radius_px };
-        let of = |pair: naming::Pair| {
+        let field = association::Field { area_px2: (self.width_px * self.height_px) as f64, radius_px };
+        let of = |pair: association::Pair| {
             let ((star_y, star_x, star), detection) = (stars[pair.star], &detections.stars[pair.detection]);
             let x = unmirrored_x(self.parity, self.width_px, detection.x_px);
             Match { detection: pair.detection, star, residual_px: [x - star_x, detection.y_px - star_y] }
@@ -439,7 +439,7 @@ mod tests {
                 Identification::NotIdentified { .. } => refused += 1,
                 Identification::Identified(solution) => {
                     identified += 1;
-                    assert!(solution.matches.len() >= FEWEST_MATCHES);
+                    assert!(solution.matches.len() >= MIN_MATCHES);
                     for one in &solution.matches {
                         let v = catalog.stars[one.star].direction.xyz;
                         let seen = solution.attitude.camera_from_apparent(&Direction::from_unit(v));

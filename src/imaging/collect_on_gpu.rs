@@ -10,7 +10,7 @@ use super::on_gpu::{Band, GpuImager, Kept, WORKGROUP};
 use super::plan::{Lit, Plan};
 use super::plane::PlaneBatch;
 use super::tiles::{Entry, Grid, TILE_PX, TileList, TileLists, bin};
-use crate::effects::pixel::{PlaneStar, Star};
+use crate::effects::pixel::{Psf2dStar, Star};
 use crate::gpu::{Binding, Buffer, Dispatch, Gpu, Kernel, LOOP_BUDGET, WORKGROUPS_PER_AXIS};
 
 /// `Part` of `shaders/lib/collect.wgsl`.
@@ -185,7 +185,7 @@ impl GpuImager {
         }
         own.keep_atlas(&self.gpu, &batch.atlas.values)?;
         let grid = Grid { width: plan.width_px, first_row: band.first_row, rows: band.rows, tile_width: TILE_PX };
-        let most_stars = (self.limits.buffer_bytes as usize / size_of::<PlaneStar>()).max(1);
+        let most_stars = (self.limits.buffer_bytes as usize / size_of::<Psf2dStar>()).max(1);
         let most_entries = (self.limits.buffer_bytes as usize / size_of::<Entry>()).max(1);
         let budget = LOOP_BUDGET / (spread.loop_iterations() + 1);
         let longest = self.limits.entries_per_dispatch.clamp(1, budget.max(1));

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::tiles::TILE_PX;
 use crate::effects::pixel::lanes::QUAD_PX;
 use crate::effects::pixel::pass::{Along, PassShape};
-use crate::effects::pixel::{AnyPixelEffect, PlaneSpread, PointSpread};
+use crate::effects::pixel::{AnyPixelEffect, Psf2d, SeparablePsf};
 
 const FRAME: &str = include_str!("../../shaders/lib/frame.wgsl");
 const MATH: &str = include_str!("../../shaders/lib/math.wgsl");
@@ -40,7 +40,7 @@ pub enum Output {
 /// The program that collects the stars' light in a frame of this width; its entry points are `profiles` and `collect`. `goes_on`: to what the
 /// pixels hold already.
 #[must_use]
-pub fn collect_program(spread: &dyn PointSpread, width_px: usize, goes_on: bool) -> String {
+pub fn collect_program(spread: &dyn SeparablePsf, width_px: usize, goes_on: bool) -> String {
     let quads = match width_px {
         width_px if width_px.is_multiple_of(TILE_PX) => QUADS_TILED,
         width_px if width_px.is_multiple_of(QUAD_PX) => QUADS_WHOLE,
@@ -52,7 +52,7 @@ pub fn collect_program(spread: &dyn PointSpread, width_px: usize, goes_on: bool)
 
 /// The program that adds the light of a plane point spread; its entry point is `collect_plane`.
 #[must_use]
-pub fn collect_plane_program(spread: &dyn PlaneSpread) -> String {
+pub fn collect_plane_program(spread: &dyn Psf2d) -> String {
     [FRAME, MATH, spread.wgsl_library(), spread.wgsl(), &COLLECT_PLANE.replace("SHARE)", &format!("{})", spread.wgsl_share()))].join("\n")
 }
 

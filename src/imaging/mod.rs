@@ -38,7 +38,7 @@ pub use compose::{
 pub use mosaic::FilterLight;
 pub use noise_free::{NoiseFree, Seen};
 pub use plan::EffectSetting;
-pub use plane::{Deposit, PlaneLight};
+pub use plane::{PlaneLight, PointSource};
 pub use stamp::Stamp;
 pub use twin_check::{TwinReport, compare_counts, twin_check};
 

@@ -10,7 +10,7 @@ use super::plan::{Enabled, Lit, Plan};
 use super::tiles::{Grid, TILE_PX, TileLists, bin};
 use crate::effects::pixel::lanes::to_counts;
 use crate::effects::pixel::pass::FrameBuffer;
-use crate::effects::pixel::{ExposureContext, PlaneStar, Rows, Stage, Star, Work};
+use crate::effects::pixel::{ExposureContext, Psf2dStar, Rows, Stage, Star, Work};
 use crate::rng::StageKey;
 
 /// Effects that each see one pixel, ready for an exposure.
@@ -48,7 +48,7 @@ struct Chain<'a> {
     plan: &'a Plan,
     lit: &'a Lit<'a>,
     lists: TileLists<Star>,
-    plane_lists: Vec<TileLists<PlaneStar>>,
+    plane_lists: Vec<TileLists<Psf2dStar>>,
     pixels: Pixels,
 }
 

@@ -5,7 +5,7 @@ use super::tiles;
 use super::{Exposure, ImagingConfig, ImagingError};
 use crate::effects::detector::adc::full_pixel_dn;
 use crate::effects::pixel::{
-    AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, PointSpread, Stage, Star, Work, pixel_effect, point_spread,
+    AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, SeparablePsf, Stage, Star, Work, pixel_effect, separable_psf,
 };
 use crate::rng::StageKey;
 
@@ -104,7 +104,7 @@ pub(super) struct Plan {
     pub(super) width_px: usize,
     pub(super) height_px: usize,
     seed: u64,
-    pub(super) spread: &'static dyn PointSpread,
+    pub(super) spread: &'static dyn SeparablePsf,
     /// In the order in which they act.
     effects: Vec<Enabled>,
 }
@@ -121,7 +121,7 @@ impl Plan {
         if !(1..=65_535).contains(&width_px) || !(1..=65_535).contains(&height_px) {
             return Err(ImagingError::BadSize { width_px, height_px });
         }
-        let spread = point_spread(&config.point_spread).ok_or_else(|| ImagingError::UnknownEffect {
+        let spread = separable_psf(&config.point_spread).ok_or_else(|| ImagingError::UnknownEffect {
             kind: "point spread",
             id: config.point_spread.clone(),
             known: POINT_SPREADS.iter().map(|spread| spread.id()).collect::<Vec<_>>().join(", "),

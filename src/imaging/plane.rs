@@ -2,11 +2,11 @@
 
 use super::tiles::{Entry, Grid, Placed, TileLists, bin};
 use super::{ImagingError, StarImage};
-use crate::effects::pixel::{Atlas, MOST_NODES, PlaneSpread, PlaneStar, Rows};
+use crate::effects::pixel::{Atlas, MAX_NODES, Psf2d, Psf2dStar, Rows};
 
 /// Light from one point, for a plane point spread.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Deposit {
+pub struct PointSource {
     /// Column x₀.
     pub x_px: f64,
     /// Row y₀, downwards.
@@ -22,15 +22,15 @@ pub struct Deposit {
     /// What the spread makes of its own parameters.
     pub shape: [f32; 4],
     /// Tables of the atlas and their weights; the first with no weight ends the list.
-    pub nodes: [(u32, f32); MOST_NODES],
+    pub nodes: [(u32, f32); MAX_NODES],
 }
 
-impl Deposit {
+impl PointSource {
     /// A point of light that every row sees in the same place, with nothing but a width.
     #[must_use]
     pub fn round(image: &StarImage, reach_px: u16) -> Self {
         let &StarImage { x_px, y_px, electrons, sigma_px } = image;
-        Self { x_px, y_px, electrons, shear: [0.0; 2], reach_px, sigma_px, shape: [0.0; 4], nodes: [(0, 0.0); MOST_NODES] }
+        Self { x_px, y_px, electrons, shear: [0.0; 2], reach_px, sigma_px, shape: [0.0; 4], nodes: [(0, 0.0); MAX_NODES] }
     }
 }
 
@@ -38,14 +38,14 @@ impl Deposit {
 #[derive(Clone, Copy, Debug)]
 pub struct PlaneLight<'a> {
     /// How it is spread.
-    pub spread: &'static dyn PlaneSpread,
+    pub spread: &'static dyn Psf2d,
     /// The spread's tables; empty where it needs none.
     pub atlas: &'a Atlas,
     /// From where; their order is the order in which light is added.
-    pub deposits: &'a [Deposit],
+    pub deposits: &'a [PointSource],
 }
 
-impl std::fmt::Debug for dyn PlaneSpread {
+impl std::fmt::Debug for dyn Psf2d {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.id())
     }
@@ -54,12 +54,12 @@ impl std::fmt::Debug for dyn PlaneSpread {
 /// The same, ready for the pixels.
 #[derive(Debug)]
 pub(super) struct PlaneBatch<'a> {
-    pub(super) spread: &'static dyn PlaneSpread,
+    pub(super) spread: &'static dyn Psf2d,
     pub(super) atlas: &'a Atlas,
-    pub(super) stars: Vec<PlaneStar>,
+    pub(super) stars: Vec<Psf2dStar>,
 }
 
-impl Placed for PlaneStar {
+impl Placed for Psf2dStar {
     fn place(&self) -> (i32, i32) {
         (self.column, self.row)
     }
@@ -95,7 +95,7 @@ impl<'a> PlaneBatch<'a> {
             if misses(column, width) || misses(row, height) {
                 continue;
             }
-            stars.push(PlaneStar {
+            stars.push(Psf2dStar {
                 column: column as i32,
                 row: row as i32,
                 fraction_x: (deposit.x_px - column) as f32,
@@ -116,12 +116,12 @@ impl<'a> PlaneBatch<'a> {
     }
 
     /// Lists by band for the CPU.
-    pub(super) fn lists(&self, grid: &Grid) -> TileLists<PlaneStar> {
+    pub(super) fn lists(&self, grid: &Grid) -> TileLists<Psf2dStar> {
         bin(&self.stars, grid, usize::MAX, usize::MAX).swap_remove(0)
     }
 
     /// Adds the light of a band's list.
-    pub(super) fn add(&self, lists: &TileLists<PlaneStar>, entries: &[Entry], rows: &mut Rows<'_>) {
+    pub(super) fn add(&self, lists: &TileLists<Psf2dStar>, entries: &[Entry], rows: &mut Rows<'_>) {
         for entry in entries {
             self.spread.add_plane(&lists.stars[entry.star as usize], self.atlas, rows);
         }

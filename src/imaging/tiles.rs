@@ -5,7 +5,7 @@ use std::ops::Range;
 use bytemuck::{Pod, Zeroable};
 
 use super::{ImagingError, StarImage};
-use crate::effects::pixel::{PointSpread, Star};
+use crate::effects::pixel::{SeparablePsf, Star};
 
 /// Side of a tile in px; a workgroup of the shader that collects light is one tile.
 pub(super) const TILE_PX: usize = 16;
@@ -120,7 +120,7 @@ impl Grid {
 }
 
 /// Integer pixel and f32 fraction from a place in f64. Stars whose square misses the frame are left out: no light of theirs falls in it.
-pub(super) fn prepare(images: &[StarImage], spread: &dyn PointSpread, width: usize, height: usize) -> Result<Vec<Star>, ImagingError> {
+pub(super) fn prepare(images: &[StarImage], spread: &dyn SeparablePsf, width: usize, height: usize) -> Result<Vec<Star>, ImagingError> {
     let mut stars = Vec::with_capacity(images.len());
     let sigma_range = spread.parameters().first().map_or((0.0, f64::INFINITY), |parameter| parameter.range);
     for (index, image) in images.iter().enumerate() {
@@ -211,7 +211,7 @@ fn lists<S: Placed>(chunk: &[(S, Range<usize>, Range<usize>)], grid: &Grid, coun
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::pixel::point_spread;
+    use crate::effects::pixel::separable_psf;
 
     fn star(x_px: f64, y_px: f64) -> StarImage {
         StarImage { x_px, y_px, electrons: 1e4, sigma_px: 1.0 }
@@ -223,7 +223,7 @@ mod tests {
 
     #[test]
     fn a_place_is_kept_to_f32_of_a_pixel() {
-        let spread = point_spread("gaussian_psf").unwrap();
+        let spread = separable_psf("gaussian_psf").unwrap();
         let stars = prepare(&[star(4_000.125_25, 0.499)], spread, 4096, 4096).unwrap();
         assert_eq!((stars[0].column, stars[0].row), (4000, 0));
         assert!((f64::from(stars[0].fraction_x) - 0.125_25).abs() < 1e-8);
@@ -233,7 +233,7 @@ mod tests {
     /// Every tile that a star's square touches lists it, and no other: by brute force over pixels.
     #[test]
     fn lists_hold_exactly_the_stars_that_touch() {
-        let spread = point_spread("gaussian_psf").unwrap();
+        let spread = separable_psf("gaussian_psf").unwrap();
         let images: Vec<_> = (0..40).map(|i| star(f64::from(i * 37 % 101) - 10.0, f64::from(i * 53 % 97) - 12.0)).collect();
         let stars = prepare(&images, spread, 75, 70).unwrap();
         let grid = grid(75, 16, 48);
@@ -261,7 +261,7 @@ mod tests {
     /// Chunks hold the same stars in the same order.
     #[test]
     fn chunks_lose_nothing() {
-        let spread = point_spread("gaussian_psf").unwrap();
+        let spread = separable_psf("gaussian_psf").unwrap();
         let images: Vec<_> = (0..500).map(|i| star(f64::from(i % 100), f64::from(i % 83))).collect();
         let stars = prepare(&images, spread, 100, 100).unwrap();
         let whole = bin(&stars, &grid(100, 0, 100), usize::MAX, usize::MAX);
@@ -277,7 +277,7 @@ mod tests {
     /// Parts of lists hold every entry once and in order, none is empty, and the n-th part of a tile is in the n-th list.
     #[test]
     fn parts_lose_nothing() {
-        let spread = point_spread("gaussian_psf").unwrap();
+        let spread = separable_psf("gaussian_psf").unwrap();
         let images: Vec<_> = (0..90).map(|i| star(f64::from(i % 9), f64::from(i % 7) + 40.0 * f64::from(i % 2))).collect();
         let lists = bin(&prepare(&images, spread, 100, 100).unwrap(), &grid(100, 0, 100), usize::MAX, usize::MAX).swap_remove(0);
         for most in [1, 7, 1000] {
@@ -295,7 +295,7 @@ mod tests {
 
     #[test]
     fn bad_stars_are_refused_by_number_and_value() {
-        let spread = point_spread("gaussian_psf").unwrap();
+        let spread = separable_psf("gaussian_psf").unwrap();
         for (bad, word) in [
             (StarImage { x_px: f64::NAN, ..star(1.0, 1.0) }, "x_px"),
             (StarImage { electrons: -1.0, ..star(1.0, 1.0) }, "electrons"),

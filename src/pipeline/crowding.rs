@@ -11,13 +11,13 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
-use super::{Measured, looks};
+use super::{Measured, image_conditions};
 use crate::catalog::Catalog;
 use crate::coordinates::{Direction, Icrs};
 use crate::identify::{ControlPoint, ControlPoints};
 
 /// An image takes no part if its neighbours draw it by more than this share of its standard error.
-const MOST_SIGMAS: f64 = 0.25;
+const MAX_SIGMAS: f64 = 0.25;
 /// Neighbours are looked for within so many widths of the image.
 const REACH_SIGMAS: f64 = 6.0;
 /// A neighbour was measured itself if a star was found so near to its place, px.
@@ -25,7 +25,7 @@ const SAME_PX: f64 = 1.0;
 /// A pixel's own variance, px².
 const PIXEL_PX2: f64 = 1.0 / 12.0;
 /// Directions this near to the rim of the half space in front (cosine) have no place on a plane.
-const LEAST_Z: f64 = 0.3;
+const MIN_Z: f64 = 0.3;
 
 /// Takes out of the points (of the un-mirrored image; `parity` −1 where the files' is mirrored) those that stand in the light of stars that
 /// were not measured, and hands them over.
@@ -44,7 +44,7 @@ pub(super) fn take_disturbed(points: &mut ControlPoints, parity: i8, measured: &
         .collect();
     let all = std::mem::take(&mut points.points);
     let none = Vec::new();
-    let field = Field { points, catalog, sky_e2: looks(measured).map(|looks| looks.noise_e * looks.noise_e) };
+    let field = Field { points, catalog, sky_e2: image_conditions(measured).map(|looks| looks.noise_e * looks.noise_e) };
     let (disturbed, kept) = all.into_iter().partition(|point| field.disturbs(point, found.get(&point.frame).unwrap_or(&none)));
     points.points = kept;
     disturbed
@@ -79,7 +79,7 @@ impl Field<'_> {
         let near = catalog.stars_within(&Direction::<Icrs>::along(catalogued), REACH_SIGMAS * sigma_px / focal_px, f64::INFINITY);
         let place = |direction: Vector3<f64>| {
             let [x, y, z]: [f64; 3] = (attitude.camera_from_icrs * direction).into();
-            (z > LEAST_Z).then(|| [focal_px * x / z, focal_px * y / z])
+            (z > MIN_Z).then(|| [focal_px * x / z, focal_px * y / z])
         };
         let apparent = Vector3::from(point.direction.xyz);
         let Some(own) = place(apparent) else { return false };
@@ -103,7 +103,7 @@ impl Field<'_> {
             drawn = [drawn[0] + ratio * by[0], drawn[1] + ratio * by[1]];
         }
         let [xx, _, yy] = point.covariance_px2;
-        drawn[0].hypot(drawn[1]) > MOST_SIGMAS * (0.5 * (xx + yy)).sqrt()
+        drawn[0].hypot(drawn[1]) > MAX_SIGMAS * (0.5 * (xx + yy)).sqrt()
     }
 }
 
@@ -192,7 +192,7 @@ mod tests {
     /// The law beside the program's own fit of two stars, of which it knows one: faint and bright, near and far.
     #[test]
     fn the_law_is_that_of_the_fit() {
-        use crate::detect::{KnownSky, fit_known};
+        use crate::detect::{FixedBackground, fit_forced};
         use crate::frame::Frame;
         use statrs::function::erf::erf;
         const SIDE: usize = 41;
@@ -205,7 +205,7 @@ mod tests {
             let pixels_dn = (0..SIDE * SIDE).map(|k| light(k % SIDE, k / SIDE) as f32).collect();
             Frame { width_px: SIDE, height_px: SIDE, pixels_dn, saturation_dn: f32::MAX }
         };
-        let known = KnownSky { background_dn: sky_e, noise_dn: noise_e2.sqrt(), gain_e_per_dn: 1.0, psf_sigma_px: SIGMA_PX };
+        let known = FixedBackground { background_dn: sky_e, noise_dn: noise_e2.sqrt(), gain_e_per_dn: 1.0, psf_sigma_px: SIGMA_PX };
         let ratio = 0.005;
         for flux_e in [2e3, 1e5] {
             for away in [0.5, 1.0, 2.0, 2.5] {
@@ -214,7 +214,7 @@ mod tests {
                     let at = [20.0 + phase, 20.2];
                     let pair = [(at, flux_e), ([at[0] + away, at[1]], ratio * flux_e)];
                     let [alone, both] =
-                        [&pair[..1], &pair[..]].map(|stars| fit_known(&frame(stars), &[[20.0, 20.0]], &known)[0].unwrap().x_px);
+                        [&pair[..1], &pair[..]].map(|stars| fit_forced(&frame(stars), &[[20.0, 20.0]], &known)[0].unwrap().x_px);
                     moved += 0.25 * (both - alone);
                 }
                 let law = ratio * shift_px([away, 0.0], SIGMA_PX * SIGMA_PX + PIXEL_PX2, noise_e2 / flux_e)[0];

@@ -39,7 +39,7 @@ pub enum DarkError {
 /// A pixel is hot where the dark is so many σ above the others, and bad.
 const HOT_SIGMA: f64 = 8.0;
 /// The scatter of the dark is at least this, DN: that of rounding.
-const LEAST_SIGMA_DN: f64 = 0.5;
+const MIN_SIGMA_DN: f64 = 0.5;
 
 /// The master dark: the median of dark frames, pixel by pixel.
 #[derive(Clone, Debug)]
@@ -90,7 +90,7 @@ impl Dark {
             })
             .collect();
         let level = median(&master).unwrap_or(0.0);
-        let sigma = mad_sigma(&master).unwrap_or(0.0).max(LEAST_SIGMA_DN);
+        let sigma = mad_sigma(&master).unwrap_or(0.0).max(MIN_SIGMA_DN);
         Self {
             size: frames.first().map_or(Size { width_px: 0, height_px: 0 }, size),
             pattern_dn: master.iter().map(|dark| (dark - level).round() as f32).collect(),
@@ -148,15 +148,15 @@ fn size(frame: &Frame) -> Size {
 ///
 /// Where most of what is seen stays in its place the camera does not move against the sky, and nothing is taken.
 pub(super) fn drop_fixed(frames: &mut [MeasuredFrame]) -> Option<String> {
-    const FEWEST_FRAMES: usize = 5;
+    const MIN_FRAMES: usize = 5;
     const SHARE_OF_FRAMES: f64 = 0.7;
     /// So near is the same place, px.
     const SAME_PX: f64 = 0.5;
     /// Of the brightest of each frame at most this share may stay in place.
     const BRIGHTEST: usize = 20;
-    const MOST_STAYING: f64 = 0.3;
+    const MAX_STAYING: f64 = 0.3;
     let sizes_differ = frames.windows(2).any(|f| size_of(&f[0]) != size_of(&f[1]));
-    if frames.len() < FEWEST_FRAMES || sizes_differ {
+    if frames.len() < MIN_FRAMES || sizes_differ {
         return None;
     }
     let sorted: Vec<Vec<[f64; 2]>> = frames
@@ -179,7 +179,7 @@ pub(super) fn drop_fixed(frames: &mut [MeasuredFrame]) -> Option<String> {
     let bright = |marks: &Vec<bool>| marks[..marks.len().min(BRIGHTEST)].to_vec();
     let (staying, all) = marks.iter().map(bright).fold((0, 0), |(s, a), m| (s + count(&m), a + m.len()));
     let dropped: usize = marks.iter().map(|m| count(m)).sum();
-    if dropped == 0 || staying as f64 > MOST_STAYING * all as f64 {
+    if dropped == 0 || staying as f64 > MAX_STAYING * all as f64 {
         return None;
     }
     for (frame, marks) in frames.iter_mut().zip(&marks) {

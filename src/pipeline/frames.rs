@@ -13,7 +13,9 @@ use crate::coordinates::{Apparent, Attitude, Direction};
 use crate::detect::{Aids, DetectOptions, Detection, Detections, EmpiricalPsf, PsfReport, PsfStar, detect_aided, detect_windowed, learn};
 use crate::effects::Observation;
 use crate::frame::MaskedFrame;
-use crate::identify::{ASSUMED_EPOCH_YR, Identification, IdentifyOptions, Index, Near, Projection, Solution, common_projection, identify};
+use crate::identify::{
+    ASSUMED_EPOCH_YR, AttitudePrior, Identification, IdentifyOptions, Index, Projection, Solution, common_projection, identify,
+};
 use crate::recording::{Recording, RecordingError, SkippedFrame};
 use crate::statistics::median;
 use crate::units::DEG_RAD;
@@ -268,15 +270,15 @@ fn add_missing(detections: &mut Detections, quick: Detections) {
     /// Of maxima of noise one in a million is so bright.
     const CLEARLY: f64 = 5.0;
     /// A picture in which it finds so many is one of something else, and so is what fits so badly as no star does.
-    const MOST: usize = 100;
-    const MOST_CHI2: f64 = 4.0;
-    if quick.stars.len() > MOST {
+    const MAX_STARS: usize = 100;
+    const MAX_CHI2: f64 = 4.0;
+    if quick.stars.len() > MAX_STARS {
         return;
     }
     let noise = (quick.noise_dn / detections.noise_dn).min(1.0);
     let is_missing = |star: &Detection| {
         let near = |other: &Detection| (other.x_px - star.x_px).hypot(other.y_px - star.y_px) < SAME_PX;
-        star.snr() * noise > CLEARLY && star.chi2_per_dof < MOST_CHI2 && !detections.stars.iter().any(near)
+        star.snr() * noise > CLEARLY && star.chi2_per_dof < MAX_CHI2 && !detections.stars.iter().any(near)
     };
     let missing: Vec<Detection> = quick.stars.into_iter().filter(|star| is_missing(star)).collect();
     detections.stars.extend(missing);
@@ -404,7 +406,7 @@ fn retry(
     all.filter(|(((_, frame), _), _)| frame.solution().is_none()).for_each(|(((number, frame), measured), searched)| {
         let begin = Instant::now();
         let nearest = solved.iter().min_by_key(|(other, _)| other.abs_diff(number));
-        let around = nearest.map(|(_, attitude)| Near::attitude(attitude, TURNED_RAD));
+        let around = nearest.map(|(_, attitude)| AttitudePrior::attitude(attitude, TURNED_RAD));
         let hypotheses = |identification: &Identification| match identification {
             Identification::Identified(_) => 0,
             Identification::NotIdentified { hypotheses, .. } => *hypotheses,

@@ -13,7 +13,7 @@ mod star_list;
 use crate::calibrate::{CalibrateError, Surroundings};
 use crate::camera::{ObserverError, Physics, PhysicsError};
 use crate::detect::{DetectError, Detection, Detections, PsfReport};
-use crate::diagnose::{DiagnoseError, Looks, MeasuredNoise};
+use crate::diagnose::{DiagnoseError, ImageConditions, MeasuredNoise};
 use crate::recording::{Mount, Recording, RecordingError, SkippedFrame};
 use crate::statistics::median_in_place;
 
@@ -23,7 +23,10 @@ pub use frames::{
     take_identifications,
 };
 pub use one_camera::{check_focal_lengths, check_sizes};
-pub use prepare::{Asked, Prepared, Question, control_points, known_behind_the_lens, question, star_images, telemetry, with_name};
+pub use prepare::{
+    DiagnosisInput, DiagnosisRequest, PreparedPoints, control_points, diagnosis_request, known_behind_the_lens, star_images, telemetry,
+    with_name,
+};
 
 /// Why a recording does not lead to control points.
 #[derive(Debug, thiserror::Error)]
@@ -174,7 +177,7 @@ pub fn surroundings(recording: &Recording) -> Surroundings {
 /// How the stars of a recording look, to render them as they are; `None` where there are no pixels, or nobody says how many electrons a
 /// count stands for.
 #[must_use]
-pub fn looks(measured: &Measured) -> Option<Looks> {
+pub fn image_conditions(measured: &Measured) -> Option<ImageConditions> {
     let camera = &measured.recording.camera;
     let gain = camera.gain_e_per_dn.filter(|_| measured.recording.stars.is_none())?;
     let mut widths: Vec<f64> = measured.clean_stars().map(|star| star.width_px).filter(|width| *width > 0.0).collect();
@@ -187,7 +190,7 @@ pub fn looks(measured: &Measured) -> Option<Looks> {
         .iter()
         .map(|frame| camera.bias_dn.map_or(by_noise, |bias_dn| ((frame.detections.background_dn - bias_dn) * gain).max(0.0)))
         .collect();
-    Some(Looks { psf_sigma_px: median_in_place(&mut widths)?, background_e: median_in_place(&mut levels)?, noise_e })
+    Some(ImageConditions { psf_sigma_px: median_in_place(&mut widths)?, background_e: median_in_place(&mut levels)?, noise_e })
 }
 
 /// The noise as the pixels show it: the stamps of the stars, and the photon-transfer relation of the background. Nothing for a list of stars.

@@ -14,7 +14,7 @@ use crate::identify::Solution;
 use crate::recording::{Recording, Size};
 
 /// Files of a group that are named.
-const MOST_NAMED: usize = 12;
+const MAX_NAMED: usize = 12;
 /// The gap between the focal lengths of two cameras, in ln f.
 const GAP: f64 = 0.015;
 /// It is so many times wider than the next widest within a camera.
@@ -128,7 +128,7 @@ impl Own<'_> {
 
 /// Names in a row; of many the first.
 fn named(names: &[String]) -> String {
-    let more = names.len().saturating_sub(MOST_NAMED);
+    let more = names.len().saturating_sub(MAX_NAMED);
     let named = names[..names.len() - more].join(", ");
     if more > 0 { format!("{named} and {more} more") } else { named }
 }

@@ -3,7 +3,7 @@
 use super::crowding::{self, take_disturbed};
 use super::one_camera::check_sizes;
 use super::overfull::{self, Seen};
-use super::{IdentifiedFrame, Measured, MeasuredFrame, PipelineError, SkyChoice, circumstances, looks, physics_in_force};
+use super::{IdentifiedFrame, Measured, MeasuredFrame, PipelineError, SkyChoice, circumstances, image_conditions, physics_in_force};
 use crate::calibrate::{CalibrateOptions, StarImage, calibrate, calibrate_identifying_anew};
 use crate::camera::Term;
 use crate::catalog::Catalog;
@@ -18,7 +18,7 @@ use crate::units::ARCSEC_RAD;
 
 /// Control points with what is to be minded of them.
 #[derive(Clone, Debug)]
-pub struct Prepared {
+pub struct PreparedPoints {
     /// The points, in the un-mirrored image.
     pub points: ControlPoints,
     /// −1 if the images are mirrored.
@@ -36,7 +36,7 @@ pub fn control_points(
     catalog: &Catalog,
     max_magnitude: Option<f64>,
     trusted: bool,
-) -> Result<Prepared, PipelineError> {
+) -> Result<PreparedPoints, PipelineError> {
     let overfull = overfull_frames(measured, identified, catalog);
     let none = Identification::NotIdentified { reason: String::new(), hypotheses: 0 };
     let frames: Vec<crate::identify::IdentifiedFrame> = measured
@@ -78,7 +78,7 @@ pub fn control_points(
     }
     let mut points = points.unmirrored();
     know_frames(&mut points, measured, identified)?;
-    Ok(Prepared { points, parity, misidentified: Vec::new(), notes })
+    Ok(PreparedPoints { points, parity, misidentified: Vec::new(), notes })
 }
 
 /// A sentence that begins with a frame's number ("frame 5 is …"), with the frame's name in its place.
@@ -108,7 +108,7 @@ fn overfull_frames(measured: &Measured, identified: &[IdentifiedFrame], catalog:
 
 /// All star images of the frames, in the un-mirrored image.
 #[must_use]
-pub fn star_images(measured: &Measured, points: &Prepared) -> Vec<StarImage> {
+pub fn star_images(measured: &Measured, points: &PreparedPoints) -> Vec<StarImage> {
     let width_px = points.points.nominal.width_px as f64;
     let place = |x_px: f64| if points.parity < 0 { width_px - 1.0 - x_px } else { x_px };
     let recording_gradient_e_px = points.points.points.iter().find_map(|point| point.image.recording_gradient_e_px);
@@ -129,7 +129,7 @@ pub fn star_images(measured: &Measured, points: &Prepared) -> Vec<StarImage> {
 }
 
 /// The effects of known size behind the lens that the model is to contain.
-pub fn known_behind_the_lens(measured: &Measured, points: &Prepared, choice: &SkyChoice) -> Result<Vec<Term>, PipelineError> {
+pub fn known_behind_the_lens(measured: &Measured, points: &PreparedPoints, choice: &SkyChoice) -> Result<Vec<Term>, PipelineError> {
     let observations: Vec<_> = measured.frames.iter().map(|frame| points.points.observation(frame.index)).collect();
     Ok(choice.physics.terms_behind_the_lens(&observations)?)
 }
@@ -199,7 +199,7 @@ pub fn telemetry(recording: &Recording) -> Telemetry {
 
 /// All that a diagnosis is asked with.
 #[derive(Clone, Debug)]
-pub struct Question {
+pub struct DiagnosisRequest {
     /// The control points of the camera that the recording is held against.
     pub points: ControlPoints,
     /// Points that take no part: they stand in the light of stars that were not measured.
@@ -214,7 +214,7 @@ pub struct Question {
 
 /// How control points come to be a question.
 #[derive(Clone, Copy, Debug)]
-pub struct Asked<'a> {
+pub struct DiagnosisInput<'a> {
     /// The stars.
     pub catalog: &'a Catalog,
     /// The physics of the model.
@@ -227,13 +227,13 @@ pub struct Asked<'a> {
 
 /// What a diagnosis is asked about prepared control points. The camera that the recording is held against is identified anew with itself: its
 /// control points have few wrong and few missing stars. Imprecise stars stay, since nothing is known yet of what makes them so.
-pub fn question(
+pub fn diagnosis_request(
     measured: &Measured,
     identified: &[IdentifiedFrame],
-    prepared: &Prepared,
-    asked: &Asked,
+    prepared: &PreparedPoints,
+    asked: &DiagnosisInput,
     mut options: DiagnoseOptions,
-) -> Result<Question, PipelineError> {
+) -> Result<DiagnosisRequest, PipelineError> {
     if prepared.points.projection != Projection::Pinhole {
         return Err(PipelineError::Fisheye(prepared.points.projection.id()));
     }
@@ -245,7 +245,7 @@ pub fn question(
             options.terms.push(term);
         }
     }
-    options.looks = options.looks.or_else(|| looks(measured));
+    options.looks = options.looks.or_else(|| image_conditions(measured));
     let solver = CalibrateOptions {
         solve: options.solve.clone(),
         terms: options.terms.clone(),
@@ -263,5 +263,5 @@ pub fn question(
     let left_out = take_disturbed(&mut baseline.control_points, prepared.parity, measured, asked.catalog);
     let points = baseline.control_points;
     let notes = uneven.into_iter().chain(crowding::sentence(left_out.len(), points.points.len())).collect();
-    Ok(Question { points, left_out, telemetry: telemetry(&measured.recording), options, notes })
+    Ok(DiagnosisRequest { points, left_out, telemetry: telemetry(&measured.recording), options, notes })
 }

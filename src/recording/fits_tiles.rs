@@ -12,11 +12,11 @@ use super::error::FrameProblem;
 use super::fits::{fault, text_of, value};
 
 /// Columns of the table, at most.
-const MOST_COLUMNS: i64 = 64;
+const MAX_COLUMNS: i64 = 64;
 /// Axes of the image, at most.
-const MOST_AXES: i64 = 8;
+const MAX_AXES: i64 = 8;
 /// Pixels of one block of Rice coding, at most; programs write 16 or 32.
-const MOST_RICE_BLOCK: i64 = 4096;
+const MAX_RICE_BLOCK: i64 = 4096;
 
 /// How an image is packed.
 #[derive(Clone, Debug)]
@@ -54,7 +54,7 @@ impl Tiling {
         if ![8, 16, 32, 64, -32, -64].contains(&bitpix) {
             return Err(fault("ZBITPIX", format!("{bitpix} is none of 8, 16, 32, 64, -32, -64")));
         }
-        let count = needed("ZNAXIS", 1..=MOST_AXES)?;
+        let count = needed("ZNAXIS", 1..=MAX_AXES)?;
         let length = |axis: i64| needed(&format!("ZNAXIS{axis}"), 0..=1 << 40).map(|length| length as u64);
         let axes: Vec<u64> = (1..=count).map(length).collect::<Result<_, _>>()?;
         let tile = (1..=count).zip(&axes).map(|(axis, &length)| {
@@ -72,13 +72,13 @@ impl Tiling {
             return Err(fault("ZCMPTYPE", format!("{method:?} is not known; unpack the file with funpack")));
         }
         if method.starts_with("RICE") {
-            let (block, bytes) = (whole(cards, "ZVAL1", 1..=MOST_RICE_BLOCK)?, whole(cards, "ZVAL2", 1..=MOST_RICE_BLOCK)?);
+            let (block, bytes) = (whole(cards, "ZVAL1", 1..=MAX_RICE_BLOCK)?, whole(cards, "ZVAL2", 1..=MAX_RICE_BLOCK)?);
             let is_width = |bytes: i64| [1, 2, 4].contains(&bytes);
             if !is_width(bytes.unwrap_or(4)) && !is_width(block.unwrap_or(32)) {
                 return Err(fault("ZVAL2", format!("{} is none of 1, 2, 4 (bytes of a pixel)", bytes.unwrap_or(4))));
             }
         }
-        whole(cards, "TFIELDS", 1..=MOST_COLUMNS)?;
+        whole(cards, "TFIELDS", 1..=MAX_COLUMNS)?;
         let (row_bytes, rows) = (needed("NAXIS1", 1..=1 << 20)? as u64, needed("NAXIS2", 0..=1 << 40)? as u64);
         Ok(Self { bitpix, axes, tile, method, row_bytes, rows })
     }
@@ -123,7 +123,7 @@ impl Tiling {
 
     /// Where a column stands in the rows.
     fn column(&self, cards: &[Card], wanted: &str) -> Result<Option<HeapColumn>, FrameProblem> {
-        let count = whole(cards, "TFIELDS", 1..=MOST_COLUMNS)?.unwrap_or(0);
+        let count = whole(cards, "TFIELDS", 1..=MAX_COLUMNS)?.unwrap_or(0);
         let text = |keyword: &str| match value(cards, keyword) {
             Some(Value::String(text)) => Some(text.trim().to_owned()),
             _ => None,

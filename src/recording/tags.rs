@@ -7,11 +7,11 @@ use std::collections::BTreeMap;
 use std::io::{Read, Seek, SeekFrom};
 
 /// Tags of a directory, at most.
-const MOST_TAGS: u64 = 4096;
+const MAX_TAGS: u64 = 4096;
 /// Bytes of one tag's values, at most.
-const MOST_VALUE_BYTES: u64 = 1 << 24;
+const MAX_VALUE_BYTES: u64 = 1 << 24;
 /// Directories that are followed from one to the next, at most.
-const MOST_DIRECTORIES: usize = 10_000;
+const MAX_DIRECTORIES: usize = 10_000;
 
 /// A file of tags.
 pub(super) struct Tags<R> {
@@ -91,7 +91,7 @@ impl<R: Read + Seek> Tags<R> {
     pub(super) fn directory(&mut self, at: u64) -> Option<Directory> {
         let (head, length, inline) = if self.big { (8, 20, 8) } else { (2, 12, 4) };
         let count = if self.big { self.offset_at(at)? } else { self.bytes_at::<2>(at).map(|bytes| self.whole(&bytes))? };
-        if count > MOST_TAGS {
+        if count > MAX_TAGS {
             return None;
         }
         let mut directory = Directory::default();
@@ -112,7 +112,7 @@ impl<R: Read + Seek> Tags<R> {
     pub(super) fn count(&mut self) -> usize {
         let mut seen = std::collections::BTreeSet::new();
         let mut next = self.first;
-        while next != 0 && seen.len() < MOST_DIRECTORIES && seen.insert(next) {
+        while next != 0 && seen.len() < MAX_DIRECTORIES && seen.insert(next) {
             match self.directory(next) {
                 Some(directory) => next = directory.next,
                 None => return seen.len().saturating_sub(1).max(1),
@@ -124,7 +124,7 @@ impl<R: Read + Seek> Tags<R> {
     /// The bytes of a tag's values.
     fn value_bytes(&mut self, directory: &Directory, tag: u16) -> Option<(Entry, Vec<u8>)> {
         let entry = *directory.entries.get(&tag)?;
-        let length = entry.width()?.checked_mul(entry.count).filter(|length| *length <= MOST_VALUE_BYTES)?;
+        let length = entry.width()?.checked_mul(entry.count).filter(|length| *length <= MAX_VALUE_BYTES)?;
         self.from.seek(SeekFrom::Start(entry.at)).ok()?;
         let mut bytes = Vec::new();
         self.from.by_ref().take(length).read_to_end(&mut bytes).ok()?;

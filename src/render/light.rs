@@ -9,8 +9,8 @@ use crate::effects::optics::disc_psf::{self, DiscPsf};
 use crate::effects::optics::elliptic_gaussian_psf::{self, EllipticGaussianPsf};
 use crate::effects::optics::gaussian_psf::GaussianPsf;
 use crate::effects::optics::tables::AtlasBuilder;
-use crate::effects::pixel::{Atlas, PlaneSpread, PointSpread};
-use crate::imaging::{Deposit, Imager, ImagingError, PlaneLight, Stamp, StarImage};
+use crate::effects::pixel::{Atlas, Psf2d, SeparablePsf};
+use crate::imaging::{Imager, ImagingError, PlaneLight, PointSource, Stamp, StarImage};
 use crate::scene::{LightForm, OtherLight, Psf, PsfKind, Sample, Spot, StarTrack};
 use crate::units::DEG_RAD;
 
@@ -26,8 +26,8 @@ pub(super) struct Spreader {
 #[derive(Clone, Debug, Default)]
 pub(super) struct StarLight {
     stars: Vec<StarImage>,
-    deposits: Vec<Deposit>,
-    discs: Vec<Deposit>,
+    deposits: Vec<PointSource>,
+    discs: Vec<PointSource>,
     /// What red, green and blue pixels count of it, where there are filters.
     pub(super) through: Option<[f64; 3]>,
 }
@@ -43,8 +43,8 @@ impl StarLight {
 #[derive(Clone, Debug, Default)]
 pub(super) struct FrameLight {
     pub(super) stars: Vec<StarImage>,
-    deposits: Vec<Deposit>,
-    discs: Vec<Deposit>,
+    deposits: Vec<PointSource>,
+    discs: Vec<PointSource>,
     /// What the filters let through, red, green and blue, where there are any.
     filtered: Option<Box<[FrameLight; 3]>>,
 }
@@ -67,7 +67,7 @@ impl<'a> FromIterator<&'a StarLight> for FrameLight {
 impl FrameLight {
     /// Adds a share of a light.
     fn add(&mut self, light: &StarLight, share: f64) {
-        let weaker = |deposit: &Deposit| Deposit { electrons: share * deposit.electrons, ..*deposit };
+        let weaker = |deposit: &PointSource| PointSource { electrons: share * deposit.electrons, ..*deposit };
         self.stars.extend(light.stars.iter().map(|star| StarImage { electrons: share * star.electrons, ..*star }));
         self.deposits.extend(light.deposits.iter().map(weaker));
         self.discs.extend(light.discs.iter().map(weaker));
@@ -146,7 +146,7 @@ impl Spreader {
         self.psf.widest_px()
     }
 
-    fn spread(&self) -> &'static dyn PlaneSpread {
+    fn spread(&self) -> &'static dyn Psf2d {
         match self.psf.kind {
             PsfKind::Gaussian => &GaussianPsf,
             PsfKind::Elliptic => &EllipticGaussianPsf,
@@ -159,7 +159,7 @@ impl Spreader {
         self.batches(&frame.deposits, &frame.discs)
     }
 
-    fn batches<'a>(&'a self, deposits: &'a [Deposit], discs: &'a [Deposit]) -> Vec<PlaneLight<'a>> {
+    fn batches<'a>(&'a self, deposits: &'a [PointSource], discs: &'a [PointSource]) -> Vec<PlaneLight<'a>> {
         let own = PlaneLight { spread: self.spread(), atlas: &self.atlas, deposits };
         let ghosts = PlaneLight { spread: &DiscPsf, atlas: &self.atlas, deposits: discs };
         [own, ghosts].into_iter().filter(|batch| !batch.deposits.is_empty()).collect()
@@ -198,7 +198,7 @@ impl Spreader {
                 let [radius_px, hole_px] = [radius_px, hole_px].map(|radius| self.finer() * radius);
                 let image = StarImage { x_px, y_px, electrons: other.electrons, sigma_px: 1.0 };
                 let shape = disc_psf::shape(radius_px, hole_px);
-                let disc = Deposit { shape, ..Deposit::round(&image, (radius_px + 1.5).ceil() as u16) };
+                let disc = PointSource { shape, ..PointSource::round(&image, (radius_px + 1.5).ceil() as u16) };
                 StarLight { discs: vec![disc], ..StarLight::default() }
             }
             LightForm::Track { sigma_px } => {
@@ -239,7 +239,7 @@ impl Spreader {
                 light.stars.push(image);
             } else {
                 let reach = GaussianPsf.reach(track.electrons, sigma_px) as u16;
-                light.deposits.push(Deposit { shear: sample.shear, ..Deposit::round(&image, reach) });
+                light.deposits.push(PointSource { shear: sample.shear, ..PointSource::round(&image, reach) });
             }
         }
     }
@@ -254,7 +254,7 @@ impl Spreader {
         let [x_px, y_px] = self.own_place(sample.place);
         let image = StarImage { x_px, y_px, electrons: track.electrons * sample.weight, sigma_px };
         let reach = GaussianPsf.reach(track.electrons, major.variance.sqrt()) as u16;
-        light.deposits.push(Deposit { shear: sample.shear, shape, ..Deposit::round(&image, reach) });
+        light.deposits.push(PointSource { shear: sample.shear, shape, ..PointSource::round(&image, reach) });
     }
 
     fn tabled(&self, track: &StarTrack, sample: &Sample, light: &mut StarLight) {
@@ -271,7 +271,7 @@ impl Spreader {
                     sigma_px: 1.0,
                 };
                 let reach = self.psf.reach_px as u16 + 1;
-                light.deposits.push(Deposit { shear: sample.shear, nodes, ..Deposit::round(&image, reach) });
+                light.deposits.push(PointSource { shear: sample.shear, nodes, ..PointSource::round(&image, reach) });
             }
         }
     }

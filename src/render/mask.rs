@@ -51,7 +51,7 @@ impl MaskFlag {
 }
 
 /// Less light of a trail, a ghost or a particle is left unmarked, and so is less charge that moved.
-const LEAST_E: f64 = 0.5;
+const MIN_E: f64 = 0.5;
 
 /// The mask of a frame, row by row. `others`: what lights it and is no star.
 pub(super) fn mask(
@@ -80,7 +80,7 @@ pub(super) fn mask(
         mark(MaskFlag::SATURATED, &|pixel| f32::from(pixels_dn[pixel]) >= full_dn);
     }
     if let Some([before, after]) = imager.before_and_after("blooming", exposure, planes)? {
-        mark(MaskFlag::BLOOMED, &|pixel| f64::from((after[pixel] - before[pixel]).abs()) >= LEAST_E);
+        mark(MaskFlag::BLOOMED, &|pixel| f64::from((after[pixel] - before[pixel]).abs()) >= MIN_E);
     }
     for (kind, stamp) in others {
         let Some(stamp) = stamp else { continue };
@@ -90,7 +90,7 @@ pub(super) fn mask(
             LightKind::CosmicRay => MaskFlag::COSMIC_RAY,
         };
         for (place, electrons) in chain.seen(stamp).electrons.into_iter().enumerate() {
-            if electrons >= LEAST_E {
+            if electrons >= MIN_E {
                 let (row, column) = (place / stamp.width_px, place % stamp.width_px);
                 mask[(stamp.top_px + row) * width_px + stamp.left_px + column] |= flag;
             }

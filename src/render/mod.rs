@@ -8,7 +8,7 @@ mod signature;
 mod truth;
 
 pub use mask::MaskFlag;
-pub use signature::{Bench, Measured, Probe, signature};
+pub use signature::{Measured, StampRenderer, TestStar, signature};
 pub use truth::{TrueLight, TrueStar};
 
 use std::collections::HashMap;
@@ -232,17 +232,17 @@ impl<'a> Renderer<'a> {
     /// Says no to an exposure whose starlight would take minutes: every star is put down at many places along its way, on many pixels each.
     fn check_light(&self, index: usize) -> Result<(), ImagingError> {
         /// Pixels lit, over all places: some 15 s of processor time.
-        const MOST: f64 = 4e8;
+        const MAX_LIT_PIXELS: f64 = 4e8;
         let (width_px, margin_px) = self.reach(index);
         let (tracks, each) = self.scene.some_star_tracks(self.catalog, index, width_px, margin_px);
         let lights = tracks.iter().map(|track| self.spreader.light(track));
         let places = each * lights.map(|light| light.places() as f64).sum::<f64>();
         let side_px = 2.0 * self.spreader.margin_px() * self.scene.own_psf.own_per_px as f64;
         let area_px = (side_px * side_px).ceil() as usize;
-        if places * area_px as f64 <= MOST {
+        if places * area_px as f64 <= MAX_LIT_PIXELS {
             return Ok(());
         }
-        Err(ImagingError::TooMuchLight { index, places, area_px, most: MOST })
+        Err(ImagingError::TooMuchLight { index, places, area_px, most: MAX_LIT_PIXELS })
     }
 
     /// Everything that lights an exposure.

@@ -27,7 +27,7 @@ impl PixelShift {
 const WINDOW_SIGMAS: f64 = 4.0;
 const WINDOW_MORE_PX: f64 = 3.0;
 /// Another star with this share of a star's light in its window leaves its columns empty.
-const LEAST_NEIGHBOUR: f64 = 0.01;
+const MIN_NEIGHBOUR: f64 = 0.01;
 
 /// What the camera makes of light, without noise.
 pub(super) struct Chain<'a> {
@@ -88,7 +88,7 @@ pub(super) fn pixel_shifts(
     let sent = chain.light_alone(&Exposure { stars: &light.stars.stars, ..*exposure }, &light.even.planes(light.stars))?;
     let reach_px = WINDOW_SIGMAS * light.seen.widest_px() / scene.own_psf.own_per_px as f64;
     let half_px = reach_px + WINDOW_MORE_PX;
-    let crowded = blended(tracks, half_px + reach_px, LEAST_NEIGHBOUR);
+    let crowded = blended(tracks, half_px + reach_px, MIN_NEIGHBOUR);
     let size = [scene.camera.width_px, scene.camera.height_px];
     let shift = |(track, crowded): (&StarTrack, bool)| {
         let window = Window::around(track, half_px, size).filter(|_| !crowded)?;

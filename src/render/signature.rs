@@ -12,7 +12,7 @@ use crate::scene::{Sample, Scene, StarTrack};
 
 /// A star of a design.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Probe {
+pub struct TestStar {
     /// Column of its place.
     pub x_px: f64,
     /// Row of its place.
@@ -38,13 +38,13 @@ pub struct Measured {
 
 /// A scene's camera, ready to show the stars of a design.
 #[derive(Debug)]
-pub struct Bench<'a> {
+pub struct StampRenderer<'a> {
     scene: &'a Scene,
     imager: Imager,
     spreader: Spreader,
 }
 
-impl<'a> Bench<'a> {
+impl<'a> StampRenderer<'a> {
     /// The camera of a scene: its point spread and its pixel effects. Pixels that the scene joins are shown as single ones.
     pub fn new(scene: &'a Scene) -> Result<Self, ImagingError> {
         let config = ImagingConfig {
@@ -61,7 +61,7 @@ impl<'a> Bench<'a> {
     ///
     /// # Panics
     /// If the scene has no exposure.
-    pub fn frame(&self, stars: &[Probe]) -> Result<Frame, ImagingError> {
+    pub fn frame(&self, stars: &[TestStar]) -> Result<Frame, ImagingError> {
         let lights: Vec<StarLight> = stars.iter().map(|star| self.spreader.light(&track(star))).collect();
         let light: FrameLight = lights.iter().collect();
         let first = self.scene.exposures.get(0);
@@ -80,7 +80,7 @@ impl<'a> Bench<'a> {
 }
 
 /// A star that stands still at its place.
-fn track(star: &Probe) -> StarTrack {
+fn track(star: &TestStar) -> StarTrack {
     let place = PixelPoint { x_px: star.x_px, y_px: star.y_px };
     StarTrack {
         hip: 0,
@@ -98,11 +98,11 @@ fn track(star: &Probe) -> StarTrack {
 /// The change of what `measure` finds of each star of the design (a list of frames), per unit of the parameter in which `stronger`
 /// exceeds `weaker` by `step`; frame by frame, star by star. `None` where the estimator fails.
 pub fn signature(
-    weaker: &Bench<'_>,
-    stronger: &Bench<'_>,
+    weaker: &StampRenderer<'_>,
+    stronger: &StampRenderer<'_>,
     step: f64,
-    design: &[Vec<Probe>],
-    measure: impl Fn(&Frame, &[Probe]) -> Vec<Option<Measured>>,
+    design: &[Vec<TestStar>],
+    measure: impl Fn(&Frame, &[TestStar]) -> Vec<Option<Measured>>,
 ) -> Result<Vec<Option<Measured>>, ImagingError> {
     let mut columns = Vec::new();
     for stars in design {

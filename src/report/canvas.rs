@@ -63,7 +63,7 @@ pub(super) const PAPER: RGBColor = RGBColor(255, 255, 255);
 pub(super) const FONT: &str = "boresight";
 
 /// A sheet to draw on. Places and sizes are in pixels of the finished picture, from its upper left corner.
-pub(super) struct Sheet<'a> {
+pub(super) struct Canvas<'a> {
     area: DrawingArea<Lettered<'a>, Shift>,
 }
 
@@ -78,7 +78,7 @@ fn enlarged_place((x, y): Place) -> (i32, i32) {
     (enlarged(x), enlarged(y))
 }
 
-impl<'a> Sheet<'a> {
+impl<'a> Canvas<'a> {
     /// The drawing library's own area, in pixels that are `factor` times smaller than those of the finished picture.
     pub(super) fn raw(&self) -> (&DrawingArea<Lettered<'a>, Shift>, f64) {
         (&self.area, OVERSAMPLING as f64)
@@ -165,7 +165,7 @@ pub(super) fn picture(
     path: &Path,
     (width, height): (usize, usize),
     paper: RGBColor,
-    draw: impl FnOnce(&Sheet) -> Drawn,
+    draw: impl FnOnce(&Canvas) -> Drawn,
 ) -> Result<(), ReportError> {
     let refused = |reason: String| ReportError::Draw { path: path.to_owned(), reason };
     let (wide, high) = (width * OVERSAMPLING, height * OVERSAMPLING);
@@ -173,7 +173,7 @@ pub(super) fn picture(
     {
         let area = Lettered::new(BitMapBackend::with_buffer(&mut large, (wide as u32, high as u32))).into_drawing_area();
         area.fill(&paper).map_err(|error| refused(error.to_string()))?;
-        let sheet = Sheet { area };
+        let sheet = Canvas { area };
         draw(&sheet).map_err(|error| refused(error.to_string()))?;
         sheet.area.present().map_err(|error| refused(error.to_string()))?;
     }
@@ -252,7 +252,7 @@ impl FrameBox {
     }
 
     /// The edge, the ticks and what they count.
-    pub(super) fn axes(&self, sheet: &Sheet, colour: RGBColor) -> Drawn {
+    pub(super) fn axes(&self, sheet: &Canvas, colour: RGBColor) -> Drawn {
         let (left, top) = self.corner;
         let (right, bottom) = (left + self.size.0, top + self.size.1);
         sheet.line(&[(left, top), (right, top), (right, bottom), (left, bottom), (left, top)], colour, 1.0)?;

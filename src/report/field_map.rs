@@ -5,7 +5,7 @@ use std::path::Path;
 use plotters::style::Color;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::canvas::{Drawn, FrameBox, INK, PAPER, Place, ReportError, Sheet, nice_above, picture, short};
+use super::canvas::{Canvas, Drawn, FrameBox, INK, PAPER, Place, ReportError, nice_above, picture, short};
 use super::colours::{Scale, colour};
 use super::contours::Grid;
 use super::vectors::Vector;
@@ -70,7 +70,7 @@ impl FieldMap {
         picture(path, size, PAPER, |sheet| self.draw(sheet, &frame_box))
     }
 
-    fn draw(&self, sheet: &Sheet, frame_box: &FrameBox) -> Drawn {
+    fn draw(&self, sheet: &Canvas, frame_box: &FrameBox) -> Drawn {
         let scale = Scale::holding(&[&self.values[..], &self.reach].concat());
         sheet.text(&self.title, (MARGIN_LEFT, 16.0), 22.0, &INK, HPos::Left, VPos::Top)?;
         sheet.text(&self.summary, (MARGIN_LEFT, 50.0), 15.0, &INK, HPos::Left, VPos::Top)?;
@@ -115,7 +115,7 @@ impl FieldMap {
         )
     }
 
-    fn colours(&self, sheet: &Sheet, frame_box: &FrameBox, scale: &Scale) -> Drawn {
+    fn colours(&self, sheet: &Canvas, frame_box: &FrameBox, scale: &Scale) -> Drawn {
         let grid = Grid { values: &self.values, side: self.side };
         let (left, top) = frame_box.corner;
         for row in 0..frame_box.size.1.ceil() as usize {
@@ -132,7 +132,7 @@ impl FieldMap {
     }
 
     /// The contours at the bar's ticks, each piece with its number where there is room for it.
-    fn contours(&self, sheet: &Sheet, frame_box: &FrameBox, scale: &Scale) -> Drawn {
+    fn contours(&self, sheet: &Canvas, frame_box: &FrameBox, scale: &Scale) -> Drawn {
         let grid = Grid { values: &self.values, side: self.side };
         let arrows: Vec<Place> = self.arrows.iter().map(|arrow| frame_box.place(arrow.x_px, arrow.y_px)).collect();
         let mut labels: Vec<Place> = Vec::new();
@@ -168,7 +168,7 @@ impl FieldMap {
     }
 
     /// Draws the arrows; the length of the key's arrow on the sheet and what it stands for.
-    fn draw_arrows(&self, sheet: &Sheet, frame_box: &FrameBox) -> Result<Option<(f64, String)>, Box<dyn std::error::Error>> {
+    fn draw_arrows(&self, sheet: &Canvas, frame_box: &FrameBox) -> Result<Option<(f64, String)>, Box<dyn std::error::Error>> {
         let longest =
             self.arrows.iter().map(|arrow| arrow.dx_px.hypot(arrow.dy_px)).filter(|length| length.is_finite()).fold(0.0, f64::max);
         if longest <= 0.0 {
@@ -186,7 +186,7 @@ impl FieldMap {
         Ok(Some((key_px * factor * frame_box.scale(), format!("{} px, arrows × {}", short(key_px), short(factor)))))
     }
 
-    fn bar(&self, sheet: &Sheet, frame_box: &FrameBox, scale: &Scale) -> Drawn {
+    fn bar(&self, sheet: &Canvas, frame_box: &FrameBox, scale: &Scale) -> Drawn {
         let (left, top) = (frame_box.corner.0 + frame_box.size.0 + BAR_GAP, frame_box.corner.1);
         let (right, height) = (left + BAR_WIDTH, frame_box.size.1.max(FLATTEST_BAR));
         let bottom = top + height;
@@ -217,7 +217,7 @@ impl FieldMap {
 }
 
 /// A dark arrow with a light edge, which is seen on any colour.
-fn haloed_arrow(sheet: &Sheet, from: Place, to: Place) -> Drawn {
+fn haloed_arrow(sheet: &Canvas, from: Place, to: Place) -> Drawn {
     sheet.arrow(from, to, PAPER, 4.0)?;
     sheet.arrow(from, to, INK, 1.4)
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use plotters::style::RGBColor;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::canvas::{Drawn, FrameBox, ORANGE, Place, ReportError, Sheet, picture};
+use super::canvas::{Canvas, Drawn, FrameBox, ORANGE, Place, ReportError, picture};
 use crate::frame::Frame;
 use crate::statistics::mad_sigma;
 
@@ -49,12 +49,12 @@ const SMALL: usize = 720;
 /// Space for ticks and legend: left, top, right, bottom.
 const MARGIN: (usize, usize, usize, usize) = (72, 14, 20, 78);
 /// The legend needs this width, however small the frame is.
-const LEAST_WIDTH: usize = 560;
+const MIN_WIDTH: usize = 560;
 const RADIUS: f64 = 9.0;
 const NAME_SIZE: f64 = 15.0;
 const FIGURE_SIZE: f64 = 18.0;
 /// Numbers beyond the brightest of these only fill the picture.
-const MOST_NUMBERS: usize = 40;
+const MAX_NUMBERS: usize = 40;
 
 const NIGHT: RGBColor = RGBColor(14, 15, 20);
 const GREY: RGBColor = RGBColor(190, 192, 200);
@@ -75,7 +75,7 @@ pub fn frame_picture(path: &Path, frame: &Frame, marks: &[Mark], figures: &[Figu
     let enlarge = (SMALL / largest).max(1);
     let shown = shrunk(frame, shrink);
     let size = (shown.width_px * enlarge, shown.height_px * enlarge);
-    let sheet_size = ((size.0 + MARGIN.0 + MARGIN.2).max(LEAST_WIDTH), size.1 + MARGIN.1 + MARGIN.3);
+    let sheet_size = ((size.0 + MARGIN.0 + MARGIN.2).max(MIN_WIDTH), size.1 + MARGIN.1 + MARGIN.3);
     // A last block that is not full makes the shrunk frame a little larger than the frame; the box speaks of whole blocks.
     let frame_box = FrameBox {
         corner: (MARGIN.0 as f64, MARGIN.1 as f64),
@@ -147,7 +147,7 @@ impl Stretch {
     }
 }
 
-fn pixels(sheet: &Sheet, frame: &Frame, stretch: &Stretch, enlarge: usize) -> Drawn {
+fn pixels(sheet: &Canvas, frame: &Frame, stretch: &Stretch, enlarge: usize) -> Drawn {
     let (area, factor) = sheet.raw();
     let side = (enlarge as f64 * factor) as i32;
     let (left, top) = ((MARGIN.0 as f64 * factor) as i32, (MARGIN.1 as f64 * factor) as i32);
@@ -172,7 +172,7 @@ fn colour(kind: MarkKind) -> RGBColor {
 }
 
 /// Form and colour both tell the kinds apart.
-fn symbol(sheet: &Sheet, (x, y): Place, kind: MarkKind) -> Drawn {
+fn symbol(sheet: &Canvas, (x, y): Place, kind: MarkKind) -> Drawn {
     let colour = colour(kind);
     match kind {
         MarkKind::Identified => sheet.circle((x, y), RADIUS, colour, 1.5),
@@ -194,8 +194,8 @@ fn symbol(sheet: &Sheet, (x, y): Place, kind: MarkKind) -> Drawn {
 
 /// Draws the pieces of figures that lie on the frame, clear of the stars at their ends; returns their names, each with the middle of what is seen of
 /// it, where that is long enough to bear a name.
-fn drawn_figures(sheet: &Sheet, frame_box: &FrameBox, figures: &[Figure]) -> Result<Vec<(Place, String)>, Box<dyn std::error::Error>> {
-    const LEAST: f64 = 60.0;
+fn drawn_figures(sheet: &Canvas, frame_box: &FrameBox, figures: &[Figure]) -> Result<Vec<(Place, String)>, Box<dyn std::error::Error>> {
+    const MIN_LENGTH_PX: f64 = 60.0;
     let mut names = Vec::new();
     for figure in figures {
         let (mut sum, mut length) = ((0.0, 0.0), 0.0);
@@ -213,7 +213,7 @@ fn drawn_figures(sheet: &Sheet, frame_box: &FrameBox, figures: &[Figure]) -> Res
                 }
             }
         }
-        if length > LEAST {
+        if length > MIN_LENGTH_PX {
             names.push(((sum.0 / length, sum.1 / length), figure.name.clone()));
         }
     }
@@ -229,7 +229,7 @@ fn overlap(a: &Area, b: &Area) -> bool {
 
 /// Writes the names that find room beside their marks; returns how many, and how many there are.
 fn names(
-    sheet: &Sheet,
+    sheet: &Canvas,
     frame_box: &FrameBox,
     marks: &[(Place, &Mark)],
     figures: &[(Place, String)],
@@ -237,7 +237,7 @@ fn names(
     let is_number = |label: &str| label.starts_with(|c: char| c.is_ascii_digit()) || label.starts_with("HIP ");
     let labelled = || marks.iter().filter_map(|(place, mark)| mark.label.as_deref().map(|label| (*place, mark.kind, label)));
     let with_names = labelled().filter(|(_, _, label)| !is_number(label));
-    let with_numbers = labelled().filter(|(_, _, label)| is_number(label)).take(MOST_NUMBERS);
+    let with_numbers = labelled().filter(|(_, _, label)| is_number(label)).take(MAX_NUMBERS);
     let around = |(x, y): Place| [x - RADIUS, y - RADIUS, x + RADIUS, y + RADIUS];
     let mut taken: Vec<Area> = marks.iter().map(|(place, _)| around(*place)).collect();
     for ((x, y), name) in figures {
@@ -286,7 +286,7 @@ fn names(
     Ok((written, labelled().count()))
 }
 
-fn legend(sheet: &Sheet, marks: &[(Place, &Mark)], (named, nameable): (usize, usize), stretch: &Stretch, size: (usize, usize)) -> Drawn {
+fn legend(sheet: &Canvas, marks: &[(Place, &Mark)], (named, nameable): (usize, usize), stretch: &Stretch, size: (usize, usize)) -> Drawn {
     let (mut x, y) = (MARGIN.0 as f64 + RADIUS, size.1 as f64 - 22.0);
     let kinds = [(MarkKind::Identified, "identified"), (MarkKind::Detected, "detected only"), (MarkKind::Rejected, "rejected")];
     for (kind, what) in kinds {
@@ -339,7 +339,7 @@ mod tests {
             let figure = Figure { name: "Lyra".into(), chains: vec![vec![[0.0, 0.0], [5.0, 1.0], [1e12, f64::NAN]], vec![]] };
             frame_picture(&path, frame, &marks, &[figure]).unwrap();
             let read = image::open(&path).unwrap();
-            assert!((LEAST_WIDTH as u32..=1600).contains(&read.width()) && read.height() <= 1600, "{}", read.width());
+            assert!((MIN_WIDTH as u32..=1600).contains(&read.width()) && read.height() <= 1600, "{}", read.width());
         }
         let nothing = frame(0, 0, |_, _| 0.0);
         assert!(matches!(frame_picture(&folder.path().join("x.png"), &nothing, &[], &[]), Err(ReportError::Empty { .. })));

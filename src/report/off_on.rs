@@ -5,7 +5,7 @@ use std::path::Path;
 use plotters::style::RGBColor;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::canvas::{Drawn, FrameBox, INK, PAPER, ReportError, Sheet, nice_above, picture, short};
+use super::canvas::{Canvas, Drawn, FrameBox, INK, PAPER, ReportError, nice_above, picture, short};
 
 /// Two frames of the same size.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,7 +63,7 @@ impl OffOn {
         picture(path, (size.0 as usize, size.1 as usize), PAPER, |sheet| self.draw(sheet))
     }
 
-    fn draw(&self, sheet: &Sheet) -> Drawn {
+    fn draw(&self, sheet: &Canvas) -> Drawn {
         sheet.text(&self.title, (LEFT, 14.0), 22.0, &INK, HPos::Left, VPos::Top)?;
         for (number, line) in self.summary_lines(sheet)?.iter().enumerate() {
             sheet.text(line, (LEFT, 44.0 + 20.0 * number as f64), 15.0, &INK, HPos::Left, VPos::Top)?;
@@ -95,7 +95,7 @@ impl OffOn {
     }
 
     /// The summary cut between words, so that it fits the sheet.
-    fn summary_lines(&self, sheet: &Sheet) -> Result<Vec<String>, Box<dyn std::error::Error>> {
+    fn summary_lines(&self, sheet: &Canvas) -> Result<Vec<String>, Box<dyn std::error::Error>> {
         let mut lines = vec![String::new()];
         for word in self.summary.split_whitespace() {
             let last = lines.len() - 1;
@@ -127,7 +127,7 @@ impl OffOn {
         Part { x: corner(place % columns, columns), y: corner(place / columns, rows), side: CLOSE_PX }
     }
 
-    fn pixels(&self, sheet: &Sheet, corner: (f64, f64), part: Part, values: &[f32], colour: impl Fn(f32) -> RGBColor) -> Drawn {
+    fn pixels(&self, sheet: &Canvas, corner: (f64, f64), part: Part, values: &[f32], colour: impl Fn(f32) -> RGBColor) -> Drawn {
         let step = SIDE / part.side as f64;
         for (place, value) in self.of(part, values).enumerate() {
             let (x, y) = (corner.0 + (place % part.side) as f64 * step, corner.1 + (place / part.side) as f64 * step);
@@ -166,7 +166,7 @@ fn diverging(share: f64) -> RGBColor {
     RGBColor(red, green, blue)
 }
 
-fn edge(sheet: &Sheet, frame_box: &FrameBox, part: Part) -> Drawn {
+fn edge(sheet: &Canvas, frame_box: &FrameBox, part: Part) -> Drawn {
     let (left, top) = frame_box.corner;
     let (right, bottom) = (left + SIDE, top + SIDE);
     sheet.line(&[(left, top), (right, top), (right, bottom), (left, bottom), (left, top)], INK, 1.0)?;

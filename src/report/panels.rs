@@ -6,7 +6,7 @@ use plotters::style::text_anchor::{HPos, VPos};
 use plotters::style::{Color, RGBColor};
 
 use super::canvas::{
-    BLUE, Drawn, GREEN, INK, ORANGE, PALE, PAPER, PURPLE, Place, ReportError, SKY, Sheet, VERMILION, picture, short, tick_step,
+    BLUE, Canvas, Drawn, GREEN, INK, ORANGE, PALE, PAPER, PURPLE, Place, ReportError, SKY, VERMILION, picture, short, tick_step,
 };
 use super::plot::{Series, SeriesStyle};
 
@@ -125,7 +125,7 @@ impl LogPanels {
 }
 
 /// The edge of a panel, its ticks, and the numbers beside them where they are wanted.
-fn axes(sheet: &Sheet, frame: &Frame, numbers_left: bool, numbers_below: bool) -> Drawn {
+fn axes(sheet: &Canvas, frame: &Frame, numbers_left: bool, numbers_below: bool) -> Drawn {
     let (left, top) = frame.corner;
     let (right, bottom) = (left + PANEL.0, top + PANEL.1);
     let [low, high] = frame.along;
@@ -161,7 +161,7 @@ fn axes(sheet: &Sheet, frame: &Frame, numbers_left: bool, numbers_below: bool) -
     sheet.line(&[(left, top), (right, top), (right, bottom), (left, bottom), (left, top)], INK, 1.0)
 }
 
-fn draw(sheet: &Sheet, frame: &Frame, series: &Series, colour: impl Color + Copy) -> Drawn {
+fn draw(sheet: &Canvas, frame: &Frame, series: &Series, colour: impl Color + Copy) -> Drawn {
     let places: Vec<Place> = drawable(&series.points).map(|point| frame.place(point)).collect();
     if series.style == SeriesStyle::Line {
         sheet.line(&places, colour, 2.0)?;

@@ -8,7 +8,7 @@ use plotters::element::{Circle, PathElement};
 use plotters::style::text_anchor::{HPos, VPos};
 use plotters::style::{Color, RGBColor, TextStyle};
 
-use super::canvas::{BLUE, Drawn, FONT, GREEN, INK, ORANGE, PALE, PAPER, PURPLE, ReportError, SKY, Sheet, VERMILION, picture, short};
+use super::canvas::{BLUE, Canvas, Drawn, FONT, GREEN, INK, ORANGE, PALE, PAPER, PURPLE, ReportError, SKY, VERMILION, picture, short};
 
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,7 +59,7 @@ impl Plot {
         picture(path, SIZE, PAPER, |sheet| self.draw(sheet, across, along))
     }
 
-    fn draw(&self, sheet: &Sheet, across: Range<f64>, along: Range<f64>) -> Drawn {
+    fn draw(&self, sheet: &Canvas, across: Range<f64>, along: Range<f64>) -> Drawn {
         let (area, factor) = sheet.raw();
         let scaled = |length: f64| (length * factor) as i32;
         let style = |size: f64| TextStyle::from((FONT, size * factor)).color(&INK);
@@ -103,7 +103,7 @@ impl Plot {
     }
 
     /// The names of the series, in the upper right corner of the axes.
-    fn legend(&self, sheet: &Sheet) -> Drawn {
+    fn legend(&self, sheet: &Canvas) -> Drawn {
         const LETTERS: f64 = 15.0;
         const ROW: f64 = 19.0;
         const SIGN: f64 = 22.0;

@@ -5,7 +5,7 @@ use std::path::Path;
 use plotters::style::RGBColor;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::canvas::{BLUE, Drawn, INK, PALE, PAPER, Place, ReportError, Sheet, VERMILION, picture, short, tick_step};
+use super::canvas::{BLUE, Canvas, Drawn, INK, PALE, PAPER, Place, ReportError, VERMILION, picture, short, tick_step};
 
 /// One bin.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,7 +93,7 @@ impl ProfilePlot {
     }
 
     /// The edge, the ticks, the numbers and what they count.
-    fn frame(&self, sheet: &Sheet, axes: &Axes) -> Drawn {
+    fn frame(&self, sheet: &Canvas, axes: &Axes) -> Drawn {
         let (width, height) = Axes::size();
         let (right, bottom) = (LEFT + width, TOP + height);
         for at in ticks(axes.along, 7.0) {
@@ -116,7 +116,7 @@ impl ProfilePlot {
 }
 
 /// A dot with a bar from one standard error below to one above.
-fn error_bar(sheet: &Sheet, axes: &Axes, bin: &ProfileBin) -> Drawn {
+fn error_bar(sheet: &Canvas, axes: &Axes, bin: &ProfileBin) -> Drawn {
     const CAP: f64 = 4.0;
     let (x, low) = axes.place(bin.at, bin.mean - bin.sigma);
     let (_, high) = axes.place(bin.at, bin.mean + bin.sigma);
@@ -128,7 +128,7 @@ fn error_bar(sheet: &Sheet, axes: &Axes, bin: &ProfileBin) -> Drawn {
 }
 
 /// How many star images each bin has, above it; of bins that stand close together every so manieth.
-fn counts(sheet: &Sheet, axes: &Axes, bins: &[ProfileBin]) -> Drawn {
+fn counts(sheet: &Canvas, axes: &Axes, bins: &[ProfileBin]) -> Drawn {
     sheet.text("stars", (LEFT - 9.0, TOP - 9.0), 13.0, &GREY, HPos::Right, VPos::Center)?;
     let mut free_from = f64::NEG_INFINITY;
     for bin in bins {
@@ -143,7 +143,7 @@ fn counts(sheet: &Sheet, axes: &Axes, bins: &[ProfileBin]) -> Drawn {
     Ok(())
 }
 
-fn legend(sheet: &Sheet) -> Drawn {
+fn legend(sheet: &Canvas) -> Drawn {
     let y = SIZE.1 as f64 - 22.0;
     sheet.dot((LEFT + 12.0, y), 4.0, BLUE)?;
     sheet.line(&[(LEFT + 12.0, y - 9.0), (LEFT + 12.0, y + 9.0)], BLUE, 1.5)?;

@@ -5,7 +5,7 @@ use std::path::Path;
 use plotters::style::RGBColor;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::canvas::{BLUE, Drawn, INK, ORANGE, PALE, PAPER, PURPLE, ReportError, Sheet, VERMILION, picture};
+use super::canvas::{BLUE, Canvas, Drawn, INK, ORANGE, PALE, PAPER, PURPLE, ReportError, VERMILION, picture};
 
 /// What became of a hypothesis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -80,7 +80,7 @@ impl Ranking {
         picture(path, (WIDTH as usize, height.ceil() as usize), PAPER, |sheet| self.draw(sheet, &ranks))
     }
 
-    fn draw(&self, sheet: &Sheet, ranks: &[&Rank]) -> Drawn {
+    fn draw(&self, sheet: &Canvas, ranks: &[&Rank]) -> Drawn {
         sheet.text(&self.title, (28.0, 12.0), 21.0, &INK, HPos::Left, VPos::Top)?;
         sheet.text(&self.summary, (28.0, 44.0), 15.0, &INK, HPos::Left, VPos::Top)?;
         let mut widest: f64 = 0.0;
@@ -131,7 +131,7 @@ impl Ranking {
     }
 }
 
-fn dashed(sheet: &Sheet, x: f64, top: f64, bottom: f64) -> Drawn {
+fn dashed(sheet: &Canvas, x: f64, top: f64, bottom: f64) -> Drawn {
     const DASH: f64 = 6.0;
     let mut y = top;
     while y < bottom {
@@ -142,7 +142,7 @@ fn dashed(sheet: &Sheet, x: f64, top: f64, bottom: f64) -> Drawn {
 }
 
 /// The colours that occur, and the threshold.
-fn legend(sheet: &Sheet, left: f64, y: f64, ranks: &[&Rank], threshold: Option<f64>) -> Drawn {
+fn legend(sheet: &Canvas, left: f64, y: f64, ranks: &[&Rank], threshold: Option<f64>) -> Drawn {
     let kinds = [
         (RankKind::Found, "found"),
         (RankKind::InSet, "not told apart from a finding"),

@@ -11,7 +11,7 @@ const SIDE: usize = 41;
 /// Arrows are drawn from this many standard errors per axis on: noise alone makes one in seven longer.
 const ABOVE_NOISE: f64 = 2.0;
 /// The most arrows along a side.
-const MOST_ARROWS: usize = 16;
+const MAX_ARROWS: usize = 16;
 
 /// Writes the map as PNG. `points`: x, y, dx, dy, standard error per axis, in px, on the crossings of a grid in any order.
 pub fn remainder_map(path: &Path, title: &str, summary: &str, frame_px: (usize, usize), points: &[[f64; 5]]) -> Result<(), ReportError> {
@@ -19,7 +19,7 @@ pub fn remainder_map(path: &Path, title: &str, summary: &str, frame_px: (usize, 
     let grid = Crossings::of(points).ok_or_else(|| empty("its points are not on the crossings of a grid"))?;
     let at = |k: usize, length: usize| k as f64 / (SIDE as f64 - 1.0) * (length as f64 - 1.0);
     let values = (0..SIDE * SIDE).map(|k| grid.sigma_px(at(k % SIDE, frame_px.0), at(k / SIDE, frame_px.1))).collect();
-    let every = [&grid.columns, &grid.rows].map(|lines| lines.len().div_ceil(MOST_ARROWS).max(1));
+    let every = [&grid.columns, &grid.rows].map(|lines| lines.len().div_ceil(MAX_ARROWS).max(1));
     let drawn = |k: &usize| (k % grid.columns.len()).is_multiple_of(every[0]) && (k / grid.columns.len()).is_multiple_of(every[1]);
     // An arrow that is no longer than its own noise says nothing and would be read.
     let (shown, noise): (Vec<usize>, Vec<usize>) = (0..grid.points.len()).filter(drawn).partition(|k| {

@@ -5,7 +5,7 @@ use std::path::Path;
 use plotters::style::RGBColor;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::canvas::{BLUE, Drawn, FrameBox, INK, PAPER, ReportError, Sheet, VERMILION, nice_above, picture, short};
+use super::canvas::{BLUE, Canvas, Drawn, FrameBox, INK, PAPER, ReportError, VERMILION, nice_above, picture, short};
 
 /// A residual: measured minus model.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,7 +50,7 @@ const LONGEST: f64 = 0.12;
 /// may be wrong before a calibration has told which.
 const USUAL: f64 = 0.025;
 /// More arrows than these on a common scale hide each other.
-const MOST_ARROWS: usize = 700;
+const MAX_ARROWS: usize = 700;
 const PANEL_WIDTH: f64 = 640.0;
 const MARGIN_LEFT: f64 = 76.0;
 const GAP: f64 = 92.0;
@@ -106,7 +106,7 @@ fn write(path: &Path, title: &str, frame_px: (usize, usize), panels: [&VectorPan
     })
 }
 
-fn draw(sheet: &Sheet, frame_box: &FrameBox, panel: &VectorPanel, factor: Option<f64>) -> Drawn {
+fn draw(sheet: &Canvas, frame_box: &FrameBox, panel: &VectorPanel, factor: Option<f64>) -> Drawn {
     let (left, top) = frame_box.corner;
     let finite = |v: &&Vector| [v.x_px, v.y_px, v.dx_px, v.dy_px].iter().all(|number| number.is_finite());
     let vectors: Vec<&Vector> = panel.vectors.iter().filter(finite).collect();
@@ -127,7 +127,7 @@ fn draw(sheet: &Sheet, frame_box: &FrameBox, panel: &VectorPanel, factor: Option
 
     let larger_px = frame_box.frame_px.0.max(frame_box.frame_px.1) as f64;
     // On a common scale all panels show the same stars; each by itself shows them all.
-    let every = if factor.is_some() { vectors.len().div_ceil(MOST_ARROWS).max(1) } else { 1 };
+    let every = if factor.is_some() { vectors.len().div_ceil(MAX_ARROWS).max(1) } else { 1 };
     let factor = factor.unwrap_or_else(|| enlargement(kept, larger_px));
     // Rejected ones below, so that they hide nothing.
     let (mut cut, longest_px) = (0, LONGEST * larger_px);
@@ -181,14 +181,14 @@ fn significant(number: f64) -> String {
 }
 
 /// A rejected point whose arrow would be longer than drawn.
-fn cross(sheet: &Sheet, (x, y): (f64, f64), colour: RGBColor) -> Drawn {
+fn cross(sheet: &Canvas, (x, y): (f64, f64), colour: RGBColor) -> Drawn {
     const ARM: f64 = 4.0;
     sheet.line(&[(x - ARM, y - ARM), (x + ARM, y + ARM)], colour, 1.5)?;
     sheet.line(&[(x - ARM, y + ARM), (x + ARM, y - ARM)], colour, 1.5)
 }
 
 /// An arrow that is longer than drawn: dashed at its end, without a head.
-fn broken(sheet: &Sheet, from: (f64, f64), to: (f64, f64), colour: RGBColor) -> Drawn {
+fn broken(sheet: &Canvas, from: (f64, f64), to: (f64, f64), colour: RGBColor) -> Drawn {
     let at = |share: f64| (from.0 + (to.0 - from.0) * share, from.1 + (to.1 - from.1) * share);
     for (start, end) in [(0.0, 0.7), (0.76, 0.82), (0.88, 0.92), (0.97, 1.0)] {
         sheet.line(&[at(start), at(end)], colour, 1.0)?;
@@ -196,7 +196,7 @@ fn broken(sheet: &Sheet, from: (f64, f64), to: (f64, f64), colour: RGBColor) -> 
     Ok(())
 }
 
-fn legend(sheet: &Sheet, frame_box: &FrameBox, factor: f64, (drawn, rejected, cut): (usize, usize, usize), every: usize) -> Drawn {
+fn legend(sheet: &Canvas, frame_box: &FrameBox, factor: f64, (drawn, rejected, cut): (usize, usize, usize), every: usize) -> Drawn {
     let left = frame_box.corner.0;
     let y = frame_box.corner.1 + frame_box.size.1 + 60.0;
     // A round length that is drawn 60 to 150 pixels long.

@@ -61,7 +61,7 @@ impl BinningTable {
 /// Checks the table.
 pub(super) fn check(path: &str, camera: &TrueCameraTable, detector: &DetectorTable) -> Result<(), SceneError> {
     /// Native pixels along a side.
-    const MOST_PX: usize = 32_768;
+    const MAX_PX: usize = 32_768;
     let Some(table) = camera.binning else { return Ok(()) };
     let refuse = |name: &str, value: String, remedy: &'static str| {
         Err(SceneError::Value { path: path.to_owned(), key: format!("camera.binning.{name}"), value, remedy })
@@ -69,7 +69,7 @@ pub(super) fn check(path: &str, camera: &TrueCameraTable, detector: &DetectorTab
     if !(2..=4).contains(&table.factor) {
         return refuse("factor", table.factor.to_string(), "must be 2, 3 or 4; leave [camera.binning] out for pixels as they are");
     }
-    if camera.width_px.max(camera.height_px) * table.factor > MOST_PX {
+    if camera.width_px.max(camera.height_px) * table.factor > MAX_PX {
         return refuse("factor", table.factor.to_string(), "must not make more than 32768 of the detector's own pixels along a side");
     }
     let binning = table.binning();

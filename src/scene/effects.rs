@@ -92,7 +92,7 @@ pub(super) fn check_telemetry(path: &str, tables: &[EffectTable], terms: &[Term]
                 let used = effect.parameters().iter().zip(&term.parameters).filter(|(_, value)| **value != 0.0);
                 used.map(|(spec, _)| spec.name).any(|name| name.ends_with(unit))
             };
-            let missing = effect.missing(known).or_else(|| {
+            let missing = effect.unmet_requirement(known).or_else(|| {
                 let no_temperature = known.temperature_offset_k.is_none() && follows("_per_kelvin");
                 let no_time = known.time_offset_h.is_none() && follows("px_per_hour");
                 no_temperature

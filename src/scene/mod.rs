@@ -6,6 +6,7 @@
 mod binning;
 mod check;
 mod detector;
+pub mod effect_demo;
 mod effects;
 mod exposures;
 mod file;
@@ -18,7 +19,6 @@ mod psf;
 mod psf_table;
 mod quadrature;
 mod schema;
-pub mod shown;
 mod sky_light;
 mod spline;
 mod track;

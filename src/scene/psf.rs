@@ -1,13 +1,13 @@
 //! How the light of a star is spread, over the field, for every colour and temperature.
 
-use super::psf_table::MOST_BYTES;
+use super::psf_table::MAX_BYTES;
 use crate::effects::optics::sampled_psf::SampledImage;
 use crate::effects::optics::tables::{AtlasBuilder, Grid, ImageKind, PixelResponse, image_kind};
-use crate::effects::pixel::MOST_NODES;
+use crate::effects::pixel::MAX_NODES;
 use crate::effects::{ParameterSpec, StarState};
 
 /// The widest Gaussian that the renderer spreads, px.
-const MOST_SIGMA_PX: f64 = 50.0;
+const MAX_SIGMA_PX: f64 = 50.0;
 
 /// What kind of image, as the renderer needs it.
 #[derive(Clone)]
@@ -155,7 +155,7 @@ impl Psf {
         (psf.smooth_px, psf.typical_px) = (finer * psf.smooth_px, finer * psf.typical_px);
         psf.reach_px *= own_per_px;
         let is_gaussian = matches!(psf.kind, PsfKind::Gaussian | PsfKind::Elliptic);
-        if is_gaussian && own_per_px > 1 && psf.widest_px() > MOST_SIGMA_PX {
+        if is_gaussian && own_per_px > 1 && psf.widest_px() > MAX_SIGMA_PX {
             let remedy = "of the detector's own pixels is more than the 50 that a Gaussian may have: choose a smaller width or camera.binning.factor";
             return Err(("sigma_px", psf.widest_px().to_string(), remedy));
         }
@@ -202,7 +202,7 @@ impl Psf {
 
     /// The tables that a star mixes, and their weights, which add up to 1; those without weight stand last.
     #[must_use]
-    pub fn mixture(&self, spot: &Spot) -> [(u32, f32); MOST_NODES] {
+    pub fn mixture(&self, spot: &Spot) -> [(u32, f32); MAX_NODES] {
         let split = |share: f64, count: usize| -> [(usize, f64); 2] {
             if count == 1 {
                 return [(0, 1.0), (0, 0.0)];
@@ -220,7 +220,7 @@ impl Psf {
         let across = split((spot.x_px + 0.5) / self.size_px[0] as f64, columns);
         let down = split((spot.y_px + 0.5) / self.size_px[1] as f64, rows);
         let deep = split((at - low) / (high - low), depth);
-        let mut mixture = [(0, 0.0); MOST_NODES];
+        let mut mixture = [(0, 0.0); MAX_NODES];
         let mut used = 0;
         for (layer, by_layer) in deep {
             for (row, by_row) in down {
@@ -260,7 +260,7 @@ impl Psf {
     fn check_tables(&self) -> Result<(), (&'static str, String, &'static str)> {
         let reach = self.reach_px;
         if let Some(grid) = self.grid()
-            && AtlasBuilder::new(grid, reach).bytes(self.nodes.count()) + 64 > MOST_BYTES
+            && AtlasBuilder::new(grid, reach).bytes(self.nodes.count()) + 64 > MAX_BYTES
         {
             let value = format!("{} tables of {} px", self.nodes.count(), 2 * reach + 1);
             return Err(("field_nodes", value, "are more than 128 MiB: choose fewer field_nodes or depth_nodes or a smaller reach_px"));

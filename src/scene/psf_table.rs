@@ -12,11 +12,11 @@ use crate::effects::ParameterSpec;
 use crate::effects::optics::elliptic_gaussian_psf::EllipticGaussianPsf;
 use crate::effects::optics::sampled_psf::SampledImage;
 use crate::effects::optics::tables::{IMAGE_KINDS, PixelResponse, image_kind};
-use crate::effects::pixel::PlaneSpread;
+use crate::effects::pixel::Psf2d;
 use crate::recording::Recording;
 
 /// Tables are one buffer of a GPU; every implementation grants this much.
-pub(super) const MOST_BYTES: u64 = 128 << 20;
+pub(super) const MAX_BYTES: u64 = 128 << 20;
 
 /// `[psf]`.
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]

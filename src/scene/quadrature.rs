@@ -3,12 +3,12 @@
 use std::sync::LazyLock;
 
 /// The largest rule kept.
-pub(super) const MOST_NODES: usize = 64;
+pub(super) const MAX_NODES: usize = 64;
 
-/// Nodes in (−1, 1) and weights, which add up to 1, of the rule with `count` nodes, 1 … [`MOST_NODES`].
+/// Nodes in (−1, 1) and weights, which add up to 1, of the rule with `count` nodes, 1 … [`MAX_NODES`].
 pub(super) fn gauss_legendre(count: usize) -> &'static [[f64; 2]] {
-    static RULES: LazyLock<Vec<Vec<[f64; 2]>>> = LazyLock::new(|| (1..=MOST_NODES).map(rule).collect());
-    &RULES[count.clamp(1, MOST_NODES) - 1]
+    static RULES: LazyLock<Vec<Vec<[f64; 2]>>> = LazyLock::new(|| (1..=MAX_NODES).map(rule).collect());
+    &RULES[count.clamp(1, MAX_NODES) - 1]
 }
 
 /// By Newton's method on the Legendre polynomial, from Tricomi's approximation of its zeros.
@@ -42,7 +42,7 @@ mod tests {
     /// A rule of n nodes is exact for polynomials up to the degree 2n − 1.
     #[test]
     fn polynomials_are_integrated_exactly() {
-        for count in [1, 2, 3, 5, 17, 50, MOST_NODES] {
+        for count in [1, 2, 3, 5, 17, 50, MAX_NODES] {
             for degree in 0..i32::try_from(2 * count).unwrap().min(60) {
                 let sum: f64 = gauss_legendre(count).iter().map(|[x, w]| w * x.powi(degree)).sum();
                 let exact = if degree % 2 == 0 { 1.0 / f64::from(degree + 1) } else { 0.0 };

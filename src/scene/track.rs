@@ -22,7 +22,7 @@ const LONGEST_PIECE: f64 = 40.0;
 const SHEAR_ROWS: f64 = 12.0;
 
 /// Less shear than this moves no light by a millionth of a pixel.
-const LEAST_SHEAR: f64 = 5e-8;
+const MIN_SHEAR: f64 = 5e-8;
 
 /// A moment of an exposure.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -165,7 +165,7 @@ impl Sight<'_> {
             if let (Some(before), Some(after)) = (self.place(at - step), self.place(at + step)) {
                 let of = |from: f64, to: f64| (to - from) / (2.0 * SHEAR_ROWS);
                 shear = [of(before.x_px, after.x_px), of(before.y_px, after.y_px)];
-                if shear.iter().all(|component| component.abs() < LEAST_SHEAR) {
+                if shear.iter().all(|component| component.abs() < MIN_SHEAR) {
                     shear = [0.0; 2];
                 }
             }

@@ -6,7 +6,7 @@ use super::{Psf, PsfKind, SceneError, SceneFile};
 use crate::units::{ARCSEC_RAD, DEG_RAD};
 
 /// Pixels of the detector: more than any detector that was built has.
-const MOST_PIXELS: f64 = 160e6;
+const MAX_PIXELS: f64 = 160e6;
 /// The way of a star over the detector during an exposure, px.
 const LONGEST_TRAIL_PX: f64 = 1e5;
 /// The turn of the camera during an exposure.
@@ -15,9 +15,9 @@ const LARGEST_TURN_DEG: f64 = 400.0;
 const WIDEST_BLUR_PX: f64 = 50.0;
 const WIDEST_BLUR_WIDTHS: f64 = 5.0;
 /// Particles, trails of satellites, points of light along all tracks and trails of a frame.
-const MOST_PARTICLES: f64 = 1e5;
-const MOST_TRAILS: f64 = 1e3;
-const MOST_POINTS: f64 = 1e7;
+const MAX_PARTICLES: f64 = 1e5;
+const MAX_TRAILS: f64 = 1e3;
+const MAX_POINTS: f64 = 1e7;
 
 /// What is too large, for a message.
 struct TooLarge {
@@ -52,7 +52,7 @@ fn pixels(file: &SceneFile) -> Result<(), TooLarge> {
     let factor = file.camera.binning.map_or(1.0, |table| table.binning().factor as f64);
     let (width, height) = (file.camera.width_px as f64, file.camera.height_px as f64);
     let (key, side) = if width >= height { ("camera.width_px", width) } else { ("camera.height_px", height) };
-    limit(key, &side, width * height * factor * factor, MOST_PIXELS, "own pixels of the detector")
+    limit(key, &side, width * height * factor * factor, MAX_PIXELS, "own pixels of the detector")
 }
 
 fn exposures(file: &SceneFile) -> impl Iterator<Item = (String, f64, Option<[f64; 3]>)> {
@@ -96,7 +96,7 @@ fn lights(file: &SceneFile, psf: &Psf) -> Result<(), TooLarge> {
     let longest_s = exposures(file).map(|(_, exposure_s, _)| exposure_s).fold(0.0, f64::max);
     if let Some(rays) = &file.cosmic_rays {
         let count = rays.expected_per_s * longest_s;
-        limit("cosmic_rays.expected_per_s", &rays.expected_per_s, count, MOST_PARTICLES, "particles")?;
+        limit("cosmic_rays.expected_per_s", &rays.expected_per_s, count, MAX_PARTICLES, "particles")?;
         // The mean of tan θ over the directions from which they come is π/2.
         let track_px = 1.6 * rays.thickness_um / rays.pitch_um;
         let points = count * (track_px / rays.diffusion_px).max(1.0);
@@ -105,7 +105,7 @@ fn lights(file: &SceneFile, psf: &Psf) -> Result<(), TooLarge> {
         } else {
             ("cosmic_rays.expected_per_s", rays.expected_per_s)
         };
-        limit(key, &value, points, MOST_POINTS, "points of light along their tracks")?;
+        limit(key, &value, points, MAX_POINTS, "points of light along their tracks")?;
     }
     let diagonal_px = (file.camera.width_px as f64).hypot(file.camera.height_px as f64);
     let (mut trails, mut points) = (0.0, 0.0);
@@ -118,8 +118,8 @@ fn lights(file: &SceneFile, psf: &Psf) -> Result<(), TooLarge> {
         let value = if key.ends_with("end_px") { format!("{:?}", streak.end_px.unwrap_or_default()) } else { count.to_string() };
         trails += count;
         points += count * 1.15 * factor * length_px / psf.smooth_px;
-        limit(key.clone(), &value, trails, MOST_TRAILS, "trails")?;
-        limit(key, &value, points, MOST_POINTS, "points of light along the trails")?;
+        limit(key.clone(), &value, trails, MAX_TRAILS, "trails")?;
+        limit(key, &value, points, MAX_POINTS, "points of light along the trails")?;
     }
     Ok(())
 }

@@ -141,7 +141,7 @@ fn identity_parameters_do_nothing() {
         for (after, before) in after.into_iter().zip(coordinates(&before)) {
             assert!((after - before).abs() < 1e-15 * before.abs().max(1.0), "{} with {off:?}", effect.id());
         }
-        let Some(known) = effect.known(&context().observation) else {
+        let Some(known) = effect.predicted(&context().observation) else {
             continue;
         };
         let moved = coordinates(&effect.displace(&known, before, &context()));
@@ -224,9 +224,9 @@ fn what_is_missing_is_said() {
     for effect in DISPLACEMENTS {
         let nothing = Observation::default();
         let full = context().observation;
-        assert!(effect.missing(&full).is_none(), "{}: the context lacks nothing", effect.id());
+        assert!(effect.unmet_requirement(&full).is_none(), "{}: the context lacks nothing", effect.id());
         for observation in [nothing, full] {
-            let (known, missing) = (effect.known(&observation), effect.missing(&observation));
+            let (known, missing) = (effect.predicted(&observation), effect.unmet_requirement(&observation));
             assert!(known.is_none() || missing.is_none(), "{} is known, and yet {missing:?}", effect.id());
         }
         let before = incoming(effect.segment());
@@ -242,7 +242,7 @@ fn what_is_fitted_follows_from_what_is_known() {
     let full = context().observation;
     let fitted = |id: &str, observation: &Observation| {
         let effect = displacement(id).unwrap();
-        (effect.fitted(observation), effect.known(observation), effect.missing(observation))
+        (effect.default_free(observation), effect.predicted(observation), effect.unmet_requirement(observation))
     };
     let resting = Observation { velocity_km_s: None, ..full };
     assert_eq!(fitted("stellar-aberration", &full), (vec![0], Some(vec![1.0, 0.0, 0.0, 0.0]), None));
@@ -265,7 +265,7 @@ fn what_is_fitted_follows_from_what_is_known() {
 fn refraction_without_a_site_is_that_of_standard_air() {
     let observation = Observation { zenith: Some([0.0, 0.0, 1.0]), zenith_is_guessed: true, ..Observation::default() };
     let effect = displacement("refraction").unwrap();
-    assert!(effect.missing(&observation).is_none() && effect.known(&observation).is_none());
+    assert!(effect.unmet_requirement(&observation).is_none() && effect.predicted(&observation).is_none());
     let half = std::f64::consts::FRAC_1_SQRT_2;
     let after = effect.displace(&[57.0, 0.0, 0.0], Light::from([half, 0.0, half]), &Context::new(context().star, observation)).direction;
     let lift_arcsec = (after[2].atan2(after[0]).to_degrees() - 45.0) * 3600.0;
@@ -282,7 +282,7 @@ fn the_line_time_keeps_the_meaning_of_the_manifest() {
     let effect = displacement("rolling-shutter").unwrap();
     let before = incoming(Segment::Camera);
     let [down, up] = [1.2e-5, -1.2e-5].map(|line_time_s| {
-        let known = effect.known(&with(Some(line_time_s)).observation).unwrap();
+        let known = effect.predicted(&with(Some(line_time_s)).observation).unwrap();
         assert!((known[0] - 12.0).abs() < 1e-12);
         effect.displace(&known, before, &with(Some(line_time_s))).direction
     });
@@ -292,7 +292,7 @@ fn the_line_time_keeps_the_meaning_of_the_manifest() {
         assert!((one - other).abs() < 1e-8, "{down:?} {up:?}");
     }
     assert_eq!(effect.displace(&[12.0], before, &with(None)).direction, down, "row 0 first where nobody says");
-    assert!(effect.known(&with(None).observation).is_none() && effect.known(&with(Some(0.0)).observation).is_none());
+    assert!(effect.predicted(&with(None).observation).is_none() && effect.predicted(&with(Some(0.0)).observation).is_none());
     // Which row is read first may be known where the time from row to row is not.
     let mut last_first = with(None);
     last_first.observation.sensor = last_first.observation.sensor.map(|sensor| Sensor { last_row_first: true, ..sensor });

@@ -15,7 +15,7 @@ use std::time::Duration;
 use boresight::catalog::Catalog;
 use boresight::coordinates::Attitude;
 use boresight::detect::Detections;
-use boresight::identify::{Identification, IdentifyOptions, Index, Near, Projection, identify, least_false_match_probability};
+use boresight::identify::{AttitudePrior, Identification, IdentifyOptions, Index, Projection, identify, least_false_match_probability};
 use nalgebra::UnitQuaternion;
 use star_lists::{BASE, ByChance, List, Scene, Told, cpu_ms, detection, make};
 
@@ -201,21 +201,21 @@ fn an_attitude_that_is_held_to_be_is_searched_around_and_not_beyond() {
             };
             // Six degrees from the truth, up and to the right.
             let moved = list.attitude.camera_from_icrs * UnitQuaternion::from_euler_angles(0.075, 0.075, -0.075);
-            let near = Near::attitude(&Attitude::new(moved), 10.0 * DEG);
+            let near = AttitudePrior::attitude(&Attitude::new(moved), 10.0 * DEG);
             let (anywhere, here) = (solve(None), solve(Some(near)));
             (alone, led) = (alone + u64::from(anywhere.0), led + u64::from(here.0));
             ms = [ms[0] + anywhere.1, ms[1] + here.1];
             if seed % 8 == 0 {
-                led = led - u64::from(here.0) + u64::from(solve(Some(Near { up: None, ..near })).0);
+                led = led - u64::from(here.0) + u64::from(solve(Some(AttitudePrior { up: None, ..near })).0);
                 // What is said to be elsewhere is not found here.
-                assert!(!solve(Some(Near { within_rad: 5.0 * DEG, ..near })).0, "{name}, seed {seed}: beyond the angle given");
+                assert!(!solve(Some(AttitudePrior { within_rad: 5.0 * DEG, ..near })).0, "{name}, seed {seed}: beyond the angle given");
             }
         }
         let [without, with] = ms.map(|ms| ms / n as f64);
         println!("{name}: {alone} of {n} in {without:.1} ms without a prior attitude, {led} in {with:.1} ms with one");
         assert!(led as f64 >= least * n as f64, "{name}: {led} of {n}, {alone} without");
     }
-    let nowhere = IdentifyOptions { near: Some(Near::pointing(0.0, 0.0, None, -1.0)), ..IdentifyOptions::default() };
+    let nowhere = IdentifyOptions { near: Some(AttitudePrior::pointing(0.0, 0.0, None, -1.0)), ..IdentifyOptions::default() };
     let Identification::NotIdentified { reason, .. } = identify(&star_free(3), catalog, index, &[], &nowhere) else {
         panic!("identified nothing?")
     };

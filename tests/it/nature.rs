@@ -103,7 +103,7 @@ impl Night {
     fn model(&self, observation: &Observation) -> Model {
         let mut model = Model::new(Camera { k1: 2e-8, ..Camera::pinhole(SIZE_PX[0], SIZE_PX[1], self.focal_px) });
         for id in self.known {
-            let parameters = boresight::effects::displacement(id).unwrap().known(observation).unwrap();
+            let parameters = boresight::effects::displacement(id).unwrap().predicted(observation).unwrap();
             model.set(id, &parameters).unwrap();
         }
         for (id, parameters) in &self.more {

@@ -1,9 +1,9 @@
 //! Signatures found by rendering and measuring, beside the formulas that the pages and the displacements have for the same effects.
 
-use boresight::detect::{KnownSky, fit_known};
+use boresight::detect::{FixedBackground, fit_forced};
 use boresight::effects::{Context, Light, Observation, StarImage, StarState, displacement};
 use boresight::frame::Frame;
-use boresight::render::{Bench, Measured, Probe, signature};
+use boresight::render::{Measured, StampRenderer, TestStar, signature};
 use boresight::scene::Scene;
 
 const SIDE: usize = 192;
@@ -33,30 +33,30 @@ fn gaussian(sigma_px: f64) -> String {
 }
 
 /// Seven stars of a frame, in columns and rows of their own, at phases within the pixel that fill it evenly from frame to frame.
-fn stars(frame: usize, electrons: f64) -> Vec<Probe> {
+fn stars(frame: usize, electrons: f64) -> Vec<TestStar> {
     let phase = |k: usize, step: f64| (step * k as f64).fract() - 0.5;
     (0..7)
         .map(|k| {
             let number = 7 * frame + k;
             let row = (3 * k + frame) % 7;
             let (x, y) = (24.0 + 24.0 * k as f64, 24.0 + 24.0 * row as f64);
-            Probe { x_px: x + phase(number, 0.754_877_666), y_px: y + phase(number, 0.569_840_291), electrons, colour: None }
+            TestStar { x_px: x + phase(number, 0.754_877_666), y_px: y + phase(number, 0.569_840_291), electrons, colour: None }
         })
         .collect()
 }
 
 /// Seven frames for each brightness.
-fn design(brightnesses: &[f64]) -> Vec<Vec<Probe>> {
+fn design(brightnesses: &[f64]) -> Vec<Vec<TestStar>> {
     brightnesses.iter().flat_map(|electrons| (0..7).map(|frame| stars(frame, *electrons))).collect()
 }
 
 /// The program's own fit.
-fn fitted(sigma_px: f64, sky_e: f64) -> impl Fn(&Frame, &[Probe]) -> Vec<Option<Measured>> {
+fn fitted(sigma_px: f64, sky_e: f64) -> impl Fn(&Frame, &[TestStar]) -> Vec<Option<Measured>> {
     let noise_dn = (sky_e + READ_NOISE_E * READ_NOISE_E).sqrt();
-    let known = KnownSky { background_dn: sky_e, noise_dn, gain_e_per_dn: 1.0, psf_sigma_px: sigma_px };
+    let known = FixedBackground { background_dn: sky_e, noise_dn, gain_e_per_dn: 1.0, psf_sigma_px: sigma_px };
     move |frame, stars| {
         let places: Vec<[f64; 2]> = stars.iter().map(|star| [star.x_px.round(), star.y_px.round()]).collect();
-        let fits = fit_known(frame, &places, &known).into_iter();
+        let fits = fit_forced(frame, &places, &known).into_iter();
         fits.map(|fit| {
             fit.map(|fit| Measured { x_px: fit.x_px, y_px: fit.y_px, flux_e: fit.flux_dn, variance_px2: fit.width_px * fit.width_px })
         })
@@ -65,9 +65,9 @@ fn fitted(sigma_px: f64, sky_e: f64) -> impl Fn(&Frame, &[Probe]) -> Vec<Option<
 }
 
 /// Centre of mass, flux and variance in a square window.
-fn moments(half_px: usize, sky_e: f64) -> impl Fn(&Frame, &[Probe]) -> Vec<Option<Measured>> {
+fn moments(half_px: usize, sky_e: f64) -> impl Fn(&Frame, &[TestStar]) -> Vec<Option<Measured>> {
     move |frame, stars| {
-        let of = |star: &Probe| {
+        let of = |star: &TestStar| {
             let (left, top) = (star.x_px.round() as usize - half_px, star.y_px.round() as usize - half_px);
             let mut sums = [0.0; 5];
             for row in 0..=2 * half_px {
@@ -90,10 +90,10 @@ fn moments(half_px: usize, sky_e: f64) -> impl Fn(&Frame, &[Probe]) -> Vec<Optio
 fn columns(
     scenes: [&Scene; 2],
     step: f64,
-    design: &[Vec<Probe>],
-    measure: impl Fn(&Frame, &[Probe]) -> Vec<Option<Measured>>,
+    design: &[Vec<TestStar>],
+    measure: impl Fn(&Frame, &[TestStar]) -> Vec<Option<Measured>>,
 ) -> Vec<Measured> {
-    let [weaker, stronger] = scenes.map(|scene| Bench::new(scene).unwrap());
+    let [weaker, stronger] = scenes.map(|scene| StampRenderer::new(scene).unwrap());
     let found = signature(&weaker, &stronger, step, design, measure).unwrap();
     found.into_iter().map(|one| one.expect("every star of the design is measured")).collect()
 }
@@ -106,7 +106,7 @@ fn compare(found: &[[f64; 2]], formula: &[[f64; 2]]) -> (f64, f64) {
 }
 
 /// The shift of a displacement per unit of its first parameter, for a star of the design.
-fn by_formula(id: &str, star: &Probe, magnitude: f64) -> [f64; 2] {
+fn by_formula(id: &str, star: &TestStar, magnitude: f64) -> [f64; 2] {
     let middle = 0.5 * (SIDE as f64 - 1.0);
     let image = StarImage { flux_e: Some(star.electrons), psf_sigma_px: Some(0.9), ..StarImage::default() };
     let state = StarState { magnitude, colour: star.colour, ..StarState::default() };
@@ -125,13 +125,13 @@ fn shifts(found: &[Measured]) -> Vec<[f64; 2]> {
 }
 
 /// The columns by the program's fit and by the centre of mass.
-fn both(scenes: &[Scene; 2], step: f64, sigma_px: f64, sky_e: f64, design: &[Vec<Probe>]) -> [Vec<Measured>; 2] {
+fn both(scenes: &[Scene; 2], step: f64, sigma_px: f64, sky_e: f64, design: &[Vec<TestStar>]) -> [Vec<Measured>; 2] {
     let scenes = [&scenes[0], &scenes[1]];
     [columns(scenes, step, design, fitted(sigma_px, sky_e)), columns(scenes, step, design, moments(7, sky_e))]
 }
 
 /// Cosine and size of shifts beside a formula for each star, said and returned.
-fn beside(what: &str, found: &[Measured], design: &[Vec<Probe>], formula: impl Fn(&Probe) -> [f64; 2]) -> (f64, f64) {
+fn beside(what: &str, found: &[Measured], design: &[Vec<TestStar>], formula: impl Fn(&TestStar) -> [f64; 2]) -> (f64, f64) {
     let formula: Vec<[f64; 2]> = design.iter().flatten().map(formula).collect();
     let (cosine, size) = compare(&shifts(found), &formula);
     println!("{what}: cosine {cosine:.4}, {size:.4e} times the formula");
@@ -161,7 +161,7 @@ fn a_response_within_the_pixel_is_an_s_curve() {
         let response = |a: f64| scene(&(gaussian(sigma) + &format!("[psf.pixel]\ncosine = [{a:?}, {a:?}]\n")), "");
         let design = design(&[1e4]);
         let [fit, mass] = both(&[response(-0.05), response(0.05)], 0.1, sigma, BACKGROUND_E, &design);
-        let formula = |star: &Probe| [star.x_px, star.y_px].map(|at| (TAU * at).sin());
+        let formula = |star: &TestStar| [star.x_px, star.y_px].map(|at| (TAU * at).sin());
         let angle = 2.0 * PI * PI * sigma * sigma;
         let expected = (-angle).exp() * (0.25 - angle) / PI;
         let (cosine, size) = beside(&format!("response within the pixel, σ {sigma} px, centre of mass"), &mass, &design, formula);
@@ -212,7 +212,7 @@ fn the_brighter_the_fatter() {
         let grown: Vec<[f64; 2]> = found.iter().map(|one| [one.variance_px2, 0.0]).collect();
         // The peak of a star of σ² = 0.81 + 1/12 px².
         let variance = 0.81 + 1.0 / 12.0;
-        let peak = |star: &Probe| [variance * star.electrons / (std::f64::consts::TAU * variance), 0.0];
+        let peak = |star: &TestStar| [variance * star.electrons / (std::f64::consts::TAU * variance), 0.0];
         let formula: Vec<[f64; 2]> = design.iter().flatten().map(peak).collect();
         let (cosine, size) = compare(&grown, &formula);
         println!("brighter and fatter, {name}: cosine {cosine:.4}, σ² grows by {size:.3} of shift_px_per_e times the peak");
@@ -239,13 +239,13 @@ fn coma_moves_bright_stars_otherwise_than_faint_ones() {
     let scenes = [coma(-0.01), coma(0.01)];
     let found = columns([&scenes[0], &scenes[1]], 0.02, &design, fitted(0.75, BACKGROUND_E));
     let half = 0.5 * SIDE as f64;
-    let along = |star: &Probe| [star.x_px, star.y_px].map(|at| (at - half + 0.5) / half);
+    let along = |star: &TestStar| [star.x_px, star.y_px].map(|at| (at - half + 0.5) / half);
     let mut sizes = Vec::new();
     for (part, frames) in found.chunks(49).zip(design.chunks(7)) {
         let what = format!("coma, {:e} e-", frames[0][0].electrons);
         let (cosine, size) = beside(&format!("{what}, along the radius"), part, frames, along);
         assert!(cosine < -0.998, "{cosine}");
-        let [x, y] = [0, 1].map(|axis| move |star: &Probe| along(star)[axis] * along(star)[0].hypot(along(star)[1]));
+        let [x, y] = [0, 1].map(|axis| move |star: &TestStar| along(star)[axis] * along(star)[0].hypot(along(star)[1]));
         let (square, _) = beside(&format!("{what}, its square"), part, frames, |star| [x(star), y(star)]);
         assert!(square > -0.985, "{square}");
         sizes.push(size);
@@ -258,7 +258,7 @@ fn coma_moves_bright_stars_otherwise_than_faint_ones() {
         .collect();
     let left: Vec<[f64; 2]> =
         found.iter().enumerate().map(|(k, one)| [one.x_px - middle[k % 49][0], one.y_px - middle[k % 49][1]]).collect();
-    let magnitude = |star: &Probe| -2.5 * (star.electrons / 10.0_f64.powf(4.5)).log10() + 5.0;
+    let magnitude = |star: &TestStar| -2.5 * (star.electrons / 10.0_f64.powf(4.5)).log10() + 5.0;
     let formula: Vec<[f64; 2]> = design.iter().flatten().map(|star| by_formula("coma", star, magnitude(star))).collect();
     let (cosine, _) = compare(&left, &formula);
     println!("coma, the part that depends on brightness, beside the page's formula: cosine {cosine:.3}");
@@ -331,12 +331,12 @@ fn a_slope_under_the_images_moves_faint_stars_most() {
     let [fit, mass] = both(&[slope(-0.05), slope(0.05)], 0.1, 0.9, BACKGROUND_E, &all);
     // The level of the sky is that of the middle of the frame; elsewhere it is wrong, which moves the centre of mass towards the middle of its window.
     let middle = 0.5 * (SIDE as f64 - 1.0);
-    let is_level = |star: &Probe| (star.x_px - middle - 0.5 * (star.y_px - middle)).abs() < 14.0;
+    let is_level = |star: &TestStar| (star.x_px - middle - 0.5 * (star.y_px - middle)).abs() < 14.0;
     let of_fit = 8.0 * std::f64::consts::PI * (0.81_f64 + 1.0 / 12.0).powi(2);
     for (name, found, k, shares) in [("fit", &fit, of_fit, FITTED_SLOPE), ("centre of mass", &mass, 225.0 * 7.0 * 8.0 / 3.0, [1.0; 3])] {
         for ((part, frames), share) in found.chunks(49).zip(all.chunks(7)).zip(shares) {
             let level = part.iter().zip(frames.iter().flatten()).filter(|(_, star)| is_level(star));
-            let (part, stars): (Vec<Measured>, Vec<Probe>) = level.map(|(found, star)| (*found, *star)).unzip();
+            let (part, stars): (Vec<Measured>, Vec<TestStar>) = level.map(|(found, star)| (*found, *star)).unzip();
             let what = format!("stray light, {:e} e-, {name}, {} stars", stars[0].electrons, stars.len());
             let (cosine, size) = beside(&what, &part, &[stars], |star| [1.0, -0.5].map(|along| along * k / star.electrons));
             assert!(cosine > 0.98 && near(size, share, 0.03), "{what}: {cosine} {size} for {share}");

@@ -5,8 +5,8 @@ use boresight::effects::optics::elliptic_gaussian_psf::{covariance_px2, shape};
 use boresight::effects::optics::sampled_psf::{self, SampledImage};
 use boresight::effects::optics::tables::{AtlasBuilder, Grid, IMAGE_KINDS, ImageKind, PixelResponse, image_kind, transform};
 use boresight::effects::page_of;
-use boresight::effects::pixel::{Atlas, PLANE_SPREADS, PlaneSpread, PlaneStar};
-use boresight::imaging::{Deposit, Exposure, ImagingConfig, PlaneLight, SplitLimits, StarImage, collect_plane_program};
+use boresight::effects::pixel::{Atlas, PLANE_SPREADS, Psf2d, Psf2dStar};
+use boresight::imaging::{Exposure, ImagingConfig, PlaneLight, PointSource, SplitLimits, StarImage, collect_plane_program};
 
 use nalgebra::Complex;
 
@@ -18,7 +18,7 @@ fn config(width_px: usize, height_px: usize) -> ImagingConfig {
 }
 
 /// Points of light of 10² to 10⁶ electrons over and around a frame, some of them sheared.
-fn points(count: usize, width: usize, height: usize) -> Vec<Deposit> {
+fn points(count: usize, width: usize, height: usize) -> Vec<PointSource> {
     let turn = |index: usize, ratio: f64| (index as f64 * ratio).fract();
     (0..count)
         .map(|i| {
@@ -29,13 +29,13 @@ fn points(count: usize, width: usize, height: usize) -> Vec<Deposit> {
                 sigma_px: 0.5 + 1.5 * turn(i, 0.22),
             };
             let shear = if i % 3 == 0 { [0.0; 2] } else { [0.02 * turn(i, 0.13) - 0.01, 0.02 * turn(i, 0.71) - 0.01] };
-            Deposit { shear, ..Deposit::round(&image, 14) }
+            PointSource { shear, ..PointSource::round(&image, 14) }
         })
         .collect()
 }
 
 /// 1e-6 of the brightest point whose square holds the pixel.
-fn floor_e(deposits: &[Deposit], width: usize, height: usize) -> Vec<f64> {
+fn floor_e(deposits: &[PointSource], width: usize, height: usize) -> Vec<f64> {
     let mut floor = vec![0.0_f64; width * height];
     for deposit in deposits {
         let reach = f64::from(deposit.reach_px) + 1.0;
@@ -48,14 +48,14 @@ fn floor_e(deposits: &[Deposit], width: usize, height: usize) -> Vec<f64> {
     floor
 }
 
-fn light<'a>(spread: &'static dyn PlaneSpread, atlas: &'a Atlas, deposits: &'a [Deposit]) -> [PlaneLight<'a>; 1] {
+fn light<'a>(spread: &'static dyn Psf2d, atlas: &'a Atlas, deposits: &'a [PointSource]) -> [PlaneLight<'a>; 1] {
     [PlaneLight { spread, atlas, deposits }]
 }
 
 const NOTHING: Exposure<'static> = Exposure { stars: &[], sky_e: &[], exposure_s: 1.0, frame_index: 0, temperature_c: None };
 
 /// The points with what a spread needs besides their width.
-fn prepared(spread: &dyn PlaneSpread, mut deposits: Vec<Deposit>) -> (Atlas, Vec<Deposit>) {
+fn prepared(spread: &dyn Psf2d, mut deposits: Vec<PointSource>) -> (Atlas, Vec<PointSource>) {
     let mut atlas = Atlas::default();
     match spread.id() {
         "elliptic_gaussian_psf" => {
@@ -165,14 +165,14 @@ fn plane_spreads_have_their_file_their_shader_and_their_page() {
             naga::TypeInner::Struct { span, .. } if ty.name.as_deref() == Some("Star") => Some(*span as usize),
             _ => None,
         });
-        assert_eq!(star, Some(size_of::<PlaneStar>()));
+        assert_eq!(star, Some(size_of::<Psf2dStar>()));
     }
 }
 
 /// A star of one electron in the middle of a frame, from a table of this image.
 fn image_of(atlas: &Atlas, reach_px: u16, x_px: f64, y_px: f64, width: usize) -> Vec<f64> {
     let star = StarImage { x_px, y_px, electrons: 1.0, sigma_px: 1.0 };
-    let mut deposit = Deposit::round(&star, reach_px + 1);
+    let mut deposit = PointSource::round(&star, reach_px + 1);
     deposit.nodes[0] = (0, 1.0);
     let spread = PLANE_SPREADS.iter().find(|spread| spread.id() == "atlas_psf").unwrap();
     let image = cpu(&config(width, width)).electrons_after_with(None, &NOTHING, &light(*spread, atlas, &[deposit])).unwrap();

@@ -105,7 +105,7 @@ const PART_WORLDS: u32 = 16;
 /// Worlds tried until one shows the effect.
 const TRIES: u32 = 8;
 /// What survives of an effect at least, in a world that shows it.
-const LEAST_SURVIVAL: f64 = 0.02;
+const MIN_SURVIVAL: f64 = 0.02;
 /// Larger displacements are not hidden: they would be seen by eye.
 const LARGEST_RMS_PX: f64 = 3.0;
 /// Displacement (rms) of what is taken up, and the most that may be left of it. What the principal point takes up must stay small: to stand
@@ -231,7 +231,7 @@ fn sized(rng: &mut impl Rng, plan: &Plan, world: &World) -> (Vec<Hidden>, bool) 
         // Twice, since what is large is not quite in proportion.
         let first = probe.scaled(snr / signal.snr);
         let found = fisher.signal(&first);
-        shown &= found.survival >= LEAST_SURVIVAL && found.raw_rms_px <= LARGEST_RMS_PX;
+        shown &= found.survival >= MIN_SURVIVAL && found.raw_rms_px <= LARGEST_RMS_PX;
         let whole = first.scaled(snr / found.snr);
         match speed_km_s(&whole).filter(|speed| *speed > FASTEST_KM_S) {
             Some(speed) => {

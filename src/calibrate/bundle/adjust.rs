@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use super::noise::{Noise, Sample, Totals, Whitened};
 use super::normal::{Eliminated, FrameSums, Reduced, WIDTH};
-use super::problem::{Attitudes, MOST_LOCAL, MOST_PARAMETERS, Own, Problem, Row, State};
+use super::problem::{Attitudes, FrameParameters, MAX_LOCAL, MAX_PARAMETERS, Problem, Row, State};
 use crate::camera::PARAMETER_NAMES;
 
 /// A step below this (px of mapping) ends the search for the noise.
@@ -90,7 +90,7 @@ pub(in crate::calibrate) struct Run {
 /// px of mapping at the star images for a unit of each free parameter; zero for one that moves none.
 pub(in crate::calibrate) fn scales(problem: &Problem, state: &State) -> Vec<f64> {
     let of = |exposure: usize| {
-        let (mut sums, mut count) = ([0.0; MOST_PARAMETERS], 0_usize);
+        let (mut sums, mut count) = ([0.0; MAX_PARAMETERS], 0_usize);
         problem.linearise(state, exposure, |_, row| {
             for (k, sum) in sums.iter_mut().enumerate().take(problem.free.len()) {
                 *sum += row.by_parameter[0][k].powi(2) + row.by_parameter[1][k].powi(2);
@@ -100,7 +100,7 @@ pub(in crate::calibrate) fn scales(problem: &Problem, state: &State) -> Vec<f64>
         (sums, count)
     };
     let parts: Vec<_> = (0..problem.exposures.len()).into_par_iter().with_min_len(8).map(of).collect();
-    let (mut sums, mut count) = ([0.0; MOST_PARAMETERS], 0_usize);
+    let (mut sums, mut count) = ([0.0; MAX_PARAMETERS], 0_usize);
     for (part, images) in parts {
         count += images;
         for (sum, one) in sums.iter_mut().zip(part) {
@@ -115,7 +115,7 @@ impl Problem {
     pub(super) fn frame_sums(
         &self,
         values: &[f64],
-        own: Option<Own>,
+        own: Option<FrameParameters>,
         noise: &Noise,
         scale: &[f64],
         exposure: usize,
@@ -140,7 +140,7 @@ impl Problem {
                 let column = whiten(row.by_parameter[0][k] / scale, row.by_parameter[1][k] / scale);
                 (rows[0][k], rows[1][k]) = (column[0], column[1]);
             }
-            let time_s = if local == MOST_LOCAL { Self::row_time_s(&of.observation, image.pixel[1]) } else { 0.0 };
+            let time_s = if local == MAX_LOCAL { Self::row_time_s(&of.observation, image.pixel[1]) } else { 0.0 };
             // The mount's attitude follows the free parameters, a frame's own all that are shared.
             let at = if fixed { free } else { shared };
             let residual = whiten(row.residual[0], row.residual[1]);
@@ -148,7 +148,7 @@ impl Problem {
                 let column = whiten(row.by_rotation[0][axis], row.by_rotation[1][axis]);
                 for side in 0..2 {
                     rows[side][at + axis] = column[side];
-                    if local == MOST_LOCAL {
+                    if local == MAX_LOCAL {
                         rows[side][at + 3 + axis] = -time_s * column[side];
                     }
                 }
@@ -164,7 +164,7 @@ impl Problem {
                 sums.add_known(if fixed { free + axis } else { shared + axis }, weight, off[axis]);
             }
         }
-        if local == MOST_LOCAL {
+        if local == MAX_LOCAL {
             for axis in 0..3 {
                 sums.add_known(shared + 3 + axis, noise.unit_variance / (RATE_SIGMA_RAD_S * RATE_SIGMA_RAD_S), own.rates[axis]);
             }
@@ -353,7 +353,7 @@ impl Problem {
         let weight = pass.totals.weight + noise.before.weight();
         let freedom = (2.0 * weight - lost as f64 - noise.before.lost).max(1.0);
         let chi_squared = pass.chi_squared + noise.before.chi_squared(noise.floor_px2);
-        noise.unit_variance = (chi_squared / freedom).clamp(LEAST_UNIT_VARIANCE, 1.0 / LEAST_UNIT_VARIANCE);
+        noise.unit_variance = (chi_squared / freedom).clamp(MIN_UNIT_VARIANCE, 1.0 / MIN_UNIT_VARIANCE);
     }
 
     /// Moves by one step; parameters that are not `free` in this stage stay.
@@ -366,7 +366,7 @@ impl Problem {
             reduced.right[k] = 0.0;
         }
         let camera = self.model.camera();
-        let most_px = MOST_OPEN_STEP * (camera.width_px as f64).hypot(camera.height_px as f64);
+        let most_px = MAX_OPEN_STEP * (camera.width_px as f64).hypot(camera.height_px as f64);
         let step = solve(&reduced, self.free.len(), most_px);
         for (k, index) in self.free.iter().enumerate() {
             state.values[*index] += step[k] / scale[k];
@@ -391,7 +391,7 @@ impl Problem {
 }
 
 /// Bounds of the residuals' variance against that stated, while the noise is not known yet.
-const LEAST_UNIT_VARIANCE: f64 = 1e-4;
+const MIN_UNIT_VARIANCE: f64 = 1e-4;
 /// Standard deviation of the rates' prior: a quick slew.
 const RATE_SIGMA_RAD_S: f64 = 0.1;
 
@@ -402,7 +402,7 @@ pub(in crate::calibrate) const OPEN: f64 = 1e-12;
 const HARDLY: f64 = 1e-4;
 /// A step along such a direction is at most this share of the frame's diagonal: further than that the linearisation is not to be believed,
 /// and the adjustment would begin anew at a place that nothing but noise has chosen.
-const MOST_OPEN_STEP: f64 = 0.005;
+const MAX_OPEN_STEP: f64 = 0.005;
 
 /// The step; along directions that the star images leave open it is zero, and short along those hardly determined. The first `free` are
 /// in px.

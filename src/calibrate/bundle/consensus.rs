@@ -24,7 +24,7 @@ const HALF: usize = 3;
 /// How far from the ground value the focal length is searched, in ln f.
 const SEARCH: f64 = 0.6;
 /// Attitudes that are voted on in each frame.
-const MOST_VOTES: usize = 150;
+const MAX_VOTES: usize = 150;
 
 /// Directions of a frame's images through a model's optics, the places where it has none left out.
 pub(super) struct Rays {
@@ -152,7 +152,7 @@ pub(super) fn attitude(exposure: &Exposure, rays: &Rays, tolerance_rad: f64) -> 
             if best.as_ref().is_none_or(|(most, _)| score > *most) {
                 best = Some((score, rotation));
             }
-            if votes >= MOST_VOTES || best.as_ref().is_some_and(|(most, _)| *most > 0.7 * n as f64) {
+            if votes >= MAX_VOTES || best.as_ref().is_some_and(|(most, _)| *most > 0.7 * n as f64) {
                 break 'all;
             }
         }

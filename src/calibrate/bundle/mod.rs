@@ -5,16 +5,16 @@
 //!
 //! | file | what it holds |
 //! |---|---|
-//! | [`solve_for`] | names → parameters of the model |
+//! | [`mod@solve_for`] | names → parameters of the model |
 //! | [`problem`] | star images, and their linearisation |
-//! | [`reference`] | the reference model's derivatives in closed form |
+//! | [`mod@reference`] | the reference model's derivatives in closed form |
 //! | [`consensus`] | the start: focal length and attitudes, whatever is wrong |
 //! | [`noise`] | weights, scale, share of wrong identifications |
 //! | [`normal`] | normal equations, attitudes eliminated |
 //! | [`adjust`] | the iteration |
 //! | [`mapping`] | the map over the frame: uncertainty, coverage |
 //! | [`memory`] | what earlier solutions know, in constant size |
-//! | [`update`] | new frames with what earlier solutions know |
+//! | [`mod@update`] | new frames with what earlier solutions know |
 //! | [`change`] | whether these are of the same camera |
 //! | [`profile`] | standard errors of what is hardly determined, from the cost itself |
 //! | [`held_out`] | cross-validation without solving anew |
@@ -48,7 +48,7 @@ pub(super) use adjust::{Adjusted, Run, scales};
 pub(super) use mapping::map_sigma_px;
 pub(super) use memory::{CLASSES, NoiseMemory};
 pub(super) use noise::Noise;
-pub(super) use problem::{Attitudes, Exposure, MOST_LOCAL as MOST_OWN, Prior, Problem, State, earth_from_icrs};
+pub(super) use problem::{Attitudes, Exposure, MAX_LOCAL as MAX_FRAME_PARAMETERS, Prior, Problem, State, earth_from_icrs};
 pub(super) use solve_for::{checked as check_name, solve_for};
 pub(super) use update::{Known, Updated, inverse, update};
 
@@ -65,7 +65,7 @@ const TOLERANCE: f64 = 0.006;
 /// A frame in which less than this share of the images has weight is tried again with the improved camera.
 const POOR_SHARE: f64 = 0.45;
 /// A frame is believed if so many images agree,
-const FEWEST_AGREEING: f64 = 5.5;
+const MIN_AGREEING: f64 = 5.5;
 /// or such a share of them.
 const SUPPORTED_SHARE: f64 = 0.5;
 /// Below this share of images with weight the start is not believed, and the next one tried.
@@ -308,8 +308,7 @@ fn drop_unsupported_frames(problem: &Problem, adjusted: &mut Adjusted) -> bool {
     let mut dropped = false;
     for (index, exposure) in problem.exposures.iter().enumerate() {
         let weight: f64 = adjusted.weights[index].iter().sum();
-        if adjusted.state.attitudes[index].is_some() && weight < FEWEST_AGREEING && weight < SUPPORTED_SHARE * exposure.images.len() as f64
-        {
+        if adjusted.state.attitudes[index].is_some() && weight < MIN_AGREEING && weight < SUPPORTED_SHARE * exposure.images.len() as f64 {
             adjusted.state.attitudes[index] = None;
             dropped = true;
         }

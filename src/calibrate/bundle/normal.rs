@@ -9,12 +9,12 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::problem::{MOST_LOCAL, MOST_PARAMETERS};
+use super::problem::{MAX_LOCAL, MAX_PARAMETERS};
 
 /// Shared parameters at most: those of the model and a mount's attitude.
-const MOST_SHARED: usize = MOST_PARAMETERS + 3;
+const MAX_SHARED: usize = MAX_PARAMETERS + 3;
 /// One row of a frame's sums: shared columns, own columns, residual.
-pub(super) const WIDTH: usize = MOST_SHARED + MOST_LOCAL + 1;
+pub(super) const WIDTH: usize = MAX_SHARED + MAX_LOCAL + 1;
 /// The same of the reference model's six parameters and an attitude.
 const USUAL_WIDTH: usize = 6 + 3 + 1;
 
@@ -35,11 +35,11 @@ pub(super) struct Eliminated {
     shared: usize,
     local: usize,
     /// L of V = DᵀD = L·Lᵀ.
-    factor: [[f64; MOST_LOCAL]; MOST_LOCAL],
+    factor: [[f64; MAX_LOCAL]; MAX_LOCAL],
     /// L⁻¹·DᵀC, row by row.
     coupling: Vec<f64>,
     /// L⁻¹·Dᵀr.
-    right: [f64; MOST_LOCAL],
+    right: [f64; MAX_LOCAL],
 }
 
 /// The equations of the shared parameters.
@@ -99,7 +99,7 @@ impl FrameSums {
     pub(super) fn eliminate(&self, damping: f64, into: &mut Reduced) -> Option<Eliminated> {
         let (shared, local) = (self.shared, self.local);
         let last = shared + local;
-        let mut factor = [[0.0; MOST_LOCAL]; MOST_LOCAL];
+        let mut factor = [[0.0; MAX_LOCAL]; MAX_LOCAL];
         for i in 0..local {
             for j in 0..=i {
                 let damped = if i == j { 1.0 + damping } else { 1.0 };
@@ -116,7 +116,7 @@ impl FrameSums {
             }
         }
         let mut coupling = vec![0.0; local * shared];
-        let mut right = [0.0; MOST_LOCAL];
+        let mut right = [0.0; MAX_LOCAL];
         for i in 0..local {
             for column in 0..shared {
                 let mut sum = self.at(column, shared + i);
@@ -155,8 +155,8 @@ impl FrameSums {
 
 impl Eliminated {
     /// The frame's own step after the shared one.
-    pub(super) fn own_step(&self, shared_step: &DVector<f64>) -> [f64; MOST_LOCAL] {
-        let mut step = [0.0; MOST_LOCAL];
+    pub(super) fn own_step(&self, shared_step: &DVector<f64>) -> [f64; MAX_LOCAL] {
+        let mut step = [0.0; MAX_LOCAL];
         for i in (0..self.local).rev() {
             let coupled: f64 = (0..self.shared).map(|k| self.coupling[i * self.shared + k] * shared_step[k]).sum();
             let mut sum = -self.right[i] - coupled;

@@ -22,13 +22,13 @@ use crate::identify::{ControlPoints, KnownAttitude};
 const PREDICTIONS: usize = 4;
 const PREDICTED_PX: f64 = 1e-3;
 /// The most parameters that one adjustment solves, attitudes not counted.
-pub(in crate::calibrate) const MOST_PARAMETERS: usize = 40;
+pub(in crate::calibrate) const MAX_PARAMETERS: usize = 40;
 /// A star that is measured farther from where it is predicted is no measure of what happens within a pixel,
 const WITHIN_REACH_PX: f64 = 1.0;
 /// nor, this far, of anything.
 const REACH_PX: f64 = 100.0;
 /// Parameters of a frame: its attitude, and its rates where the rows are exposed one after the other.
-pub(in crate::calibrate) const MOST_LOCAL: usize = 6;
+pub(in crate::calibrate) const MAX_LOCAL: usize = 6;
 
 /// A star image.
 #[derive(Clone, Copy, Debug)]
@@ -130,16 +130,16 @@ pub(in crate::calibrate) struct State {
 
 /// What one frame has of its own.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::calibrate) struct Own {
+pub(in crate::calibrate) struct FrameParameters {
     /// Camera from ICRS (apparent places).
     pub(in crate::calibrate) attitude: UnitQuaternion<f64>,
     /// Rates, rad/s.
     pub(in crate::calibrate) rates: [f64; 3],
 }
 
-impl Own {
+impl FrameParameters {
     /// Moves by a step in the attitude and the rates.
-    pub(in crate::calibrate) fn step(&mut self, step: [f64; MOST_LOCAL]) {
+    pub(in crate::calibrate) fn step(&mut self, step: [f64; MAX_LOCAL]) {
         self.attitude = UnitQuaternion::from_scaled_axis(Vector3::new(step[0], step[1], step[2])) * self.attitude;
         for (rate, step) in self.rates.iter_mut().zip(&step[3..]) {
             *rate += step;
@@ -149,9 +149,9 @@ impl Own {
 
 impl State {
     /// Moves a frame's own parameters: its attitude and its rates.
-    pub(in crate::calibrate) fn move_own(&mut self, exposure: usize, step: [f64; MOST_LOCAL]) {
+    pub(in crate::calibrate) fn move_own(&mut self, exposure: usize, step: [f64; MAX_LOCAL]) {
         let Some(attitude) = self.attitudes[exposure] else { return };
-        let mut own = Own { attitude, rates: self.rates[exposure] };
+        let mut own = FrameParameters { attitude, rates: self.rates[exposure] };
         own.step(step);
         (self.attitudes[exposure], self.rates[exposure]) = (Some(own.attitude), own.rates);
     }
@@ -163,7 +163,7 @@ pub(in crate::calibrate) struct Row {
     /// Measured minus predicted, px.
     pub(in crate::calibrate) residual: [f64; 2],
     /// ∂r/∂θ by axis, in the order of the free parameters.
-    pub(in crate::calibrate) by_parameter: [[f64; MOST_PARAMETERS]; 2],
+    pub(in crate::calibrate) by_parameter: [[f64; MAX_PARAMETERS]; 2],
     /// ∂r/∂φ by axis, px/rad.
     pub(in crate::calibrate) by_rotation: [[f64; 3]; 2],
 }
@@ -244,12 +244,18 @@ impl Problem {
     }
 
     /// What a frame has of its own; `None` where it takes no part.
-    pub(in crate::calibrate) fn own(&self, state: &State, exposure: usize) -> Option<Own> {
-        Some(Own { attitude: self.attitude(state, exposure)?, rates: state.rates[exposure] })
+    pub(in crate::calibrate) fn own(&self, state: &State, exposure: usize) -> Option<FrameParameters> {
+        Some(FrameParameters { attitude: self.attitude(state, exposure)?, rates: state.rates[exposure] })
     }
 
     /// The same as [`Self::linearise`] from the model's values and what the frame has of its own.
-    pub(in crate::calibrate) fn linearise_at(&self, values: &[f64], own: Own, exposure: usize, mut each: impl FnMut(usize, &Row)) {
+    pub(in crate::calibrate) fn linearise_at(
+        &self,
+        values: &[f64],
+        own: FrameParameters,
+        exposure: usize,
+        mut each: impl FnMut(usize, &Row),
+    ) {
         let rates = own.rates;
         let rotation = own.attitude.to_rotation_matrix();
         let of = &self.exposures[exposure];
@@ -263,7 +269,7 @@ impl Problem {
         };
         let reference =
             (plain && !self.solves_sky && self.free.iter().all(|index| *index < PARAMETER_COUNT)).then(|| Reference::new(values));
-        let mut row = Row { residual: [0.0; 2], by_parameter: [[0.0; MOST_PARAMETERS]; 2], by_rotation: [[0.0; 3]; 2] };
+        let mut row = Row { residual: [0.0; 2], by_parameter: [[0.0; MAX_PARAMETERS]; 2], by_rotation: [[0.0; 3]; 2] };
         for (index, image) in of.images.iter().enumerate() {
             let done = match &reference {
                 Some(reference) => self.row_of_reference(reference, &rotation, image, reach_px, &mut row),

@@ -33,7 +33,7 @@ pub(in crate::calibrate) fn solve_for(
         }
         let name = ALIASES.iter().find(|(alias, _)| alias == given).map_or(given.as_str(), |(_, full)| full);
         let (effect, parameters) = find(name, observations).ok_or_else(|| unknown(given))?;
-        let lacks = observations.iter().find_map(|observation| effect.missing(observation));
+        let lacks = observations.iter().find_map(|observation| effect.unmet_requirement(observation));
         if let Some(reason) = lacks {
             return Err(CalibrateError::NotSolvable { name: given.clone(), reason: reason.to_owned() });
         }
@@ -61,7 +61,7 @@ pub(in crate::calibrate) fn solve_for(
     if free.is_empty() {
         return Err(CalibrateError::BadOption { name: "solve", value: "nothing".to_owned(), allowed: "parameters or effects" });
     }
-    if free.len() > super::problem::MOST_PARAMETERS {
+    if free.len() > super::problem::MAX_PARAMETERS {
         return Err(CalibrateError::BadOption {
             name: "solve",
             value: format!("{} parameters", free.len()),
@@ -77,8 +77,8 @@ pub(in crate::calibrate) fn images_tell(model: &Model, free: &[usize], exposures
     for parameter in free.iter().map(|index| &parameters[*index]) {
         let Some(effect) = displacement(parameter.effect) else { continue };
         let mut images = exposures.iter().flat_map(|of| of.images.iter().map(|image| image.context(&of.observation)));
-        let Some(reason) = images.next().and_then(|context| effect.missing_in(&context)) else { continue };
-        if images.all(|context| effect.missing_in(&context).is_some()) {
+        let Some(reason) = images.next().and_then(|context| effect.unmet_in_context(&context)) else { continue };
+        if images.all(|context| effect.unmet_in_context(&context).is_some()) {
             return Err(CalibrateError::NotSolvable { name: parameter.effect.to_owned(), reason: reason.to_owned() });
         }
     }
@@ -91,8 +91,11 @@ fn find(name: &str, observations: &[Observation]) -> Option<(&'static dyn AnyDis
     let allowed =
         |effect: &'static dyn AnyDisplacement| (effect.id() != REFERENCE_DISTORTION && effect.id() != "pinhole").then_some(effect);
     if let Some(effect) = displacement(name).and_then(allowed) {
-        let fitted =
-            if effect.segment() == Segment::Projection { (0..effect.parameters().len()).collect() } else { effect.fitted(&observation) };
+        let fitted = if effect.segment() == Segment::Projection {
+            (0..effect.parameters().len()).collect()
+        } else {
+            effect.default_free(&observation)
+        };
         return Some((effect, fitted));
     }
     if let Some((id, parameter)) = name.split_once('.') {

@@ -25,7 +25,7 @@ const WEAK_SHARE: f64 = 0.15;
 /// A residual above this (px) is found by inverting the distortion, not by the linearisation.
 const FAR_PX: f64 = 10.0;
 /// With more pairs of stars than these, the angles between stars are looked at for a part of the stars.
-const MOST_PAIRS: usize = 2_000_000;
+const MAX_PAIRS: usize = 2_000_000;
 /// Of a combination with a singular value below this the standard error is taken from the cost itself.
 const HARDLY: f64 = 0.1;
 /// A combination with a singular value below this is put into words.
@@ -407,7 +407,7 @@ fn angle_difference_rad(seen: [Vector3<f64>; 2], apparent: [Vector3<f64>; 2]) ->
 fn interstar_angle_rms_arcsec(solved: &Solved) -> Option<f64> {
     let (problem, adjusted) = (&solved.problem, &solved.adjusted);
     let pairs: usize = problem.exposures.iter().map(|exposure| exposure.images.len().pow(2) / 2).sum();
-    let every = (pairs as f64 / MOST_PAIRS as f64).sqrt().ceil().max(1.0) as usize;
+    let every = (pairs as f64 / MAX_PAIRS as f64).sqrt().ceil().max(1.0) as usize;
     let of = |exposure: usize| {
         let weights = &adjusted.weights[exposure];
         let images = &problem.exposures[exposure].images;

@@ -2,11 +2,11 @@
 //! of simple fields.
 
 use super::{BINS, Carrier, Covariate, Fields, bins, varies};
-use crate::calibrate::{Column, Joint};
+use crate::calibrate::{BundleSolution, Column};
 use crate::diagnose::evidence::Evidence;
 
 /// Frames are held against the others one by one up to this number.
-const MOST_SINGLE: usize = 100;
+const MAX_SINGLE: usize = 100;
 
 const BEHIND_ATTITUDE: [Carrier; 3] = [|[x, y]| [x, y], |[x, y]| [x, -y], |[x, y]| [y, x]];
 const OF_FRAMES: [Carrier; 6] = [
@@ -89,7 +89,7 @@ pub(super) fn of_frame(name: String, numbers: &[f64], evidence: &Evidence, field
 /// One frame out of line with all others: a pattern for each.
 pub(super) fn single_frames(evidence: &Evidence, fields: &Fields) -> Vec<Vec<Column>> {
     let frames = evidence.frames.len();
-    if !(3..=MOST_SINGLE).contains(&frames) {
+    if !(3..=MAX_SINGLE).contains(&frames) {
         return Vec::new();
     }
     let of = |frame: usize| {
@@ -121,7 +121,7 @@ pub(super) fn rate(evidence: &Evidence, fields: &Fields) -> Option<Covariate> {
 }
 
 /// The camera's velocity along its axis.
-pub(super) fn velocity(joint: &Joint, evidence: &Evidence, fields: &Fields) -> Option<Covariate> {
+pub(super) fn velocity(joint: &BundleSolution, evidence: &Evidence, fields: &Fields) -> Option<Covariate> {
     let along = |(place, (_, observation)): (usize, &(usize, crate::effects::Observation))| {
         let velocity = nalgebra::Vector3::from(observation.velocity_km_s?);
         Some((joint.attitude(place)?.camera_from_icrs * velocity).z)

@@ -12,7 +12,7 @@ pub(super) use frames::Separated;
 
 use super::Telemetry;
 use super::evidence::{Evidence, REACH_PX, WITHIN_REACH_PX};
-use crate::calibrate::{Column, Joint};
+use crate::calibrate::{BundleSolution, Column};
 use crate::identify::ControlPoints;
 
 /// Bins of equal counts.
@@ -51,7 +51,7 @@ impl Fields {
 }
 
 /// All that the recording has.
-pub(super) fn covariates(joint: &Joint, evidence: &Evidence, points: &ControlPoints, telemetry: &Telemetry) -> Vec<Covariate> {
+pub(super) fn covariates(joint: &BundleSolution, evidence: &Evidence, points: &ControlPoints, telemetry: &Telemetry) -> Vec<Covariate> {
     let camera = joint.model().camera();
     let (width, height) = (camera.width_px as f64, camera.height_px as f64);
     let pixels: Vec<[f64; 2]> = evidence.predicted_px(REACH_PX).collect();

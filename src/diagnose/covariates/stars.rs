@@ -3,7 +3,7 @@
 
 use super::places::legendre;
 use super::{BINS, Carrier, Covariate, Fields, bins, varies};
-use crate::calibrate::{Column, Joint};
+use crate::calibrate::{BundleSolution, Column};
 use crate::diagnose::evidence::Evidence;
 use crate::identify::ControlPoints;
 
@@ -11,7 +11,7 @@ use crate::identify::ControlPoints;
 const PRODUCT_DEGREE: usize = 3;
 /// Stars are held against themselves if they are seen so often, and so many of them at most.
 const STAR_IMAGES: usize = 3;
-const MOST_STARS: usize = 40;
+const MAX_STARS: usize = 40;
 /// Colours count from here.
 const MIDDLE_COLOUR: f64 = 0.6;
 
@@ -79,13 +79,13 @@ pub(super) fn background_gradient(evidence: &Evidence, points: &ControlPoints, f
 pub(super) fn along(
     name: &str,
     id: &str,
-    joint: &Joint,
+    joint: &BundleSolution,
     evidence: &Evidence,
     points: &ControlPoints,
     fields: &Fields,
 ) -> Option<Covariate> {
     let effect = crate::effects::displacement(id)?;
-    if evidence.frames.iter().any(|(_, observation)| effect.missing(observation).is_some()) {
+    if evidence.frames.iter().any(|(_, observation)| effect.unmet_requirement(observation).is_some()) {
         return None;
     }
     let start = (!evidence.images.is_empty()).then(|| effect.identity(&evidence.context(0, points)))??;
@@ -111,7 +111,7 @@ pub(super) fn stars(evidence: &Evidence) -> Option<Covariate> {
     }
     let mut often: Vec<usize> = (0..seen.len()).filter(|star| seen[*star] >= STAR_IMAGES).collect();
     often.sort_by(|a, b| seen[*b].cmp(&seen[*a]).then(a.cmp(b)));
-    often.truncate(MOST_STARS);
+    often.truncate(MAX_STARS);
     let values: Vec<f64> =
         evidence.star.iter().map(|star| often.iter().position(|own| own == star).map_or(f64::NAN, |k| k as f64)).collect();
     let of = |(star, axis): (usize, usize)| -> Column {

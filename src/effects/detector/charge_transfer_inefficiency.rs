@@ -113,16 +113,16 @@ pub struct TrappedChargeUniforms {
 }
 
 /// Below so many electrons a packet loses nothing.
-const LEAST_E: f32 = 0.01;
+const MIN_E: f32 = 0.01;
 
 /// The twin, for one kind of traps, of which the whole way has `traps` and `held` are full.
 fn charge_transfer_inefficiency(uniforms: &TrappedChargeUniforms, traps: f32, released: f32, electrons: f32, held: &mut f32) -> f32 {
     let filling = electrons * uniforms.per_full_well;
     let met = traps * power(filling, uniforms.cloud_exponent);
     let certain = 1.0 - exponential(-uniforms.capture * power(filling, 1.0 - uniforms.cloud_exponent));
-    let at_least = if electrons > LEAST_E { electrons } else { LEAST_E };
+    let at_least = if electrons > MIN_E { electrons } else { MIN_E };
     let taken = (met - *held) / (met / at_least + 1.0) * certain;
-    let taken = if taken > 0.0 && electrons > LEAST_E { taken } else { 0.0 };
+    let taken = if taken > 0.0 && electrons > MIN_E { taken } else { 0.0 };
     let full = *held + taken;
     let let_go = full * released;
     *held = full - let_go;

@@ -41,7 +41,7 @@ impl Displacement for DetectorTilt {
         Light { point_px: [x - x * nearer, y - y * nearer], ..light }
     }
 
-    fn missing(_: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(_: &Observation) -> Option<&'static str> {
         None
     }
 
@@ -49,7 +49,7 @@ impl Displacement for DetectorTilt {
         Some(vec![0.0; 2])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

@@ -59,7 +59,7 @@ impl Displacement for EdgeRollOff {
         Light { point_px, ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         observation.sensor.is_none().then_some("the size of the frame is not known")
     }
 
@@ -67,11 +67,11 @@ impl Displacement for EdgeRollOff {
         Some(vec![0.0, TYPICAL_LENGTH_PX])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 
-    fn fitted(_: &Observation) -> Vec<usize> {
+    fn default_free(_: &Observation) -> Vec<usize> {
         vec![0]
     }
 

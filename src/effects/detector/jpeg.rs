@@ -38,7 +38,7 @@ pub struct JpegUniforms {
 }
 
 /// The highest count of a frame.
-const MOST_COUNTS: f32 = 65_535.0;
+const MAX_COUNTS: f32 = 65_535.0;
 
 /// Side of a block, px.
 const BLOCK_PX: usize = 8;
@@ -117,7 +117,7 @@ impl NeighbourPass for Jpeg {
                 3 => {
                     let count = floor(sum + 0.5);
                     let count = if count > 0.0 { count } else { 0.0 };
-                    if count < MOST_COUNTS { count } else { MOST_COUNTS }
+                    if count < MAX_COUNTS { count } else { MAX_COUNTS }
                 }
                 _ => sum,
             };

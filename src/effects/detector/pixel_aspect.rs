@@ -35,7 +35,7 @@ impl Displacement for PixelAspect {
         Light { point_px: [x - half * x, y + half * y], ..light }
     }
 
-    fn missing(_: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(_: &Observation) -> Option<&'static str> {
         None
     }
 
@@ -43,7 +43,7 @@ impl Displacement for PixelAspect {
         Some(vec![0.0])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

@@ -63,7 +63,7 @@ impl Displacement for SensorStep {
         Light { point_px: [x - parameters[0] * share, y - parameters[1] * share], ..light }
     }
 
-    fn missing(_: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(_: &Observation) -> Option<&'static str> {
         None
     }
 
@@ -73,11 +73,11 @@ impl Displacement for SensorStep {
         Some(vec![0.0, 0.0, line_px])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 
-    fn fitted(_: &Observation) -> Vec<usize> {
+    fn default_free(_: &Observation) -> Vec<usize> {
         vec![0, 1]
     }
 

@@ -37,7 +37,7 @@ impl Displacement for Shear {
         Light { point_px: [x - half * y, y - half * x], ..light }
     }
 
-    fn missing(_: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(_: &Observation) -> Option<&'static str> {
         None
     }
 
@@ -45,7 +45,7 @@ impl Displacement for Shear {
         Some(vec![0.0])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

@@ -43,7 +43,7 @@ impl Displacement for BoresightDrift {
         Light { point_px: [x - shift(0), y - shift(1)], ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         let has_any = observation.temperature_offset_k.is_some() || observation.time_offset_h.is_some();
         (!has_any).then_some("neither the temperature nor the time of the frames is known")
     }
@@ -52,11 +52,11 @@ impl Displacement for BoresightDrift {
         Some(vec![0.0; 4])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 
-    fn fitted(observation: &Observation) -> Vec<usize> {
+    fn default_free(observation: &Observation) -> Vec<usize> {
         if observation.temperature_offset_k.is_some() { vec![0, 1] } else { vec![2, 3] }
     }
 

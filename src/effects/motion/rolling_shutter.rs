@@ -49,7 +49,7 @@ impl Displacement for RollingShutter {
         Light { direction: normalize(rotate(light.direction, axis, angle)), ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         match (observation.rate_rad_s, observation.sensor) {
             (None, _) => Some("the rate at which the camera turned is not known"),
             (_, None) => Some("the size of the frame is not known"),
@@ -61,7 +61,7 @@ impl Displacement for RollingShutter {
         Some(vec![0.0])
     }
 
-    fn known(observation: &Observation) -> Option<Vec<f64>> {
+    fn predicted(observation: &Observation) -> Option<Vec<f64>> {
         let line_time_s = observation.rate_rad_s.and(observation.sensor)?.line_time_s?;
         (line_time_s != 0.0).then(|| vec![line_time_s.abs() / MICROSECOND_S])
     }

@@ -21,7 +21,7 @@
 //! that have the pixel in them.
 
 use crate::effects::ParameterSpec;
-use crate::effects::pixel::{Atlas, PlaneSpread, PlaneStar, Rows};
+use crate::effects::pixel::{Atlas, Psf2d, Psf2dStar, Rows};
 
 /// Point spread from tables.
 #[derive(Clone, Copy, Debug)]
@@ -71,7 +71,7 @@ impl Taps {
 
 #[allow(clippy::cast_possible_wrap, clippy::cast_sign_loss, reason = "a row has at most 65 535 pixels, a table fewer")]
 /// The twin: adds `star` to the rows.
-fn atlas_psf(star: &PlaneStar, atlas: &Atlas, rows: &mut Rows<'_>) {
+fn atlas_psf(star: &Psf2dStar, atlas: &Atlas, rows: &mut Rows<'_>) {
     let [oversampling, side, ..] = *atlas.values else { return };
     let (oversampling, side) = (oversampling as i32, side as i32);
     let middle = side / 2;
@@ -114,7 +114,7 @@ fn atlas_psf(star: &PlaneStar, atlas: &Atlas, rows: &mut Rows<'_>) {
     });
 }
 
-impl PlaneSpread for AtlasPsf {
+impl Psf2d for AtlasPsf {
     fn id(&self) -> &'static str {
         "atlas_psf"
     }
@@ -134,7 +134,7 @@ impl PlaneSpread for AtlasPsf {
     fn source(&self) -> &'static str {
         include_str!("atlas_psf.rs")
     }
-    fn add_plane(&self, star: &PlaneStar, atlas: &Atlas, rows: &mut Rows<'_>) {
+    fn add_plane(&self, star: &Psf2dStar, atlas: &Atlas, rows: &mut Rows<'_>) {
         atlas_psf(star, atlas, rows);
     }
 }

@@ -49,7 +49,7 @@ impl Displacement for BrownConrady {
         Light { point_px: ideal_from_measured([parameters[0], parameters[1], parameters[2]], light.point_px), ..light }
     }
 
-    fn missing(_: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(_: &Observation) -> Option<&'static str> {
         None
     }
 
@@ -57,7 +57,7 @@ impl Displacement for BrownConrady {
         Some(vec![0.0; 3])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

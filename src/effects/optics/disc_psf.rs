@@ -19,7 +19,7 @@
 //! **Source.** Ray tracing of a pair of surfaces to first order: W. T. Welford, Aberrations of Optical Systems (1986).
 
 use crate::effects::ParameterSpec;
-use crate::effects::pixel::{Atlas, PlaneSpread, PlaneStar, Rows};
+use crate::effects::pixel::{Atlas, Psf2d, Psf2dStar, Rows};
 
 /// A disc or ring of even light.
 #[derive(Clone, Copy, Debug)]
@@ -50,7 +50,7 @@ fn within(dx: f32, half: f32) -> f32 {
 }
 
 /// The twin: adds `star` to the rows.
-fn disc_psf(star: &PlaneStar, rows: &mut Rows<'_>) {
+fn disc_psf(star: &Psf2dStar, rows: &mut Rows<'_>) {
     let [radius, hole, density, _] = star.shape;
     star.for_each_row(rows, |dy, first_dx, pixels, _| {
         for [node, weight] in NODES {
@@ -67,7 +67,7 @@ fn disc_psf(star: &PlaneStar, rows: &mut Rows<'_>) {
     });
 }
 
-impl PlaneSpread for DiscPsf {
+impl Psf2d for DiscPsf {
     fn id(&self) -> &'static str {
         "disc_psf"
     }
@@ -91,7 +91,7 @@ impl PlaneSpread for DiscPsf {
     fn source(&self) -> &'static str {
         include_str!("disc_psf.rs")
     }
-    fn add_plane(&self, star: &PlaneStar, _: &Atlas, rows: &mut Rows<'_>) {
+    fn add_plane(&self, star: &Psf2dStar, _: &Atlas, rows: &mut Rows<'_>) {
         disc_psf(star, rows);
     }
 }

@@ -22,7 +22,7 @@
 use super::gaussian_psf::{DENSITY_AT_CENTRE, pixel_share};
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::math::poly_exp;
-use crate::effects::pixel::{Atlas, PlaneSpread, PlaneStar, Rows};
+use crate::effects::pixel::{Atlas, Psf2d, Psf2dStar, Rows};
 
 /// Elliptic Gaussian point spread.
 #[derive(Clone, Copy, Debug)]
@@ -56,7 +56,7 @@ pub fn shape([xx, xy, yy]: [f64; 3]) -> (f64, [f32; 4]) {
 }
 
 /// The twin: adds `star` to the rows.
-fn elliptic_gaussian_psf(star: &PlaneStar, rows: &mut Rows<'_>) {
+fn elliptic_gaussian_psf(star: &Psf2dStar, rows: &mut Rows<'_>) {
     let [inverse_sigma_y, slope, ..] = star.shape;
     star.for_each_row(rows, |dy, first_dx, pixels, _| {
         for [node, weight] in NODES {
@@ -72,7 +72,7 @@ fn elliptic_gaussian_psf(star: &PlaneStar, rows: &mut Rows<'_>) {
     });
 }
 
-impl PlaneSpread for EllipticGaussianPsf {
+impl Psf2d for EllipticGaussianPsf {
     fn id(&self) -> &'static str {
         "elliptic_gaussian_psf"
     }
@@ -98,7 +98,7 @@ impl PlaneSpread for EllipticGaussianPsf {
     fn source(&self) -> &'static str {
         include_str!("elliptic_gaussian_psf.rs")
     }
-    fn add_plane(&self, star: &PlaneStar, _: &Atlas, rows: &mut Rows<'_>) {
+    fn add_plane(&self, star: &Psf2dStar, _: &Atlas, rows: &mut Rows<'_>) {
         elliptic_gaussian_psf(star, rows);
     }
 }
@@ -118,7 +118,7 @@ mod tests {
             let (sigma, shape) = shape([xx, xy, yy]);
             let determinant = xx * yy - xy * xy;
             let (fraction_x, fraction_y) = (0.3_f32, -0.2_f32);
-            let star = PlaneStar {
+            let star = Psf2dStar {
                 column: 8,
                 row: 8,
                 fraction_x,

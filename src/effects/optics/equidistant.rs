@@ -49,7 +49,7 @@ impl Displacement for Equidistant {
         Some([x * sine_over_angle, y * sine_over_angle, cosine])
     }
 
-    fn missing(_: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(_: &Observation) -> Option<&'static str> {
         None
     }
 
@@ -57,7 +57,7 @@ impl Displacement for Equidistant {
         None
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

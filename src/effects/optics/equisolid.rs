@@ -50,7 +50,7 @@ impl Displacement for Equisolid {
         Some([x * cosine_of_half, y * cosine_of_half, -square * 0.5 + 1.0])
     }
 
-    fn missing(_: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(_: &Observation) -> Option<&'static str> {
         None
     }
 
@@ -58,7 +58,7 @@ impl Displacement for Equisolid {
         None
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

@@ -39,7 +39,7 @@ impl Displacement for FocalLengthDrift {
         Light { point_px: light.point_px.map(|coordinate| coordinate / growth), ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         let has_any = observation.time_offset_h.is_some() || observation.order_offset.is_some();
         (!has_any).then_some("neither the time nor the order of the frames is known")
     }
@@ -48,11 +48,11 @@ impl Displacement for FocalLengthDrift {
         Some(vec![0.0; 2])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 
-    fn fitted(observation: &Observation) -> Vec<usize> {
+    fn default_free(observation: &Observation) -> Vec<usize> {
         if observation.time_offset_h.is_some() { vec![0] } else { vec![1] }
     }
 

@@ -22,7 +22,7 @@
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::lanes::vectorised;
 use crate::effects::pixel::math::{normal_upper_tail, poly_exp};
-use crate::effects::pixel::{Atlas, PlaneSpread, PlaneStar, PointSpread, Rows, Star};
+use crate::effects::pixel::{Atlas, Psf2d, Psf2dStar, Rows, SeparablePsf, Star};
 
 /// Gaussian point spread.
 #[derive(Clone, Copy, Debug)]
@@ -120,7 +120,7 @@ vectorised! {
     }
 }
 
-impl PointSpread for GaussianPsf {
+impl SeparablePsf for GaussianPsf {
     fn id(&self) -> &'static str {
         "gaussian_psf"
     }
@@ -143,15 +143,15 @@ impl PointSpread for GaussianPsf {
 }
 
 /// The same light row by row, where each row has the star at another place.
-impl PlaneSpread for GaussianPsf {
+impl Psf2d for GaussianPsf {
     fn id(&self) -> &'static str {
         "gaussian_psf"
     }
     fn parameters(&self) -> &'static [ParameterSpec] {
-        PointSpread::parameters(self)
+        SeparablePsf::parameters(self)
     }
     fn wgsl(&self) -> &'static str {
-        PointSpread::wgsl(self)
+        SeparablePsf::wgsl(self)
     }
     fn wgsl_share(&self) -> &'static str {
         "gaussian_psf(star, dx) * gaussian_psf(star, dy)"
@@ -160,9 +160,9 @@ impl PlaneSpread for GaussianPsf {
         1
     }
     fn source(&self) -> &'static str {
-        PointSpread::source(self)
+        SeparablePsf::source(self)
     }
-    fn add_plane(&self, star: &PlaneStar, _: &Atlas, rows: &mut Rows<'_>) {
+    fn add_plane(&self, star: &Psf2dStar, _: &Atlas, rows: &mut Rows<'_>) {
         star.for_each_row(rows, |dy, first_dx, pixels, _| {
             let electrons = star.electrons * pixel_share(dy, star.inverse_sigma);
             for (i, pixel) in pixels.iter_mut().enumerate() {

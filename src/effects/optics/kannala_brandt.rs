@@ -87,7 +87,7 @@ impl Displacement for KannalaBrandt {
         Some([x * across, y * across, cosine])
     }
 
-    fn missing(_: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(_: &Observation) -> Option<&'static str> {
         None
     }
 
@@ -95,7 +95,7 @@ impl Displacement for KannalaBrandt {
         None
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

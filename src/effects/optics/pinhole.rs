@@ -48,7 +48,7 @@ impl Displacement for Pinhole {
         Some([light.point_px[0], light.point_px[1], parameters[2]])
     }
 
-    fn missing(_: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(_: &Observation) -> Option<&'static str> {
         None
     }
 
@@ -56,7 +56,7 @@ impl Displacement for Pinhole {
         None
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

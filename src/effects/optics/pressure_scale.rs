@@ -36,7 +36,7 @@ impl Displacement for PressureScale {
         Light { point_px: light.point_px.map(|coordinate| coordinate / growth), ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         observation.pressure_offset_hpa.is_none().then_some("the air pressure of the frames is not known (telemetry pressure_hpa)")
     }
 
@@ -44,7 +44,7 @@ impl Displacement for PressureScale {
         Some(vec![0.0])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

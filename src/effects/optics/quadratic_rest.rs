@@ -44,7 +44,7 @@ impl Displacement for QuadraticRest {
         Light { point_px: [x - (a * even + b * odd), y - (b * even - a * odd)], ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         observation.sensor.is_none().then_some("the size of the frame is not known")
     }
 
@@ -52,7 +52,7 @@ impl Displacement for QuadraticRest {
         Some(vec![0.0; 2])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

@@ -44,7 +44,7 @@ impl Displacement for RadialHighOrder {
         Light { point_px: [x - factor * x, y - factor * y], ..light }
     }
 
-    fn missing(_: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(_: &Observation) -> Option<&'static str> {
         None
     }
 
@@ -52,7 +52,7 @@ impl Displacement for RadialHighOrder {
         Some(vec![0.0; 2])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

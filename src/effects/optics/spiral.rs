@@ -37,7 +37,7 @@ impl Displacement for Spiral {
         Light { point_px: [x + turn * y, y - turn * x], ..light }
     }
 
-    fn missing(_: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(_: &Observation) -> Option<&'static str> {
         None
     }
 
@@ -45,7 +45,7 @@ impl Displacement for Spiral {
         Some(vec![0.0])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

@@ -45,7 +45,7 @@ impl Displacement for Stereographic {
         Some([x, y, -(x * x + y * y) * 0.25 + 1.0])
     }
 
-    fn missing(_: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(_: &Observation) -> Option<&'static str> {
         None
     }
 
@@ -53,7 +53,7 @@ impl Displacement for Stereographic {
         None
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

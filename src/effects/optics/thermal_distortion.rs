@@ -37,7 +37,7 @@ impl Displacement for ThermalDistortion {
         Light { point_px: [x * kept, y * kept], ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         observation.temperature_offset_k.is_none().then_some("the temperature of the frames is not known")
     }
 
@@ -45,7 +45,7 @@ impl Displacement for ThermalDistortion {
         Some(vec![0.0])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

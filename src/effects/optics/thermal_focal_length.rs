@@ -35,7 +35,7 @@ impl Displacement for ThermalFocalLength {
         Light { point_px: light.point_px.map(|coordinate| coordinate / growth), ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         observation.temperature_offset_k.is_none().then_some("the temperature of the frames is not known")
     }
 
@@ -43,7 +43,7 @@ impl Displacement for ThermalFocalLength {
         Some(vec![0.0])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

@@ -45,7 +45,7 @@ impl Displacement for ThinPrism {
         Light { point_px: [x - parameters[0] * square, y - parameters[1] * square], ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         observation.sensor.is_none().then_some("the size of the frame is not known")
     }
 
@@ -53,7 +53,7 @@ impl Displacement for ThinPrism {
         Some(vec![0.0; 2])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

@@ -39,7 +39,7 @@ impl Displacement for WedgeColour {
         Light { point_px: [x - parameters[0] * colour, y - parameters[1] * colour], ..light }
     }
 
-    fn missing(_: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(_: &Observation) -> Option<&'static str> {
         None
     }
 
@@ -47,7 +47,7 @@ impl Displacement for WedgeColour {
         Some(vec![0.0; 2])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

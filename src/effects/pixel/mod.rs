@@ -13,9 +13,7 @@ pub mod pass;
 pub mod pattern;
 mod spread;
 
-pub use spread::{
-    Atlas, MOST_NODES, PLANE_SPREADS, POINT_SPREADS, PlaneSpread, PlaneStar, PointSpread, Rows, Star, plane_spread, point_spread,
-};
+pub use spread::{Atlas, MAX_NODES, PLANE_SPREADS, POINT_SPREADS, Psf2d, Psf2dStar, Rows, SeparablePsf, Star, psf_2d, separable_psf};
 
 use bytemuck::Pod;
 

@@ -47,7 +47,7 @@ pub enum PassShape {
 pub type Carry = [f32; 4];
 
 /// How far up and down a neighbour pass may look, px. Along a row it may look anywhere.
-pub const MOST_ROWS_AWAY: usize = 16;
+pub const MAX_ROWS_AWAY: usize = 16;
 
 /// A whole frame, row by row, and a second one to work in.
 #[derive(Debug)]
@@ -120,7 +120,7 @@ pub trait LinePass: PassHead {
 pub trait NeighbourPass: PassHead {
     /// How often the frame is made anew.
     const SWEEPS: usize = 1;
-    /// The CPU twin: makes row `y` from the frame as it was. It looks at most [`MOST_ROWS_AWAY`] rows up and down.
+    /// The CPU twin: makes row `y` from the frame as it was. It looks at most [`MAX_ROWS_AWAY`] rows up and down.
     fn row(uniforms: &Self::Uniforms, sweep: usize, source: &Source<'_>, y: usize, row: &mut [f32]);
 }
 

@@ -1,7 +1,7 @@
 //! Point spreads: how the light of a star is spread over pixels.
 //!
-//! A **separable** spread ([`PointSpread`]) is the product of a profile along the columns and one along the rows: the fast way. A **plane**
-//! spread ([`PlaneSpread`]) is any function of the two offsets; its stars ([`PlaneStar`]) may move from row to row, as under a rolling
+//! A **separable** spread ([`SeparablePsf`]) is the product of a profile along the columns and one along the rows: the fast way. A **plane**
+//! spread ([`Psf2d`]) is any function of the two offsets; its stars ([`Psf2dStar`]) may move from row to row, as under a rolling
 //! shutter, and may be read from tables ([`Atlas`]).
 
 use std::sync::Arc;
@@ -46,8 +46,8 @@ pub struct Rows<'a> {
 }
 
 /// How the light of a star is spread: as the product of a profile along the columns and one along the rows. A spread that is no such product is
-/// a [`PlaneSpread`].
-pub trait PointSpread: Sync {
+/// a [`Psf2d`].
+pub trait SeparablePsf: Sync {
     /// Its id in files, and the name of its twin and of its WGSL function `fn id_quad(star: Star, first_px: f32, fraction_px: f32) -> vec4<f32>`:
     /// the shares of the star's light, along one axis, in four pixels of which the first lies `first_px` (a whole number) from the star's
     /// own pixel; the star lies `fraction_px` from that one's centre.
@@ -65,15 +65,15 @@ pub trait PointSpread: Sync {
 }
 
 /// Tables that one star may be a mixture of.
-pub const MOST_NODES: usize = 8;
+pub const MAX_NODES: usize = 8;
 
-/// A star's image for a [`PlaneSpread`].
+/// A star's image for a [`Psf2d`].
 ///
 /// Under a rolling shutter each row sees the star at a time of its own. Near the star its place is linear in the row: in the row at y the
 /// star stands `shear_x`·(y − y₀) px to the right of (x₀, y₀) and `shear_y`·(y − y₀) px below.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct PlaneStar {
+pub struct Psf2dStar {
     /// Column of the pixel whose centre is nearest to (x₀, y₀).
     pub column: i32,
     /// Its row.
@@ -99,12 +99,12 @@ pub struct PlaneStar {
     /// Keeps the size a multiple of 16 bytes.
     pub unused: [u32; 2],
     /// Their indices.
-    pub node: [u32; MOST_NODES],
+    pub node: [u32; MAX_NODES],
     /// Their weights.
-    pub weight: [f32; MOST_NODES],
+    pub weight: [f32; MAX_NODES],
 }
 
-impl PlaneStar {
+impl Psf2dStar {
     /// Calls `line` with the pixels of each row that the star lights: the row's offset from the star (px), the first pixel's, the pixels,
     /// and space for the spread's own use.
     #[allow(clippy::cast_possible_wrap, reason = "the sides of a frame are at most 65 535 px")]
@@ -139,7 +139,7 @@ pub struct Atlas {
 }
 
 /// How light is spread that is no product of two profiles.
-pub trait PlaneSpread: Sync {
+pub trait Psf2d: Sync {
     /// Its id in files, and the name of its twin and of its function in WGSL.
     fn id(&self) -> &'static str;
     /// Its parameters.
@@ -157,14 +157,14 @@ pub trait PlaneSpread: Sync {
     /// The text of its source file, whose head is its page.
     fn source(&self) -> &'static str;
     /// The CPU twin: adds the star's light to the rows.
-    fn add_plane(&self, star: &PlaneStar, atlas: &Atlas, rows: &mut Rows<'_>);
+    fn add_plane(&self, star: &Psf2dStar, atlas: &Atlas, rows: &mut Rows<'_>);
 }
 
 /// Every separable point spread.
-pub static POINT_SPREADS: &[&dyn PointSpread] = &[&optics::gaussian_psf::GaussianPsf];
+pub static POINT_SPREADS: &[&dyn SeparablePsf] = &[&optics::gaussian_psf::GaussianPsf];
 
 /// Every plane point spread.
-pub static PLANE_SPREADS: &[&dyn PlaneSpread] = &[
+pub static PLANE_SPREADS: &[&dyn Psf2d] = &[
     &optics::gaussian_psf::GaussianPsf,
     &optics::elliptic_gaussian_psf::EllipticGaussianPsf,
     &optics::atlas_psf::AtlasPsf,
@@ -173,12 +173,12 @@ pub static PLANE_SPREADS: &[&dyn PlaneSpread] = &[
 
 /// The separable point spread with this id.
 #[must_use]
-pub fn point_spread(id: &str) -> Option<&'static dyn PointSpread> {
+pub fn separable_psf(id: &str) -> Option<&'static dyn SeparablePsf> {
     POINT_SPREADS.iter().copied().find(|spread| spread.id() == id)
 }
 
 /// The plane point spread with this id.
 #[must_use]
-pub fn plane_spread(id: &str) -> Option<&'static dyn PlaneSpread> {
+pub fn psf_2d(id: &str) -> Option<&'static dyn Psf2d> {
     PLANE_SPREADS.iter().copied().find(|spread| spread.id() == id)
 }

@@ -47,7 +47,7 @@ impl Displacement for ChromaticRefraction {
         Light { direction: normalize(add(light.direction, scale(across, lift / sine))), ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         observation.zenith.is_none().then_some("the site or the time of the frames is not known, so the zenith is not")
     }
 
@@ -55,7 +55,7 @@ impl Displacement for ChromaticRefraction {
         Some(vec![0.0])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

@@ -38,7 +38,7 @@ impl Displacement for FrameRotation {
         Light { direction: normalize(rotate(light.direction, constant(ECLIPTIC_POLE), parameters[0] * ARCSEC_RAD)), ..light }
     }
 
-    fn missing(_: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(_: &Observation) -> Option<&'static str> {
         None
     }
 
@@ -46,7 +46,7 @@ impl Displacement for FrameRotation {
         Some(vec![0.0])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

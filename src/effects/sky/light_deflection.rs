@@ -50,7 +50,7 @@ impl Displacement for LightDeflection {
         Light { direction: normalize(add(light.direction, scale(across, strength))), ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         observation.sun_au.is_none().then_some("the time of the frames is not known, so the direction of the Sun is not")
     }
 
@@ -58,7 +58,7 @@ impl Displacement for LightDeflection {
         Some(vec![0.0])
     }
 
-    fn known(observation: &Observation) -> Option<Vec<f64>> {
+    fn predicted(observation: &Observation) -> Option<Vec<f64>> {
         observation.sun_au.map(|_| vec![1.0])
     }
 

@@ -26,7 +26,7 @@ pub struct Parallax;
 impl Displacement for Parallax {
     const ID: &'static str = "parallax";
     const SEGMENT: Segment = Segment::Sky;
-    const OF_THE_STAR: bool = true;
+    const PER_STAR: bool = true;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "amplitude", unit: "", typical: 1.0, range: (-1000.0, 1000.0) }];
 
     fn displace<T: Real>(parameters: &[T], light: Light<T>, context: &Context) -> Light<T> {
@@ -34,7 +34,7 @@ impl Displacement for Parallax {
         Light { direction: normalize(add(light.direction, scale(constant(shift), parameters[0]))), ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         observation
             .position_au
             .is_none()
@@ -45,7 +45,7 @@ impl Displacement for Parallax {
         Some(vec![0.0])
     }
 
-    fn known(observation: &Observation) -> Option<Vec<f64>> {
+    fn predicted(observation: &Observation) -> Option<Vec<f64>> {
         observation.position_au.map(|_| vec![1.0])
     }
 

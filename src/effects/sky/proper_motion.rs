@@ -39,7 +39,7 @@ pub fn east_north(direction: [f64; 3]) -> ([f64; 3], [f64; 3]) {
 impl Displacement for ProperMotion {
     const ID: &'static str = "proper-motion";
     const SEGMENT: Segment = Segment::Sky;
-    const OF_THE_STAR: bool = true;
+    const PER_STAR: bool = true;
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "epoch_offset_yr", unit: "yr", typical: 0.0, range: (-1000.0, 1000.0) }];
 
@@ -51,7 +51,7 @@ impl Displacement for ProperMotion {
         Light { direction: normalize(add(light.direction, scale(constant(velocity), years))), ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         observation.epoch_yr.is_none().then_some("the time of the frames is not known")
     }
 
@@ -59,7 +59,7 @@ impl Displacement for ProperMotion {
         Some(vec![context.star.epoch_yr - context.observation.epoch_yr.unwrap_or(context.star.epoch_yr)])
     }
 
-    fn known(observation: &Observation) -> Option<Vec<f64>> {
+    fn predicted(observation: &Observation) -> Option<Vec<f64>> {
         observation.epoch_yr.map(|_| vec![0.0])
     }
 

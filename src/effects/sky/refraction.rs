@@ -93,7 +93,7 @@ impl Displacement for Refraction {
         Light { direction: normalize(add(scale(horizontal, shrink), raised)), ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         observation.zenith.is_none().then_some("the site or the time of the frames is not known, so the zenith is not")
     }
 
@@ -101,12 +101,12 @@ impl Displacement for Refraction {
         Some(vec![0.0; 3])
     }
 
-    fn known(observation: &Observation) -> Option<Vec<f64>> {
+    fn predicted(observation: &Observation) -> Option<Vec<f64>> {
         let air = observation.zenith.and(observation.refraction).filter(|_| !observation.zenith_is_guessed)?;
         Some(vec![(air.a_rad + air.b_rad) / ARCSEC_RAD, 0.0, 0.0])
     }
 
-    fn fitted(observation: &Observation) -> Vec<usize> {
+    fn default_free(observation: &Observation) -> Vec<usize> {
         match (observation.zenith_is_guessed, observation.earth_from_icrs) {
             (false, _) => vec![0],
             (true, Some(_)) => vec![0, 1, 2],
@@ -115,7 +115,7 @@ impl Displacement for Refraction {
         }
     }
 
-    fn natural() -> Option<Natural> {
+    fn plausible_range() -> Option<Natural> {
         // From 5000 m of altitude in summer to the sea in a polar winter.
         Some(Natural { what: "refraction_at_45deg_arcsec", parameters: &[0], range: (27.0, 78.0) })
     }

@@ -51,7 +51,7 @@ impl Displacement for StellarAberration {
         Light { direction: normalize(add(scale(light.direction, inverse_gamma), scale(beta, factor))), ..light }
     }
 
-    fn missing(_: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(_: &Observation) -> Option<&'static str> {
         None // where no velocity is known, one can be fitted
     }
 
@@ -59,15 +59,15 @@ impl Displacement for StellarAberration {
         Some(vec![0.0; 4])
     }
 
-    fn known(observation: &Observation) -> Option<Vec<f64>> {
+    fn predicted(observation: &Observation) -> Option<Vec<f64>> {
         observation.velocity_km_s.map(|_| vec![1.0, 0.0, 0.0, 0.0])
     }
 
-    fn fitted(observation: &Observation) -> Vec<usize> {
+    fn default_free(observation: &Observation) -> Vec<usize> {
         if observation.velocity_km_s.is_some() { vec![0] } else { vec![1, 2, 3] }
     }
 
-    fn natural() -> Option<Natural> {
+    fn plausible_range() -> Option<Natural> {
         // The Earth's speed at its perihelion and the speed of escape from its surface.
         Some(Natural { what: "the velocity", parameters: &[1, 2, 3], range: (0.0, 42.0) })
     }

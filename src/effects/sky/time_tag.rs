@@ -42,7 +42,7 @@ impl Displacement for TimeTag {
         Light { direction: normalize(rotate(light.direction, constant(pole), parameters[0] * -EARTH_RATE_RAD_S)), ..light }
     }
 
-    fn missing(observation: &Observation) -> Option<&'static str> {
+    fn unmet_requirement(observation: &Observation) -> Option<&'static str> {
         observation.earth_from_icrs.is_none().then_some("the time of the frames is not known, so the Earth's axis is not")
     }
 
@@ -50,7 +50,7 @@ impl Displacement for TimeTag {
         Some(vec![0.0])
     }
 
-    fn known(_: &Observation) -> Option<Vec<f64>> {
+    fn predicted(_: &Observation) -> Option<Vec<f64>> {
         None
     }
 

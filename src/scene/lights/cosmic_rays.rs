@@ -84,7 +84,7 @@ impl Scene {
     /// Directions come evenly from all sides; the charge of a track follows Moyal's approximation of Landau's law.
     pub(super) fn cosmic_rays_in(&self, index: usize) -> Vec<OtherLight> {
         /// Steepest tracks are cut here: half a degree above the surface.
-        const LEAST_COSINE: f64 = 0.01;
+        const MIN_COSINE: f64 = 0.01;
         /// Width of Landau's law over its most probable value in a few µm of silicon.
         const WIDTH: f64 = 0.15;
         let Some(rays) = &self.cosmic_rays else { return Vec::new() };
@@ -97,7 +97,7 @@ impl Scene {
                 let from = size.map(|side| rng.random_range(-0.5..side - 0.5));
                 let azimuth: f64 = rng.random_range(0.0..std::f64::consts::TAU);
                 // Through a surface the flux falls with the cosine, whose square is even between 0 and 1.
-                let cosine = rng.random_range(LEAST_COSINE * LEAST_COSINE..1.0_f64).sqrt();
+                let cosine = rng.random_range(MIN_COSINE * MIN_COSINE..1.0_f64).sqrt();
                 let z: f64 = normal.sample(&mut rng);
                 let path_um = rays.thickness_um / cosine;
                 let along_px = path_um * (1.0 - cosine * cosine).sqrt() / rays.pitch_um;

@@ -24,7 +24,7 @@ use super::{LightForm, LightKind, OtherLight, Refuse};
 use crate::coordinates::PixelPoint;
 use crate::effects::ParameterSpec;
 use crate::effects::optics::disc_psf::DiscPsf;
-use crate::effects::pixel::PlaneSpread;
+use crate::effects::pixel::Psf2d;
 use crate::scene::{Scene, SceneError, StarTrack};
 
 /// What the table has, for the list of effects.

@@ -195,7 +195,7 @@ enum Outcome {
 fn sizes(effect: &dyn AnyDisplacement, context: &Context) -> (Vec<usize>, Vec<f64>, Vec<f64>) {
     let off = effect.identity(context).unwrap_or_else(|| vec![0.0; effect.parameters().len()]);
     let typical = effect.parameters().iter().map(|spec| spec.typical).collect();
-    (effect.fitted(&context.observation), off, typical)
+    (effect.default_free(&context.observation), off, typical)
 }
 
 /// Solves a night with the effect, larger and larger until it is found or unreasonably large.

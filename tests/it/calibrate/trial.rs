@@ -135,7 +135,7 @@ fn names_given_through_a_wrong_camera_do_little_harm_to_either_method() {
             let ratios = (0..6).map(|seed| {
                 let night = night(WrongStars::Random, 0.0, 500 + seed);
                 let mut points = night.control_points.clone();
-                let (wrong, too_few) = misidentify(&mut points, catalog, share, MisidentificationKind::Natural, seed);
+                let (wrong, too_few) = misidentify(&mut points, catalog, share, MisidentificationKind::WrongCamera, seed);
                 assert_eq!((wrong.len(), too_few), ((share * 300.0).round() as usize, None));
                 let mut known = night.control_points.clone();
                 let mut index = 0..;

@@ -95,7 +95,7 @@ fn deliberate_misidentification_changes_the_stated_share_and_says_which() {
         assert_ne!(misidentify(&mut again, catalog, 0.2, kind, 8).0, truth);
     }
     let mut none = right.clone();
-    for kind in [MisidentificationKind::Random, MisidentificationKind::NearNeighbour, MisidentificationKind::Natural] {
+    for kind in [MisidentificationKind::Random, MisidentificationKind::NearNeighbour, MisidentificationKind::WrongCamera] {
         assert_eq!(misidentify(&mut none, catalog, 0.0, kind, 1), (Vec::new(), None));
         assert_eq!(none, right);
     }
@@ -118,7 +118,7 @@ fn natural_misidentification_is_that_of_one_wrong_camera() {
     let (_, right) = night(false);
     for (share, seed) in [(0.05, 1), (0.1, 2), (0.2, 3), (0.4, 4)] {
         let mut wrong = right.clone();
-        let (truth, too_few) = misidentify(&mut wrong, catalog, share, MisidentificationKind::Natural, seed);
+        let (truth, too_few) = misidentify(&mut wrong, catalog, share, MisidentificationKind::WrongCamera, seed);
         assert!(too_few.is_none());
         assert_eq!(truth.len(), (share * right.points.len() as f64).round() as usize);
         // Points that are not listed are as they were, and of the others all that a measurement tells.
@@ -147,13 +147,13 @@ fn natural_misidentification_is_that_of_one_wrong_camera() {
             assert!((after.direction.angle_rad(&before.direction) - t.error_rad).abs() < 1e-12);
         }
         let mut again = right.clone();
-        assert_eq!(misidentify(&mut again, catalog, share, MisidentificationKind::Natural, seed), (truth.clone(), None));
+        assert_eq!(misidentify(&mut again, catalog, share, MisidentificationKind::WrongCamera, seed), (truth.clone(), None));
         assert_eq!(again, wrong);
-        assert_ne!(misidentify(&mut right.clone(), catalog, share, MisidentificationKind::Natural, seed + 10).0, truth);
+        assert_ne!(misidentify(&mut right.clone(), catalog, share, MisidentificationKind::WrongCamera, seed + 10).0, truth);
         // Attitudes only say where the middle of a frame is: without them it is that of its stars.
         let mut unknown = right.clone();
         unknown.attitudes.fill(None);
-        let (without, too_few) = misidentify(&mut unknown, catalog, share, MisidentificationKind::Natural, seed);
+        let (without, too_few) = misidentify(&mut unknown, catalog, share, MisidentificationKind::WrongCamera, seed);
         assert_eq!((without.len(), too_few), (truth.len(), None));
     }
     let mean_of = |kind, share| {
@@ -166,7 +166,7 @@ fn natural_misidentification_is_that_of_one_wrong_camera() {
         (cosines.iter().sum::<f64>() / cosines.len() as f64, cosines.len())
     };
     for share in [0.1, 0.2, 0.4] {
-        let (natural, pairs) = mean_of(MisidentificationKind::Natural, share);
+        let (natural, pairs) = mean_of(MisidentificationKind::WrongCamera, share);
         let (random, random_pairs) = mean_of(MisidentificationKind::Random, share);
         println!(
             "share {share}: errors of neighbours are alike to {natural:.2} ({pairs} pairs), random ones to {random:.2} ({random_pairs})"
@@ -177,7 +177,7 @@ fn natural_misidentification_is_that_of_one_wrong_camera() {
     }
     // No camera makes every star wrong, and that is said.
     let mut all = right.clone();
-    let (truth, too_few) = misidentify(&mut all, catalog, 1.0, MisidentificationKind::Natural, 5);
+    let (truth, too_few) = misidentify(&mut all, catalog, 1.0, MisidentificationKind::WrongCamera, 5);
     let sentence = too_few.unwrap();
     assert!(truth.len() < right.points.len());
     assert!(
@@ -187,7 +187,7 @@ fn natural_misidentification_is_that_of_one_wrong_camera() {
     // A star alone has no other that it could be.
     let mut alone = ControlPoints::new(right.nominal, right.attitudes.clone(), right.points[..1].to_vec());
     alone.points[0].magnitude = -30.0;
-    let (truth, too_few) = misidentify(&mut alone, catalog, 1.0, MisidentificationKind::Natural, 5);
+    let (truth, too_few) = misidentify(&mut alone, catalog, 1.0, MisidentificationKind::WrongCamera, 5);
     assert!(truth.is_empty() && too_few.is_some_and(|sentence| sentence.starts_with("Only 0 of the 1 wrong")));
 }
 

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use boresight::coordinates::{Apparent, Direction};
 use boresight::detect::Detections;
-use boresight::identify::{Identification, IdentifyOptions, Near, Projection, catalog_directions, identify};
+use boresight::identify::{AttitudePrior, Identification, IdentifyOptions, Projection, catalog_directions, identify};
 use proptest::prelude::*;
 use proptest::test_runner::TestCaseResult;
 
@@ -94,7 +94,7 @@ fn time_limit() -> impl Strategy<Value = Option<Duration>> {
 /// Options that can be meant.
 fn options() -> impl Strategy<Value = IdentifyOptions> {
     let near = (prop::array::uniform2(-3.0..3.0_f64), prop::option::of(-3.0..3.0_f64), 0.001..3.1_f64);
-    let near = near.prop_map(|([ra, dec], roll, within)| Near::pointing(ra, dec / 2.0, roll, within));
+    let near = near.prop_map(|([ra, dec], roll, within)| AttitudePrior::pointing(ra, dec / 2.0, roll, within));
     (
         prop::option::of(100.0..8000.0_f64),
         prop_oneof![0.0..0.3_f64, 0.0..10.0_f64],
@@ -124,7 +124,7 @@ fn options() -> impl Strategy<Value = IdentifyOptions> {
 /// The same with one that cannot be.
 fn odd_options() -> impl Strategy<Value = IdentifyOptions> {
     (options(), 0_usize..9, odd_number(), any::<i8>()).prop_map(|(mut options, which, number, parity)| {
-        let near = Near::pointing(1.0, 0.5, Some(2.0), 0.5);
+        let near = AttitudePrior::pointing(1.0, 0.5, Some(2.0), 0.5);
         let odd = || Direction::<Apparent>::from_unit([0.6, number, 0.8]);
         match which {
             0 => options.nominal_focal_length_px = Some(number),
@@ -133,8 +133,11 @@ fn odd_options() -> impl Strategy<Value = IdentifyOptions> {
             3 => options.field_width_range_rad[1] = number,
             4 => options.field_width_range_rad.reverse(),
             5 => options.parity = Some(parity),
-            6 => options.near = Some(Near { within_rad: number, ..near }),
-            7 => options.near = Some(if parity < 0 { Near { boresight: odd(), ..near } } else { Near { up: Some(odd()), ..near } }),
+            6 => options.near = Some(AttitudePrior { within_rad: number, ..near }),
+            7 => {
+                options.near =
+                    Some(if parity < 0 { AttitudePrior { boresight: odd(), ..near } } else { AttitudePrior { up: Some(odd()), ..near } })
+            }
             _ => options.max_false_match_probability = number,
         }
         options

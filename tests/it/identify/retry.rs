@@ -4,7 +4,7 @@ use boresight::camera::{Camera, Physics};
 use boresight::catalog::Catalog;
 use boresight::coordinates::{Attitude, Direction};
 use boresight::detect::Detections;
-use boresight::identify::{Identification, IdentifyOptions, Near, identify};
+use boresight::identify::{AttitudePrior, Identification, IdentifyOptions, identify};
 use boresight::pipeline::{IdentifiedFrame, Measured, MeasuredFrame, SkyChoice, identify_frames};
 use boresight::recording::{CameraInfo, FrameEntry, Recording};
 use nalgebra::UnitQuaternion;
@@ -55,7 +55,7 @@ fn a_frame_that_resists_alone_is_found_around_the_nearest_identified_frame() {
     };
     let solves =
         |list: &List, near| matches!(identify(&list.detections, catalog, index, &[], &options(list, near)), Identification::Identified(_));
-    let resists = |list: &List| !solves(list, None) && solves(list, Some(Near::attitude(&list.attitude, 10.0 * DEG)));
+    let resists = |list: &List| !solves(list, None) && solves(list, Some(AttitudePrior::attitude(&list.attitude, 10.0 * DEG)));
     let hard = (0..200).map(|seed| make(&HARD, Told::Nothing, 40_051 + seed)).find(resists).expect("a list that is found only where it is");
     let (beside, elsewhere) = (clear(&hard, 5.0), clear(&make(&BASE, Told::Nothing, 3), 0.0));
     let options = options(&hard, None);
@@ -69,7 +69,10 @@ fn a_frame_that_resists_alone_is_found_around_the_nearest_identified_frame() {
     assert!(misled[1].solution().is_some() && misled[2].solution().is_none());
     assert!(identified(&[&hard.detections], &options)[0].solution().is_none(), "there is no frame to be led by");
     // Nor is another frame believed where somebody says where the camera points.
-    let anywhere = IdentifyOptions { near: Some(Near { up: None, ..Near::attitude(&hard.attitude, 180.0 * DEG) }), ..options.clone() };
+    let anywhere = IdentifyOptions {
+        near: Some(AttitudePrior { up: None, ..AttitudePrior::attitude(&hard.attitude, 180.0 * DEG) }),
+        ..options.clone()
+    };
     let told = identified(&[&elsewhere, &beside, &hard.detections], &anywhere);
     assert!(told[0].solution().is_some() && told[1].solution().is_some());
     assert!(told[2].solution().is_none());

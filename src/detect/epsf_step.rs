@@ -1,0 +1,208 @@
+//! The step for the image: what all stars tell together of the correction, their own places, fluxes and backgrounds freed.
+//!
+//! An image with more light and stars with less flux, or an image aside and stars to the other side, are the same pixels: of these equal images
+//! the one is meant whose light is 1 and whose centre, in a window as wide as the Gaussian, is where the star is. Both are linear in the
+//! correction, and it is held to them at every place of the frame: what no pixel tells would else wander from step to step.
+
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+
+use super::epsf::{Grid, Lines};
+use super::fit::{Model, Stamp};
+use super::psf::Shape;
+
+/// Steps of the linear solution.
+const MAX_STEPS: usize = 300;
+/// What the correction may be, one σ: share of the image where it is, and of its top anywhere.
+const PRIOR: (f64, f64) = (0.3, 0.01);
+/// Correction that changes over the frame, over that which does not.
+const PRIOR_OF_FIELD: f64 = 0.5;
+
+/// One star under the present image: what the step for the image reads.
+pub(super) struct Turn<'a> {
+    pub(super) model: Model,
+    pub(super) chi2: f64,
+    pub(super) lines: [Lines; 2],
+    pub(super) terms: [f64; 10],
+    pub(super) weights: Vec<f64>,
+    /// Counts less the Gaussian and the background.
+    pub(super) rest: Vec<f64>,
+    /// Derivatives of the counts by flux, background, x and y.
+    pub(super) rows: Vec<[f64; 4]>,
+    /// Inverse of the normal matrix of those four.
+    pub(super) covariance: [[f64; 7]; 7],
+    pub(super) stamp: &'a Stamp,
+}
+
+impl Turn<'_> {
+    /// Weights the vector and takes out what flux, background and position would take up.
+    fn weigh(&self, vector: &mut [f64]) {
+        let mut sums = [0.0; 4];
+        for ((v, w), row) in vector.iter_mut().zip(&self.weights).zip(&self.rows) {
+            *v *= w;
+            for (sum, r) in sums.iter_mut().zip(row) {
+                *sum += *v * r;
+            }
+        }
+        let steps: [f64; 4] = std::array::from_fn(|a| (0..4).map(|b| self.covariance[a][b] * sums[b]).sum());
+        for ((v, w), row) in vector.iter_mut().zip(&self.weights).zip(&self.rows) {
+            *v -= w * row.iter().zip(steps).map(|(r, s)| r * s).sum::<f64>();
+        }
+    }
+}
+
+/// The correction as unknowns: what is linear in it.
+pub(super) struct Unknowns {
+    grid: Grid,
+    terms: usize,
+    /// Inverse of the prior's variance for each knot.
+    prior: Vec<f64>,
+    /// What must be zero, as weights of a term's knots: its light, and its first moments in the window.
+    held: [Vec<f64>; 3],
+}
+
+impl Unknowns {
+    pub(super) fn new(grid: Grid, base: Shape, terms: usize) -> Self {
+        let sigma2 = base.axes_px().0.powi(2);
+        let top = grid.step_px.powi(2) / (2.0 * std::f64::consts::PI * base.determinant().sqrt());
+        let allowed = |knot: usize| {
+            let [x, y] = grid.place_px(knot);
+            // the wings of real images reach further than a Gaussian's
+            top * (PRIOR.0 * (-0.5 * (x * x + y * y) / (2.25 * sigma2)).exp() + PRIOR.1)
+        };
+        let of_term = |term: usize| if term == 0 { 1.0 } else { PRIOR_OF_FIELD };
+        let prior = (0..terms * grid.knots()).map(|i| (of_term(i / grid.knots()) * allowed(i % grid.knots())).powi(-2)).collect();
+        // first moments of a knot's narrow Gaussian under a Gaussian weight as wide as the image
+        let spread = grid.narrow_px.powi(2);
+        let window = Shape::ellipse(base.xx + spread, base.xy, base.yy + spread);
+        let moment = |axis: usize| {
+            let of = |knot: usize| {
+                let at = grid.place_px(knot);
+                at[axis] * (-0.5 * window.radius_in_sigma(at[0], at[1]).powi(2)).exp()
+            };
+            (0..grid.knots()).map(of).collect()
+        };
+        Self { grid, terms, prior, held: [vec![1.0; grid.knots()], moment(0), moment(1)] }
+    }
+
+    /// For each term the inverse of what the held sums would be of steps along their own weights, scaled by `diagonal`.
+    fn holds(&self, diagonal: &[f64]) -> Vec<Matrix3<f64>> {
+        let of_term = |scale: &[f64]| {
+            let between = |a: usize, b: usize| self.held[a].iter().zip(&self.held[b]).zip(scale).map(|((a, b), d)| a * b / d).sum::<f64>();
+            Matrix3::from_fn(between).try_inverse().unwrap_or_else(Matrix3::zeros)
+        };
+        diagonal.chunks_exact(self.grid.knots()).map(of_term).collect()
+    }
+
+    /// The residual scaled by the diagonal, less what would change the held sums.
+    fn scaled(&self, residual: &[f64], diagonal: &[f64], holds: &[Matrix3<f64>]) -> Vec<f64> {
+        let n = self.grid.knots();
+        let mut out: Vec<f64> = residual.iter().zip(diagonal).map(|(r, d)| r / d).collect();
+        for ((part, scale), hold) in out.chunks_exact_mut(n).zip(diagonal.chunks_exact(n)).zip(holds) {
+            let sums = Vector3::from_fn(|a, _| self.held[a].iter().zip(&*part).map(|(h, p)| h * p).sum::<f64>());
+            let back = hold * sums;
+            for (knot, (p, d)) in part.iter_mut().zip(scale).enumerate() {
+                *p -= (0..3).map(|a| back[a] * self.held[a][knot]).sum::<f64>() / d;
+            }
+        }
+        out
+    }
+
+    /// The stars' part of the normal matrix times a vector (or, of their rests, the right side), summed in a fixed order.
+    fn over_stars(&self, turns: &[Turn<'_>], knots: Option<&[f64]>) -> Vec<f64> {
+        const STARS_A_TASK: usize = 16;
+        let n = self.grid.knots();
+        let task = |chunk: &[Turn<'_>]| {
+            let mut sum = vec![0.0; n * self.terms];
+            let (mut local, mut back) = (vec![0.0; n], vec![0.0; n]);
+            for turn in chunk {
+                let mut vector = vec![0.0; turn.stamp.data.len()];
+                match knots {
+                    None => vector.copy_from_slice(&turn.rest),
+                    Some(knots) => {
+                        local.fill(0.0);
+                        for (term, grid) in turn.terms.iter().zip(knots.chunks_exact(n)) {
+                            for (l, g) in local.iter_mut().zip(grid) {
+                                *l += term * g;
+                            }
+                        }
+                        self.grid.forward(&local, &turn.lines, turn.model.flux_dn, &mut vector);
+                    }
+                }
+                turn.weigh(&mut vector);
+                self.grid.back(&vector, &turn.lines, turn.model.flux_dn, &mut back);
+                for (term, grid) in turn.terms.iter().zip(sum.chunks_exact_mut(n)) {
+                    for (g, b) in grid.iter_mut().zip(&back) {
+                        *g += term * b;
+                    }
+                }
+            }
+            sum
+        };
+        let parts: Vec<Vec<f64>> = turns.par_chunks(STARS_A_TASK).map(task).collect();
+        let mut total = vec![0.0; n * self.terms];
+        for part in parts {
+            for (t, p) in total.iter_mut().zip(part) {
+                *t += p;
+            }
+        }
+        total
+    }
+
+    /// Diagonal of the normal matrix, about: what scales the unknowns.
+    fn diagonal(&self, turns: &[Turn<'_>]) -> Vec<f64> {
+        let n = self.grid.knots();
+        let mut diagonal = self.prior.clone();
+        let mut back = vec![0.0; n];
+        for turn in turns {
+            self.grid.back(&turn.weights, &[turn.lines[0].squared(), turn.lines[1].squared()], turn.model.flux_dn.powi(2), &mut back);
+            for (term, grid) in turn.terms.iter().zip(diagonal.chunks_exact_mut(n)) {
+                for (d, b) in grid.iter_mut().zip(&back) {
+                    *d += term * term * b;
+                }
+            }
+        }
+        diagonal
+    }
+
+    /// Conjugate gradients (Hestenes & Stiefel 1952) within what is held (Gould, Hribar & Nocedal 2001, SIAM J. Sci. Comput. 23, 1376), from the
+    /// present knots on, which keep to it.
+    pub(super) fn solve(&self, turns: &[Turn<'_>], knots: &mut [f64]) {
+        let apply = |vector: &[f64]| {
+            let mut out = self.over_stars(turns, Some(vector));
+            for ((o, v), p) in out.iter_mut().zip(vector).zip(&self.prior) {
+                *o += p * v;
+            }
+            out
+        };
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let diagonal = self.diagonal(turns);
+        let holds = self.holds(&diagonal);
+        let scaled = |r: &[f64]| self.scaled(r, &diagonal, &holds);
+        let mut residual = self.over_stars(turns, None);
+        let aim = dot(&residual, &scaled(&residual));
+        for (r, a) in residual.iter_mut().zip(apply(knots)) {
+            *r -= a;
+        }
+        let mut z = scaled(&residual);
+        let mut direction = z.clone();
+        let mut square = dot(&residual, &z);
+        for _ in 0..MAX_STEPS {
+            if square <= 1e-9 * aim {
+                break;
+            }
+            let image = apply(&direction);
+            let length = square / dot(&direction, &image);
+            for ((k, r), (d, i)) in knots.iter_mut().zip(&mut residual).zip(direction.iter().zip(&image)) {
+                *k += length * d;
+                *r -= length * i;
+            }
+            z = scaled(&residual);
+            let next = dot(&residual, &z);
+            for (d, z) in direction.iter_mut().zip(&z) {
+                *d = z + next / square * *d;
+            }
+            square = next;
+        }
+    }
+}
