@@ -6,8 +6,6 @@
 
 /// One degree in radians.
 pub const DEG_RAD: f64 = std::f64::consts::PI / 180.0;
-/// One arcminute in radians.
-pub const ARCMIN_RAD: f64 = DEG_RAD / 60.0;
 /// One arcsecond in radians.
 pub const ARCSEC_RAD: f64 = DEG_RAD / 3600.0;
 /// One milliarcsecond in radians.

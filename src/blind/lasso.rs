@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::judge::{Judge, Sums, by_frame};
 use crate::calibrate::{BundleSolution, Column};
-use crate::effects::{Context, DISPLACEMENTS, Observation, Segment, StarState};
+use crate::effects::{Context, DISPLACEMENTS, Observation, StarState};
 use crate::identify::ControlPoints;
 
 /// Folds of the cross-validation.
@@ -87,7 +87,7 @@ fn offered(joint: &BundleSolution, points: &ControlPoints) -> (Vec<String>, Vec<
     let first = frames.first().map_or_else(Observation::default, |(_, observation)| *observation);
     let star = points.points.first().map_or_else(StarState::default, |point| point.star);
     let (mut ids, mut columns) = (Vec::new(), Vec::new());
-    for effect in DISPLACEMENTS.iter().filter(|effect| effect.segment() != Segment::Projection && effect.id() != "brown-conrady") {
+    for effect in DISPLACEMENTS.iter().filter(|effect| effect.is_hypothesis()) {
         if frames.iter().any(|(_, observation)| effect.unmet_requirement(observation).is_some()) {
             continue;
         }

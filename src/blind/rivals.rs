@@ -8,6 +8,7 @@ use super::AnswerFinding;
 use super::judge::Judge;
 use super::lasso::lasso_before;
 use crate::calibrate::Column;
+use crate::effects::ids;
 use crate::effects::{Context, Observation, StarState, displacement};
 use crate::identify::ControlPoints;
 
@@ -32,7 +33,7 @@ pub struct RivalFits {
 /// Degree of the polynomial.
 const DEGREE: i32 = 7;
 /// Coefficients of `radial-high-order`: k2 and k3.
-const RADIAL: &str = "radial-high-order";
+const RADIAL: &str = ids::RADIAL_HIGH_ORDER;
 
 /// The rivals, and what the diagnosis `named`, on control points whose model contains the effects `predicted`, judged on these frames. `None` if there is no
 /// calibration to start from.

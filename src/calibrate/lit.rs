@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::geometry::frame_grid;
 use crate::camera::Camera;
 use crate::coordinates::PixelPoint;
+use crate::effects::ids;
 use crate::identify::ControlPoints;
 
 /// So many star images stand as far out as the circle reaches, or farther: fewer may be wrong identifications.
@@ -29,7 +30,7 @@ pub struct LitCircle {
 impl LitCircle {
     /// That of star images, seen through a lens of this law; `None` where the whole frame is lit.
     pub(super) fn of(points: &ControlPoints, projection: &str) -> Option<Self> {
-        if projection == "pinhole" {
+        if projection == ids::PINHOLE {
             return None;
         }
         let centre_px = points.nominal.principal_point_px;

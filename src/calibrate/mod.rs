@@ -47,6 +47,7 @@ pub use systematics::{Surroundings, Systematic};
 pub(crate) use bundle::optimal_rotation;
 
 use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES, Term};
+use crate::effects::ids;
 use crate::identify::ControlPoints;
 use geometry::Scaling;
 use pairs::FrameStars;
@@ -106,7 +107,7 @@ impl Default for CalibrateOptions {
             extend_model: false,
             priors: Vec::new(),
             terms: Vec::new(),
-            projection: "pinhole".to_owned(),
+            projection: ids::PINHOLE.to_owned(),
             projection_parameters: Vec::new(),
             attitudes: AttitudeModel::Auto,
             leave_out_imprecise: true,
@@ -306,7 +307,7 @@ pub fn calibrate(control_points: &ControlPoints, options: &CalibrateOptions) -> 
         ("priors", !options.priors.is_empty()),
         ("select_model", options.select_model),
         ("extend_model", options.extend_model),
-        ("projection", options.projection != "pinhole"),
+        ("projection", options.projection != ids::PINHOLE),
         ("terms", !options.terms.is_empty()),
     ];
     if let Some((name, _)) = for_bundle.into_iter().find(|(_, given)| *given) {

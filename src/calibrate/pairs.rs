@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::geometry::{LocalDirection, Matrix6, Scaling, Vector6};
 use crate::camera::{Camera, PARAMETER_COUNT};
 use crate::coordinates::PixelPoint;
+use crate::dual::dot;
 
 /// Pairs that one task works on, about.
 const CHUNK_PAIRS: usize = 4096;
@@ -209,7 +210,7 @@ impl Pairs {
     /// u = a·ΔX − R of one pair.
     fn remaining(&self, frame: usize, shifts: &[[f64; 3]], i: usize, j: usize) -> f64 {
         let (a, b) = (&self.frames[frame][i], &self.frames[frame][j]);
-        dot(&shifts[i], &b.local.direction) + dot(&a.local.direction, &shifts[j]) - cosine_residual(a, b)
+        dot(shifts[i], b.local.direction) + dot(a.local.direction, shifts[j]) - cosine_residual(a, b)
     }
 
     fn for_pair_indices(&self, chunk: &Chunk, mut f: impl FnMut(usize, usize, usize)) {
@@ -264,11 +265,7 @@ pub(super) fn cosine_columns(a: &LocalDirection, b: &LocalDirection) -> [f64; PA
 
 /// R = v_iᵀv_j − w_iᵀw_j.
 pub(super) fn cosine_residual(a: &PairStar, b: &PairStar) -> f64 {
-    dot(&a.v, &b.v) - dot(&a.local.direction, &b.local.direction)
-}
-
-fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    dot(a.v, b.v) - dot(a.local.direction, b.local.direction)
 }
 
 #[cfg(test)]
@@ -307,7 +304,7 @@ mod tests {
                 let mut step = Vector6::zeros();
                 step[k] = 0.01 * sign;
                 let camera = scaling.moved(&CAMERA, &step);
-                dot(&camera.direction(a).xyz, &camera.direction(b).xyz)
+                dot(camera.direction(a).xyz, camera.direction(b).xyz)
             };
             let difference = (cosine(1.0) - cosine(-1.0)) / 0.02;
             assert!((difference - slope).abs() < 1e-6 * slope.abs() + 1e-12, "{k}: {difference} {slope}");

@@ -16,6 +16,7 @@ use super::variable_weights::PairSolution;
 use super::{CalibrateError, CalibrateOptions, Method, held_out};
 use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES, PARAMETER_UNITS};
 use crate::identify::ControlPoints;
+use crate::statistics::median_in_place;
 use crate::units::ARCSEC_RAD;
 
 /// A star image with at most this weight is rejected.
@@ -161,7 +162,7 @@ pub(super) fn summarise(
 /// three, the upper quartile is taken instead (true), which right stars pass down to a share of a quarter. A wrong star agrees
 /// with another one only by chance.
 fn star_weights(pair_weights: Vec<Vec<f64>>) -> (Vec<f64>, bool) {
-    let medians: Vec<f64> = pair_weights.iter().cloned().map(median).collect();
+    let medians: Vec<f64> = pair_weights.iter().cloned().map(median_or_one).collect();
     if medians.iter().filter(|weight| **weight > REJECTED_WEIGHT).count() >= MIN_STARS {
         return (medians, false);
     }
@@ -172,14 +173,9 @@ fn star_weights(pair_weights: Vec<Vec<f64>>) -> (Vec<f64>, bool) {
     (pair_weights.into_iter().map(upper_quartile).collect(), true)
 }
 
-/// The middle value; the mean of the two middle ones of an even number. 1 for a star without pairs.
-pub(super) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    match values.len() {
-        0 => 1.0,
-        n if n % 2 == 1 => values[n / 2],
-        n => f64::midpoint(values[n / 2 - 1], values[n / 2]),
-    }
+/// The median of what a star's pairs say; 1 for a star without pairs.
+pub(super) fn median_or_one(mut values: Vec<f64>) -> f64 {
+    median_in_place(&mut values).unwrap_or(1.0)
 }
 
 fn point_results(
@@ -274,7 +270,7 @@ fn angle_rad(a: &[f64; 3], b: &[f64; 3]) -> f64 {
 
 fn attitude_sigma(fits: &[Option<FrameFit>], sigma_px: f64) -> Option<AttitudeSigma> {
     let all: Vec<[f64; 2]> = fits.iter().flatten().filter_map(|fit| attitude_sigma_rad(&fit.rotation_normal, sigma_px)).collect();
-    let typical = |axis: usize| median(all.iter().map(|sigma| sigma[axis]).collect()) / ARCSEC_RAD;
+    let typical = |axis: usize| median_or_one(all.iter().map(|sigma| sigma[axis]).collect()) / ARCSEC_RAD;
     (!all.is_empty()).then(|| AttitudeSigma { across: typical(0), about: typical(1) })
 }
 

@@ -19,6 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Calibration;
 use crate::effects::displacement;
+use crate::effects::ids;
 use crate::units::{ARCSEC_RAD, DEG_RAD};
 
 /// Refraction at 45° at sea level (1013.25 hPa, 15 °C, 0.55 µm), rad.
@@ -70,11 +71,11 @@ impl Calibration {
         // Who leaves out what could be computed knows it.
         let is_open = |id: &str| !in_force(id) && !could(id);
         let mut found = Vec::new();
-        if surroundings == Surroundings::MayBeGround && is_open("refraction") {
+        if surroundings == Surroundings::MayBeGround && is_open(ids::REFRACTION) {
             let scale = |z_rad: f64| -0.5 * REFRACTION_AT_45DEG_RAD * (1.0 + 1.0 / z_rad.cos().powi(2));
             let range_px = [f.value * scale(LOWEST_RAD), f.value * scale(0.0)];
             found.push(Systematic {
-                cause: "refraction".to_owned(),
+                cause: ids::REFRACTION.to_owned(),
                 parameter: "f".to_owned(),
                 range_px,
                 sentence: format!(
@@ -88,10 +89,10 @@ impl Calibration {
                 ),
             });
         }
-        if is_open("stellar-aberration") {
+        if is_open(ids::STELLAR_ABERRATION) {
             let most = f.value * EARTH_OVER_LIGHT;
             found.push(Systematic {
-                cause: "stellar-aberration".to_owned(),
+                cause: ids::STELLAR_ABERRATION.to_owned(),
                 parameter: "f".to_owned(),
                 range_px: [-most, most],
                 sentence: format!(

@@ -6,7 +6,8 @@ use thiserror::Error;
 use super::Term;
 use crate::catalog::{Catalog, Star};
 use crate::coordinates::{Apparent, Direction, Icrs};
-use crate::effects::{Context, DISPLACEMENTS, Light, Observation, RefractionConstants, Segment, Sensor, StarState};
+use crate::effects::sky::proper_motion::ProperMotion;
+use crate::effects::{Context, DISPLACEMENTS, Displacement as _, Light, Observation, RefractionConstants, Segment, Sensor, StarState};
 
 /// Which effects of known size a model contains: the argument of `--physics`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -140,10 +141,7 @@ impl SkyChain {
             match (effect.predicted(&observation), physics) {
                 (Some(parameters), _) => links.push((index, parameters)),
                 (None, Physics::List(_)) => {
-                    let reason = effect.unmet_requirement(&observation).unwrap_or(match effect.id() {
-                        "stellar-aberration" => "neither the velocity of the camera nor the time of the frames is known",
-                        _ => "its size must be fitted",
-                    });
+                    let reason = effect.unmet_requirement(&observation).unwrap_or(effect.facts().unknown_size);
                     let reason = reason.to_owned();
                     return Err(PhysicsError::NotComputable { id: effect.id().to_owned(), reason });
                 }
@@ -227,7 +225,7 @@ impl SkyChain {
     /// the exposure where proper motion is in force, else the catalogue's. [`Self::icrs_from_apparent`] leads back to it, but for the star's parallax.
     #[must_use]
     pub fn place(&self, star: &Star, epoch_yr: f64) -> (Direction<Icrs>, f64) {
-        let moved = self.links.iter().find(|(index, _)| DISPLACEMENTS[*index].id() == "proper-motion");
+        let moved = self.links.iter().find(|(index, _)| DISPLACEMENTS[*index].id() == ProperMotion::ID);
         let Some(((index, parameters), own_yr)) = moved.zip(self.observation.epoch_yr) else { return (star.direction, epoch_yr) };
         let context = Context::new(StarState::of(star, epoch_yr), self.observation);
         let light = DISPLACEMENTS[*index].displace(parameters, Light::from(star.direction.xyz), &context);

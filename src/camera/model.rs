@@ -19,13 +19,14 @@ use thiserror::Error;
 use super::{Camera, PARAMETER_COUNT, PARAMETER_NAMES, PARAMETER_UNITS, SkyChain};
 use crate::coordinates::{Apparent, CameraAxes, Direction, PixelPoint};
 use crate::dual::{Jet, PARTIALS, Real, normalize};
+use crate::effects::ids;
 use crate::effects::optics::brown_conrady;
 use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Light, Observation, ParameterSpec, Segment, StarState, displacement};
 
 /// The projection of the reference model.
-const PINHOLE: &str = "pinhole";
+const PINHOLE: &str = ids::PINHOLE;
 /// The distortion of the reference model; it is part of every model and never a term.
-const BROWN_CONRADY: &str = "brown-conrady";
+const BROWN_CONRADY: &str = ids::BROWN_CONRADY;
 
 /// An effect in force with its parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -13,6 +13,7 @@ use hifitime::Epoch;
 use sofars::{erst, pnp};
 use thiserror::Error;
 
+use crate::dual::cross;
 use crate::dual::dot;
 use crate::units::J2000_JD;
 
@@ -123,10 +124,6 @@ impl Orbit {
             }
         }
     }
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// Turns a state from TEME into the GCRS.

@@ -9,6 +9,7 @@ use boresight::calibrate::{
 };
 use boresight::catalog::Catalog;
 use boresight::effects;
+use boresight::effects::ids;
 use boresight::guard::guarded;
 use boresight::identify::{Misidentification, MisidentificationKind, misidentify};
 use boresight::pipeline::{
@@ -55,7 +56,7 @@ pub(crate) struct CalibrateArgs {
 }
 
 /// The laws by which a lens maps angles.
-const PROJECTIONS: [&str; 5] = ["pinhole", "equidistant", "equisolid", "stereographic", "kannala-brandt"];
+const PROJECTIONS: [&str; 5] = [ids::PINHOLE, ids::EQUIDISTANT, ids::EQUISOLID, ids::STEREOGRAPHIC, ids::KANNALA_BRANDT];
 
 /// How the camera is solved, and from which control points.
 #[derive(Clone, Debug, Default, Args)]
@@ -300,7 +301,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
         let new = NewFrames { points: &points.points, parity: points.parity, skipped: &measured.skipped, notes };
         return update::update(path, &args.update, new, provenance, &args.output);
     }
-    let moved = measured.times_are_known() && identified.iter().all(|frame| frame.sky.ids().contains(&"proper-motion"));
+    let moved = measured.times_are_known() && identified.iter().all(|frame| frame.sky.ids().contains(&ids::PROPER_MOTION));
     let (physics, uneven) = pipeline::physics_in_force(&identified);
     let mut options = args.solve.options(&physics, moved)?;
     options.method = args.method.map_or(options.method, Method::from);

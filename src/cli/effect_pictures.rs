@@ -6,6 +6,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use boresight::catalog::Catalog;
+use boresight::effects::ids;
 use boresight::imaging::Backend;
 use boresight::recording::write_file;
 use boresight::render::{Renderer, TrueStar};
@@ -25,7 +26,7 @@ type Taken = (Vec<f32>, Vec<TrueStar>, (usize, usize));
 fn frame(text: &str, noise: Option<&str>) -> Result<Taken> {
     let mut scene = Scene::parse("the scene of the pictures", text)?;
     scene.pixel_effects.retain(|effect| match effect.id.as_str() {
-        random @ ("photon_noise" | "read_noise") => noise.is_some_and(|kept| kept.replace('-', "_") == random),
+        random @ (ids::PHOTON_NOISE | ids::READ_NOISE) => noise.is_some_and(|kept| kept == random),
         _ => true,
     });
     let rendered = Renderer::new(&scene, Catalog::embedded(), Backend::Cpu)?.render(SHOWN)?;

@@ -8,7 +8,7 @@ use boresight::effects::optics::sampled_psf;
 use boresight::effects::optics::tables::IMAGE_KINDS;
 use boresight::effects::pixel::{pixel_effect, psf_2d, separable_psf};
 use boresight::effects::sky::glow::sky_glow;
-use boresight::effects::{ParameterSpec, page_of};
+use boresight::effects::{ParameterSpec, page_of, stem_of};
 use boresight::provenance::Provenance;
 use boresight::recording::ResultFolder;
 use boresight::scene::LIGHT_PAGES;
@@ -144,7 +144,7 @@ fn unknown(id: &str, known: &[Known]) -> anyhow::Error {
 fn page(id: &str) -> Option<String> {
     let displacement = boresight::effects::displacement(id).map(boresight::effects::AnyDisplacement::page);
     // What works on pixels bears the name of a function in its shader.
-    let name = id.replace('-', "_");
+    let name = stem_of(id);
     let pixels = || pixel_effect(&name).map(|effect| page_of(effect.source()));
     let glow = || sky_glow(id).map(|glow| page_of(glow.source()));
     let spread = || separable_psf(&name).map(|spread| page_of(spread.source()));

@@ -6,6 +6,7 @@ use std::time::Duration;
 use anyhow::Result;
 use boresight::camera::{Camera, SkyChain};
 use boresight::catalog::Catalog;
+use boresight::effects::ids;
 use boresight::effects::{StarImage, StarState};
 use boresight::exchange::Places;
 use boresight::identify::{AttitudePrior, ControlPoint, ControlPoints, Identification, IdentifyOptions, Solution, misidentify};
@@ -214,7 +215,7 @@ impl FrameObject {
         let (ra, dec) = identified.sky.icrs_from_apparent(&solution.centre()).radec_rad();
         self.status = "identified";
         self.centre_radec_deg = Some([ra / DEG_RAD, dec / DEG_RAD]);
-        let moved = identified.sky.ids().contains(&"proper-motion");
+        let moved = identified.sky.ids().contains(&ids::PROPER_MOTION);
         self.centre_epoch_yr = identified.sky.observation().epoch_yr.filter(|_| moved).or(Some(catalog.epoch_yr));
         self.roll_deg = Some(solution.roll_deg());
         self.focal_length_px = Some(solution.camera.focal_length_px);
@@ -447,7 +448,7 @@ fn text(frames: &[FrameObject]) -> String {
         if let Some(reason) = &frame.reason {
             text += &format!("{}: {reason}\n", frame.file);
         }
-        if let Some(projection) = frame.projection.filter(|id| *id != "pinhole") {
+        if let Some(projection) = frame.projection.filter(|id| *id != ids::PINHOLE) {
             text += &format!("{}: a fisheye, {projection}\n", frame.file);
         }
     }

@@ -6,6 +6,7 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use boresight::camera::Physics;
 use boresight::catalog::Catalog;
+use boresight::effects::ids;
 use boresight::guard::guarded;
 use boresight::imaging::Backend;
 use boresight::pipeline::{Centroid, Dark, MeasureOptions, SkyChoice};
@@ -160,7 +161,7 @@ impl SkyArgs {
     /// What was asked for, or proper motion alone: whatever else is there is then found and not assumed. An effect that nobody asked for
     /// is no reason to refuse a recording.
     pub(crate) fn choice_of_diagnosis(&self) -> SkyChoice {
-        let own = || SkyChoice { physics: Physics::List(vec!["proper-motion".to_owned()]), assumes_time: true };
+        let own = || SkyChoice { physics: Physics::List(vec![ids::PROPER_MOTION.to_owned()]), assumes_time: true };
         self.physics.clone().map_or_else(own, SkyChoice::from)
     }
 

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use boresight::calibrate::{Calibration, Method, Status, calibrate, mapping_error_px};
 use boresight::camera::{Camera, PARAMETER_NAMES, PARAMETER_UNITS};
+use boresight::effects::ids;
 use boresight::identify::ControlPoints;
 use boresight::pipeline::PreparedPoints;
 use boresight::provenance::Provenance;
@@ -120,7 +121,7 @@ struct Solved {
 pub(crate) fn run(args: &RunArgs) -> Result<Answer> {
     let (scene, provenance) = args.common.scene.open(&args.scene)?;
     let projection = scene.model.projection();
-    if projection != "pinhole" {
+    if projection != ids::PINHOLE {
         let file = args.scene.display();
         bail!(
             "{file}: camera.projection = {projection:?}: `run` compares pinhole cameras alone; use `simulate`, then `calibrate --projection {projection}`"
@@ -180,7 +181,7 @@ fn night(
     let points = control_points(&measured, &identified, &catalog, solve, false)?;
 
     let (physics, _) = pipeline::physics_in_force(&identified);
-    let moved = measured.times_are_known() && physics.contains(&"proper-motion");
+    let moved = measured.times_are_known() && physics.contains(&ids::PROPER_MOTION);
     let base = solve.options(&physics, moved)?;
     let solve_by = |method: Method| {
         let clock = output::Clock::new();

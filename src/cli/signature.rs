@@ -4,6 +4,7 @@ use std::path::Path;
 
 use anyhow::{Result, anyhow, bail};
 use boresight::detect::{FixedBackground, fit_forced};
+use boresight::effects::ids;
 use boresight::effects::pixel::{AnyPixelEffect, pixel_effect};
 use boresight::effects::{AnyDisplacement, Context, Light, Observation, StarImage, StarState, displacement};
 use boresight::frame::Frame;
@@ -85,8 +86,8 @@ struct Summary {
 
 /// Prints the columns of an effect's parameter (the first, unless another is named), in the camera of a scene.
 pub(crate) fn print(id: &str, parameter: Option<&str>, scene: Option<&Path>, (json, directory): (bool, Option<&Path>)) -> Result<()> {
-    let effect = pixel_effect(&id.replace('-', "_"))
-        .ok_or_else(|| anyhow!("{id} is no effect on pixels, and only what pixels do is rendered and measured here"))?;
+    let effect =
+        pixel_effect(id).ok_or_else(|| anyhow!("{id} is no effect on pixels, and only what pixels do is rendered and measured here"))?;
     let mut provenance = output::provenance();
     let scene = match scene {
         Some(path) => {
@@ -103,7 +104,7 @@ pub(crate) fn print(id: &str, parameter: Option<&str>, scene: Option<&Path>, (js
 }
 
 fn of(effect: &dyn AnyPixelEffect, parameter: Option<&str>, scene: &Scene, provenance: Provenance) -> Result<Signature> {
-    let (id, specs) = (effect.id().replace('_', "-"), effect.parameters());
+    let (id, specs) = (effect.id().to_owned(), effect.parameters());
     let names = || specs.iter().map(|spec| spec.name).collect::<Vec<_>>().join(", ");
     let spec = match parameter {
         None => specs.first().ok_or_else(|| anyhow!("{id} has no parameter, so nothing to compare it by"))?,
@@ -171,7 +172,7 @@ fn without(scene: &Scene, effect: &dyn AnyPixelEffect) -> Scene {
 
 /// Level of a frame without stars and without the effect, unless that is the sky itself.
 fn dark_level_e(scene: &Scene, effect: &dyn AnyPixelEffect) -> Result<f64> {
-    let plain = if effect.id() == "background" { scene.clone() } else { without(scene, effect) };
+    let plain = if effect.id() == ids::BACKGROUND { scene.clone() } else { without(scene, effect) };
     let mut pixels = StampRenderer::new(&plain)?.frame(&[])?.pixels_dn;
     pixels.sort_by(f32::total_cmp);
     Ok(f64::from(pixels[pixels.len() / 2]))

@@ -9,6 +9,7 @@ use boresight::catalog::Catalog;
 use boresight::coordinates::{Attitude, Direction, Icrs, PixelPoint};
 use boresight::detect::Detection;
 use boresight::diagnose::{ColumnSource, Diagnosis, ResidualRow};
+use boresight::effects::ids;
 use boresight::effects::{Context, Observation, displacement};
 use boresight::identify::{ControlPoint, ControlPoints};
 use boresight::recording::{Site, write_file};
@@ -65,7 +66,7 @@ pub(crate) fn write(
             k1: camera.k1,
             p1: camera.p1,
             p2: camera.p2,
-            projection: Some(model.projection().to_owned()).filter(|id| id != "pinhole"),
+            projection: Some(model.projection().to_owned()).filter(|id| id != ids::PINHOLE),
             projection_parameters: model.projection_parameters().to_vec(),
             line_time_us: None,
             first_row: measured.recording.camera.first_row,
@@ -174,9 +175,9 @@ fn farthest(
 /// The model found, with the effects that the points' directions contain. Where a zenith was found it stands with the frames.
 fn model(diagnosis: &Diagnosis, points: &ControlPoints) -> Result<Model> {
     let mut model = diagnosis.camera.clone().context("--write-camera: the diagnosis has no camera")?;
-    let refraction = model.terms().find(|(id, _)| *id == "refraction").map(|(_, parameters)| parameters.to_vec());
+    let refraction = model.terms().find(|(id, _)| *id == ids::REFRACTION).map(|(_, parameters)| parameters.to_vec());
     if let Some([strength, ..]) = refraction.as_deref().filter(|_| !diagnosis.zeniths.is_empty()) {
-        model.set("refraction", &[*strength, 0.0, 0.0])?;
+        model.set(ids::REFRACTION, &[*strength, 0.0, 0.0])?;
     }
     let in_force: Vec<String> = model.terms().map(|(id, _)| id.to_owned()).collect();
     for term in points.sky.iter().filter(|term| !in_force.contains(&term.effect)) {

@@ -87,7 +87,7 @@ pub(super) fn amplitude_veto(
 ) -> Option<String> {
     let hypothesis = &before.hypotheses[entries[k].hypothesis];
     let id = hypothesis.id();
-    if hypothesis.in_force && id == "proper-motion" {
+    if hypothesis.in_force && hypothesis.effect.facts().counts_from_model {
         return None; // another epoch is the finding itself
     }
     let variant = &hypothesis.variants[entries[k].variant];

@@ -15,8 +15,8 @@ use super::{DiagnoseError, DiagnoseOptions, Telemetry};
 use crate::calibrate::{BundleSolution, Column, FixedNoise};
 use crate::camera::{Model, Term};
 use crate::coordinates::{Direction, Icrs};
-use crate::effects::Observation;
-use crate::effects::sky::refraction::zenith_at;
+use crate::effects::sky::refraction::{Refraction, zenith_at};
+use crate::effects::{Displacement as _, Facts, Observation};
 use crate::identify::ControlPoints;
 use crate::units::DEG_RAD;
 
@@ -24,8 +24,6 @@ use crate::units::DEG_RAD;
 const RESEMBLES: f64 = 0.5;
 /// so many of them.
 const MAX_BESIDE: usize = 4;
-/// What site, air and clock leave open of a size that is known, as a share.
-const OPEN_SHARE: f64 = 0.04;
 /// Effects that all frames show beside those of a part, at most.
 const MAX_MORE: usize = 4;
 
@@ -114,7 +112,7 @@ impl FinalFit {
     /// The zenith of each frame that refraction was found with, where the recording does not tell it.
     pub(super) fn zeniths(&self) -> Vec<FoundZenith> {
         let model = self.joint.model();
-        let Some((_, parameters)) = model.terms().find(|(id, _)| *id == "refraction") else { return Vec::new() };
+        let Some((_, parameters)) = model.terms().find(|(id, _)| *id == Refraction::ID) else { return Vec::new() };
         let of = |(frame, observation): (usize, Observation)| {
             let zenith = Direction::<Icrs>::from_unit(zenith_at(parameters, &observation).filter(|_| observation.zenith_is_guessed)?);
             let (ra_rad, dec_rad) = zenith.radec_rad();
@@ -165,7 +163,7 @@ impl FinalFit {
         let [change, sigma] = amplitude(free, &self.evidence.white(&free.noise, column))?;
         let first = *hypothesis.fitted.first()?;
         let spec = &hypothesis.effect.parameters()[first];
-        let value = variant.start[first] + change - difference(hypothesis.id(), &before.start, first);
+        let value = variant.start[first] + change - difference(hypothesis.effect.facts(), &before.start, first);
         let found = FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() };
         known_ratio(hypothesis, &before.start, &found)
     }
@@ -179,7 +177,7 @@ impl FinalFit {
         let value = |place: &usize| {
             let index = fitted[*place];
             let present = hypothesis.variants[0].start[index] + self.stand.fit.change[first + place];
-            present - difference(hypothesis.id(), &before.start, index)
+            present - difference(hypothesis.effect.facts(), &before.start, index)
         };
         let covariance = self.stand.fit.covariance();
         let of = |i: usize, j: usize| covariance[(first + places[i], first + places[j])];
@@ -202,7 +200,7 @@ impl FinalFit {
         let mut all: Vec<FoundParameter> = Vec::new();
         for (j, index) in hypothesis.fitted.iter().enumerate().take(hypothesis.variants[0].columns.len()) {
             let spec = &hypothesis.effect.parameters()[*index];
-            let value = present[*index] + self.stand.fit.change[first + j] - difference(hypothesis.id(), start, *index);
+            let value = present[*index] + self.stand.fit.change[first + j] - difference(hypothesis.effect.facts(), start, *index);
             let sigma = covariance[(first + j, first + j)].max(0.0).sqrt();
             all.push(FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() });
         }
@@ -265,18 +263,15 @@ pub(super) fn solve_again(
 }
 
 /// What the reported value counts from: zero, but for parameters that are differences from the model's value.
-pub(super) fn difference(id: &str, start: &[f64], index: usize) -> f64 {
-    if id == "proper-motion" { start[index] } else { 0.0 }
+pub(super) fn difference(facts: &Facts, start: &[f64], index: usize) -> f64 {
+    if facts.counts_from_model { start[index] } else { 0.0 }
 }
 
 /// Size found over size known, and its standard error, what is open of the known size included.
 fn known_ratio(hypothesis: &Hypothesis, start: &[f64], found: &FoundParameter) -> Option<[f64; 2]> {
     let first = *hypothesis.fitted.first()?;
-    let known = if hypothesis.id() == "proper-motion" { -start[first] } else { hypothesis.known? };
-    (known != 0.0).then(|| {
-        let open = if matches!(hypothesis.id(), "refraction") { OPEN_SHARE } else { 0.0 };
-        [found.value / known, (found.sigma / known).abs().hypot(open)]
-    })
+    let known = if hypothesis.effect.facts().counts_from_model { -start[first] } else { hypothesis.known? };
+    (known != 0.0).then(|| [found.value / known, (found.sigma / known).abs().hypot(hypothesis.effect.facts().open_share)])
 }
 
 /// Columns of the camera's own parameters at a solution where effects are solved too.

@@ -11,7 +11,7 @@ use super::evidence::Evidence;
 use super::rendered_columns::{Rendered, Shifts};
 use super::untimed::turned;
 use crate::calibrate::{BundleSolution, Column};
-use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Searched, Segment, StarState};
+use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Searched, StarState};
 use crate::identify::ControlPoints;
 
 /// One in so many frames may lack what an effect needs.
@@ -86,10 +86,9 @@ pub(super) fn hypotheses(
     options: &DiagnoseOptions,
     rendered: &Rendered,
 ) -> Vec<Hypothesis> {
-    let is_hypothesis = |effect: &&&'static dyn AnyDisplacement| effect.segment() != Segment::Projection && effect.id() != "brown-conrady";
     DISPLACEMENTS
         .iter()
-        .filter(is_hypothesis)
+        .filter(|effect| effect.is_hypothesis())
         .map(|effect| hypothesis(*effect, joint, evidence, points, options, rendered.of(effect.id()).cloned()))
         .collect()
 }
@@ -123,7 +122,7 @@ fn hypothesis(
         in_force: options.physics.iter().any(|id| id == effect.id()),
         shifts,
     };
-    if matches!(effect.id(), "refraction") && evidence.frames.iter().any(|(_, observation)| observation.zenith.is_none()) {
+    if effect.facts().searches_zenith && evidence.frames.iter().any(|(_, observation)| observation.zenith.is_none()) {
         found.known = None;
         found.fitted = effect.default_free(&with_zenith(&first, [0.0, 0.0, 1.0]));
         match unknown_zeniths(evidence, points) {

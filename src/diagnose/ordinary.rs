@@ -6,73 +6,20 @@ use super::evidence::Evidence;
 use super::hypotheses::{Hypothesis, with_zenith};
 use super::linear_system::Whitened;
 use super::stepwise::{FitState, SelectedEffect, UNOBSERVABLE, amplitude, columns, survival};
+use crate::effects::{OrdinarySize, Size};
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// A normal number is above −SURE with 95 %.
 const SURE: f64 = 1.645;
 
-/// A size that real cameras or skies have.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Size {
-    /// The first parameter.
-    Of(f64),
-    /// The largest displacement of a star image, px: for coefficients whose numbers say little without the field.
-    LargestPx(f64),
-}
-
-/// Id, size, and where it is from.
-type Line = (&'static str, Size, &'static str);
-
-/// What is ordinary. Where sources give a range, its geometric mean or what a commercial lens on a small detector has.
-const ORDINARY: &[Line] = &[
-    ("radial-high-order", Size::LargestPx(0.1), "0.05 to 1 px at the edge of commercial lenses (Brown 1971)"),
-    ("quadratic-rest", Size::Of(0.05), "0.01 to 0.1 px (Weng, Cohen and Herniou 1992)"),
-    ("thin-prism", Size::Of(0.05), "0.01 to 0.3 px (Brown 1966)"),
-    ("detector-tilt", Size::Of(1.7e-3), "a tenth of a degree (Fan et al. 2020)"),
-    ("pixel-aspect", Size::Of(1e-4), "1e-5 by lithography to 1e-3 by optics (Weng, Cohen and Herniou 1992)"),
-    ("shear", Size::Of(1e-4), "at most 1e-4 (Weng, Cohen and Herniou 1992)"),
-    ("wedge-colour", Size::Of(0.02), "0.002 to 0.05 px/mag: a window's deviation (n − 1)·α and its dispersion"),
-    ("lateral-colour", Size::Of(1e-4), "0.02 to 0.1 px/mag at the edge of star trackers (SmallSat 2016), 0.2 to 1 of commercial lenses"),
-    ("coma", Size::Of(0.03), "0.01 to 0.1 px/mag near the edge (Mahajan 2013)"),
-    ("spiral", Size::LargestPx(0.05), "up to 0.1 px (Brown 1966)"),
-    ("projection", Size::Of(1.0 / 3.0), "the cubic term of a fisheye beside a pinhole (Kannala and Brandt 2006)"),
-    ("sensor-step", Size::Of(0.05), "0.01 to 1 px (Bernstein et al. 2017)"),
-    ("edge-roll-off", Size::Of(0.2), "0.1 to 1 px in the last 20 px (Bradshaw et al. 2015)"),
-    ("pressure-scale", Size::Of(2.7e-7), "n − 1 of air"),
-    ("thermal-focal-length", Size::Of(2e-5), "1e-6 to 3e-5 per K (GIANT; Wang et al. 2015)"),
-    ("thermal-distortion", Size::LargestPx(0.02), "0.5 to 2 % of the distortion (Wang et al. 2015)"),
-    ("focal-length-drift", Size::Of(1e-4), "1e-4 over a night"),
-    ("boresight-drift", Size::LargestPx(0.2), "4 to 70 arcsec (Lai et al. 2016)"),
-    ("rolling-shutter", Size::Of(12.0), "12 µs a row (Enright and Dzamba 2012)"),
-    ("stellar-aberration", Size::Of(1.0), "the Earth's velocity, 29.8 km/s"),
-    ("proper-motion", Size::Of(26.0), "places of J2000.0 used in 2026"),
-    ("parallax", Size::Of(1.0), "the catalogue's parallaxes"),
-    ("light-deflection", Size::Of(1.0), "general relativity"),
-    ("refraction", Size::Of(57.0), "air at sea level (Stone 1996)"),
-    ("chromatic-refraction", Size::Of(0.4), "0.2 to 0.6 arcsec/mag without a filter (Filippenko 1982)"),
-    ("frame-rotation", Size::Of(1300.0), "precession of 26 years, 50.3 arcsec a year"),
-    ("time-tag", Size::Of(10.0), "a clock set by hand"),
-    ("s-curve", Size::Of(0.03), "0.002 to 0.12 px by window and image width (Alexander and Ng 1991)"),
-    ("even-odd", Size::Of(0.01), "0.1 to 3 % (Janesick 2007)"),
-    ("bayer", Size::Of(0.3), "0.3 to 0.5 between the filters of a colour camera"),
-    ("charge-transfer-inefficiency", Size::Of(0.05), "0.01 to 0.1 px (Massey et al. 2010; ACS ISR 2007-04)"),
-    ("overshoot", Size::Of(0.01), "0.003 to 0.03 px (Janesick 2001)"),
-    ("amplifier-step", Size::Of(0.01), "0.01 px/mag (Janesick 2001)"),
-    ("stray-light", Size::Of(0.5), "0.5 electrons a pixel, 0.025 px at 1000 electrons"),
-    ("magnitude-equation", Size::Of(0.01), "0.01 px/mag (Anderson and King 2000)"),
-];
-
-/// Velocity along each axis where only its components are fitted, km/s: 29.8/√3.
-const VELOCITY_KM_S: f64 = 17.2;
-
 /// The ordinary size of a hypothesis's first fitted parameter and its source; `reach_px` is the largest displacement for one unit of it.
 fn ordinary(hypothesis: &Hypothesis, reach_px: f64) -> Option<(f64, &'static str)> {
-    let (_, size, source) = ORDINARY.iter().find(|(id, ..)| *id == hypothesis.id())?;
+    let facts = hypothesis.effect.facts();
+    let OrdinarySize { size, source } = facts.ordinary_size?;
     let first = *hypothesis.fitted.first()?;
     let value = match size {
         // Of a velocity that nobody knows the components are fitted, not the amplitude.
-        Size::Of(_) if hypothesis.id() == "stellar-aberration" && first > 0 => VELOCITY_KM_S,
-        Size::Of(value) => *value,
+        Size::FirstParameter(value) => facts.ordinary_component.filter(|_| first > 0).unwrap_or(value),
         Size::LargestPx(px) => px / reach_px,
     };
     value.is_finite().then_some((value, source))
@@ -171,22 +118,21 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     use super::*;
-    use crate::effects::{DISPLACEMENTS, Segment};
+    use crate::effects::DISPLACEMENTS;
 
     /// Whatever is tried has an ordinary size, within what is possible, and a source.
     #[test]
     fn every_hypothesis_has_an_ordinary_size() {
-        for effect in DISPLACEMENTS.iter().filter(|effect| effect.segment() != Segment::Projection && effect.id() != "brown-conrady") {
-            let line = ORDINARY.iter().find(|(id, ..)| *id == effect.id());
-            let (_, size, source) = line.unwrap_or_else(|| panic!("{} has no ordinary size", effect.id()));
+        for effect in DISPLACEMENTS.iter().filter(|effect| effect.is_hypothesis()) {
+            let line = effect.facts().ordinary_size;
+            let OrdinarySize { size, source } = line.unwrap_or_else(|| panic!("{} has no ordinary size", effect.id()));
             let (low, high) = effect.parameters()[0].range;
             assert!(!source.is_empty());
             match size {
-                Size::Of(value) => assert!(*value > 0.0 && (low..=high).contains(value), "{}: {value}", effect.id()),
-                Size::LargestPx(px) => assert!((0.001..1.0).contains(px), "{}", effect.id()),
+                Size::FirstParameter(value) => assert!(value > 0.0 && (low..=high).contains(&value), "{}: {value}", effect.id()),
+                Size::LargestPx(px) => assert!((0.001..1.0).contains(&px), "{}", effect.id()),
             }
         }
-        assert_eq!(ORDINARY.len(), ORDINARY.iter().map(|(id, ..)| id).collect::<std::collections::BTreeSet<_>>().len());
     }
 
     /// The size needed is one that is found with 95 %: of many draws of a normal score with that mean.

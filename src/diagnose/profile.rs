@@ -138,32 +138,10 @@ fn drawn_parameter(solved: &FinalFit, k: usize, found: &[FoundParameter]) -> Opt
     (0..count).filter(is_size).filter(|j| snr(j).is_finite()).max_by(|a, b| snr(a).total_cmp(&snr(b)))
 }
 
-/// What an effect depends on, for its picture.
-fn depends_on(id: &str, parameter: &str) -> Option<&'static str> {
-    let is_y = parameter.starts_with('y');
-    Some(match id {
-        "stellar-aberration" => "velocity",
-        "refraction" => "zenith",
-        "proper-motion" => "proper-motion",
-        "parallax" => "parallax",
-        "thermal-focal-length" | "thermal-distortion" => "temperature",
-        "pressure-scale" => "pressure_hpa",
-        "focal-length-drift" => "time",
-        "lateral-colour" | "wedge-colour" | "chromatic-refraction" => "colour",
-        "s-curve" if is_y => "pixel-phase-y",
-        "s-curve" => "pixel-phase-x",
-        "charge-transfer-inefficiency" => "row",
-        "overshoot" => "flux",
-        "magnitude-equation" | "amplifier-step" | "coma" => "magnitude",
-        "radial-high-order" | "projection" | "spiral" => "field-radius",
-        "edge-roll-off" => "edge-distance",
-        _ => return None,
-    })
-}
-
 /// The profile of entry `k`, with the names of the covariates that located it. `found`: its parameters as the finding has them.
 pub(super) fn profile(context: &Context, solved: &FinalFit, k: usize, found: &[FoundParameter], located_by: &[String]) -> Option<Profile> {
-    let id = solved.evidence.hypotheses[solved.entries.get(k)?.hypothesis].id();
+    let effect = solved.evidence.hypotheses[solved.entries.get(k)?.hypothesis].effect;
+    let id = effect.id();
     let j = drawn_parameter(solved, k, found)?;
     let drawn = Drawn::new(solved, k, j, found[j].value);
     let evidence = drawn.evidence;
@@ -176,7 +154,7 @@ pub(super) fn profile(context: &Context, solved: &FinalFit, k: usize, found: &[F
         [x / r, y / r]
     };
     let all: f64 = drawn.taken.iter().map(|k| drawn.square[*k]).sum();
-    let wanted = depends_on(id, &found[j].name).into_iter().chain(located_by.iter().map(String::as_str));
+    let wanted = effect.facts().profile_covariate(&found[j].name).into_iter().chain(located_by.iter().map(String::as_str));
     for name in wanted.filter(|name| !matches!(*name, "field-map" | "star")) {
         let Some(covariate) = evidence.covariates.iter().find(|covariate| covariate.name == name) else { continue };
         let value = |k: usize| covariate.values[k];

@@ -19,6 +19,7 @@ use super::ImageConditions;
 use super::evidence::{Evidence, WITHIN_REACH_PX};
 use crate::calibrate::BundleSolution;
 use crate::detect::{FixedBackground, fit_forced};
+use crate::effects::ids;
 use crate::effects::pixel::pixel_effect;
 use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Light, MAX_SHIFTS, Observation, Rendering, Signature, StarImage, StarState};
 use crate::effects::{REFERENCE_FLUX_E, REFERENCE_MAGNITUDE};
@@ -189,7 +190,7 @@ impl ColumnRenderer<'_> {
         // As steep as leaves the sky alight over most of the frame, so that nothing is cut at zero.
         let slope = 0.4 * looks.background_e / size[0].max(size[1]) as f64;
         let sloped = |name: &str, sign: f64| {
-            let effect = pixel_effect("stray_light")?;
+            let effect = pixel_effect(ids::STRAY_LIGHT)?;
             let value = |own: &str| if own == name { sign * slope } else { 0.0 };
             let parameters: Vec<_> = effect.parameters().iter().map(|spec| (spec.name, value(spec.name))).collect();
             let mut scene = plain(looks.background_e)?;

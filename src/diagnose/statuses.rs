@@ -143,7 +143,7 @@ impl Context<'_> {
                 if white.len() > 1 { Fit::new(&stand.sheet, &stand.take, &rest).with_noise_of(&stand.fit) } else { stand.fit.clone() };
             let beside = FitState { fit, ..stand.clone() };
             if let Some([change, sigma]) = amplitude(&beside, &white[0]) {
-                let value = start[first] + change - difference(&id, start, first);
+                let value = start[first] + change - difference(hypothesis.effect.facts(), start, first);
                 status.parameters.push(FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() });
                 status.upper_limit_95 =
                     Some(Limit { name: spec.name.to_owned(), value: value.abs() + 1.645 * sigma, unit: spec.unit.to_owned() });

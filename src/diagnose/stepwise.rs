@@ -359,19 +359,10 @@ pub(super) fn choose(evidence: &Evidence, stand: &FitState, found: &[Candidate])
     // its trace.
     let raw_size = |entry: SelectedEffect| 1.0 / survival(stand, &white(entry)).max(f64::MIN_POSITIVE);
     class.sort_by(|a, b| {
-        let name = |candidate: &Candidate| usual(evidence.hypotheses[candidate.entry.hypothesis].id());
+        let name = |candidate: &Candidate| evidence.hypotheses[candidate.entry.hypothesis].effect.facts().name_rank;
         b.agrees.cmp(&a.agrees).then(name(a).cmp(&name(b))).then(raw_size(a.entry).total_cmp(&raw_size(b.entry)))
     });
     class.first().map(|candidate| candidate.entry)
-}
-
-/// Within a class of effects that look alike: the smaller, the more usual name.
-fn usual(id: &str) -> usize {
-    match id {
-        "radial-high-order" => 0,
-        "projection" => 2,
-        _ => 1,
-    }
 }
 
 impl FitState {

@@ -14,6 +14,7 @@ use super::noise::NoiseModel;
 use super::stepwise::{FitState, SelectedEffect, columns};
 use crate::calibrate::{BundleSolution, Column};
 use crate::dual::normalize;
+use crate::effects::ids;
 
 /// Zeniths that the search starts from.
 const STARTS: usize = 4;
@@ -185,10 +186,10 @@ fn risen([x, y, z]: [f64; 3], angle_rad: f64) -> [f64; 3] {
 
 /// The column of a frame's own hour angle at a solution that has such a refraction: how its star images move as its zenith goes east.
 pub(super) fn own_column(joint: &BundleSolution) -> Option<Column> {
-    let (_, parameters) = joint.model().terms().find(|(id, _)| *id == "refraction")?;
+    let (_, parameters) = joint.model().terms().find(|(id, _)| *id == ids::REFRACTION)?;
     let frames = joint.frames();
     let untimed =
         |(_, observation): &(usize, crate::effects::Observation)| observation.zenith_is_guessed && observation.earth_from_icrs.is_none();
     (frames.len() > 1 && parameters.first().is_some_and(|size| *size != 0.0) && frames.iter().all(untimed)).then_some(())?;
-    joint.columns_of("refraction", parameters, &[1])?.into_iter().next()
+    joint.columns_of(ids::REFRACTION, parameters, &[1])?.into_iter().next()
 }

@@ -6,7 +6,7 @@
 //! [`Segment::Focal`] like any other: what solves or tests it knows nothing of this.
 
 use super::star_image::MAX_SHIFTS;
-use super::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Rendering, Segment};
+use super::{Context, Displacement, Facts, Light, Observation, ParameterSpec, ReferenceValue, Rendering, Segment};
 use crate::dual::Real;
 
 /// What the author of an effect on the measured centre writes. The ideal point is the measured one minus Σ pₖ·uₖ.
@@ -15,6 +15,8 @@ pub trait CentroidShift: Sync {
     const ID: &'static str;
     /// Its parameters: amplitudes, in which the shift is linear, of which zero means no effect. At most [`MAX_SHIFTS`].
     const PARAMETERS: &'static [ParameterSpec];
+    /// See [`Displacement::FACTS`].
+    const FACTS: Facts = Facts::NONE;
     /// See [`Displacement::WITHIN_PIXELS`].
     const WITHIN_PIXELS: bool = false;
 
@@ -50,6 +52,7 @@ pub trait CentroidShift: Sync {
 impl<C: CentroidShift> Displacement for C {
     const ID: &'static str = C::ID;
     const SEGMENT: Segment = Segment::Focal;
+    const FACTS: Facts = C::FACTS;
     const WITHIN_PIXELS: bool = C::WITHIN_PIXELS;
     const PARAMETERS: &'static [ParameterSpec] = {
         assert!(C::PARAMETERS.len() <= MAX_SHIFTS);

@@ -2,17 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Rendering, StarImage};
+use super::{Facts, Rendering, StarImage};
 use crate::dual::{Jet, Real};
-use crate::effects::detector::{amplifier_step, bayer, charge_transfer_inefficiency, even_odd, overshoot, stray_light};
-use crate::effects::detector::{detector_tilt, edge_roll_off, magnitude_equation, pixel_aspect, s_curve, sensor_step, shear};
-use crate::effects::motion::{boresight_drift, rolling_shutter};
-use crate::effects::optics::{brown_conrady, equidistant, equisolid, kannala_brandt, pinhole, stereographic};
-use crate::effects::optics::{coma, lateral_colour, projection, quadratic_rest, radial_high_order, spiral, thin_prism, wedge_colour};
-use crate::effects::optics::{focal_length_drift, pressure_scale, thermal_distortion, thermal_focal_length};
-use crate::effects::sky::{
-    chromatic_refraction, frame_rotation, light_deflection, parallax, proper_motion, refraction, stellar_aberration, time_tag,
-};
 
 /// A parameter of an effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -278,6 +269,8 @@ pub trait Displacement: Sync {
     const SEGMENT: Segment;
     /// Its parameters.
     const PARAMETERS: &'static [ParameterSpec];
+    /// What is known of it beside its equation.
+    const FACTS: Facts = Facts::NONE;
 
     /// Whether it changes from one pixel to the next, so that the error of a measured point is felt in it: an adjustment then takes it at the
     /// predicted point.
@@ -350,6 +343,12 @@ pub trait AnyDisplacement: Sync {
     fn id(&self) -> &'static str;
     /// See [`Displacement::SEGMENT`].
     fn segment(&self) -> Segment;
+    /// See [`Displacement::FACTS`].
+    fn facts(&self) -> &'static Facts;
+    /// Whether a diagnosis may find it: it is no projection and no part of every camera.
+    fn is_hypothesis(&self) -> bool {
+        self.segment() != Segment::Projection && !self.facts().is_of_every_camera
+    }
     /// See [`Displacement::WITHIN_PIXELS`].
     fn is_within_pixels(&self) -> bool;
     /// See [`Displacement::PER_STAR`].
@@ -392,6 +391,9 @@ impl<D: Displacement> AnyDisplacement for D {
     }
     fn segment(&self) -> Segment {
         D::SEGMENT
+    }
+    fn facts(&self) -> &'static Facts {
+        const { &D::FACTS }
     }
     fn is_within_pixels(&self) -> bool {
         D::WITHIN_PIXELS
@@ -453,51 +455,6 @@ pub fn page_of(source: &str) -> String {
     lines.map(|line| line.strip_prefix(' ').unwrap_or(line).to_owned() + "\n").collect()
 }
 
-/// Every displacement, in the order in which the light meets them.
-pub static DISPLACEMENTS: &[&dyn AnyDisplacement] = &[
-    &proper_motion::ProperMotion,
-    &parallax::Parallax,
-    &light_deflection::LightDeflection,
-    &stellar_aberration::StellarAberration,
-    &frame_rotation::FrameRotation,
-    &time_tag::TimeTag,
-    &refraction::Refraction,
-    &chromatic_refraction::ChromaticRefraction,
-    &rolling_shutter::RollingShutter,
-    &pinhole::Pinhole,
-    &equidistant::Equidistant,
-    &equisolid::Equisolid,
-    &stereographic::Stereographic,
-    &kannala_brandt::KannalaBrandt,
-    &wedge_colour::WedgeColour,
-    &lateral_colour::LateralColour,
-    &projection::Projection,
-    &brown_conrady::BrownConrady,
-    &radial_high_order::RadialHighOrder,
-    &quadratic_rest::QuadraticRest,
-    &thin_prism::ThinPrism,
-    &spiral::Spiral,
-    &detector_tilt::DetectorTilt,
-    &pixel_aspect::PixelAspect,
-    &shear::Shear,
-    &sensor_step::SensorStep,
-    &edge_roll_off::EdgeRollOff,
-    &boresight_drift::BoresightDrift,
-    &pressure_scale::PressureScale,
-    &thermal_focal_length::ThermalFocalLength,
-    &thermal_distortion::ThermalDistortion,
-    &focal_length_drift::FocalLengthDrift,
-    &coma::Coma,
-    &s_curve::SCurve,
-    &even_odd::EvenOdd,
-    &bayer::Bayer,
-    &charge_transfer_inefficiency::ChargeTransferInefficiency,
-    &overshoot::Overshoot,
-    &stray_light::StrayLight,
-    &amplifier_step::AmplifierStep,
-    &magnitude_equation::MagnitudeEquation,
-];
-
 /// Solves r(θ) = `target` for θ, both of any kind of number, where r grows with θ: what projections and radial distortions without a
 /// closed inverse need. Newton's method on plain numbers from `start`, kept within [0, `largest`], then one step in `T`, which by the
 /// implicit function theorem carries the exact derivatives. `None` where r does not reach the target or has a flat place on the way.
@@ -523,10 +480,4 @@ pub fn invert<T: Real>(target: T, start: f64, largest: f64, function: impl Fn(T)
     let [r, slope] = function(at);
     let reached = (r.value() - aim).abs() <= 1e-11 * aim.abs().max(1.0);
     (reached && slope.value() > 0.0).then(|| at + (target - r) / slope.value())
-}
-
-/// The displacement with this id.
-#[must_use]
-pub fn displacement(id: &str) -> Option<&'static dyn AnyDisplacement> {
-    DISPLACEMENTS.iter().copied().find(|effect| effect.id() == id)
 }

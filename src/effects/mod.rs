@@ -10,6 +10,7 @@
 //! The documentation of an effect's module is its page.
 
 pub mod detector;
+pub mod ids;
 pub mod motion;
 pub mod optics;
 pub mod pixel;
@@ -17,13 +18,17 @@ pub mod sky;
 
 mod centroid;
 mod displacement;
+mod facts;
+mod registry;
 mod rendering;
 mod star_image;
 
 pub use centroid::CentroidShift;
 pub use displacement::{
-    AnyDisplacement, Context, DISPLACEMENTS, Displacement, Light, Natural, Observation, ParameterSpec, ReferenceValue, RefractionConstants,
-    Searched, Segment, Sensor, StarState, displacement, invert, page_of,
+    AnyDisplacement, Context, Displacement, Light, Natural, Observation, ParameterSpec, ReferenceValue, RefractionConstants, Searched,
+    Segment, Sensor, StarState, invert, page_of,
 };
+pub use facts::{Facts, OrdinarySize, Size, id_of, stem_of};
+pub use registry::{DISPLACEMENTS, displacement};
 pub use rendering::Rendering;
 pub use star_image::{MAX_SHIFTS, MAX_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE, Signature, Signatures, StarImage};

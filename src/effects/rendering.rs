@@ -49,7 +49,7 @@ mod tests {
         let mut stages = 0;
         for effect in DISPLACEMENTS {
             let rendering = effect.rendering(0);
-            let has_stage = pixel_effect(&effect.id().replace('-', "_")).is_some();
+            let has_stage = pixel_effect(effect.id()).is_some();
             assert!(!has_stage || rendering.is_some() || effect.id() == OF_ANOTHER_CAUSE, "{} is not rendered by its stage", effect.id());
             for parameter in 1..effect.parameters().len() {
                 assert_eq!(effect.rendering(parameter).is_some(), rendering.is_some(), "{}", effect.id());

@@ -9,6 +9,7 @@ use super::wcs::{Meaning, Wcs};
 use super::{ExchangeError, Format, LIMIT_PX, Residual, fit, mrcal, opencv, ros, tetra3};
 use crate::camera::{Camera, Model, PARAMETER_COUNT};
 use crate::coordinates::Attitude;
+use crate::effects::ids;
 use crate::effects::{Segment, displacement};
 use fit::{FIT_SIDE, Pair};
 
@@ -87,13 +88,12 @@ impl Imported {
 
 /// The same camera seen in a mirror: of images as stored, where they are mirrored. Its terms must not tell left from right.
 pub(super) fn mirrored(model: &Model) -> Result<Model, ExchangeError> {
-    const EVEN: [&str; 2] = ["radial-high-order", "pixel-aspect"];
     let own = displacement(model.projection()).map_or(0, |projection| projection.parameters().len() - 3);
     let projected = &model.values()[PARAMETER_COUNT..PARAMETER_COUNT + own];
     let mut other = Model::new(model.camera().mirrored()).with_projection(model.projection(), projected)?;
     for (id, parameters) in model.terms() {
-        let sky = displacement(id).is_some_and(|effect| effect.segment() == Segment::Sky);
-        if !sky && !EVEN.contains(&id) {
+        let keeps = displacement(id).is_some_and(|effect| effect.segment() == Segment::Sky || effect.facts().is_even_in_mirror);
+        if !keeps {
             let reason = format!("the images are mirrored, and {id} is not the same in a mirror");
             return Err(ExchangeError::NoRoom { format: "a camera of mirrored images", reason });
         }
@@ -198,7 +198,7 @@ fn ours(file: &str, foreign: &Foreign, size: [usize; 2]) -> Result<(Model, Resid
                 let c = |index: usize| forward.coefficients.get(index).copied().unwrap_or(0.0);
                 (camera.k1, camera.p1, camera.p2) = (c(0) / (fx * fy), c(3) / fx, c(2) / fy);
             } else {
-                start = Some(Model::new(camera).with_projection("kannala-brandt", &forward.coefficients)?); // the same equation
+                start = Some(Model::new(camera).with_projection(ids::KANNALA_BRANDT, &forward.coefficients)?); // the same equation
             }
             let start = start.unwrap_or_else(|| Model::new(camera));
             let freedom = Freedom { hold_centre: true, aspect: (fx / fy - 1.0).abs() > 1e-9, rotation: false };

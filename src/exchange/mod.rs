@@ -34,6 +34,7 @@ pub use foreign::{Imported, detect, import};
 use crate::calibrate::{Calibration, FrameResult};
 use crate::camera::{Model, SkyChain};
 use crate::coordinates::Attitude;
+use crate::effects::ids;
 use foreign::Foreign;
 use forward::{Room, forward_of};
 
@@ -227,7 +228,7 @@ pub fn export(subject: &Subject, to: Format) -> Result<Exported, ExchangeError> 
         let note = "the images are mirrored, and this is the camera of the un-mirrored ones: flip the images left to right before using it";
         exported.notes.push(note.to_owned());
     }
-    let wide = model.projection() != "pinhole";
+    let wide = model.projection() != ids::PINHOLE;
     let one_file = |bytes: Vec<u8>| vec![File { name: to.file_name().to_owned(), bytes }];
     match to {
         Format::OpenCv | Format::Ros | Format::Mrcal | Format::Tetra3rs => {

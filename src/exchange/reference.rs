@@ -7,11 +7,12 @@ use super::fit::{self, GOOD_PX, Linearised, Pair, Residual};
 use crate::camera::Model;
 use crate::dual::cross;
 use crate::effects::displacement;
+use crate::effects::ids;
 
 /// Radial terms of higher order; in our model if this build has them.
-const HIGHER_RADIAL: &str = "radial-high-order";
+const HIGHER_RADIAL: &str = ids::RADIAL_HIGH_ORDER;
 /// Different focal lengths along columns and rows; likewise.
-const ASPECT: &str = "pixel-aspect";
+const ASPECT: &str = ids::PIXEL_ASPECT;
 
 /// A start that is as near as this needs no fit, px.
 const SAME_PX: f64 = 1e-9;

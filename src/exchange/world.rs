@@ -5,6 +5,7 @@ use super::tpv::Tpv;
 use super::view::View;
 use super::wcs::{Meaning, Polynomials, Wcs};
 use super::{ExchangeError, Exported, File, Format, Places, Residual, Subject, SubjectFrame};
+use crate::effects::ids;
 
 /// A frame's coordinates, before what is said of all of them is known.
 struct Ready {
@@ -131,7 +132,7 @@ impl Worst {
 
 /// The date of a frame's places.
 fn epoch_words(frame: &SubjectFrame) -> String {
-    let moved = frame.sky.as_ref().filter(|sky| sky.ids().contains(&"proper-motion"));
+    let moved = frame.sky.as_ref().filter(|sky| sky.ids().contains(&ids::PROPER_MOTION));
     match moved.and_then(|sky| sky.observation().epoch_yr) {
         Some(epoch_yr) => {
             format!("places are those of the Julian year {epoch_yr:.6} (TDB): give stars with their proper motion up to then")
@@ -152,8 +153,8 @@ fn notes(subject: &Subject) -> Vec<String> {
         }
         Places::Apparent => {
             let aberration =
-                if has("stellar-aberration") { "is in" } else { "was not modelled, so its mean over the frame is taken up by" };
-            let refraction = if has("refraction") { "is in" } else { "was not modelled, so its mean over the frame is taken up by" };
+                if has(ids::STELLAR_ABERRATION) { "is in" } else { "was not modelled, so its mean over the frame is taken up by" };
+            let refraction = if has(ids::REFRACTION) { "is in" } else { "was not modelled, so its mean over the frame is taken up by" };
             notes.push(format!("directions are those of the light as it arrives, in ICRS axes; star directions contain: {physics}"));
             notes.push(format!("aberration {aberration} these directions, refraction {refraction} them"));
         }

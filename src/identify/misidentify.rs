@@ -22,6 +22,7 @@ pub enum MisidentificationKind {
     /// What a match through a wrong camera makes of it: the catalogue star nearest to where a camera with another focal length that points
     /// elsewhere sees it, no fainter than the faintest of the frame. The camera is as little wrong as gives the share, one for all frames,
     /// so the errors of neighbours in a frame are alike, and there are more of them where that camera errs more and where stars are dense.
+    #[serde(alias = "natural")]
     WrongCamera,
 }
 

@@ -1,5 +1,6 @@
 //! How the angle from the boresight becomes a distance from the principal point.
 
+use crate::effects::ids;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
@@ -31,10 +32,10 @@ impl Projection {
     #[must_use]
     pub fn id(self) -> &'static str {
         match self {
-            Self::Pinhole => "pinhole",
-            Self::Equidistant => "equidistant",
-            Self::Equisolid => "equisolid",
-            Self::Stereographic => "stereographic",
+            Self::Pinhole => ids::PINHOLE,
+            Self::Equidistant => ids::EQUIDISTANT,
+            Self::Equisolid => ids::EQUISOLID,
+            Self::Stereographic => ids::STEREOGRAPHIC,
         }
     }
 

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{Backend, EffectSetting, Exposure, Image16, Imager, ImagingConfig, ImagingError, NoiseFree, PlaneLight, SplitLimits, Stage};
+use crate::effects::ids;
 use crate::effects::pixel::PIXEL_EFFECTS;
 
 /// Where pixels are joined.
@@ -124,8 +125,8 @@ impl Binning {
     fn split(&self, effects: &[EffectSetting]) -> [Vec<EffectSetting>; 2] {
         let place = |id: &str| PIXEL_EFFECTS.iter().position(|effect| effect.id() == id);
         let is_before = |id: &str| match self.place {
-            BinningPlace::OnChip => place(id) < place("nonlinearity"),
-            BinningPlace::Digital => place(id) <= place("adc"),
+            BinningPlace::OnChip => place(id) < place(ids::NONLINEARITY),
+            BinningPlace::Digital => place(id) <= place(ids::ADC),
         };
         let (before, after) = effects.iter().cloned().partition(|effect: &EffectSetting| is_before(&effect.id));
         [before, after]
@@ -168,7 +169,7 @@ impl BinnedImager {
         }
         let [before, mut after] = binning.split(&config.effects);
         let mut full_well_e = f32::INFINITY;
-        let converter = after.iter_mut().find(|effect| effect.id == "adc");
+        let converter = after.iter_mut().find(|effect| effect.id == ids::ADC);
         if let Some((_, well)) = converter.and_then(|adc| adc.parameters.iter_mut().find(|(name, _)| name == "full_well_e")) {
             full_well_e = *well as f32;
             *well = (*well * binning.pixels() * binning.share()).min(1e12);

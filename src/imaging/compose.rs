@@ -64,7 +64,7 @@ pub fn chain_program(effects: &[&dyn AnyPixelEffect], may_be_faint: bool, output
     let chain = format!("{CHAIN_HEAD}{calls}    return value;\n}}\n");
     let mut head = ELECTRONS_IN_QUADS.to_owned() + &head(effects);
     for effect in effects.iter().filter(|effect| effect.faint_below_e().is_some()) {
-        let _ = writeln!(head, "const {}_MAY_BE_FAINT = {may_be_faint};", effect.id().to_uppercase());
+        let _ = writeln!(head, "const {}_MAY_BE_FAINT = {may_be_faint};", effect.stem().to_uppercase());
     }
     let mut parts = vec![FRAME, MATH, RNG, PATTERN, &head];
     parts.extend(effects.iter().map(|effect| effect.wgsl()));
@@ -100,7 +100,7 @@ const CHAIN_HEAD: &str = "fn chain(before: vec4<f32>, quad_of_band: u32) -> vec4
 
 /// The call of an effect for four pixels.
 fn call(effect: &dyn AnyPixelEffect) -> String {
-    let id = effect.id();
+    let id = effect.stem();
     if effect.wgsl().contains(&format!("fn {id}_quad(")) {
         return format!("    value = {id}_quad(value, quad);\n");
     }
@@ -117,12 +117,12 @@ const ELECTRONS_IN_QUADS: &str = "@group(0) @binding(2) var<storage, read_write>
 fn head(effects: &[&dyn AnyPixelEffect]) -> String {
     let (mut head, mut members) = (String::new(), String::new());
     for effect in effects {
-        let id = effect.id();
+        let id = effect.stem();
         if effect.rng_stage() != 0 {
             let _ = writeln!(head, "const {}_STAGE = {}u;", id.to_uppercase(), effect.rng_stage());
         }
         if !effect.fields().is_empty() {
-            let _ = writeln!(members, "    @align({UNIFORM_ALIGNMENT}) {id}: {},", uniforms_name(id));
+            let _ = writeln!(members, "    @align({UNIFORM_ALIGNMENT}) {id}: {},", uniforms_name(&id));
         }
     }
     if !members.is_empty() {
@@ -146,7 +146,7 @@ pub fn pass_programs(effect: &dyn AnyPixelEffect, shape: PassShape, in_bands: bo
     let head = head(&[effect]);
     let program = |sweep: usize, parts: &[&str], shape: &str, entry| {
         let constants = format!("const SWEEP = {sweep}u;");
-        let shape = shape.replace("STEP(", &format!("{}(", effect.id()));
+        let shape = shape.replace("STEP(", &format!("{}(", effect.stem()));
         let wgsl = [&[FRAME, MATH, RNG, PATTERN, &head, &constants], parts, &[effect.wgsl(), &shape]].concat().join("\n");
         PassProgram { wgsl, entry }
     };

@@ -5,6 +5,7 @@
 use super::on_cpu::{self, Pixels};
 use super::plan::{Lit, Plan};
 use super::{Exposure, Imager, ImagingError, PlaneLight, Stamp};
+use crate::effects::ids;
 use crate::effects::pixel::{ExposureContext, Role, Stage};
 
 /// The chain of an exposure without noise.
@@ -46,9 +47,9 @@ impl Imager {
             light,
             counts,
             context,
-            full_well_e: self.plan.parameter("blooming", "full_well_e"),
+            full_well_e: self.plan.parameter(ids::BLOOMING, "full_well_e"),
             saturation_dn: self.plan.saturation_dn(),
-            read_noise_e: self.plan.parameter("read_noise", "read_noise_e").unwrap_or(0.0),
+            read_noise_e: self.plan.parameter(ids::READ_NOISE, "read_noise_e").unwrap_or(0.0),
         })
     }
 }

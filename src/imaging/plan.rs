@@ -4,6 +4,7 @@ use super::plane::{PlaneBatch, PlaneLight};
 use super::tiles;
 use super::{Exposure, ImagingConfig, ImagingError};
 use crate::effects::detector::adc::full_pixel_dn;
+use crate::effects::ids;
 use crate::effects::pixel::{
     AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, SeparablePsf, Stage, Star, Work, pixel_effect, separable_psf,
 };
@@ -183,7 +184,7 @@ impl Plan {
     }
 
     pub(super) fn has_converter(&self) -> bool {
-        self.has("adc")
+        self.has(ids::ADC)
     }
 
     /// What effects may know of an exposure.
@@ -208,7 +209,7 @@ impl Plan {
     }
 
     pub(super) fn saturation_dn(&self) -> Option<f32> {
-        self.effects.iter().find(|enabled| enabled.effect.id() == "adc").map(|enabled| full_pixel_dn(&enabled.parameters))
+        self.effects.iter().find(|enabled| enabled.effect.id() == ids::ADC).map(|enabled| full_pixel_dn(&enabled.parameters))
     }
 
     /// The words of the seed, low first.

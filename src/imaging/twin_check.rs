@@ -1,6 +1,7 @@
 //! How far GPU and CPU agree, on this machine, now.
 
 use super::{Backend, EffectSetting, Exposure, Imager, ImagingConfig, ImagingError, Stage, StarImage};
+use crate::effects::ids;
 
 /// Differences between a frame made on the GPU and the same frame made on the CPU.
 #[derive(Clone, Debug, PartialEq)]
@@ -42,11 +43,11 @@ pub fn twin_check() -> Result<TwinReport, ImagingError> {
         seed: 1,
         point_spread: "gaussian_psf".to_owned(),
         effects: vec![
-            EffectSetting::new("background", &[("background_e_per_px_s", 20.0)]),
-            EffectSetting::new("photon_noise", &[]),
-            EffectSetting::new("read_noise", &[("read_noise_e", 5.0)]),
+            EffectSetting::new(ids::BACKGROUND, &[("background_e_per_px_s", 20.0)]),
+            EffectSetting::new(ids::PHOTON_NOISE, &[]),
+            EffectSetting::new(ids::READ_NOISE, &[("read_noise_e", 5.0)]),
             EffectSetting::new(
-                "adc",
+                ids::ADC,
                 &[("gain_e_per_dn", 2.0), ("bias_dn", 200.0), ("full_well_e", 1e5), ("saturation_dn", 65_535.0), ("bits", 16.0)],
             ),
         ],

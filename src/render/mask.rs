@@ -1,5 +1,6 @@
 //! Masks: why a pixel's count is not that of the sky and the stars alone.
 
+use crate::effects::ids;
 use crate::imaging::{Exposure, Imager, ImagingError, NoiseFree, PlaneLight, Stamp};
 use crate::scene::LightKind;
 use serde::Serialize;
@@ -69,17 +70,17 @@ pub(super) fn mask(
             *flags |= flag;
         }
     };
-    if let Some(of_one) = imager.of_one_electron("hot_pixels", exposure)? {
+    if let Some(of_one) = imager.of_one_electron(ids::HOT_PIXELS, exposure)? {
         mark(MaskFlag::HOT, &|pixel| of_one[pixel] > 1.0);
         mark(MaskFlag::DEAD, &|pixel| of_one[pixel] == 0.0);
     }
-    if let Some(of_one) = imager.of_one_electron("random_telegraph", exposure)? {
+    if let Some(of_one) = imager.of_one_electron(ids::RANDOM_TELEGRAPH, exposure)? {
         mark(MaskFlag::TELEGRAPH, &|pixel| of_one[pixel] > 1.0);
     }
     if let Some(full_dn) = imager.saturation_dn() {
         mark(MaskFlag::SATURATED, &|pixel| f32::from(pixels_dn[pixel]) >= full_dn);
     }
-    if let Some([before, after]) = imager.before_and_after("blooming", exposure, planes)? {
+    if let Some([before, after]) = imager.before_and_after(ids::BLOOMING, exposure, planes)? {
         mark(MaskFlag::BLOOMED, &|pixel| f64::from((after[pixel] - before[pixel]).abs()) >= MIN_E);
     }
     for (kind, stamp) in others {

@@ -3,6 +3,7 @@
 use super::{FrameTable, SceneError, SceneFile, SeriesTable, binning, detector, lights, motion};
 use crate::camera::Model;
 use crate::coordinates::PixelPoint;
+use crate::effects::id_of;
 use crate::recording::Mount;
 
 /// Whether some pixel of the frame's edge has a direction whose image is another pixel, or none. A corner outside the circle of a fisheye has no
@@ -165,7 +166,7 @@ fn check_camera(refusal: &Refusal<'_>, file: &SceneFile) -> Result<(), SceneErro
             return refusal.refuse(key, value, remedy);
         }
     }
-    if camera.line_time_us.is_some() && file.effects.iter().any(|effect| effect.id.replace('_', "-") == "rolling-shutter") {
+    if camera.line_time_us.is_some() && file.effects.iter().any(|effect| id_of(&effect.id) == super::ROLLING_SHUTTER) {
         return refusal.refuse("camera.line_time_us", "given".into(), "stands beside the effect rolling-shutter: keep one of the two");
     }
     Ok(())

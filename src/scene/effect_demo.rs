@@ -6,10 +6,11 @@ use std::fmt::Write as _;
 
 use super::LIGHT_PAGES;
 use crate::effects::detector::{colour_filters, quantum_efficiency};
+use crate::effects::ids;
 use crate::effects::optics::tables::IMAGE_KINDS;
 use crate::effects::pixel::{PIXEL_EFFECTS, PLANE_SPREADS, POINT_SPREADS, Work, pixel_effect, separable_psf};
 use crate::effects::sky::glow::SKY_GLOWS;
-use crate::effects::{DISPLACEMENTS, ParameterSpec, Segment, displacement};
+use crate::effects::{DISPLACEMENTS, ParameterSpec, Segment, displacement, id_of, stem_of};
 
 /// An effect that this build knows.
 #[derive(Clone, Debug)]
@@ -40,12 +41,12 @@ pub fn kind_id(kind: &str) -> String {
 /// Every effect that this build knows, from the registries; a cause that displaces and acts on pixels stands twice.
 #[must_use]
 pub fn known() -> Vec<Known> {
-    let line = |id: &str, acts_on, parameters| Known { id: id.replace('_', "-"), acts_on, parameters };
+    let line = |id: &str, acts_on, parameters| Known { id: id_of(id), acts_on, parameters };
     let displacements = DISPLACEMENTS.iter().map(|effect| {
         let acts_on = match effect.segment() {
             Segment::Sky => "direction",
             Segment::Camera => "direction in the camera",
-            Segment::Projection => "projection",
+            Segment::Projection => ids::PROJECTION,
             Segment::Focal => "focal plane",
         };
         line(effect.id(), acts_on, effect.parameters())
@@ -73,7 +74,7 @@ impl Known {
     /// Whether this is the half on pixels of a cause that also displaces.
     #[must_use]
     pub fn is_second(&self) -> bool {
-        self.acts_on.contains("pixels") && displacement(&self.id).is_some() && pixel_effect(&self.id.replace('-', "_")).is_some()
+        self.acts_on.contains("pixels") && displacement(&self.id).is_some() && pixel_effect(&self.id).is_some()
     }
 
     /// Why no scene of its own shows it, if none does.
@@ -130,33 +131,6 @@ $RATE
 /// The exposure that is shown: the last, which is farthest from the mean in everything that telemetry tells.
 pub const SHOWN: usize = 2;
 
-/// Sizes that show more than the typical ones on so small a frame.
-const SIZES: &[(&str, &[(&str, f64)])] = &[
-    ("proper-motion", &[("epoch_offset_yr", 200.0)]),
-    ("parallax", &[("amplitude", 100.0)]),
-    ("light-deflection", &[("amplitude", 1000.0)]),
-    ("time-tag", &[("offset_s", 60.0)]),
-    ("brown-conrady", &[("k1", 2e-7), ("p1", 1e-6), ("p2", -1e-6)]),
-    ("kannala-brandt", &[("k1_theta", -0.4)]),
-    ("sensor-step", &[("line_px", 100.0)]),
-    ("edge-roll-off", &[("length_px", 20.0)]),
-    ("rolling-shutter", &[("line_time_us", 400.0)]),
-    ("field-stop", &[("radius_px", 110.0)]),
-    ("vignetting", &[("loss_at_corner", 0.5)]),
-    ("hot-pixels", &[("level_e_per_px_s", 3000.0)]),
-    ("blooming", &[("full_well_e", 8000.0)]),
-    ("nonlinearity", &[("full_well_e", 4e4)]),
-    ("charge-transfer-inefficiency", &[("full_well_e", 4e4)]),
-    ("brighter-fatter", &[("shift_px_per_e", 2e-6)]),
-    ("crosstalk", &[("relative", 0.005)]),
-    ("banding", &[("row_sigma_e", 4.0), ("column_sigma_e", 2.0)]),
-    ("dnl", &[("dnl_dn", 0.8), ("gain_e_per_dn", 1.0)]),
-    ("jpeg", &[("table_scale_dn", 2.0)]),
-    ("overshoot", &[("tail_relative", 0.03), ("tail_px", 2.0)]),
-    ("adc", &[("saturation_dn", 4095.0), ("gain_e_per_dn", 1.0), ("full_well_e", 1e6)]),
-    ("read-noise", &[("read_noise_e", 5.0)]),
-];
-
 /// Where a typical parameter is what the scene's detector has anyway.
 const OF_DETECTOR: &[&str] = &["gain_e_per_dn", "bias_dn", "saturation_dn", "full_well_e"];
 
@@ -183,8 +157,8 @@ const WRITTEN: &[(&str, &str, &str)] = &[
 
 /// What no scene of its own shows, and why.
 const NOT_SHOWN: &[(&str, &str)] = &[
-    ("stray-light", "the shift follows a slope that is measured; its light is shown by its second half, on pixels"),
-    ("pinhole", "every scene is taken through it"),
+    (ids::STRAY_LIGHT, "the shift follows a slope that is measured; its light is shown by its second half, on pixels"),
+    (ids::PINHOLE, "every scene is taken through it"),
     ("gaussian-psf", "every scene is made of it"),
     ("gaussian-image", "the same image from a table"),
     ("disc-psf", "ghosts are discs of it"),
@@ -246,8 +220,10 @@ impl Parts {
 
 /// The parameters that are shown.
 fn shown(id: &str, specs: &[ParameterSpec], skip: &[&str]) -> BTreeMap<&'static str, f64> {
-    let chosen = SIZES.iter().find(|(known, _)| *known == id).map_or(&[][..], |(_, sizes)| sizes);
-    let value = |spec: &ParameterSpec| chosen.iter().find(|(name, _)| *name == spec.name).map(|(_, value)| *value);
+    let of_places = displacement(id).map(|effect| effect.facts().demo_sizes).unwrap_or_default();
+    let of_pixels = pixel_effect(id).map(|effect| effect.demo_sizes()).unwrap_or_default();
+    let chosen = || of_places.iter().chain(of_pixels);
+    let value = |spec: &ParameterSpec| chosen().find(|(name, _)| *name == spec.name).map(|(_, value)| *value);
     let wanted = specs.iter().filter(|spec| value(spec).is_some() || !skip.contains(&spec.name));
     wanted.map(|spec| (spec.name, value(spec).unwrap_or(spec.typical))).collect()
 }
@@ -265,13 +241,13 @@ fn pair(id: &str, acts_on: &str, view: View) -> Option<Pair> {
         let summary = format!("{}{}", detector.trim_start_matches(", "), more.trim().replace('\n', ", "));
         return Some(Pair { off: off.text(view), on: on.text(view), noise, summary });
     }
-    let name = id.replace('-', "_");
+    let name = stem_of(id);
     let specs = |id: &str| displacement(id).map_or(&[][..], |effect| effect.parameters());
     let parameters = match acts_on {
         "projection" => {
             let own = shown(id, specs(id), &["x0", "y0", "f"]);
             on.camera = format!(", projection = {id:?}");
-            if id == "kannala-brandt" {
+            if id == ids::KANNALA_BRANDT {
                 let values = ["k1_theta", "k2_theta", "k3_theta", "k4_theta"].map(|name| own.get(name).copied().unwrap_or_default());
                 let _ = write!(on.camera, ", projection_parameters = {values:?}");
             }
@@ -298,22 +274,22 @@ fn pair(id: &str, acts_on: &str, view: View) -> Option<Pair> {
         "pixels" | "charge between pixels" => {
             let effect = pixel_effect(&name)?;
             let own = shown(id, effect.parameters(), OF_DETECTOR);
-            noise = ["photon-noise", "read-noise"].into_iter().find(|noisy| *noisy == id);
+            noise = [ids::PHOTON_NOISE, ids::READ_NOISE].into_iter().find(|noisy| *noisy == id);
             match id {
-                "background" => off.no_background = true,
-                "photon-noise" => {}
+                ids::BACKGROUND => off.no_background = true,
+                ids::PHOTON_NOISE => {}
                 _ => on.more = format!("[[effects]]\nid = {id:?}\nparameters = {{ {} }}\n", inline(&own)),
             }
             own
         }
-        _ if id == "brown-conrady" => {
+        _ if id == ids::BROWN_CONRADY => {
             let own = shown(id, specs(id), &[]);
             on.camera = format!(", {}", inline(&own));
             own
         }
         _ => {
             let own = shown(id, specs(id), &[]);
-            if id == "rolling-shutter" {
+            if id == ids::ROLLING_SHUTTER {
                 (off.rate, on.rate) = ("rate_deg_s = [0.0, 0.5, 0.0]".into(), "rate_deg_s = [0.0, 0.5, 0.0]".into());
             }
             on.more = format!("[[effects]]\nid = {id:?}\nparameters = {{ {} }}\n", inline(&own));

@@ -10,9 +10,10 @@ use super::sky_light::GlowSetting;
 use super::{DetectorTable, Exposures, SceneError, SkyTable};
 use crate::camera::{Model, SkyChain, Term};
 use crate::effects::detector::adc::full_scale_dn;
+use crate::effects::ids;
 use crate::effects::pixel::{AnyPixelEffect, PIXEL_EFFECTS, pixel_effect};
 use crate::effects::sky::glow::{SKY_GLOWS, SkyGlow, sky_glow};
-use crate::effects::{Context, DISPLACEMENTS, Observation, ParameterSpec, Segment, StarState, displacement};
+use crate::effects::{Context, DISPLACEMENTS, Observation, ParameterSpec, Segment, StarState, displacement, id_of};
 use crate::imaging::EffectSetting;
 
 /// `[[effects]]`: an effect in force.
@@ -50,7 +51,7 @@ pub(super) fn in_force(path: &str, tables: &[EffectTable], detector: &DetectorTa
                 return Err(twice(&public_id(effect)));
             }
             found.pixels.push(setting);
-        } else if let Some(glow) = sky_glow(&table.id.replace('_', "-")) {
+        } else if let Some(glow) = sky_glow(&id_of(&table.id)) {
             let setting = GlowSetting { index, glow, parameters: glow_parameters(glow, table).map_err(wrong)? };
             if found.glows.iter().any(|other| other.glow.id() == glow.id()) {
                 return Err(twice(glow.id()));
@@ -69,13 +70,13 @@ pub(super) fn in_force(path: &str, tables: &[EffectTable], detector: &DetectorTa
 
 /// The id of a pixel effect as files spell it.
 pub(super) fn public_id(effect: &dyn AnyPixelEffect) -> String {
-    effect.id().replace('_', "-")
+    effect.id().to_owned()
 }
 
 /// The pixel effect that a table means. Some causes are both: a displacement with parameters for the calibrator and a pixel effect with others
 /// of its own; the names of the parameters decide.
 fn on_pixels(table: &EffectTable) -> Option<&'static dyn AnyPixelEffect> {
-    let effect = pixel_effect(&table.id.replace('-', "_"))?;
+    let effect = pixel_effect(&table.id)?;
     let is_known = |name: &String| effect.parameters().iter().any(|spec| spec.name == name);
     let is_meant = displacement(&public_id(effect)).is_none() || (!table.parameters.is_empty() && table.parameters.keys().all(is_known));
     is_meant.then_some(effect)
@@ -85,7 +86,7 @@ fn on_pixels(table: &EffectTable) -> Option<&'static dyn AnyPixelEffect> {
 pub(super) fn check_telemetry(path: &str, tables: &[EffectTable], terms: &[Term], exposures: &Exposures) -> Result<(), SceneError> {
     for term in terms {
         let Some(effect) = displacement(&term.effect) else { continue };
-        let index = tables.iter().position(|table| table.id.replace('_', "-") == term.effect).unwrap_or_default();
+        let index = tables.iter().position(|table| id_of(&table.id) == term.effect).unwrap_or_default();
         for (number, exposure) in exposures.kinds().enumerate() {
             let known = exposure.sky.observation();
             let follows = |unit: &str| {
@@ -162,7 +163,7 @@ fn glow_parameters(glow: &dyn SkyGlow, table: &EffectTable) -> Result<Vec<f64>, 
 /// Where a parameter stands among those of its effect, if its value is allowed.
 fn place_of(id: &str, specs: &[ParameterSpec], name: &str, value: f64) -> Result<usize, String> {
     let Some(place) = specs.iter().position(|spec| spec.name == name) else {
-        let of_pixels = pixel_effect(&id.replace('-', "_")).map_or(&[][..], |effect| effect.parameters());
+        let of_pixels = pixel_effect(id).map_or(&[][..], |effect| effect.parameters());
         let mut names: Vec<&str> = specs.iter().chain(of_pixels).map(|spec| spec.name).collect();
         names.dedup();
         let has = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
@@ -184,10 +185,10 @@ pub(super) fn of_camera(detector: &DetectorTable, sky: &SkyTable, listed: &[Effe
         ("bits", f64::from(detector.bits)),
     ];
     let mut effects = vec![
-        EffectSetting::new("background", &[("background_e_per_px_s", sky.even_e_per_px_s())]),
-        EffectSetting::new("photon_noise", &[]),
-        EffectSetting::new("read_noise", &[("read_noise_e", detector.read_noise_e)]),
-        EffectSetting::new("adc", &adc),
+        EffectSetting::new(ids::BACKGROUND, &[("background_e_per_px_s", sky.even_e_per_px_s())]),
+        EffectSetting::new(ids::PHOTON_NOISE, &[]),
+        EffectSetting::new(ids::READ_NOISE, &[("read_noise_e", detector.read_noise_e)]),
+        EffectSetting::new(ids::ADC, &adc),
     ];
     effects.retain(|usual| listed.iter().all(|other| other.id != usual.id));
     let does_nothing = |setting: &EffectSetting| {
@@ -199,7 +200,7 @@ pub(super) fn of_camera(detector: &DetectorTable, sky: &SkyTable, listed: &[Effe
 }
 
 fn term(table: &EffectTable) -> Result<Term, String> {
-    let id = table.id.replace('_', "-");
+    let id = id_of(&table.id);
     let id = id.as_str();
     let Some(effect) = displacement(id) else {
         let displacements = DISPLACEMENTS.iter().map(|effect| effect.id().to_owned());
@@ -209,11 +210,11 @@ fn term(table: &EffectTable) -> Result<Term, String> {
         return Err(format!("there is no effect {id}; did you mean {}?", nearest.unwrap_or_default()));
     };
     let nothing = Context::new(StarState::default(), Observation::default());
-    let Some(mut parameters) = effect.identity(&nothing).filter(|_| id != "brown-conrady") else {
+    let Some(mut parameters) = effect.identity(&nothing).filter(|_| !effect.facts().is_of_every_camera) else {
         return Err(format!("{id} is part of [camera] and cannot be added to it; leave it out"));
     };
     if table.parameters.is_empty() && !parameters.is_empty() {
-        let of_pixels = pixel_effect(&id.replace('-', "_")).map_or(&[][..], |effect| effect.parameters());
+        let of_pixels = pixel_effect(id).map_or(&[][..], |effect| effect.parameters());
         let mut names: Vec<&str> = effect.parameters().iter().chain(of_pixels).map(|spec| spec.name).collect();
         names.dedup();
         return Err(format!("{id} does nothing without parameters; give some of {}", names.join(", ")));

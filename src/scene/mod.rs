@@ -48,6 +48,7 @@ use crate::camera::{Camera, GroundSite, Model, ObserverError, Physics, PhysicsEr
 use crate::coordinates::{Attitude, PixelPoint};
 use crate::effects::detector::colour_filters::FilterResponse;
 use crate::effects::detector::quantum_efficiency::ColourResponse;
+use crate::effects::ids;
 use crate::imaging::{Binning, EffectSetting};
 use crate::recording::{CameraInfo, FirstRow, FrameEntry, Mount, Recording, Shutter, Site};
 use crate::units::DEG_RAD;
@@ -103,7 +104,7 @@ pub enum SceneError {
 }
 
 /// The displacement that a scene's shutter is, when the camera turns.
-const ROLLING_SHUTTER: &str = "rolling-shutter";
+const ROLLING_SHUTTER: &str = ids::ROLLING_SHUTTER;
 
 /// A scene ready to be rendered.
 #[derive(Clone, Debug)]
@@ -290,9 +291,9 @@ impl SceneFile {
         let colour_filters = detector.colour_filters.as_ref().map(|table| table.response(detector.quantum_efficiency.as_ref()));
         let mut pixels = pixels;
         if let Some([red, blue]) = colour_filters.as_ref().and_then(FilterResponse::white)
-            && pixels.iter().all(|other| other.id != "bayer")
+            && pixels.iter().all(|other| other.id != ids::BAYER)
         {
-            pixels.push(EffectSetting::new("bayer", &[("red_relative", red), ("blue_relative", blue)]));
+            pixels.push(EffectSetting::new(ids::BAYER, &[("red_relative", red), ("blue_relative", blue)]));
         }
         let pixel_effects = effects::of_camera(&self.detector, &self.sky_of_own_pixel(&sky), &pixels);
         Ok(Scene {

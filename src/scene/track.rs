@@ -13,6 +13,7 @@ use super::quadrature::gauss_legendre;
 use super::{Exposure, Scene, StarImage};
 use crate::catalog::{Catalog, Star};
 use crate::coordinates::{Direction, PixelPoint};
+use crate::effects::ids;
 use crate::effects::{Context, Observation, StarImage as ImageState, StarState};
 
 /// Trails longer than this (in widths of the point spread) are summed up piece by piece.
@@ -246,7 +247,7 @@ impl Scene {
     fn sight<'a>(&'a self, star: &Star, epoch_yr: f64, exposure: &'a Exposure) -> Sight<'a> {
         let grey = self.detector.zero_point_e_per_s * 10.0_f64.powf(-0.4 * star.magnitude) * exposure.exposure_s;
         let electrons = grey * self.colour_response.relative(star.colour);
-        let refracts = exposure.sky.ids().iter().any(|id| ["refraction", "chromatic-refraction"].contains(id));
+        let refracts = exposure.sky.ids().iter().any(|id| [ids::REFRACTION, ids::CHROMATIC_REFRACTION].contains(id));
         let drifts = refracts && exposure.sky.observation().zenith.is_some();
         Sight { scene: self, exposure, star: StarState::of(star, epoch_yr), electrons, drifts }
     }

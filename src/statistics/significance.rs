@@ -55,23 +55,6 @@ pub fn deviations(surprise: f64) -> f64 {
     0.5 * (low + high)
 }
 
-/// Probability that the distribution of `count` independent uniform numbers is as far from uniform (Kolmogorov and Smirnov).
-///
-/// Source: the asymptotic series with Stephens' correction, Press et al., Numerical Recipes (2007), 14.3.
-#[must_use]
-pub fn kolmogorov_p(count: usize, distance: f64) -> f64 {
-    let root = (count as f64).sqrt();
-    let lambda = (root + 0.12 + 0.11 / root) * distance;
-    if lambda < 0.2 {
-        return 1.0;
-    }
-    let term = |k: i32| {
-        let size = (-2.0 * f64::from(k * k) * lambda * lambda).exp();
-        if k % 2 == 1 { size } else { -size }
-    };
-    (2.0 * (1..=100).map(term).sum::<f64>()).clamp(0.0, 1.0)
-}
-
 /// The value of χ² that is exceeded with probability e^−surprise.
 #[must_use]
 pub fn chi_squared_quantile(degrees: f64, surprise: f64) -> f64 {
@@ -99,15 +82,6 @@ pub fn normal_cdf(z: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn distances_from_uniform_are_as_probable_as_the_tables_say() {
-        // Critical values of Kolmogorov's distribution: 1.3581/√n at 5 %, 1.6276/√n at 1 %, for large n.
-        for (critical, p) in [(1.3581, 0.05), (1.6276, 0.01)] {
-            assert!((kolmogorov_p(1_000_000, critical / 1000.0) - p).abs() < 2e-4);
-        }
-        assert!((kolmogorov_p(100, 0.0) - 1.0).abs() < 1e-12);
-    }
 
     #[test]
     fn surprise_is_that_of_the_tables() {

@@ -155,3 +155,52 @@ fn no_dependency_needs_a_newer_rust_than_stated() {
     assert!(stating > 50, "only {stating} packages state a Rust version");
     assert!(numbers("1.100") > numbers("1.89") && numbers("1.89.0") <= numbers("1.89"), "versions are compared as numbers");
 }
+
+/// Ids of effects stand in their own files. Who needs one names the constant of `effects::ids`, so that a new effect changes no other room.
+#[test]
+fn ids_of_effects_are_quoted_in_their_files_alone() {
+    /// Rooms that may: the effects themselves, and the generator of concealed recordings, which shares nothing with them.
+    const ROOMS: [&str; 2] = ["src/effects/", "src/blind/generate/"];
+    /// The same word for something else: a column of a catalogue, a covariate, a channel, another program's model, an option, a file's ending.
+    const OTHERS: [(&str, &str); 13] = [
+        ("src/catalog/binary.rs", "parallax"),
+        ("src/catalog/import.rs", "parallax"),
+        ("src/cli/diagnose_files.rs", "proper-motion"),
+        ("src/cli/diagnose_files.rs", "parallax"),
+        ("src/cli/update.rs", "projection"),
+        ("src/calibrate/mod.rs", "projection"),
+        ("src/diagnose/channels.rs", "background"),
+        ("src/diagnose/profile.rs", "proper-motion"),
+        ("src/exchange/forward.rs", "equidistant"),
+        ("src/exchange/mod.rs", "equidistant"),
+        ("src/exchange/ros.rs", "equidistant"),
+        ("src/recording/image_file.rs", "jpeg"),
+        ("src/scene/effect_demo.rs", "projection"),
+    ];
+    let ids: Vec<String> = boresight::effects::DISPLACEMENTS
+        .iter()
+        .map(|effect| effect.id().to_owned())
+        .chain(boresight::effects::pixel::PIXEL_EFFECTS.iter().map(|effect| effect.id().to_owned()))
+        .collect();
+    let mut checked = 0;
+    for path in source_files(&root().join("src"), "rs") {
+        let file = format!("src/{}", relative(&root().join("src"), &path).display());
+        if ROOMS.iter().any(|room| file.starts_with(room)) {
+            continue;
+        }
+        let text = read(&file);
+        let text = text.split("#[cfg(test)]").next().unwrap_or_default();
+        assert!(
+            !text.contains(".replace('-', \"_\")") && !text.contains(".replace('_', \"-\")"),
+            "{file}: effects::stem_of and id_of do that"
+        );
+        for id in &ids {
+            for spelling in [id.clone(), boresight::effects::stem_of(id)] {
+                let is_other = OTHERS.contains(&(file.as_str(), id.as_str()));
+                assert!(is_other || !text.contains(&format!("\"{spelling}\"")), "{file} quotes the id {spelling}; name effects::ids");
+                checked += 1;
+            }
+        }
+    }
+    assert!(checked > 10_000, "{checked}");
+}

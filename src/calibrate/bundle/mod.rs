@@ -58,6 +58,7 @@ use super::select::Selection;
 use super::{AttitudeModel, CalibrateError, CalibrateOptions, Calibration, LitCircle};
 use crate::camera::{Model, PARAMETER_COUNT, PARAMETER_NAMES};
 use crate::effects::Segment;
+use crate::effects::ids;
 use crate::identify::ControlPoints;
 
 /// Images agree with an attitude within this share of the frame's diagonal, before the distortion is known.
@@ -186,7 +187,7 @@ fn rates_are_unknown(exposures: &[Exposure]) -> bool {
 
 /// Finds a start, and adjusts from there; the next start where the first does not convince.
 fn start(problem: &Problem, points: &ControlPoints, options: &CalibrateOptions, notes: &mut Vec<String>) -> Result<Solved, CalibrateError> {
-    let f_is_free = problem.free.contains(&2) && problem.model.projection() == "pinhole";
+    let f_is_free = problem.free.contains(&2) && problem.model.projection() == ids::PINHOLE;
     let mut factors = if f_is_free { consensus::focal_length_factors(problem, &problem.model) } else { Vec::new() };
     factors.push(1.0);
     let mut best: Option<Solved> = None;

@@ -25,14 +25,15 @@ use super::{Adjusted, Problem, Run, Solved, State, held_out, names, pose, scales
 use crate::calibrate::calibration::{Candidate, ModelSelection};
 use crate::calibrate::select::Selection;
 use crate::calibrate::{CalibrateError, CalibrateOptions};
+use crate::effects::ids;
 use crate::identify::ControlPoints;
 
 /// A set of names that are let free together.
 type Group = &'static [&'static str];
 /// What is let free together, in the order of preference where two are equally good.
-const GROUPS: &[Group] = &[&["k1"], &["x0", "y0"], &["p1", "p2"], &["k2"], &["k3"], &["aspect"], &["quadratic-rest"]];
+const GROUPS: &[Group] = &[&["k1"], &["x0", "y0"], &["p1", "p2"], &["k2"], &["k3"], &["aspect"], &[ids::QUADRATIC_REST]];
 /// What is left out of the fullest model where the star images do not determine it, one after the other.
-const DROPPED: &[Group] = &[&["quadratic-rest"], &["aspect"], &["k3"], &["k2"], &["p1", "p2"], &["x0", "y0"]];
+const DROPPED: &[Group] = &[&[ids::QUADRATIC_REST], &["aspect"], &["k3"], &["k2"], &["p1", "p2"], &["x0", "y0"]];
 /// What is let free beside parameters that are solved in any case.
 const HIGHER: &[Group] = &[&["k2"], &["k3"]];
 /// The radial distortion, term by term.
@@ -84,7 +85,7 @@ pub(super) fn select(
         // What the caller asks for besides the camera (effects of the sky, temperature …) is in every set.
         choice.begin = BEGIN.iter().map(|name| (*name).to_owned()).collect();
         // Of a fisheye identification found the principal point from these very star images: what they tell cannot be held as known.
-        let found = points.nominal_is_found && options.projection != "pinhole";
+        let found = points.nominal_is_found && options.projection != ids::PINHOLE;
         choice.begin.extend(CENTRE.iter().filter(|_| found).map(|name| (*name).to_owned()));
         choice.begin.extend(options.solve.iter().filter(|name| !super::is_reference(name)).cloned());
         let (groups, full) = choice.fullest()?;

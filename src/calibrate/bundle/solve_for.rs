@@ -3,6 +3,7 @@
 use super::problem::Exposure;
 use crate::calibrate::CalibrateError;
 use crate::camera::{Model, PARAMETER_NAMES};
+use crate::effects::ids;
 use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Segment, displacement};
 
 /// Short names that the field uses, and what they stand for.
@@ -10,10 +11,13 @@ const ALIASES: &[(&str, &str)] = &[
     ("k2", "radial-high-order.k2_norm"),
     ("k3", "radial-high-order.k3_norm"),
     ("aspect", "pixel-aspect.epsilon"),
-    ("velocity", "stellar-aberration"),
+    ("velocity", ids::STELLAR_ABERRATION),
 ];
-/// The distortion of the reference model: its parameters are k1, p1, p2.
-const REFERENCE_DISTORTION: &str = "brown-conrady";
+
+/// Whether an effect has parameters of its own to solve for: those of the reference model are x0, y0, f, k1, p1, p2.
+fn has_own_parameters(effect: &dyn AnyDisplacement) -> bool {
+    !effect.facts().is_of_every_camera
+}
 
 /// Puts the effects that the names ask for into the model, and gives the indices of the parameters to solve, in the model's order.
 ///
@@ -88,8 +92,7 @@ pub(in crate::calibrate) fn images_tell(model: &Model, free: &[usize], exposures
 /// The effect that a name means and the indices of its parameters.
 fn find(name: &str, observations: &[Observation]) -> Option<(&'static dyn AnyDisplacement, Vec<usize>)> {
     let observation = observations.first().copied().unwrap_or_default();
-    let allowed =
-        |effect: &'static dyn AnyDisplacement| (effect.id() != REFERENCE_DISTORTION && effect.id() != "pinhole").then_some(effect);
+    let allowed = |effect: &'static dyn AnyDisplacement| has_own_parameters(effect).then_some(effect);
     if let Some(effect) = displacement(name).and_then(allowed) {
         let fitted = if effect.segment() == Segment::Projection {
             (0..effect.parameters().len()).collect()
@@ -115,7 +118,7 @@ fn find(name: &str, observations: &[Observation]) -> Option<(&'static dyn AnyDis
 fn unknown(given: &str) -> CalibrateError {
     let mut known: Vec<String> = PARAMETER_NAMES.iter().map(ToString::to_string).collect();
     known.extend(ALIASES.iter().map(|(alias, _)| (*alias).to_owned()));
-    for effect in DISPLACEMENTS.iter().filter(|effect| effect.id() != REFERENCE_DISTORTION && effect.id() != "pinhole") {
+    for effect in DISPLACEMENTS.iter().filter(|effect| has_own_parameters(**effect)) {
         known.push(effect.id().to_owned());
         known.extend(effect.parameters().iter().map(|spec| format!("{}.{}", effect.id(), spec.name)));
     }

@@ -12,7 +12,7 @@ use crate::calibrate::geometry::GRID;
 use crate::calibrate::lit::lit_grid;
 use crate::calibrate::map::attitude_sigma_rad;
 use crate::calibrate::select::Selection;
-use crate::calibrate::summary::{REJECTED_WEIGHT, degeneracy_warnings, general_warnings, left_out, median};
+use crate::calibrate::summary::{REJECTED_WEIGHT, degeneracy_warnings, general_warnings, left_out, median_or_one};
 use crate::calibrate::{CalibrateError, CalibrateOptions};
 use crate::coordinates::{Apparent, Attitude, Direction, PixelPoint};
 use crate::identify::ControlPoints;
@@ -389,7 +389,7 @@ fn frame_results(solved: &Solved, residuals: &[Vec<Option<[f64; 2]>>]) -> Vec<Fr
 fn attitude_sigma(solved: &Solved, unit: f64) -> Option<AttitudeSigma> {
     let of = |information: &nalgebra::Matrix3<f64>| attitude_sigma_rad(information, unit.sqrt());
     let all: Vec<[f64; 2]> = solved.adjusted.attitude_information.iter().flatten().filter_map(of).collect();
-    let typical = |axis: usize| median(all.iter().map(|sigma| sigma[axis]).collect()) / ARCSEC_RAD;
+    let typical = |axis: usize| median_or_one(all.iter().map(|sigma| sigma[axis]).collect()) / ARCSEC_RAD;
     (!all.is_empty()).then(|| AttitudeSigma { across: typical(0), about: typical(1) })
 }
 

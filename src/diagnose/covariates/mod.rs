@@ -13,6 +13,7 @@ pub(super) use frames::Separated;
 use super::Telemetry;
 use super::evidence::{Evidence, REACH_PX, WITHIN_REACH_PX};
 use crate::calibrate::{BundleSolution, Column};
+use crate::effects::DISPLACEMENTS;
 use crate::identify::ControlPoints;
 
 /// Bins of equal counts.
@@ -95,7 +96,9 @@ pub(super) fn covariates(joint: &BundleSolution, evidence: &Evidence, points: &C
     all.extend(frames::rate(evidence, &fields));
     all.extend(stars::background_gradient(evidence, points, &fields));
     all.extend(frames::velocity(joint, evidence, &fields));
-    for (name, id) in [("zenith", "refraction"), ("proper-motion", "proper-motion"), ("parallax", "parallax")] {
+    let mut along: Vec<_> = DISPLACEMENTS.iter().filter_map(|effect| Some((effect.facts().covariate?, effect.id()))).collect();
+    along.sort_unstable_by(|a, b| b.cmp(a)); // one order, whatever that of the registry
+    for (name, id) in along {
         all.extend(stars::along(name, id, joint, evidence, points, &fields));
     }
     all.extend(stars::stars(evidence));

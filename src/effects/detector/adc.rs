@@ -66,6 +66,7 @@ vectorised! {
 
 impl PixelEffect for Adc {
     const ID: &'static str = "adc";
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[("saturation_dn", 4095.0), ("gain_e_per_dn", 1.0), ("full_well_e", 1e6)];
     const STAGE: Stage = Stage::Digital;
     const ROLE: Role = Role::Cuts;
     const PARAMETERS: &'static [ParameterSpec] = &[

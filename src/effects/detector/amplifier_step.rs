@@ -32,7 +32,7 @@ use bytemuck::{Pod, Zeroable};
 use super::sensor_step::logistic;
 use crate::dual::Real;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, by_rows, uniform_fields};
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, StarState};
+use crate::effects::{CentroidShift, Context, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, StarState};
 use crate::rng::StageKey;
 
 /// A shift along the columns in proportion to the magnitude, in the lower half of the frame.
@@ -44,6 +44,11 @@ const TRANSITION_PX: f64 = 0.25;
 
 impl CentroidShift for AmplifierStep {
     const ID: &'static str = "amplifier-step";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(0.01, "0.01 px/mag (Janesick 2001)")),
+        profile_covariates: &[("", "magnitude")],
+        ..Facts::NONE
+    };
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "px_per_mag", unit: "px/mag", typical: 0.01, range: (-1.0, 1.0) }];
 
     fn unit_shift<T: Real>(_: usize, measured: &Light<T>, context: &Context) -> [T; 2] {
@@ -98,7 +103,7 @@ fn amplifier_step(uniforms: &AmplifierStepUniforms, first_pixel: u32, pixels: &m
 }
 
 impl PixelEffect for AmplifierHalves {
-    const ID: &'static str = "amplifier_step";
+    const ID: &'static str = "amplifier-step";
     const STAGE: Stage = Stage::Readout;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "gain_relative", unit: "", typical: 0.01, range: (-0.9, 9.0) },

@@ -58,6 +58,7 @@ fn banding(uniforms: &BandingUniforms, key: StageKey, first_pixel: u32, pixels: 
 
 impl PixelEffect for Banding {
     const ID: &'static str = "banding";
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[("row_sigma_e", 4.0), ("column_sigma_e", 2.0)];
     const STAGE: Stage = Stage::Readout;
     const ROLE: Role = Role::Noise;
     const PARAMETERS: &'static [ParameterSpec] = &[

@@ -30,7 +30,9 @@ use bytemuck::{Pod, Zeroable};
 use crate::dual::Real;
 use crate::effects::centroid::ripple_shift;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, by_rows, uniform_fields};
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, Rendering, StarState};
+use crate::effects::{
+    CentroidShift, Context, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Rendering, StarState,
+};
 use crate::rng::StageKey;
 
 /// A ripple of the response along both axes, in proportion to the colour.
@@ -39,6 +41,8 @@ pub struct Bayer;
 
 impl CentroidShift for Bayer {
     const ID: &'static str = "bayer";
+    const FACTS: Facts =
+        Facts { ordinary_size: Some(OrdinarySize::of(0.3, "0.3 to 0.5 between the filters of a colour camera")), ..Facts::NONE };
     const WITHIN_PIXELS: bool = true;
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "relative_per_mag", unit: "1/mag", typical: 0.2, range: (-1.0, 1.0) }];

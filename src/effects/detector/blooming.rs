@@ -50,6 +50,7 @@ fn blooming(full_well_e: f32, share: f32, stays: f32, electrons: f32, carry: &mu
 
 impl PassHead for Blooming {
     const ID: &'static str = "blooming";
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[("full_well_e", 8000.0)];
     const STAGE: Stage = Stage::Charge;
     const ROLE: Role = Role::Cuts;
     const PARAMETERS: &'static [ParameterSpec] = &[

@@ -92,7 +92,8 @@ fn rightwards(uniforms: &BrighterFatterUniforms, rows: &[Vec<f32>], flows: &mut 
 }
 
 impl PassHead for BrighterFatter {
-    const ID: &'static str = "brighter_fatter";
+    const ID: &'static str = "brighter-fatter";
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[("shift_px_per_e", 2e-6)];
     const STAGE: Stage = Stage::Charge;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "shift_px_per_e", unit: "px/e-", typical: 5e-7, range: (0.0, 1e-4) },

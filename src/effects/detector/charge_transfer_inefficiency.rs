@@ -45,7 +45,9 @@ use crate::dual::Real;
 use crate::effects::pixel::pass::{Along, Carry, LinePass, PassHead, Sweep};
 use crate::effects::pixel::pattern::{exponential, power};
 use crate::effects::pixel::{ExposureContext, Stage, uniform_fields};
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, Rendering, StarImage, StarState};
+use crate::effects::{
+    CentroidShift, Context, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Rendering, StarImage, StarState,
+};
 
 /// A shift along the columns in proportion to the row, larger for faint stars.
 #[derive(Clone, Copy, Debug)]
@@ -53,6 +55,11 @@ pub struct ChargeTransferInefficiency;
 
 impl CentroidShift for ChargeTransferInefficiency {
     const ID: &'static str = "charge-transfer-inefficiency";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(0.05, "0.01 to 0.1 px (Massey et al. 2010; ACS ISR 2007-04)")),
+        profile_covariates: &[("", "row")],
+        ..Facts::NONE
+    };
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "px_at_far_row_10000e", unit: "px", typical: 0.03, range: (-2.0, 2.0) }];
 
@@ -130,7 +137,8 @@ fn charge_transfer_inefficiency(uniforms: &TrappedChargeUniforms, traps: f32, re
 }
 
 impl PassHead for TrappedCharge {
-    const ID: &'static str = "charge_transfer_inefficiency";
+    const ID: &'static str = "charge-transfer-inefficiency";
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[("full_well_e", 4e4)];
     const STAGE: Stage = Stage::Readout;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "traps_per_px", unit: "1/px", typical: 0.5, range: (0.0, 1e3) },

@@ -42,6 +42,7 @@ fn crosstalk(uniforms: CrosstalkUniforms, source: &[f32], row: &mut [f32]) {
 
 impl PassHead for Crosstalk {
     const ID: &'static str = "crosstalk";
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[("relative", 0.005)];
     const STAGE: Stage = Stage::Readout;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "relative", unit: "", typical: 5e-4, range: (-0.5, 0.5) }];
     const CONSERVES_CHARGE: bool = false;

@@ -55,7 +55,7 @@ fn dark_current(uniforms: &DarkCurrentUniforms, key: StageKey, first_pixel: u32,
 }
 
 impl PixelEffect for DarkCurrent {
-    const ID: &'static str = "dark_current";
+    const ID: &'static str = "dark-current";
     const STAGE: Stage = Stage::Light;
     const ROLE: Role = Role::Adds;
     const PARAMETERS: &'static [ParameterSpec] = &[

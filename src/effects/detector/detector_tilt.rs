@@ -21,7 +21,7 @@
 //! model of a star tracker.
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// Tilt of the detector as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +29,7 @@ pub struct DetectorTilt;
 
 impl Displacement for DetectorTilt {
     const ID: &'static str = "detector-tilt";
+    const FACTS: Facts = Facts { ordinary_size: Some(OrdinarySize::of(1.7e-3, "a tenth of a degree (Fan et al. 2020)")), ..Facts::NONE };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "tilt_x_rad", unit: "rad", typical: 2e-3, range: (-0.1, 0.1) },

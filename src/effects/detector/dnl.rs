@@ -63,6 +63,7 @@ fn dnl(uniforms: &DnlUniforms, key: StageKey, pixels: &mut [f32]) {
 
 impl PixelEffect for Dnl {
     const ID: &'static str = "dnl";
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[("dnl_dn", 0.8), ("gain_e_per_dn", 1.0)];
     const STAGE: Stage = Stage::Readout;
     const ROLE: Role = Role::Cuts;
     const PARAMETERS: &'static [ParameterSpec] = &[

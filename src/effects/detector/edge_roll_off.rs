@@ -22,7 +22,9 @@
 //! (2014).
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Searched, Segment, StarState};
+use crate::effects::{
+    Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Searched, Segment, StarState,
+};
 
 /// The displacement near the edges as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -38,6 +40,12 @@ fn decay<T: Real>(distance_px: T, length_px: T) -> T {
 
 impl Displacement for EdgeRollOff {
     const ID: &'static str = "edge-roll-off";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(0.2, "0.1 to 1 px in the last 20 px (Bradshaw et al. 2015)")),
+        profile_covariates: &[("", "edge-distance")],
+        demo_sizes: &[("length_px", 20.0)],
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "amplitude_px", unit: "px", typical: 0.2, range: (-5.0, 5.0) },

@@ -31,7 +31,9 @@ use bytemuck::{Pod, Zeroable};
 use crate::dual::Real;
 use crate::effects::centroid::ripple_shift;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, by_rows, uniform_fields};
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, Rendering, StarState};
+use crate::effects::{
+    CentroidShift, Context, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Rendering, StarState,
+};
 use crate::rng::StageKey;
 
 /// A ripple of the gain from column to column.
@@ -40,6 +42,7 @@ pub struct EvenOdd;
 
 impl CentroidShift for EvenOdd {
     const ID: &'static str = "even-odd";
+    const FACTS: Facts = Facts { ordinary_size: Some(OrdinarySize::of(0.01, "0.1 to 3 % (Janesick 2007)")), ..Facts::NONE };
     const WITHIN_PIXELS: bool = true;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "relative", unit: "", typical: 0.03, range: (-0.5, 0.5) }];
 
@@ -95,7 +98,7 @@ fn even_odd(uniforms: &EvenOddUniforms, first_pixel: u32, pixels: &mut [f32]) {
 }
 
 impl PixelEffect for EvenOddGain {
-    const ID: &'static str = "even_odd";
+    const ID: &'static str = "even-odd";
     const STAGE: Stage = Stage::Readout;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "gain_relative", unit: "", typical: 0.01, range: (-0.5, 0.5) }];
     const RNG_STAGE: u32 = 0;

@@ -59,7 +59,8 @@ fn hot_pixels(uniforms: &HotPixelsUniforms, key: StageKey, first_pixel: u32, pix
 }
 
 impl PixelEffect for HotPixels {
-    const ID: &'static str = "hot_pixels";
+    const ID: &'static str = "hot-pixels";
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[("level_e_per_px_s", 3000.0)];
     const STAGE: Stage = Stage::Light;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "hot_per_million", unit: "1e-6", typical: 500.0, range: (0.0, 5e5) },

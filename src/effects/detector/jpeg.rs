@@ -75,6 +75,7 @@ fn jpeg(coefficient: f32, step: f32) -> f32 {
 
 impl PassHead for Jpeg {
     const ID: &'static str = "jpeg";
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[("table_scale_dn", 2.0)];
     const STAGE: Stage = Stage::Digital;
     const ROLE: Role = Role::Cuts;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "table_scale_dn", unit: "DN", typical: 1.0, range: (1e-3, 1e4) }];

@@ -20,7 +20,7 @@
 //! **Source.** H. Eichhorn, Astronomy of Star Positions (1974), for plates; J. Anderson et al., A&A 454, 1029 (2006), for CCDs.
 
 use crate::dual::Real;
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, StarState};
+use crate::effects::{CentroidShift, Context, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, StarState};
 
 /// A shift in proportion to the magnitude.
 #[derive(Clone, Copy, Debug)]
@@ -28,6 +28,11 @@ pub struct MagnitudeEquation;
 
 impl CentroidShift for MagnitudeEquation {
     const ID: &'static str = "magnitude-equation";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(0.01, "0.01 px/mag (Anderson and King 2000)")),
+        profile_covariates: &[("", "magnitude")],
+        ..Facts::NONE
+    };
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "x_px_per_mag", unit: "px/mag", typical: 0.01, range: (-5.0, 5.0) },
         ParameterSpec { name: "y_px_per_mag", unit: "px/mag", typical: 0.01, range: (-5.0, 5.0) },

@@ -46,6 +46,7 @@ fn nonlinearity(uniforms: NonlinearityUniforms, pixels: &mut [f32]) {
 
 impl PixelEffect for Nonlinearity {
     const ID: &'static str = "nonlinearity";
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[("full_well_e", 4e4)];
     const STAGE: Stage = Stage::Readout;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "relative_at_full", unit: "", typical: 0.02, range: (-0.5, 0.5) },

@@ -33,7 +33,9 @@ use bytemuck::{Pod, Zeroable};
 use crate::dual::Real;
 use crate::effects::pixel::pass::{Along, Carry, LinePass, PassHead, Sweep};
 use crate::effects::pixel::{ExposureContext, Stage, uniform_fields};
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, Rendering, StarImage, StarState};
+use crate::effects::{
+    CentroidShift, Context, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Rendering, StarImage, StarState,
+};
 
 /// A shift along the rows in proportion to the flux.
 #[derive(Clone, Copy, Debug)]
@@ -41,6 +43,11 @@ pub struct Overshoot;
 
 impl CentroidShift for Overshoot {
     const ID: &'static str = "overshoot";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(0.01, "0.003 to 0.03 px (Janesick 2001)")),
+        profile_covariates: &[("", "flux")],
+        ..Facts::NONE
+    };
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "x_px", unit: "px", typical: 0.01, range: (-1.0, 1.0) }];
 
     fn unit_shift<T: Real>(_: usize, _: &Light<T>, context: &Context) -> [T; 2] {
@@ -89,6 +96,7 @@ fn overshoot(uniforms: OvershootUniforms, electrons: f32, carry: &mut Carry) -> 
 
 impl PassHead for Settling {
     const ID: &'static str = "overshoot";
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[("tail_relative", 0.03), ("tail_px", 2.0)];
     const STAGE: Stage = Stage::Readout;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "tail_relative", unit: "", typical: 0.004, range: (-0.5, 0.5) },

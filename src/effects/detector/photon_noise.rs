@@ -166,7 +166,7 @@ fn sum_faint(lambda: &[f32; BLOCK_PX], normals: &[f32], pixels: &mut [f32]) {
 }
 
 impl PixelEffect for PhotonNoise {
-    const ID: &'static str = "photon_noise";
+    const ID: &'static str = "photon-noise";
     const STAGE: Stage = Stage::Charge;
     const ROLE: Role = Role::Noise;
     const PARAMETERS: &'static [ParameterSpec] = &[];

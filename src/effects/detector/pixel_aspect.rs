@@ -18,7 +18,7 @@
 //! **Source.** J. Weng, P. Cohen, M. Herniou, IEEE Trans. PAMI 14(10), 965 (1992).
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// Different scales along x and y as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -26,6 +26,11 @@ pub struct PixelAspect;
 
 impl Displacement for PixelAspect {
     const ID: &'static str = "pixel-aspect";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(1e-4, "1e-5 by lithography to 1e-3 by optics (Weng, Cohen and Herniou 1992)")),
+        is_even_in_mirror: true,
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "epsilon", unit: "", typical: 1e-4, range: (-0.05, 0.05) }];
 

@@ -105,7 +105,7 @@ fn random_telegraph(uniforms: &RandomTelegraphUniforms, key: StageKey, first_pix
 }
 
 impl PixelEffect for RandomTelegraph {
-    const ID: &'static str = "random_telegraph";
+    const ID: &'static str = "random-telegraph";
     const STAGE: Stage = Stage::Light;
     const ROLE: Role = Role::Adds;
     const PARAMETERS: &'static [ParameterSpec] = &[

@@ -45,7 +45,8 @@ vectorised! {
 }
 
 impl PixelEffect for ReadNoise {
-    const ID: &'static str = "read_noise";
+    const ID: &'static str = "read-noise";
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[("read_noise_e", 5.0)];
     const STAGE: Stage = Stage::Readout;
     const ROLE: Role = Role::Noise;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "read_noise_e", unit: "e-", typical: 5.0, range: (0.0, 1e6) }];

@@ -28,7 +28,9 @@
 use std::f64::consts::TAU;
 
 use crate::dual::Real;
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, Rendering, StarState};
+use crate::effects::{
+    CentroidShift, Context, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Rendering, StarState,
+};
 
 /// A sine of the fraction of the pixel.
 #[derive(Clone, Copy, Debug)]
@@ -36,6 +38,11 @@ pub struct SCurve;
 
 impl CentroidShift for SCurve {
     const ID: &'static str = "s-curve";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(0.03, "0.002 to 0.12 px by window and image width (Alexander and Ng 1991)")),
+        profile_covariates: &[("x", "pixel-phase-x"), ("y", "pixel-phase-y")],
+        ..Facts::NONE
+    };
     const WITHIN_PIXELS: bool = true;
     // An amplitude beyond 1/2π would give two true places for one measured.
     const PARAMETERS: &'static [ParameterSpec] = &[

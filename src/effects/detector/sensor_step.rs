@@ -24,7 +24,9 @@
 //! 113 (2003), for seams of one chip.
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Searched, Segment, StarState};
+use crate::effects::{
+    Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Searched, Segment, StarState,
+};
 
 /// A step along a column as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -49,6 +51,11 @@ pub(super) fn logistic<T: Real>(z: T) -> T {
 
 impl Displacement for SensorStep {
     const ID: &'static str = "sensor-step";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(0.05, "0.01 to 1 px (Bernstein et al. 2017)")),
+        demo_sizes: &[("line_px", 100.0)],
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "x_px", unit: "px", typical: 0.1, range: (-10.0, 10.0) },

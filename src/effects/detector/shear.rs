@@ -20,7 +20,7 @@
 //! Multiple View Geometry (2004), section 6.2.4.
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// Axes that are not perpendicular, as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -28,6 +28,8 @@ pub struct Shear;
 
 impl Displacement for Shear {
     const ID: &'static str = "shear";
+    const FACTS: Facts =
+        Facts { ordinary_size: Some(OrdinarySize::of(1e-4, "at most 1e-4 (Weng, Cohen and Herniou 1992)")), ..Facts::NONE };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "shear_rad", unit: "rad", typical: 1e-4, range: (-0.01, 0.01) }];
 

@@ -34,7 +34,9 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::dual::Real;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Role, Stage, by_rows, uniform_fields};
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, Rendering, StarImage, StarState};
+use crate::effects::{
+    CentroidShift, Context, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Rendering, StarImage, StarState,
+};
 use crate::rng::StageKey;
 
 /// A shift along the gradient of the background, the larger the fainter the star.
@@ -57,6 +59,8 @@ fn shift_px(image: &StarImage) -> Option<[f64; 2]> {
 
 impl CentroidShift for StrayLight {
     const ID: &'static str = "stray-light";
+    const FACTS: Facts =
+        Facts { ordinary_size: Some(OrdinarySize::of(0.5, "0.5 electrons a pixel, 0.025 px at 1000 electrons")), ..Facts::NONE };
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "gradient_e_per_px", unit: "e/px", typical: 0.5, range: (-1000.0, 1000.0) }];
 
@@ -125,7 +129,7 @@ fn stray_light(uniforms: &StrayLightUniforms, first_pixel: u32, pixels: &mut [f3
 }
 
 impl PixelEffect for StrayLightSlope {
-    const ID: &'static str = "stray_light";
+    const ID: &'static str = "stray-light";
     const STAGE: Stage = Stage::Light;
     const ROLE: Role = Role::Adds;
     const PARAMETERS: &'static [ParameterSpec] = &[

@@ -19,7 +19,7 @@
 //! **Source.** ECSS-E-ST-60-20C (2008), "bias" of a star sensor; the law is linear by definition.
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// Drift of the boresight.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +27,7 @@ pub struct BoresightDrift;
 
 impl Displacement for BoresightDrift {
     const ID: &'static str = "boresight-drift";
+    const FACTS: Facts = Facts { ordinary_size: Some(OrdinarySize::largest_px(0.2, "4 to 70 arcsec (Lai et al. 2016)")), ..Facts::NONE };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "x_px_per_kelvin", unit: "px/K", typical: 0.05, range: (-1e3, 1e3) },

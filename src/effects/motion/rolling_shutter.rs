@@ -20,7 +20,9 @@
 //! **Source.** J. Enright and T. Dzamba, Rolling Shutter Compensation for Star Trackers, AIAA (2012); Rodrigues' formula for the turn.
 
 use crate::dual::{Real, constant, dot, normalize, rotate};
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, Sensor, StarState};
+use crate::effects::{
+    Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, Sensor, StarState,
+};
 
 /// Seconds in a microsecond.
 const MICROSECOND_S: f64 = 1e-6;
@@ -31,6 +33,11 @@ pub struct RollingShutter;
 
 impl Displacement for RollingShutter {
     const ID: &'static str = "rolling-shutter";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(12.0, "12 µs a row (Enright and Dzamba 2012)")),
+        demo_sizes: &[("line_time_us", 400.0)],
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Camera;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "line_time_us", unit: "us", typical: 12.0, range: (-1e4, 1e4) }];
 

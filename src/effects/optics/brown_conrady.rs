@@ -21,7 +21,7 @@
 //! al., Applied Optics 54(21), 6425 (2015).
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// Brown–Conrady distortion as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -38,6 +38,7 @@ pub fn ideal_from_measured<T: Real>([k1, p1, p2]: [T; 3], [x, y]: [T; 2]) -> [T;
 
 impl Displacement for BrownConrady {
     const ID: &'static str = "brown-conrady";
+    const FACTS: Facts = Facts { is_of_every_camera: true, demo_sizes: &[("k1", 2e-7), ("p1", 1e-6), ("p2", -1e-6)], ..Facts::NONE };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "k1", unit: "px^-2", typical: 5e-9, range: (-1e-4, 1e-4) },

@@ -26,7 +26,9 @@
 //! **Source.** V. N. Mahajan, Optical Imaging and Aberrations (1998), for the form of the image.
 
 use crate::dual::Real;
-use crate::effects::{CentroidShift, Context, Light, Observation, ParameterSpec, ReferenceValue, Rendering, StarState};
+use crate::effects::{
+    CentroidShift, Context, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Rendering, StarState,
+};
 
 /// A shift along the radius in proportion to its square and to the magnitude.
 #[derive(Clone, Copy, Debug)]
@@ -34,6 +36,11 @@ pub struct Coma;
 
 impl CentroidShift for Coma {
     const ID: &'static str = "coma";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(0.03, "0.01 to 0.1 px/mag near the edge (Mahajan 2013)")),
+        profile_covariates: &[("", "magnitude")],
+        ..Facts::NONE
+    };
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "coma_px_at_corner", unit: "px/mag", typical: 0.03, range: (-5.0, 5.0) }];
 

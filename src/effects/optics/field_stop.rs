@@ -49,7 +49,8 @@ fn field_stop(uniforms: &FieldStopUniforms, first_pixel: u32, pixels: &mut [f32]
 }
 
 impl PixelEffect for FieldStop {
-    const ID: &'static str = "field_stop";
+    const ID: &'static str = "field-stop";
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[("radius_px", 110.0)];
     const STAGE: Stage = Stage::Light;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "radius_px", unit: "px", typical: 180.0, range: (0.0, 1e6) },

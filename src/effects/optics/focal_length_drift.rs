@@ -18,7 +18,7 @@
 //! **Source.** A linear law, by definition.
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// Drift of the focal length.
 #[derive(Clone, Copy, Debug)]
@@ -26,6 +26,8 @@ pub struct FocalLengthDrift;
 
 impl Displacement for FocalLengthDrift {
     const ID: &'static str = "focal-length-drift";
+    const FACTS: Facts =
+        Facts { ordinary_size: Some(OrdinarySize::of(1e-4, "1e-4 over a night")), profile_covariates: &[("", "time")], ..Facts::NONE };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "relative_per_hour", unit: "h^-1", typical: 1e-4, range: (-1e-2, 1e-2) },

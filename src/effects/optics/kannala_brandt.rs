@@ -21,7 +21,7 @@
 
 use super::field_angle::{angle_over_sine, sine_over_angle_and_cosine};
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState, invert};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState, invert};
 
 /// The Kannala–Brandt projection.
 #[derive(Clone, Copy, Debug)]
@@ -55,6 +55,7 @@ fn bracket(k: [f64; 4], target: f64) -> Option<[f64; 2]> {
 
 impl Displacement for KannalaBrandt {
     const ID: &'static str = "kannala-brandt";
+    const FACTS: Facts = Facts { demo_sizes: &[("k1_theta", -0.4)], ..Facts::NONE };
     const SEGMENT: Segment = Segment::Projection;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "x0", unit: "px", typical: 511.5, range: (-1e6, 1e6) },

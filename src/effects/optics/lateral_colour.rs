@@ -21,7 +21,7 @@
 //! length for every star improved the separations of stars by 3 to 15 % on six trackers in flight.
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// A scale in proportion to the star's colour, as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +29,14 @@ pub struct LateralColour;
 
 impl Displacement for LateralColour {
     const ID: &'static str = "lateral-colour";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(
+            1e-4,
+            "0.02 to 0.1 px/mag at the edge of star trackers (SmallSat 2016), 0.2 to 1 of commercial lenses",
+        )),
+        profile_covariates: &[("", "colour")],
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "relative_scale_per_mag", unit: "1/mag", typical: 1e-4, range: (-0.01, 0.01) }];

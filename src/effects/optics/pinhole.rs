@@ -18,7 +18,7 @@
 //! **Source.** Hartley and Zisserman, Multiple View Geometry, 2nd ed. (2004), section 6.1.
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// The pinhole projection with its principal point.
 #[derive(Clone, Copy, Debug)]
@@ -31,6 +31,7 @@ pub fn ray<T: Real>([x0, y0, f]: [T; 3], [x, y]: [T; 2]) -> [T; 3] {
 
 impl Displacement for Pinhole {
     const ID: &'static str = "pinhole";
+    const FACTS: Facts = Facts { is_of_every_camera: true, ..Facts::NONE };
     const SEGMENT: Segment = Segment::Projection;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "x0", unit: "px", typical: 511.5, range: (-1e6, 1e6) },

@@ -19,7 +19,7 @@
 //! **Source.** B. Edlén, Metrologia 2, 71 (1966) for the index of air; the law is linear by definition.
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// Scale that follows the air pressure.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +27,10 @@ pub struct PressureScale;
 
 impl Displacement for PressureScale {
     const ID: &'static str = "pressure-scale";
+    const FACTS: Facts =
+        Facts {
+            ordinary_size: Some(OrdinarySize::of(2.7e-7, "n − 1 of air")), profile_covariates: &[("", "pressure_hpa")], ..Facts::NONE
+        };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "relative_per_hpa", unit: "hPa^-1", typical: 2.7e-7, range: (-1e-4, 1e-4) }];

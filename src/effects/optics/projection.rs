@@ -22,7 +22,7 @@
 
 use super::field_angle::angle_over_sine;
 use crate::dual::{Real, normalize};
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// The third order in the angle from the axis, as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -30,6 +30,12 @@ pub struct Projection;
 
 impl Displacement for Projection {
     const ID: &'static str = "projection";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(1.0 / 3.0, "the cubic term of a fisheye beside a pinhole (Kannala and Brandt 2006)")),
+        profile_covariates: &[("", "field-radius")],
+        name_rank: 2,
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "theta3_norm", unit: "", typical: -1.0 / 3.0, range: (-1.0, 1.0) }];

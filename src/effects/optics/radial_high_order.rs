@@ -23,7 +23,7 @@
 //! **Source.** D. C. Brown, Photogrammetric Engineering 37(8), 855 (1971); A. Conrady, MNRAS 79, 384 (1919).
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// Radial distortion of the fifth and seventh order as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -31,6 +31,13 @@ pub struct RadialHighOrder;
 
 impl Displacement for RadialHighOrder {
     const ID: &'static str = "radial-high-order";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::largest_px(0.1, "0.05 to 1 px at the edge of commercial lenses (Brown 1971)")),
+        profile_covariates: &[("", "field-radius")],
+        name_rank: 0,
+        is_even_in_mirror: true,
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "k2_norm", unit: "", typical: 0.1, range: (-1e3, 1e3) },

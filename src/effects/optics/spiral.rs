@@ -20,7 +20,7 @@
 //! rotationally symmetric field without divergence that is not a rotation.
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// Spiral distortion as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -28,6 +28,11 @@ pub struct Spiral;
 
 impl Displacement for Spiral {
     const ID: &'static str = "spiral";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::largest_px(0.05, "up to 0.1 px (Brown 1966)")),
+        profile_covariates: &[("", "field-radius")],
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "spiral_norm", unit: "", typical: 3e-3, range: (-10.0, 10.0) }];
 

@@ -17,7 +17,7 @@
 //! **Source.** The radial term of D. C. Brown, Photogrammetric Engineering 32(3), 444 (1966), with a coefficient linear in the temperature.
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// Distortion that follows the temperature.
 #[derive(Clone, Copy, Debug)]
@@ -25,6 +25,11 @@ pub struct ThermalDistortion;
 
 impl Displacement for ThermalDistortion {
     const ID: &'static str = "thermal-distortion";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::largest_px(0.02, "0.5 to 2 % of the distortion (Wang et al. 2015)")),
+        profile_covariates: &[("", "temperature")],
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "k1_norm_per_kelvin", unit: "K^-1", typical: 2.5e-4, range: (-1.0, 1.0) }];

@@ -18,7 +18,7 @@
 //! **Source.** Linear expansion, by definition; as in the camera models of NASA's GIANT (focal length as a polynomial of temperature).
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// Focal length that follows the temperature.
 #[derive(Clone, Copy, Debug)]
@@ -26,6 +26,11 @@ pub struct ThermalFocalLength;
 
 impl Displacement for ThermalFocalLength {
     const ID: &'static str = "thermal-focal-length";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(2e-5, "1e-6 to 3e-5 per K (GIANT; Wang et al. 2015)")),
+        profile_covariates: &[("", "temperature")],
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "relative_per_kelvin", unit: "K^-1", typical: 2e-5, range: (-1e-2, 1e-2) }];

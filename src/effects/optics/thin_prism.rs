@@ -21,7 +21,7 @@
 //! (1992).
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// Thin-prism distortion as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +29,7 @@ pub struct ThinPrism;
 
 impl Displacement for ThinPrism {
     const ID: &'static str = "thin-prism";
+    const FACTS: Facts = Facts { ordinary_size: Some(OrdinarySize::of(0.05, "0.01 to 0.3 px (Brown 1966)")), ..Facts::NONE };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "s1_px", unit: "px", typical: 0.05, range: (-50.0, 50.0) },

@@ -41,7 +41,7 @@ fn veiling_glare(uniforms: VeilingGlareUniforms, pixels: &mut [f32]) {
 }
 
 impl PixelEffect for VeilingGlare {
-    const ID: &'static str = "veiling_glare";
+    const ID: &'static str = "veiling-glare";
     const STAGE: Stage = Stage::Light;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "share", unit: "", typical: 0.02, range: (0.0, 1.0) }];
     const RNG_STAGE: u32 = 0;

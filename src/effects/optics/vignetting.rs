@@ -54,6 +54,7 @@ fn vignetting(uniforms: &VignettingUniforms, first_pixel: u32, pixels: &mut [f32
 
 impl PixelEffect for Vignetting {
     const ID: &'static str = "vignetting";
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[("loss_at_corner", 0.5)];
     const STAGE: Stage = Stage::Light;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "cos4_corner_deg", unit: "deg", typical: 14.0, range: (0.0, 85.0) },

@@ -19,7 +19,7 @@
 //! **Source.** The deviation of a thin prism, δ = (n − 1)·α: M. Born, E. Wolf, Principles of Optics, section 4.7.
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// A displacement in proportion to the star's colour, the same all over the field.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +27,11 @@ pub struct WedgeColour;
 
 impl Displacement for WedgeColour {
     const ID: &'static str = "wedge-colour";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(0.02, "0.002 to 0.05 px/mag: a window's deviation (n − 1)·α and its dispersion")),
+        profile_covariates: &[("", "colour")],
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "x_px_per_mag", unit: "px/mag", typical: 0.02, range: (-5.0, 5.0) },

@@ -18,7 +18,7 @@ pub use spread::{Atlas, MAX_NODES, PLANE_SPREADS, POINT_SPREADS, Psf2d, Psf2dSta
 use bytemuck::Pod;
 
 use self::pass::{FrameBuffer, Lines, Neighbours, PassShape};
-use super::{ParameterSpec, detector, optics, sky};
+use super::{ParameterSpec, detector, id_of, optics, sky, stem_of};
 use crate::rng::StageKey;
 
 /// Where along the way from light to count a pixel effect acts. The order of the variants is the order of the stages.
@@ -90,9 +90,11 @@ impl Default for ExposureContext {
 
 /// What the author of a pixel effect writes.
 pub trait PixelEffect: Sync {
-    /// Its id in files, and the name of its twin and of its WGSL function: `fn id(electrons: f32, pixel: Pixel) -> f32`, or
+    /// Its id in files. With `_` for `-` it is the name of its twin and of its WGSL function: `fn id(electrons: f32, pixel: Pixel) -> f32`, or
     /// `fn id_quad(electrons: vec4<f32>, quad: u32) -> vec4<f32>` for the pixels 4 quad … 4 quad + 3 of the frame, where they share work.
     const ID: &'static str;
+    /// Parameters that show more of it than the typical ones on the small frame of its picture.
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[];
     /// Where it acts.
     const STAGE: Stage;
     /// What it does to the light of a star.
@@ -142,6 +144,12 @@ pub enum Work {
 pub trait AnyPixelEffect: Sync {
     /// See [`PixelEffect::ID`].
     fn id(&self) -> &'static str;
+    /// Its id as the names of files, functions and shaders have it.
+    fn stem(&self) -> String {
+        stem_of(self.id())
+    }
+    /// See [`PixelEffect::DEMO_SIZES`].
+    fn demo_sizes(&self) -> &'static [(&'static str, f64)];
     /// See [`PixelEffect::STAGE`].
     fn stage(&self) -> Stage;
     /// See [`PixelEffect::ROLE`].
@@ -179,6 +187,9 @@ pub trait AnyPixelEffect: Sync {
 impl<E: PixelEffect> AnyPixelEffect for E {
     fn id(&self) -> &'static str {
         E::ID
+    }
+    fn demo_sizes(&self) -> &'static [(&'static str, f64)] {
+        E::DEMO_SIZES
     }
     fn stage(&self) -> Stage {
         E::STAGE
@@ -276,8 +287,9 @@ pub static PIXEL_EFFECTS: &[&dyn AnyPixelEffect] = &[
     &Neighbours(detector::jpeg::Jpeg),
 ];
 
-/// The pixel effect with this id.
+/// The pixel effect with this id; `_` is as good as `-`.
 #[must_use]
 pub fn pixel_effect(id: &str) -> Option<&'static dyn AnyPixelEffect> {
+    let id = id_of(id);
     PIXEL_EFFECTS.iter().copied().find(|effect| effect.id() == id)
 }

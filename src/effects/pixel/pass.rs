@@ -81,8 +81,10 @@ impl<'a> Source<'a> {
 
 /// What every pass says of itself; the meaning is that of [`super::PixelEffect`].
 pub trait PassHead: Sync {
-    /// Its id in files, and the name of its twin and of its WGSL function.
+    /// Its id in files. With `_` for `-` it is the name of its twin and of its WGSL function.
     const ID: &'static str;
+    /// Parameters that show more of it than the typical ones on the small frame of its picture.
+    const DEMO_SIZES: &'static [(&'static str, f64)] = &[];
     /// Where it acts.
     const STAGE: Stage;
     /// What it does to the light of a star.
@@ -183,6 +185,9 @@ macro_rules! head {
     () => {
         fn id(&self) -> &'static str {
             P::ID
+        }
+        fn demo_sizes(&self) -> &'static [(&'static str, f64)] {
+            P::DEMO_SIZES
         }
         fn stage(&self) -> Stage {
             P::STAGE

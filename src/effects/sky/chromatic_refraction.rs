@@ -18,7 +18,7 @@
 //! **Source.** A. V. Filippenko, PASP 94, 715 (1982); the linear law in B − V as in astrometric practice for broad bands.
 
 use crate::dual::{Real, add, constant, dot, normalize, scale};
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 use crate::units::ARCSEC_RAD;
 
 /// Sine of the lowest altitude at which the law is evaluated (3°), as for refraction.
@@ -30,6 +30,11 @@ pub struct ChromaticRefraction;
 
 impl Displacement for ChromaticRefraction {
     const ID: &'static str = "chromatic-refraction";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(0.4, "0.2 to 0.6 arcsec/mag without a filter (Filippenko 1982)")),
+        profile_covariates: &[("", "colour")],
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Sky;
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "arcsec_per_mag_at_45deg", unit: "arcsec/mag", typical: 0.4, range: (-100.0, 100.0) }];

@@ -18,7 +18,7 @@
 //! **Source.** N. Capitaine et al., A&A 412, 567 (2003); the pole is that of SOFA's `ecm06` at J2000.
 
 use crate::dual::{Real, constant, normalize, rotate};
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 use crate::units::ARCSEC_RAD;
 
 /// Pole of the ecliptic of J2000, ICRS axes: third row of pyerfa 2.0.1.5, ecm06(2451545.0, 0).
@@ -30,6 +30,8 @@ pub struct FrameRotation;
 
 impl Displacement for FrameRotation {
     const ID: &'static str = "frame-rotation";
+    const FACTS: Facts =
+        Facts { ordinary_size: Some(OrdinarySize::of(1300.0, "precession of 26 years, 50.3 arcsec a year")), ..Facts::NONE };
     const SEGMENT: Segment = Segment::Sky;
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "rotation_arcsec", unit: "arcsec", typical: 1300.0, range: (-648_000.0, 648_000.0) }];

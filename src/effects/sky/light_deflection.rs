@@ -19,7 +19,7 @@
 //! **Source.** Explanatory Supplement to the Astronomical Almanac, 3rd ed. (2013), section 7.2.4; SOFA routines `ld` and `ldsun`.
 
 use crate::dual::{Real, add, constant, dot, normalize, scale};
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 
 /// Schwarzschild radius of the Sun, au (SOFA's value).
 const SCHWARZSCHILD_RADIUS_AU: f64 = 1.974_125_743_36e-8;
@@ -32,6 +32,8 @@ pub struct LightDeflection;
 
 impl Displacement for LightDeflection {
     const ID: &'static str = "light-deflection";
+    const FACTS: Facts =
+        Facts { ordinary_size: Some(OrdinarySize::of(1.0, "general relativity")), demo_sizes: &[("amplitude", 1000.0)], ..Facts::NONE };
     const SEGMENT: Segment = Segment::Sky;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "amplitude", unit: "", typical: 1.0, range: (-1e4, 1e4) }];
 

@@ -16,7 +16,7 @@
 //! **Source.** ESA SP-1200 (1997), vol. 1, section 1.2.8; SOFA routine `pmpx`.
 
 use crate::dual::{Real, add, constant, normalize, scale};
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 use crate::units::ARCSEC_RAD;
 
 /// Parallax.
@@ -25,6 +25,13 @@ pub struct Parallax;
 
 impl Displacement for Parallax {
     const ID: &'static str = "parallax";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(1.0, "the catalogue's parallaxes")),
+        profile_covariates: &[("", "parallax")],
+        covariate: Some("parallax"),
+        demo_sizes: &[("amplitude", 100.0)],
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Sky;
     const PER_STAR: bool = true;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "amplitude", unit: "", typical: 1.0, range: (-1000.0, 1000.0) }];

@@ -20,7 +20,7 @@
 //! SOFA routines `pmpx` and `starpm`.
 
 use crate::dual::{Real, add, constant, normalize, scale};
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 use crate::units::MAS_RAD;
 
 /// Proper motion.
@@ -38,6 +38,14 @@ pub fn east_north(direction: [f64; 3]) -> ([f64; 3], [f64; 3]) {
 
 impl Displacement for ProperMotion {
     const ID: &'static str = "proper-motion";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(26.0, "places of J2000.0 used in 2026")),
+        profile_covariates: &[("", "proper-motion")],
+        counts_from_model: true,
+        covariate: Some("proper-motion"),
+        demo_sizes: &[("epoch_offset_yr", 200.0)],
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Sky;
     const PER_STAR: bool = true;
     const PARAMETERS: &'static [ParameterSpec] =

@@ -26,7 +26,8 @@
 use super::proper_motion::east_north;
 use crate::dual::{Real, add, constant, dot, normalize, scale};
 use crate::effects::{
-    Context, Displacement, Light, Natural, Observation, ParameterSpec, ReferenceValue, RefractionConstants, Segment, StarState,
+    Context, Displacement, Facts, Light, Natural, Observation, OrdinarySize, ParameterSpec, ReferenceValue, RefractionConstants, Segment,
+    StarState,
 };
 use crate::units::ARCSEC_RAD;
 
@@ -62,6 +63,14 @@ pub fn zenith_at(parameters: &[f64], observation: &Observation) -> Option<[f64; 
 
 impl Displacement for Refraction {
     const ID: &'static str = "refraction";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(57.0, "air at sea level (Stone 1996)")),
+        profile_covariates: &[("", "zenith")],
+        open_share: 0.04,
+        searches_zenith: true,
+        covariate: Some("zenith"),
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Sky;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "refraction_at_45deg_arcsec", unit: "arcsec", typical: 57.0, range: (-1000.0, 1000.0) },

@@ -24,7 +24,9 @@
 //! **Source.** Explanatory Supplement to the Astronomical Almanac, 3rd ed. (2013), equation 7.40; SOFA routine `ab`.
 
 use crate::dual::{Real, add, constant, dot, normalize, scale};
-use crate::effects::{Context, Displacement, Light, Natural, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{
+    Context, Displacement, Facts, Light, Natural, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState,
+};
 use crate::units::SPEED_OF_LIGHT_KM_S;
 
 /// Stellar aberration.
@@ -33,6 +35,14 @@ pub struct StellarAberration;
 
 impl Displacement for StellarAberration {
     const ID: &'static str = "stellar-aberration";
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(1.0, "the Earth's velocity, 29.8 km/s")),
+        profile_covariates: &[("", "velocity")],
+        // Along each axis of a velocity that nobody knows, km/s: 29.8/√3.
+        ordinary_component: Some(17.2),
+        unknown_size: "neither the velocity of the camera nor the time of the frames is known",
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Sky;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "amplitude", unit: "", typical: 1.0, range: (-100.0, 100.0) },

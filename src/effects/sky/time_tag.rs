@@ -19,7 +19,7 @@
 //! **Source.** The Earth rotation angle of IAU 2000 Resolution B1.8; SOFA routine `era00`.
 
 use crate::dual::{Real, constant, normalize, rotate};
-use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
 use crate::units::ARCSEC_RAD;
 
 /// The Earth's rotation, rad per second: 1.00273781191135448 turns a day.
@@ -31,6 +31,8 @@ pub struct TimeTag;
 
 impl Displacement for TimeTag {
     const ID: &'static str = "time-tag";
+    const FACTS: Facts =
+        Facts { ordinary_size: Some(OrdinarySize::of(10.0, "a clock set by hand")), demo_sizes: &[("offset_s", 60.0)], ..Facts::NONE };
     const SEGMENT: Segment = Segment::Sky;
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "offset_s", unit: "s", typical: 10.0, range: (-43_200.0, 43_200.0) }];
