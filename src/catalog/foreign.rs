@@ -10,8 +10,6 @@
 
 use std::path::Path;
 
-use fitsio_pure::BLOCK_SIZE;
-
 use super::CatalogError;
 use crate::coordinates::{Direction, Icrs};
 use crate::units::DEG_RAD;
@@ -45,6 +43,7 @@ const GAIA_MAGIC: &[u8] = b"GDR3";
 const GAIA_HEADER_BYTES: usize = 16;
 const GAIA_ROW_BYTES: usize = 36;
 const CARD_BYTES: usize = 80;
+const BLOCK_BYTES: usize = 2880;
 /// Header-data units of an index file that are walked through.
 const MAX_UNITS: usize = 200;
 
@@ -115,7 +114,7 @@ fn binary_tables(bytes: &[u8]) -> Result<(Vec<BinaryTable<'_>>, bool), String> {
     let (mut tables, mut is_little, mut start) = (Vec::new(), true, 0);
     for _ in 0..MAX_UNITS {
         let rest = &bytes[start..];
-        if rest.len() < BLOCK_SIZE {
+        if rest.len() < BLOCK_BYTES {
             break;
         }
         let mut cards = rest.chunks_exact(CARD_BYTES);
@@ -126,14 +125,14 @@ fn binary_tables(bytes: &[u8]) -> Result<(Vec<BinaryTable<'_>>, bool), String> {
         if start == 0 {
             is_little = text("ENDIAN").is_none_or(|endian| endian.starts_with("04"));
         }
-        let data_start = ((end + 1) * CARD_BYTES).next_multiple_of(BLOCK_SIZE);
+        let data_start = ((end + 1) * CARD_BYTES).next_multiple_of(BLOCK_BYTES);
         let (row_bytes, rows) = if whole("NAXIS")? == 2 { (whole("NAXIS1")?, whole("NAXIS2")?) } else { (0, 0) };
         let length = row_bytes.checked_mul(rows).and_then(|length| length.checked_add(whole("PCOUNT").ok()?)).ok_or_else(damaged)?;
         let data = data_start.checked_add(length).and_then(|data_end| rest.get(data_start..data_end)).ok_or_else(damaged)?;
         if let Some(name) = text("TTYPE1") {
             tables.push(BinaryTable { name: name.to_owned(), row_bytes, data });
         }
-        start = start.saturating_add(data_start.saturating_add(length).next_multiple_of(BLOCK_SIZE)).min(bytes.len());
+        start = start.saturating_add(data_start.saturating_add(length).next_multiple_of(BLOCK_BYTES)).min(bytes.len());
     }
     Ok((tables, is_little))
 }
@@ -216,9 +215,9 @@ mod tests {
             "END".to_owned(),
         ];
         let mut bytes: Vec<u8> = cards.iter().flat_map(|card| format!("{card:80}").into_bytes()).collect();
-        bytes.resize(bytes.len().next_multiple_of(BLOCK_SIZE), b' ');
+        bytes.resize(bytes.len().next_multiple_of(BLOCK_BYTES), b' ');
         bytes.extend(data);
-        bytes.resize(bytes.len().next_multiple_of(BLOCK_SIZE), 0);
+        bytes.resize(bytes.len().next_multiple_of(BLOCK_BYTES), 0);
         bytes
     }
 
@@ -227,7 +226,7 @@ mod tests {
             .iter()
             .flat_map(|card| format!("{card:80}").into_bytes())
             .collect();
-        bytes.resize(BLOCK_SIZE, b' ');
+        bytes.resize(BLOCK_BYTES, b' ');
         let per_unit = 2e9;
         let range: Vec<u8> = [-1.0, -1.0, -1.0, 1.0, 1.0, 1.0, per_unit].iter().flat_map(|number: &f64| number.to_le_bytes()).collect();
         let places: Vec<u8> = directions.iter().flatten().flat_map(|c| (((c + 1.0) * per_unit).round() as u32).to_le_bytes()).collect();
@@ -270,7 +269,7 @@ mod tests {
             }
         }
         assert!(read(Path::new("x"), &gaia[..gaia.len() - 1]).unwrap().unwrap_err().to_string().contains("3 stars but holds 2"));
-        assert!(read(Path::new("x"), &index[..BLOCK_SIZE]).unwrap().unwrap_err().to_string().contains("kdtree_range_stars is missing"));
+        assert!(read(Path::new("x"), &index[..BLOCK_BYTES]).unwrap().unwrap_err().to_string().contains("kdtree_range_stars is missing"));
         assert!(read(Path::new("x"), b"ra,dec").is_none());
     }
 }

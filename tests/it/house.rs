@@ -67,6 +67,32 @@ fn every_module_begins_with_its_documentation() {
     }
 }
 
+/// Young crates of a single maintainer, and the only rooms that may name them outside tests: so each can be replaced in one place.
+const BEHIND_ONE_ROOM: [(&str, &[&str]); 2] = [("fitsio_pure::", &["recording"]), ("sofars::", &["camera", "blind"])];
+
+#[test]
+fn young_dependencies_stay_behind_their_room() {
+    let src = root().join("src");
+    for (name, rooms) in BEHIND_ONE_ROOM {
+        let mut named = 0;
+        for path in source_files(&src, "rs") {
+            let text = std::fs::read_to_string(&path).expect("a source file is read");
+            let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+            if !code.lines().any(|line| !line.trim_start().starts_with("//") && line.contains(name)) {
+                continue;
+            }
+            let below_src = relative(&src, &path);
+            assert!(
+                rooms.iter().any(|room| below_src.starts_with(room)),
+                "src/{} names {name}, which only {rooms:?} may",
+                below_src.display()
+            );
+            named += 1;
+        }
+        assert!(named > 0, "nothing names {name}");
+    }
+}
+
 #[test]
 fn no_file_names_a_place_on_one_persons_machine() {
     // The parts are joined here so that this file does not name them.
@@ -131,6 +157,62 @@ fn the_rust_version_is_stated_once_and_repeated_truly() {
         !read(".github/workflows/ci.yml").contains(&stated),
         "the workflow repeats the Rust version instead of reading it from Cargo.toml"
     );
+}
+
+#[test]
+fn the_pinned_toolchain_is_a_release_no_older_than_the_stated_rust_version() {
+    let file: toml::Table = read("rust-toolchain.toml").parse().expect("rust-toolchain.toml is TOML");
+    let channel = file["toolchain"]["channel"].as_str().expect("the channel is a string");
+    let is_release = channel.split('.').count() == 3 && channel.split('.').all(|part| part.parse::<u32>().is_ok());
+    assert!(is_release, "rust-toolchain.toml names {channel}, which floats: name a release such as 1.95.0");
+    let stated = stated_rust_version();
+    assert!(numbers(channel) >= numbers(&stated), "rust-toolchain.toml pins Rust {channel}, Cargo.toml states {stated}");
+}
+
+/// What the path of a file of the repository begins with in a guide.
+const FOLDERS: [&str; 10] = ["src/", "tests/", "shaders/", "docs/", "benches/", "examples/", "fuzz/", "catalogs/", ".ci/", ".github/"];
+
+/// The paths of the repository that a Markdown text has in backticks, outside its code blocks. Those with a placeholder (`<id>`, `*`) are left out.
+fn paths_in_backticks(markdown: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut in_block = false;
+    for line in markdown.lines() {
+        if line.trim_start().starts_with("```") {
+            in_block = !in_block;
+        } else if !in_block {
+            for span in line.split('`').skip(1).step_by(2) {
+                // Of a command the program, of `file.rs::item` the file.
+                let word = span.split_whitespace().next().unwrap_or_default();
+                let path = word.split("::").next().unwrap_or_default();
+                if FOLDERS.iter().any(|folder| path.starts_with(folder)) && !path.contains(['<', '*']) {
+                    found.push(path.to_owned());
+                }
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn every_path_that_a_guide_names_exists() {
+    for (guide, at_least) in [("ARCHITECTURE.md", 50), ("CONTRIBUTING.md", 50), ("CONVENTIONS.md", 20)] {
+        let paths = paths_in_backticks(&read(guide));
+        assert!(paths.len() >= at_least, "only {} paths were found in {guide}", paths.len());
+        for path in paths {
+            assert!(root().join(&path).exists(), "{guide} names `{path}`, which is not in the repository");
+        }
+    }
+}
+
+/// The negative control of the test above.
+#[test]
+fn paths_in_backticks_are_found_and_placeholders_left_out() {
+    let text = "`src/lib.rs` and src/none.rs, `make test`, `src/effects/<room>/<id>.rs`, `shaders/*.wgsl`\n\
+                ```text\n`src/none.rs`\n```\n\
+                `tests/interop/run PROGRAM FOLDER`, `src/frame.rs::Frame`, `src/nowhere.rs`\n";
+    let found = paths_in_backticks(text);
+    assert_eq!(found, ["src/lib.rs", "tests/interop/run", "src/frame.rs", "src/nowhere.rs"]);
+    assert!(!root().join(&found[3]).exists());
 }
 
 #[test]
