@@ -14,7 +14,7 @@ help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
 	@echo "make test     every test; BORESIGHT_RECORDINGS=DIR adds those on real recordings"
 	@echo "make interop  our files in other programs: astropy, OpenCV, tetra3rs, mrcal, DS9's regions (takes PyPI, and Debian for mrcal; 20 minutes at most)"
-	@echo "make readme   rewrite the figures of README.md; READMEARGS=--check compares them"
+	@echo "make readme   rewrite the figures of README.md and docs/*.md; READMEARGS=--check compares them"
 	@echo "make check    format, lint, test, doc, deny: what a change has to pass"
 	@echo "make bench    benchmarks"
 	@echo "make bench-render  what a frame costs, beside numpy, photutils and GalSim (takes PyPI): docs/studies/render.txt"

@@ -147,6 +147,61 @@ fn the_readme_and_the_continuous_integration_run_the_same_tests() {
 }
 
 #[test]
+fn the_readme_is_short() {
+    let bytes = read("README.md").len();
+    assert!(bytes <= 12_000, "README.md has {bytes} bytes, more than 12000: move text to a page under docs/ and link it");
+}
+
+/// The lines of a page that are not code between fences.
+fn prose(text: &str) -> impl Iterator<Item = &str> {
+    let mut in_code = false;
+    text.lines().filter(move |line| {
+        let fence = line.trim_start().starts_with("```");
+        in_code ^= fence;
+        !in_code && !fence
+    })
+}
+
+/// The anchor that GitHub gives to a heading.
+fn anchor(heading: &str) -> String {
+    let kept = heading.to_lowercase().chars().filter(|c| c.is_alphanumeric() || " -_".contains(*c)).collect::<String>();
+    kept.replace(' ', "-")
+}
+
+/// The relative links of a page that lie in no file, or name no heading of it. `folder`: where the page lies.
+fn broken_links(folder: &Path, text: &str) -> Vec<String> {
+    let mut broken = Vec::new();
+    for line in prose(text) {
+        for link in line.split("](").skip(1).filter_map(|rest| rest.split(')').next()).filter(|link| !link.contains("://")) {
+            let (path, wanted) = link.split_once('#').unwrap_or((link, ""));
+            let target = folder.join(path);
+            let page = if path.is_empty() { text.to_owned() } else { std::fs::read_to_string(&target).unwrap_or_default() };
+            let mut headings = prose(&page).filter(|line| line.starts_with('#')).map(|line| anchor(line.trim_start_matches('#').trim()));
+            if !target.exists() || (!wanted.is_empty() && !headings.any(|heading| heading == wanted)) {
+                broken.push(link.to_owned());
+            }
+        }
+    }
+    broken
+}
+
+#[test]
+fn every_relative_link_of_the_pages_leads_somewhere() {
+    let named = ["README.md", "CONTRIBUTING.md", "ARCHITECTURE.md", "CONVENTIONS.md", "CHANGELOG.md"].map(|name| root().join(name));
+    let pages: Vec<PathBuf> = named.into_iter().filter(|path| path.exists()).chain(source_files(&root().join("docs"), "md")).collect();
+    assert!(pages.len() > 10, "only {} pages were found", pages.len());
+    for path in pages {
+        let text = std::fs::read_to_string(&path).expect("a page is read");
+        let broken = broken_links(path.parent().expect("a page lies in a folder"), &text);
+        assert!(broken.is_empty(), "{}: links lead nowhere: {}", relative(&root(), &path).display(), broken.join(", "));
+    }
+    // What is broken is found.
+    let page =
+        "# A b, c\n[1](#a-b-c) [2](README.md) [3](https://example.org/x) [4](#d) [5](no.md) ![6](README.md#no)\n```\n[7](no.md)\n```\n";
+    assert_eq!(broken_links(&root(), page), ["#d", "no.md", "README.md#no"]);
+}
+
+#[test]
 fn the_rust_version_is_stated_once_and_repeated_truly() {
     let stated = stated_rust_version();
     let readme = read("README.md");
