@@ -142,8 +142,8 @@ peers: runtime
 # Damaged inputs over all readers, bounded and by a seed; the page has the seed and the commit. `make test` holds a short run of it.
 FUZZ ?= --cases 21000 --seed 1
 fuzz:
-	$(CARGO) build --locked --bin boresight --example fuzz
-	$(or $(CARGO_TARGET_DIR),target)/debug/examples/fuzz $(FUZZ) --boresight $(or $(CARGO_TARGET_DIR),target)/debug/boresight --commit "$$(git rev-parse --short HEAD)" --page docs/studies/fuzz.txt
+	$(CARGO) build --locked --profile checked --bin boresight --example fuzz
+	$(or $(CARGO_TARGET_DIR),target)/checked/examples/fuzz $(FUZZ) --boresight $(or $(CARGO_TARGET_DIR),target)/checked/boresight --commit "$$(git rev-parse --short HEAD)" --page docs/studies/fuzz.txt
 
 # The sentence of every file of the zoo, which a test compares.
 zoo:

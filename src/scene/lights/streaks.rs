@@ -163,8 +163,10 @@ pub(super) fn check(refuse: Refuse<'_>, streaks: &[StreakTable]) -> Result<(), S
         if let Some(mean) = streak.expected_per_frame.filter(|mean| !(0.0..=1e4).contains(mean)) {
             return refuse(key("expected_per_frame"), mean.to_string(), "must lie between 0 and 10000");
         }
-        if ![streak.start_px, streak.end_px].into_iter().flatten().flatten().all(|place| place.abs() <= 1e5) {
-            return refuse(key("start_px"), format!("{:?}", streak.start_px), "and end_px must be points within 100000 px of the frame");
+        for (name, place) in [("start_px", streak.start_px), ("end_px", streak.end_px)] {
+            if let Some(place) = place.filter(|place| !place.iter().all(|at| at.abs() <= 1e5)) {
+                return refuse(key(name), format!("{place:?}"), "must be a point within 100000 px of the frame");
+            }
         }
         if !(0.0..=1e12).contains(&streak.electrons) {
             return refuse(key("electrons"), streak.electrons.to_string(), "must lie between 0 and 1e12");
