@@ -47,6 +47,14 @@ impl<F, T: Real> Direction<F, T> {
 
 impl<F> Direction<F> {
     /// The direction at right ascension and declination, both in radians.
+    ///
+    /// ```
+    /// use boresight::coordinates::{Direction, Icrs};
+    ///
+    /// let pole = Direction::<Icrs>::from_radec_rad(0.0, std::f64::consts::FRAC_PI_2);
+    /// let equator = Direction::<Icrs>::from_radec_rad(1.0, 0.0);
+    /// assert!((pole.angle_rad(&equator) - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    /// ```
     #[must_use]
     pub fn from_radec_rad(ra_rad: f64, dec_rad: f64) -> Self {
         let (sin_ra, cos_ra) = ra_rad.sin_cos();

@@ -292,6 +292,24 @@ pub fn check_parameter_name(name: &str) -> Result<(), CalibrateError> {
 }
 
 /// Calibrates a camera.
+///
+/// ```no_run
+/// use boresight::calibrate::{CalibrateOptions, calibrate};
+/// use boresight::camera::Physics;
+/// use boresight::catalog::Catalog;
+/// use boresight::identify::IdentifyOptions;
+/// use boresight::pipeline::{self, MeasureOptions};
+/// use boresight::recording::Recording;
+///
+/// let measured = pipeline::measure(Recording::open(&["night"])?, &MeasureOptions::default(), || ())?;
+/// let catalog = Catalog::embedded();
+/// let identified = pipeline::identify_frames(&measured, catalog, &Physics::Known.into(), &IdentifyOptions::default(), || ())?;
+/// let points = pipeline::control_points(&measured, &identified, catalog, None, false)?.points;
+/// for parameter in calibrate(&points, &CalibrateOptions::default())?.parameters {
+///     println!("{} = {} ± {} {}", parameter.name, parameter.value, parameter.sigma, parameter.unit);
+/// }
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn calibrate(control_points: &ControlPoints, options: &CalibrateOptions) -> Result<Calibration, CalibrateError> {
     check_points(control_points, options)?;
     let nominal = control_points.nominal;

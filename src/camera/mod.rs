@@ -158,6 +158,24 @@ impl Camera {
 
     /// Direction in camera axes → measured pixel, or `None` where there is none (behind the camera, or beyond the radius at
     /// which the distortion folds over).
+    ///
+    /// ```
+    /// use boresight::camera::Camera;
+    /// use boresight::coordinates::PixelPoint;
+    ///
+    /// let camera = Camera {
+    ///     width_px: 1024,
+    ///     height_px: 768,
+    ///     principal_point_px: [510.0, 380.0],
+    ///     focal_length_px: 2000.0,
+    ///     k1: 1e-9,
+    ///     p1: 0.0,
+    ///     p2: 0.0,
+    /// };
+    /// let seen = camera.direction(PixelPoint { x_px: 100.25, y_px: 700.5 });
+    /// let back = camera.pixel(&seen).unwrap();
+    /// assert!((back.x_px - 100.25).abs() < 1e-9 && (back.y_px - 700.5).abs() < 1e-9);
+    /// ```
     #[must_use]
     pub fn pixel(&self, direction: &Direction<CameraAxes>) -> Option<PixelPoint> {
         pixel_from_direction(&self.parameters(), direction)

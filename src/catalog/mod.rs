@@ -125,6 +125,13 @@ impl Catalog {
     }
 
     /// The star with this number.
+    ///
+    /// ```
+    /// let catalog = boresight::catalog::Catalog::embedded();
+    /// let sirius = catalog.by_hip(32349).unwrap();
+    /// assert_eq!(catalog.name(sirius), Some("Sirius"));
+    /// assert!(sirius.magnitude < -1.4);
+    /// ```
     #[must_use]
     pub fn by_hip(&self, hip: u32) -> Option<&Star> {
         self.index_of(hip).map(|index| &self.stars[index])
@@ -147,6 +154,11 @@ impl Catalog {
     }
 
     /// The stars not fainter than `max_magnitude`: the first part of [`Catalog::stars`].
+    ///
+    /// ```
+    /// let bright = boresight::catalog::Catalog::embedded().brighter_than(1.0);
+    /// assert!(bright.len() < 20 && bright.windows(2).all(|pair| pair[0].magnitude <= pair[1].magnitude));
+    /// ```
     #[must_use]
     pub fn brighter_than(&self, max_magnitude: f64) -> &[Star] {
         &self.stars[..self.stars.partition_point(|star| star.magnitude <= max_magnitude)]

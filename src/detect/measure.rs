@@ -41,6 +41,21 @@ pub struct Aids<'a> {
 }
 
 /// Finds and measures the stars of a frame, brightest first. The same frame gives the same result at any number of threads.
+///
+/// ```
+/// use boresight::detect::{DetectOptions, detect};
+/// use boresight::frame::Frame;
+///
+/// // One star of σ 1.2 px at (20.3, 14.8) on a flat sky.
+/// let light = |x: f64, y: f64| 4000.0 * (-0.5 * ((x - 20.3).powi(2) + (y - 14.8).powi(2)) / 1.44).exp();
+/// let grain = |i: usize| f64::from((i as u32).wrapping_mul(2_654_435_761) >> 28) - 7.5;
+/// let pixels_dn = (0..48 * 40).map(|i| (100.0 + light((i % 48) as f64, (i / 48) as f64) + grain(i)) as f32).collect();
+/// let frame = Frame { width_px: 48, height_px: 40, pixels_dn, saturation_dn: 65_535.0 };
+/// let found = detect(&frame, &DetectOptions { psf_sigma_px: Some(1.2), ..DetectOptions::default() })?;
+/// let star = &found.stars[0];
+/// assert!((star.x_px - 20.3).abs() < 0.02 && (star.y_px - 14.8).abs() < 0.02, "{star:?}");
+/// # Ok::<(), boresight::detect::DetectError>(())
+/// ```
 pub fn detect(frame: &Frame, options: &DetectOptions) -> Result<Detections, DetectError> {
     detect_aided(frame, options, &Aids::default()).map(|found| found.0)
 }

@@ -95,6 +95,11 @@ pub fn stem_of(id: &str) -> String {
 }
 
 /// The id that a user means: `hot-pixels` and `hot_pixels` are one.
+///
+/// ```
+/// assert_eq!(boresight::effects::id_of("hot_pixels"), "hot-pixels");
+/// assert_eq!(boresight::effects::stem_of("hot-pixels"), "hot_pixels");
+/// ```
 #[must_use]
 pub fn id_of(text: &str) -> String {
     text.chars().map(|letter| if letter == '_' { '-' } else { letter }).collect()

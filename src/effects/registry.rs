@@ -57,6 +57,14 @@ pub static DISPLACEMENTS: &[&dyn AnyDisplacement] = &[
 ];
 
 /// The displacement with this id.
+///
+/// ```
+/// use boresight::effects::displacement;
+///
+/// let refraction = displacement("refraction").unwrap();
+/// assert_eq!(refraction.parameters()[0].unit, "arcsec");
+/// assert!(refraction.page().contains("**Equation.**"));
+/// ```
 #[must_use]
 pub fn displacement(id: &str) -> Option<&'static dyn AnyDisplacement> {
     DISPLACEMENTS.iter().copied().find(|effect| effect.id() == id)

@@ -272,6 +272,13 @@ impl Recording {
     }
 
     /// Opens a recording; a bad frame is an error. `paths` is one recording (a folder or a manifest) or one image or more.
+    ///
+    /// ```
+    /// use boresight::recording::Recording;
+    ///
+    /// let missing = Recording::open(&["no-such-night.fits"]).unwrap_err();
+    /// assert!(missing.to_string().contains("no-such-night.fits"));
+    /// ```
     pub fn open<P: AsRef<Path>>(paths: &[P]) -> Result<Self, RecordingError> {
         Self::open_with(paths, OpenOptions::default())
     }

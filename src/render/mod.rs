@@ -119,6 +119,24 @@ impl<'a> Renderer<'a> {
     ///
     /// # Panics
     /// If `index` is not below the number of exposures.
+    ///
+    /// ```
+    /// use boresight::catalog::Catalog;
+    /// use boresight::imaging::Backend;
+    /// use boresight::render::Renderer;
+    /// use boresight::scene::Scene;
+    ///
+    /// let scene = Scene::parse(
+    ///     "pleiades.toml",
+    ///     "format = \"boresight-scene/1\"\ncamera = { width_px = 64, height_px = 64, focal_length_px = 900.0 }\n\
+    ///      [[frames]]\nexposure_s = 1.0\nboresight_radec_deg = [56.75, 24.1]\n",
+    /// )?;
+    /// let renderer = Renderer::new(&scene, Catalog::embedded(), Backend::Cpu)?;
+    /// let frame = renderer.render(0)?;
+    /// assert_eq!(frame.pixels_dn.len(), 64 * 64);
+    /// assert_eq!(frame, renderer.render(0)?, "the same frame, whatever was rendered before");
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn render(&self, index: usize) -> Result<Rendered, ImagingError> {
         self.check_light(index)?;
         let Sources { tracks, others, lights } = self.sources(index);

@@ -220,6 +220,13 @@ impl Scene {
     }
 
     /// Reads and checks the text of a scene; `path` is used in messages.
+    ///
+    /// ```
+    /// use boresight::scene::Scene;
+    ///
+    /// let refused = Scene::parse("night.toml", "format = \"boresight-scene/1\"\ncamera = { width_px = 0 }\n").unwrap_err();
+    /// assert!(refused.to_string().starts_with("night.toml: "));
+    /// ```
     pub fn parse(path: &str, text: &str) -> Result<Self, SceneError> {
         file::parse(path, text)?.build(path)
     }

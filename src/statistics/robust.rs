@@ -4,6 +4,14 @@
 pub const SIGMA_PER_MAD: f64 = 1.482_602_218_505_602;
 
 /// The median; `None` of nothing. The mean of the two middle values where their number is even. Needs finite values.
+///
+/// ```
+/// use boresight::statistics::median;
+///
+/// assert_eq!(median(&[3.0, 1.0, 2.0]), Some(2.0));
+/// assert_eq!(median(&[4.0, 1.0, 2.0, 3.0]), Some(2.5));
+/// assert_eq!(median(&[]), None);
+/// ```
 #[must_use]
 pub fn median(values: &[f64]) -> Option<f64> {
     median_in_place(&mut values.to_vec())

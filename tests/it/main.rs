@@ -16,6 +16,7 @@ mod detector;
 mod diagnose;
 mod diagnose_cli;
 mod displacements;
+mod examples;
 mod exchange;
 mod house;
 mod identify;
