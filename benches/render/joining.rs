@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use boresight::effects::detector::colour_filters::filter_at;
 use boresight::imaging::{
-    Backend, BinnedImager, Binning, BinningPlace, EffectSetting, Exposure, FilterLight, Imager, ImagingConfig, Stage, StarImage,
+    Backend, BinnedImager, Binning, BinningPlace, EffectSetting, FrameExposure, FilterLight, Imager, ImagingConfig, Stage, PlacedStar,
 };
 
 use crate::{cpu_ms, exposure, median, sky};
@@ -42,7 +42,7 @@ fn in_turns(mut ways: [&mut dyn FnMut(u32); 2]) -> [f64; 2] {
     times.map(median)
 }
 
-fn on_chip(backend: Backend, stars: &[StarImage], binning: Binning) -> [f64; 2] {
+fn on_chip(backend: Backend, stars: &[PlacedStar], binning: Binning) -> [f64; 2] {
     let there = BinnedImager::new(backend, &config(SIDE, &["background", "photon_noise", "read_noise", "adc"]), binning).unwrap();
     let native = Imager::new(backend, &config(SIDE, &["background", "photon_noise"])).unwrap();
     let after = Imager::new(backend, &config(SIDE / binning.factor, &["read_noise", "adc"])).unwrap();
@@ -53,12 +53,12 @@ fn on_chip(backend: Backend, stars: &[StarImage], binning: Binning) -> [f64; 2] 
         &mut |round| {
             let whole = native.electrons_after(Some(Stage::Digital), &exposure(stars, round)).unwrap();
             let joined = binning.join(&whole, SIDE, 1e5);
-            std::hint::black_box(after.expose(&Exposure { sky_e: &joined, ..exposure(&[], round) }).unwrap());
+            std::hint::black_box(after.expose(&FrameExposure { sky_e: &joined, ..exposure(&[], round) }).unwrap());
         },
     ])
 }
 
-fn digital(backend: Backend, stars: &[StarImage], binning: Binning) -> [f64; 2] {
+fn digital(backend: Backend, stars: &[PlacedStar], binning: Binning) -> [f64; 2] {
     let config = config(SIDE, &["background", "photon_noise", "read_noise", "adc"]);
     let there = BinnedImager::new(backend, &config, binning).unwrap();
     let native = Imager::new(backend, &config).unwrap();
@@ -73,7 +73,7 @@ fn digital(backend: Backend, stars: &[StarImage], binning: Binning) -> [f64; 2] 
     ])
 }
 
-fn filters(backend: Backend, stars: &[StarImage]) -> [f64; 2] {
+fn filters(backend: Backend, stars: &[PlacedStar]) -> [f64; 2] {
     let imager = Imager::new(backend, &config(SIDE, &[])).unwrap();
     let lights = [0, 1, 2].map(|_| FilterLight { stars, planes: Vec::new() });
     in_turns([

@@ -14,7 +14,7 @@ use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Write as _};
 use std::process::{Child, Command, Stdio};
 
-use boresight::imaging::{Backend, EffectSetting, Exposure, Imager, ImagingConfig, StarImage};
+use boresight::imaging::{Backend, EffectSetting, FrameExposure, Imager, ImagingConfig, PlacedStar};
 use boresight::scene::DEMO_TOML;
 use rand::{RngExt, SeedableRng};
 use rustix::time::{ClockId, clock_gettime};
@@ -37,11 +37,11 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 /// Magnitudes even over five, the brightest 300 000 electrons; no star near the edge.
-fn sky(side: usize, count: usize) -> Vec<StarImage> {
+fn sky(side: usize, count: usize) -> Vec<PlacedStar> {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(12_345);
     let place = 12.0..side as f64 - 13.0;
     (0..count)
-        .map(|_| StarImage {
+        .map(|_| PlacedStar {
             x_px: rng.random_range(place.clone()),
             y_px: rng.random_range(place.clone()),
             electrons: 3e5 * 10.0_f64.powf(-0.4 * rng.random_range(0.0..5.0)),
@@ -65,8 +65,8 @@ fn imager(backend: Backend, side: usize, noise: bool) -> Imager {
     Imager::new(backend, &ImagingConfig { width_px: side, height_px: side, seed: 1, point_spread, effects }).unwrap()
 }
 
-fn exposure(stars: &[StarImage], frame_index: u32) -> Exposure<'_> {
-    Exposure { stars, sky_e: &[], exposure_s: 1.0, frame_index, temperature_c: None }
+fn exposure(stars: &[PlacedStar], frame_index: u32) -> FrameExposure<'_> {
+    FrameExposure { stars, sky_e: &[], exposure_s: 1.0, frame_index, temperature_c: None }
 }
 
 /// Another program, which makes a frame for each line that it is sent and answers with its CPU time.
@@ -151,10 +151,10 @@ fn accuracy(backends: &[(Backend, String)], text: &mut String) {
     const STEP: usize = 32;
     let side = 1024;
     let mut rng = rand_pcg::Pcg64::seed_from_u64(7);
-    let stars: Vec<StarImage> = (0..(side / STEP).pow(2))
+    let stars: Vec<PlacedStar> = (0..(side / STEP).pow(2))
         .map(|i| {
             let mut place = |n: usize| (n * STEP + STEP / 2) as f64 + rng.random_range(-0.5..0.5);
-            StarImage { x_px: place(i % (side / STEP)), y_px: place(i / (side / STEP)), electrons: 1e5, sigma_px: SIGMA_PX }
+            PlacedStar { x_px: place(i % (side / STEP)), y_px: place(i / (side / STEP)), electrons: 1e5, sigma_px: SIGMA_PX }
         })
         .collect();
     let _ = writeln!(text, "\nNoise-free stars ({}, σ {SIGMA_PX} px, 1e5 electrons)\n", stars.len());

@@ -18,7 +18,7 @@ use crate::pipeline::{
     DiagnosisInput, DiagnosisRequest, MeasureOptions, PipelineError, SkyChoice, control_points, diagnosis_request, identify_frames,
     measure_frames,
 };
-use crate::recording::{FitsHeaders, Form, FrameEntry, Recording, Size, write_fits_u16, write_manifest};
+use crate::recording::{FitsHeaders, Form, FrameEntry, Recording, FrameSize, write_fits_u16, write_manifest};
 
 /// A star image further than this from where the star was painted is that of another.
 const SAME_STAR_PX: f64 = 3.0;
@@ -86,7 +86,7 @@ pub fn pixel_recording(lists: &Lists, canvas: &Canvas) -> Recording {
     let [width_px, height_px] = canvas.size_px;
     for FrameEntry { file, number, size, .. } in &mut recording.frames {
         *file = Some(PathBuf::from(format!("frames/{number:04}.fits")));
-        *size = Some(Size { width_px, height_px });
+        *size = Some(FrameSize { width_px, height_px });
     }
     recording
 }

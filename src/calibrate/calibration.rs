@@ -216,7 +216,7 @@ pub struct MapSigma {
 
 /// A number of control points left out for one reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct LeftOut {
+pub struct LeftOutCount {
     /// The reason.
     pub reason: LeftOutReason,
     /// How many.
@@ -270,7 +270,7 @@ pub struct Calibration {
     /// Points that entered and were rejected (weight ≤ 0.5).
     pub rejected: Vec<PointResult>,
     /// Points that did not enter, by reason.
-    pub left_out: Vec<LeftOut>,
+    pub left_out: Vec<LeftOutCount>,
     /// What to mind, one sentence each.
     pub warnings: Vec<String>,
     /// Standard error of the map, over what is lit.

@@ -31,14 +31,14 @@ mod variable_weights;
 use serde::{Deserialize, Serialize};
 
 pub use calibration::{
-    AttitudeSigma, Calibration, Candidate, Combination, FORMAT, FrameResult, Iteration, LeftOpen, LeftOut, MapSigma, Method,
+    AttitudeSigma, Calibration, Candidate, Combination, FORMAT, FrameResult, Iteration, LeftOpen, LeftOutCount, MapSigma, Method,
     ModelSelection, NoiseFound, ParameterEstimate, PointResult, Reidentified, Status,
 };
 pub use compare::{Comparison, MapChange, ParameterDifference, compare, map_change};
 pub use joint::{BundleImage, BundleSolution, Column, FixedNoise, MAX_FRAME_PARAMETERS};
 pub use lit::LitCircle;
 pub use map::{Map, MapPoint, MappingError, map, map_difference, map_sigma, mapping_error_of_models_px, mapping_error_px};
-pub use reidentify::{StarImage, calibrate_identifying_anew};
+pub use reidentify::{MeasuredStarImage, calibrate_identifying_anew};
 pub use residuals::residuals_px;
 pub use select::LeftOutReason;
 pub use sequential::{Drift, OnChange, ParameterChange, SEQUENTIAL_FORMAT, Sequential, SequentialError, UpdateOptions, UpdateReport};

@@ -34,7 +34,7 @@ const MIN_STARS: usize = 4;
 
 /// A measured star image, identified or not.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StarImage {
+pub struct MeasuredStarImage {
     /// Index of the frame in its recording.
     pub frame: usize,
     /// Column, of the un-mirrored image.
@@ -51,7 +51,7 @@ pub struct StarImage {
 /// first; they may be none. Stars fainter than `max_magnitude` are not looked for. The result's control points are the last ones.
 pub fn calibrate_identifying_anew(
     control_points: &ControlPoints,
-    images: &[StarImage],
+    images: &[MeasuredStarImage],
     catalog: &Catalog,
     max_magnitude: Option<f64>,
     options: &CalibrateOptions,
@@ -80,7 +80,7 @@ pub fn calibrate_identifying_anew(
 fn identified_anew(
     points: &ControlPoints,
     calibration: &Calibration,
-    images: &[StarImage],
+    images: &[MeasuredStarImage],
     catalog: &Catalog,
     max_magnitude: f64,
 ) -> (ControlPoints, Reidentified) {
@@ -107,15 +107,15 @@ fn identified_anew(
     for frame in &calibration.per_frame {
         let Some(attitude) = frame.camera_from_icrs.filter(|_| frame.stars >= MIN_STARS) else { continue };
         let of_frame = by_frame.get(&frame.frame).map_or(&[][..], Vec::as_slice);
-        let known = |image: &&StarImage| {
+        let known = |image: &&MeasuredStarImage| {
             of_frame.iter().any(|index| points.points[*index].x_px == image.x_px && points.points[*index].y_px == image.y_px)
         };
-        let more: Vec<&StarImage> = images.iter().filter(|image| image.frame == frame.frame).filter(|image| !known(image)).collect();
+        let more: Vec<&MeasuredStarImage> = images.iter().filter(|image| image.frame == frame.frame).filter(|image| !known(image)).collect();
         let own = |index: &usize| {
             let ControlPoint { frame, x_px, y_px, covariance_px2, image: state, .. } = points.points[*index];
-            StarImage { frame, x_px, y_px, covariance_px2, state }
+            MeasuredStarImage { frame, x_px, y_px, covariance_px2, state }
         };
-        let all: Vec<StarImage> = of_frame.iter().map(own).chain(more.into_iter().copied()).collect();
+        let all: Vec<MeasuredStarImage> = of_frame.iter().map(own).chain(more.into_iter().copied()).collect();
         let observation = points.observation(frame.frame);
         let field = Field { chain: &chain, catalog, limit, epoch_yr: observation.epoch_yr };
         let stars = field.stars(&attitude, &observation);
@@ -230,14 +230,14 @@ struct Near {
 
 impl Near {
     /// The covariance of the distance between an image and a star.
-    fn covariance_px2(&self, image: &StarImage, star: &Seen) -> [f64; 3] {
+    fn covariance_px2(&self, image: &MeasuredStarImage, star: &Seen) -> [f64; 3] {
         let common = self.floor_px2 + (star.sigma_rad * self.focal_length_px).powi(2);
         let [xx, xy, yy] = image.covariance_px2;
         [xx + common, xy, yy + common]
     }
 
     /// The square of the distance in standard errors.
-    fn distance(&self, image: &StarImage, star: &Seen) -> f64 {
+    fn distance(&self, image: &MeasuredStarImage, star: &Seen) -> f64 {
         let [xx, xy, yy] = self.covariance_px2(image, star);
         let (dx, dy) = (image.x_px - star.place.x_px, image.y_px - star.place.y_px);
         (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy)
@@ -245,8 +245,8 @@ impl Near {
 
     /// For each image its star (index), if one lies within the gate and has no nearer image; the first `identified` of the images have a star
     /// already. `area_px2`: of the frame.
-    fn assign(&self, images: &[StarImage], identified: usize, stars: &[Seen], area_px2: f64) -> Vec<Option<usize>> {
-        let nearest = |image: &StarImage| {
+    fn assign(&self, images: &[MeasuredStarImage], identified: usize, stars: &[Seen], area_px2: f64) -> Vec<Option<usize>> {
+        let nearest = |image: &MeasuredStarImage| {
             let all = stars.iter().enumerate().map(|(index, star)| (self.distance(image, star), index));
             all.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))).filter(|(distance, _)| *distance < GATE)
         };
@@ -267,7 +267,7 @@ impl Near {
     }
 
     /// The gate for images that have no star yet: the widest in which not too many would meet one by chance.
-    fn gate(&self, images: &[StarImage], identified: usize, found: &[Option<(f64, usize)>], stars: &[Seen], area_px2: f64) -> f64 {
+    fn gate(&self, images: &[MeasuredStarImage], identified: usize, found: &[Option<(f64, usize)>], stars: &[Seen], area_px2: f64) -> f64 {
         let per_px2 = stars.len() as f64 / area_px2;
         // An image that has nothing to do with the stars has so many of them in a gate of one standard error.
         let by_chance: f64 = images[identified..]
@@ -306,7 +306,7 @@ mod tests {
             has_proper_motion: true,
         };
         let stars: Vec<Seen> = (0..stars).map(|_| seen(place())).collect();
-        let image = |at: PixelPoint| StarImage {
+        let image = |at: PixelPoint| MeasuredStarImage {
             frame: 0,
             x_px: at.x_px,
             y_px: at.y_px,
@@ -314,7 +314,7 @@ mod tests {
             state: effects::StarImage::default(),
         };
         let moved = |at: PixelPoint| PixelPoint { x_px: at.x_px + 0.5 * floor_px, y_px: at.y_px - 0.5 * floor_px };
-        let mut images: Vec<StarImage> = stars[..imaged].iter().map(|star| image(moved(star.place))).collect();
+        let mut images: Vec<MeasuredStarImage> = stars[..imaged].iter().map(|star| image(moved(star.place))).collect();
         images.extend((0..blobs).map(|_| image(place())));
         let near = Near { floor_px2: floor_px * floor_px, focal_length_px: 1000.0 };
         let assigned = near.assign(&images, 0, &stars, 1e6);

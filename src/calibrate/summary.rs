@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::calibration::{AttitudeSigma, Calibration, FORMAT, FrameResult, LeftOut, MapSigma, ParameterEstimate, PointResult, Status};
+use super::calibration::{AttitudeSigma, Calibration, FORMAT, FrameResult, LeftOutCount, MapSigma, ParameterEstimate, PointResult, Status};
 use super::geometry::{Scaling, folds_over};
 use super::map::attitude_sigma_rad;
 use super::pairs::{FrameStars, PairStar, Pairs};
@@ -206,12 +206,12 @@ fn point_results(
     results
 }
 
-pub(super) fn left_out(selection: &Selection) -> Vec<LeftOut> {
+pub(super) fn left_out(selection: &Selection) -> Vec<LeftOutCount> {
     let mut counts = BTreeMap::new();
     for (_, reason) in &selection.left_out {
         *counts.entry(*reason).or_insert(0) += 1;
     }
-    counts.into_iter().map(|(reason, points)| LeftOut { reason, points }).collect()
+    counts.into_iter().map(|(reason, points)| LeftOutCount { reason, points }).collect()
 }
 
 fn frame_result(frame: &FrameStars, fit: Option<&FrameFit>, used: &[bool]) -> FrameResult {

@@ -24,7 +24,7 @@ mod orbit;
 mod sky_bodies;
 
 pub use chain::{Physics, PhysicsError, SkyChain};
-pub use model::{Model, ModelError, ModelParameter, Seen, Term};
+pub use model::{Model, ModelError, ModelParameter, PixelRay, Term};
 pub use observer::{GroundSite, ObserverError, observation};
 pub use orbit::{EARTH_RADIUS_KM, Orbit, OrbitError, OrbitState};
 pub use sky_bodies::circumstances;

@@ -131,7 +131,7 @@ impl Number for Jet {
 
 /// A measured pixel as a direction in camera axes, with its derivatives.
 #[derive(Clone, Debug)]
-pub struct Seen {
+pub struct PixelRay {
     /// Unit vector.
     pub direction: [f64; 3],
     /// d(direction)/d(column, row), 1/px.
@@ -317,9 +317,9 @@ impl Model {
     /// The measured pixel's direction and its derivatives with respect to the pixel and to the parameters with these indices (into
     /// [`Self::parameters`]). Those of Sky effects have none here: see [`Self::apparent_columns`].
     #[must_use]
-    pub fn seen(&self, values: &[f64], wanted: &[usize], pixel: [f64; 2], context: &Context) -> Option<Seen> {
+    pub fn seen(&self, values: &[f64], wanted: &[usize], pixel: [f64; 2], context: &Context) -> Option<PixelRay> {
         let mut jets = values.iter().map(|value| Jet::constant(*value)).collect::<Vec<_>>();
-        let mut seen = Seen { direction: [0.0; 3], by_pixel: [[0.0; 2]; 3], by_parameter: vec![[0.0; 3]; wanted.len()] };
+        let mut seen = PixelRay { direction: [0.0; 3], by_pixel: [[0.0; 2]; 3], by_parameter: vec![[0.0; 3]; wanted.len()] };
         let first_sky = self.first_sky_and_count();
         let is_behind = |index: usize| !(first_sky.0..first_sky.0 + first_sky.1).contains(&index);
         let behind: Vec<usize> = (0..wanted.len()).filter(|k| is_behind(wanted[*k])).collect();

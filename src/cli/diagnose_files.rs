@@ -87,7 +87,7 @@ fn residuals(path: &Path, diagnosis: &Diagnosis, size: (usize, usize)) -> Result
         });
         let vectors: Vec<report::Vector> = vectors.collect();
         let rejected = vectors.iter().filter(|vector| vector.rejected).count();
-        report::VectorPanel { title: title.to_owned(), vectors, told: Some(report::Told { rms_px, stars, rejected }) }
+        report::VectorPanel { title: title.to_owned(), vectors, told: Some(report::FitNumbers { rms_px, stars, rejected }) }
     };
     let ids: Vec<&str> = diagnosis.findings.iter().map(|finding| finding.id.as_str()).collect();
     let after = if ids.is_empty() { "after (nothing was found)".to_owned() } else { format!("after, with {}", ids.join(", ")) };
@@ -151,7 +151,7 @@ fn profile_plot(profile: &Profile) -> report::ProfilePlot {
         bins: profile
             .bins
             .iter()
-            .map(|bin| report::ProfileBin { at: bin.at, mean: bin.mean, sigma: bin.sigma, model: bin.model, stars: bin.stars })
+            .map(|bin| report::ProfilePoint { at: bin.at, mean: bin.mean, sigma: bin.sigma, model: bin.model, stars: bin.stars })
             .collect(),
     }
 }

@@ -10,7 +10,7 @@ use boresight::effects::{AnyDisplacement, Context, Light, Observation, StarImage
 use boresight::frame::Frame;
 use boresight::imaging::EffectSetting;
 use boresight::provenance::Provenance;
-use boresight::render::{Measured, StampRenderer, TestStar, signature};
+use boresight::render::{MeasuredStar, StampRenderer, TestStar, signature};
 use boresight::report::table;
 use boresight::scene::Scene;
 use serde::Serialize;
@@ -130,7 +130,7 @@ fn of(effect: &dyn AnyPixelEffect, parameter: Option<&str>, scene: &Scene, prove
     let found = signature(&benches[0], &benches[1], step, &design, measure)?;
     let dark = [benches[0].frame(&[])?, benches[1].frame(&[])?];
     let formula = displacement(&id);
-    let column = |(star, found): (&TestStar, Option<Measured>)| {
+    let column = |(star, found): (&TestStar, Option<MeasuredStar>)| {
         let found = found?;
         let shift = formula.map(|formula| by_formula(formula, scene, star, gradient_e_px(&dark, step, star)));
         Some(Column {
@@ -198,10 +198,10 @@ fn design(scene: &Scene) -> Vec<Vec<TestStar>> {
 }
 
 /// The program's own fit.
-fn fitted(sky: &FixedBackground, frame: &Frame, stars: &[TestStar]) -> Vec<Option<Measured>> {
+fn fitted(sky: &FixedBackground, frame: &Frame, stars: &[TestStar]) -> Vec<Option<MeasuredStar>> {
     let places: Vec<[f64; 2]> = stars.iter().map(|star| [star.x_px.round(), star.y_px.round()]).collect();
     let measured = |fit: Option<boresight::detect::ForcedFit>| {
-        fit.map(|fit| Measured { x_px: fit.x_px, y_px: fit.y_px, flux_e: fit.flux_dn, variance_px2: fit.width_px * fit.width_px })
+        fit.map(|fit| MeasuredStar { x_px: fit.x_px, y_px: fit.y_px, flux_e: fit.flux_dn, variance_px2: fit.width_px * fit.width_px })
     };
     fit_forced(frame, &places, sky).into_iter().map(measured).collect()
 }

@@ -14,7 +14,7 @@ use boresight::effects::displacement;
 use boresight::imaging::Binning;
 use boresight::provenance::{Provenance, word};
 use boresight::recording::{
-    CameraInfo, FitsHeaders, Form, FrameEntry, Mount, OutputDirectory, Recording, Shutter, Site, Size, write_file, write_fits_f32,
+    CameraInfo, FitsHeaders, Form, FrameEntry, Mount, OutputDirectory, Recording, Shutter, Site, FrameSize, write_file, write_fits_f32,
     write_fits_u8, write_fits_u16, write_manifest_of,
 };
 use boresight::render::{MaskFlag, Renderer};
@@ -372,7 +372,7 @@ fn entries(scene: &Scene) -> impl Iterator<Item = FrameEntry> {
     scene.exposures.iter().enumerate().map(move |(number, exposure)| FrameEntry {
         file: Some(PathBuf::from(format!("frames/{number:04}.fits"))),
         number,
-        size: Some(Size { width_px, height_px }),
+        size: Some(FrameSize { width_px, height_px }),
         time_utc: exposure.time,
         exposure_s: Some(exposure.exposure_s),
         ..exposure.telemetry.entry()

@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use anyhow::Result;
-use boresight::recording::{OpenOptions, Plane, Recording, Site, Told};
+use boresight::recording::{OpenOptions, Plane, Recording, Site, GivenCircumstances};
 use clap::Args;
 
 use super::identify::positive;
@@ -42,7 +42,7 @@ impl FromStr for Time {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
-        Told::parse_time(text).map(|(told, is_date)| Self { told, is_date })
+        GivenCircumstances::parse_time(text).map(|(told, is_date)| Self { told, is_date })
     }
 }
 
@@ -80,7 +80,7 @@ impl ToldArgs {
 
     /// Tells the recording.
     pub(crate) fn tell(&self, recording: &mut Recording) -> Result<()> {
-        let told = Told {
+        let told = GivenCircumstances {
             times_utc: self.time.iter().map(|time| time.told).collect(),
             dates_only: self.time.iter().any(|time| time.is_date),
             interval_s: self.interval_s,

@@ -6,7 +6,7 @@ use super::evidence::Evidence;
 use super::hypotheses::{Hypothesis, with_zenith};
 use super::linear_system::Whitened;
 use super::stepwise::{FitState, SelectedEffect, UNOBSERVABLE, amplitude, columns, survival};
-use crate::effects::{OrdinarySize, Size};
+use crate::effects::{OrdinarySize, UsualSize};
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// A normal number is above −SURE with 95 %.
@@ -19,8 +19,8 @@ fn ordinary(hypothesis: &Hypothesis, reach_px: f64) -> Option<(f64, &'static str
     let first = *hypothesis.fitted.first()?;
     let value = match size {
         // Of a velocity that nobody knows the components are fitted, not the amplitude.
-        Size::FirstParameter(value) => facts.ordinary_component.filter(|_| first > 0).unwrap_or(value),
-        Size::LargestPx(px) => px / reach_px,
+        UsualSize::FirstParameter(value) => facts.ordinary_component.filter(|_| first > 0).unwrap_or(value),
+        UsualSize::LargestPx(px) => px / reach_px,
     };
     value.is_finite().then_some((value, source))
 }
@@ -129,8 +129,8 @@ mod tests {
             let (low, high) = effect.parameters()[0].range;
             assert!(!source.is_empty());
             match size {
-                Size::FirstParameter(value) => assert!(value > 0.0 && (low..=high).contains(&value), "{}: {value}", effect.id()),
-                Size::LargestPx(px) => assert!((0.001..1.0).contains(&px), "{}", effect.id()),
+                UsualSize::FirstParameter(value) => assert!(value > 0.0 && (low..=high).contains(&value), "{}: {value}", effect.id()),
+                UsualSize::LargestPx(px) => assert!((0.001..1.0).contains(&px), "{}", effect.id()),
             }
         }
     }

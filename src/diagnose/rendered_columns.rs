@@ -26,7 +26,7 @@ use crate::effects::{REFERENCE_FLUX_E, REFERENCE_MAGNITUDE};
 use crate::frame::Frame;
 use crate::identify::ControlPoints;
 use crate::imaging::EffectSetting;
-use crate::render::{Measured, StampRenderer, TestStar, signature};
+use crate::render::{MeasuredStar, StampRenderer, TestStar, signature};
 use crate::scene::Scene;
 
 /// Side of the square that a star has for itself, in widths of its image, and at least, px.
@@ -280,9 +280,9 @@ impl ColumnRenderer<'_> {
             psf_sigma_px: looks.psf_sigma_px,
         };
         let sky = known(scenes[0].sky.background_e_per_px_s.unwrap_or(0.0));
-        let measure = |frame: &Frame, stars: &[TestStar]| -> Vec<Option<Measured>> {
+        let measure = |frame: &Frame, stars: &[TestStar]| -> Vec<Option<MeasuredStar>> {
             let places: Vec<[f64; 2]> = stars.iter().map(|star| [star.x_px.round(), star.y_px.round()]).collect();
-            let measured = |fit: crate::detect::ForcedFit| Measured {
+            let measured = |fit: crate::detect::ForcedFit| MeasuredStar {
                 x_px: fit.x_px,
                 y_px: fit.y_px,
                 flux_e: fit.flux_dn,

@@ -2,7 +2,7 @@
 
 /// A size that real cameras or skies have.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Size {
+pub enum UsualSize {
     /// Of the first parameter, in its unit.
     FirstParameter(f64),
     /// Of the largest displacement of a star image, px: for coefficients whose numbers say little without the field.
@@ -13,7 +13,7 @@ pub enum Size {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OrdinarySize {
     /// The size.
-    pub size: Size,
+    pub size: UsualSize,
     /// The range and the publication.
     pub source: &'static str,
 }
@@ -22,13 +22,13 @@ impl OrdinarySize {
     /// Of the first parameter.
     #[must_use]
     pub const fn of(value: f64, source: &'static str) -> Self {
-        Self { size: Size::FirstParameter(value), source }
+        Self { size: UsualSize::FirstParameter(value), source }
     }
 
     /// Of the largest displacement.
     #[must_use]
     pub const fn largest_px(px: f64, source: &'static str) -> Self {
-        Self { size: Size::LargestPx(px), source }
+        Self { size: UsualSize::LargestPx(px), source }
     }
 }
 

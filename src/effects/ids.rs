@@ -19,7 +19,7 @@ pub const PINHOLE: &str = <optics::pinhole::Pinhole as super::Displacement>::ID;
 /// See [`detector::pixel_aspect`].
 pub const PIXEL_ASPECT: &str = <detector::pixel_aspect::PixelAspect as super::Displacement>::ID;
 /// See [`optics::projection`].
-pub const PROJECTION: &str = <optics::projection::Projection as super::Displacement>::ID;
+pub const PROJECTION: &str = <optics::projection::ProjectionMismatch as super::Displacement>::ID;
 /// See [`sky::proper_motion`].
 pub const PROPER_MOTION: &str = <sky::proper_motion::ProperMotion as super::Displacement>::ID;
 /// See [`optics::quadratic_rest`].

@@ -28,7 +28,7 @@ pub use displacement::{
     AnyDisplacement, Context, Displacement, Light, Natural, Observation, ParameterSpec, ReferenceValue, RefractionConstants, Searched,
     Segment, Sensor, StarState, invert, page_of,
 };
-pub use facts::{Facts, OrdinarySize, Size, id_of, stem_of};
+pub use facts::{Facts, OrdinarySize, UsualSize, id_of, stem_of};
 pub use registry::{DISPLACEMENTS, displacement};
 pub use rendering::Rendering;
 pub use star_image::{MAX_SHIFTS, MAX_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE, Signature, Signatures, StarImage};

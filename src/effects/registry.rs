@@ -29,7 +29,7 @@ pub static DISPLACEMENTS: &[&dyn AnyDisplacement] = &[
     &kannala_brandt::KannalaBrandt,
     &wedge_colour::WedgeColour,
     &lateral_colour::LateralColour,
-    &projection::Projection,
+    &projection::ProjectionMismatch,
     &brown_conrady::BrownConrady,
     &radial_high_order::RadialHighOrder,
     &quadratic_rest::QuadraticRest,

@@ -9,7 +9,7 @@ use crate::effects::{StarImage, StarState};
 
 /// A frame whose identification was tried.
 #[derive(Clone, Copy, Debug)]
-pub struct IdentifiedFrame<'a> {
+pub struct FrameIdentification<'a> {
     /// Index of the frame in its recording.
     pub frame: usize,
     /// Its star images.
@@ -31,12 +31,12 @@ pub struct IdentifiedFrame<'a> {
 /// out; the second value names each with the reason.
 #[must_use]
 pub fn control_points(
-    frames: &[IdentifiedFrame<'_>],
+    frames: &[FrameIdentification<'_>],
     frame_count: usize,
     catalog: &Catalog,
     nominal: Option<Camera>,
 ) -> (ControlPoints, Vec<String>) {
-    let solved: Vec<(&IdentifiedFrame<'_>, &Solution)> = frames
+    let solved: Vec<(&FrameIdentification<'_>, &Solution)> = frames
         .iter()
         .filter_map(|frame| match frame.identification {
             Identification::Identified(solution) => Some((frame, solution)),
@@ -126,7 +126,7 @@ pub fn common_projection(all: impl Iterator<Item = Projection>) -> Projection {
     fisheyes.fold(Projection::Pinhole, |most, other| if count(&other) > count(&most) { other } else { most })
 }
 
-fn median_camera(solved: &[(&IdentifiedFrame<'_>, &Solution)], frames: &[IdentifiedFrame<'_>], projection: Projection) -> Camera {
+fn median_camera(solved: &[(&FrameIdentification<'_>, &Solution)], frames: &[FrameIdentification<'_>], projection: Projection) -> Camera {
     let of_most = || solved.iter().filter(|(_, solution)| solution.projection == projection);
     let median = |value: fn(&Camera) -> f64| {
         let mut values: Vec<f64> = of_most().map(|(_, solution)| value(&solution.camera)).collect();

@@ -46,7 +46,7 @@ use crate::detect::Detections;
 use crate::effects::{Observation, StarImage, StarState};
 use crate::units::DEG_RAD;
 
-pub use control::{IdentifiedFrame, common_projection, control_points, image_state};
+pub use control::{FrameIdentification, common_projection, control_points, image_state};
 pub use index::{Index, IndexSize};
 pub use misidentify::{Misidentification, MisidentificationKind, misidentify};
 pub use preidentified::{

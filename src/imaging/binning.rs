@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{Backend, EffectSetting, Exposure, Image16, Imager, ImagingConfig, ImagingError, NoiseFree, PlaneLight, SplitLimits, Stage};
+use super::{Backend, EffectSetting, FrameExposure, Image16, Imager, ImagingConfig, ImagingError, NoiseFree, PlaneLight, SplitLimits, Stage};
 use crate::effects::ids;
 use crate::effects::pixel::PIXEL_EFFECTS;
 
@@ -181,14 +181,14 @@ impl BinnedImager {
     }
 
     /// The joined pixels' expected electrons, without noise, row by row: all that their native ones get, also where the camera gives their mean.
-    pub fn expected_electrons(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
+    pub fn expected_electrons(&self, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
         let joining = Joining { binning: Binning { is_mean: false, ..self.binning }, full_well_e: f32::INFINITY };
         self.native.electrons(Some(Stage::Light), exposure, planes, Some(joining))
     }
 
     /// A frame as the camera gives it.
-    pub fn expose_with(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Image16, ImagingError> {
-        let joined_exposure = |sky_e| Exposure { stars: &[], sky_e, ..*exposure };
+    pub fn expose_with(&self, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Image16, ImagingError> {
+        let joined_exposure = |sky_e| FrameExposure { stars: &[], sky_e, ..*exposure };
         let joining = Some(Joining { binning: self.binning, full_well_e: self.full_well_e });
         match self.binning.place {
             BinningPlace::OnChip => {
@@ -219,9 +219,9 @@ pub struct BinnedNoiseFree<'a> {
 
 impl BinnedImager {
     /// The chain of an exposure without noise, see [`Imager::noise_free`].
-    pub fn noise_free<'a>(&self, exposure: &Exposure<'a>, planes: &[PlaneLight<'a>]) -> Result<BinnedNoiseFree<'a>, ImagingError> {
+    pub fn noise_free<'a>(&self, exposure: &FrameExposure<'a>, planes: &[PlaneLight<'a>]) -> Result<BinnedNoiseFree<'a>, ImagingError> {
         let native = self.native.noise_free(exposure, planes)?;
-        let dark = Exposure { stars: &[], sky_e: &[], ..*exposure };
+        let dark = FrameExposure { stars: &[], sky_e: &[], ..*exposure };
         let joined = self.joined.as_ref().map(|joined| joined.noise_free(&dark, &[])).transpose()?;
         Ok(BinnedNoiseFree { binning: self.binning, native_width_px: self.joined_px.0 * self.binning.factor, native, joined })
     }
@@ -235,11 +235,11 @@ impl BinnedNoiseFree<'_> {
     }
 
     /// See [`NoiseFree::readout`]: joined pixels, in electrons of the light also where they hold the mean of their native ones.
-    pub fn readout(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
+    pub fn readout(&self, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
         let native = self.native.readout(exposure, planes)?;
         let held = self.binning.join(&native, self.native_width_px, f32::INFINITY);
         let mut read = match &self.joined {
-            Some(joined) => joined.readout(&Exposure { stars: &[], sky_e: &held, ..*exposure }, &[])?,
+            Some(joined) => joined.readout(&FrameExposure { stars: &[], sky_e: &held, ..*exposure }, &[])?,
             None => held,
         };
         let share = self.binning.share() as f32;
@@ -250,7 +250,7 @@ impl BinnedNoiseFree<'_> {
     }
 
     /// See [`NoiseFree::light_alone`]: all that falls on each joined pixel.
-    pub fn light_alone(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
+    pub fn light_alone(&self, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
         let sum = Binning { is_mean: false, ..self.binning };
         Ok(sum.join(&self.native.light_alone(exposure, planes)?, self.native_width_px, f32::INFINITY))
     }

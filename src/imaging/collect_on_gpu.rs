@@ -10,7 +10,7 @@ use super::on_gpu::{Band, GpuImager, Kept, WORKGROUP};
 use super::plan::{Lit, Plan};
 use super::plane::PlaneBatch;
 use super::tiles::{Entry, Grid, TILE_PX, TileList, TileLists, bin};
-use crate::effects::pixel::{Psf2dStar, Star};
+use crate::effects::pixel::{Psf2dStar, SeparableStar};
 use crate::gpu::{Binding, Buffer, Dispatch, Gpu, Kernel, LOOP_BUDGET, WORKGROUPS_PER_AXIS};
 
 /// `Part` of `shaders/lib/collect.wgsl`.
@@ -111,7 +111,7 @@ impl GpuImager {
     /// Fills the buffer of electrons with the light of sky and stars, in as many dispatches as the loop budget and the size of buffers ask for.
     pub(super) fn collect(&self, plan: &Plan, lit: &Lit<'_>, band: Band, frame: &Buffer, kept: &mut Kept) -> Result<(), GpuError> {
         let grid = Grid { width: plan.width_px, first_row: band.first_row, rows: band.rows, tile_width: TILE_PX };
-        let most_stars = (self.limits.buffer_bytes as usize / size_of::<Star>()).max(1);
+        let most_stars = (self.limits.buffer_bytes as usize / size_of::<SeparableStar>()).max(1);
         let most_entries = (self.limits.buffer_bytes as usize / PROFILE_BYTES).max(1);
         let longest = self.limits.entries_per_dispatch.clamp(1, LOOP_BUDGET);
         let Kept { collect: own, electrons: Some(electrons), .. } = kept else { return Ok(()) }; // it was made before

@@ -8,7 +8,7 @@ use super::binning::Joining;
 use super::compose::{Output, join_program, mosaic_program};
 use super::on_gpu::{GpuImager, Kept, WORKGROUP, pixels_with_room, result_bytes};
 use super::plan::{Lit, Plan};
-use super::{Exposure, GpuError};
+use super::{FrameExposure, GpuError};
 use crate::effects::pixel::lanes::QUAD_PX;
 use crate::gpu::{Binding, Buffer, Dispatch, Gpu};
 
@@ -78,7 +78,7 @@ impl GpuImager {
     }
 
     /// The light of each filter on the pixels behind it, upon that of the sky.
-    pub(super) fn behind_filters(&self, plan: &Plan, lits: &[Lit<'_>], exposure: &Exposure<'_>) -> Result<Vec<f32>, GpuError> {
+    pub(super) fn behind_filters(&self, plan: &Plan, lits: &[Lit<'_>], exposure: &FrameExposure<'_>) -> Result<Vec<f32>, GpuError> {
         let mut kept = self.kept();
         let kept = &mut *kept;
         if kept.mosaic.is_none() {

@@ -2,7 +2,7 @@
 
 use super::on_cpu;
 use super::plan::Plan;
-use super::{Exposure, Imager, ImagingError, PlaneLight};
+use super::{FrameExposure, Imager, ImagingError, PlaneLight};
 use crate::effects::pixel::{AnyPixelEffect, PIXEL_EFFECTS, Stage};
 
 /// Where an effect stands in the order in which they act.
@@ -12,13 +12,13 @@ fn rank(effect: &dyn AnyPixelEffect) -> Option<usize> {
 
 impl Imager {
     /// What an effect alone makes of a frame whose pixels hold one electron each, row by row; `None` where it is not switched on.
-    pub fn of_one_electron(&self, id: &str, exposure: &Exposure<'_>) -> Result<Option<Vec<f32>>, ImagingError> {
+    pub fn of_one_electron(&self, id: &str, exposure: &FrameExposure<'_>) -> Result<Option<Vec<f32>>, ImagingError> {
         if !self.plan.has(id) {
             return Ok(None);
         }
         let alone = self.plan.only(|effect| effect.id() == id);
         let ones = vec![1.0; alone.width_px * alone.height_px];
-        let exposure = Exposure { stars: &[], sky_e: &ones, ..*exposure };
+        let exposure = FrameExposure { stars: &[], sky_e: &ones, ..*exposure };
         let lit = alone.light(&exposure, &[])?;
         Ok(Some(on_cpu::electrons(&alone, Some(Stage::Digital), &lit, &exposure)))
     }
@@ -27,7 +27,7 @@ impl Imager {
     pub fn before_and_after(
         &self,
         id: &str,
-        exposure: &Exposure<'_>,
+        exposure: &FrameExposure<'_>,
         planes: &[PlaneLight<'_>],
     ) -> Result<Option<[Vec<f32>; 2]>, ImagingError> {
         let Some(last) = PIXEL_EFFECTS.iter().position(|effect| effect.id() == id).filter(|_| self.plan.has(id)) else { return Ok(None) };

@@ -36,7 +36,7 @@ pub use compose::{
     Output, PassProgram, chain_program, collect_plane_program, collect_program, join_program, mosaic_program, pass_programs, uniforms_name,
 };
 pub use mosaic::FilterLight;
-pub use noise_free::{NoiseFree, Seen};
+pub use noise_free::{NoiseFree, StampLight};
 pub use plan::EffectSetting;
 pub use plane::{PlaneLight, PointSource};
 pub use stamp::Stamp;
@@ -162,7 +162,7 @@ pub enum ImagingError {
 
 /// A star in the frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StarImage {
+pub struct PlacedStar {
     /// Column, (0, 0) = centre of the first pixel.
     pub x_px: f64,
     /// Row, downwards.
@@ -175,9 +175,9 @@ pub struct StarImage {
 
 /// One exposure.
 #[derive(Clone, Copy, Debug)]
-pub struct Exposure<'a> {
+pub struct FrameExposure<'a> {
     /// The stars; their order is the order in which light is added, so it counts for the last bit.
-    pub stars: &'a [StarImage],
+    pub stars: &'a [PlacedStar],
     /// Expected electrons of the sky over the exposure, row by row, on which the stars' light is put; empty: none.
     pub sky_e: &'a [f32],
     /// Exposure time (the stars' electrons hold it already).
@@ -300,18 +300,18 @@ impl Imager {
     }
 
     /// A frame as the detector gives it.
-    pub fn expose(&self, exposure: &Exposure<'_>) -> Result<Image16, ImagingError> {
+    pub fn expose(&self, exposure: &FrameExposure<'_>) -> Result<Image16, ImagingError> {
         self.expose_with(exposure, &[])
     }
 
     /// The same with light of plane point spreads besides.
-    pub fn expose_with(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Image16, ImagingError> {
+    pub fn expose_with(&self, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Image16, ImagingError> {
         let pixels_dn = self.counts(exposure, planes, None)?;
         Ok(Image16 { width_px: self.plan.width_px, height_px: self.plan.height_px, pixels_dn })
     }
 
     /// Counts, row by row, joined where that is asked for.
-    fn counts(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>], joining: Option<Joining>) -> Result<Vec<u16>, ImagingError> {
+    fn counts(&self, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>], joining: Option<Joining>) -> Result<Vec<u16>, ImagingError> {
         if !self.plan.has_converter() {
             return Err(ImagingError::NoConverter);
         }
@@ -326,13 +326,13 @@ impl Imager {
     }
 
     /// The frame's expected electrons, without noise, row by row: stars and the effects of [`Stage::Light`].
-    pub fn expected_electrons(&self, exposure: &Exposure<'_>) -> Result<Vec<f32>, ImagingError> {
+    pub fn expected_electrons(&self, exposure: &FrameExposure<'_>) -> Result<Vec<f32>, ImagingError> {
         self.electrons_after(Some(Stage::Light), exposure)
     }
 
     /// The frame after all effects up to and with a stage, row by row; with `None` the light of the stars alone. After [`Stage::Digital`] the
     /// numbers are counts.
-    pub fn electrons_after(&self, stage: Option<Stage>, exposure: &Exposure<'_>) -> Result<Vec<f32>, ImagingError> {
+    pub fn electrons_after(&self, stage: Option<Stage>, exposure: &FrameExposure<'_>) -> Result<Vec<f32>, ImagingError> {
         self.electrons_after_with(stage, exposure, &[])
     }
 
@@ -340,7 +340,7 @@ impl Imager {
     pub fn electrons_after_with(
         &self,
         stage: Option<Stage>,
-        exposure: &Exposure<'_>,
+        exposure: &FrameExposure<'_>,
         planes: &[PlaneLight<'_>],
     ) -> Result<Vec<f32>, ImagingError> {
         self.electrons(stage, exposure, planes, None)
@@ -350,7 +350,7 @@ impl Imager {
     fn electrons(
         &self,
         stage: Option<Stage>,
-        exposure: &Exposure<'_>,
+        exposure: &FrameExposure<'_>,
         planes: &[PlaneLight<'_>],
         joining: Option<Joining>,
     ) -> Result<Vec<f32>, ImagingError> {
@@ -366,8 +366,8 @@ impl Imager {
     }
 
     /// The light that one source sends to the pixels of the frame, on the CPU, before any effect; `None` where none of it reaches the frame.
-    pub fn stamp(&self, stars: &[StarImage], planes: &[PlaneLight<'_>]) -> Result<Option<Stamp>, ImagingError> {
-        let lit = self.plan.light(&Exposure { stars, sky_e: &[], exposure_s: 0.0, frame_index: 0, temperature_c: None }, planes)?;
+    pub fn stamp(&self, stars: &[PlacedStar], planes: &[PlaneLight<'_>]) -> Result<Option<Stamp>, ImagingError> {
+        let lit = self.plan.light(&FrameExposure { stars, sky_e: &[], exposure_s: 0.0, frame_index: 0, temperature_c: None }, planes)?;
         Ok(stamp::stamp(&self.plan, lit))
     }
 }

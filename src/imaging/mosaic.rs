@@ -4,21 +4,21 @@
 use rayon::prelude::*;
 
 use super::plan::{Lit, Plan};
-use super::{Exposure, Imager, ImagingError, NoiseFree, PlaneLight, Runner, StarImage, on_cpu};
+use super::{FrameExposure, Imager, ImagingError, NoiseFree, PlaneLight, Runner, PlacedStar, on_cpu};
 use crate::effects::detector::colour_filters::filter_at;
 
 /// What one filter lets through.
 #[derive(Clone, Debug)]
 pub struct FilterLight<'a> {
     /// Stars to be spread.
-    pub stars: &'a [StarImage],
+    pub stars: &'a [PlacedStar],
     /// Other light to be spread.
     pub planes: Vec<PlaneLight<'a>>,
 }
 
 impl Imager {
     /// The light behind red, green and blue filters, upon that of the sky, row by row, before any effect. The stars of `exposure` are left out.
-    pub fn behind_filters(&self, exposure: &Exposure<'_>, lights: &[FilterLight<'_>; 3]) -> Result<Vec<f32>, ImagingError> {
+    pub fn behind_filters(&self, exposure: &FrameExposure<'_>, lights: &[FilterLight<'_>; 3]) -> Result<Vec<f32>, ImagingError> {
         match &self.runner {
             Runner::Cpu => behind_filters(&self.plan, exposure, lights),
             Runner::Gpu(gpu) => {
@@ -31,26 +31,26 @@ impl Imager {
 
 impl NoiseFree<'_> {
     /// The light behind red, green and blue filters, see [`Imager::behind_filters`].
-    pub fn behind_filters(&self, exposure: &Exposure<'_>, lights: &[FilterLight<'_>; 3]) -> Result<Vec<f32>, ImagingError> {
+    pub fn behind_filters(&self, exposure: &FrameExposure<'_>, lights: &[FilterLight<'_>; 3]) -> Result<Vec<f32>, ImagingError> {
         behind_filters(&self.plan, exposure, lights)
     }
 }
 
 /// What comes through each filter, ready for the pixels.
-fn through<'a>(plan: &Plan, exposure: &Exposure<'_>, lights: &'a [FilterLight<'a>; 3]) -> Result<Vec<Lit<'a>>, ImagingError> {
-    plan.light(&Exposure { stars: &[], ..*exposure }, &[])?; // the sky is checked once
-    lights.iter().map(|light| plan.light(&Exposure { stars: light.stars, sky_e: &[], ..*exposure }, &light.planes)).collect()
+fn through<'a>(plan: &Plan, exposure: &FrameExposure<'_>, lights: &'a [FilterLight<'a>; 3]) -> Result<Vec<Lit<'a>>, ImagingError> {
+    plan.light(&FrameExposure { stars: &[], ..*exposure }, &[])?; // the sky is checked once
+    lights.iter().map(|light| plan.light(&FrameExposure { stars: light.stars, sky_e: &[], ..*exposure }, &light.planes)).collect()
 }
 
 /// On the CPU.
-fn behind_filters(plan: &Plan, exposure: &Exposure<'_>, lights: &[FilterLight<'_>; 3]) -> Result<Vec<f32>, ImagingError> {
+fn behind_filters(plan: &Plan, exposure: &FrameExposure<'_>, lights: &[FilterLight<'_>; 3]) -> Result<Vec<f32>, ImagingError> {
     let lits = through(plan, exposure, lights)?;
     let mut behind = match exposure.sky_e {
         [] => vec![0.0; plan.width_px * plan.height_px],
         sky_e => sky_e.to_vec(),
     };
     for (number, lit) in lits.iter().enumerate() {
-        let through = on_cpu::electrons(plan, None, lit, &Exposure { sky_e: &[], ..*exposure });
+        let through = on_cpu::electrons(plan, None, lit, &FrameExposure { sky_e: &[], ..*exposure });
         mosaic(number, plan.width_px, &through, &mut behind);
     }
     Ok(behind)

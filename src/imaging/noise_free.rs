@@ -4,7 +4,7 @@
 
 use super::on_cpu::{self, Pixels};
 use super::plan::{Lit, Plan};
-use super::{Exposure, Imager, ImagingError, PlaneLight, Stamp};
+use super::{FrameExposure, Imager, ImagingError, PlaneLight, Stamp};
 use crate::effects::ids;
 use crate::effects::pixel::{ExposureContext, Role, Stage};
 
@@ -13,7 +13,7 @@ use crate::effects::pixel::{ExposureContext, Role, Stage};
 pub struct NoiseFree<'a> {
     /// Without chance and without what cuts.
     pub(super) plan: Plan,
-    exposure: Exposure<'a>,
+    exposure: FrameExposure<'a>,
     context: ExposureContext,
     light: Pixels,
     /// What follows the light, pixel by pixel, with the converter.
@@ -25,7 +25,7 @@ pub struct NoiseFree<'a> {
 
 /// What [`Stage::Light`] makes of a source in the pixels of its stamp, row by row.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Seen {
+pub struct StampLight {
     /// Expected electrons of the source.
     pub electrons: Vec<f64>,
     /// Expected electrons that are there without any star.
@@ -35,7 +35,7 @@ pub struct Seen {
 impl Imager {
     /// The chain of an exposure without noise. Effects that depend on all the light of a frame take that of `exposure` and `planes`, now and
     /// in everything that is asked of the result.
-    pub fn noise_free<'a>(&self, exposure: &Exposure<'a>, planes: &[PlaneLight<'a>]) -> Result<NoiseFree<'a>, ImagingError> {
+    pub fn noise_free<'a>(&self, exposure: &FrameExposure<'a>, planes: &[PlaneLight<'a>]) -> Result<NoiseFree<'a>, ImagingError> {
         let context = self.plan.context(exposure, &self.plan.light(exposure, planes)?);
         let without_noise = self.plan.only(|effect| effect.role() != Role::Noise);
         let ready = |effects| Pixels::new(&self.plan, effects, exposure, &context);
@@ -70,7 +70,7 @@ impl NoiseFree<'_> {
     /// A source in its pixels after [`Stage::Light`], and what else they hold there. Light adds up: a pixel's expected electrons are a share
     /// of the source's and a part that does not depend on it.
     #[must_use]
-    pub fn seen(&self, stamp: &Stamp) -> Seen {
+    pub fn seen(&self, stamp: &Stamp) -> StampLight {
         /// Electrons by which a pixel's share is found; a power of two, so that a share of 1 comes out as 1.
         const PROBE_E: f32 = 1_048_576.0;
         let mut dark = self.sky_e(stamp);
@@ -78,7 +78,7 @@ impl NoiseFree<'_> {
         self.apply(&self.light, stamp, &mut dark);
         self.apply(&self.light, stamp, &mut lit);
         let shares = lit.iter().zip(&dark).map(|(lit, dark)| f64::from(lit - dark) / f64::from(PROBE_E));
-        Seen {
+        StampLight {
             electrons: shares.zip(&stamp.electrons).map(|(share, electrons)| share * f64::from(*electrons)).collect(),
             background_e: dark.into_iter().map(f64::from).collect(),
         }
@@ -87,7 +87,7 @@ impl NoiseFree<'_> {
     /// Whether a pixel of the stamp is expected to be full: with its own gain and offset it reaches the top of the converter, or its charge
     /// overflows. What passes move between pixels is left out.
     #[must_use]
-    pub fn is_full(&self, stamp: &Stamp, seen: &Seen) -> bool {
+    pub fn is_full(&self, stamp: &Stamp, seen: &StampLight) -> bool {
         let mut held: Vec<f32> = seen.electrons.iter().zip(&seen.background_e).map(|(own, other)| (own + other) as f32).collect();
         if self.full_well_e.is_some_and(|full_well_e| held.iter().any(|electrons| f64::from(*electrons) >= full_well_e)) {
             return true;
@@ -98,16 +98,16 @@ impl NoiseFree<'_> {
     }
 
     /// The whole frame with this light and no other, after all effects up to and with [`Stage::Readout`] but noise and what cuts, row by row.
-    pub fn readout(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
+    pub fn readout(&self, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
         self.frame(Some(Stage::Readout), exposure, planes)
     }
 
     /// The whole frame with the light of these stars alone, before any effect, row by row.
-    pub fn light_alone(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
-        self.frame(None, &Exposure { sky_e: &[], ..*exposure }, planes)
+    pub fn light_alone(&self, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
+        self.frame(None, &FrameExposure { sky_e: &[], ..*exposure }, planes)
     }
 
-    fn frame(&self, stage: Option<Stage>, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
+    fn frame(&self, stage: Option<Stage>, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
         let lit: Lit<'_> = self.plan.light(exposure, planes)?;
         Ok(on_cpu::electrons_in(&self.plan, stage, &lit, &self.exposure, &self.context))
     }

@@ -5,12 +5,12 @@
 
 use rayon::prelude::*;
 
-use super::Exposure;
+use super::FrameExposure;
 use super::plan::{Enabled, Lit, Plan};
 use super::tiles::{Grid, TILE_PX, TileLists, bin};
 use crate::effects::pixel::lanes::to_counts;
 use crate::effects::pixel::pass::FrameBuffer;
-use crate::effects::pixel::{ExposureContext, Psf2dStar, Rows, Stage, Star, Work};
+use crate::effects::pixel::{ExposureContext, Psf2dStar, Rows, Stage, SeparableStar, Work};
 use crate::rng::StageKey;
 
 /// Effects that each see one pixel, ready for an exposure.
@@ -27,7 +27,7 @@ impl std::fmt::Debug for Pixels {
 
 impl Pixels {
     /// Passes among the effects are left out.
-    pub(super) fn new(plan: &Plan, enabled: &[Enabled], exposure: &Exposure<'_>, context: &ExposureContext) -> Self {
+    pub(super) fn new(plan: &Plan, enabled: &[Enabled], exposure: &FrameExposure<'_>, context: &ExposureContext) -> Self {
         let ready = |one: &Enabled| match one.effect.work() {
             Work::Pixels(apply) => Some((apply, plan.key(one.effect, exposure), one.uniforms(context))),
             Work::Frame(..) => None,
@@ -47,7 +47,7 @@ impl Pixels {
 struct Chain<'a> {
     plan: &'a Plan,
     lit: &'a Lit<'a>,
-    lists: TileLists<Star>,
+    lists: TileLists<SeparableStar>,
     plane_lists: Vec<TileLists<Psf2dStar>>,
     pixels: Pixels,
 }
@@ -80,7 +80,7 @@ impl<'a> Chain<'a> {
 }
 
 /// Electrons after a stage.
-pub(super) fn electrons(plan: &Plan, stage: Option<Stage>, lit: &Lit<'_>, exposure: &Exposure<'_>) -> Vec<f32> {
+pub(super) fn electrons(plan: &Plan, stage: Option<Stage>, lit: &Lit<'_>, exposure: &FrameExposure<'_>) -> Vec<f32> {
     electrons_in(plan, stage, lit, exposure, &plan.context(exposure, lit))
 }
 
@@ -89,7 +89,7 @@ pub(super) fn electrons_in(
     plan: &Plan,
     stage: Option<Stage>,
     lit: &Lit<'_>,
-    exposure: &Exposure<'_>,
+    exposure: &FrameExposure<'_>,
     context: &ExposureContext,
 ) -> Vec<f32> {
     let mut segments = plan.segments(stage).into_iter();
@@ -115,7 +115,7 @@ pub(super) fn electrons_in(
 }
 
 /// Counts at the end of the chain.
-pub(super) fn counts(plan: &Plan, lit: &Lit<'_>, exposure: &Exposure<'_>) -> Vec<u16> {
+pub(super) fn counts(plan: &Plan, lit: &Lit<'_>, exposure: &FrameExposure<'_>) -> Vec<u16> {
     let stage = Some(Stage::Digital);
     let segments = plan.segments(stage);
     if segments.len() > 1 {

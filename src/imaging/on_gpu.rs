@@ -9,7 +9,7 @@ use super::collect_on_gpu::Collect;
 use super::compose::{Output, UNIFORM_ALIGNMENT, chain_program};
 use super::plan::{Enabled, Lit, Plan, Segment};
 use super::tiles::TILE_PX;
-use super::{Exposure, GpuError, SplitLimits};
+use super::{FrameExposure, GpuError, SplitLimits};
 use crate::effects::pixel::lanes::QUAD_PX;
 use crate::effects::pixel::{ExposureContext, Stage};
 use crate::gpu::{Binding, Buffer, Dispatch, Gpu, Kernel};
@@ -128,7 +128,7 @@ impl GpuImager {
         plan: &Plan,
         stage: Option<Stage>,
         lit: &Lit<'_>,
-        exposure: &Exposure<'_>,
+        exposure: &FrameExposure<'_>,
         joining: Option<Joining>,
     ) -> Result<Vec<f32>, GpuError> {
         let mut frame = Vec::with_capacity(plan.width_px * plan.height_px);
@@ -143,7 +143,7 @@ impl GpuImager {
         &self,
         plan: &Plan,
         lit: &Lit<'_>,
-        exposure: &Exposure<'_>,
+        exposure: &FrameExposure<'_>,
         joining: Option<Joining>,
     ) -> Result<Vec<u16>, GpuError> {
         let mut frame = Vec::with_capacity(plan.width_px * plan.height_px);
@@ -169,7 +169,7 @@ impl GpuImager {
         &self,
         plan: &Plan,
         lit: &Lit<'_>,
-        exposure: &Exposure<'_>,
+        exposure: &FrameExposure<'_>,
         wanted: Wanted,
         mut take: impl FnMut(usize, &[u8]),
     ) -> Result<(), GpuError> {
@@ -306,7 +306,7 @@ impl GpuImager {
         Ok(())
     }
 
-    pub(super) fn frame_uniforms(&self, plan: &Plan, exposure: &Exposure<'_>, band: Band) -> Result<Buffer, GpuError> {
+    pub(super) fn frame_uniforms(&self, plan: &Plan, exposure: &FrameExposure<'_>, band: Band) -> Result<Buffer, GpuError> {
         let [seed_low, seed_high] = plan.seed_words();
         let uniforms = FrameUniforms {
             width: plan.width_px as u32,

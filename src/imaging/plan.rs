@@ -2,11 +2,11 @@
 
 use super::plane::{PlaneBatch, PlaneLight};
 use super::tiles;
-use super::{Exposure, ImagingConfig, ImagingError};
+use super::{FrameExposure, ImagingConfig, ImagingError};
 use crate::effects::detector::adc::full_pixel_dn;
 use crate::effects::ids;
 use crate::effects::pixel::{
-    AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, SeparablePsf, Stage, Star, Work, pixel_effect, separable_psf,
+    AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, SeparablePsf, Stage, SeparableStar, Work, pixel_effect, separable_psf,
 };
 use crate::rng::StageKey;
 
@@ -95,7 +95,7 @@ pub(super) struct Segment<'a> {
 pub(super) struct Lit<'a> {
     /// Electrons of the sky, row by row; empty: none.
     pub(super) sky_e: &'a [f32],
-    pub(super) stars: Vec<Star>,
+    pub(super) stars: Vec<SeparableStar>,
     pub(super) planes: Vec<PlaneBatch<'a>>,
 }
 
@@ -188,7 +188,7 @@ impl Plan {
     }
 
     /// What effects may know of an exposure.
-    pub(super) fn context(&self, exposure: &Exposure<'_>, lit: &Lit<'_>) -> ExposureContext {
+    pub(super) fn context(&self, exposure: &FrameExposure<'_>, lit: &Lit<'_>) -> ExposureContext {
         let of_planes = lit.planes.iter().flat_map(|batch| batch.stars.iter().map(|star| star.electrons));
         ExposureContext {
             exposure_s: exposure.exposure_s,
@@ -217,12 +217,12 @@ impl Plan {
         [self.seed as u32, (self.seed >> 32) as u32]
     }
 
-    pub(super) fn key(&self, effect: &dyn AnyPixelEffect, exposure: &Exposure<'_>) -> StageKey {
+    pub(super) fn key(&self, effect: &dyn AnyPixelEffect, exposure: &FrameExposure<'_>) -> StageKey {
         StageKey { seed: self.seed, frame: exposure.frame_index, stage: effect.rng_stage() }
     }
 
     /// The light of an exposure as it goes to the pixels.
-    pub(super) fn light<'a>(&self, exposure: &Exposure<'a>, planes: &[PlaneLight<'a>]) -> Result<Lit<'a>, ImagingError> {
+    pub(super) fn light<'a>(&self, exposure: &FrameExposure<'a>, planes: &[PlaneLight<'a>]) -> Result<Lit<'a>, ImagingError> {
         let exposure_s = exposure.exposure_s;
         if !exposure_s.is_finite() || exposure_s < 0.0 {
             return Err(ImagingError::BadExposure { exposure_s });

@@ -1,7 +1,7 @@
 //! Light that is spread by a plane point spread: what goes in, and how it is prepared for the pixels.
 
 use super::tiles::{Entry, Grid, Placed, TileLists, bin};
-use super::{ImagingError, StarImage};
+use super::{ImagingError, PlacedStar};
 use crate::effects::pixel::{Atlas, MAX_NODES, Psf2d, Psf2dStar, Rows};
 
 /// Light from one point, for a plane point spread.
@@ -28,8 +28,8 @@ pub struct PointSource {
 impl PointSource {
     /// A point of light that every row sees in the same place, with nothing but a width.
     #[must_use]
-    pub fn round(image: &StarImage, reach_px: u16) -> Self {
-        let &StarImage { x_px, y_px, electrons, sigma_px } = image;
+    pub fn round(image: &PlacedStar, reach_px: u16) -> Self {
+        let &PlacedStar { x_px, y_px, electrons, sigma_px } = image;
         Self { x_px, y_px, electrons, shear: [0.0; 2], reach_px, sigma_px, shape: [0.0; 4], nodes: [(0, 0.0); MAX_NODES] }
     }
 }

@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 
-use super::{ImagingError, StarImage};
-use crate::effects::pixel::{SeparablePsf, Star};
+use super::{ImagingError, PlacedStar};
+use crate::effects::pixel::{SeparablePsf, SeparableStar};
 
 /// Side of a tile in px; a workgroup of the shader that collects light is one tile.
 pub(super) const TILE_PX: usize = 16;
@@ -42,7 +42,7 @@ pub(super) trait Placed: Copy {
     fn reach(&self) -> i32;
 }
 
-impl Placed for Star {
+impl Placed for SeparableStar {
     fn place(&self) -> (i32, i32) {
         (self.column, self.row)
     }
@@ -120,7 +120,7 @@ impl Grid {
 }
 
 /// Integer pixel and f32 fraction from a place in f64. Stars whose square misses the frame are left out: no light of theirs falls in it.
-pub(super) fn prepare(images: &[StarImage], spread: &dyn SeparablePsf, width: usize, height: usize) -> Result<Vec<Star>, ImagingError> {
+pub(super) fn prepare(images: &[PlacedStar], spread: &dyn SeparablePsf, width: usize, height: usize) -> Result<Vec<SeparableStar>, ImagingError> {
     let mut stars = Vec::with_capacity(images.len());
     let sigma_range = spread.parameters().first().map_or((0.0, f64::INFINITY), |parameter| parameter.range);
     for (index, image) in images.iter().enumerate() {
@@ -142,7 +142,7 @@ pub(super) fn prepare(images: &[StarImage], spread: &dyn SeparablePsf, width: us
         if misses(column, width) || misses(row, height) {
             continue;
         }
-        stars.push(Star {
+        stars.push(SeparableStar {
             column: column as i32,
             row: row as i32,
             fraction_x: (image.x_px - column) as f32,
@@ -213,8 +213,8 @@ mod tests {
     use super::*;
     use crate::effects::pixel::separable_psf;
 
-    fn star(x_px: f64, y_px: f64) -> StarImage {
-        StarImage { x_px, y_px, electrons: 1e4, sigma_px: 1.0 }
+    fn star(x_px: f64, y_px: f64) -> PlacedStar {
+        PlacedStar { x_px, y_px, electrons: 1e4, sigma_px: 1.0 }
     }
 
     fn grid(width: usize, first_row: usize, rows: usize) -> Grid {
@@ -241,9 +241,9 @@ mod tests {
         assert_eq!(chunks.len(), 1);
         for tile_row in 0..3 {
             for tile_column in 0..5 {
-                let listed: Vec<Star> =
+                let listed: Vec<SeparableStar> =
                     chunks[0].of(tile_row * 5 + tile_column).iter().map(|entry| chunks[0].stars[entry.star as usize]).collect();
-                let touching: Vec<Star> = stars
+                let touching: Vec<SeparableStar> = stars
                     .iter()
                     .filter(|star| {
                         (0..16 * 16).any(|i| {
@@ -268,7 +268,7 @@ mod tests {
         for (most_stars, most_entries) in [(7, usize::MAX), (usize::MAX, 50), (1, 1)] {
             let chunks = bin(&stars, &grid(100, 0, 100), most_stars, most_entries);
             assert!(chunks.len() > 10);
-            let joined: Vec<Star> = chunks.iter().flat_map(|chunk| chunk.stars.clone()).collect();
+            let joined: Vec<SeparableStar> = chunks.iter().flat_map(|chunk| chunk.stars.clone()).collect();
             assert_eq!(joined, whole[0].stars);
             assert_eq!(chunks.iter().map(|chunk| chunk.entries.len()).sum::<usize>(), whole[0].entries.len());
         }
@@ -297,9 +297,9 @@ mod tests {
     fn bad_stars_are_refused_by_number_and_value() {
         let spread = separable_psf("gaussian_psf").unwrap();
         for (bad, word) in [
-            (StarImage { x_px: f64::NAN, ..star(1.0, 1.0) }, "x_px"),
-            (StarImage { electrons: -1.0, ..star(1.0, 1.0) }, "electrons"),
-            (StarImage { sigma_px: 0.0, ..star(1.0, 1.0) }, "sigma_px"),
+            (PlacedStar { x_px: f64::NAN, ..star(1.0, 1.0) }, "x_px"),
+            (PlacedStar { electrons: -1.0, ..star(1.0, 1.0) }, "electrons"),
+            (PlacedStar { sigma_px: 0.0, ..star(1.0, 1.0) }, "sigma_px"),
         ] {
             let error = prepare(&[star(1.0, 1.0), bad], spread, 10, 10).unwrap_err().to_string();
             assert!(error.contains("number 1") && error.contains(word), "{error}");

@@ -1,6 +1,6 @@
 //! How far GPU and CPU agree, on this machine, now.
 
-use super::{Backend, EffectSetting, Exposure, Imager, ImagingConfig, ImagingError, Stage, StarImage};
+use super::{Backend, EffectSetting, FrameExposure, Imager, ImagingConfig, ImagingError, Stage, PlacedStar};
 use crate::effects::ids;
 
 /// Differences between a frame made on the GPU and the same frame made on the CPU.
@@ -53,14 +53,14 @@ pub fn twin_check() -> Result<TwinReport, ImagingError> {
         ],
     };
     // Places by the golden ratio: even over the frame, with every sub-pixel phase.
-    let stars: Vec<StarImage> = (0..60)
+    let stars: Vec<PlacedStar> = (0..60)
         .map(|i| {
             let turn = |ratio: f64| (f64::from(i) * ratio).fract();
             let electrons = 10.0_f64.powf(2.0 + 4.0 * turn(0.381_966_011));
-            StarImage { x_px: 256.0 * turn(0.754_877_666), y_px: 256.0 * turn(0.569_840_291), electrons, sigma_px: 0.6 + 1.5 * turn(0.22) }
+            PlacedStar { x_px: 256.0 * turn(0.754_877_666), y_px: 256.0 * turn(0.569_840_291), electrons, sigma_px: 0.6 + 1.5 * turn(0.22) }
         })
         .collect();
-    let exposure = Exposure { stars: &stars, sky_e: &[], exposure_s: 0.5, frame_index: 0, temperature_c: None };
+    let exposure = FrameExposure { stars: &stars, sky_e: &[], exposure_s: 0.5, frame_index: 0, temperature_c: None };
     let (gpu, cpu) = (Imager::new(Backend::Gpu, &config)?, Imager::new(Backend::Cpu, &config)?);
     let (on_gpu, on_cpu) = (gpu.electrons_after(Some(Stage::Light), &exposure)?, cpu.electrons_after(Some(Stage::Light), &exposure)?);
     let electrons_in_tolerances = electrons_in_tolerances(&on_gpu, &on_cpu, &stars, config.width_px);
@@ -76,7 +76,7 @@ pub fn twin_check() -> Result<TwinReport, ImagingError> {
 }
 
 /// Largest difference of two images of expected electrons in units of the tolerance of [`TwinReport::electrons_in_tolerances`].
-fn electrons_in_tolerances(a: &[f32], b: &[f32], stars: &[StarImage], width_px: usize) -> f64 {
+fn electrons_in_tolerances(a: &[f32], b: &[f32], stars: &[PlacedStar], width_px: usize) -> f64 {
     let mut floor = vec![0.0_f64; b.len()];
     for star in stars {
         let reach = (9.0 * star.sigma_px + 1.0).ceil();

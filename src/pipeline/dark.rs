@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::MeasuredFrame;
 use crate::detect::Detection;
 use crate::frame::Frame;
-use crate::recording::{Recording, RecordingError, Size};
+use crate::recording::{Recording, RecordingError, FrameSize};
 use crate::statistics::{mad_sigma, median, median_in_place};
 
 /// Why a dark cannot be used.
@@ -22,17 +22,17 @@ pub enum DarkError {
         /// The file.
         file: PathBuf,
         /// Its size.
-        found: Size,
+        found: FrameSize,
         /// That of the first.
-        first: Size,
+        first: FrameSize,
     },
     /// A dark of another size than the frame.
     #[error("the frame is of {frame}, the dark of {dark}: give darks of the same camera, with the same binning and window")]
     OtherSize {
         /// Of the frame.
-        frame: Size,
+        frame: FrameSize,
         /// Of the dark.
-        dark: Size,
+        dark: FrameSize,
     },
 }
 
@@ -44,7 +44,7 @@ const MIN_SIGMA_DN: f64 = 0.5;
 /// The master dark: the median of dark frames, pixel by pixel.
 #[derive(Clone, Debug)]
 pub struct Dark {
-    size: Size,
+    size: FrameSize,
     /// Dark less its median over the frame, whole counts: the level stays in the frames, so that their bias and top keep their meaning.
     pattern_dn: Vec<f32>,
     hot: Vec<bool>,
@@ -92,7 +92,7 @@ impl Dark {
         let level = median(&master).unwrap_or(0.0);
         let sigma = mad_sigma(&master).unwrap_or(0.0).max(MIN_SIGMA_DN);
         Self {
-            size: frames.first().map_or(Size { width_px: 0, height_px: 0 }, size),
+            size: frames.first().map_or(FrameSize { width_px: 0, height_px: 0 }, size),
             pattern_dn: master.iter().map(|dark| (dark - level).round() as f32).collect(),
             hot: master.iter().map(|dark| dark - level > HOT_SIGMA * sigma).collect(),
             frames: frames.len(),
@@ -140,8 +140,8 @@ fn merged(one: Option<Vec<bool>>, other: Option<Vec<bool>>) -> Option<Vec<bool>>
     }
 }
 
-fn size(frame: &Frame) -> Size {
-    Size { width_px: frame.width_px, height_px: frame.height_px }
+fn size(frame: &Frame) -> FrameSize {
+    FrameSize { width_px: frame.width_px, height_px: frame.height_px }
 }
 
 /// Takes out what shows in the same place of most frames while the stars move: hot pixels in groups, glow, dust. Says how many, if any.

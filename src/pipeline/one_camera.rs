@@ -11,7 +11,7 @@ use crate::camera::Model;
 use crate::catalog::Catalog;
 use crate::coordinates::PixelPoint;
 use crate::identify::Solution;
-use crate::recording::{Recording, Size};
+use crate::recording::{Recording, FrameSize};
 
 /// Files of a group that are named.
 const MAX_NAMED: usize = 12;
@@ -28,7 +28,7 @@ pub fn check_sizes(recording: &Recording) -> Result<(), PipelineError> {
     if recording.common_size().is_ok() {
         return Ok(());
     }
-    let mut sizes: Vec<(Size, Vec<String>)> = Vec::new();
+    let mut sizes: Vec<(FrameSize, Vec<String>)> = Vec::new();
     for (frame, entry) in recording.frames.iter().enumerate() {
         let Some(size) = entry.size else { continue };
         let name = recording.frame_name(frame);

@@ -4,7 +4,7 @@ use super::crowding::{self, take_disturbed};
 use super::one_camera::check_sizes;
 use super::overfull::{self, Seen};
 use super::{IdentifiedFrame, Measured, MeasuredFrame, PipelineError, SkyChoice, circumstances, image_conditions, physics_in_force};
-use crate::calibrate::{CalibrateOptions, StarImage, calibrate, calibrate_identifying_anew};
+use crate::calibrate::{CalibrateOptions, MeasuredStarImage, calibrate, calibrate_identifying_anew};
 use crate::camera::Term;
 use crate::catalog::Catalog;
 use crate::diagnose::{DiagnoseOptions, Telemetry};
@@ -39,12 +39,12 @@ pub fn control_points(
 ) -> Result<PreparedPoints, PipelineError> {
     let overfull = overfull_frames(measured, identified, catalog);
     let none = Identification::NotIdentified { reason: String::new(), hypotheses: 0 };
-    let frames: Vec<crate::identify::IdentifiedFrame> = measured
+    let frames: Vec<crate::identify::FrameIdentification> = measured
         .frames
         .iter()
         .zip(identified)
         .zip(&overfull)
-        .map(|((frame, identified), overfull)| crate::identify::IdentifiedFrame {
+        .map(|((frame, identified), overfull)| crate::identify::FrameIdentification {
             frame: frame.index,
             detections: &frame.detections,
             identification: if overfull.is_some() { &none } else { &identified.identification },
@@ -108,7 +108,7 @@ fn overfull_frames(measured: &Measured, identified: &[IdentifiedFrame], catalog:
 
 /// All star images of the frames, in the un-mirrored image.
 #[must_use]
-pub fn star_images(measured: &Measured, points: &PreparedPoints) -> Vec<StarImage> {
+pub fn star_images(measured: &Measured, points: &PreparedPoints) -> Vec<MeasuredStarImage> {
     let width_px = points.points.nominal.width_px as f64;
     let place = |x_px: f64| if points.parity < 0 { width_px - 1.0 - x_px } else { x_px };
     let recording_gradient_e_px = points.points.points.iter().find_map(|point| point.image.recording_gradient_e_px);
@@ -121,7 +121,7 @@ pub fn star_images(measured: &Measured, points: &PreparedPoints) -> Vec<StarImag
             let xy = if points.parity < 0 { -xy } else { xy };
             let state = effects::StarImage { recording_gradient_e_px, ..image_state(star, gain_e_per_dn) };
             let state = if points.parity < 0 { state.mirrored() } else { state };
-            StarImage { frame: index, x_px: place(star.x_px), y_px: star.y_px, covariance_px2: [xx, xy, yy], state }
+            MeasuredStarImage { frame: index, x_px: place(star.x_px), y_px: star.y_px, covariance_px2: [xx, xy, yy], state }
         };
         usable.map(image).collect::<Vec<_>>()
     };

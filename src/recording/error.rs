@@ -54,7 +54,7 @@ pub enum RecordingError {
         /// The star list.
         path: PathBuf,
         /// Where the manifest names it.
-        place: Place,
+        place: ManifestKey,
     },
     /// A star list that is not there.
     #[error("{}: no such star list ({place})", path.display())]
@@ -62,7 +62,7 @@ pub enum RecordingError {
         /// The star list.
         path: PathBuf,
         /// Where the manifest names it.
-        place: Place,
+        place: ManifestKey,
     },
     /// A folder or a manifest without frames.
     #[error("no frames found in {}: {hint}", path.display())]
@@ -88,7 +88,7 @@ pub enum RecordingError {
         /// What is wrong with it.
         problem: Box<FrameProblem>,
         /// Where the manifest speaks of it.
-        place: Option<Place>,
+        place: Option<ManifestKey>,
     },
     /// A frame of a star list has no pixels.
     #[error("frame {frame} of {} has no pixels: the recording is a star list; give images to a command that needs them", path.display())]
@@ -112,24 +112,24 @@ pub enum RecordingError {
         /// The first frame.
         first: PathBuf,
         /// Its size.
-        expected: Size,
+        expected: FrameSize,
         /// The first frame of another size.
         file: PathBuf,
         /// Its size.
-        found: Size,
+        found: FrameSize,
     },
 }
 
 /// Columns × rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Size {
+pub struct FrameSize {
     /// Columns.
     pub width_px: usize,
     /// Rows.
     pub height_px: usize,
 }
 
-impl fmt::Display for Size {
+impl fmt::Display for FrameSize {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(formatter, "{} × {} px", self.width_px, self.height_px)
     }
@@ -137,7 +137,7 @@ impl fmt::Display for Size {
 
 /// A key in a manifest.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Place {
+pub struct ManifestKey {
     /// The manifest.
     pub path: PathBuf,
     /// Line, from 1.
@@ -146,7 +146,7 @@ pub struct Place {
     pub key: &'static str,
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for ManifestKey {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(formatter, "key {:?} in {}, line {}", self.key, self.path.display(), self.line)
     }
@@ -227,7 +227,7 @@ pub enum FrameProblem {
     #[error("is {size}: too small, a frame has at least {minimum_px} × {minimum_px} px")]
     TooSmall {
         /// Its size.
-        size: Size,
+        size: FrameSize,
         /// The least that is accepted.
         minimum_px: usize,
     },
@@ -235,7 +235,7 @@ pub enum FrameProblem {
     #[error("claims {size}: too large, a frame has at most {maximum_px} pixels")]
     TooLarge {
         /// Its size.
-        size: Size,
+        size: FrameSize,
         /// The most that is accepted.
         maximum_px: usize,
     },
@@ -243,9 +243,9 @@ pub enum FrameProblem {
     #[error("is {found}, but {expected_from} {expected}; give the frame's true size, or leave the frame out")]
     WrongSize {
         /// Its size.
-        found: Size,
+        found: FrameSize,
         /// The size asked for.
-        expected: Size,
+        expected: FrameSize,
         /// Who asks for it: "the camera is", "frames/0000.fits is".
         expected_from: String,
     },

@@ -15,7 +15,7 @@ use fitsio_pure::value::Value;
 use hifitime::{Duration, Epoch, TimeScale};
 
 use super::Plane;
-use super::error::{FrameProblem, Size};
+use super::error::{FrameProblem, FrameSize};
 use super::fits_tiles::Tiling;
 use super::image_file::{MAXIMUM_PIXELS, Samples, check_size, luminance};
 use super::time;
@@ -29,7 +29,7 @@ const MAXIMUM_UNITS: usize = 1000;
 /// The header of an image.
 #[derive(Clone, Debug)]
 pub(super) struct FitsHeader {
-    pub(super) size: Size,
+    pub(super) size: FrameSize,
     bitpix: i64,
     /// Images in the array: 1, 3 for colour planes, or the depth of a cube.
     planes: usize,
@@ -405,7 +405,7 @@ impl Shape {
         let (bitpix, axes) = tiling.as_ref().map_or((self.bitpix, &self.axes), |tiling| (tiling.bitpix, &tiling.axes));
         let axis = |at: usize| axes.get(at).copied().unwrap_or(1);
         let size = |length: u64| usize::try_from(length).unwrap_or(usize::MAX);
-        let size = Size { width_px: size(axis(0)), height_px: size(axis(1)) };
+        let size = FrameSize { width_px: size(axis(0)), height_px: size(axis(1)) };
         check_size(size)?;
         let planes = axes.iter().skip(2).try_fold(1_u64, |all, length| all.checked_mul(*length)).ok_or_else(too_long)?;
         let planes = usize::try_from(planes).map_err(|_| too_long())?;

@@ -7,7 +7,7 @@ use std::path::Path;
 use flate2::read::MultiGzDecoder;
 use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 
-use super::error::{FrameProblem, Size};
+use super::error::{FrameProblem, FrameSize};
 use super::exif::Exif;
 use super::fits::{self, FitsHeader};
 use super::{Plane, foreign, pnm, tiff};
@@ -34,7 +34,7 @@ pub(super) const IMAGE_ENDINGS: [&str; 9] = ["png", "tif", "tiff", "jpg", "jpeg"
 /// What a file says of itself before its pixels are read.
 #[derive(Clone, Debug)]
 pub(super) struct Probe {
-    pub(super) size: Size,
+    pub(super) size: FrameSize,
     /// `None` for anything but FITS.
     pub(super) fits: Option<FitsHeader>,
     /// What a camera wrote beside the pixels.
@@ -45,7 +45,7 @@ pub(super) struct Probe {
 
 /// Counts as they were stored; what is no finite number is undefined.
 pub(super) struct Samples {
-    pub(super) size: Size,
+    pub(super) size: FrameSize,
     pub(super) pixels_dn: Vec<f32>,
     pub(super) saturation_dn: f32,
 }
@@ -127,7 +127,7 @@ fn probe_from(mut from: impl BufRead + Seek, length: u64, plane: Option<Plane>) 
             let mut reader = ImageReader::with_format(from, format);
             reader.limits(limits());
             let (width, height) = of_decoder(name, || reader.into_dimensions())?;
-            Ok(Probe { size: Size { width_px: width as usize, height_px: height as usize }, fits: None, exif, more_images: false })
+            Ok(Probe { size: FrameSize { width_px: width as usize, height_px: height as usize }, fits: None, exif, more_images: false })
         }
     }
 }
@@ -183,7 +183,7 @@ pub(super) fn load_masked(path: &Path, plane: Option<Plane>) -> Result<MaskedFra
         Kind::Image(format, name) => decode_image(&bytes, format, name)?,
     };
     drop(bytes);
-    let Samples { size: Size { width_px, height_px }, pixels_dn, saturation_dn } = samples;
+    let Samples { size: FrameSize { width_px, height_px }, pixels_dn, saturation_dn } = samples;
     MaskedFrame::new(Frame { width_px, height_px, pixels_dn, saturation_dn }).ok_or(FrameProblem::NothingDefined)
 }
 
@@ -226,7 +226,7 @@ fn open(path: &Path) -> Result<fs::File, FrameProblem> {
     fs::File::open(path).map_err(FrameProblem::Read)
 }
 
-pub(super) fn check_size(size: Size) -> Result<(), FrameProblem> {
+pub(super) fn check_size(size: FrameSize) -> Result<(), FrameProblem> {
     if size.width_px < MINIMUM_PX || size.height_px < MINIMUM_PX {
         return Err(FrameProblem::TooSmall { size, minimum_px: MINIMUM_PX });
     }
@@ -269,7 +269,7 @@ fn decode_image(bytes: &[u8], format: ImageFormat, kind: &'static str) -> Result
     reader.limits(limits());
     let decoder = of_decoder(kind, || reader.into_decoder())?;
     let (width, height) = decoder.dimensions();
-    let size = Size { width_px: width as usize, height_px: height as usize };
+    let size = FrameSize { width_px: width as usize, height_px: height as usize };
     check_size(size)?;
     let image = of_decoder(kind, || DynamicImage::from_decoder(decoder))?;
     let other = || FrameProblem::Decode { kind, message: "its pixels are neither of 8 nor of 16 bits; save it as 16-bit PNG".to_owned() };

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use super::error::{Place, RecordingError};
+use super::error::{ManifestKey, RecordingError};
 use super::image_file::{MAXIMUM_PIXELS, MINIMUM_PX};
 use super::toml_table::{Document, Table};
 use super::{CameraInfo, FirstRow, FrameEntry, Mount, Shutter, Site, time};
@@ -77,7 +77,7 @@ pub(super) struct Manifest {
     pub(super) mount: Option<Mount>,
     pub(super) site: Option<Site>,
     /// The star list, and where it is named.
-    pub(super) stars: Option<(PathBuf, Place)>,
+    pub(super) stars: Option<(PathBuf, ManifestKey)>,
     pub(super) frames: Vec<ListedFrame>,
 }
 
@@ -86,7 +86,7 @@ pub(super) struct ListedFrame {
     /// The name it goes by.
     pub(super) name: String,
     /// Where its time stands.
-    pub(super) time_place: Place,
+    pub(super) time_place: ManifestKey,
     /// The frame, or what is wrong with it.
     pub(super) entry: Result<FrameEntry, RecordingError>,
 }
@@ -212,7 +212,7 @@ fn frame(mut table: Table<'_>, number: usize, is_star_list: bool) -> ListedFrame
 }
 
 /// The frame's file; a star list has none.
-fn file(table: &mut Table<'_>, place: &Place, is_star_list: bool) -> Result<Option<String>, RecordingError> {
+fn file(table: &mut Table<'_>, place: &ManifestKey, is_star_list: bool) -> Result<Option<String>, RecordingError> {
     let file = table.text("file")?;
     let problem = match (file.as_deref(), is_star_list) {
         (None, false) => "\"file\" is missing in [[frames]]; name the frame's image",
@@ -223,11 +223,11 @@ fn file(table: &mut Table<'_>, place: &Place, is_star_list: bool) -> Result<Opti
     Err(at(place, problem.to_owned()))
 }
 
-fn at(place: &Place, problem: String) -> RecordingError {
+fn at(place: &ManifestKey, problem: String) -> RecordingError {
     RecordingError::Manifest { path: place.path.clone(), line: place.line, key: place.key.to_owned(), problem }
 }
 
-fn telemetry(table: &mut Table<'_>, entry: &mut FrameEntry, time_place: &Place) -> Result<(), RecordingError> {
+fn telemetry(table: &mut Table<'_>, entry: &mut FrameEntry, time_place: &ManifestKey) -> Result<(), RecordingError> {
     let three = "three numbers [x, y, z]";
     if let Some(text) = table.time_text("time_utc")? {
         let time = time::parse_utc(&text).map_err(|problem| at(time_place, format!("\"time_utc\" {problem}")))?;

@@ -41,11 +41,11 @@ use crate::coordinates::Attitude;
 use crate::frame::{Frame, MaskedFrame};
 
 pub(crate) use circumstances::Offsets;
-pub use error::{FrameProblem, Place, RecordingError, Size};
+pub use error::{FrameProblem, ManifestKey, RecordingError, FrameSize};
 pub use image_file::load as load_image;
 pub use output::{OutputDirectory, OutputError, ResultFolder, abandon, check_file, write_file};
 pub use star_list::{ListedStar, StarList};
-pub use told::{Told, ToldError};
+pub use told::{GivenCircumstances, ToldError};
 pub use write::{
     FitsHeaders, manifest_text, star_list_text, write_fits_f32, write_fits_u8, write_fits_u16, write_fits_with, write_manifest,
     write_manifest_of, write_png_u16,
@@ -192,7 +192,7 @@ pub struct FrameEntry {
     /// Its number in the recording as stored, from 0 (frames that were skipped count).
     pub number: usize,
     /// Its size.
-    pub size: Option<Size>,
+    pub size: Option<FrameSize>,
     /// Whether it is stored from the bottom up and turned over on reading.
     pub rows_flipped: bool,
     /// Middle of the exposure.
@@ -218,7 +218,7 @@ pub struct FrameEntry {
     /// Any other number by its name.
     pub covariates: BTreeMap<String, f64>,
     /// Where the manifest speaks of the file, for messages.
-    pub place: Option<Place>,
+    pub place: Option<ManifestKey>,
 }
 
 /// A frame that was left out.
@@ -317,7 +317,7 @@ impl Recording {
         let fault = |problem| RecordingError::Frame { file: path.clone(), problem: Box::new(problem), place: entry.place.clone() };
         let mut masked = image_file::load_masked(&path, self.plane).map_err(fault)?;
         let loaded = &mut masked.frame;
-        let found = Size { width_px: loaded.width_px, height_px: loaded.height_px };
+        let found = FrameSize { width_px: loaded.width_px, height_px: loaded.height_px };
         if let Some(expected) = entry.size.filter(|expected| *expected != found) {
             return Err(fault(FrameProblem::WrongSize { found, expected, expected_from: "the recording says".to_owned() }));
         }
@@ -339,8 +339,8 @@ impl Recording {
     }
 
     /// The size that all frames share; an error where bare images of several sizes were given.
-    pub fn common_size(&self) -> Result<Size, RecordingError> {
-        let expected = Size { width_px: self.camera.width_px, height_px: self.camera.height_px };
+    pub fn common_size(&self) -> Result<FrameSize, RecordingError> {
+        let expected = FrameSize { width_px: self.camera.width_px, height_px: self.camera.height_px };
         match self.frames.iter().position(|entry| entry.size.is_some_and(|size| size != expected)) {
             None => Ok(expected),
             Some(other) => Err(RecordingError::MixedSizes {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use hifitime::Duration;
 
-use super::error::{FrameProblem, Place, RecordingError, Size};
+use super::error::{FrameProblem, ManifestKey, RecordingError, FrameSize};
 use super::fits::{FitsHeader, FitsMetadata};
 use super::image_file::{self, FITS_ENDINGS, IMAGE_ENDINGS, Probe};
 use super::manifest::{self, ListedFrame, Manifest};
@@ -156,7 +156,7 @@ fn examine(
     path: &Path,
     file: &Path,
     number: usize,
-    first: Option<(String, Size)>,
+    first: Option<(String, FrameSize)>,
     options: OpenOptions,
 ) -> Result<(FrameEntry, FitsMetadata, Probe), FrameProblem> {
     let probe = image_file::probe(path, options.plane)?;
@@ -194,7 +194,7 @@ fn describe(entry: &mut FrameEntry, probe: &Probe) {
 
 /// Camera and site, as far as all headers that speak of them agree.
 fn shared(kept: &[(FrameEntry, FitsMetadata)], notes: &mut Vec<String>) -> (CameraInfo, Option<Site>) {
-    let size = kept.first().and_then(|(entry, _)| entry.size).unwrap_or(Size { width_px: 0, height_px: 0 });
+    let size = kept.first().and_then(|(entry, _)| entry.size).unwrap_or(FrameSize { width_px: 0, height_px: 0 });
     let mut agreed = |keyword: &str, get: &dyn Fn(&FitsMetadata) -> Option<f64>| {
         let mut values = kept.iter().filter_map(|(entry, metadata)| Some((entry, get(metadata)?)));
         let (_, first) = values.next()?;
@@ -238,7 +238,7 @@ fn from_manifest(path: &Path, options: OpenOptions) -> Result<Recording, Recordi
         return Err(RecordingError::Empty { path, hint });
     }
     let directory = path.parent().map(Path::to_owned).unwrap_or_default();
-    let camera_size = Size { width_px: camera.width_px, height_px: camera.height_px };
+    let camera_size = FrameSize { width_px: camera.width_px, height_px: camera.height_px };
     let (star_file, mut listed_stars) = match named {
         Some((file, place)) => {
             let file = directory.join(file);
@@ -308,7 +308,7 @@ fn from_manifest(path: &Path, options: OpenOptions) -> Result<Recording, Recordi
     })
 }
 
-fn read_stars(file: &Path, place: Place, frames: usize, size: Size) -> Result<star_list::Listed, RecordingError> {
+fn read_stars(file: &Path, place: ManifestKey, frames: usize, size: FrameSize) -> Result<star_list::Listed, RecordingError> {
     if ending(file).as_deref() == Some("parquet") {
         return Err(RecordingError::Parquet { path: file.to_owned(), place });
     }
@@ -367,7 +367,7 @@ fn note_flips(frames: &[FrameEntry], notes: &mut Vec<String>) {
 /// An image that viewers turn.
 struct Turned {
     name: String,
-    size: Size,
+    size: FrameSize,
     orientation: u8,
 }
 
@@ -391,8 +391,8 @@ fn note_turns(turned: Vec<Turned>, frames: usize, notes: &mut Vec<String>) {
         7 => "mirrored along the other diagonal",
         _ => "turned counter-clockwise by 90°",
     };
-    let Size { width_px, height_px } = size;
-    let shown = if orientation >= 5 { Size { width_px: height_px, height_px: width_px } } else { size };
+    let FrameSize { width_px, height_px } = size;
+    let shown = if orientation >= 5 { FrameSize { width_px: height_px, height_px: width_px } } else { size };
     notes.push(format!(
         "{count} of {frames} frames have an EXIF orientation, {name} the first of them ({orientation}): viewers and cv2.imread show it {how}, as \
          {shown}; here pixels and positions are as stored, {size}; read it elsewhere without turning it (cv2.IMREAD_IGNORE_ORIENTATION) to use them"

@@ -2,13 +2,13 @@
 //!
 //! Source: Netpbm documentation, pgm(5) and ppm(5). P2 and P5 are grey, P3 and P6 colours; above 255 a sample has two bytes, high one first.
 
-use super::error::{FrameProblem, Size};
+use super::error::{FrameProblem, FrameSize};
 use super::image_file::check_size;
 
 /// The head of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Head {
-    pub(super) size: Size,
+    pub(super) size: FrameSize,
     pub(super) channels: usize,
     /// The largest count.
     pub(super) top: u32,
@@ -49,7 +49,7 @@ impl Head {
         if !(1..=65535).contains(&top) {
             return Err(fault(format!("its largest count is {top}; it must be from 1 to 65535")));
         }
-        let size = Size { width_px, height_px };
+        let size = FrameSize { width_px, height_px };
         check_size(size)?;
         let (text, channels) = (matches!(kind, b'2' | b'3'), if matches!(kind, b'3' | b'6') { 3 } else { 1 });
         Ok(Self { size, channels, top, text, start: at + 1 })

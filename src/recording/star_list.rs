@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::error::{RecordingError, Size};
+use super::error::{RecordingError, FrameSize};
 use super::toml_table::suggestion;
 use crate::guard::{Panicked, guarded};
 
@@ -50,12 +50,12 @@ pub(super) struct Listed {
 }
 
 /// Reads a star list of `frame_count` frames of that size. What cannot be laid to one frame is an error at once.
-pub(super) fn read(path: &Path, frame_count: usize, size: Size) -> Result<Listed, RecordingError> {
+pub(super) fn read(path: &Path, frame_count: usize, size: FrameSize) -> Result<Listed, RecordingError> {
     let damaged = |panicked: Panicked| RecordingError::StarList { path: path.to_owned(), line: 1, problem: panicked.to_string() };
     guarded(|| parse(path, frame_count, size)).map_err(damaged)?
 }
 
-fn parse(path: &Path, frame_count: usize, size: Size) -> Result<Listed, RecordingError> {
+fn parse(path: &Path, frame_count: usize, size: FrameSize) -> Result<Listed, RecordingError> {
     let bytes = std::fs::read(path).map_err(|source| match source.kind() {
         std::io::ErrorKind::NotFound => RecordingError::Missing { path: path.to_owned() },
         _ => RecordingError::Read { path: path.to_owned(), source },
@@ -143,7 +143,7 @@ impl Row<'_> {
         number.map(Some).ok_or_else(|| format!("{column} is {text:?}; it must be {what}"))
     }
 
-    fn star(&self, size: Size) -> Result<ListedStar, String> {
+    fn star(&self, size: FrameSize) -> Result<ListedStar, String> {
         let coordinate = |column: &str, length: usize| {
             let high = length as f64 - 0.5;
             let what =

@@ -8,7 +8,7 @@ use tiff::ColorType;
 use tiff::decoder::{Decoder, DecodingResult, Limits};
 use tiff::{TiffError, TiffUnsupportedError};
 
-use super::error::{FrameProblem, Size};
+use super::error::{FrameProblem, FrameSize};
 use super::exif::Exif;
 use super::image_file::{MAXIMUM_PIXELS, Samples, check_size, joined};
 use super::tags::{Directory, Tags};
@@ -29,7 +29,7 @@ const MOSAIC: f64 = 32803.0;
 
 /// What a file says before its pixels are read.
 pub(super) struct TiffProbe {
-    pub(super) size: Size,
+    pub(super) size: FrameSize,
     pub(super) pages: usize,
     pub(super) exif: Exif,
 }
@@ -61,7 +61,7 @@ pub(super) fn probe<R: Read + Seek>(from: R, page: usize) -> Result<TiffProbe, F
         let found = tags.number(&directory, tag).filter(|side| *side >= 0.0);
         found.map(|side| side as usize).ok_or_else(|| fault(format!("its directory tells no {name}; copy the file again")))
     };
-    let size = Size { width_px: side(&mut tags, WIDTH, "width")?, height_px: side(&mut tags, HEIGHT, "height")? };
+    let size = FrameSize { width_px: side(&mut tags, WIDTH, "width")?, height_px: side(&mut tags, HEIGHT, "height")? };
     check_size(size)?;
     check_strips(&mut tags, &directory, size)?;
     let exif = Exif::of(&mut tags, &directory);
@@ -69,7 +69,7 @@ pub(super) fn probe<R: Read + Seek>(from: R, page: usize) -> Result<TiffProbe, F
 }
 
 /// Refuses strips of plain samples that are too short: what stands behind them in the file is no pixel.
-fn check_strips<R: Read + Seek>(tags: &mut Tags<R>, directory: &Directory, size: Size) -> Result<(), FrameProblem> {
+fn check_strips<R: Read + Seek>(tags: &mut Tags<R>, directory: &Directory, size: FrameSize) -> Result<(), FrameProblem> {
     if tags.number(directory, COMPRESSION).unwrap_or(1.0) != 1.0 {
         return Ok(());
     }
@@ -164,7 +164,7 @@ fn other_colours(name: &str) -> FrameProblem {
 }
 
 /// The samples as the crate unpacks them, planes joined pixel by pixel.
-fn unpack(bytes: &[u8], page: usize, size: Size) -> Result<(ColorType, DecodingResult), FrameProblem> {
+fn unpack(bytes: &[u8], page: usize, size: FrameSize) -> Result<(ColorType, DecodingResult), FrameProblem> {
     let mut decoder = Decoder::new(Cursor::new(bytes)).map_err(|error| own_words(&error))?.with_limits(limits());
     if page > 0 {
         decoder.seek_to_image(page).map_err(|error| own_words(&error))?;
@@ -206,7 +206,7 @@ fn interleaved(planes: DecodingResult, count: usize) -> DecodingResult {
 }
 
 /// Grey samples of fewer than 8 bits, of which rows begin at whole bytes, one a byte.
-fn unpacked_bits(samples: DecodingResult, bits: u8, size: Size) -> Result<DecodingResult, FrameProblem> {
+fn unpacked_bits(samples: DecodingResult, bits: u8, size: FrameSize) -> Result<DecodingResult, FrameProblem> {
     let (DecodingResult::U8(bytes), 1..8) = (&samples, bits) else { return Ok(samples) };
     if 8 % bits != 0 {
         return Err(fault(format!("its samples have {bits} bits; 1, 2, 4, 8, 16, 32 and 64 are read")));

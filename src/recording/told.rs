@@ -7,7 +7,7 @@ use super::{FrameEntry, Recording, Site, time};
 
 /// What is said, beside the files.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Told {
+pub struct GivenCircumstances {
     /// Middle of the exposure: of all frames, of the first (with [`Self::interval_s`]), or of every one. Empty where nothing is said.
     pub times_utc: Vec<Epoch>,
     /// Whether a time is a date without a clock.
@@ -50,7 +50,7 @@ pub enum ToldError {
     NoClock,
 }
 
-impl Told {
+impl GivenCircumstances {
     /// Reads a time in ISO 8601 (UTC without a zone), or a date alone, which is taken at midnight: the second value says so.
     pub fn parse_time(text: &str) -> Result<(Epoch, bool), String> {
         let text = text.trim();
@@ -65,7 +65,7 @@ impl Told {
 
 impl Recording {
     /// Takes over what is said; it goes before what files say, and [`Recording::notes`] tell of that.
-    pub fn tell(&mut self, told: &Told) -> Result<(), ToldError> {
+    pub fn tell(&mut self, told: &GivenCircumstances) -> Result<(), ToldError> {
         if told.site.is_some() && told.dates_only {
             return Err(ToldError::NoClock);
         }
@@ -86,7 +86,7 @@ impl Recording {
         Ok(())
     }
 
-    fn tell_times(&mut self, told: &Told) -> Result<(), ToldError> {
+    fn tell_times(&mut self, told: &GivenCircumstances) -> Result<(), ToldError> {
         let (times, all) = (&told.times_utc, self.frames.len() + self.skipped.len());
         if times.len() > 1 && times.len() != all {
             return Err(ToldError::Count { times: times.len(), frames: all });

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::error::{Place, RecordingError};
+use super::error::{ManifestKey, RecordingError};
 use crate::guard::guarded;
 
 /// A TOML file and its text.
@@ -71,9 +71,9 @@ impl<'s> Table<'s> {
     }
 
     /// Where a key stands; the table's head if it is absent.
-    pub(super) fn place(&self, key: &'static str) -> Place {
+    pub(super) fn place(&self, key: &'static str) -> ManifestKey {
         let at = self.entries.get(key).map_or(self.start, |(span, _)| span.start);
-        Place { path: PathBuf::from(self.document.path), line: self.document.line(at), key }
+        ManifestKey { path: PathBuf::from(self.document.path), line: self.document.line(at), key }
     }
 
     /// A fault of the table as a whole.

@@ -10,7 +10,7 @@ use crate::effects::optics::elliptic_gaussian_psf::{self, EllipticGaussianPsf};
 use crate::effects::optics::gaussian_psf::GaussianPsf;
 use crate::effects::optics::tables::AtlasBuilder;
 use crate::effects::pixel::{Atlas, Psf2d, SeparablePsf};
-use crate::imaging::{Imager, ImagingError, PlaneLight, PointSource, Stamp, StarImage};
+use crate::imaging::{Imager, ImagingError, PlaneLight, PointSource, Stamp, PlacedStar};
 use crate::scene::{LightForm, OtherLight, Psf, PsfKind, Sample, Spot, StarTrack};
 use crate::units::DEG_RAD;
 
@@ -25,7 +25,7 @@ pub(super) struct Spreader {
 /// The light of one star: what the fast, separable spread takes, and what has to be spread point by point.
 #[derive(Clone, Debug, Default)]
 pub(super) struct StarLight {
-    stars: Vec<StarImage>,
+    stars: Vec<PlacedStar>,
     deposits: Vec<PointSource>,
     discs: Vec<PointSource>,
     /// What red, green and blue pixels count of it, where there are filters.
@@ -42,7 +42,7 @@ impl StarLight {
 /// All the light of an exposure.
 #[derive(Clone, Debug, Default)]
 pub(super) struct FrameLight {
-    pub(super) stars: Vec<StarImage>,
+    pub(super) stars: Vec<PlacedStar>,
     deposits: Vec<PointSource>,
     discs: Vec<PointSource>,
     /// What the filters let through, red, green and blue, where there are any.
@@ -68,7 +68,7 @@ impl FrameLight {
     /// Adds a share of a light.
     fn add(&mut self, light: &StarLight, share: f64) {
         let weaker = |deposit: &PointSource| PointSource { electrons: share * deposit.electrons, ..*deposit };
-        self.stars.extend(light.stars.iter().map(|star| StarImage { electrons: share * star.electrons, ..*star }));
+        self.stars.extend(light.stars.iter().map(|star| PlacedStar { electrons: share * star.electrons, ..*star }));
         self.deposits.extend(light.deposits.iter().map(weaker));
         self.discs.extend(light.discs.iter().map(weaker));
     }
@@ -196,7 +196,7 @@ impl Spreader {
             LightForm::Disc { radius_px, hole_px } => {
                 let [x_px, y_px] = self.own_place(other.ends[0]);
                 let [radius_px, hole_px] = [radius_px, hole_px].map(|radius| self.finer() * radius);
-                let image = StarImage { x_px, y_px, electrons: other.electrons, sigma_px: 1.0 };
+                let image = PlacedStar { x_px, y_px, electrons: other.electrons, sigma_px: 1.0 };
                 let shape = disc_psf::shape(radius_px, hole_px);
                 let disc = PointSource { shape, ..PointSource::round(&image, (radius_px + 1.5).ceil() as u16) };
                 StarLight { discs: vec![disc], ..StarLight::default() }
@@ -209,7 +209,7 @@ impl Spreader {
                 let point = |k: usize| {
                     let share = (k as f64 + 0.5) / count;
                     let (x_px, y_px) = (from[0] + share * dx, from[1] + share * dy);
-                    StarImage { x_px, y_px, electrons: other.electrons / count, sigma_px }
+                    PlacedStar { x_px, y_px, electrons: other.electrons / count, sigma_px }
                 };
                 StarLight { stars: (0..count as usize).map(point).collect(), ..StarLight::default() }
             }
@@ -229,7 +229,7 @@ impl Spreader {
         let sigma_px = (sigma_px * sigma_px + least.variance).sqrt();
         let spread = (rest.variance - least.variance).max(0.0).sqrt();
         for [offset, share] in normal_nodes(spread, sigma_px) {
-            let image = StarImage {
+            let image = PlacedStar {
                 x_px: x_px + offset * rest.axis[0],
                 y_px: y_px + offset * rest.axis[1],
                 electrons: track.electrons * sample.weight * share,
@@ -252,7 +252,7 @@ impl Spreader {
         let [_, major] = principal_px2(covariance);
         let (sigma_px, shape) = elliptic_gaussian_psf::shape(covariance);
         let [x_px, y_px] = self.own_place(sample.place);
-        let image = StarImage { x_px, y_px, electrons: track.electrons * sample.weight, sigma_px };
+        let image = PlacedStar { x_px, y_px, electrons: track.electrons * sample.weight, sigma_px };
         let reach = GaussianPsf.reach(track.electrons, major.variance.sqrt()) as u16;
         light.deposits.push(PointSource { shear: sample.shear, shape, ..PointSource::round(&image, reach) });
     }
@@ -264,7 +264,7 @@ impl Spreader {
             principal_px2(self.blur_px2(track)).map(|one| (normal_nodes(one.variance.sqrt(), self.psf.smooth_px), one.axis));
         for [along, share] in &major.0 {
             for [across, part] in &minor.0 {
-                let image = StarImage {
+                let image = PlacedStar {
                     x_px: x_px + along * major.1[0] + across * minor.1[0],
                     y_px: y_px + along * major.1[1] + across * minor.1[1],
                     electrons: track.electrons * sample.weight * share * part,

@@ -1,7 +1,7 @@
 //! Masks: why a pixel's count is not that of the sky and the stars alone.
 
 use crate::effects::ids;
-use crate::imaging::{Exposure, Imager, ImagingError, NoiseFree, PlaneLight, Stamp};
+use crate::imaging::{FrameExposure, Imager, ImagingError, NoiseFree, PlaneLight, Stamp};
 use crate::scene::LightKind;
 use serde::Serialize;
 
@@ -58,7 +58,7 @@ const MIN_E: f64 = 0.5;
 pub(super) fn mask(
     imager: &Imager,
     chain: &NoiseFree<'_>,
-    exposure: &Exposure<'_>,
+    exposure: &FrameExposure<'_>,
     planes: &[PlaneLight<'_>],
     pixels_dn: &[u16],
     others: &[(LightKind, Option<Stamp>)],

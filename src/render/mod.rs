@@ -8,7 +8,7 @@ mod signature;
 mod truth;
 
 pub use mask::MaskFlag;
-pub use signature::{Measured, StampRenderer, TestStar, signature};
+pub use signature::{MeasuredStar, StampRenderer, TestStar, signature};
 pub use truth::{TrueLight, TrueStar};
 
 use std::collections::HashMap;
@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use crate::catalog::Catalog;
 use crate::effects::optics::tables::PixelResponse;
-use crate::imaging::{Backend, BinnedImager, Exposure, Image16, Imager, ImagingConfig, ImagingError, PlaneLight, Stage};
+use crate::imaging::{Backend, BinnedImager, FrameExposure, Image16, Imager, ImagingConfig, ImagingError, PlaneLight, Stage};
 use crate::scene::{OtherLight, Psf, Scene, StarTrack};
 use light::{FrameLight, Spreader, StarLight};
 use mask::{joined_mask, mask};
@@ -164,7 +164,7 @@ impl<'a> Renderer<'a> {
         let stars = true_stars(self.scene, index, &tracks, &landed, &shifts);
         let true_lights = others.iter().zip(&landed[tracks.len()..]).map(|(other, landed)| TrueLight::new(index, other, *landed)).collect();
         let lit = self.on_pixels(&exposure, &frame)?;
-        let exposure = Exposure { stars: lit.stars, sky_e: &lit.spread_e, ..exposure };
+        let exposure = FrameExposure { stars: lit.stars, sky_e: &lit.spread_e, ..exposure };
         let pixels_dn = self.counts(&exposure, &lit.planes)?.pixels_dn;
         let clean_e = self.asked.clean.then(|| self.clean_e(&exposure, &lit.planes)).transpose()?;
         let mask = if self.asked.mask {
@@ -194,11 +194,11 @@ impl<'a> Renderer<'a> {
         let sky_e = self.sky_e(index);
         let exposure = self.exposure(index, &frame, &sky_e);
         let lit = self.on_pixels(&exposure, &frame)?;
-        self.clean_e(&Exposure { stars: lit.stars, sky_e: &lit.spread_e, ..exposure }, &lit.planes)
+        self.clean_e(&FrameExposure { stars: lit.stars, sky_e: &lit.spread_e, ..exposure }, &lit.planes)
     }
 
     /// Expected electrons of the frame's pixels.
-    fn clean_e(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
+    fn clean_e(&self, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
         match &self.binned {
             Some(binned) => binned.expected_electrons(exposure, planes),
             None => self.imager.electrons_after_with(Some(Stage::Light), exposure, planes),
@@ -206,7 +206,7 @@ impl<'a> Renderer<'a> {
     }
 
     /// The counts of an exposure.
-    fn counts(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Image16, ImagingError> {
+    fn counts(&self, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Image16, ImagingError> {
         match &self.binned {
             Some(binned) => binned.expose_with(exposure, planes),
             None => self.imager.expose_with(exposure, planes),
@@ -228,14 +228,14 @@ impl<'a> Renderer<'a> {
     }
 
     /// The light of a frame as it goes to the detector's own pixels.
-    fn on_pixels<'b>(&'b self, exposure: &Exposure<'b>, frame: &'b FrameLight) -> Result<OnPixels<'b>, ImagingError> {
+    fn on_pixels<'b>(&'b self, exposure: &FrameExposure<'b>, frame: &'b FrameLight) -> Result<OnPixels<'b>, ImagingError> {
         on_pixels(frame, &self.spreader, exposure.sky_e, |lights| self.imager.behind_filters(exposure, lights))
     }
 
-    fn exposure<'b>(&self, index: usize, frame: &'b FrameLight, sky_e: &'b [f32]) -> Exposure<'b> {
+    fn exposure<'b>(&self, index: usize, frame: &'b FrameLight, sky_e: &'b [f32]) -> FrameExposure<'b> {
         let crate::scene::Exposure { exposure_s, telemetry, .. } = &*self.scene.exposures.get(index);
         let (frame_index, temperature_c) = (index as u32, telemetry.temperature_c);
-        Exposure { stars: &frame.stars, sky_e, exposure_s: *exposure_s, frame_index, temperature_c }
+        FrameExposure { stars: &frame.stars, sky_e, exposure_s: *exposure_s, frame_index, temperature_c }
     }
 
     /// The width of the narrowest point spread, and how far outside the frame a star lights it, px.

@@ -4,12 +4,12 @@ use std::borrow::Cow;
 
 use super::light::{FrameLight, Spreader};
 use crate::effects::detector::colour_filters::filter_at;
-use crate::imaging::{FilterLight, ImagingError, PlaneLight, Stamp, StarImage};
+use crate::imaging::{FilterLight, ImagingError, PlaneLight, Stamp, PlacedStar};
 
 /// Light as it goes to the pixels.
 pub(super) struct OnPixels<'a> {
     /// Stars to be spread.
-    pub(super) stars: &'a [StarImage],
+    pub(super) stars: &'a [PlacedStar],
     /// Other light to be spread.
     pub(super) planes: Vec<PlaneLight<'a>>,
     /// Light that is spread already, row by row; empty: none.

@@ -7,7 +7,7 @@
 use super::light::{FrameLight, Spreader};
 use super::mosaic::on_pixels;
 use super::truth::blended;
-use crate::imaging::{BinnedNoiseFree, Exposure, ImagingError, NoiseFree, PlaneLight};
+use crate::imaging::{BinnedNoiseFree, FrameExposure, ImagingError, NoiseFree, PlaneLight};
 use crate::scene::{Scene, StarTrack};
 
 /// What pixel effects add to a star.
@@ -43,7 +43,7 @@ impl Chain<'_> {
     }
 
     /// The frame's pixels with this light, after all effects.
-    fn readout(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
+    fn readout(&self, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
         match self.binned {
             Some(binned) => binned.readout(exposure, planes),
             None => self.own.readout(exposure, planes),
@@ -51,7 +51,7 @@ impl Chain<'_> {
     }
 
     /// The frame's pixels with this light, before any effect.
-    fn light_alone(&self, exposure: &Exposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
+    fn light_alone(&self, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
         match self.binned {
             Some(binned) => binned.light_alone(exposure, planes),
             None => self.own.light_alone(exposure, planes),
@@ -73,7 +73,7 @@ pub(super) struct Light<'a> {
 /// frame's, with any stars.
 pub(super) fn pixel_shifts(
     scene: &Scene,
-    exposure: &Exposure<'_>,
+    exposure: &FrameExposure<'_>,
     chain: &Chain<'_>,
     light: &Light<'_>,
     tracks: &[StarTrack],
@@ -81,11 +81,11 @@ pub(super) fn pixel_shifts(
     let all = light.stars.with(light.others);
     let of = |frame: &FrameLight| {
         let lit = on_pixels(frame, light.seen, exposure.sky_e, |lights| chain.own.behind_filters(exposure, lights))?;
-        chain.readout(&Exposure { stars: lit.stars, sky_e: &lit.spread_e, ..*exposure }, &lit.planes)
+        chain.readout(&FrameExposure { stars: lit.stars, sky_e: &lit.spread_e, ..*exposure }, &lit.planes)
     };
     let (with, without) = (of(&all)?, of(light.others)?);
     let counted: Vec<f32> = with.iter().zip(&without).map(|(with, without)| with - without).collect();
-    let sent = chain.light_alone(&Exposure { stars: &light.stars.stars, ..*exposure }, &light.even.planes(light.stars))?;
+    let sent = chain.light_alone(&FrameExposure { stars: &light.stars.stars, ..*exposure }, &light.even.planes(light.stars))?;
     let reach_px = WINDOW_SIGMAS * light.seen.widest_px() / scene.own_psf.own_per_px as f64;
     let half_px = reach_px + WINDOW_MORE_PX;
     let crowded = blended(tracks, half_px + reach_px, MIN_NEIGHBOUR);

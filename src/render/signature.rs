@@ -7,7 +7,7 @@
 use super::light::{FrameLight, Spreader, StarLight};
 use crate::coordinates::PixelPoint;
 use crate::frame::Frame;
-use crate::imaging::{Backend, Exposure, Imager, ImagingConfig, ImagingError};
+use crate::imaging::{Backend, FrameExposure, Imager, ImagingConfig, ImagingError};
 use crate::scene::{Sample, Scene, StarTrack};
 
 /// A star of a design.
@@ -25,7 +25,7 @@ pub struct TestStar {
 
 /// What an estimator finds of a star, or the change of that per unit of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Measured {
+pub struct MeasuredStar {
     /// Column, px.
     pub x_px: f64,
     /// Row, px.
@@ -65,7 +65,7 @@ impl<'a> StampRenderer<'a> {
         let lights: Vec<StarLight> = stars.iter().map(|star| self.spreader.light(&track(star))).collect();
         let light: FrameLight = lights.iter().collect();
         let first = self.scene.exposures.get(0);
-        let exposure = Exposure {
+        let exposure = FrameExposure {
             stars: &light.stars,
             sky_e: &[],
             exposure_s: first.exposure_s,
@@ -102,14 +102,14 @@ pub fn signature(
     stronger: &StampRenderer<'_>,
     step: f64,
     design: &[Vec<TestStar>],
-    measure: impl Fn(&Frame, &[TestStar]) -> Vec<Option<Measured>>,
-) -> Result<Vec<Option<Measured>>, ImagingError> {
+    measure: impl Fn(&Frame, &[TestStar]) -> Vec<Option<MeasuredStar>>,
+) -> Result<Vec<Option<MeasuredStar>>, ImagingError> {
     let mut columns = Vec::new();
     for stars in design {
         let [less, more] = [weaker, stronger].map(|bench| bench.frame(stars).map(|frame| measure(&frame, stars)));
-        let change = |(less, more): (Option<Measured>, Option<Measured>)| {
+        let change = |(less, more): (Option<MeasuredStar>, Option<MeasuredStar>)| {
             let (less, more) = (less?, more?);
-            Some(Measured {
+            Some(MeasuredStar {
                 x_px: (more.x_px - less.x_px) / step,
                 y_px: (more.y_px - less.y_px) / step,
                 flux_e: (more.flux_e - less.flux_e) / step,

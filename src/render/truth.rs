@@ -2,7 +2,7 @@
 
 use super::pixel_shift::PixelShift;
 use crate::coordinates::PixelPoint;
-use crate::imaging::{Binning, BinningPlace, NoiseFree, Seen, Stamp};
+use crate::imaging::{Binning, BinningPlace, NoiseFree, StampLight, Stamp};
 use crate::scene::{LightKind, OtherLight, Scene, StarTrack};
 use serde::{Deserialize, Serialize};
 
@@ -147,7 +147,7 @@ impl Landed {
 }
 
 /// What pixels see, `factor` × `factor` of them joined.
-fn joined(factor: usize, stamp: &Stamp, seen: &Seen) -> Seen {
+fn joined(factor: usize, stamp: &Stamp, seen: &StampLight) -> StampLight {
     let [left, top] = [stamp.left_px / factor, stamp.top_px / factor];
     let rows = stamp.electrons.len() / stamp.width_px;
     let width = (stamp.left_px + stamp.width_px - 1) / factor + 1 - left;
@@ -160,11 +160,11 @@ fn joined(factor: usize, stamp: &Stamp, seen: &Seen) -> Seen {
         }
         sums
     };
-    Seen { electrons: sums(&seen.electrons), background_e: sums(&seen.background_e) }
+    StampLight { electrons: sums(&seen.electrons), background_e: sums(&seen.background_e) }
 }
 
 /// Whether charge that is joined on the chip is expected to reach the top of the converter.
-fn is_joined_full(scene: &Scene, seen: &Seen) -> bool {
+fn is_joined_full(scene: &Scene, seen: &StampLight) -> bool {
     let Some(Binning { place: BinningPlace::OnChip, .. }) = scene.binning else { return false };
     let joined = scene.detector.joined(scene.binning);
     let most = seen.electrons.iter().zip(&seen.background_e).map(|(own, other)| own + other).fold(0.0, f64::max);

@@ -9,7 +9,7 @@ use super::canvas::{BLUE, Canvas, Drawn, INK, PALE, PAPER, Place, ReportError, V
 
 /// One bin.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ProfileBin {
+pub struct ProfilePoint {
     /// Mean of what the residuals are held against.
     pub at: f64,
     /// Mean of the data.
@@ -34,7 +34,7 @@ pub struct ProfilePlot {
     /// Name and unit of the vertical axis.
     pub y_label: String,
     /// The bins; those that are not finite are left out.
-    pub bins: Vec<ProfileBin>,
+    pub bins: Vec<ProfilePoint>,
 }
 
 const SIZE: (usize, usize) = (900, 560);
@@ -65,8 +65,8 @@ impl Axes {
 impl ProfilePlot {
     /// Writes the plot as PNG.
     pub fn write(&self, path: &Path) -> Result<(), ReportError> {
-        let finite = |bin: &&ProfileBin| [bin.at, bin.mean, bin.sigma, bin.model].iter().all(|number| number.is_finite());
-        let mut bins: Vec<ProfileBin> = self.bins.iter().filter(finite).copied().collect();
+        let finite = |bin: &&ProfilePoint| [bin.at, bin.mean, bin.sigma, bin.model].iter().all(|number| number.is_finite());
+        let mut bins: Vec<ProfilePoint> = self.bins.iter().filter(finite).copied().collect();
         bins.sort_by(|a, b| a.at.total_cmp(&b.at));
         if bins.is_empty() {
             return Err(ReportError::Empty { path: path.to_owned(), what: "no bin is finite" });
@@ -116,7 +116,7 @@ impl ProfilePlot {
 }
 
 /// A dot with a bar from one standard error below to one above.
-fn error_bar(sheet: &Canvas, axes: &Axes, bin: &ProfileBin) -> Drawn {
+fn error_bar(sheet: &Canvas, axes: &Axes, bin: &ProfilePoint) -> Drawn {
     const CAP: f64 = 4.0;
     let (x, low) = axes.place(bin.at, bin.mean - bin.sigma);
     let (_, high) = axes.place(bin.at, bin.mean + bin.sigma);
@@ -128,7 +128,7 @@ fn error_bar(sheet: &Canvas, axes: &Axes, bin: &ProfileBin) -> Drawn {
 }
 
 /// How many star images each bin has, above it; of bins that stand close together every so manieth.
-fn counts(sheet: &Canvas, axes: &Axes, bins: &[ProfileBin]) -> Drawn {
+fn counts(sheet: &Canvas, axes: &Axes, bins: &[ProfilePoint]) -> Drawn {
     sheet.text("stars", (LEFT - 9.0, TOP - 9.0), 13.0, &GREY, HPos::Right, VPos::Center)?;
     let mut free_from = f64::NEG_INFINITY;
     for bin in bins {
@@ -172,7 +172,7 @@ fn widened(values: impl Iterator<Item = f64>) -> [f64; 2] {
 mod tests {
     use super::*;
 
-    fn plot(bins: Vec<ProfileBin>) -> ProfilePlot {
+    fn plot(bins: Vec<ProfilePoint>) -> ProfilePlot {
         ProfilePlot { title: "a profile".into(), x_label: "row".into(), y_label: "px".into(), bins, ..ProfilePlot::default() }
     }
 
@@ -180,7 +180,7 @@ mod tests {
     fn the_model_is_drawn_where_it_is_and_zero_is_seen() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("profile.png");
-        let bins = (0..9).map(|k| ProfileBin { at: f64::from(k), mean: 1.0, sigma: 0.1, model: 2.0, stars: 40 }).collect();
+        let bins = (0..9).map(|k| ProfilePoint { at: f64::from(k), mean: 1.0, sigma: 0.1, model: 2.0, stars: 40 }).collect();
         plot(bins).write(&path).unwrap();
         let read = image::open(&path).unwrap().to_rgb8();
         let axes = Axes { across: widened([0.0, 8.0].into_iter()), along: widened([0.0, 2.0].into_iter()) };
@@ -197,10 +197,10 @@ mod tests {
     fn bins_that_are_no_numbers_are_left_out() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("profile.png");
-        let good = ProfileBin { at: 1.0, mean: 0.0, sigma: 0.0, model: 0.0, stars: 1 };
-        plot(vec![ProfileBin { mean: f64::NAN, ..good }, good]).write(&path).unwrap();
+        let good = ProfilePoint { at: 1.0, mean: 0.0, sigma: 0.0, model: 0.0, stars: 1 };
+        plot(vec![ProfilePoint { mean: f64::NAN, ..good }, good]).write(&path).unwrap();
         assert!(path.exists());
-        assert!(matches!(plot(vec![ProfileBin { at: f64::INFINITY, ..good }]).write(&path), Err(ReportError::Empty { .. })));
+        assert!(matches!(plot(vec![ProfilePoint { at: f64::INFINITY, ..good }]).write(&path), Err(ReportError::Empty { .. })));
         assert_eq!(ticks([-0.21, 0.2], 4.0).map(short).collect::<Vec<_>>(), ["−0.2", "0", "0.2"].map(String::from).to_vec());
     }
 }

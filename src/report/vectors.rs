@@ -30,12 +30,12 @@ pub struct VectorPanel {
     /// The residuals; those that are not finite are left out and counted.
     pub vectors: Vec<Vector>,
     /// What the result itself says of them: a picture and a page that differ in a digit are two answers.
-    pub told: Option<Told>,
+    pub told: Option<FitNumbers>,
 }
 
 /// Numbers of a result that stand above its residuals.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Told {
+pub struct FitNumbers {
     /// 2-D rms.
     pub rms_px: f64,
     /// Star images used.

@@ -281,7 +281,7 @@ impl Default for Exposure {
             course: attitude,
             motion: Motion::new(Course::Still, None, 0, 0, 0.0),
             sky: SkyChain::default(),
-            telemetry: super::Telemetry::default(),
+            telemetry: super::ExposureTelemetry::default(),
         }
     }
 }

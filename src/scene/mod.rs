@@ -177,12 +177,12 @@ pub struct Exposure {
     /// The displacements in force on the way to the camera.
     pub sky: SkyChain,
     /// What the recording says of the frame beside its time.
-    pub telemetry: Telemetry,
+    pub telemetry: ExposureTelemetry,
 }
 
 /// What is measured beside the image.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Telemetry {
+pub struct ExposureTelemetry {
     /// Camera velocity, barycentric, ICRS axes.
     pub velocity_km_s: Option<[f64; 3]>,
     /// Rate of the camera in its own axes.
@@ -195,7 +195,7 @@ pub struct Telemetry {
 
 /// Where and how bright a star is imaged: the truth of one star in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StarImage {
+pub struct TrueStarImage {
     /// Catalogue number.
     pub hip: u32,
     /// Where the light lands: the mean over the exposure, which for a camera at rest is also the position at its middle.
@@ -354,7 +354,7 @@ impl SceneFile {
     }
 }
 
-impl Telemetry {
+impl ExposureTelemetry {
     /// As a recording has it.
     #[must_use]
     pub fn entry(&self) -> FrameEntry {

@@ -6,7 +6,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 
 use super::motion::{Course, through};
-use super::{SceneError, SceneFile, SeriesTable, Telemetry};
+use super::{SceneError, SceneFile, SeriesTable, ExposureTelemetry};
 use crate::coordinates::Attitude;
 use crate::dual::dot;
 use crate::effects::Observation;
@@ -18,7 +18,7 @@ pub(super) struct Plan {
     pub(super) exposure_s: f64,
     pub(super) attitude: Attitude,
     pub(super) course: Course,
-    pub(super) telemetry: Telemetry,
+    pub(super) telemetry: ExposureTelemetry,
 }
 
 /// Gives an exposure the attitude to the ground that the first one has, which is kept in `camera_from_earth`.
@@ -58,7 +58,7 @@ pub(super) fn drawn(series: &SeriesTable, time: Option<Epoch>, zenith: Option<[f
         exposure_s: series.exposure_s,
         attitude: Attitude::from_pointing(ra, dec, roll),
         course: even(series.rate_deg_s),
-        telemetry: Telemetry { rate_deg_s: series.rate_deg_s, ..Telemetry::default() },
+        telemetry: ExposureTelemetry { rate_deg_s: series.rate_deg_s, ..ExposureTelemetry::default() },
     }
 }
 
@@ -84,7 +84,7 @@ pub(super) fn listed(path: &str, file: &SceneFile) -> Result<Vec<Plan>, SceneErr
                 SceneError::Value { path: path.to_owned(), key, value: format!("{} samples", frame.attitude_samples.len()), remedy }
             })?;
         }
-        let telemetry = Telemetry {
+        let telemetry = ExposureTelemetry {
             velocity_km_s: frame.velocity_km_s,
             rate_deg_s: frame.rate_deg_s.or_else(|| Some(course.rate_rad_s()?.map(|component| component / DEG_RAD))),
             temperature_c: frame.temperature_c,

@@ -10,7 +10,7 @@
 
 use super::motion::later;
 use super::quadrature::gauss_legendre;
-use super::{Exposure, Scene, StarImage};
+use super::{Exposure, Scene, TrueStarImage};
 use crate::catalog::{Catalog, Star};
 use crate::coordinates::{Direction, PixelPoint};
 use crate::effects::ids;
@@ -233,12 +233,12 @@ impl Scene {
     /// # Panics
     /// If `index` is not below the number of exposures.
     #[must_use]
-    pub fn star_images(&self, catalog: &Catalog, index: usize, margin_px: f64) -> Vec<StarImage> {
+    pub fn star_images(&self, catalog: &Catalog, index: usize, margin_px: f64) -> Vec<TrueStarImage> {
         let exposure = &*self.exposures.get(index);
         let image = |star: &Star| {
             let sight = self.sight(star, catalog.epoch_yr, exposure);
             let (position, _) = sight.place_in_row(0.0)?;
-            let image = StarImage { hip: star.hip, position, electrons: sight.electrons, magnitude: star.magnitude };
+            let image = TrueStarImage { hip: star.hip, position, electrons: sight.electrons, magnitude: star.magnitude };
             self.holds(position, margin_px).then_some(image)
         };
         self.candidates(catalog, exposure, margin_px).into_iter().filter_map(image).collect()

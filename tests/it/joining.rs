@@ -1,7 +1,7 @@
 //! What the device does with a whole frame before it is read back, joining pixels and putting light behind filters, beside the twins on the CPU.
 
 use boresight::imaging::{
-    Backend, BinnedImager, Binning, BinningPlace, EffectSetting, FilterLight, Imager, ImagingConfig, SplitLimits, StarImage, join_program,
+    Backend, BinnedImager, Binning, BinningPlace, EffectSetting, FilterLight, Imager, ImagingConfig, SplitLimits, PlacedStar, join_program,
     mosaic_program,
 };
 
@@ -27,7 +27,7 @@ fn ways() -> impl Iterator<Item = Binning> {
 
 /// Expected electrons and counts of joined pixels, of a sky of these native ones.
 fn joined(imager: &BinnedImager, sky_e: &[f32]) -> (Vec<f32>, Vec<u16>) {
-    let exposure = boresight::imaging::Exposure { sky_e, ..exposure(&[], 0) };
+    let exposure = boresight::imaging::FrameExposure { sky_e, ..exposure(&[], 0) };
     (imager.expected_electrons(&exposure, &[]).unwrap(), imager.expose_with(&exposure, &[]).unwrap().pixels_dn)
 }
 
@@ -63,9 +63,9 @@ fn pixels_are_joined_on_the_device_as_on_the_cpu() {
 }
 
 /// Stars behind red, green and blue filters.
-fn behind(imager: &Imager, stars: [&[StarImage]; 3], sky_e: &[f32]) -> Vec<f32> {
+fn behind(imager: &Imager, stars: [&[PlacedStar]; 3], sky_e: &[f32]) -> Vec<f32> {
     let lights = stars.map(|stars| FilterLight { stars, planes: Vec::new() });
-    imager.behind_filters(&boresight::imaging::Exposure { sky_e, ..exposure(&[], 0) }, &lights).unwrap()
+    imager.behind_filters(&boresight::imaging::FrameExposure { sky_e, ..exposure(&[], 0) }, &lights).unwrap()
 }
 
 /// Light behind filters: the device and the twin, in one buffer and in several, with a sky and without; filters that change places are seen.
@@ -76,7 +76,7 @@ fn light_is_put_behind_filters_on_the_device_as_on_the_cpu() {
         let config = config(width, height, vec![]);
         let red = sky(90, width, height, 3);
         let [green, blue] =
-            [0.7, 0.4].map(|share| -> Vec<_> { red.iter().map(|star| StarImage { electrons: share * star.electrons, ..*star }).collect() });
+            [0.7, 0.4].map(|share| -> Vec<_> { red.iter().map(|star| PlacedStar { electrons: share * star.electrons, ..*star }).collect() });
         let light = [&red[..], &green, &blue];
         let twin = cpu(&config);
         let Some(whole) = gpu(test, &config, SplitLimits::default()) else { return };

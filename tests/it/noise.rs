@@ -4,7 +4,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use boresight::gpu::adapters;
-use boresight::imaging::{Backend, EffectSetting, Exposure, Imager, ImagingConfig, Stage};
+use boresight::imaging::{Backend, EffectSetting, FrameExposure, Imager, ImagingConfig, Stage};
 
 use crate::cli::{short_night, text};
 
@@ -25,7 +25,7 @@ fn frames(seed: u64, sky_e: f64, stage: Stage, count: u32) -> Vec<Vec<f64>> {
     };
     let imager = Imager::new(Backend::Cpu, &config).unwrap();
     let standard = |frame_index| {
-        let exposure = Exposure { stars: &[], sky_e: &[], exposure_s: 1.0, frame_index, temperature_c: None };
+        let exposure = FrameExposure { stars: &[], sky_e: &[], exposure_s: 1.0, frame_index, temperature_c: None };
         let electrons = imager.electrons_after(Some(stage), &exposure).unwrap();
         let n = electrons.len() as f64;
         let mean = electrons.iter().map(|e| f64::from(*e)).sum::<f64>() / n;

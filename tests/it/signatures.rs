@@ -3,7 +3,7 @@
 use boresight::detect::{FixedBackground, fit_forced};
 use boresight::effects::{Context, Light, Observation, StarImage, StarState, displacement};
 use boresight::frame::Frame;
-use boresight::render::{Measured, StampRenderer, TestStar, signature};
+use boresight::render::{MeasuredStar, StampRenderer, TestStar, signature};
 use boresight::scene::Scene;
 
 const SIDE: usize = 192;
@@ -51,21 +51,21 @@ fn design(brightnesses: &[f64]) -> Vec<Vec<TestStar>> {
 }
 
 /// The program's own fit.
-fn fitted(sigma_px: f64, sky_e: f64) -> impl Fn(&Frame, &[TestStar]) -> Vec<Option<Measured>> {
+fn fitted(sigma_px: f64, sky_e: f64) -> impl Fn(&Frame, &[TestStar]) -> Vec<Option<MeasuredStar>> {
     let noise_dn = (sky_e + READ_NOISE_E * READ_NOISE_E).sqrt();
     let known = FixedBackground { background_dn: sky_e, noise_dn, gain_e_per_dn: 1.0, psf_sigma_px: sigma_px };
     move |frame, stars| {
         let places: Vec<[f64; 2]> = stars.iter().map(|star| [star.x_px.round(), star.y_px.round()]).collect();
         let fits = fit_forced(frame, &places, &known).into_iter();
         fits.map(|fit| {
-            fit.map(|fit| Measured { x_px: fit.x_px, y_px: fit.y_px, flux_e: fit.flux_dn, variance_px2: fit.width_px * fit.width_px })
+            fit.map(|fit| MeasuredStar { x_px: fit.x_px, y_px: fit.y_px, flux_e: fit.flux_dn, variance_px2: fit.width_px * fit.width_px })
         })
         .collect()
     }
 }
 
 /// Centre of mass, flux and variance in a square window.
-fn moments(half_px: usize, sky_e: f64) -> impl Fn(&Frame, &[TestStar]) -> Vec<Option<Measured>> {
+fn moments(half_px: usize, sky_e: f64) -> impl Fn(&Frame, &[TestStar]) -> Vec<Option<MeasuredStar>> {
     move |frame, stars| {
         let of = |star: &TestStar| {
             let (left, top) = (star.x_px.round() as usize - half_px, star.y_px.round() as usize - half_px);
@@ -81,7 +81,7 @@ fn moments(half_px: usize, sky_e: f64) -> impl Fn(&Frame, &[TestStar]) -> Vec<Op
             }
             let [flux_e, x, y, xx, yy] = [sums[0], sums[1] / sums[0], sums[2] / sums[0], sums[3] / sums[0], sums[4] / sums[0]];
             let variance_px2 = 0.5 * (xx - x * x + yy - y * y);
-            Some(Measured { x_px: x + left as f64, y_px: y + top as f64, flux_e, variance_px2 })
+            Some(MeasuredStar { x_px: x + left as f64, y_px: y + top as f64, flux_e, variance_px2 })
         };
         stars.iter().map(of).collect()
     }
@@ -91,8 +91,8 @@ fn columns(
     scenes: [&Scene; 2],
     step: f64,
     design: &[Vec<TestStar>],
-    measure: impl Fn(&Frame, &[TestStar]) -> Vec<Option<Measured>>,
-) -> Vec<Measured> {
+    measure: impl Fn(&Frame, &[TestStar]) -> Vec<Option<MeasuredStar>>,
+) -> Vec<MeasuredStar> {
     let [weaker, stronger] = scenes.map(|scene| StampRenderer::new(scene).unwrap());
     let found = signature(&weaker, &stronger, step, design, measure).unwrap();
     found.into_iter().map(|one| one.expect("every star of the design is measured")).collect()
@@ -120,18 +120,18 @@ fn by_formula(id: &str, star: &TestStar, magnitude: f64) -> [f64; 2] {
     [point_px[0] - moved[0], point_px[1] - moved[1]]
 }
 
-fn shifts(found: &[Measured]) -> Vec<[f64; 2]> {
+fn shifts(found: &[MeasuredStar]) -> Vec<[f64; 2]> {
     found.iter().map(|one| [one.x_px, one.y_px]).collect()
 }
 
 /// The columns by the program's fit and by the centre of mass.
-fn both(scenes: &[Scene; 2], step: f64, sigma_px: f64, sky_e: f64, design: &[Vec<TestStar>]) -> [Vec<Measured>; 2] {
+fn both(scenes: &[Scene; 2], step: f64, sigma_px: f64, sky_e: f64, design: &[Vec<TestStar>]) -> [Vec<MeasuredStar>; 2] {
     let scenes = [&scenes[0], &scenes[1]];
     [columns(scenes, step, design, fitted(sigma_px, sky_e)), columns(scenes, step, design, moments(7, sky_e))]
 }
 
 /// Cosine and size of shifts beside a formula for each star, said and returned.
-fn beside(what: &str, found: &[Measured], design: &[Vec<TestStar>], formula: impl Fn(&TestStar) -> [f64; 2]) -> (f64, f64) {
+fn beside(what: &str, found: &[MeasuredStar], design: &[Vec<TestStar>], formula: impl Fn(&TestStar) -> [f64; 2]) -> (f64, f64) {
     let formula: Vec<[f64; 2]> = design.iter().flatten().map(formula).collect();
     let (cosine, size) = compare(&shifts(found), &formula);
     println!("{what}: cosine {cosine:.4}, {size:.4e} times the formula");
@@ -336,7 +336,7 @@ fn a_slope_under_the_images_moves_faint_stars_most() {
     for (name, found, k, shares) in [("fit", &fit, of_fit, FITTED_SLOPE), ("centre of mass", &mass, 225.0 * 7.0 * 8.0 / 3.0, [1.0; 3])] {
         for ((part, frames), share) in found.chunks(49).zip(all.chunks(7)).zip(shares) {
             let level = part.iter().zip(frames.iter().flatten()).filter(|(_, star)| is_level(star));
-            let (part, stars): (Vec<Measured>, Vec<TestStar>) = level.map(|(found, star)| (*found, *star)).unzip();
+            let (part, stars): (Vec<MeasuredStar>, Vec<TestStar>) = level.map(|(found, star)| (*found, *star)).unzip();
             let what = format!("stray light, {:e} e-, {name}, {} stars", stars[0].electrons, stars.len());
             let (cosine, size) = beside(&what, &part, &[stars], |star| [1.0, -0.5].map(|along| along * k / star.electrons));
             assert!(cosine > 0.98 && near(size, share, 0.03), "{what}: {cosine} {size} for {share}");

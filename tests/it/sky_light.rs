@@ -4,7 +4,7 @@ use boresight::catalog::Catalog;
 use boresight::coordinates::PixelPoint;
 use boresight::effects::pixel::pixel_effect;
 use boresight::effects::sky::glow::SKY_GLOWS;
-use boresight::imaging::{Backend, EffectSetting, Exposure, ImagingError, SplitLimits, Stage, StarImage};
+use boresight::imaging::{Backend, EffectSetting, FrameExposure, ImagingError, SplitLimits, Stage, PlacedStar};
 use boresight::recording::{FitsHeaders, write_fits_u16};
 use boresight::render::Renderer;
 use boresight::scene::Scene;
@@ -24,18 +24,18 @@ fn the_sky_lies_under_the_stars() {
         let stars = sky(80, width, height, 5);
         let sky_e = slope(width, height);
         let config = config(width, height, vec![EffectSetting::new("veiling_glare", &[("share", 0.05)])]);
-        let lit = Exposure { sky_e: &sky_e, ..exposure(&stars, 1) };
+        let lit = FrameExposure { sky_e: &sky_e, ..exposure(&stars, 1) };
         let twin = cpu(&config);
         let of_stars = twin.electrons_after(None, &exposure(&stars, 1)).unwrap();
         let on_cpu = twin.electrons_after(None, &lit).unwrap();
         for ((both, stars), sky) in on_cpu.iter().zip(&of_stars).zip(&sky_e) {
             assert!((both - (stars + sky)).abs() <= 1e-5 * both.abs() + 1e-6, "{both} for {stars} + {sky}");
         }
-        let dark = twin.electrons_after(None, &Exposure { sky_e: &sky_e, ..exposure(&[], 1) }).unwrap();
+        let dark = twin.electrons_after(None, &FrameExposure { sky_e: &sky_e, ..exposure(&[], 1) }).unwrap();
         assert_eq!(dark, sky_e);
         // Veiling glare spreads the light of the sky with that of the stars and loses none.
         let total = |frame: &[f32]| frame.iter().map(|value| f64::from(*value)).sum::<f64>();
-        let veiled = twin.expected_electrons(&Exposure { sky_e: &sky_e, ..exposure(&[], 1) }).unwrap();
+        let veiled = twin.expected_electrons(&FrameExposure { sky_e: &sky_e, ..exposure(&[], 1) }).unwrap();
         assert!((total(&veiled) / total(&sky_e) - 1.0).abs() < 1e-5);
         for limits in [SplitLimits::default(), SplitLimits { entries_per_dispatch: 7, buffer_bytes: 61 * 4 * 16 }] {
             let Some(gpu) = gpu("the_sky_lies_under_the_stars", &config, limits) else { return };
@@ -56,9 +56,9 @@ fn the_sky_lies_under_the_stars() {
 #[test]
 fn a_sky_of_another_size_is_refused() {
     let imager = cpu(&config(20, 10, vec![]));
-    let stars: [StarImage; 0] = [];
+    let stars: [PlacedStar; 0] = [];
     for sky_e in [vec![1.0; 199], vec![f32::NAN; 200]] {
-        let error = imager.expected_electrons(&Exposure { sky_e: &sky_e, ..exposure(&stars, 0) }).unwrap_err();
+        let error = imager.expected_electrons(&FrameExposure { sky_e: &sky_e, ..exposure(&stars, 0) }).unwrap_err();
         assert!(matches!(error, ImagingError::BadSky { expected: 200, .. }), "{error}");
     }
 }

@@ -6,7 +6,7 @@ use boresight::effects::optics::sampled_psf::{self, SampledImage};
 use boresight::effects::optics::tables::{AtlasBuilder, Grid, IMAGE_KINDS, ImageKind, PixelResponse, image_kind, transform};
 use boresight::effects::page_of;
 use boresight::effects::pixel::{Atlas, PLANE_SPREADS, Psf2d, Psf2dStar};
-use boresight::imaging::{Exposure, ImagingConfig, PlaneLight, PointSource, SplitLimits, StarImage, collect_plane_program};
+use boresight::imaging::{FrameExposure, ImagingConfig, PlaneLight, PointSource, SplitLimits, PlacedStar, collect_plane_program};
 
 use nalgebra::Complex;
 
@@ -22,7 +22,7 @@ fn points(count: usize, width: usize, height: usize) -> Vec<PointSource> {
     let turn = |index: usize, ratio: f64| (index as f64 * ratio).fract();
     (0..count)
         .map(|i| {
-            let image = StarImage {
+            let image = PlacedStar {
                 x_px: (width as f64 + 20.0) * turn(i, 0.754_877_666) - 10.0,
                 y_px: (height as f64 + 20.0) * turn(i, 0.569_840_291) - 10.0,
                 electrons: 10.0_f64.powf(2.0 + 4.0 * turn(i, 0.381_966_011)),
@@ -52,7 +52,7 @@ fn light<'a>(spread: &'static dyn Psf2d, atlas: &'a Atlas, deposits: &'a [PointS
     [PlaneLight { spread, atlas, deposits }]
 }
 
-const NOTHING: Exposure<'static> = Exposure { stars: &[], sky_e: &[], exposure_s: 1.0, frame_index: 0, temperature_c: None };
+const NOTHING: FrameExposure<'static> = FrameExposure { stars: &[], sky_e: &[], exposure_s: 1.0, frame_index: 0, temperature_c: None };
 
 /// The points with what a spread needs besides their width.
 fn prepared(spread: &dyn Psf2d, mut deposits: Vec<PointSource>) -> (Atlas, Vec<PointSource>) {
@@ -131,11 +131,11 @@ fn the_plane_gaussian_is_the_separable_one() {
     for deposit in &mut deposits {
         deposit.shear = [0.0; 2];
     }
-    let stars: Vec<StarImage> =
-        deposits.iter().map(|d| StarImage { x_px: d.x_px, y_px: d.y_px, electrons: d.electrons, sigma_px: d.sigma_px }).collect();
+    let stars: Vec<PlacedStar> =
+        deposits.iter().map(|d| PlacedStar { x_px: d.x_px, y_px: d.y_px, electrons: d.electrons, sigma_px: d.sigma_px }).collect();
     let atlas = Atlas::default();
     let plane = cpu(&config).electrons_after_with(None, &NOTHING, &light(PLANE_SPREADS[0], &atlas, &deposits)).unwrap();
-    let separable = cpu(&config).electrons_after(None, &Exposure { stars: &stars, ..NOTHING }).unwrap();
+    let separable = cpu(&config).electrons_after(None, &FrameExposure { stars: &stars, ..NOTHING }).unwrap();
     let off = plane.iter().zip(&separable).filter(|(a, b)| (**a - **b).abs() > 1e-6 * 1e6).count();
     assert_eq!(off, 0);
 }
@@ -171,7 +171,7 @@ fn plane_spreads_have_their_file_their_shader_and_their_page() {
 
 /// A star of one electron in the middle of a frame, from a table of this image.
 fn image_of(atlas: &Atlas, reach_px: u16, x_px: f64, y_px: f64, width: usize) -> Vec<f64> {
-    let star = StarImage { x_px, y_px, electrons: 1.0, sigma_px: 1.0 };
+    let star = PlacedStar { x_px, y_px, electrons: 1.0, sigma_px: 1.0 };
     let mut deposit = PointSource::round(&star, reach_px + 1);
     deposit.nodes[0] = (0, 1.0);
     let spread = PLANE_SPREADS.iter().find(|spread| spread.id() == "atlas_psf").unwrap();

@@ -1,9 +1,9 @@
 //! Every stage of the registry of pixel effects and passes: its twins, its shader, its page, what it leaves alone.
 
 use boresight::effects::pixel::pass::PassShape;
-use boresight::effects::pixel::{AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, Role, Stage, Star, Work};
+use boresight::effects::pixel::{AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, Role, Stage, SeparableStar, Work};
 use boresight::imaging::{
-    EffectSetting, Exposure, Imager, ImagingConfig, Output, SplitLimits, StarImage, chain_program, collect_program, compare_counts,
+    EffectSetting, FrameExposure, Imager, ImagingConfig, Output, SplitLimits, PlacedStar, chain_program, collect_program, compare_counts,
     pass_programs, uniforms_name,
 };
 use boresight::rng::StageKey;
@@ -17,7 +17,7 @@ fn context() -> ExposureContext {
 }
 
 /// Stars of 10 to 10⁷ electrons: light for every branch of every effect.
-fn bright_and_faint(width: usize, height: usize) -> Vec<StarImage> {
+fn bright_and_faint(width: usize, height: usize) -> Vec<PlacedStar> {
     let mut stars = sky(300, width, height, 8);
     for star in stars.iter_mut().step_by(2) {
         star.electrons *= 0.1;
@@ -118,7 +118,7 @@ fn a_frame_without_faint_pixels_is_the_same() {
     // Less than nothing in a single pixel of the sky, where no star is, makes that pixel faint and the program another.
     let mut sky_e = vec![0.0; width * height];
     sky_e[0] = -60.0;
-    let faint = imager.expose(&Exposure { sky_e: &sky_e, ..exposure(&stars, 4) }).unwrap().pixels_dn;
+    let faint = imager.expose(&FrameExposure { sky_e: &sky_e, ..exposure(&stars, 4) }).unwrap().pixels_dn;
     let differ: Vec<usize> = (0..bright.len()).filter(|i| bright[*i] != faint[*i]).collect();
     assert_eq!(differ, [0]);
 }
@@ -241,7 +241,7 @@ fn effects_do_what_their_role_says() {
 #[test]
 fn charge_is_conserved_where_it_is_said() {
     let (width, height) = (200, 420);
-    let stars = [StarImage { x_px: 60.3, y_px: 90.7, electrons: 2e6, sigma_px: 1.5 }];
+    let stars = [PlacedStar { x_px: 60.3, y_px: 90.7, electrons: 2e6, sigma_px: 1.5 }];
     let total = |frame: &[f32]| frame.iter().map(|value| f64::from(*value)).sum::<f64>();
     let mut tried = 0;
     for effect in PIXEL_EFFECTS.iter().filter(|effect| effect.conserves_charge()) {
@@ -298,7 +298,7 @@ fn shaders_are_sound_and_their_uniforms_lie_where_the_twins_have_them() {
     for spread in POINT_SPREADS {
         for (width_px, goes_on) in [(64, false), (64, true), (68, true), (67, true)] {
             let module = parse(&collect_program(*spread, width_px, goes_on));
-            assert_eq!(members(&module, "Star").1, size_of::<Star>());
+            assert_eq!(members(&module, "Star").1, size_of::<SeparableStar>());
         }
     }
     let on_pixels: Vec<_> = PIXEL_EFFECTS.iter().copied().filter(|effect| matches!(effect.work(), Work::Pixels(_))).collect();

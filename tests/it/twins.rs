@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 
 use boresight::effects::pixel::{AnyPixelEffect, pixel_effect};
 use boresight::imaging::{
-    Backend, EffectSetting, Exposure, Imager, ImagingConfig, ImagingError, SplitLimits, StarImage, compare_counts, twin_check,
+    Backend, EffectSetting, FrameExposure, Imager, ImagingConfig, ImagingError, SplitLimits, PlacedStar, compare_counts, twin_check,
 };
 
 use crate::common;
@@ -62,14 +62,14 @@ pub(crate) fn config(width_px: usize, height_px: usize, effects: Vec<EffectSetti
 }
 
 /// Stars of 10² to 10⁷ electrons over and around the frame, with widths from 0.3 to 6 px; the same for the same seed.
-pub(crate) fn sky(count: usize, width: usize, height: usize, seed: u32) -> Vec<StarImage> {
+pub(crate) fn sky(count: usize, width: usize, height: usize, seed: u32) -> Vec<PlacedStar> {
     let mut state = u64::from(seed) * 2 + 1;
     let mut random = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 11) as f64 / (1_u64 << 53) as f64
     };
     (0..count)
-        .map(|_| StarImage {
+        .map(|_| PlacedStar {
             x_px: (width as f64 + 20.0) * random() - 10.0,
             y_px: (height as f64 + 20.0) * random() - 10.0,
             electrons: 10.0_f64.powf(2.0 + 5.0 * random().powi(2)),
@@ -78,8 +78,8 @@ pub(crate) fn sky(count: usize, width: usize, height: usize, seed: u32) -> Vec<S
         .collect()
 }
 
-pub(crate) fn exposure(stars: &[StarImage], frame_index: u32) -> Exposure<'_> {
-    Exposure { stars, sky_e: &[], exposure_s: 0.5, frame_index, temperature_c: None }
+pub(crate) fn exposure(stars: &[PlacedStar], frame_index: u32) -> FrameExposure<'_> {
+    FrameExposure { stars, sky_e: &[], exposure_s: 0.5, frame_index, temperature_c: None }
 }
 
 /// Pixels beyond 1e-5 of their electrons and beyond 1e-6 of the brightest of the stars that light them. `floor` is made from the twin's own
@@ -94,7 +94,7 @@ pub(crate) fn beyond_tolerance(a: &[f32], b: &[f32], floor_e: &[f64]) -> usize {
 }
 
 /// 1e-6 of the brightest star whose square of ±8 σ holds the pixel.
-fn floor_e(stars: &[StarImage], width: usize, height: usize) -> Vec<f64> {
+fn floor_e(stars: &[PlacedStar], width: usize, height: usize) -> Vec<f64> {
     let mut floor = vec![0.0_f64; width * height];
     for star in stars {
         let reach = 8.0 * star.sigma_px + 1.5;
@@ -226,7 +226,7 @@ fn split_work_gives_the_same_bytes() {
 #[test]
 fn no_star_is_lost_to_the_loop_budget() {
     let config = config(16, 16, vec![]);
-    let stars = vec![StarImage { x_px: 7.3, y_px: 8.1, electrons: 1.0, sigma_px: 0.8 }; 150_000];
+    let stars = vec![PlacedStar { x_px: 7.3, y_px: 8.1, electrons: 1.0, sigma_px: 0.8 }; 150_000];
     let Some(gpu) = gpu("no_star_is_lost_to_the_loop_budget", &config, SplitLimits::default()) else { return };
     for (name, imager) in [("GPU", gpu), ("CPU", cpu(&config))] {
         let total: f64 = imager.expected_electrons(&exposure(&stars, 0)).unwrap().iter().map(|e| f64::from(*e)).sum();
@@ -319,7 +319,7 @@ fn noise_of_a_frame_is_that_of_the_detector() {
 #[test]
 fn a_full_pixel_has_the_count_that_is_said() {
     let config = config(40, 40, default_effects());
-    let stars = [StarImage { x_px: 20.0, y_px: 20.0, electrons: 1e9, sigma_px: 1.0 }];
+    let stars = [PlacedStar { x_px: 20.0, y_px: 20.0, electrons: 1e9, sigma_px: 1.0 }];
     let imager = cpu(&config);
     let full = imager.saturation_dn().expect("there is a converter");
     assert_eq!(full, 50_200.0); // 10⁵ e- / 2 + 200
@@ -348,7 +348,7 @@ fn a_wrong_configuration_is_one_clear_sentence() {
     }
     let imager = cpu(&config(5, 5, vec![]));
     assert!(matches!(imager.expose(&exposure(&[], 0)), Err(ImagingError::NoConverter)));
-    let endless = Exposure { stars: &[], sky_e: &[], exposure_s: f64::INFINITY, frame_index: 0, temperature_c: None };
+    let endless = FrameExposure { stars: &[], sky_e: &[], exposure_s: f64::INFINITY, frame_index: 0, temperature_c: None };
     assert!(matches!(imager.expected_electrons(&endless), Err(ImagingError::BadExposure { .. })));
     assert!("vulkan".parse::<Backend>().unwrap_err().to_string().contains("auto, gpu or cpu"));
     assert!(["auto", "gpu", "cpu"].iter().all(|word| word.parse::<Backend>().unwrap().to_string() == *word));

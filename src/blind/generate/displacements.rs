@@ -3,7 +3,7 @@
 use super::kind::{Hidden, Kind, TrueParameter};
 use super::sky::{aberration, dispersion, refraction, refraction_at_45deg_arcsec};
 use super::vector::{V3, cross, east_and_north, plus, times};
-use super::world::{FrameTruth, Place, StarImage, World};
+use super::world::{FrameTruth, DetectorPlace, GeneratedStarImage, World};
 use crate::units::DEG_RAD;
 
 /// The sky turns so fast, rad/s.
@@ -20,7 +20,7 @@ const COMA_MAGNITUDE: f64 = 5.0;
 impl Hidden {
     /// Change of the direction from which the light arrives.
     #[must_use]
-    pub fn sky(&self, frame: &FrameTruth, image: &StarImage, at: V3) -> V3 {
+    pub fn sky(&self, frame: &FrameTruth, image: &GeneratedStarImage, at: V3) -> V3 {
         let change = match self.kind {
             Kind::Aberration => aberration(at, frame.velocity_km_s),
             Kind::AberrationOfUnknownVelocity => aberration(at, [self.numbers[0], self.numbers[1], self.numbers[2]]),
@@ -37,7 +37,7 @@ impl Hidden {
 
     /// Displacement on the detector, px.
     #[must_use]
-    pub fn plane(&self, world: &World, image: &StarImage, place: Place) -> [f64; 2] {
+    pub fn plane(&self, world: &World, image: &GeneratedStarImage, place: DetectorPlace) -> [f64; 2] {
         let (x, y, f) = (place.x, place.y, world.optics.focal_px);
         let half = world.optics.width_px as f64 / 2.0;
         let (u, v) = (x / half, y / half);
@@ -145,13 +145,13 @@ impl Hidden {
 }
 
 /// Change of a direction by a year of its proper motion.
-fn motion(image: &StarImage, at: V3) -> V3 {
+fn motion(image: &GeneratedStarImage, at: V3) -> V3 {
     let (east, north) = east_and_north(at);
     plus(times(east, image.motion_rad_yr[0]), image.motion_rad_yr[1], north)
 }
 
 /// A row's own attitude: the direction moves as ḋ = −ω × d from the middle row's time to this row's, a microsecond a row.
-fn rolling(world: &World, frame: &FrameTruth, place: Place) -> [f64; 2] {
+fn rolling(world: &World, frame: &FrameTruth, place: DetectorPlace) -> [f64; 2] {
     let f = world.optics.focal_px;
     let later_s = (place.row - (world.optics.height_px as f64 - 1.0) / 2.0) * 1e-6;
     let ray = [place.x / f, place.y / f, 1.0];

@@ -6,14 +6,14 @@ use rand::Rng;
 
 use super::kind::{Hidden, Kind};
 use super::random::{between, normal, on_circle, pick};
-use super::world::{Place, StarImage, World};
+use super::world::{DetectorPlace, GeneratedStarImage, World};
 
 /// Bumps of a map.
 const BUMPS: usize = 14;
 
 impl Hidden {
     /// Displacement of unit size.
-    pub(super) fn off_library(&self, world: &World, image: &StarImage, place: Place) -> [f64; 2] {
+    pub(super) fn off_library(&self, world: &World, image: &GeneratedStarImage, place: DetectorPlace) -> [f64; 2] {
         let half = world.optics.width_px as f64 / 2.0;
         let (u, v) = (place.x / half, place.y / half);
         let square = u * u + v * v;

@@ -15,7 +15,7 @@ use super::family::Family;
 use super::kind::Hidden;
 use super::random::{normal, stream};
 use super::vector::dot;
-use super::world::{StarImage, World};
+use super::world::{GeneratedStarImage, World};
 
 /// Width of the star images (Gaussian σ) before the pixels integrate them.
 const PSF_SIGMA_PX: f64 = 0.7;
@@ -95,7 +95,7 @@ pub(super) fn without_blends(world: &World) -> World {
 fn alone(world: &World) -> Vec<bool> {
     let near = (APART_PX / world.optics.focal_px).cos();
     let by_frame = world.images.chunk_by(|a, b| a.frame == b.frame);
-    let of = |images: &[StarImage]| -> Vec<bool> {
+    let of = |images: &[GeneratedStarImage]| -> Vec<bool> {
         let lonely = |at: usize| (0..images.len()).all(|other| other == at || dot(images[at].direction, images[other].direction) < near);
         (0..images.len()).map(lonely).collect()
     };

@@ -6,7 +6,7 @@ use rand_pcg::Pcg64Mcg;
 use super::random::{between, direction, normal, on_circle, pick};
 use super::sky;
 use super::vector::{V3, dot, east_and_north, plus, times, turned, unit};
-use super::world::{FrameTruth, Optics, StarImage, World};
+use super::world::{FrameTruth, Optics, GeneratedStarImage, World};
 use crate::catalog::Catalog;
 use crate::units::{DEG_RAD, JULIAN_YEAR_DAYS, SPEED_OF_LIGHT_KM_S};
 
@@ -195,7 +195,7 @@ impl Setup {
     }
 
     /// The stars that fall into the frames.
-    fn images(&self, world: &World, wanted: &Wanted, catalog: &Catalog) -> Vec<StarImage> {
+    fn images(&self, world: &World, wanted: &Wanted, catalog: &Catalog) -> Vec<GeneratedStarImage> {
         let [width, height] = self.size_px.map(|length| length as f64 / 2.0);
         let widest = (width.hypot(height) * 1.02 / world.optics.focal_px).atan().cos();
         let strength = world.site.map_or(0.0, |[.., pressure, temperature]| sky::air(pressure, temperature));
@@ -224,7 +224,7 @@ impl Setup {
                     continue;
                 }
                 let photons = 10.0_f64.powf(0.4 * (star.magnitude - self.faintest + 0.5));
-                images.push(StarImage {
+                images.push(GeneratedStarImage {
                     frame: number,
                     hip: star.hip,
                     direction: light,

@@ -54,7 +54,7 @@ pub struct FrameTruth {
 
 /// The image of a star in a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StarImage {
+pub struct GeneratedStarImage {
     /// Index of its frame.
     pub frame: usize,
     /// Hipparcos number.
@@ -75,7 +75,7 @@ pub struct StarImage {
 
 /// A place on the detector.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
+pub struct DetectorPlace {
     /// Relative to the principal point, px.
     pub x: f64,
     /// Relative to the principal point, px.
@@ -96,7 +96,7 @@ pub struct World {
     /// Its frames.
     pub frames: Vec<FrameTruth>,
     /// The stars.
-    pub images: Vec<StarImage>,
+    pub images: Vec<GeneratedStarImage>,
     /// Mean magnitude of the star images.
     pub mean_magnitude: f64,
     /// Latitude, longitude, pressure, temperature of a site on the ground.
@@ -123,7 +123,7 @@ impl Optics {
     }
 
     /// Direction in camera axes → point on the detector; `None` behind the camera.
-    pub(super) fn place(&self, direction: V3) -> Option<Place> {
+    pub(super) fn place(&self, direction: V3) -> Option<DetectorPlace> {
         if direction[2] <= 0.1 {
             return None;
         }
@@ -142,12 +142,12 @@ impl Optics {
     }
 
     /// The place of a point relative to the principal point.
-    pub(super) fn at(&self, [x, y]: [f64; 2]) -> Place {
-        Place { x, y, column: x + self.centre_px[0], row: y + self.centre_px[1] }
+    pub(super) fn at(&self, [x, y]: [f64; 2]) -> DetectorPlace {
+        DetectorPlace { x, y, column: x + self.centre_px[0], row: y + self.centre_px[1] }
     }
 
     /// Whether a place lies on the detector, this far from its edges.
-    pub(super) fn holds(&self, place: Place, margin_px: f64) -> bool {
+    pub(super) fn holds(&self, place: DetectorPlace, margin_px: f64) -> bool {
         let inside = |at: f64, length: usize| at >= margin_px - 0.5 && at <= length as f64 - 0.5 - margin_px;
         inside(place.column, self.width_px) && inside(place.row, self.height_px)
     }
@@ -160,7 +160,7 @@ impl World {
         self.images.iter().map(|image| self.predict_one(image, hidden)).collect()
     }
 
-    fn predict_one(&self, image: &StarImage, hidden: &[Hidden]) -> [f64; 2] {
+    fn predict_one(&self, image: &GeneratedStarImage, hidden: &[Hidden]) -> [f64; 2] {
         let frame = &self.frames[image.frame];
         let mut direction = image.direction;
         for one in hidden {

@@ -22,7 +22,7 @@
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::lanes::vectorised;
 use crate::effects::pixel::math::{normal_upper_tail, poly_exp};
-use crate::effects::pixel::{Atlas, Psf2d, Psf2dStar, Rows, SeparablePsf, Star};
+use crate::effects::pixel::{Atlas, Psf2d, Psf2dStar, Rows, SeparablePsf, SeparableStar};
 
 /// Gaussian point spread.
 #[derive(Clone, Copy, Debug)]
@@ -93,7 +93,7 @@ fn profile(first_px: f32, fraction_px: f32, inverse_sigma: f32, scale: f32, shar
 vectorised! {
     /// The twin: adds `star` to the rows, as the product of its two profiles.
     #[allow(clippy::cast_possible_wrap, reason = "the sides of a frame are at most 65 535 px")]
-    fn gaussian_psf(star: &Star, rows: &mut Rows<'_>) {
+    fn gaussian_psf(star: &SeparableStar, rows: &mut Rows<'_>) {
         let clip = |middle: i32, first: i64, count: usize| {
             let (low, high) = (i64::from(middle) - i64::from(star.reach) - first, i64::from(middle) + i64::from(star.reach) - first);
             (low.clamp(0, count as i64) as usize, (high + 1).clamp(0, count as i64) as usize)
@@ -137,7 +137,7 @@ impl SeparablePsf for GaussianPsf {
         let sigmas = (2.0 * (electrons / FAINTEST_E).max(1.0).ln()).sqrt().clamp(5.5, 8.0);
         (sigmas * sigma_px + 0.5).ceil() as i32
     }
-    fn add(&self, star: &Star, rows: &mut Rows<'_>) {
+    fn add(&self, star: &SeparableStar, rows: &mut Rows<'_>) {
         gaussian_psf(star, rows);
     }
 }

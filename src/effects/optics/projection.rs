@@ -26,9 +26,9 @@ use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinaryS
 
 /// The third order in the angle from the axis, as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
-pub struct Projection;
+pub struct ProjectionMismatch;
 
-impl Displacement for Projection {
+impl Displacement for ProjectionMismatch {
     const ID: &'static str = "projection";
     const FACTS: Facts = Facts {
         ordinary_size: Some(OrdinarySize::of(1.0 / 3.0, "the cubic term of a fisheye beside a pinhole (Kannala and Brandt 2006)")),
@@ -96,7 +96,7 @@ mod tests {
             focal_length_px: Jet::constant(2000.0),
             ..Light::from([zero, zero, Jet::constant(1.0)])
         };
-        let [x, y] = Projection::displace(&[Jet::variable(-0.3, 2)], axis, &context).point_px;
+        let [x, y] = ProjectionMismatch::displace(&[Jet::variable(-0.3, 2)], axis, &context).point_px;
         for (component, slopes) in [(x, [1.0, 0.0, 0.0]), (y, [0.0, 1.0, 0.0])] {
             assert!(component.value.abs() < 1e-300, "{component:?}");
             assert!(component.partials.iter().zip(slopes).all(|(got, want)| (got - want).abs() < 1e-300), "{component:?}");

@@ -13,7 +13,7 @@ use crate::effects::{ParameterSpec, optics};
 /// A star's image as the GPU and the twins read it: integer pixel plus fraction, so that f32 does not blur its place.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct Star {
+pub struct SeparableStar {
     /// Column of the pixel whose centre is nearest.
     pub column: i32,
     /// Its row.
@@ -61,7 +61,7 @@ pub trait SeparablePsf: Sync {
     /// [`Star::reach`] for a star of so many electrons and this σ.
     fn reach(&self, electrons: f64, sigma_px: f64) -> i32;
     /// The CPU twin: adds the star's light to the rows.
-    fn add(&self, star: &Star, rows: &mut Rows<'_>);
+    fn add(&self, star: &SeparableStar, rows: &mut Rows<'_>);
 }
 
 /// Tables that one star may be a mixture of.

@@ -1,7 +1,7 @@
 //! The generator against the dossier's figures and against the program's own effects.
 
 use boresight::blind::generate::{
-    FAMILIES, Family, Fisher, Hidden, Kind, LADDER, LIBRARY, Place, SETUPS, Setup, Wanted, World, concealed, world,
+    FAMILIES, Family, Fisher, Hidden, Kind, LADDER, LIBRARY, DetectorPlace, SETUPS, Setup, Wanted, World, concealed, world,
 };
 use boresight::blind::{control_points, recording};
 use boresight::catalog::Catalog;
@@ -121,7 +121,7 @@ fn displacements_agree_with_the_programs_own() {
             if kind == Kind::SensorStep && (column - 511.5).abs() < 3.0 {
                 continue;
             }
-            let place = Place { x: point_px[0], y: point_px[1], column, row };
+            let place = DetectorPlace { x: point_px[0], y: point_px[1], column, row };
             let own = hidden.plane(&world, image, place);
             let star = StarState { colour: Some(image.colour + 0.6), magnitude: image.magnitude, ..StarState::default() };
             let observation = boresight::effects::Observation {

@@ -3,7 +3,7 @@
 use boresight::catalog::Catalog;
 use boresight::coordinates::{Attitude, Direction};
 use boresight::identify::{
-    ControlPoint, ControlPoints, Identification, IdentifiedFrame, IdentifyOptions, Misidentification, MisidentificationKind,
+    ControlPoint, ControlPoints, Identification, FrameIdentification, IdentifyOptions, Misidentification, MisidentificationKind,
     control_points, identify, misidentify,
 };
 use nalgebra::Vector3;
@@ -17,11 +17,11 @@ fn night(mirrored: bool) -> (Vec<List>, ControlPoints) {
     let frames: Vec<List> = (0..4).map(|seed| make(&scene, Told::Nothing, 300 + seed)).collect();
     let answers: Vec<Identification> =
         frames.iter().map(|made| identify(&made.detections, catalog, index, &[], &IdentifyOptions::default())).collect();
-    let identified: Vec<IdentifiedFrame<'_>> = frames
+    let identified: Vec<FrameIdentification<'_>> = frames
         .iter()
         .zip(&answers)
         .enumerate()
-        .map(|(frame, (made, identification))| IdentifiedFrame {
+        .map(|(frame, (made, identification))| FrameIdentification {
             frame,
             detections: &made.detections,
             identification,

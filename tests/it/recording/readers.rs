@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use boresight::frame::Frame;
 use boresight::pipeline::{MeasureOptions, measure};
-use boresight::recording::{OpenOptions, Plane, Recording, Site, Told, ToldError};
+use boresight::recording::{OpenOptions, Plane, Recording, Site, GivenCircumstances, ToldError};
 
 use super::made::{Folder, counts, fault, fits, png};
 
@@ -361,7 +361,7 @@ fn exif_is_used_where_it_is_sure_and_said_where_it_is_not() {
         temperature_c: None,
         relative_humidity: None,
     });
-    without_zone.tell(&Told { site, ..Told::default() }).unwrap();
+    without_zone.tell(&GivenCircumstances { site, ..GivenCircumstances::default() }).unwrap();
     assert_eq!(without_zone.frames[0].time_utc, None, "with a site the time of day counts");
     assert!(without_zone.notes.last().unwrap().contains("zone is unknown"));
 }
@@ -370,23 +370,23 @@ fn exif_is_used_where_it_is_sure_and_said_where_it_is_not() {
 fn what_is_told_of_bare_images_is_theirs() {
     let images = ["a.png", "b.png", "c.png"].map(|name| (name, png(12, 10)));
     let folder = Folder::with(&images.each_ref().map(|(name, bytes)| (*name, bytes.as_slice())));
-    let time = |text| Told::parse_time(text).unwrap().0;
-    let tell = |told: &Told| {
+    let time = |text| GivenCircumstances::parse_time(text).unwrap().0;
+    let tell = |told: &GivenCircumstances| {
         let mut recording = folder.open();
         recording.tell(told).map(|()| recording)
     };
     let first = time("2023-08-12T23:00:00Z");
-    let told = Told { times_utc: vec![first], interval_s: Some(30.0), exposure_s: Some(2.0), ..Told::default() };
+    let told = GivenCircumstances { times_utc: vec![first], interval_s: Some(30.0), exposure_s: Some(2.0), ..GivenCircumstances::default() };
     let recording = tell(&told).unwrap();
     let seconds: Vec<f64> = recording.frames.iter().map(|frame| (frame.time_utc.unwrap() - first).to_seconds()).collect();
     assert_eq!((seconds, recording.frames[2].exposure_s), (vec![0.0, 30.0, 60.0], Some(2.0)));
     assert!(recording.notes.is_empty(), "{:?}", recording.notes);
-    let one = tell(&Told { times_utc: vec![first], ..Told::default() }).unwrap();
+    let one = tell(&GivenCircumstances { times_utc: vec![first], ..GivenCircumstances::default() }).unwrap();
     assert!(one.frames.iter().all(|frame| frame.time_utc == Some(first)) && one.notes[0].contains("one time is told for 3 frames"));
-    assert_eq!(tell(&Told { times_utc: vec![first; 2], ..Told::default() }).unwrap_err(), ToldError::Count { times: 2, frames: 3 });
+    assert_eq!(tell(&GivenCircumstances { times_utc: vec![first; 2], ..GivenCircumstances::default() }).unwrap_err(), ToldError::Count { times: 2, frames: 3 });
     let backwards = vec![first, time("2023-08-12T22:00:00Z"), first];
-    assert!(tell(&Told { times_utc: backwards, ..Told::default() }).unwrap_err().to_string().contains("of b.png is earlier"));
-    let (midnight, is_date) = Told::parse_time("2023-08-12").unwrap();
+    assert!(tell(&GivenCircumstances { times_utc: backwards, ..GivenCircumstances::default() }).unwrap_err().to_string().contains("of b.png is earlier"));
+    let (midnight, is_date) = GivenCircumstances::parse_time("2023-08-12").unwrap();
     let site = Some(Site {
         latitude_deg: 52.0,
         longitude_deg: 4.0,
@@ -395,8 +395,8 @@ fn what_is_told_of_bare_images_is_theirs() {
         temperature_c: None,
         relative_humidity: None,
     });
-    assert_eq!(tell(&Told { times_utc: vec![midnight], dates_only: is_date, site, ..Told::default() }).unwrap_err(), ToldError::NoClock);
-    assert!(Told::parse_time("last night").unwrap_err().contains("is no time"));
+    assert_eq!(tell(&GivenCircumstances { times_utc: vec![midnight], dates_only: is_date, site, ..GivenCircumstances::default() }).unwrap_err(), ToldError::NoClock);
+    assert!(GivenCircumstances::parse_time("last night").unwrap_err().contains("is no time"));
 }
 
 /// CRC-32 of PNG (ISO 3309).
