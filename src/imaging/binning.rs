@@ -285,7 +285,7 @@ mod tests {
             assert_eq!(before.len() + after.len(), PIXEL_EFFECTS.len());
             [before.last().unwrap().id.clone(), after[0].id.clone()]
         };
-        assert_eq!(ids(BinningPlace::OnChip), ["charge_transfer_inefficiency", "nonlinearity"]);
+        assert_eq!(ids(BinningPlace::OnChip), ["charge-transfer-inefficiency", "nonlinearity"]);
         assert_eq!(ids(BinningPlace::Digital), ["adc", "jpeg"]);
     }
 }
