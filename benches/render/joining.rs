@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use boresight::effects::detector::colour_filters::filter_at;
 use boresight::imaging::{
-    Backend, BinnedImager, Binning, BinningPlace, EffectSetting, FrameExposure, FilterLight, Imager, ImagingConfig, Stage, PlacedStar,
+    Backend, BinnedImager, Binning, BinningPlace, EffectSetting, FilterLight, FrameExposure, Imager, ImagingConfig, PlacedStar, Stage,
 };
 
 use crate::{cpu_ms, exposure, median, sky};

@@ -18,7 +18,7 @@ use crate::pipeline::{
     DiagnosisInput, DiagnosisRequest, MeasureOptions, PipelineError, SkyChoice, control_points, diagnosis_request, identify_frames,
     measure_frames,
 };
-use crate::recording::{FitsHeaders, Form, FrameEntry, Recording, FrameSize, write_fits_u16, write_manifest};
+use crate::recording::{FitsHeaders, Form, FrameEntry, FrameSize, Recording, write_fits_u16, write_manifest};
 
 /// A star image further than this from where the star was painted is that of another.
 const SAME_STAR_PX: f64 = 3.0;

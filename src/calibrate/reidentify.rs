@@ -110,7 +110,8 @@ fn identified_anew(
         let known = |image: &&MeasuredStarImage| {
             of_frame.iter().any(|index| points.points[*index].x_px == image.x_px && points.points[*index].y_px == image.y_px)
         };
-        let more: Vec<&MeasuredStarImage> = images.iter().filter(|image| image.frame == frame.frame).filter(|image| !known(image)).collect();
+        let more: Vec<&MeasuredStarImage> =
+            images.iter().filter(|image| image.frame == frame.frame).filter(|image| !known(image)).collect();
         let own = |index: &usize| {
             let ControlPoint { frame, x_px, y_px, covariance_px2, image: state, .. } = points.points[*index];
             MeasuredStarImage { frame, x_px, y_px, covariance_px2, state }

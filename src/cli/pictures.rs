@@ -32,7 +32,8 @@ pub(crate) fn residuals(path: &Path, calibration: &Calibration) -> Result<()> {
     };
     let (before, after) = (&calibration.control_points.nominal, &calibration.camera);
     let mut solved = panel("after", after);
-    solved.told = calibration.rms_px.map(|rms_px| report::FitNumbers { rms_px, stars: calibration.stars, rejected: calibration.rejected.len() });
+    solved.told =
+        calibration.rms_px.map(|rms_px| report::FitNumbers { rms_px, stars: calibration.stars, rejected: calibration.rejected.len() });
     let mut declared = panel("before (camera as declared)", before);
     // The same points are rejected in both.
     let kept: Vec<f64> = declared.vectors.iter().filter(|v| !v.rejected).map(|v| v.dx_px.powi(2) + v.dy_px.powi(2)).collect();

@@ -14,7 +14,7 @@ use boresight::effects::displacement;
 use boresight::imaging::Binning;
 use boresight::provenance::{Provenance, word};
 use boresight::recording::{
-    CameraInfo, FitsHeaders, Form, FrameEntry, Mount, OutputDirectory, Recording, Shutter, Site, FrameSize, write_file, write_fits_f32,
+    CameraInfo, FitsHeaders, Form, FrameEntry, FrameSize, Mount, OutputDirectory, Recording, Shutter, Site, write_file, write_fits_f32,
     write_fits_u8, write_fits_u16, write_manifest_of,
 };
 use boresight::render::{MaskFlag, Renderer};

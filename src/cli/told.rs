@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use anyhow::Result;
-use boresight::recording::{OpenOptions, Plane, Recording, Site, GivenCircumstances};
+use boresight::recording::{GivenCircumstances, OpenOptions, Plane, Recording, Site};
 use clap::Args;
 
 use super::identify::positive;

@@ -8,7 +8,9 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::{Backend, EffectSetting, FrameExposure, Image16, Imager, ImagingConfig, ImagingError, NoiseFree, PlaneLight, SplitLimits, Stage};
+use super::{
+    Backend, EffectSetting, FrameExposure, Image16, Imager, ImagingConfig, ImagingError, NoiseFree, PlaneLight, SplitLimits, Stage,
+};
 use crate::effects::ids;
 use crate::effects::pixel::PIXEL_EFFECTS;
 

@@ -4,7 +4,7 @@
 use rayon::prelude::*;
 
 use super::plan::{Lit, Plan};
-use super::{FrameExposure, Imager, ImagingError, NoiseFree, PlaneLight, Runner, PlacedStar, on_cpu};
+use super::{FrameExposure, Imager, ImagingError, NoiseFree, PlacedStar, PlaneLight, Runner, on_cpu};
 use crate::effects::detector::colour_filters::filter_at;
 
 /// What one filter lets through.

@@ -10,7 +10,7 @@ use super::plan::{Enabled, Lit, Plan};
 use super::tiles::{Grid, TILE_PX, TileLists, bin};
 use crate::effects::pixel::lanes::to_counts;
 use crate::effects::pixel::pass::FrameBuffer;
-use crate::effects::pixel::{ExposureContext, Psf2dStar, Rows, Stage, SeparableStar, Work};
+use crate::effects::pixel::{ExposureContext, Psf2dStar, Rows, SeparableStar, Stage, Work};
 use crate::rng::StageKey;
 
 /// Effects that each see one pixel, ready for an exposure.

@@ -4,9 +4,10 @@ use super::plane::{PlaneBatch, PlaneLight};
 use super::tiles;
 use super::{FrameExposure, ImagingConfig, ImagingError};
 use crate::effects::detector::adc::full_pixel_dn;
+use crate::effects::id_of;
 use crate::effects::ids;
 use crate::effects::pixel::{
-    AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, SeparablePsf, Stage, SeparableStar, Work, pixel_effect, separable_psf,
+    AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, SeparablePsf, SeparableStar, Stage, Work, pixel_effect, separable_psf,
 };
 use crate::rng::StageKey;
 
@@ -23,7 +24,7 @@ impl EffectSetting {
     /// An effect with its parameters by name.
     #[must_use]
     pub fn new(id: &str, parameters: &[(&str, f64)]) -> Self {
-        Self { id: id.to_owned(), parameters: parameters.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect() }
+        Self { id: id_of(id), parameters: parameters.iter().map(|(name, value)| ((*name).to_owned(), *value)).collect() }
     }
 }
 

@@ -120,7 +120,12 @@ impl Grid {
 }
 
 /// Integer pixel and f32 fraction from a place in f64. Stars whose square misses the frame are left out: no light of theirs falls in it.
-pub(super) fn prepare(images: &[PlacedStar], spread: &dyn SeparablePsf, width: usize, height: usize) -> Result<Vec<SeparableStar>, ImagingError> {
+pub(super) fn prepare(
+    images: &[PlacedStar],
+    spread: &dyn SeparablePsf,
+    width: usize,
+    height: usize,
+) -> Result<Vec<SeparableStar>, ImagingError> {
     let mut stars = Vec::with_capacity(images.len());
     let sigma_range = spread.parameters().first().map_or((0.0, f64::INFINITY), |parameter| parameter.range);
     for (index, image) in images.iter().enumerate() {

@@ -1,6 +1,6 @@
 //! How far GPU and CPU agree, on this machine, now.
 
-use super::{Backend, EffectSetting, FrameExposure, Imager, ImagingConfig, ImagingError, Stage, PlacedStar};
+use super::{Backend, EffectSetting, FrameExposure, Imager, ImagingConfig, ImagingError, PlacedStar, Stage};
 use crate::effects::ids;
 
 /// Differences between a frame made on the GPU and the same frame made on the CPU.

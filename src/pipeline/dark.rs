@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::MeasuredFrame;
 use crate::detect::Detection;
 use crate::frame::Frame;
-use crate::recording::{Recording, RecordingError, FrameSize};
+use crate::recording::{FrameSize, Recording, RecordingError};
 use crate::statistics::{mad_sigma, median, median_in_place};
 
 /// Why a dark cannot be used.

@@ -11,7 +11,7 @@ use crate::camera::Model;
 use crate::catalog::Catalog;
 use crate::coordinates::PixelPoint;
 use crate::identify::Solution;
-use crate::recording::{Recording, FrameSize};
+use crate::recording::{FrameSize, Recording};
 
 /// Files of a group that are named.
 const MAX_NAMED: usize = 12;

@@ -41,7 +41,7 @@ use crate::coordinates::Attitude;
 use crate::frame::{Frame, MaskedFrame};
 
 pub(crate) use circumstances::Offsets;
-pub use error::{FrameProblem, ManifestKey, RecordingError, FrameSize};
+pub use error::{FrameProblem, FrameSize, ManifestKey, RecordingError};
 pub use image_file::load as load_image;
 pub use output::{OutputDirectory, OutputError, ResultFolder, abandon, check_file, write_file};
 pub use star_list::{ListedStar, StarList};

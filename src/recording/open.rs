@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use hifitime::Duration;
 
-use super::error::{FrameProblem, ManifestKey, RecordingError, FrameSize};
+use super::error::{FrameProblem, FrameSize, ManifestKey, RecordingError};
 use super::fits::{FitsHeader, FitsMetadata};
 use super::image_file::{self, FITS_ENDINGS, IMAGE_ENDINGS, Probe};
 use super::manifest::{self, ListedFrame, Manifest};

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::error::{RecordingError, FrameSize};
+use super::error::{FrameSize, RecordingError};
 use super::toml_table::suggestion;
 use crate::guard::{Panicked, guarded};
 

@@ -10,7 +10,7 @@ use crate::effects::optics::elliptic_gaussian_psf::{self, EllipticGaussianPsf};
 use crate::effects::optics::gaussian_psf::GaussianPsf;
 use crate::effects::optics::tables::AtlasBuilder;
 use crate::effects::pixel::{Atlas, Psf2d, SeparablePsf};
-use crate::imaging::{Imager, ImagingError, PlaneLight, PointSource, Stamp, PlacedStar};
+use crate::imaging::{Imager, ImagingError, PlacedStar, PlaneLight, PointSource, Stamp};
 use crate::scene::{LightForm, OtherLight, Psf, PsfKind, Sample, Spot, StarTrack};
 use crate::units::DEG_RAD;
 

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use super::light::{FrameLight, Spreader};
 use crate::effects::detector::colour_filters::filter_at;
-use crate::imaging::{FilterLight, ImagingError, PlaneLight, Stamp, PlacedStar};
+use crate::imaging::{FilterLight, ImagingError, PlacedStar, PlaneLight, Stamp};
 
 /// Light as it goes to the pixels.
 pub(super) struct OnPixels<'a> {

@@ -2,7 +2,7 @@
 
 use super::pixel_shift::PixelShift;
 use crate::coordinates::PixelPoint;
-use crate::imaging::{Binning, BinningPlace, NoiseFree, StampLight, Stamp};
+use crate::imaging::{Binning, BinningPlace, NoiseFree, Stamp, StampLight};
 use crate::scene::{LightKind, OtherLight, Scene, StarTrack};
 use serde::{Deserialize, Serialize};
 

@@ -30,7 +30,7 @@ pub use letters::Lettered;
 pub use off_on::OffOn;
 pub use panels::{LogPanels, Panel};
 pub use plot::{Plot, Series, SeriesStyle};
-pub use profile::{ProfilePoint, ProfilePlot};
+pub use profile::{ProfilePlot, ProfilePoint};
 pub use ranking::{Rank, RankKind, Ranking};
 pub use remainder::remainder_map;
 pub use table::table;

@@ -6,7 +6,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 
 use super::motion::{Course, through};
-use super::{SceneError, SceneFile, SeriesTable, ExposureTelemetry};
+use super::{ExposureTelemetry, SceneError, SceneFile, SeriesTable};
 use crate::coordinates::Attitude;
 use crate::dual::dot;
 use crate::effects::Observation;

@@ -341,3 +341,22 @@ fn ids_of_effects_are_quoted_in_their_files_alone() {
     }
     assert!(checked > 10_000, "{checked}");
 }
+
+/// A name of a public type means one thing.
+#[test]
+fn no_two_public_types_share_a_name() {
+    let mut first: std::collections::BTreeMap<String, String> = std::collections::BTreeMap::new();
+    for path in source_files(&root().join("src"), "rs") {
+        let file = relative(&root(), &path).display().to_string();
+        for line in read(&file).lines() {
+            let words: Vec<&str> = line.split(|c: char| !c.is_alphanumeric() && c != '_').filter(|word| !word.is_empty()).collect();
+            let ["pub", "struct" | "enum" | "trait" | "type", name, ..] = words[..] else { continue };
+            if line.starts_with("pub ")
+                && let Some(other) = first.insert(name.to_owned(), file.clone())
+            {
+                panic!("{name} is a public type of {other} and of {file}; name one of them for what it is");
+            }
+        }
+    }
+    assert!(first.len() > 200, "{}", first.len());
+}

@@ -1,7 +1,7 @@
 //! What the device does with a whole frame before it is read back, joining pixels and putting light behind filters, beside the twins on the CPU.
 
 use boresight::imaging::{
-    Backend, BinnedImager, Binning, BinningPlace, EffectSetting, FilterLight, Imager, ImagingConfig, SplitLimits, PlacedStar, join_program,
+    Backend, BinnedImager, Binning, BinningPlace, EffectSetting, FilterLight, Imager, ImagingConfig, PlacedStar, SplitLimits, join_program,
     mosaic_program,
 };
 
@@ -75,8 +75,8 @@ fn light_is_put_behind_filters_on_the_device_as_on_the_cpu() {
     for (width, height) in [(123, 70), (40, 33)] {
         let config = config(width, height, vec![]);
         let red = sky(90, width, height, 3);
-        let [green, blue] =
-            [0.7, 0.4].map(|share| -> Vec<_> { red.iter().map(|star| PlacedStar { electrons: share * star.electrons, ..*star }).collect() });
+        let [green, blue] = [0.7, 0.4]
+            .map(|share| -> Vec<_> { red.iter().map(|star| PlacedStar { electrons: share * star.electrons, ..*star }).collect() });
         let light = [&red[..], &green, &blue];
         let twin = cpu(&config);
         let Some(whole) = gpu(test, &config, SplitLimits::default()) else { return };

@@ -156,13 +156,13 @@ fn pixel_effects_of_a_scene_are_those_of_its_camera_and_those_listed() {
         let effect = scene.pixel_effects.iter().find(|effect| effect.id == id).unwrap_or_else(|| panic!("{id} is not in force"));
         effect.parameters.iter().find(|(other, _)| other == name).unwrap_or_else(|| panic!("{id} has no {name}")).1
     };
-    let usual = ["background", "photon_noise", "read_noise", "adc"];
+    let usual = ["background", "photon-noise", "read-noise", "adc"];
     assert_eq!(ids(&Scene::demo().unwrap()), usual);
     for id in ["charge-transfer-inefficiency", "charge_transfer_inefficiency"] {
         let traps = demo_with(&format!("[[effects]]\nid = \"{id}\"\nparameters = {{ traps_per_px = 0.7 }}"));
-        assert_eq!(ids(&traps), [&usual[..], &["charge_transfer_inefficiency"]].concat());
-        assert_eq!(of(&traps, "charge_transfer_inefficiency", "traps_per_px"), 0.7);
-        assert_eq!(of(&traps, "charge_transfer_inefficiency", "full_well_e"), 1e5);
+        assert_eq!(ids(&traps), [&usual[..], &["charge-transfer-inefficiency"]].concat());
+        assert_eq!(of(&traps, "charge-transfer-inefficiency", "traps_per_px"), 0.7);
+        assert_eq!(of(&traps, "charge-transfer-inefficiency", "full_well_e"), 1e5);
         assert!(traps.model.is_reference_behind_the_lens());
         let moved = demo_with(&format!("[[effects]]\nid = \"{id}\"\nparameters = {{ px_at_far_row_10000e = 0.03 }}"));
         assert_eq!(ids(&moved), usual);
@@ -171,8 +171,8 @@ fn pixel_effects_of_a_scene_are_those_of_its_camera_and_those_listed() {
     let blooming = demo_with("[[effects]]\nid = \"blooming\"");
     assert_eq!(of(&blooming, "blooming", "full_well_e"), 1e5);
     let noisy = demo_with("[[effects]]\nid = \"read-noise\"\nparameters = { read_noise_e = 9.0 }");
-    assert_eq!(ids(&noisy), ["background", "photon_noise", "adc", "read_noise"]);
-    assert_eq!(of(&noisy, "read_noise", "read_noise_e"), 9.0);
+    assert_eq!(ids(&noisy), ["background", "photon-noise", "adc", "read-noise"]);
+    assert_eq!(of(&noisy, "read-noise", "read_noise_e"), 9.0);
     assert_eq!(ids(&demo_with("[[effects]]\nid = \"charge-transfer-inefficiency\"\nparameters = { traps_per_px = 0.0 }")), usual);
 }
 

@@ -4,7 +4,7 @@ use boresight::catalog::Catalog;
 use boresight::coordinates::PixelPoint;
 use boresight::effects::pixel::pixel_effect;
 use boresight::effects::sky::glow::SKY_GLOWS;
-use boresight::imaging::{Backend, EffectSetting, FrameExposure, ImagingError, SplitLimits, Stage, PlacedStar};
+use boresight::imaging::{Backend, EffectSetting, FrameExposure, ImagingError, PlacedStar, SplitLimits, Stage};
 use boresight::recording::{FitsHeaders, write_fits_u16};
 use boresight::render::Renderer;
 use boresight::scene::Scene;

@@ -6,7 +6,7 @@ use boresight::effects::optics::sampled_psf::{self, SampledImage};
 use boresight::effects::optics::tables::{AtlasBuilder, Grid, IMAGE_KINDS, ImageKind, PixelResponse, image_kind, transform};
 use boresight::effects::page_of;
 use boresight::effects::pixel::{Atlas, PLANE_SPREADS, Psf2d, Psf2dStar};
-use boresight::imaging::{FrameExposure, ImagingConfig, PlaneLight, PointSource, SplitLimits, PlacedStar, collect_plane_program};
+use boresight::imaging::{FrameExposure, ImagingConfig, PlacedStar, PlaneLight, PointSource, SplitLimits, collect_plane_program};
 
 use nalgebra::Complex;
 

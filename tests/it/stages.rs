@@ -1,9 +1,10 @@
 //! Every stage of the registry of pixel effects and passes: its twins, its shader, its page, what it leaves alone.
 
 use boresight::effects::pixel::pass::PassShape;
-use boresight::effects::pixel::{AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, Role, Stage, SeparableStar, Work};
+use boresight::effects::pixel::{AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, Role, SeparableStar, Stage, Work};
+use boresight::effects::stem_of;
 use boresight::imaging::{
-    EffectSetting, FrameExposure, Imager, ImagingConfig, Output, SplitLimits, PlacedStar, chain_program, collect_program, compare_counts,
+    EffectSetting, FrameExposure, Imager, ImagingConfig, Output, PlacedStar, SplitLimits, chain_program, collect_program, compare_counts,
     pass_programs, uniforms_name,
 };
 use boresight::rng::StageKey;
@@ -101,7 +102,7 @@ fn the_least_electrons_are_the_least() {
             sure.extend((said_e > 0.0).then_some(effect.id()));
         }
     }
-    assert!(["background", "vignetting", "dark_current"].iter().all(|id| sure.contains(id)), "{sure:?}");
+    assert!(["background", "vignetting", "dark-current"].iter().all(|id| sure.contains(id)), "{sure:?}");
 }
 
 /// Where no pixel can be faint, the program without their way gives the bytes of the program with it.
@@ -222,7 +223,7 @@ fn effects_do_what_their_role_says() {
         };
         let frames = [of(500.0, 0), of(500.0, 1)];
         // Some hot pixels are there in half of the frames, and some pixels switch from frame to frame.
-        let blinks = ["hot_pixels", "random_telegraph"].contains(&effect.id());
+        let blinks = ["hot-pixels", "random-telegraph"].contains(&effect.id());
         assert!(blinks || (effect.role() == Role::Noise) == (frames[0] != frames[1]), "{}: chance from frame to frame", effect.id());
         if effect.role() == Role::Noise || effect.stage() != Stage::Light {
             continue;
@@ -277,13 +278,13 @@ fn check_uniforms(module: &naga::Module, effects: &[&dyn AnyPixelEffect]) {
     let mut offset = 0;
     let mut expected = Vec::new();
     for effect in effects.iter().filter(|effect| !effect.fields().is_empty()) {
-        let (fields, span) = members(module, &uniforms_name(effect.id()));
+        let (fields, span) = members(module, &uniforms_name(&effect.stem()));
         let rust: Vec<_> = effect.fields().iter().map(|(name, offset)| ((*name).to_owned(), *offset)).collect();
         assert_eq!(fields, rust, "{}", effect.id());
         let parameters: Vec<_> = effect.parameters().iter().map(|spec| spec.typical).collect();
         let bytes = effect.uniforms(&parameters, &context());
         assert_eq!(bytes.len(), span, "{}", effect.id());
-        expected.push((effect.id().to_owned(), offset));
+        expected.push((effect.stem(), offset));
         offset += bytes.len().next_multiple_of(16);
     }
     if !expected.is_empty() {
@@ -337,6 +338,7 @@ fn every_pixel_effect_has_its_file_its_shader_and_its_page() {
     for (id, source, wgsl, parameters) in pages.chain(spreads) {
         assert!(!ids.contains(&id), "{id} stands twice in the registries");
         ids.push(id);
+        let id = stem_of(id);
         let folders = ["sky", "optics", "motion", "detector"].map(|folder| root().join(format!("src/effects/{folder}/{id}.rs")));
         let file = folders.iter().find(|path| path.is_file()).unwrap_or_else(|| panic!("{id} has no file of its name"));
         assert_eq!(std::fs::read_to_string(file).unwrap(), source, "{id} shows the source of another");

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 
 use boresight::effects::pixel::{AnyPixelEffect, pixel_effect};
 use boresight::imaging::{
-    Backend, EffectSetting, FrameExposure, Imager, ImagingConfig, ImagingError, SplitLimits, PlacedStar, compare_counts, twin_check,
+    Backend, EffectSetting, FrameExposure, Imager, ImagingConfig, ImagingError, PlacedStar, SplitLimits, compare_counts, twin_check,
 };
 
 use crate::common;
@@ -336,7 +336,7 @@ fn a_wrong_configuration_is_one_clear_sentence() {
         (config(0, 5, vec![]), "0 × 5"),
         (config(5, 70_000, vec![]), "70000"),
         (ImagingConfig { point_spread: "airy".to_owned(), ..config(5, 5, vec![]) }, "gaussian_psf"),
-        (config(5, 5, vec![EffectSetting::new("bloomin", &[])]), "photon_noise"),
+        (config(5, 5, vec![EffectSetting::new("bloomin", &[])]), "photon-noise"),
         (config(5, 5, read_noise("read_noise", 5.0)), "read_noise_e"),
         (config(5, 5, vec![EffectSetting::new("read_noise", &[])]), "needs"),
         (config(5, 5, read_noise("read_noise_e", -1.0)), "-1"),

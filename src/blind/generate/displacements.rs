@@ -3,7 +3,7 @@
 use super::kind::{Hidden, Kind, TrueParameter};
 use super::sky::{aberration, dispersion, refraction, refraction_at_45deg_arcsec};
 use super::vector::{V3, cross, east_and_north, plus, times};
-use super::world::{FrameTruth, DetectorPlace, GeneratedStarImage, World};
+use super::world::{DetectorPlace, FrameTruth, GeneratedStarImage, World};
 use crate::units::DEG_RAD;
 
 /// The sky turns so fast, rad/s.

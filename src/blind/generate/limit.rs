@@ -2,7 +2,7 @@
 //! camera's x0, y0, f, k1, p1, p2 have taken up what they can (Fisher information of a linear model with the true errors).
 
 use super::kind::Hidden;
-use super::world::{Optics, GeneratedStarImage, World};
+use super::world::{GeneratedStarImage, Optics, World};
 
 /// What a displacement of given size leaves.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -101,7 +101,8 @@ impl<'w> Fisher<'w> {
                 other.predict(&[])
             };
             let (more, less) = (moved(step), moved(-step));
-            let of = |((a, b), image): ((&[f64; 2], &[f64; 2]), &GeneratedStarImage)| [0, 1].map(|axis| (a[axis] - b[axis]) / image.sigma_px);
+            let of =
+                |((a, b), image): ((&[f64; 2], &[f64; 2]), &GeneratedStarImage)| [0, 1].map(|axis| (a[axis] - b[axis]) / image.sigma_px);
             let mut whole: Vec<f64> = more.iter().zip(&less).zip(&world.images).flat_map(of).collect();
             fisher.without_attitudes(&mut whole);
             extend(&mut camera, whole);

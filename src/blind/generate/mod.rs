@@ -28,7 +28,7 @@ pub use limit::{Fisher, Signal};
 pub use paint::{Canvas, PaintedStar, centre_sigma_px};
 pub use setup::{PIXEL_SETUPS, SETUPS, Setup, Wanted};
 pub use truth::{Alike, TRUTH_FORMAT, TrueCamera, TrueEffect, Truth};
-pub use world::{FrameTruth, Optics, DetectorPlace, GeneratedStarImage, World};
+pub use world::{DetectorPlace, FrameTruth, GeneratedStarImage, Optics, World};
 
 use crate::catalog::Catalog;
 use crate::units::DEG_RAD;

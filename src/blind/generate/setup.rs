@@ -6,7 +6,7 @@ use rand_pcg::Pcg64Mcg;
 use super::random::{between, direction, normal, on_circle, pick};
 use super::sky;
 use super::vector::{V3, dot, east_and_north, plus, times, turned, unit};
-use super::world::{FrameTruth, Optics, GeneratedStarImage, World};
+use super::world::{FrameTruth, GeneratedStarImage, Optics, World};
 use crate::catalog::Catalog;
 use crate::units::{DEG_RAD, JULIAN_YEAR_DAYS, SPEED_OF_LIGHT_KM_S};
 

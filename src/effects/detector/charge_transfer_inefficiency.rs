@@ -76,7 +76,7 @@ impl CentroidShift for ChargeTransferInefficiency {
     fn rendering(_: usize) -> Option<Rendering> {
         // One kind of traps, which lets go over a few pixels.
         Some(Rendering::Stage {
-            effect: "charge_transfer_inefficiency",
+            effect: "charge-transfer-inefficiency",
             parameters: &[("traps_per_px", [0.1, 0.3]), ("second_traps_per_px", [0.0; 2]), ("serial_traps_per_px", [0.0; 2])],
             step: None,
             by_colour: false,

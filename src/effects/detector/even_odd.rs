@@ -52,7 +52,7 @@ impl CentroidShift for EvenOdd {
 
     fn rendering(_: usize) -> Option<Rendering> {
         let parameters = &[("gain_relative", [-0.01, 0.01])];
-        Some(Rendering::Stage { effect: "even_odd", parameters, step: Some(0.02), by_colour: false })
+        Some(Rendering::Stage { effect: "even-odd", parameters, step: Some(0.02), by_colour: false })
     }
 
     fn reference_values() -> Vec<ReferenceValue> {

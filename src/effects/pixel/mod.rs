@@ -13,7 +13,9 @@ pub mod pass;
 pub mod pattern;
 mod spread;
 
-pub use spread::{Atlas, MAX_NODES, PLANE_SPREADS, POINT_SPREADS, Psf2d, Psf2dStar, Rows, SeparablePsf, SeparableStar, psf_2d, separable_psf};
+pub use spread::{
+    Atlas, MAX_NODES, PLANE_SPREADS, POINT_SPREADS, Psf2d, Psf2dStar, Rows, SeparablePsf, SeparableStar, psf_2d, separable_psf,
+};
 
 use bytemuck::Pod;
 

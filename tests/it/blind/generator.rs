@@ -1,7 +1,7 @@
 //! The generator against the dossier's figures and against the program's own effects.
 
 use boresight::blind::generate::{
-    FAMILIES, Family, Fisher, Hidden, Kind, LADDER, LIBRARY, DetectorPlace, SETUPS, Setup, Wanted, World, concealed, world,
+    DetectorPlace, FAMILIES, Family, Fisher, Hidden, Kind, LADDER, LIBRARY, SETUPS, Setup, Wanted, World, concealed, world,
 };
 use boresight::blind::{control_points, recording};
 use boresight::catalog::Catalog;

@@ -3,7 +3,7 @@
 use boresight::catalog::Catalog;
 use boresight::coordinates::{Attitude, Direction};
 use boresight::identify::{
-    ControlPoint, ControlPoints, Identification, FrameIdentification, IdentifyOptions, Misidentification, MisidentificationKind,
+    ControlPoint, ControlPoints, FrameIdentification, Identification, IdentifyOptions, Misidentification, MisidentificationKind,
     control_points, identify, misidentify,
 };
 use nalgebra::Vector3;

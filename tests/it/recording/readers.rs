@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use boresight::frame::Frame;
 use boresight::pipeline::{MeasureOptions, measure};
-use boresight::recording::{OpenOptions, Plane, Recording, Site, GivenCircumstances, ToldError};
+use boresight::recording::{GivenCircumstances, OpenOptions, Plane, Recording, Site, ToldError};
 
 use super::made::{Folder, counts, fault, fits, png};
 
@@ -376,16 +376,25 @@ fn what_is_told_of_bare_images_is_theirs() {
         recording.tell(told).map(|()| recording)
     };
     let first = time("2023-08-12T23:00:00Z");
-    let told = GivenCircumstances { times_utc: vec![first], interval_s: Some(30.0), exposure_s: Some(2.0), ..GivenCircumstances::default() };
+    let told =
+        GivenCircumstances { times_utc: vec![first], interval_s: Some(30.0), exposure_s: Some(2.0), ..GivenCircumstances::default() };
     let recording = tell(&told).unwrap();
     let seconds: Vec<f64> = recording.frames.iter().map(|frame| (frame.time_utc.unwrap() - first).to_seconds()).collect();
     assert_eq!((seconds, recording.frames[2].exposure_s), (vec![0.0, 30.0, 60.0], Some(2.0)));
     assert!(recording.notes.is_empty(), "{:?}", recording.notes);
     let one = tell(&GivenCircumstances { times_utc: vec![first], ..GivenCircumstances::default() }).unwrap();
     assert!(one.frames.iter().all(|frame| frame.time_utc == Some(first)) && one.notes[0].contains("one time is told for 3 frames"));
-    assert_eq!(tell(&GivenCircumstances { times_utc: vec![first; 2], ..GivenCircumstances::default() }).unwrap_err(), ToldError::Count { times: 2, frames: 3 });
+    assert_eq!(
+        tell(&GivenCircumstances { times_utc: vec![first; 2], ..GivenCircumstances::default() }).unwrap_err(),
+        ToldError::Count { times: 2, frames: 3 }
+    );
     let backwards = vec![first, time("2023-08-12T22:00:00Z"), first];
-    assert!(tell(&GivenCircumstances { times_utc: backwards, ..GivenCircumstances::default() }).unwrap_err().to_string().contains("of b.png is earlier"));
+    assert!(
+        tell(&GivenCircumstances { times_utc: backwards, ..GivenCircumstances::default() })
+            .unwrap_err()
+            .to_string()
+            .contains("of b.png is earlier")
+    );
     let (midnight, is_date) = GivenCircumstances::parse_time("2023-08-12").unwrap();
     let site = Some(Site {
         latitude_deg: 52.0,
@@ -395,7 +404,10 @@ fn what_is_told_of_bare_images_is_theirs() {
         temperature_c: None,
         relative_humidity: None,
     });
-    assert_eq!(tell(&GivenCircumstances { times_utc: vec![midnight], dates_only: is_date, site, ..GivenCircumstances::default() }).unwrap_err(), ToldError::NoClock);
+    assert_eq!(
+        tell(&GivenCircumstances { times_utc: vec![midnight], dates_only: is_date, site, ..GivenCircumstances::default() }).unwrap_err(),
+        ToldError::NoClock
+    );
     assert!(GivenCircumstances::parse_time("last night").unwrap_err().contains("is no time"));
 }
 
