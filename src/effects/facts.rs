@@ -34,6 +34,7 @@ impl OrdinarySize {
 
 /// The facts of a displacement. An effect states those that differ from [`Facts::NONE`].
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(clippy::struct_excessive_bools, reason = "facts that have nothing to do with each other")]
 pub struct Facts {
     /// How large it ordinarily is. Everything that a diagnosis tries has one.
     pub ordinary_size: Option<OrdinarySize>,

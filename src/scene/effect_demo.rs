@@ -80,7 +80,11 @@ impl Known {
     /// Why no scene of its own shows it, if none does.
     #[must_use]
     pub fn not_shown(&self) -> Option<&'static str> {
-        NOT_SHOWN.iter().find(|(id, _)| *id == self.id && !self.is_second()).map(|(_, why)| *why)
+        if self.is_second() {
+            return None;
+        }
+        let of_effect = displacement(&self.id).and_then(|effect| effect.facts().not_shown);
+        of_effect.or_else(|| NOT_SHOWN.iter().find(|(id, _)| *id == self.id).map(|(_, why)| *why))
     }
 
     /// The scenes without and with it, of a camera; `None` where it is not shown.
@@ -157,8 +161,6 @@ const WRITTEN: &[(&str, &str, &str)] = &[
 
 /// What no scene of its own shows, and why.
 const NOT_SHOWN: &[(&str, &str)] = &[
-    (ids::STRAY_LIGHT, "the shift follows a slope that is measured; its light is shown by its second half, on pixels"),
-    (ids::PINHOLE, "every scene is taken through it"),
     ("gaussian-psf", "every scene is made of it"),
     ("gaussian-image", "the same image from a table"),
     ("disc-psf", "ghosts are discs of it"),
@@ -221,7 +223,7 @@ impl Parts {
 /// The parameters that are shown.
 fn shown(id: &str, specs: &[ParameterSpec], skip: &[&str]) -> BTreeMap<&'static str, f64> {
     let of_places = displacement(id).map(|effect| effect.facts().demo_sizes).unwrap_or_default();
-    let of_pixels = pixel_effect(id).map(|effect| effect.demo_sizes()).unwrap_or_default();
+    let of_pixels = pixel_effect(id).map_or(&[][..], |effect| effect.demo_sizes());
     let chosen = || of_places.iter().chain(of_pixels);
     let value = |spec: &ParameterSpec| chosen().find(|(name, _)| *name == spec.name).map(|(_, value)| *value);
     let wanted = specs.iter().filter(|spec| value(spec).is_some() || !skip.contains(&spec.name));

@@ -59,8 +59,11 @@ fn shift_px(image: &StarImage) -> Option<[f64; 2]> {
 
 impl CentroidShift for StrayLight {
     const ID: &'static str = "stray-light";
-    const FACTS: Facts =
-        Facts { ordinary_size: Some(OrdinarySize::of(0.5, "0.5 electrons a pixel, 0.025 px at 1000 electrons")), ..Facts::NONE };
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(0.5, "0.5 electrons a pixel, 0.025 px at 1000 electrons")),
+        not_shown: Some("the shift follows a slope that is measured; its light is shown by its second half, on pixels"),
+        ..Facts::NONE
+    };
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "gradient_e_per_px", unit: "e/px", typical: 0.5, range: (-1000.0, 1000.0) }];
 

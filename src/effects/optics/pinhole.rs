@@ -31,7 +31,7 @@ pub fn ray<T: Real>([x0, y0, f]: [T; 3], [x, y]: [T; 2]) -> [T; 3] {
 
 impl Displacement for Pinhole {
     const ID: &'static str = "pinhole";
-    const FACTS: Facts = Facts { is_of_every_camera: true, ..Facts::NONE };
+    const FACTS: Facts = Facts { is_of_every_camera: true, not_shown: Some("every scene is taken through it"), ..Facts::NONE };
     const SEGMENT: Segment = Segment::Projection;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "x0", unit: "px", typical: 511.5, range: (-1e6, 1e6) },

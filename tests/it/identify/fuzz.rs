@@ -136,7 +136,7 @@ fn odd_options() -> impl Strategy<Value = IdentifyOptions> {
             6 => options.near = Some(AttitudePrior { within_rad: number, ..near }),
             7 => {
                 options.near =
-                    Some(if parity < 0 { AttitudePrior { boresight: odd(), ..near } } else { AttitudePrior { up: Some(odd()), ..near } })
+                    Some(if parity < 0 { AttitudePrior { boresight: odd(), ..near } } else { AttitudePrior { up: Some(odd()), ..near } });
             }
             _ => options.max_false_match_probability = number,
         }
