@@ -4,7 +4,7 @@
 //! no attitude: the published [`Method::VariableWeights`] and, for comparison, [`Method::LeastSquares`]. What a solution is worth is found at the level of stars, with one free attitude for each frame:
 //! residuals, held-out residuals and covariance (pairs share stars and give no valid covariance).
 //!
-//! A new method is a file with a function from frames of stars to a camera and weights, and a line in [`Method`];
+//! A new method is a file with a function from frames of stars to a camera and weights (CONTRIBUTING.md lists what else to touch);
 //! everything after it (residuals, covariance, held-out frames, the result) is shared.
 
 mod bundle;

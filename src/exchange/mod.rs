@@ -4,7 +4,7 @@
 //! tetra3rs add it to the ideal point: there is no closed form between the two, so a conversion is a fit over the frame, and how near it comes is part of
 //! every result ([`Residual`]) and of the file. Nothing is written that misses the camera by more than [`LIMIT_PX`] unless it is asked for.
 //!
-//! A format is a file of its own with the format's equations and source, and a line in [`Format`].
+//! A format is a file of its own with the equations and the source; what else knows of it is listed in CONTRIBUTING.md.
 
 mod error;
 mod fit;
