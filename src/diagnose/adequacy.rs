@@ -3,7 +3,8 @@
 use super::diagnosis::Rival;
 use super::evidence::Evidence;
 use super::final_fit::FinalFit;
-use super::linear_system::{Fit, Whitened};
+use super::linear_fit::Fit;
+use super::linear_system::Whitened;
 use super::patterns::{self, IN_THE_FIELD, Named};
 use super::plausible_size;
 use super::rivals::rivals;

@@ -1,31 +1,8 @@
-//! The robust fit itself: the density's logarithm, its slope ψ, and the descent to the residuals of greatest likelihood.
+//! The descent to the residuals of greatest likelihood under t errors.
 
 use super::frame_nuisance::FrameNuisance;
-use super::linear_system::{Whitened, WhitenedSystem, masked, weight};
-
-/// −2·ln of the density over its value at zero, summed over the images taken.
-pub(super) fn cost(residual: &[f64], take: &[bool], tail_degrees: f64) -> f64 {
-    let of = |k: usize| {
-        let q = residual[2 * k].powi(2) + residual[2 * k + 1].powi(2);
-        if tail_degrees.is_finite() { (tail_degrees + 2.0) * (q / tail_degrees).ln_1p() } else { q }
-    };
-    (0..take.len()).filter(|k| take[*k]).map(of).sum()
-}
-
-/// ψ and the mean of its derivative.
-pub(super) fn psi_of(residual: &[f64], take: &[bool], tail_degrees: f64) -> (Whitened, f64) {
-    let mut psi = vec![0.0; residual.len()];
-    let (mut slope, mut count) = (0.0, 0.0);
-    for k in (0..take.len()).filter(|k| take[*k]) {
-        let q = residual[2 * k].powi(2) + residual[2 * k + 1].powi(2);
-        let w = weight(tail_degrees, q);
-        psi[2 * k] = w * residual[2 * k];
-        psi[2 * k + 1] = w * residual[2 * k + 1];
-        slope += if tail_degrees.is_finite() { w * tail_degrees / (tail_degrees + q) } else { 1.0 };
-        count += 1.0;
-    }
-    (psi, if count > 0.0 { slope / count } else { 1.0 })
-}
+use super::linear_system::{Whitened, WhitenedSystem, masked};
+use crate::statistics::student_t::{cost, psi_of};
 
 /// Residuals of the images taken with every parameter but the own ones held: the attitudes are refitted, robustly.
 pub(super) fn refit_own(sheet: &WhitenedSystem, take: &[bool], residual: &[f64]) -> Whitened {

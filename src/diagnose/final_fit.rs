@@ -5,7 +5,8 @@ use nalgebra::{DMatrix, DVector};
 use super::diagnosis::{FoundParameter, FoundZenith, Rival};
 use super::evidence::Evidence;
 use super::hypotheses::{Hypothesis, Variant, supposed};
-use super::linear_system::{Fit, Whitened, weight};
+use super::linear_fit::Fit;
+use super::linear_system::Whitened;
 use super::noise::NoiseModel;
 use super::omitted_nature::is_needed;
 use super::omnibus::{Omnibus, omnibus};
@@ -18,6 +19,7 @@ use crate::coordinates::{Direction, Icrs};
 use crate::effects::sky::refraction::{Refraction, zenith_at};
 use crate::effects::{Displacement as _, Facts, Observation};
 use crate::identify::ControlPoints;
+use crate::statistics::student_t::weight;
 use crate::units::DEG_RAD;
 
 /// Effects with a larger cosine stand beside a size that is held against the known one,

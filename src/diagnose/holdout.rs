@@ -5,11 +5,13 @@
 //! the held-out images beyond their attitudes: d comes from other images than their errors do, and the camera's own error is uncorrelated
 //! with the size of what was fitted beside it. With heavy tails it is no more (a density that falls off on all sides loses by any shift).
 
-use super::descent::{cost, psi_of, refit_own};
+use super::descent::refit_own;
 use super::evidence::Evidence;
 use super::frame_nuisance::project_own;
-use super::linear_system::{Fit, Whitened, WhitenedSystem, dot};
+use super::linear_fit::Fit;
+use super::linear_system::{Whitened, WhitenedSystem, dot};
 use super::stepwise::FitState;
+use crate::statistics::student_t::{cost, psi_of};
 
 /// A larger residual, standard errors, is that of no image of the star.
 const GROSS: f64 = 20.0;

@@ -2,7 +2,8 @@
 
 use super::diagnosis::Located;
 use super::evidence::Evidence;
-use super::linear_system::{Fit, Whitened};
+use super::linear_fit::Fit;
+use super::linear_system::Whitened;
 use super::null_distribution::NullDistribution;
 use super::omnibus::among_covariates;
 use super::permutation::Permutations;

@@ -15,6 +15,7 @@ mod folds;
 mod frame_nuisance;
 mod holdout;
 mod hypotheses;
+mod linear_fit;
 mod linear_system;
 mod located;
 mod noise;

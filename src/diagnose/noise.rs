@@ -171,7 +171,7 @@ impl Squares {
         let count = self.used.len().max(1) as f64;
         let mut scale = self.start;
         for _ in 0..12 {
-            let sum = sum_of(&self.used, |q| super::linear_system::weight(tail_degrees, q / scale) * q);
+            let sum = sum_of(&self.used, |q| crate::statistics::student_t::weight(tail_degrees, q / scale) * q);
             let next = (sum / (2.0 * count)).max(1e-12);
             let settled = (next / scale - 1.0).abs() < 1e-4;
             scale = next;

@@ -13,7 +13,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
-use super::linear_system::Fit;
+use super::linear_fit::Fit;
 use super::scan::{Asks, Scan};
 use crate::statistics::significance::neg_ln_chi2_sf;
 

@@ -8,7 +8,8 @@
 
 use super::evidence::Evidence;
 use super::hypotheses::Hypothesis;
-use super::linear_system::{Fit, Whitened, WhitenedSystem};
+use super::linear_fit::Fit;
+use super::linear_system::{Whitened, WhitenedSystem};
 use super::noise::NoiseModel;
 use super::stepwise::{AGREES, AS_GOOD, FitState, SelectedEffect, amplitude, columns, fall, select};
 use crate::camera::Term;

@@ -15,7 +15,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::evidence::Evidence;
 use super::final_fit::FinalFit;
-use super::linear_system::{Fit, Whitened, dot};
+use super::linear_fit::Fit;
+use super::linear_system::{Whitened, dot};
 use super::run::family;
 use super::scan::{Asks, Group, Scan, orthonormal};
 use super::stepwise::{AGREES, FitState, SelectedEffect, columns};

@@ -14,7 +14,8 @@ use super::diagnosis::{FoundParameter, Profile, ProfileBin};
 use super::evidence::{Evidence, REACH_PX};
 use super::final_fit::FinalFit;
 use super::findings::Context;
-use super::linear_system::{Fit, Whitened};
+use super::linear_fit::Fit;
+use super::linear_system::Whitened;
 use super::stepwise::{SelectedEffect, columns};
 
 /// Bins.

@@ -2,13 +2,13 @@
 
 use super::DiagnoseOptions;
 use super::crossfit::CrossFit;
-use super::descent::psi_of;
 use super::diagnosis::{FitQuality, MeasuredNoise, NoiseState, ResidualRow, StarsUsed, Unused};
 use super::evidence::Evidence;
-use super::linear_system::{Whitened, dot, weight};
+use super::linear_system::{Whitened, dot};
 use super::noise::NoiseModel;
 use super::stepwise::{FitState, SelectedEffect};
 use crate::identify::ControlPoints;
+use crate::statistics::student_t::{psi_of, weight};
 
 /// How well a model does, with the noise of the final one; on held-out frames what each turn chose itself of the effects `named`.
 pub(super) fn quality(evidence: &Evidence, stand: &FitState, noise: &NoiseModel, tried: &CrossFit, named: &[SelectedEffect]) -> FitQuality {

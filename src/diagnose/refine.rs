@@ -8,13 +8,14 @@
 
 use rayon::prelude::*;
 
-use super::descent::cost;
 use super::evidence::Evidence;
 use super::hypotheses::{Hypothesis, Variant, at_value, finer};
-use super::linear_system::{Fit, Whitened};
+use super::linear_fit::Fit;
+use super::linear_system::Whitened;
 use super::noise::NoiseModel;
 use super::stepwise::{FitState, SelectedEffect, columns};
 use crate::calibrate::BundleSolution;
+use crate::statistics::student_t::cost;
 
 /// Halvings of the search over places and lengths.
 const REFINEMENTS: usize = 5;

@@ -5,12 +5,14 @@
 use super::DiagnoseOptions;
 use super::evidence::Evidence;
 use super::final_fit::FinalFit;
-use super::linear_system::{Fit, Whitened, WhitenedSystem, weight};
+use super::linear_fit::Fit;
+use super::linear_system::{Whitened, WhitenedSystem};
 use super::null_distribution::{NullDistribution, family_p};
 use super::scan::{Asks, Scan};
 use super::stepwise::{FitState, SelectedEffect, columns};
 use crate::calibrate::{BundleSolution, Column, FixedNoise};
 use crate::statistics::significance::neg_ln_chi2_sf;
+use crate::statistics::student_t::weight;
 
 /// Real and simulated recording differ, and what was found is not what is missing, below this.
 pub(super) const DIFFERS: f64 = 0.01;

@@ -5,7 +5,8 @@ use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 use super::evidence::Evidence;
-use super::linear_system::{Fit, Whitened, WhitenedSystem, products};
+use super::linear_fit::Fit;
+use super::linear_system::{Whitened, WhitenedSystem, products};
 use super::noise::NoiseModel;
 use crate::calibrate::Column;
 use crate::statistics::significance::neg_ln_chi2_sf;

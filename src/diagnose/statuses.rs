@@ -5,7 +5,8 @@ use super::diagnosis::{EffectState, EffectStatus, Finding, FoundParameter, Limit
 use super::final_fit::{FinalFit, difference};
 use super::findings::Context;
 use super::hypotheses::Hypothesis;
-use super::linear_system::{Fit, Whitened};
+use super::linear_fit::Fit;
+use super::linear_system::Whitened;
 use super::stepwise::{self, AGREES, FitState, SelectedEffect, UNOBSERVABLE, amplitude, columns};
 use crate::statistics::significance::{deviations, neg_ln_chi2_sf};
 

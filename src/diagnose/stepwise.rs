@@ -2,7 +2,8 @@
 
 use super::clusters::coherent;
 use super::evidence::Evidence;
-use super::linear_system::{Fit, Whitened, WhitenedSystem, dot};
+use super::linear_fit::Fit;
+use super::linear_system::{Whitened, WhitenedSystem, dot};
 use super::noise::{NoiseModel, freedom};
 use super::omitted_nature::is_needed;
 use super::scan::{Asks, Scan};
@@ -241,7 +242,7 @@ fn after_refit(evidence: &Evidence, stand: &FitState, entry: SelectedEffect) -> 
 
 /// Fall of −2·ln of the likelihood from one fit to another of the same images, in units in which a superfluous parameter gains one.
 pub(super) fn fall(stand: &FitState, from: &Fit, to: &Fit) -> f64 {
-    let cost = |fit: &Fit| super::descent::cost(&fit.residual, &stand.take, stand.sheet.tail_degrees);
+    let cost = |fit: &Fit| crate::statistics::student_t::cost(&fit.residual, &stand.take, stand.sheet.tail_degrees);
     (cost(from) - cost(to)) * stand.fit.d / stand.fit.c
 }
 

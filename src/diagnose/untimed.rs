@@ -5,16 +5,17 @@
 //! The search for one zenith gives the start. From there size, declination and hour angles are found by Gauss and Newton's steps, attitudes and
 //! camera free beside them; the hour angle is one more own parameter of a frame, as its attitude is, so its error is in that of the size.
 
-use super::descent::cost;
 use super::evidence::Evidence;
 use super::frame_nuisance::own_changes;
 use super::hypotheses::{Variant, supposed};
-use super::linear_system::{Fit, Whitened, WhitenedSystem};
+use super::linear_fit::Fit;
+use super::linear_system::{Whitened, WhitenedSystem};
 use super::noise::NoiseModel;
 use super::stepwise::{FitState, SelectedEffect, columns};
 use crate::calibrate::{BundleSolution, Column};
 use crate::dual::normalize;
 use crate::effects::ids;
+use crate::statistics::student_t::cost;
 
 /// Zeniths that the search starts from.
 const STARTS: usize = 4;

@@ -12,7 +12,8 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use super::evidence::{Evidence, REACH_PX};
-use super::linear_system::{Fit, Whitened};
+use super::linear_fit::Fit;
+use super::linear_system::Whitened;
 use super::stepwise::{FitState, SelectedEffect, basis, columns};
 
 /// The test is passed below this. It guards against errors that hang together, not against chance, which the family of all tests holds far lower:

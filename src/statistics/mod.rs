@@ -3,5 +3,6 @@
 pub mod crowding;
 pub mod robust;
 pub mod significance;
+pub(crate) mod student_t;
 
 pub use robust::{Clipped, clipped, mad_sigma, median, median_in_place};
