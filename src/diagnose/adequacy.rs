@@ -3,15 +3,14 @@
 use super::diagnosis::Rival;
 use super::evidence::Evidence;
 use super::final_fit::FinalFit;
+use super::fit_state::{AGREES, FitState, SelectedEffect, columns};
 use super::linear_fit::Fit;
 use super::linear_system::Whitened;
 use super::patterns::{self, IN_THE_FIELD, Named};
 use super::plausible_size;
 use super::rivals::rivals;
 use super::scan::{Asks, Scan};
-use super::stepwise::{AGREES, FitState, SelectedEffect, columns};
 use super::wild_bootstrap::{LEVEL, WildBootstrap};
-use crate::calibrate::Column;
 use crate::identify::ControlPoints;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
@@ -59,17 +58,11 @@ pub(super) fn superseded(
     let (group, surprise) = most.filter(|(_, surprise)| *surprise > threshold)?;
     let Asks::Covariate(index) = group.asks else { return None };
     let covariate = &evidence.covariates[index];
-    let white = |column: &Column| evidence.white(&stand.noise, column);
-    let mut beside: Vec<Whitened> = Vec::new();
-    for (_, entry) in entries.iter().enumerate().filter(|(index, _)| *index != k) {
-        beside.extend(columns(evidence, std::slice::from_ref(entry)).map(white));
-    }
-    let own: Vec<Whitened> = columns(evidence, &entries[k..=k]).map(white).collect();
-    let alone = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>()).with_noise_of(&stand.fit);
-    let without = FitState { fit: alone, more: beside.clone(), ..stand.clone() };
-    beside.extend(covariate.patterns[group.pattern].iter().map(white));
-    let fit = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>()).with_noise_of(&stand.fit);
-    let with_pattern = FitState { fit, more: beside, ..stand.clone() };
+    let own = stand.white(evidence, &entries[k..=k]);
+    let without = stand.without(evidence, entries, k);
+    let mut beside = without.more.clone();
+    beside.extend(covariate.patterns[group.pattern].iter().map(|column| evidence.white(&stand.noise, column)));
+    let with_pattern = stand.beside(beside);
     let (before, _) = without.score(&own);
     let (after, rank) = with_pattern.score(&own);
     (neg_ln_chi2_sf(rank as f64, after) < threshold && after < SUPERSEDED * before).then(|| {
@@ -111,7 +104,7 @@ fn over_time(evidence: &Evidence, stand: &FitState, entries: &[SelectedEffect], 
     if frames < 2 * TIME_BLOCKS || (most.is_finite() && most - least <= 0.0) {
         return None;
     }
-    let own: Vec<Whitened> = columns(evidence, &entries[k..=k]).map(|column| evidence.white(&stand.noise, column)).collect();
+    let own: Vec<Whitened> = stand.white(evidence, &entries[k..=k]);
     let mut split = Vec::new();
     for column in &own {
         for block in 1..TIME_BLOCKS {
@@ -125,12 +118,9 @@ fn over_time(evidence: &Evidence, stand: &FitState, entries: &[SelectedEffect], 
     });
     let mut beside = stand.more.clone();
     for (index, _) in by_nature.filter(|(_, hypothesis)| hypothesis.variants.len() == 1) {
-        beside.extend(
-            columns(evidence, &[SelectedEffect { hypothesis: index, variant: 0 }]).map(|column| evidence.white(&stand.noise, column)),
-        );
+        beside.extend(stand.white(evidence, &[SelectedEffect { hypothesis: index, variant: 0 }]));
     }
-    let fit = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>()).with_noise_of(&stand.fit);
-    let (t, rank) = FitState { fit, more: beside, ..stand.clone() }.score(&split);
+    let (t, rank) = stand.beside(beside).score(&split);
     (rank > 0).then(|| (-neg_ln_chi2_sf(rank as f64, t)).exp())
 }
 
@@ -143,11 +133,9 @@ pub(super) fn concentration(
     entries: &[SelectedEffect],
     k: usize,
 ) -> Vec<String> {
-    let white = |entry: &SelectedEffect| {
-        columns(evidence, std::slice::from_ref(entry)).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>()
-    };
+    let white = |entry: &SelectedEffect| stand.white(evidence, std::slice::from_ref(entry));
     let others: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(entry)).collect();
-    let without = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());
+    let without = Fit::new(&stand.system, &stand.take, &others.iter().collect::<Vec<_>>());
     let tried = white(&entries[k]);
     let (mut gain, mut information) = (vec![0.0; evidence.images.len()], vec![0.0; evidence.images.len()]);
     let rest: Vec<Whitened> = tried.iter().map(|column| without.project(column)).collect();

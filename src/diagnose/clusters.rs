@@ -6,8 +6,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::evidence::{Evidence, REACH_PX};
 use super::noise::NoiseModel;
+use super::star_images::{REACH_PX, StarImages};
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Chance puts so many large residuals into a group with less than this probability (as −ln), all groups counted.
@@ -28,16 +28,16 @@ struct Group {
 }
 
 /// For every image whether it belongs to a group that stands off together. `residual_px` x, y, x, y, …; only images `allowed` count.
-pub(super) fn coherent(evidence: &Evidence, noise: &NoiseModel, residual_px: &[f64], allowed: &[bool]) -> Vec<bool> {
-    let count = evidence.images.len();
+pub(super) fn coherent(stars: &StarImages, noise: &NoiseModel, residual_px: &[f64], allowed: &[bool]) -> Vec<bool> {
+    let count = stars.images.len();
     let white: Vec<[f64; 2]> = (0..count)
         .map(|k| {
-            let [a, b, c] = noise.whitener(&evidence.images[k], evidence.place[k]);
+            let [a, b, c] = noise.whitener(&stars.images[k], stars.place[k]);
             let (x, y) = (residual_px[2 * k], residual_px[2 * k + 1]);
             [a * x, b * x + c * y]
         })
         .collect();
-    let groups = groups(evidence, allowed);
+    let groups = groups(stars, allowed);
     let limit = SURPRISE + (groups.len().max(1) as f64).ln();
     let mut flagged = vec![false; count];
     for _ in 0..TURNS {
@@ -53,7 +53,7 @@ pub(super) fn coherent(evidence: &Evidence, noise: &NoiseModel, residual_px: &[f
         for group in &groups {
             let sum: f64 = group.images.iter().map(|k| rareness(*k)).sum();
             let rank = 2.0 * group.images.len() as f64;
-            if neg_ln_chi2_sf(rank, 2.0 * sum) > limit && moves_as_a_whole(group, evidence, noise, &white) {
+            if neg_ln_chi2_sf(rank, 2.0 * sum) > limit && moves_as_a_whole(group, stars, noise, &white) {
                 for k in &group.images {
                     flagged[*k] = true;
                 }
@@ -70,8 +70,8 @@ fn square([x, y]: [f64; 2]) -> f64 {
     x * x + y * y
 }
 
-fn groups(evidence: &Evidence, allowed: &[bool]) -> Vec<Group> {
-    let place: Vec<[f64; 2]> = evidence.predicted_px(REACH_PX).collect();
+fn groups(stars: &StarImages, allowed: &[bool]) -> Vec<Group> {
+    let place: Vec<[f64; 2]> = stars.predicted_px(REACH_PX).collect();
     let most = place.iter().flatten().fold(1.0_f64, |most, value| most.max(*value));
     let at = |k: usize| place[k].map(|value| value / most);
     let members = |of: &dyn Fn(usize) -> usize| {
@@ -87,7 +87,7 @@ fn groups(evidence: &Evidence, allowed: &[bool]) -> Vec<Group> {
     };
     let shift = |own: &[usize]| [[1.0, 0.0], [0.0, 1.0]].map(|unit| vec![unit; own.len()]).to_vec();
     let mut groups = Vec::new();
-    for own in members(&|k| evidence.place[k]) {
+    for own in members(&|k| stars.place[k]) {
         let mut fields = shift(&own);
         fields.push(own.iter().map(|k| [at(*k)[0], 0.0]).collect());
         fields.push(own.iter().map(|k| [at(*k)[1], 0.0]).collect());
@@ -95,8 +95,8 @@ fn groups(evidence: &Evidence, allowed: &[bool]) -> Vec<Group> {
         fields.push(own.iter().map(|k| [0.0, at(*k)[1]]).collect());
         groups.push(Group { images: own, fields });
     }
-    for own in members(&|k| evidence.star[k]) {
-        let fields = (0..2).map(|axis| own.iter().map(|k| evidence.sky_axes[*k][axis]).collect()).collect();
+    for own in members(&|k| stars.star[k]) {
+        let fields = (0..2).map(|axis| own.iter().map(|k| stars.sky_axes[*k][axis]).collect()).collect();
         groups.push(Group { images: own, fields });
     }
     let cell = |k: usize| {
@@ -111,12 +111,12 @@ fn groups(evidence: &Evidence, allowed: &[bool]) -> Vec<Group> {
     groups
 }
 
-fn moves_as_a_whole(group: &Group, evidence: &Evidence, noise: &NoiseModel, white: &[[f64; 2]]) -> bool {
+fn moves_as_a_whole(group: &Group, stars: &StarImages, noise: &NoiseModel, white: &[[f64; 2]]) -> bool {
     let rows = 2 * group.images.len();
     let mut matrix = DMatrix::zeros(rows, group.fields.len());
     let mut right = DVector::zeros(rows);
     for (row, k) in group.images.iter().enumerate() {
-        let [a, b, c] = noise.whitener(&evidence.images[*k], evidence.place[*k]);
+        let [a, b, c] = noise.whitener(&stars.images[*k], stars.place[*k]);
         for (column, field) in group.fields.iter().enumerate() {
             let [x, y] = field[row];
             matrix[(2 * row, column)] = a * x;

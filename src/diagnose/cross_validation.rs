@@ -2,7 +2,7 @@
 
 use super::crossfit::{CrossFit, Proof, Proposal};
 use super::evidence::Evidence;
-use super::stepwise::{FitState, SelectedEffect};
+use super::fit_state::{FitState, SelectedEffect};
 
 /// An effect that was tried and does not stand, and why.
 #[derive(Clone, Debug)]

@@ -10,13 +10,14 @@
 use rayon::prelude::*;
 
 use super::evidence::Evidence;
+use super::fit_state::{FitState, SelectedEffect, basis, columns, cosine};
 use super::folds::{Fold, Folds, goes_by_stars, threshold};
 use super::holdout::{Gain, Turned, gain, held_out_quality, plausible};
 use super::linear_fit::Fit;
 use super::linear_system::{Whitened, dot};
 use super::noise::NoiseModel;
 use super::refine::refine;
-use super::stepwise::{FitState, SelectedEffect, basis, columns, cosine, select};
+use super::stepwise::select;
 use crate::calibrate::{BundleSolution, Column};
 use crate::identify::ControlPoints;
 use crate::statistics::significance::{chi_squared_quantile, normal_cdf};
@@ -206,9 +207,9 @@ impl CrossFit {
             let others = turn.picks.iter().filter(|pick| pick.owner != hypothesis);
             let kept: Vec<Whitened> = others.flat_map(|pick| &pick.columns).map(white).collect();
             let tried: Vec<Whitened> = columns(evidence, &[instead]).map(white).collect();
-            let sheet = evidence.sheet(noise);
-            let fit = Fit::new(&sheet, take, &kept.iter().collect::<Vec<_>>());
-            let stand = FitState { noise: noise.clone(), sheet, take: take.clone(), more: kept, fit };
+            let system = evidence.system(noise);
+            let fit = Fit::new(&system, take, &kept.iter().collect::<Vec<_>>());
+            let stand = FitState { noise: noise.clone(), system, take: take.clone(), more: kept, fit };
             let held = believed(evidence, &stand, fold);
             Some(gain(&stand, &held, &stand.more.iter().collect::<Vec<_>>(), &tried.iter().collect::<Vec<_>>()).delta_chi2)
         };
@@ -315,12 +316,10 @@ impl Shown {
 
 /// Of a proposal beside the others of `kept`; of one by turns alone at its best variant.
 fn shown(evidence: &Evidence, stand: &FitState, kept: &[SelectedEffect], proposal: Proposal) -> Shown {
-    let white =
-        |entry: SelectedEffect| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
+    let white = |entry: SelectedEffect| stand.white(evidence, &[entry]);
     let hypothesis = proposal.hypothesis();
     let others: Vec<Whitened> = kept.iter().filter(|entry| entry.hypothesis != hypothesis).flat_map(|entry| white(*entry)).collect();
-    let fit = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());
-    let without = FitState { fit: fit.with_noise_of(&stand.fit), more: others, ..stand.clone() };
+    let without = stand.beside(others);
     let own = match proposal {
         Proposal::Entry(entry) => white(entry),
         Proposal::Turns(_) => (0..evidence.hypotheses[hypothesis].variants.len())

@@ -5,13 +5,13 @@ use super::linear_system::{Whitened, WhitenedSystem, masked};
 use crate::statistics::student_t::{cost, psi_of};
 
 /// Residuals of the images taken with every parameter but the own ones held: the attitudes are refitted, robustly.
-pub(super) fn refit_own(sheet: &WhitenedSystem, take: &[bool], residual: &[f64]) -> Whitened {
-    let own = FrameNuisance::new(sheet, take);
+pub(super) fn refit_own(system: &WhitenedSystem, take: &[bool], residual: &[f64]) -> Whitened {
+    let own = FrameNuisance::new(system, take);
     let project = |column: &mut Whitened| -> Vec<f64> {
         own.take_out(column);
         Vec::new()
     };
-    descend(masked(residual, take), take, sheet.tail_degrees, 0, project).0
+    descend(masked(residual, take), take, system.tail_degrees, 0, project).0
 }
 
 /// Residuals of least Σρ that differ from those given by what `project` takes out of a column (it returns the coefficients along some of

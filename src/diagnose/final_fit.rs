@@ -4,14 +4,16 @@ use nalgebra::{DMatrix, DVector};
 
 use super::diagnosis::{FoundParameter, FoundZenith, Rival};
 use super::evidence::Evidence;
-use super::hypotheses::{Hypothesis, Variant, supposed};
-use super::linear_fit::Fit;
+use super::fit_state::{FitState, SelectedEffect, amplitude};
+use super::hypotheses::{Hypothesis, Variant};
 use super::linear_system::Whitened;
 use super::noise::NoiseModel;
 use super::omitted_nature::is_needed;
 use super::omnibus::{Omnibus, omnibus};
 use super::scan::Scan;
-use super::stepwise::{self, FitState, SelectedEffect, amplitude, candidates, columns};
+use super::star_images::StarImages;
+use super::stepwise::{self, candidates};
+use super::zenith::supposed;
 use super::{DiagnoseError, DiagnoseOptions, Telemetry};
 use crate::calibrate::{BundleSolution, Column, FixedNoise};
 use crate::camera::{Model, Term};
@@ -63,7 +65,7 @@ impl FinalFit {
         let all = vec![true; evidence.images.len()];
         let begin = NoiseModel::stated(evidence.frame_factors.clone());
         let mut stand = FitState::new(evidence, &all, entries, &begin);
-        let mut at = evidence.sheet(&stand.noise).camera.len();
+        let mut at = evidence.system(&stand.noise).camera.len();
         let mut terms = Vec::new();
         let mut names = Vec::new();
         let mut now = joint.clone();
@@ -92,8 +94,7 @@ impl FinalFit {
         let mut here = evidence.clone();
         for turn in 0..TURNS {
             now = solve_again(&now, options, &here, &stand, if turn == 0 { &terms } else { &[] }, &names)?;
-            here = Evidence::without_hypotheses(&now);
-            here.frame_factors.clone_from(&evidence.frame_factors);
+            here = Evidence::of_stars(StarImages::new(&now), evidence.frame_factors.clone());
             // The camera's columns are those of all free parameters, the effects' included.
             let next = FitState::new(&here, &all, &[], &stand.noise);
             let settled = turn > 1 && next.take == stand.take;
@@ -104,7 +105,7 @@ impl FinalFit {
         }
         let mut full = Evidence::at(&now, points, telemetry, options, evidence.rendered.clone());
         full.frame_factors.clone_from(&evidence.frame_factors);
-        full.camera = camera_columns(&now, &full, options);
+        full.stars.camera = camera_columns(&now, &full, options);
         let entries: Vec<SelectedEffect> =
             entries.iter().map(|entry| SelectedEffect { hypothesis: entry.hypothesis, variant: 0 }).collect();
         let stand = FitState::new(&full, &all, &entries, &stand.noise);
@@ -126,7 +127,7 @@ impl FinalFit {
     /// The questions beside the whole model.
     pub(super) fn scan(&self) -> Scan {
         let free = |index: usize| self.entries.iter().all(|entry| entry.hypothesis != index);
-        Scan::new(&self.evidence, &self.stand.noise, &self.stand.sheet, &self.stand.fit, free)
+        Scan::new(&self.evidence, &self.stand.noise, &self.stand.system, &self.stand.fit, free)
     }
 
     /// The test of what is left.
@@ -142,7 +143,7 @@ impl FinalFit {
         if hypothesis.variants[self.entries[k].variant].columns.len() != 1 {
             return None;
         }
-        let white = |entry: SelectedEffect| columns(evidence, &[entry]).map(|c| evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>();
+        let white = |entry: SelectedEffect| stand.white(evidence, &[entry]);
         let mut beside: Vec<Whitened> =
             self.entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(*entry)).collect();
         for rival in rivals.iter().filter(|rival| rival.cos > RESEMBLES && rival.cos < stepwise::SAME).take(MAX_BESIDE) {
@@ -151,9 +152,7 @@ impl FinalFit {
                 beside.extend(white(SelectedEffect { hypothesis: index, variant: evidence.hypotheses[index].variants.len() / 2 }));
             }
         }
-        let fit = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>());
-        let free = FitState { fit: fit.with_noise_of(&stand.fit), more: beside, ..stand.clone() };
-        self.ratio_beside(k, before, &free)
+        self.ratio_beside(k, before, &stand.beside(beside))
     }
 
     /// Size found over size known of an accepted effect beside whatever `free` holds, and its standard error; none where it has not one
@@ -189,7 +188,7 @@ impl FinalFit {
     /// Where an accepted effect's columns begin among those of the fit.
     fn first_column(&self, k: usize) -> usize {
         let columns = |entry: &SelectedEffect| self.evidence.hypotheses[entry.hypothesis].variants[0].columns.len();
-        self.stand.sheet.camera.len() + self.entries[..k].iter().map(columns).sum::<usize>()
+        self.stand.system.camera.len() + self.entries[..k].iter().map(columns).sum::<usize>()
     }
 
     /// Values and standard errors of an accepted effect's fitted parameters.
@@ -223,7 +222,7 @@ impl FinalFit {
         let all = vec![true; evidence.images.len()];
         for _ in 0..MAX_MORE {
             let stand = FitState::new(evidence, &all, &more, &self.stand.noise);
-            let scan = Scan::hypotheses(evidence, &stand.noise, &stand.sheet, &stand.fit, |index| {
+            let scan = Scan::hypotheses(evidence, &stand.noise, &stand.system, &stand.fit, |index| {
                 !rejected.contains(&index) && more.iter().all(|e| e.hypothesis != index)
             });
             let mut found = candidates(evidence, &stand, &scan, threshold);

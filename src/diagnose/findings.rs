@@ -2,36 +2,22 @@
 
 use super::channels::{ByChannel, Channel, ChannelMeasure};
 use super::crossfit::{CrossFit, Proof};
-use super::diagnosis::{ColumnSource, Finding, Profile, Signs};
+use super::diagnosis::{ColumnSource, Finding, Signs};
 use super::evidence::Evidence;
 use super::final_fit::FinalFit;
-use super::linear_fit::Fit;
-use super::linear_system::Whitened;
+use super::fit_state::{FitState, SelectedEffect, fall};
 use super::located::{NAMED, ranked};
 use super::omnibus::among_covariates;
 use super::rivals::{decided_by, held_out_of_rivals, rivals};
-use super::run::{family, p_of};
 use super::scan::Scan;
-use super::stepwise::{self, FitState, SelectedEffect, columns};
 use super::wild_bootstrap::WildBootstrap;
 use super::{DiagnoseOptions, wording};
 use crate::calibrate::BundleSolution;
 use crate::identify::ControlPoints;
-use crate::statistics::significance::{deviations, neg_ln_chi2_sf};
+use crate::statistics::significance::{chi2_p_value, deviations, family_wise_p_value, neg_ln_chi2_sf};
 
 /// A covariate locates a finding if chance does as well with less than this probability.
 const LOCATES_P: f64 = 0.01;
-
-/// T of an accepted effect beside the others, and its degrees of freedom.
-pub(super) fn statistic(evidence: &Evidence, stand: &FitState, entries: &[SelectedEffect], k: usize) -> (f64, usize) {
-    let white = |entry: &SelectedEffect| {
-        columns(evidence, std::slice::from_ref(entry)).map(|c| evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>()
-    };
-    let others: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(entry)).collect();
-    let fit = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());
-    let without = FitState { fit: fit.with_noise_of(&stand.fit), more: others, ..stand.clone() };
-    without.score(&white(&entries[k]))
-}
 
 /// What the findings are made of.
 pub(super) struct Context<'a> {
@@ -63,25 +49,16 @@ fn by_channel(finding: &Finding) -> ByChannel {
 }
 
 impl Context<'_> {
-    /// The model without entry `k`, all others in it.
-    fn without(&self, k: usize) -> FitState {
-        let others: Vec<SelectedEffect> =
-            self.entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
-        let own: Vec<Whitened> = columns(self.evidence, &others).map(|c| self.evidence.white(&self.with_all.noise, c)).collect();
-        let fit = Fit::new(&self.with_all.sheet, &self.with_all.take, &own.iter().collect::<Vec<_>>());
-        FitState { fit: fit.with_noise_of(&self.with_all.fit), more: own, ..self.with_all.clone() }
-    }
-
     /// The finding of entry `k`.
     pub(super) fn finding(&self, k: usize, solved: &FinalFit, options: &DiagnoseOptions) -> Finding {
         let entry = self.entries[k];
         let hypothesis = &self.evidence.hypotheses[entry.hypothesis];
         let variant = &hypothesis.variants[entry.variant];
         let parameters = solved.parameters(k, variant);
-        let (t, rank) = statistic(self.evidence, self.with_all, self.entries, k);
-        let p_value = p_of(t, rank);
-        let without = self.without(k);
-        let scan = Scan::new(self.evidence, &without.noise, &without.sheet, &without.fit, |_| false);
+        let (t, rank) = self.with_all.statistic(self.evidence, self.entries, k);
+        let p_value = chi2_p_value(t, rank);
+        let without = self.with_all.without(self.evidence, self.entries, k);
+        let scan = Scan::new(self.evidence, &without.noise, &without.system, &without.fit, |_| false);
         let chance = scan.chance(&without.fit, &without.take, options.seed ^ 0x0010_ca7e, 0, options.nulls.min(200));
         let mut located_by: Vec<String> = Vec::new();
         for (index, surprise, _) in ranked(self.evidence, &without, &scan) {
@@ -108,10 +85,10 @@ impl Context<'_> {
             parameters,
             columns: if variant.rendered { ColumnSource::Rendered } else { ColumnSource::Formula },
             located_by,
-            delta_chi2: stepwise::fall(self.with_all, &without.fit, &self.with_all.fit),
+            delta_chi2: fall(self.with_all, &without.fit, &self.with_all.fit),
             p_value,
             p_value_is: None,
-            family_p_value: family(p_value, self.hypotheses),
+            family_p_value: family_wise_p_value(p_value, self.hypotheses),
             family_p_value_is: None,
             held_out_delta_chi2: proof.gain.delta_chi2,
             held_out_expected: proof.expected,
@@ -137,11 +114,5 @@ impl Context<'_> {
         finding.known_amplitude = solved.ratio_beside_rivals(k, variant, &finding.rivals);
         finding.sentence = wording::finding(&finding, hypothesis.effect, hypothesis.in_force);
         finding
-    }
-
-    /// Data for a picture of each finding: displacements against what they depend on.
-    pub(super) fn profiles(&self, solved: &FinalFit, standing: &[usize], found: &[Finding]) -> Vec<Profile> {
-        let of = |(k, finding): (&usize, &Finding)| super::profile::profile(self, solved, *k, &finding.parameters, &finding.located_by);
-        standing.iter().zip(found).filter_map(of).collect()
     }
 }

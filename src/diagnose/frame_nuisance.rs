@@ -17,9 +17,9 @@ pub(super) struct FrameNuisance {
 
 impl FrameNuisance {
     /// Of the images taken.
-    pub(super) fn new(sheet: &WhitenedSystem, take: &[bool]) -> Self {
-        let mut own = Self { basis: Vec::new(), runs: runs(&sheet.frame), frames: sheet.frames };
-        for column in &sheet.own {
+    pub(super) fn new(system: &WhitenedSystem, take: &[bool]) -> Self {
+        let mut own = Self { basis: Vec::new(), runs: runs(&system.frame), frames: system.frames };
+        for column in &system.own {
             let mut vector = masked(column, take);
             let before = own.by_frame(&vector, &vector);
             own.take_out(&mut vector);
@@ -86,29 +86,29 @@ fn runs(frame: &[usize]) -> Vec<(usize, Range<usize>)> {
 }
 
 /// M_own·a on the images taken.
-pub(super) fn project_own(sheet: &WhitenedSystem, take: &[bool], column: &[f64]) -> Whitened {
+pub(super) fn project_own(system: &WhitenedSystem, take: &[bool], column: &[f64]) -> Whitened {
     let mut rest = masked(column, take);
-    FrameNuisance::new(sheet, take).take_out(&mut rest);
+    FrameNuisance::new(system, take).take_out(&mut rest);
     rest
 }
 
 /// The change of each own parameter, by parameter and frame, that leads from residuals with the shared parameters moved to those of the
 /// fit: by least squares on the images taken, where it is exact.
-pub(super) fn own_changes(sheet: &WhitenedSystem, take: &[bool], shared_moved: &[f64], fitted: &[f64]) -> Vec<Vec<f64>> {
-    let own = sheet.own.len();
-    let mut changes = vec![vec![0.0; sheet.frames]; own];
+pub(super) fn own_changes(system: &WhitenedSystem, take: &[bool], shared_moved: &[f64], fitted: &[f64]) -> Vec<Vec<f64>> {
+    let own = system.own.len();
+    let mut changes = vec![vec![0.0; system.frames]; own];
     if own == 0 {
         return changes;
     }
-    let mut matrices = vec![DMatrix::<f64>::zeros(own, own); sheet.frames];
-    let mut rights = vec![DVector::<f64>::zeros(own); sheet.frames];
-    for k in (0..2 * sheet.images()).filter(|k| take[k / 2]) {
-        let frame = sheet.frame[k / 2];
+    let mut matrices = vec![DMatrix::<f64>::zeros(own, own); system.frames];
+    let mut rights = vec![DVector::<f64>::zeros(own); system.frames];
+    for k in (0..2 * system.images()).filter(|k| take[k / 2]) {
+        let frame = system.frame[k / 2];
         let wanted = fitted[k] - shared_moved[k];
         for i in 0..own {
-            rights[frame][i] += sheet.own[i][k] * wanted;
+            rights[frame][i] += system.own[i][k] * wanted;
             for j in 0..own {
-                matrices[frame][(i, j)] += sheet.own[i][k] * sheet.own[j][k];
+                matrices[frame][(i, j)] += system.own[i][k] * system.own[j][k];
             }
         }
     }

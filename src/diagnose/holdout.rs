@@ -7,10 +7,10 @@
 
 use super::descent::refit_own;
 use super::evidence::Evidence;
+use super::fit_state::FitState;
 use super::frame_nuisance::project_own;
 use super::linear_fit::Fit;
 use super::linear_system::{Whitened, WhitenedSystem, dot};
-use super::stepwise::FitState;
 use crate::statistics::student_t::{cost, psi_of};
 
 /// A larger residual, standard errors, is that of no image of the star.
@@ -39,9 +39,9 @@ impl Gain {
 }
 
 /// Residuals with the shared parameters of a fit.
-fn predicted(sheet: &WhitenedSystem, fit: &Fit, more: &[&Whitened]) -> Whitened {
-    let mut residual = sheet.residual.clone();
-    for (column, change) in sheet.camera.iter().chain(more.iter().copied()).zip(fit.change.iter()) {
+fn predicted(system: &WhitenedSystem, fit: &Fit, more: &[&Whitened]) -> Whitened {
+    let mut residual = system.residual.clone();
+    for (column, change) in system.camera.iter().chain(more.iter().copied()).zip(fit.change.iter()) {
         for (a, b) in residual.iter_mut().zip(column) {
             *a += change * b;
         }
@@ -51,14 +51,14 @@ fn predicted(sheet: &WhitenedSystem, fit: &Fit, more: &[&Whitened]) -> Whitened 
 
 /// What held-out images gain by the columns `tried` beside those `kept`, all fitted to the images that `stand` takes.
 pub(super) fn gain(stand: &FitState, held: &[bool], kept: &[&Whitened], tried: &[&Whitened]) -> Gain {
-    let sheet = &stand.sheet;
+    let system = &stand.system;
     let all: Vec<&Whitened> = kept.iter().chain(tried).copied().collect();
-    let (without, with) = (Fit::new(sheet, &stand.take, kept), Fit::new(sheet, &stand.take, &all));
-    let (before, after) = (predicted(sheet, &without, kept), predicted(sheet, &with, &all));
+    let (without, with) = (Fit::new(system, &stand.take, kept), Fit::new(system, &stand.take, &all));
+    let (before, after) = (predicted(system, &without, kept), predicted(system, &with, &all));
     let moved: Whitened = before.iter().zip(&after).map(|(a, b)| a - b).collect();
-    let moved = project_own(sheet, held, &moved);
-    let nu = sheet.tail_degrees;
-    let value = |residual: &Whitened| cost(&refit_own(sheet, held, residual), held, nu);
+    let moved = project_own(system, held, &moved);
+    let nu = system.tail_degrees;
+    let value = |residual: &Whitened| cost(&refit_own(system, held, residual), held, nu);
     let unit = stand.fit.d / stand.fit.c;
     Gain { delta_chi2: (value(&before) - value(&after)) * unit, square: dot(&moved, &moved) * stand.fit.d * unit }
 }
@@ -67,7 +67,7 @@ pub(super) fn gain(stand: &FitState, held: &[bool], kept: &[&Whitened], tried: &
 pub(super) fn plausible(evidence: &Evidence, stand: &FitState) -> Vec<bool> {
     let all = vec![true; evidence.images.len()];
     let more: Vec<&Whitened> = stand.more.iter().collect();
-    let refitted = refit_own(&stand.sheet, &all, &predicted(&stand.sheet, &stand.fit, &more));
+    let refitted = refit_own(&stand.system, &all, &predicted(&stand.system, &stand.fit, &more));
     refitted.chunks_exact(2).map(|pair| pair[0].powi(2) + pair[1].powi(2) < GROSS * GROSS).collect()
 }
 
@@ -76,24 +76,24 @@ pub(super) type Turned = (Vec<bool>, Vec<bool>, Vec<Whitened>);
 
 /// χ² per number and 2-D rms (px) of held-out images, with the noise of `stand`.
 pub(super) fn held_out_quality(evidence: &Evidence, stand: &FitState, turns: &[Turned]) -> Option<(f64, f64)> {
-    let sheet = &stand.sheet;
+    let system = &stand.system;
     let plausible = plausible(evidence, stand);
     let (mut sum, mut square_px, mut count, mut lost) = (0.0, 0.0, 0.0, 0.0);
     for (train, held, columns) in turns {
         let believed = |mask: &[bool]| mask.iter().zip(&plausible).map(|(own, plausible)| *own && *plausible).collect::<Vec<bool>>();
         let (train, held) = (believed(train), believed(held));
         let more: Vec<&Whitened> = columns.iter().collect();
-        let left = refit_own(sheet, &held, &predicted(sheet, &Fit::new(sheet, &train, &more), &more));
-        let (psi, _) = psi_of(&left, &held, sheet.tail_degrees);
+        let left = refit_own(system, &held, &predicted(system, &Fit::new(system, &train, &more), &more));
+        let (psi, _) = psi_of(&left, &held, system.tail_degrees);
         sum += dot(&psi, &left);
         let px = stand.noise.unwhiten(&evidence.images, &evidence.place, &left);
         square_px += dot(&px, &px);
         count += held.iter().filter(|held| **held).count() as f64;
-        let mut seen = vec![false; sheet.frames];
-        for (frame, _) in sheet.frame.iter().zip(&held).filter(|(_, held)| **held) {
+        let mut seen = vec![false; system.frames];
+        for (frame, _) in system.frame.iter().zip(&held).filter(|(_, held)| **held) {
             seen[*frame] = true;
         }
-        lost += (sheet.own.len() * seen.iter().filter(|seen| **seen).count()) as f64;
+        lost += (system.own.len() * seen.iter().filter(|seen| **seen).count()) as f64;
     }
     // Under the noise found, ψ·r has expectation one for each number and degree of freedom.
     (count > 0.0 && 2.0 * count > lost).then(|| (sum / (2.0 * count - lost), (square_px / count).sqrt()))

@@ -4,23 +4,16 @@
 //! parameter that its columns depend on in a way that no tangent shows (the place of a seam, a length, a zenith that nobody knows) is
 //! searched over: one variant for each of its values; the search is paid for in the probabilities, which come from the largest of all.
 
-use nalgebra::Vector3;
-
 use super::DiagnoseOptions;
-use super::evidence::Evidence;
 use super::rendered_columns::{Rendered, Shifts};
-use super::untimed::turned;
+use super::star_images::StarImages;
+use super::zenith::{supposed, unknown_zeniths, with_zenith};
 use crate::calibrate::{BundleSolution, Column};
 use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Searched, StarState};
 use crate::identify::ControlPoints;
 
 /// One in so many frames may lack what an effect needs.
 const FEW_OF: usize = 4;
-/// Directions of an unknown zenith that are tried.
-const ZENITHS: usize = 60;
-/// Stars are seen down to this altitude, radians, when a zenith is looked for.
-const LOWEST_RAD: f64 = 0.09;
-
 /// One value of what is searched over.
 #[derive(Clone, Debug)]
 pub(super) struct Variant {
@@ -81,7 +74,7 @@ impl Hypothesis {
 /// All of them, in the registry's order.
 pub(super) fn hypotheses(
     joint: &BundleSolution,
-    evidence: &Evidence,
+    stars: &StarImages,
     points: &ControlPoints,
     options: &DiagnoseOptions,
     rendered: &Rendered,
@@ -89,21 +82,21 @@ pub(super) fn hypotheses(
     DISPLACEMENTS
         .iter()
         .filter(|effect| effect.is_hypothesis())
-        .map(|effect| hypothesis(*effect, joint, evidence, points, options, rendered.of(effect.id()).cloned()))
+        .map(|effect| hypothesis(*effect, joint, stars, points, options, rendered.of(effect.id()).cloned()))
         .collect()
 }
 
 fn hypothesis(
     effect: &'static dyn AnyDisplacement,
     joint: &BundleSolution,
-    evidence: &Evidence,
+    stars: &StarImages,
     points: &ControlPoints,
     options: &DiagnoseOptions,
     shifts: Option<Shifts>,
 ) -> Hypothesis {
-    let first = evidence.frames.first().map_or_else(Observation::default, |(_, observation)| *observation);
+    let first = stars.frames.first().map_or_else(Observation::default, |(_, observation)| *observation);
     let present = joint.model().terms().find(|(id, _)| *id == effect.id()).map(|(_, parameters)| parameters.to_vec());
-    let known: Vec<Option<Vec<f64>>> = evidence.frames.iter().map(|(_, observation)| effect.predicted(observation)).collect();
+    let known: Vec<Option<Vec<f64>>> = stars.frames.iter().map(|(_, observation)| effect.predicted(observation)).collect();
     let is_there = present.as_ref().is_some_and(|parameters| parameters.first().is_some_and(|size| *size != 0.0));
     let fitted = effect.default_free(&first);
     let searched = effect.searched(&first);
@@ -111,7 +104,7 @@ fn hypothesis(
     let whole = |parameters: &Vec<f64>| fitted.first().and_then(|index| parameters.get(*index)).copied();
     // A size that differs from frame to frame (pressure) is known as its mean: the columns are in proportion to it.
     let sizes: Vec<f64> = known.iter().flatten().filter_map(whole).collect();
-    let known = (!sizes.is_empty() && sizes.len() == evidence.frames.len()).then(|| sizes.iter().sum::<f64>() / sizes.len() as f64);
+    let known = (!sizes.is_empty() && sizes.len() == stars.frames.len()).then(|| sizes.iter().sum::<f64>() / sizes.len() as f64);
     let mut found = Hypothesis {
         effect,
         fitted,
@@ -122,10 +115,10 @@ fn hypothesis(
         in_force: options.physics.iter().any(|id| id == effect.id()),
         shifts,
     };
-    if effect.facts().searches_zenith && evidence.frames.iter().any(|(_, observation)| observation.zenith.is_none()) {
+    if effect.facts().searches_zenith && stars.frames.iter().any(|(_, observation)| observation.zenith.is_none()) {
         found.known = None;
         found.fitted = effect.default_free(&with_zenith(&first, [0.0, 0.0, 1.0]));
-        match unknown_zeniths(evidence, points) {
+        match unknown_zeniths(stars, points) {
             Ok(zeniths) => {
                 found.variants = zeniths.into_iter().filter_map(|zenith| free_zenith(joint, effect, &found.fitted, zenith)).collect();
             }
@@ -133,22 +126,22 @@ fn hypothesis(
         }
         return found;
     }
-    let lacks = evidence.frames.iter().filter_map(|(_, observation)| effect.unmet_requirement(observation)).collect::<Vec<_>>();
+    let lacks = stars.frames.iter().filter_map(|(_, observation)| effect.unmet_requirement(observation)).collect::<Vec<_>>();
     // Where a few frames do not tell what moves their stars, the effect leaves them alone and the others tell.
-    let a_few = found.known.is_none() && FEW_OF * lacks.len() <= evidence.frames.len();
+    let a_few = found.known.is_none() && FEW_OF * lacks.len() <= stars.frames.len();
     if let Some(reason) = lacks.first().filter(|_| !a_few) {
-        let some = if lacks.len() < evidence.frames.len() { "in some of the frames " } else { "" };
+        let some = if lacks.len() < stars.frames.len() { "in some of the frames " } else { "" };
         found.missing = Some(format!("{some}{reason}"));
         return found;
     }
-    let mut contexts = (0..evidence.images.len()).map(|k| evidence.context(k, points));
+    let mut contexts = (0..stars.images.len()).map(|k| stars.context(k, points));
     if let Some(reason) = contexts.next().and_then(|context| effect.unmet_in_context(&context))
         && contexts.all(|context| effect.unmet_in_context(&context).is_some())
     {
         found.missing = Some(reason.to_owned());
         return found;
     }
-    let star = evidence.images.first().map_or_else(StarState::default, |image| points.points[image.point].star);
+    let star = stars.images.first().map_or_else(StarState::default, |image| points.points[image.point].star);
     let start = present.or_else(|| effect.identity(&Context::new(star, first))).unwrap_or_else(|| vec![0.0; effect.parameters().len()]);
     let starts = match found.searched.as_ref().filter(|_| !is_there) {
         Some(searched) => searched.values.iter().map(|value| with(&start, searched.parameter, *value)).collect(),
@@ -202,56 +195,6 @@ fn with(start: &[f64], parameter: usize, value: f64) -> Vec<f64> {
 fn variant(joint: &BundleSolution, hypothesis: &Hypothesis, start: Vec<f64>) -> Option<Variant> {
     let columns = joint.columns_of(hypothesis.id(), &start, &hypothesis.fitted)?;
     Some(Variant { start, zenith: None, turns_rad: Vec::new(), columns, searched_sigma: None, rendered: false })
-}
-
-/// Zeniths under which every star image is above the horizon, evenly spread; in axes fixed to the Earth where all times are known.
-fn unknown_zeniths(evidence: &Evidence, points: &ControlPoints) -> Result<Vec<[f64; 3]>, String> {
-    let timed = evidence.frames.iter().filter(|(_, observation)| observation.earth_from_icrs.is_some()).count();
-    if timed > 0 && timed < evidence.frames.len() {
-        return Err("the site is not known, and the time of some frames only".to_owned());
-    }
-    let in_earth = timed > 0;
-    let turned = |direction: [f64; 3], observation: &Observation| match observation.earth_from_icrs.filter(|_| in_earth) {
-        Some(rows) => std::array::from_fn(|k| rows[k].iter().zip(direction).map(|(a, b)| a * b).sum()),
-        None => direction,
-    };
-    let stars: Vec<Vector3<f64>> = evidence
-        .images
-        .iter()
-        .zip(&evidence.place)
-        .map(|(image, place)| Vector3::from(turned(points.points[image.point].direction.xyz, &evidence.frames[*place].1)))
-        .collect();
-    // A spiral over the whole sphere, thinned by what must be above the horizon.
-    let count = 12 * ZENITHS;
-    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
-    let all = (0..count).map(|k| {
-        let z = 1.0 - 2.0 * (k as f64 + 0.5) / count as f64;
-        let (r, angle) = ((1.0 - z * z).sqrt(), golden * k as f64);
-        [r * angle.cos(), r * angle.sin(), z]
-    });
-    let least = LOWEST_RAD.sin();
-    let possible: Vec<[f64; 3]> = all.filter(|zenith| stars.iter().all(|star| star.dot(&Vector3::from(*zenith)) > least)).collect();
-    if possible.is_empty() {
-        return Err("neither site nor time is known, and no one horizon has all frames above it".to_owned());
-    }
-    let every = possible.len().div_ceil(ZENITHS);
-    Ok(possible.into_iter().step_by(every).collect())
-}
-
-/// A solution with a zenith supposed, and each frame's turned about the pole from there.
-pub(super) fn supposed(joint: &BundleSolution, zenith: [f64; 3], turns_rad: &[f64]) -> BundleSolution {
-    joint.with_frames(|place, observation| {
-        with_zenith(observation, turns_rad.get(place).map_or(zenith, |turn_rad| turned(zenith, *turn_rad)))
-    })
-}
-
-/// What is known of a frame with the zenith supposed.
-pub(super) fn with_zenith(observation: &Observation, zenith: [f64; 3]) -> Observation {
-    let icrs = match observation.earth_from_icrs {
-        Some(rows) => std::array::from_fn(|k| (0..3).map(|row| rows[row][k] * zenith[row]).sum()),
-        None => zenith,
-    };
-    Observation { zenith: Some(icrs), zenith_is_guessed: true, ..*observation }
 }
 
 fn free_zenith(joint: &BundleSolution, effect: &'static dyn AnyDisplacement, fitted: &[usize], zenith: [f64; 3]) -> Option<Variant> {

@@ -56,11 +56,11 @@ pub(super) struct Fit {
 
 impl Fit {
     /// Fits attitudes, camera and `more` columns to the images taken.
-    pub(super) fn new(sheet: &WhitenedSystem, take: &[bool], more: &[&Whitened]) -> Self {
+    pub(super) fn new(system: &WhitenedSystem, take: &[bool], more: &[&Whitened]) -> Self {
         let mut fit = Self {
             take: take.to_vec(),
-            own: FrameNuisance::new(sheet, take),
-            basis: DMatrix::zeros(2 * sheet.images(), 0),
+            own: FrameNuisance::new(system, take),
+            basis: DMatrix::zeros(2 * system.images(), 0),
             mixing: DMatrix::zeros(0, 0),
             change: DVector::zeros(0),
             residual: Vec::new(),
@@ -69,15 +69,15 @@ impl Fit {
             d: 1.0,
             degrees: 1.0,
         };
-        let shared: Vec<&Whitened> = sheet.camera.iter().chain(more.iter().copied()).collect();
-        fit.set_shared(sheet, &shared);
-        fit.solve(sheet);
+        let shared: Vec<&Whitened> = system.camera.iter().chain(more.iter().copied()).collect();
+        fit.set_shared(system, &shared);
+        fit.solve(system);
         fit
     }
 
-    fn set_shared(&mut self, sheet: &WhitenedSystem, shared: &[&Whitened]) {
+    fn set_shared(&mut self, system: &WhitenedSystem, shared: &[&Whitened]) {
         let count = shared.len();
-        let projected = self.without_own(sheet, shared.iter().map(|column| column.as_slice()));
+        let projected = self.without_own(system, shared.iter().map(|column| column.as_slice()));
         let length: Vec<f64> = projected.column_iter().map(|column| column.norm()).collect();
         let raw: Vec<f64> = shared.iter().map(|column| dot(column, column).sqrt()).collect();
         let scale: Vec<f64> =
@@ -107,11 +107,11 @@ impl Fit {
         self.basis.as_slice().chunks_exact(self.basis.nrows().max(1))
     }
 
-    fn solve(&mut self, sheet: &WhitenedSystem) {
+    fn solve(&mut self, system: &WhitenedSystem) {
         let taken = self.take.iter().filter(|take| **take).count();
-        let own: usize = self.own.count() * self.frames_taken(sheet);
+        let own: usize = self.own.count() * self.frames_taken(system);
         self.degrees = (2.0 * taken as f64 - own as f64 - self.basis.ncols() as f64).max(1.0);
-        let nu = sheet.tail_degrees;
+        let nu = system.tail_degrees;
         let project = |column: &mut Whitened| -> Vec<f64> {
             let along: Vec<f64> = self.directions().map(|basis| dot(basis, column)).collect();
             self.own.take_out(column);
@@ -120,7 +120,7 @@ impl Fit {
             }
             along
         };
-        let (residual, moved) = descend(masked(&sheet.residual, &self.take), &self.take, nu, self.basis.ncols(), project);
+        let (residual, moved) = descend(masked(&system.residual, &self.take), &self.take, nu, self.basis.ncols(), project);
         // c and d are those of errors, and residuals are smaller than errors by what the fit has taken.
         let larger = (2.0 * taken as f64 / self.degrees).sqrt();
         let errors: Whitened = residual.iter().map(|r| r * larger).collect();
@@ -133,21 +133,21 @@ impl Fit {
         self.psi = psi;
     }
 
-    fn frames_taken(&self, sheet: &WhitenedSystem) -> usize {
-        let mut seen = vec![false; sheet.frames];
-        for (frame, _) in sheet.frame.iter().zip(&self.take).filter(|(_, take)| **take) {
+    fn frames_taken(&self, system: &WhitenedSystem) -> usize {
+        let mut seen = vec![false; system.frames];
+        for (frame, _) in system.frame.iter().zip(&self.take).filter(|(_, take)| **take) {
             seen[*frame] = true;
         }
         seen.into_iter().filter(|seen| *seen).count()
     }
 
-    fn without_own<'a>(&self, sheet: &WhitenedSystem, columns: impl Iterator<Item = &'a [f64]>) -> DMatrix<f64> {
+    fn without_own<'a>(&self, system: &WhitenedSystem, columns: impl Iterator<Item = &'a [f64]>) -> DMatrix<f64> {
         let mut all: Vec<f64> = columns.flatten().copied().collect();
-        for rest in all.chunks_exact_mut(2 * sheet.images().max(1)) {
+        for rest in all.chunks_exact_mut(2 * system.images().max(1)) {
             mask(rest, &self.take);
             self.own.take_out(rest);
         }
-        let rows = 2 * sheet.images();
+        let rows = 2 * system.images();
         DMatrix::from_vec(rows, all.len().checked_div(rows).unwrap_or(0), all)
     }
 
@@ -166,8 +166,8 @@ impl Fit {
     }
 
     /// M·a of many columns.
-    pub(super) fn project_all(&self, sheet: &WhitenedSystem, columns: &[Whitened]) -> DMatrix<f64> {
-        let mut rest = self.without_own(sheet, columns.iter().map(Vec::as_slice));
+    pub(super) fn project_all(&self, system: &WhitenedSystem, columns: &[Whitened]) -> DMatrix<f64> {
+        let mut rest = self.without_own(system, columns.iter().map(Vec::as_slice));
         for _ in 0..2 {
             let along = products(&self.basis, &rest);
             rest.gemm(-1.0, &self.basis, &along, 1.0);
@@ -233,7 +233,7 @@ mod tests {
     const IMAGES: usize = 240;
 
     /// Random columns; residuals are noise plus a known change of the shared parameters and of one more column.
-    fn sheet(rng: &mut Pcg64Mcg, changes: [f64; 3], tail_degrees: f64) -> (WhitenedSystem, Whitened) {
+    fn system(rng: &mut Pcg64Mcg, changes: [f64; 3], tail_degrees: f64) -> (WhitenedSystem, Whitened) {
         let mut column = || (0..2 * IMAGES).map(|_| rng.random::<f64>() - 0.5).collect::<Whitened>();
         let (own, camera, more) = ((0..3).map(|_| column()).collect(), vec![column(), column()], column());
         let shared: Vec<&Whitened> = camera.iter().chain([&more]).collect();
@@ -256,8 +256,8 @@ mod tests {
             let truth = [3.0, -20.0, 5.0];
             let (mut square, mut count) = (0.0, 0.0_f64);
             for _ in 0..200 {
-                let (sheet, more) = sheet(&mut rng, truth, tail_degrees);
-                let fit = Fit::new(&sheet, &[true; IMAGES], &[&more]);
+                let (system, more) = system(&mut rng, truth, tail_degrees);
+                let fit = Fit::new(&system, &[true; IMAGES], &[&more]);
                 let covariance = fit.covariance();
                 for k in 0..3 {
                     square += (fit.change[k] - truth[k]).powi(2) / covariance[(k, k)];
@@ -273,14 +273,14 @@ mod tests {
     #[test]
     fn what_is_fitted_leaves_nothing() {
         let mut rng = Pcg64Mcg::seed_from_u64(5);
-        let (sheet, more) = sheet(&mut rng, [0.0; 3], f64::INFINITY);
-        let fit = Fit::new(&sheet, &[true; IMAGES], &[]);
+        let (system, more) = system(&mut rng, [0.0; 3], f64::INFINITY);
+        let fit = Fit::new(&system, &[true; IMAGES], &[]);
         let rest = fit.project(&more);
-        for camera in &sheet.camera {
+        for camera in &system.camera {
             assert!(dot(&rest, camera).abs() < 1e-9);
             assert!(fit.project(camera).iter().all(|value| value.abs() < 1e-9));
         }
-        for own in &sheet.own {
+        for own in &system.own {
             assert!(fit.own.by_frame(own, &rest).iter().all(|sum| sum.abs() < 1e-9));
         }
         assert!(dot(&fit.psi, &rest).abs() > 1e-6, "a column that was not fitted still has a score");
@@ -290,11 +290,11 @@ mod tests {
     #[test]
     fn far_images_pull_little() {
         let mut rng = Pcg64Mcg::seed_from_u64(6);
-        let (mut sheet, more) = sheet(&mut rng, [0.0; 3], 4.0);
-        sheet.residual[10] += 200.0;
+        let (mut system, more) = system(&mut rng, [0.0; 3], 4.0);
+        system.residual[10] += 200.0;
         let change = |tail_degrees: f64| {
-            let sheet = WhitenedSystem { tail_degrees, ..sheet.clone() };
-            Fit::new(&sheet, &[true; IMAGES], &[&more]).change[2].abs()
+            let system = WhitenedSystem { tail_degrees, ..system.clone() };
+            Fit::new(&system, &[true; IMAGES], &[&more]).change[2].abs()
         };
         assert!(4.0 * change(4.0) < change(f64::INFINITY), "{} {}", change(4.0), change(f64::INFINITY));
     }

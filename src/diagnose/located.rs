@@ -2,13 +2,13 @@
 
 use super::diagnosis::Located;
 use super::evidence::Evidence;
+use super::fit_state::FitState;
 use super::linear_fit::Fit;
 use super::linear_system::Whitened;
 use super::null_distribution::NullDistribution;
 use super::omnibus::among_covariates;
 use super::permutation::Permutations;
 use super::scan::{Asks, Scan};
-use super::stepwise::FitState;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// So many are named.
@@ -49,7 +49,7 @@ pub(super) fn located(evidence: &Evidence, stand: &FitState, scan: &Scan, chance
             continue;
         }
         let conditional_p_value = (place > 0 && place <= NAMED).then(|| {
-            let fit = Fit::new(&stand.sheet, &stand.take, &leaders.iter().collect::<Vec<_>>());
+            let fit = Fit::new(&stand.system, &stand.take, &leaders.iter().collect::<Vec<_>>());
             let beside = FitState { fit, ..stand.clone() };
             let most = evidence.covariates[index].patterns.iter().map(|pattern| {
                 let own: Vec<Whitened> = pattern.iter().map(|column| evidence.white(&stand.noise, column)).collect();

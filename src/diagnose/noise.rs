@@ -7,8 +7,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::evidence::Evidence;
 use super::linear_system::WhitenedSystem;
+use super::star_images::StarImages;
 use crate::calibrate::{BundleImage, Column};
 use crate::statistics::significance::neg_ln_chi2_sf;
 
@@ -204,40 +204,40 @@ fn sum_of(values: &[f64], of: impl Fn(f64) -> f64) -> f64 {
 }
 
 /// Degrees of freedom over numbers.
-pub(super) fn freedom(sheet: &WhitenedSystem, take: &[bool], shared: usize) -> f64 {
+pub(super) fn freedom(system: &WhitenedSystem, take: &[bool], shared: usize) -> f64 {
     let taken = take.iter().filter(|take| **take).count() as f64;
-    let mut seen = vec![false; sheet.frames];
-    for (frame, _) in sheet.frame.iter().zip(take).filter(|(_, take)| **take) {
+    let mut seen = vec![false; system.frames];
+    for (frame, _) in system.frame.iter().zip(take).filter(|(_, take)| **take) {
         seen[*frame] = true;
     }
-    let own = (sheet.own.len() * seen.iter().filter(|seen| **seen).count()) as f64;
+    let own = (system.own.len() * seen.iter().filter(|seen| **seen).count()) as f64;
     ((2.0 * taken - own - shared as f64) / (2.0 * taken).max(1.0)).clamp(0.05, 1.0)
 }
 
 /// Variance factors of frames that the joint solution found to be worse than the others: how large they are once a smooth field of the
 /// frame's own is taken out. What is worse in a frame by a displacement is a mismatch, and only what scatters is noise.
-pub(super) fn frame_factors(evidence: &Evidence, floor_px2: f64) -> Vec<f64> {
-    let places: Vec<[f64; 2]> = evidence.predicted_px(super::evidence::REACH_PX).collect();
+pub(super) fn frame_factors(stars: &StarImages, solved: &[f64], floor_px2: f64) -> Vec<f64> {
+    let places: Vec<[f64; 2]> = stars.predicted_px(super::star_images::REACH_PX).collect();
     let largest = places.iter().flatten().fold(1.0_f64, |most, value| most.max(value.abs()));
     let scatter = |frame: usize| -> Option<[f64; 2]> {
-        let own: Vec<usize> = (0..places.len()).filter(|k| evidence.place[*k] == frame).collect();
-        let fields = 12 + evidence.own.len();
+        let own: Vec<usize> = (0..places.len()).filter(|k| stars.place[*k] == frame).collect();
+        let fields = 12 + stars.own.len();
         (2 * own.len() > fields + 8).then_some(())?;
         let mut matrix = DMatrix::zeros(2 * own.len(), fields);
         let mut right = DVector::zeros(2 * own.len());
         for (row, k) in own.iter().enumerate() {
-            let [xx, _, yy] = evidence.images[*k].stated_px2;
+            let [xx, _, yy] = stars.images[*k].stated_px2;
             let root = 1.0 / (f64::midpoint(xx, yy) + floor_px2).max(1e-12).sqrt();
             let [x, y] = places[*k].map(|value| 2.0 * value / largest - 1.0);
             for axis in 0..2 {
                 for (column, value) in [1.0, x, y, x * x, x * y, y * y].into_iter().enumerate() {
                     matrix[(2 * row + axis, 6 * axis + column)] = root * value;
                 }
-                for (column, own) in evidence.own.iter().enumerate() {
+                for (column, own) in stars.own.iter().enumerate() {
                     let scale = 1.0 / own.iter().flatten().fold(1e-300_f64, |most, value| most.max(value.abs()));
                     matrix[(2 * row + axis, 12 + column)] = root * own[*k][axis] * scale;
                 }
-                right[2 * row + axis] = root * evidence.residual_px[2 * k + axis];
+                right[2 * row + axis] = root * stars.residual_px[2 * k + axis];
             }
         }
         let factors = matrix.col_piv_qr();
@@ -254,15 +254,15 @@ pub(super) fn frame_factors(evidence: &Evidence, floor_px2: f64) -> Vec<f64> {
         let median = crate::statistics::median_in_place(&mut squares)?;
         Some([median / (2.0 * std::f64::consts::LN_2 * freedom), (2 * own.len() - kept) as f64])
     };
-    if evidence.frame_factors.iter().all(|factor| *factor <= 1.0) {
-        return evidence.frame_factors.clone();
+    if solved.iter().all(|factor| *factor <= 1.0) {
+        return solved.to_vec();
     }
-    let all: Vec<Option<[f64; 2]>> = (0..evidence.frames.len()).map(scatter).collect();
+    let all: Vec<Option<[f64; 2]>> = (0..stars.frames.len()).map(scatter).collect();
     let mut levels: Vec<f64> = all.iter().flatten().map(|[level, _]| *level).collect();
     let Some(usual) = crate::statistics::median_in_place(&mut levels).filter(|usual| *usual > 0.0) else {
-        return evidence.frame_factors.clone();
+        return solved.to_vec();
     };
-    let of = |(frame, found): (usize, &Option<[f64; 2]>)| match (evidence.frame_factors[frame], found) {
+    let of = |(frame, found): (usize, &Option<[f64; 2]>)| match (solved[frame], found) {
         (factor, _) if factor <= 1.0 => 1.0,
         (factor, None) => factor,
         (_, Some([level, degrees])) => {

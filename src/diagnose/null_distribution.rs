@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use super::linear_fit::Fit;
 use super::scan::{Asks, Scan};
-use crate::statistics::significance::neg_ln_chi2_sf;
+use crate::statistics::significance::{family_wise_p_value, neg_ln_chi2_sf};
 
 /// Simulated recordings drawn together.
 pub(super) const BATCH: usize = 200;
@@ -136,8 +136,7 @@ pub(super) fn family_p(largest: &[f64], surprise: f64) -> f64 {
         return above as f64 / n as f64;
     }
     let m = independent(largest);
-    let p = (-surprise).exp();
-    -(m * (-p).ln_1p()).exp_m1()
+    family_wise_p_value((-surprise).exp(), m)
 }
 
 /// Standard error of ln p, p that of a surprise.

@@ -7,11 +7,11 @@
 //! one; those too weak to show stay in the model at their known size meanwhile.
 
 use super::evidence::Evidence;
+use super::fit_state::{AGREES, AS_GOOD, FitState, SelectedEffect, amplitude, fall};
 use super::hypotheses::Hypothesis;
 use super::linear_fit::Fit;
 use super::linear_system::{Whitened, WhitenedSystem};
 use super::noise::NoiseModel;
-use super::stepwise::{AGREES, AS_GOOD, FitState, SelectedEffect, amplitude, columns, fall, select};
 use crate::camera::Term;
 use crate::effects::Segment;
 use crate::statistics::significance::neg_ln_chi2_sf;
@@ -29,9 +29,14 @@ struct Missing {
 }
 
 /// Effects that are to be in the model at their known sizes, because others of their kind are there and they are too weak to be chosen.
-/// `threshold` is the surprise that a finding needs.
-pub(super) fn too_weak_to_show(evidence: &Evidence, all: &[bool], begin: &NoiseModel, threshold: f64) -> Vec<Term> {
-    let (chosen, _) = select(evidence, all, begin, threshold);
+/// `chosen` is what stepwise selection takes; `threshold` is the surprise that a finding needs.
+pub(super) fn too_weak_to_show(
+    evidence: &Evidence,
+    all: &[bool],
+    begin: &NoiseModel,
+    chosen: Vec<SelectedEffect>,
+    threshold: f64,
+) -> Vec<Term> {
     let is_of_nature = |entry: &SelectedEffect| missing(evidence, begin, entry.hypothesis).is_some();
     let (natural, others): (Vec<SelectedEffect>, Vec<SelectedEffect>) = chosen.into_iter().partition(is_of_nature);
     // Where nothing of nature was chosen another name may stand in its place: it is judged without any.
@@ -64,21 +69,20 @@ pub(super) fn is_needed(evidence: &Evidence, stand: &FitState, accepted: &[Selec
     if together.is_empty() {
         return true;
     }
-    let white =
-        |entry: SelectedEffect| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
+    let white = |entry: SelectedEffect| stand.white(evidence, &[entry]);
     let own = white(entry);
     let more: Vec<Whitened> = stand.more.iter().chain(&own).cloned().collect();
-    let fit = Fit::new(&stand.sheet, &stand.take, &more.iter().collect::<Vec<_>>());
+    let fit = Fit::new(&stand.system, &stand.take, &more.iter().collect::<Vec<_>>());
     drop_refuted(&FitState { more, fit, ..stand.clone() }, &mut together);
     if together.is_empty() {
         return true;
     }
-    let sheet = moved(stand, together.iter());
-    let fitted = |more: &[&Whitened]| Fit::new(&sheet, &stand.take, more);
+    let system = moved(stand, together.iter());
+    let fitted = |more: &[&Whitened]| Fit::new(&system, &stand.take, more);
     let kept: Vec<&Whitened> = stand.more.iter().collect();
     let without = fitted(&kept);
     let by_likelihood = fall(stand, &without, &fitted(&kept.iter().copied().chain(&own).collect::<Vec<_>>()));
-    let beside = FitState { fit: without, sheet: sheet.clone(), ..stand.clone() };
+    let beside = FitState { fit: without, system: system.clone(), ..stand.clone() };
     // What is searched for may lie elsewhere once nature has its part.
     let by_score = (0..evidence.hypotheses[entry.hypothesis].variants.len()).map(|variant| {
         let (t, rank) = beside.score(&white(SelectedEffect { variant, ..entry }));
@@ -115,20 +119,20 @@ fn missing(evidence: &Evidence, noise: &NoiseModel, index: usize) -> Option<Miss
 }
 
 fn sum<'a>(stand: &FitState, some: impl Iterator<Item = &'a Missing>) -> Whitened {
-    some.fold(vec![0.0; stand.sheet.residual.len()], |sum, own| sum.iter().zip(&own.change).map(|(a, b)| a + b).collect())
+    some.fold(vec![0.0; stand.system.residual.len()], |sum, own| sum.iter().zip(&own.change).map(|(a, b)| a + b).collect())
 }
 
 /// The linear problem with some of them in the model at their known sizes.
 fn moved<'a>(stand: &FitState, some: impl Iterator<Item = &'a Missing>) -> WhitenedSystem {
-    let residual = stand.sheet.residual.iter().zip(sum(stand, some)).map(|(a, b)| a + b).collect();
-    WhitenedSystem { residual, ..stand.sheet.clone() }
+    let residual = stand.system.residual.iter().zip(sum(stand, some)).map(|(a, b)| a + b).collect();
+    WhitenedSystem { residual, ..stand.system.clone() }
 }
 
 /// Fall of −2·ln of the likelihood with some of them at their known sizes.
 fn gain<'a>(stand: &FitState, some: impl Iterator<Item = &'a Missing>) -> f64 {
-    let sheet = moved(stand, some);
+    let system = moved(stand, some);
     let more: Vec<&Whitened> = stand.more.iter().collect();
-    fall(stand, &stand.fit, &Fit::new(&sheet, &stand.take, &more))
+    fall(stand, &stand.fit, &Fit::new(&system, &stand.take, &more))
 }
 
 /// Whether together they explain what is missing, and as much of it as their known sizes do.

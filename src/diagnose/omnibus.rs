@@ -2,9 +2,9 @@
 
 use super::DiagnoseOptions;
 use super::evidence::Evidence;
+use super::fit_state::FitState;
 use super::null_distribution::{NullDistribution, family_p, family_p_error};
 use super::scan::{Asks, Scan};
-use super::stepwise::FitState;
 
 /// Where the decision is near, up to this many times the simulations asked for are added.
 const MORE: usize = 8;

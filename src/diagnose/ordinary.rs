@@ -3,9 +3,9 @@
 
 use super::channels::Detectable;
 use super::evidence::Evidence;
-use super::hypotheses::{Hypothesis, with_zenith};
-use super::linear_system::Whitened;
-use super::stepwise::{FitState, SelectedEffect, UNOBSERVABLE, amplitude, columns, survival};
+use super::fit_state::{FitState, SelectedEffect, UNOBSERVABLE, amplitude, survival};
+use super::hypotheses::Hypothesis;
+use super::zenith::with_zenith;
 use crate::effects::{OrdinarySize, UsualSize};
 use crate::statistics::significance::neg_ln_chi2_sf;
 
@@ -87,8 +87,7 @@ pub(super) fn detectable(
         let reach_px = column.iter().map(|[x, y]| x.hypot(*y)).fold(0.0, f64::max);
         let Some((ordinary, source)) = ordinary(hypothesis, reach_px) else { continue };
         let entry = [SelectedEffect { hypothesis: index, variant }];
-        let white =
-            |stand: &FitState| columns(evidence, &entry).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
+        let white = |stand: &FitState| stand.white(evidence, &entry);
         let own = white(stand);
         let (_, rank) = stand.score(&own);
         let threshold = threshold + 0.5 * (hypothesis.variants.len() as f64).ln();

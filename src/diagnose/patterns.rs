@@ -15,13 +15,11 @@ use nalgebra::{DMatrix, DVector};
 
 use super::evidence::Evidence;
 use super::final_fit::FinalFit;
-use super::linear_fit::Fit;
+use super::fit_state::{AGREES, FitState, SelectedEffect};
 use super::linear_system::{Whitened, dot};
-use super::run::family;
 use super::scan::{Asks, Group, Scan, orthonormal};
-use super::stepwise::{AGREES, FitState, SelectedEffect, columns};
 use crate::calibrate::Column;
-use crate::statistics::significance::neg_ln_chi2_sf;
+use crate::statistics::significance::{family_wise_p_value, neg_ln_chi2_sf};
 
 /// A pattern remains if chance leaves the largest of as many with less than this probability.
 const REMAINS_P: f64 = 1e-3;
@@ -58,7 +56,7 @@ pub(super) fn veto(named: &Named, scan: &Scan, statistic: f64) -> Option<String>
         })
         .collect();
     let remaining = asked.iter().filter_map(|(group, index)| {
-        let p = family((-group.surprise()).exp(), asked.len() as f64);
+        let p = family_wise_p_value((-group.surprise()).exp(), asked.len() as f64);
         (p < REMAINS_P && group.statistic - group.rank as f64 > MIN_LEFT * statistic).then_some((*group, *index, p))
     });
     for (group, index, p) in remaining {
@@ -99,23 +97,17 @@ struct Beside {
 
 fn beside(evidence: &Evidence, stand: &FitState, entries: &[SelectedEffect], k: usize, pattern: &[Column]) -> Beside {
     let white = |column: &Column| evidence.white(&stand.noise, column);
-    let fitted = |more: Vec<Whitened>| {
-        let fit = Fit::new(&stand.sheet, &stand.take, &more.iter().collect::<Vec<_>>()).with_noise_of(&stand.fit);
-        FitState { more, fit, ..stand.clone() }
-    };
-    let others: Vec<SelectedEffect> = entries.iter().enumerate().filter(|(index, _)| *index != k).map(|(_, entry)| *entry).collect();
-    let others: Vec<Whitened> = columns(evidence, &others).map(white).collect();
+    let without = stand.without(evidence, entries, k);
     let pattern: Vec<Whitened> = pattern.iter().map(white).collect();
-    let own = columns(evidence, &entries[k..=k]).map(white).collect();
-    let with_pattern = fitted(others.iter().chain(&pattern).cloned().collect());
-    Beside { own, pattern, without: fitted(others), with_pattern }
+    let with_pattern = stand.beside(without.more.iter().chain(&pattern).cloned().collect());
+    Beside { own: stand.white(evidence, &entries[k..=k]), pattern, without, with_pattern }
 }
 
 impl Beside {
     /// The largest share of one of the effect's columns (squared) that the pattern spans.
     fn within(&self) -> f64 {
         let fit = &self.without.fit;
-        let basis = orthonormal(&self.without.sheet, fit, &self.pattern);
+        let basis = orthonormal(&self.without.system, fit, &self.pattern);
         let share = |column: &Whitened| {
             let rest = fit.project(column);
             basis.column_iter().map(|b| dot(b.as_slice(), &rest).powi(2)).sum::<f64>() / dot(&rest, &rest).max(f64::MIN_POSITIVE)

@@ -13,10 +13,10 @@ use rayon::prelude::*;
 
 use super::covariates::Separated;
 use super::evidence::Evidence;
+use super::fit_state::FitState;
 use super::linear_fit::FrameSums;
 use super::linear_system::Whitened;
 use super::scan::{Asks, MIN_SHARE, Scan};
-use super::stepwise::FitState;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Times that a covariate is dealt out.

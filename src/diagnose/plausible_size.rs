@@ -3,8 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::final_fit::FinalFit;
+use super::fit_state::AGREES;
 use super::hypotheses::{Hypothesis, Variant};
-use super::stepwise::AGREES;
 use super::wording;
 use crate::effects::Natural;
 

@@ -10,13 +10,14 @@
 //! ```
 //! A line through zero fitted to what is drawn has a slope with the error of θ over θ, as the finding says it: nothing is lost to the bins.
 
-use super::diagnosis::{FoundParameter, Profile, ProfileBin};
-use super::evidence::{Evidence, REACH_PX};
+use super::diagnosis::{Finding, FoundParameter, Profile, ProfileBin};
+use super::evidence::Evidence;
 use super::final_fit::FinalFit;
 use super::findings::Context;
+use super::fit_state::SelectedEffect;
 use super::linear_fit::Fit;
 use super::linear_system::Whitened;
-use super::stepwise::{SelectedEffect, columns};
+use super::star_images::REACH_PX;
 
 /// Bins.
 const BINS: usize = 12;
@@ -51,8 +52,7 @@ impl<'a> Drawn<'a> {
     /// Of column `j` of entry `k`, whose size is `value`.
     fn new(solved: &'a FinalFit, k: usize, j: usize, value: f64) -> Self {
         let (evidence, stand) = (&solved.evidence, &solved.stand);
-        let white =
-            |entry: &SelectedEffect| columns(evidence, std::slice::from_ref(entry)).map(|c| evidence.white(&stand.noise, c)).collect();
+        let white = |entry: &SelectedEffect| stand.white(evidence, std::slice::from_ref(entry));
         let mut beside: Vec<Whitened> = Vec::new();
         let mut own = None;
         for (index, entry) in solved.entries.iter().enumerate() {
@@ -65,7 +65,7 @@ impl<'a> Drawn<'a> {
                 }
             }
         }
-        let fit = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>());
+        let fit = Fit::new(&stand.system, &stand.take, &beside.iter().collect::<Vec<_>>());
         // The residual falls by the effect: what it displaces is minus its column times its size.
         let model: Whitened = own.map_or_else(Vec::new, |own| fit.project(&own)).into_iter().map(|rest| -value * rest).collect();
         let (psi, d) = (&stand.fit.psi, stand.fit.d);
@@ -139,8 +139,14 @@ fn drawn_parameter(solved: &FinalFit, k: usize, found: &[FoundParameter]) -> Opt
     (0..count).filter(is_size).filter(|j| snr(j).is_finite()).max_by(|a, b| snr(a).total_cmp(&snr(b)))
 }
 
+/// The profiles of findings, `standing` their entries.
+pub(super) fn profiles(context: &Context, solved: &FinalFit, standing: &[usize], found: &[Finding]) -> Vec<Profile> {
+    let of = |(k, finding): (&usize, &Finding)| profile(context, solved, *k, &finding.parameters, &finding.located_by);
+    standing.iter().zip(found).filter_map(of).collect()
+}
+
 /// The profile of entry `k`, with the names of the covariates that located it. `found`: its parameters as the finding has them.
-pub(super) fn profile(context: &Context, solved: &FinalFit, k: usize, found: &[FoundParameter], located_by: &[String]) -> Option<Profile> {
+fn profile(context: &Context, solved: &FinalFit, k: usize, found: &[FoundParameter], located_by: &[String]) -> Option<Profile> {
     let effect = solved.evidence.hypotheses[solved.entries.get(k)?.hypothesis].effect;
     let id = effect.id();
     let j = drawn_parameter(solved, k, found)?;

@@ -4,7 +4,7 @@ use super::cross_validation::Withheld;
 use super::crossfit::{CrossFit, Proposal};
 use super::diagnosis::{LeftOut, Proposed};
 use super::evidence::Evidence;
-use super::stepwise::{FitState, SelectedEffect};
+use super::fit_state::{FitState, SelectedEffect};
 
 /// Of what turns alone propose.
 const NOT_SIGNIFICANT: &str = "parts of the recording propose it, all star images together do not";

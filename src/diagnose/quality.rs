@@ -4,9 +4,9 @@ use super::DiagnoseOptions;
 use super::crossfit::CrossFit;
 use super::diagnosis::{FitQuality, MeasuredNoise, NoiseState, ResidualRow, StarsUsed, Unused};
 use super::evidence::Evidence;
+use super::fit_state::{FitState, SelectedEffect};
 use super::linear_system::{Whitened, dot};
 use super::noise::NoiseModel;
-use super::stepwise::{FitState, SelectedEffect};
 use crate::identify::ControlPoints;
 use crate::statistics::student_t::{psi_of, weight};
 
@@ -24,7 +24,7 @@ pub(super) fn quality(evidence: &Evidence, stand: &FitState, noise: &NoiseModel,
     };
     let (psi, _) = psi_of(&white, &stand.take, noise.tail_degrees);
     let held = {
-        let judged = FitState { noise: noise.clone(), sheet: evidence.sheet(noise), ..stand.clone() };
+        let judged = FitState { noise: noise.clone(), system: evidence.system(noise), ..stand.clone() };
         tried.quality(evidence, &judged, named)
     };
     FitQuality {

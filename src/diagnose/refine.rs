@@ -9,11 +9,11 @@
 use rayon::prelude::*;
 
 use super::evidence::Evidence;
+use super::fit_state::{FitState, SelectedEffect, columns};
 use super::hypotheses::{Hypothesis, Variant, at_value, finer};
 use super::linear_fit::Fit;
 use super::linear_system::Whitened;
 use super::noise::NoiseModel;
-use super::stepwise::{FitState, SelectedEffect, columns};
 use crate::calibrate::BundleSolution;
 use crate::statistics::student_t::cost;
 
@@ -50,7 +50,7 @@ pub(super) fn refine(evidence: &mut Evidence, joint: &BundleSolution, entries: &
             evidence.hypotheses[hypothesis].variants.extend(tried);
             let score = |variant: usize| {
                 let entry = SelectedEffect { hypothesis, variant };
-                let own: Vec<Whitened> = columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect();
+                let own: Vec<Whitened> = stand.white(evidence, &[entry]);
                 stand.score(&own).0
             };
             let from = if step == 0 { 0 } else { at };
@@ -79,8 +79,8 @@ pub(super) fn place(evidence: &mut Evidence, joint: &BundleSolution, entries: &m
             .collect();
         let gain = |tried: &Variant| {
             let own: Vec<Whitened> = tried.columns.iter().map(|column| evidence.white(&stand.noise, column)).collect();
-            let fit = Fit::new(&stand.sheet, &stand.take, &others.iter().chain(&own).collect::<Vec<_>>());
-            -cost(&fit.residual, &stand.take, stand.sheet.tail_degrees) * stand.fit.d / stand.fit.c
+            let fit = Fit::new(&stand.system, &stand.take, &others.iter().chain(&own).collect::<Vec<_>>());
+            -cost(&fit.residual, &stand.take, stand.system.tail_degrees) * stand.fit.d / stand.fit.c
         };
         let seen = profile(own, &best, joint, &gain);
         let Some((mean, sigma)) = moments(&seen) else { continue };

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::ImageConditions;
-use super::evidence::{Evidence, WITHIN_REACH_PX};
+use super::star_images::{StarImages, WITHIN_REACH_PX};
 use crate::calibrate::BundleSolution;
 use crate::detect::{FixedBackground, fit_forced};
 use crate::effects::ids;
@@ -55,9 +55,9 @@ pub(super) struct Rendered(BTreeMap<&'static str, Shifts>);
 impl Rendered {
     /// Renders and measures the star images of a baseline solution; nothing where nobody says how they look, or where their electrons are
     /// not known.
-    pub(super) fn new(evidence: &Evidence, joint: &BundleSolution, points: &ControlPoints, looks: Option<&ImageConditions>) -> Self {
-        let Some(looks) = looks.filter(|_| evidence.images.len() <= MAX_IMAGES) else { return Self::default() };
-        let studio = ColumnRenderer { evidence, joint, points, looks, plates: star_layouts(evidence, joint, points, looks) };
+    pub(super) fn new(stars: &StarImages, joint: &BundleSolution, points: &ControlPoints, looks: Option<&ImageConditions>) -> Self {
+        let Some(looks) = looks.filter(|_| stars.images.len() <= MAX_IMAGES) else { return Self::default() };
+        let studio = ColumnRenderer { stars, joint, points, looks, plates: star_layouts(stars, joint, points, looks) };
         let ids = DISPLACEMENTS.iter().filter(|effect| effect.rendering(0).is_some());
         Self(ids.filter_map(|effect| Some((effect.id(), studio.shifts(*effect)?))).collect())
     }
@@ -69,8 +69,8 @@ impl Rendered {
 }
 
 /// That nothing was rendered because there is too much of it.
-pub(super) fn left_out(evidence: &Evidence, looks: Option<&ImageConditions>) -> Option<String> {
-    let images = evidence.images.len();
+pub(super) fn left_out(stars: &StarImages, looks: Option<&ImageConditions>) -> Option<String> {
+    let images = stars.images.len();
     looks.filter(|_| images > MAX_IMAGES).map(|_| {
         format!(
             "{images} star images are too many to render them for the columns of effects on pixels (at most {MAX_IMAGES}): the formulas of their pages stand in; give fewer frames"
@@ -78,18 +78,18 @@ pub(super) fn left_out(evidence: &Evidence, looks: Option<&ImageConditions>) -> 
     })
 }
 
-/// Shifts, px, by the image's number in the evidence.
+/// Shifts, px, by the image's number.
 type Moved = BTreeMap<usize, [f64; 2]>;
-/// Stars that are rendered together: each with its number among the images of the evidence.
+/// Stars that are rendered together: each with its number among the star images.
 type StarLayout = Vec<(usize, TestStar)>;
 
 /// Deals the star images out to as few frames as have room for them.
-fn star_layouts(evidence: &Evidence, joint: &BundleSolution, points: &ControlPoints, looks: &ImageConditions) -> Vec<StarLayout> {
+fn star_layouts(stars: &StarImages, joint: &BundleSolution, points: &ControlPoints, looks: &ImageConditions) -> Vec<StarLayout> {
     let camera = joint.model().camera();
     let size = [camera.width_px as f64, camera.height_px as f64];
     let room_px = room_px(looks);
     let mut plates: Vec<(StarLayout, BTreeSet<[i64; 2]>)> = Vec::new();
-    for (index, (image, at)) in evidence.images.iter().zip(evidence.predicted_px(WITHIN_REACH_PX)).enumerate() {
+    for (index, (image, at)) in stars.images.iter().zip(stars.predicted_px(WITHIN_REACH_PX)).enumerate() {
         let point = &points.points[image.point];
         let Some(electrons) = point.image.flux_e.filter(|flux| *flux > 0.0 && flux.is_finite()) else { continue };
         if !(0..2).all(|axis| at[axis] > -0.5 && at[axis] < size[axis] - 0.5) {
@@ -117,7 +117,7 @@ enum Pair {
 
 /// Everything that a column is rendered from.
 struct ColumnRenderer<'a> {
-    evidence: &'a Evidence,
+    stars: &'a StarImages,
     joint: &'a BundleSolution,
     points: &'a ControlPoints,
     looks: &'a ImageConditions,
@@ -133,7 +133,7 @@ impl ColumnRenderer<'_> {
             for (shift, column) in shift_px.iter_mut().zip(&columns) {
                 *shift = *column.get(&index)?; // an image that one of the parameters lacks keeps the formula for all
             }
-            Some((self.evidence.images[index].point, Signature { effect: effect.id(), shift_px }))
+            Some((self.stars.images[index].point, Signature { effect: effect.id(), shift_px }))
         };
         Some(Arc::new(columns.first()?.keys().filter_map(|index| signature(*index)).collect()))
     }
@@ -148,7 +148,7 @@ impl ColumnRenderer<'_> {
                 if let Rendering::Stage { step, by_colour, .. } = rendering {
                     known = step;
                     for (index, shift) in found.iter_mut().filter(|_| by_colour) {
-                        let offset = self.points.points[self.evidence.images[*index].point].star.colour_offset();
+                        let offset = self.points.points[self.stars.images[*index].point].star.colour_offset();
                         *shift = shift.map(|along| along * offset);
                     }
                 }
@@ -206,7 +206,7 @@ impl ColumnRenderer<'_> {
         let [x, y] = [&along[0], &along[1]].map(|pair| self.difference(pair, &self.plates));
         let (x, y) = (x?, y?);
         let of_image = |(index, by_x): (usize, [f64; 2])| {
-            let image = &self.points.points[self.evidence.images[index].point].image;
+            let image = &self.points.points[self.stars.images[index].point].image;
             let (gradient, by_y) = (image.background_gradient_e_px?, y.get(&index)?);
             let scale = image.recording_gradient_e_px.unwrap_or(gradient[0].hypot(gradient[1]));
             let share = gradient.map(|along| along / scale);

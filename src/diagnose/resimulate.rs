@@ -5,11 +5,12 @@
 use super::DiagnoseOptions;
 use super::evidence::Evidence;
 use super::final_fit::FinalFit;
+use super::fit_state::{FitState, SelectedEffect};
 use super::linear_fit::Fit;
 use super::linear_system::{Whitened, WhitenedSystem};
 use super::null_distribution::{NullDistribution, family_p};
 use super::scan::{Asks, Scan};
-use super::stepwise::{FitState, SelectedEffect, columns};
+use super::star_images::StarImages;
 use crate::calibrate::{BundleSolution, Column, FixedNoise};
 use crate::statistics::significance::neg_ln_chi2_sf;
 use crate::statistics::student_t::weight;
@@ -44,7 +45,7 @@ pub(super) fn resimulate(
     });
     let factors = stand.noise.frame_factors.iter().map(|factor| factor * stand.noise.factor).collect();
     let noise = FixedNoise { floor_px2: stand.noise.floor_px2 / stand.noise.factor, factors, weights: weights.collect() };
-    let fitted = |joint: &BundleSolution| Some(Evidence::without_hypotheses(&joint.again(&[], &options.solve, &noise).ok()?));
+    let fitted = |joint: &BundleSolution| Some(StarImages::new(&joint.again(&[], &options.solve, &noise).ok()?));
     let real = fitted(baseline)?;
     let simulated = fitted(&baseline.with_measured(&solved.joint.simulated_px()))?;
     if [&real, &simulated].iter().any(|other| other.images.len() != evidence.images.len()) {
@@ -56,18 +57,17 @@ pub(super) fn resimulate(
         .zip(simulated.residual_px.chunks_exact(2))
         .map(|(real, simulated)| [real[0] - simulated[0], real[1] - simulated[1]])
         .collect();
-    let sheet = WhitenedSystem { residual: evidence.white(&stand.noise, &difference), ..evidence.sheet(&stand.noise) };
-    let fit = Fit::new(&sheet, &stand.take, &[]);
-    let scan = Scan::new(evidence, &stand.noise, &sheet, &fit, |_| true);
+    let system = WhitenedSystem { residual: evidence.white(&stand.noise, &difference), ..evidence.system(&stand.noise) };
+    let fit = Fit::new(&system, &stand.take, &[]);
+    let scan = Scan::new(evidence, &stand.noise, &system, &fit, |_| true);
     let most = |of_hypotheses: bool| {
         let asked = scan.groups.iter().filter(|group| matches!(group.asks, Asks::Hypothesis(..)) == of_hypotheses);
         asked.map(super::scan::Group::surprise).fold(0.0, f64::max)
     };
     let p = family_p(&chance.hypotheses, most(true)).min(family_p(&chance.covariates, most(false)));
-    let beside = FitState { noise: stand.noise.clone(), sheet, take: stand.take.clone(), more: Vec::new(), fit };
+    let beside = FitState { noise: stand.noise.clone(), system, take: stand.take.clone(), more: Vec::new(), fit };
     let own = |entry: &SelectedEffect| {
-        let white: Vec<Whitened> =
-            columns(evidence, std::slice::from_ref(entry)).map(|column| evidence.white(&stand.noise, column)).collect();
+        let white: Vec<Whitened> = stand.white(evidence, std::slice::from_ref(entry));
         let (t, rank) = beside.score(&white);
         (-neg_ln_chi2_sf(rank as f64, t)).exp()
     };

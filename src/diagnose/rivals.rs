@@ -2,11 +2,12 @@
 
 use super::crossfit::CrossFit;
 use super::diagnosis::Rival;
-use super::evidence::{Evidence, REACH_PX};
+use super::evidence::Evidence;
+use super::fit_state::{AS_GOOD, FitState, SelectedEffect, cosine};
 use super::frame_nuisance::project_own;
-use super::linear_fit::Fit;
 use super::linear_system::{Whitened, dot};
-use super::stepwise::{AS_GOOD, FitState, SelectedEffect, agreement, columns, cosine, is_observable};
+use super::star_images::REACH_PX;
+use super::stepwise::{agreement, is_observable};
 use crate::calibrate::{BundleSolution, Column};
 use crate::effects::Observation;
 use crate::statistics::significance::normal_cdf;
@@ -25,12 +26,8 @@ pub(super) struct Listed {
 
 /// A finding's rivals, the members of its set first.
 pub(super) fn rivals(evidence: &Evidence, stand: &FitState, entries: &[SelectedEffect], k: usize) -> Vec<Listed> {
-    let white =
-        |entry: SelectedEffect| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
-    let others: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(*entry)).collect();
-    let fit = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());
-    // The noise is that of the whole model: a model without the finding has no noise of its own to be judged by.
-    let without = FitState { fit: fit.with_noise_of(&stand.fit), more: others.clone(), ..stand.clone() };
+    let white = |entry: SelectedEffect| stand.white(evidence, &[entry]);
+    let without = stand.without(evidence, entries, k);
     let ln_n = stand.ln_n();
     let criterion = |entry: SelectedEffect, own: &[Whitened]| {
         let (t, rank) = without.score(own);
@@ -159,8 +156,7 @@ pub(super) fn decided_by(
         let hypothesis = &evidence.hypotheses[entry.hypothesis];
         joint.columns_of(hypothesis.id(), &hypothesis.variants[entry.variant].start, &hypothesis.fitted)
     };
-    let whitened =
-        |entry: SelectedEffect| columns(evidence, &[entry]).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>();
+    let whitened = |entry: SelectedEffect| stand.white(evidence, &[entry]);
     let apart = |option: &Further| -> Option<f64> {
         let changed = joint.with_frames(option.change);
         let roots: Vec<f64> = positions
@@ -174,7 +170,7 @@ pub(super) fn decided_by(
                 let mut first = stand.fit.project(&evidence.white(&stand.noise, here));
                 let scaled: Column = there.iter().zip(&roots).map(|([x, y], root)| [x * root, y * root]).collect();
                 // New frames have attitudes of their own; the camera is known well by then.
-                first.extend(project_own(&stand.sheet, &stand.take, &evidence.white(&stand.noise, &scaled)));
+                first.extend(project_own(&stand.system, &stand.take, &evidence.white(&stand.noise, &scaled)));
                 first
             });
             Some(more.collect())

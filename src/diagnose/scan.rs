@@ -54,25 +54,25 @@ pub(super) struct Scan {
 
 impl Scan {
     /// The questions of the hypotheses for which `asked` is true, and of all covariates.
-    pub(super) fn new(evidence: &Evidence, noise: &NoiseModel, sheet: &WhitenedSystem, fit: &Fit, asked: impl Fn(usize) -> bool) -> Self {
-        Self::prepared(evidence, noise, sheet, fit, asked, true)
+    pub(super) fn new(evidence: &Evidence, noise: &NoiseModel, system: &WhitenedSystem, fit: &Fit, asked: impl Fn(usize) -> bool) -> Self {
+        Self::prepared(evidence, noise, system, fit, asked, true)
     }
 
     /// The questions of hypotheses alone.
     pub(super) fn hypotheses(
         evidence: &Evidence,
         noise: &NoiseModel,
-        sheet: &WhitenedSystem,
+        system: &WhitenedSystem,
         fit: &Fit,
         asked: impl Fn(usize) -> bool,
     ) -> Self {
-        Self::prepared(evidence, noise, sheet, fit, asked, false)
+        Self::prepared(evidence, noise, system, fit, asked, false)
     }
 
     fn prepared(
         evidence: &Evidence,
         noise: &NoiseModel,
-        sheet: &WhitenedSystem,
+        system: &WhitenedSystem,
         fit: &Fit,
         asked: impl Fn(usize) -> bool,
         with_covariates: bool,
@@ -94,14 +94,14 @@ impl Scan {
             .into_par_iter()
             .filter_map(|(asks, pattern, columns)| {
                 let raw: Vec<Whitened> = columns.into_iter().map(|column| evidence.white(noise, column)).collect();
-                let (rest, mixing) = spanned(sheet, fit, &raw);
+                let (rest, mixing) = spanned(system, fit, &raw);
                 let along = mixing.tr_mul(&rest.tr_mul(&DVector::from_column_slice(&fit.psi)));
                 let group = Group { asks, pattern, rank: mixing.ncols(), statistic: along.norm_squared() / fit.c };
                 let columns = if with_covariates { (rest * mixing).iter().map(|value| *value as f32).collect() } else { Vec::new() };
                 (group.rank > 0).then_some((group, columns))
             })
             .collect();
-        let rows = 2 * sheet.images();
+        let rows = 2 * system.images();
         let count = answered.iter().map(|(_, columns)| columns.len()).sum::<usize>().checked_div(rows).unwrap_or(0);
         let mut flat: Vec<f32> = Vec::with_capacity(rows * count);
         let mut groups = Vec::with_capacity(answered.len());
@@ -114,14 +114,14 @@ impl Scan {
 }
 
 /// Orthonormal columns that span what a fit leaves of others.
-pub(super) fn orthonormal(sheet: &WhitenedSystem, fit: &Fit, raw: &[Whitened]) -> DMatrix<f64> {
-    let (rest, mixing) = spanned(sheet, fit, raw);
+pub(super) fn orthonormal(system: &WhitenedSystem, fit: &Fit, raw: &[Whitened]) -> DMatrix<f64> {
+    let (rest, mixing) = spanned(system, fit, raw);
     rest * mixing
 }
 
 /// What a fit leaves of columns, and the coefficients of orthonormal combinations of it.
-fn spanned(sheet: &WhitenedSystem, fit: &Fit, raw: &[Whitened]) -> (DMatrix<f64>, DMatrix<f64>) {
-    let rest = fit.project_all(sheet, raw);
+fn spanned(system: &WhitenedSystem, fit: &Fit, raw: &[Whitened]) -> (DMatrix<f64>, DMatrix<f64>) {
+    let rest = fit.project_all(system, raw);
     let length: Vec<f64> = raw.iter().map(|column| fit.length_squared(column).sqrt()).collect();
     let scale: Vec<f64> = length.iter().map(|length| if *length > 0.0 { 1.0 / length } else { 0.0 }).collect();
     let n = raw.len();

@@ -52,13 +52,13 @@ pub(super) fn half_nights(solved: &FinalFit, options: &DiagnoseOptions) -> Optio
             for column in
                 evidence.hypotheses.iter_mut().flat_map(|hypothesis| &mut hypothesis.variants).flat_map(|variant| &mut variant.columns)
             {
-                for (value, place) in column.iter_mut().zip(&evidence.place) {
+                for (value, place) in column.iter_mut().zip(&evidence.stars.place) {
                     *value = value.map(|component| component * sign[*place]);
                 }
             }
             evidence.covariates = std::sync::Arc::default();
             let stand = &solved.stand;
-            let scan = Scan::new(&evidence, &stand.noise, &stand.sheet, &stand.fit, |_| true);
+            let scan = Scan::new(&evidence, &stand.noise, &stand.system, &stand.fit, |_| true);
             let of = |group: &super::scan::Group| match group.asks {
                 Asks::Hypothesis(index, _) => (group.surprise(), solved.evidence.hypotheses[index].id()),
                 Asks::Covariate(_) => (0.0, ""),

@@ -4,10 +4,10 @@ use super::cross_validation::Withheld;
 use super::diagnosis::{EffectState, EffectStatus, Finding, FoundParameter, Limit};
 use super::final_fit::{FinalFit, difference};
 use super::findings::Context;
+use super::fit_state::{AGREES, FitState, SelectedEffect, UNOBSERVABLE, amplitude, cosine, survival};
 use super::hypotheses::Hypothesis;
 use super::linear_fit::Fit;
 use super::linear_system::Whitened;
-use super::stepwise::{self, AGREES, FitState, SelectedEffect, UNOBSERVABLE, amplitude, columns};
 use crate::statistics::significance::{deviations, neg_ln_chi2_sf};
 
 /// An effect of which a smaller share is left is not observable where one of usual size would not be seen at
@@ -54,13 +54,11 @@ fn withhold(status: &mut EffectStatus, reason: String, held_out_delta_chi2: Opti
 impl Context<'_> {
     /// Why an effect that is significant by itself was never proposed: another one withheld explains the same, or none of so many.
     fn not_proposed(&self, stand: &FitState, entry: SelectedEffect, withheld: &[Withheld]) -> String {
-        let white = |entry: SelectedEffect| {
-            columns(self.evidence, &[entry]).map(|c| self.evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>()
-        };
+        let white = |entry: SelectedEffect| stand.white(self.evidence, &[entry]);
         let own = white(entry);
         let alike = withheld
             .iter()
-            .map(|other| (stepwise::cosine(&stand.fit, &own, &white(other.entry)), other))
+            .map(|other| (cosine(&stand.fit, &own, &white(other.entry)), other))
             .max_by(|a, b| a.0.total_cmp(&b.0))
             .filter(|(cosine, _)| *cosine >= ALIKE);
         match alike {
@@ -105,7 +103,7 @@ impl Context<'_> {
             // At its best variant, beside what was found.
             let own = |variant: usize| {
                 let entry = SelectedEffect { hypothesis: index, variant };
-                columns(self.evidence, &[entry]).map(|c| self.evidence.white(&stand.noise, c)).collect::<Vec<Whitened>>()
+                stand.white(self.evidence, &[entry])
             };
             let scored = (0..hypothesis.variants.len()).map(|variant| (variant, stand.score(&own(variant))));
             let best = scored.max_by(|a, b| a.1.0.total_cmp(&b.1.0));
@@ -113,9 +111,8 @@ impl Context<'_> {
             let white = own(variant);
             // Beside camera and attitudes alone, and in their units: with other noise nothing would be taken up in full.
             let entry = SelectedEffect { hypothesis: index, variant };
-            let bare: Vec<Whitened> =
-                columns(self.evidence, &[entry]).map(|column| self.evidence.white(&self.base.noise, column)).collect();
-            status.survival = Some(stepwise::survival(self.base, &bare));
+            let bare: Vec<Whitened> = self.base.white(self.evidence, &[entry]);
+            status.survival = Some(survival(self.base, &bare));
             if let Some(finding) = found.iter().find(|finding| finding.id == id) {
                 status.status = EffectState::Found;
                 status.p_value = Some(finding.p_value);
@@ -141,7 +138,7 @@ impl Context<'_> {
             // The other parameters of the effect are free beside the first.
             let rest: Vec<&Whitened> = stand.more.iter().chain(white.iter().skip(1)).collect();
             let fit =
-                if white.len() > 1 { Fit::new(&stand.sheet, &stand.take, &rest).with_noise_of(&stand.fit) } else { stand.fit.clone() };
+                if white.len() > 1 { Fit::new(&stand.system, &stand.take, &rest).with_noise_of(&stand.fit) } else { stand.fit.clone() };
             let beside = FitState { fit, ..stand.clone() };
             if let Some([change, sigma]) = amplitude(&beside, &white[0]) {
                 let value = start[first] + change - difference(hypothesis.effect.facts(), start, first);

@@ -4,11 +4,12 @@ use super::channels::Channel;
 use super::cross_validation::Withheld;
 use super::diagnosis::{Resemblance, Unknown};
 use super::evidence::Evidence;
+use super::fit_state::{FitState, SelectedEffect};
 use super::omnibus::{Omnibus, among_covariates};
 use super::residual_field::{Left, map};
 use super::resolved::{least_p, told};
 use super::scan::{Asks, Scan};
-use super::stepwise::{FitState, SelectedEffect, is_observable};
+use super::stepwise::is_observable;
 use crate::calibrate::BundleSolution;
 
 /// Covariates named at most.
@@ -22,7 +23,7 @@ const RELATIVES: usize = 4;
 
 /// The unknown part, beside the findings that stand.
 pub(super) fn unknown(evidence: &Evidence, stand: &FitState, vetoed: &[Withheld], test: &Omnibus, joint: &BundleSolution) -> Unknown {
-    let scan = Scan::new(evidence, &stand.noise, &stand.sheet, &stand.fit, |_| true);
+    let scan = Scan::new(evidence, &stand.noise, &stand.system, &stand.fit, |_| true);
     let mut covariates: Vec<(usize, f64)> = Vec::new();
     let mut effects: Vec<(usize, f64)> = Vec::new();
     let mut most_explained = 0.0_f64;
@@ -63,7 +64,7 @@ pub(super) fn unknown(evidence: &Evidence, stand: &FitState, vetoed: &[Withheld]
     let is_vetoed = |id: &str| vetoed.iter().any(|own| evidence.hypotheses[own.entry.hypothesis].id() == id);
     resembles.sort_by_key(|resemblance| !is_vetoed(&resemblance.id));
     let residual_px = stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.fit.residual);
-    let places: Vec<[f64; 2]> = evidence.predicted_px(super::evidence::REACH_PX).collect();
+    let places: Vec<[f64; 2]> = evidence.predicted_px(super::star_images::REACH_PX).collect();
     let of = |k: usize| -> Left {
         let sigma = stand.noise.sigma_px(&evidence.images[k], evidence.place[k]);
         (places[k], [residual_px[2 * k], residual_px[2 * k + 1]], sigma)

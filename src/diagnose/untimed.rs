@@ -6,15 +6,15 @@
 //! camera free beside them; the hour angle is one more own parameter of a frame, as its attitude is, so its error is in that of the size.
 
 use super::evidence::Evidence;
+use super::fit_state::{FitState, SelectedEffect};
 use super::frame_nuisance::own_changes;
-use super::hypotheses::{Variant, supposed};
+use super::hypotheses::Variant;
 use super::linear_fit::Fit;
 use super::linear_system::{Whitened, WhitenedSystem};
 use super::noise::NoiseModel;
-use super::stepwise::{FitState, SelectedEffect, columns};
+use super::zenith::{supposed, turned};
 use crate::calibrate::{BundleSolution, Column};
 use crate::dual::normalize;
-use crate::effects::ids;
 use crate::statistics::student_t::cost;
 
 /// Zeniths that the search starts from.
@@ -69,9 +69,8 @@ fn followed(
     entry: SelectedEffect,
 ) -> Option<Variant> {
     let hypothesis = &evidence.hypotheses[entry.hypothesis];
-    let beside: Vec<Whitened> = columns(evidence, others).map(|column| evidence.white(&stand.noise, column)).collect();
-    let without = Fit::new(&stand.sheet, &stand.take, &beside.iter().collect::<Vec<_>>()).with_noise_of(&stand.fit);
-    let alone = FitState { fit: without, more: beside.clone(), ..stand.clone() };
+    let beside: Vec<Whitened> = stand.white(evidence, others);
+    let alone = stand.beside(beside.clone());
     // Those that explain most by themselves.
     let mut order: Vec<(f64, [f64; 3])> = hypothesis
         .variants
@@ -120,29 +119,29 @@ impl Problem<'_> {
     /// From one zenith: the cost that is reached, and the zeniths there.
     fn solve(&self, start: [f64; 3]) -> Option<(f64, Zeniths)> {
         let Self { stand, beside, .. } = self;
-        let (sheet, take) = (&stand.sheet, &stand.take);
-        let mut now = Zeniths { middle: start, turns: vec![0.0; sheet.frames] };
+        let (system, take) = (&stand.system, &stand.take);
+        let mut now = Zeniths { middle: start, turns: vec![0.0; system.frames] };
         let mut reached = f64::INFINITY;
         let mut size = None;
         for _ in 0..STEPS {
             let unit = self.white(&now)?;
             let first: Vec<&Whitened> = beside.iter().chain([&unit]).collect();
-            let at = sheet.camera.len() + beside.len();
-            let known = size.unwrap_or_else(|| Fit::new(sheet, take, &first).change[at]);
+            let at = system.camera.len() + beside.len();
+            let known = size.unwrap_or_else(|| Fit::new(system, take, &first).change[at]);
             let scale = MIN_ARCSEC.max(known.abs()).copysign(known);
             let by_turn =
                 self.slope(scale, |angle| Zeniths { turns: now.turns.iter().map(|turn| turn + angle).collect(), ..now.clone() })?;
             let by_declination = self.slope(scale, |angle| Zeniths { middle: risen(now.middle, angle), ..now.clone() })?;
-            let own = sheet.own.iter().cloned().chain([by_turn]).collect();
-            let sheet = WhitenedSystem { own, ..sheet.clone() };
+            let own = system.own.iter().cloned().chain([by_turn]).collect();
+            let system = WhitenedSystem { own, ..system.clone() };
             let more: Vec<&Whitened> = first.iter().copied().chain([&by_declination]).collect();
-            let fit = Fit::new(&sheet, take, &more);
-            reached = cost(&fit.residual, take, sheet.tail_degrees);
-            let mut shared = sheet.residual.clone();
-            for (column, change) in sheet.camera.iter().chain(more.iter().copied()).zip(fit.change.iter()) {
+            let fit = Fit::new(&system, take, &more);
+            reached = cost(&fit.residual, take, system.tail_degrees);
+            let mut shared = system.residual.clone();
+            for (column, change) in system.camera.iter().chain(more.iter().copied()).zip(fit.change.iter()) {
                 shared.iter_mut().zip(column).for_each(|(value, column)| *value += change * column);
             }
-            let turned = own_changes(&sheet, take, &shared, &fit.residual).pop()?;
+            let turned = own_changes(&system, take, &shared, &fit.residual).pop()?;
             size = Some(fit.change[at]);
             let rise = fit.change[at + 1].clamp(-LONGEST_RAD, LONGEST_RAD);
             let mut most = rise.abs();
@@ -170,12 +169,6 @@ impl Zeniths {
     }
 }
 
-/// A direction turned about the pole of the ICRS to the east.
-pub(super) fn turned([x, y, z]: [f64; 3], angle_rad: f64) -> [f64; 3] {
-    let (sin, cos) = angle_rad.sin_cos();
-    [cos * x - sin * y, sin * x + cos * y, z]
-}
-
 /// A direction moved to the north.
 fn risen([x, y, z]: [f64; 3], angle_rad: f64) -> [f64; 3] {
     const POLE: f64 = 1.57;
@@ -183,14 +176,4 @@ fn risen([x, y, z]: [f64; 3], angle_rad: f64) -> [f64; 3] {
     let declination = (declination + angle_rad).clamp(-POLE, POLE);
     let (sin, cos) = declination.sin_cos();
     normalize([cos * right_ascension.cos(), cos * right_ascension.sin(), sin])
-}
-
-/// The column of a frame's own hour angle at a solution that has such a refraction: how its star images move as its zenith goes east.
-pub(super) fn own_column(joint: &BundleSolution) -> Option<Column> {
-    let (_, parameters) = joint.model().terms().find(|(id, _)| *id == ids::REFRACTION)?;
-    let frames = joint.frames();
-    let untimed =
-        |(_, observation): &(usize, crate::effects::Observation)| observation.zenith_is_guessed && observation.earth_from_icrs.is_none();
-    (frames.len() > 1 && parameters.first().is_some_and(|size| *size != 0.0) && frames.iter().all(untimed)).then_some(())?;
-    joint.columns_of(ids::REFRACTION, parameters, &[1])?.into_iter().next()
 }

@@ -11,10 +11,11 @@
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::evidence::{Evidence, REACH_PX};
+use super::evidence::Evidence;
+use super::fit_state::{FitState, SelectedEffect, basis};
 use super::linear_fit::Fit;
 use super::linear_system::Whitened;
-use super::stepwise::{FitState, SelectedEffect, basis, columns};
+use super::star_images::REACH_PX;
 
 /// The test is passed below this. It guards against errors that hang together, not against chance, which the family of all tests holds far lower:
 /// at a tenth of this three of 250 right names near the limit of detection failed it, where sixteen frames of unequal worth can say no more.
@@ -41,11 +42,9 @@ pub(super) struct WildBootstrap {
 
 /// Of entry `k` beside the others.
 pub(super) fn wild_bootstrap(evidence: &Evidence, stand: &FitState, entries: &[SelectedEffect], k: usize, seed: u64) -> WildBootstrap {
-    let white = |entry: &SelectedEffect| {
-        columns(evidence, std::slice::from_ref(entry)).map(|column| evidence.white(&stand.noise, column)).collect::<Vec<Whitened>>()
-    };
+    let white = |entry: &SelectedEffect| stand.white(evidence, std::slice::from_ref(entry));
     let others: Vec<Whitened> = entries.iter().enumerate().filter(|(index, _)| *index != k).flat_map(|(_, entry)| white(entry)).collect();
-    let without = Fit::new(&stand.sheet, &stand.take, &others.iter().collect::<Vec<_>>());
+    let without = Fit::new(&stand.system, &stand.take, &others.iter().collect::<Vec<_>>());
     let own = white(&entries[k]);
     let rest: Vec<Whitened> = own.iter().map(|column| without.project(column)).collect();
     let (directions, _) = basis(&rest, &own, &without);

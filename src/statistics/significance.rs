@@ -79,6 +79,16 @@ pub fn normal_cdf(z: f64) -> f64 {
     0.5 * statrs::function::erf::erfc(-z / std::f64::consts::SQRT_2)
 }
 
+/// p-value of a χ² statistic of so many degrees of freedom.
+pub(crate) fn chi2_p_value(statistic: f64, degrees: usize) -> f64 {
+    (-neg_ln_chi2_sf(degrees as f64, statistic)).exp()
+}
+
+/// Family-wise p-value: that of the smallest of `questions` independent p-values (Šidák, J. Am. Stat. Assoc. 62, 626 (1967)).
+pub(crate) fn family_wise_p_value(p: f64, questions: f64) -> f64 {
+    -(questions * (-p).ln_1p()).exp_m1()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,13 +5,14 @@
 //! in proportion to the covariate and in bins of equal counts, so that laws of any shape are seen.
 
 mod frames;
+mod patterns;
 mod places;
 mod stars;
 
 pub(super) use frames::Separated;
 
 use super::Telemetry;
-use super::evidence::{Evidence, REACH_PX, WITHIN_REACH_PX};
+use super::star_images::{REACH_PX, StarImages, WITHIN_REACH_PX};
 use crate::calibrate::{BundleSolution, Column};
 use crate::effects::DISPLACEMENTS;
 use crate::identify::ControlPoints;
@@ -52,18 +53,18 @@ impl Fields {
 }
 
 /// All that the recording has.
-pub(super) fn covariates(joint: &BundleSolution, evidence: &Evidence, points: &ControlPoints, telemetry: &Telemetry) -> Vec<Covariate> {
+pub(super) fn covariates(joint: &BundleSolution, stars: &StarImages, points: &ControlPoints, telemetry: &Telemetry) -> Vec<Covariate> {
     let camera = joint.model().camera();
     let (width, height) = (camera.width_px as f64, camera.height_px as f64);
-    let pixels: Vec<[f64; 2]> = evidence.predicted_px(REACH_PX).collect();
-    let within: Vec<[f64; 2]> = evidence.predicted_px(WITHIN_REACH_PX).collect();
+    let pixels: Vec<[f64; 2]> = stars.predicted_px(REACH_PX).collect();
+    let within: Vec<[f64; 2]> = stars.predicted_px(WITHIN_REACH_PX).collect();
     let half = width / 2.0;
     let place = pixels.iter().map(|[x, y]| [(x - (width - 1.0) / 2.0) / half, (y - (height - 1.0) / 2.0) / half]).collect();
     let fields = Fields { place };
     let star = |value: &dyn Fn(usize) -> Option<f64>| -> Vec<f64> { (0..pixels.len()).map(|k| value(k).unwrap_or(f64::NAN)).collect() };
-    let point = |k: usize| &points.points[evidence.images[k].point];
+    let point = |k: usize| &points.points[stars.images[k].point];
     let mut all = places::places(&fields, &pixels, &within, [width, height]);
-    all.push(places::map(&fields, evidence));
+    all.push(places::map(&fields, stars));
     for (name, values) in [
         ("colour", star(&|k| point(k).colour)),
         ("magnitude", star(&|k| point(k).image.magnitude.or(Some(point(k).magnitude)).filter(|m| *m < 50.0))),
@@ -72,10 +73,10 @@ pub(super) fn covariates(joint: &BundleSolution, evidence: &Evidence, points: &C
         let name = name.to_owned();
         all.extend(stars::of_star(name, values, &fields));
     }
-    let observation = |place: usize| &evidence.frames[place].1;
-    let number = |place: usize| evidence.frames[place].0;
+    let observation = |place: usize| &stars.frames[place].1;
+    let number = |place: usize| stars.frames[place].0;
     let frame = |value: &dyn Fn(usize) -> Option<f64>| -> Vec<f64> {
-        (0..evidence.frames.len()).map(|place| value(place).unwrap_or(f64::NAN)).collect()
+        (0..stars.frames.len()).map(|place| value(place).unwrap_or(f64::NAN)).collect()
     };
     let mut of_frames: Vec<(String, Vec<f64>)> = vec![
         ("time".to_owned(), frame(&|place| observation(place).time_offset_h)),
@@ -88,20 +89,20 @@ pub(super) fn covariates(joint: &BundleSolution, evidence: &Evidence, points: &C
         of_frames.push((name.clone(), frame(&|place| telemetry.get(number(place))?.get(name).copied())));
     }
     for (name, numbers) in of_frames {
-        all.extend(frames::of_frame(name, &numbers, evidence, &fields));
+        all.extend(frames::of_frame(name, &numbers, stars, &fields));
     }
     if let Some(own) = all.iter_mut().find(|covariate| covariate.name == "frame") {
-        own.patterns.extend(frames::single_frames(evidence, &fields));
+        own.patterns.extend(frames::single_frames(stars, &fields));
     }
-    all.extend(frames::rate(evidence, &fields));
-    all.extend(stars::background_gradient(evidence, points, &fields));
-    all.extend(frames::velocity(joint, evidence, &fields));
+    all.extend(frames::rate(stars, &fields));
+    all.extend(stars::background_gradient(stars, points, &fields));
+    all.extend(frames::velocity(joint, stars, &fields));
     let mut along: Vec<_> = DISPLACEMENTS.iter().filter_map(|effect| Some((effect.facts().covariate?, effect.id()))).collect();
     along.sort_unstable_by(|a, b| b.cmp(a)); // one order, whatever that of the registry
     for (name, id) in along {
-        all.extend(stars::along(name, id, joint, evidence, points, &fields));
+        all.extend(stars::along(name, id, joint, stars, points, &fields));
     }
-    all.extend(stars::stars(evidence));
+    all.extend(stars::stars(stars));
     all.retain(|covariate| !covariate.patterns.is_empty());
     all
 }

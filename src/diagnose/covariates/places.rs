@@ -1,9 +1,9 @@
 //! The place on the frame: rows and columns, radius and azimuth, edges, halves, phases within a pixel, and maps.
 
-use super::stars::{LINEAR, binned, times};
+use super::patterns::{LINEAR, binned, legendre, times};
 use super::{BINS, Carrier, Covariate, Fields, SHIFT};
 use crate::calibrate::Column;
-use crate::diagnose::evidence::Evidence;
+use crate::diagnose::star_images::StarImages;
 
 /// Bins of places.
 const PLACE_BINS: usize = 16;
@@ -89,35 +89,13 @@ pub(super) fn places(fields: &Fields, pixels: &[[f64; 2]], within: &[[f64; 2]], 
     all
 }
 
-pub(super) fn map(fields: &Fields, evidence: &Evidence) -> Covariate {
+pub(super) fn map(fields: &Fields, stars: &StarImages) -> Covariate {
     // No finer than the stars bear.
-    let stars = evidence.images.len() as f64;
-    let degree = (2..=MAP_DEGREE).rev().find(|d| ((d + 1) * (d + 2)) as f64 <= 0.4 * stars).unwrap_or(2);
+    let count = stars.images.len() as f64;
+    let degree = (2..=MAP_DEGREE).rev().find(|d| ((d + 1) * (d + 2)) as f64 <= 0.4 * count).unwrap_or(2);
     let mut patterns = vec![legendre(fields, degree, |_, p| p)];
     if degree > 4 {
         patterns.push(legendre(fields, 4, |_, p| p));
     }
     Covariate { name: "field-map".to_owned(), values: vec![0.0; fields.place.len()], direction: None, patterns, by_frame: Vec::new() }
-}
-
-/// Vector fields of products of Legendre polynomials up to a degree.
-pub(super) fn legendre(fields: &Fields, degree: usize, factor: impl Fn(usize, f64) -> f64) -> Vec<Column> {
-    let polynomials = |t: f64| {
-        let mut p = vec![1.0, t];
-        for n in 2..=degree {
-            let m = n as f64;
-            p.push(((2.0 * m - 1.0) * t * p[n - 1] - (m - 1.0) * p[n - 2]) / m);
-        }
-        p
-    };
-    let values: Vec<(Vec<f64>, Vec<f64>)> = fields.place.iter().map(|[x, y]| (polynomials(*x), polynomials(*y))).collect();
-    let mut columns = Vec::new();
-    for i in 0..=degree {
-        for j in 0..=degree - i {
-            let scalar = |k: usize| factor(k, values[k].0[i] * values[k].1[j]);
-            columns.push((0..values.len()).map(|k| [scalar(k), 0.0]).collect());
-            columns.push((0..values.len()).map(|k| [0.0, scalar(k)]).collect());
-        }
-    }
-    columns
 }

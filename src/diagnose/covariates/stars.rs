@@ -1,10 +1,10 @@
 //! What belongs to a star image: its colour, its brightness, the slope of the background about it, the star itself, and the directions in which
 //! effects of known geometry would displace it.
 
-use super::places::legendre;
+use super::patterns::{LINEAR, binned, legendre, times};
 use super::{BINS, Carrier, Covariate, Fields, bins, varies};
 use crate::calibrate::{BundleSolution, Column};
-use crate::diagnose::evidence::Evidence;
+use crate::diagnose::star_images::StarImages;
 use crate::identify::ControlPoints;
 
 /// Degree of a map that a covariate multiplies.
@@ -15,30 +15,7 @@ const MAX_STARS: usize = 40;
 /// Colours count from here.
 const MIDDLE_COLOUR: f64 = 0.6;
 
-pub(super) const LINEAR: [Carrier; 6] =
-    [|_| [1.0, 0.0], |_| [0.0, 1.0], |[x, _]| [x, 0.0], |[_, y]| [y, 0.0], |[x, _]| [0.0, x], |[_, y]| [0.0, y]];
 const SHIFT_AND_SCALE: [Carrier; 3] = [|_| [1.0, 0.0], |_| [0.0, 1.0], |[x, y]| [x, y]];
-
-pub(super) fn binned(values: &[f64], count: usize, fields: &Fields, carriers: &[Carrier]) -> Vec<Column> {
-    let own = bins(values, count);
-    let highest = own.iter().flatten().max().copied().unwrap_or(0);
-    let mut columns = Vec::new();
-    for bin in 0..=highest {
-        for carrier in carriers {
-            columns.push(fields.each(|k, place| if own[k] == Some(bin) { carrier(place) } else { [0.0; 2] }));
-        }
-    }
-    columns
-}
-
-pub(super) fn times(values: &[f64], fields: &Fields, carriers: &[Carrier]) -> Vec<Column> {
-    let known: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
-    let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
-    let of = |carrier: &Carrier| {
-        fields.each(|k, place| if values[k].is_finite() { carrier(place).map(|c| c * (values[k] - mean)) } else { [0.0; 2] })
-    };
-    carriers.iter().map(of).collect()
-}
 
 pub(super) fn of_star(name: String, values: Vec<f64>, fields: &Fields) -> Option<Covariate> {
     varies(&values).then(|| {
@@ -57,9 +34,9 @@ pub(super) fn of_star(name: String, values: Vec<f64>, fields: &Fields) -> Option
 }
 
 /// The local slope of the background over the star's flux: toward where it pulls a centroid.
-pub(super) fn background_gradient(evidence: &Evidence, points: &ControlPoints, fields: &Fields) -> Option<Covariate> {
+pub(super) fn background_gradient(stars: &StarImages, points: &ControlPoints, fields: &Fields) -> Option<Covariate> {
     let slope = |k: usize| {
-        let image = &points.points[evidence.images[k].point].image;
+        let image = &points.points[stars.images[k].point].image;
         let (gradient, flux) = (image.background_gradient_e_px?, image.flux_e.filter(|flux| *flux > 0.0)?);
         Some(gradient.map(|g| g / flux))
     };
@@ -80,15 +57,15 @@ pub(super) fn along(
     name: &str,
     id: &str,
     joint: &BundleSolution,
-    evidence: &Evidence,
+    stars: &StarImages,
     points: &ControlPoints,
     fields: &Fields,
 ) -> Option<Covariate> {
     let effect = crate::effects::displacement(id)?;
-    if evidence.frames.iter().any(|(_, observation)| effect.unmet_requirement(observation).is_some()) {
+    if stars.frames.iter().any(|(_, observation)| effect.unmet_requirement(observation).is_some()) {
         return None;
     }
-    let start = (!evidence.images.is_empty()).then(|| effect.identity(&evidence.context(0, points)))??;
+    let start = (!stars.images.is_empty()).then(|| effect.identity(&stars.context(0, points)))??;
     let column = joint.columns_of(id, &start, &[0])?.into_iter().next()?;
     let values: Vec<f64> = column.iter().map(|[x, y]| x.hypot(*y)).collect();
     // A residual falls where the model moves along: the star itself moves the other way.
@@ -104,18 +81,17 @@ pub(super) fn along(
 }
 
 /// Stars that stand off their catalogue places in all of their images: a shift of each on the sky.
-pub(super) fn stars(evidence: &Evidence) -> Option<Covariate> {
-    let mut seen = vec![0_usize; evidence.star.iter().max().map_or(0, |last| last + 1)];
-    for star in &evidence.star {
+pub(super) fn stars(stars: &StarImages) -> Option<Covariate> {
+    let mut seen = vec![0_usize; stars.star.iter().max().map_or(0, |last| last + 1)];
+    for star in &stars.star {
         seen[*star] += 1;
     }
     let mut often: Vec<usize> = (0..seen.len()).filter(|star| seen[*star] >= STAR_IMAGES).collect();
     often.sort_by(|a, b| seen[*b].cmp(&seen[*a]).then(a.cmp(b)));
     often.truncate(MAX_STARS);
-    let values: Vec<f64> =
-        evidence.star.iter().map(|star| often.iter().position(|own| own == star).map_or(f64::NAN, |k| k as f64)).collect();
+    let values: Vec<f64> = stars.star.iter().map(|star| often.iter().position(|own| own == star).map_or(f64::NAN, |k| k as f64)).collect();
     let of = |(star, axis): (usize, usize)| -> Column {
-        (0..values.len()).map(|k| if evidence.star[k] == star { evidence.sky_axes[k][axis] } else { [0.0; 2] }).collect()
+        (0..values.len()).map(|k| if stars.star[k] == star { stars.sky_axes[k][axis] } else { [0.0; 2] }).collect()
     };
     let columns = often.iter().flat_map(|star| [(*star, 0), (*star, 1)]).map(of).collect();
     // All together, and each of those that may stand alone.
