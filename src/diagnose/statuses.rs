@@ -6,7 +6,6 @@ use super::final_fit::{FinalFit, difference};
 use super::findings::Context;
 use super::fit_state::{AGREES, FitState, SelectedEffect, UNOBSERVABLE, amplitude, cosine, survival};
 use super::hypotheses::Hypothesis;
-use super::linear_fit::Fit;
 use super::linear_system::Whitened;
 use crate::statistics::significance::{deviations, neg_ln_chi2_sf};
 
@@ -52,24 +51,6 @@ fn withhold(status: &mut EffectStatus, reason: String, held_out_delta_chi2: Opti
 }
 
 impl Context<'_> {
-    /// Why an effect that is significant by itself was never proposed: another one withheld explains the same, or none of so many.
-    fn not_proposed(&self, stand: &FitState, entry: SelectedEffect, withheld: &[Withheld]) -> String {
-        let white = |entry: SelectedEffect| stand.white(self.evidence, &[entry]);
-        let own = white(entry);
-        let alike = withheld
-            .iter()
-            .map(|other| (cosine(&stand.fit, &own, &white(other.entry)), other))
-            .max_by(|a, b| a.0.total_cmp(&b.0))
-            .filter(|(cosine, _)| *cosine >= ALIKE);
-        match alike {
-            Some((cosine, other)) => {
-                let id = self.evidence.hypotheses[other.entry.hypothesis].id();
-                format!("{id} explains the same better (cosine {cosine:.2}) and is withheld itself")
-            }
-            None => "the choice among all effects did not take it: what it follows is explained better otherwise, or not enough for so many effects tried".to_owned(),
-        }
-    }
-
     /// The status of every effect of the registry.
     pub(super) fn effects(
         &self,
@@ -78,99 +59,137 @@ impl Context<'_> {
         kept: &[SelectedEffect],
         withheld: &[Withheld],
     ) -> Vec<EffectStatus> {
-        let sets: Vec<&String> = found.iter().flat_map(|finding| &finding.indistinguishable_from).collect();
         let all = vec![true; self.evidence.images.len()];
         let stand = FitState::new(self.evidence, &all, kept, &solved.stand.noise);
-        let of = |(index, hypothesis): (usize, &Hypothesis)| {
-            let id = hypothesis.id().to_owned();
-            let mut status = EffectStatus {
-                id: id.clone(),
-                status: EffectState::NotFound,
-                p_value: None,
-                p_value_is: None,
-                score_sigma: None,
-                held_out_delta_chi2: None,
-                survival: None,
-                parameters: Vec::new(),
-                upper_limit_95: None,
-                reason: String::new(),
-            };
-            if let Some(reason) = &hypothesis.missing {
-                status.status = EffectState::NotApplicable;
-                status.reason.clone_from(reason);
-                return status;
-            }
-            // At its best variant, beside what was found.
-            let own = |variant: usize| {
-                let entry = SelectedEffect { hypothesis: index, variant };
-                stand.white(self.evidence, &[entry])
-            };
-            let scored = (0..hypothesis.variants.len()).map(|variant| (variant, stand.score(&own(variant))));
-            let best = scored.max_by(|a, b| a.1.0.total_cmp(&b.1.0));
-            let Some((variant, (t, rank))) = best else { return status };
-            let white = own(variant);
-            // Beside camera and attitudes alone, and in their units: with other noise nothing would be taken up in full.
-            let entry = SelectedEffect { hypothesis: index, variant };
-            let bare: Vec<Whitened> = self.base.white(self.evidence, &[entry]);
-            status.survival = Some(survival(self.base, &bare));
-            if let Some(finding) = found.iter().find(|finding| finding.id == id) {
-                status.status = EffectState::Found;
-                status.p_value = Some(finding.p_value);
-                status.score_sigma = Some(finding.score_sigma);
-                status.parameters.clone_from(&finding.parameters);
-                return status;
-            }
-            let searched = hypothesis.variants.len() as f64;
-            if rank > 0 {
-                let surprise = (neg_ln_chi2_sf(rank as f64, t) - 0.5 * searched.ln()).max(0.0);
-                status.p_value = Some((-surprise).exp());
-                status.score_sigma = Some(deviations(surprise));
-            }
-            let moves = white.iter().any(|column| stand.fit.length_squared(column) > 0.0);
-            if !moves {
-                status.status = EffectState::NotObservable;
-                "what it depends on does not vary or is not known: it moves no star image here".clone_into(&mut status.reason);
-                return status;
-            }
-            let start = &hypothesis.variants[variant].start;
-            let first = hypothesis.fitted[0];
-            let spec = &hypothesis.effect.parameters()[first];
-            // The other parameters of the effect are free beside the first.
-            let rest: Vec<&Whitened> = stand.more.iter().chain(white.iter().skip(1)).collect();
-            let fit =
-                if white.len() > 1 { Fit::new(&stand.system, &stand.take, &rest).with_noise_of(&stand.fit) } else { stand.fit.clone() };
-            let beside = FitState { fit, ..stand.clone() };
-            if let Some([change, sigma]) = amplitude(&beside, &white[0]) {
-                let value = start[first] + change - difference(hypothesis.effect.facts(), start, first);
-                status.parameters.push(FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() });
-                status.upper_limit_95 =
-                    Some(Limit { name: spec.name.to_owned(), value: value.abs() + 1.645 * sigma, unit: spec.unit.to_owned() });
-                if sigma.is_nan() || sigma > spec.range.1 - spec.range.0 {
-                    status.upper_limit_95 = None;
-                }
-                if hypothesis.in_force {
-                    status.reason = in_force(start[first], [change, sigma], status.p_value);
-                }
-            }
-            if sets.contains(&&id) {
-                status.status = EffectState::Indistinguishable;
-                let of: Vec<&str> = found.iter().filter(|f| f.indistinguishable_from.contains(&id)).map(|f| f.id.as_str()).collect();
-                status.reason = format!("explains about as much as {}", of.join(", "));
-            } else if status.survival.is_some_and(|survival| survival < UNOBSERVABLE) {
-                status.status = EffectState::NotObservable;
-                "attitudes and camera parameters take it up".clone_into(&mut status.reason);
-            } else if status.survival.is_some_and(|survival| survival < WEAKLY) && !usual_shows(hypothesis, &stand, &white) {
-                status.status = EffectState::NotObservable;
-                "attitudes and camera parameters take up most of it, and of one of usual size the rest would not show"
-                    .clone_into(&mut status.reason);
-            } else if let Some(own) = withheld.iter().find(|own| own.entry.hypothesis == index) {
-                withhold(&mut status, own.against.join("; "), own.held_out_delta_chi2);
-            } else if status.p_value.is_some_and(|p| p < SIGNIFICANT) {
-                withhold(&mut status, self.not_proposed(&stand, entry, withheld), None);
-            }
-            status
+        let statuses = Statuses { context: self, stand, found, withheld };
+        (0..self.evidence.hypotheses.len()).map(|index| statuses.of(index)).collect()
+    }
+}
+
+/// What the status of an effect follows from.
+struct Statuses<'a> {
+    context: &'a Context<'a>,
+    /// All images with what was found, under the noise of the solution.
+    stand: FitState,
+    found: &'a [Finding],
+    withheld: &'a [Withheld],
+}
+
+impl Statuses<'_> {
+    /// The status of a hypothesis.
+    fn of(&self, index: usize) -> EffectStatus {
+        let (evidence, stand) = (self.context.evidence, &self.stand);
+        let hypothesis = &evidence.hypotheses[index];
+        let mut status = EffectStatus {
+            id: hypothesis.id().to_owned(),
+            status: EffectState::NotFound,
+            p_value: None,
+            p_value_is: None,
+            score_sigma: None,
+            held_out_delta_chi2: None,
+            survival: None,
+            parameters: Vec::new(),
+            upper_limit_95: None,
+            reason: String::new(),
         };
-        self.evidence.hypotheses.iter().enumerate().map(of).collect()
+        if let Some(reason) = &hypothesis.missing {
+            status.status = EffectState::NotApplicable;
+            status.reason.clone_from(reason);
+            return status;
+        }
+        // At its best variant, beside what was found.
+        let entry = |variant: usize| SelectedEffect { hypothesis: index, variant };
+        let scored = (0..hypothesis.variants.len()).map(|variant| (variant, stand.score(&stand.white(evidence, &[entry(variant)]))));
+        let best = scored.max_by(|a, b| a.1.0.total_cmp(&b.1.0));
+        let Some((variant, (t, rank))) = best else { return status };
+        // Beside camera and attitudes alone, and in their units: with other noise nothing would be taken up in full.
+        status.survival = Some(survival(self.context.base, &self.context.base.white(evidence, &[entry(variant)])));
+        if let Some(finding) = self.found.iter().find(|finding| finding.id == hypothesis.id()) {
+            status.status = EffectState::Found;
+            status.p_value = Some(finding.p_value);
+            status.score_sigma = Some(finding.score_sigma);
+            status.parameters.clone_from(&finding.parameters);
+            return status;
+        }
+        if rank > 0 {
+            let searched = hypothesis.variants.len() as f64;
+            let surprise = (neg_ln_chi2_sf(rank as f64, t) - 0.5 * searched.ln()).max(0.0);
+            status.p_value = Some((-surprise).exp());
+            status.score_sigma = Some(deviations(surprise));
+        }
+        let white = stand.white(evidence, &[entry(variant)]);
+        if !white.iter().any(|column| stand.fit.length_squared(column) > 0.0) {
+            status.status = EffectState::NotObservable;
+            "what it depends on does not vary or is not known: it moves no star image here".clone_into(&mut status.reason);
+            return status;
+        }
+        self.size(&mut status, entry(variant), &white);
+        self.judge(&mut status, entry(variant), &white);
+        status
+    }
+
+    /// Size of the first parameter, with a limit; the other parameters are free beside it.
+    fn size(&self, status: &mut EffectStatus, entry: SelectedEffect, white: &[Whitened]) {
+        let hypothesis = &self.context.evidence.hypotheses[entry.hypothesis];
+        let start = &hypothesis.variants[entry.variant].start;
+        let first = hypothesis.fitted[0];
+        let spec = &hypothesis.effect.parameters()[first];
+        let measured = match white {
+            [alone] => amplitude(&self.stand, alone),
+            [one, others @ ..] => amplitude(&self.stand.beside(self.stand.more.iter().chain(others).cloned().collect()), one),
+            [] => None,
+        };
+        let Some([change, sigma]) = measured else { return };
+        let value = start[first] + change - difference(hypothesis.effect.facts(), start, first);
+        status.parameters.push(FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() });
+        if sigma <= spec.range.1 - spec.range.0 {
+            let value = value.abs() + 1.645 * sigma;
+            status.upper_limit_95 = Some(Limit { name: spec.name.to_owned(), value, unit: spec.unit.to_owned() });
+        }
+        if hypothesis.in_force {
+            status.reason = in_force(start[first], [change, sigma], status.p_value);
+        }
+    }
+
+    /// What is said of an effect that was not found.
+    fn judge(&self, status: &mut EffectStatus, entry: SelectedEffect, white: &[Whitened]) {
+        let hypothesis = &self.context.evidence.hypotheses[entry.hypothesis];
+        let of: Vec<&str> =
+            self.found.iter().filter(|own| own.indistinguishable_from.contains(&status.id)).map(|own| own.id.as_str()).collect();
+        if !of.is_empty() {
+            status.status = EffectState::Indistinguishable;
+            status.reason = format!("explains about as much as {}", of.join(", "));
+        } else if status.survival.is_some_and(|survival| survival < UNOBSERVABLE) {
+            status.status = EffectState::NotObservable;
+            "attitudes and camera parameters take it up".clone_into(&mut status.reason);
+        } else if status.survival.is_some_and(|survival| survival < WEAKLY) && !usual_shows(hypothesis, &self.stand, white) {
+            status.status = EffectState::NotObservable;
+            "attitudes and camera parameters take up most of it, and of one of usual size the rest would not show"
+                .clone_into(&mut status.reason);
+        } else if let Some(own) = self.withheld.iter().find(|own| own.entry.hypothesis == entry.hypothesis) {
+            withhold(status, own.against.join("; "), own.held_out_delta_chi2);
+        } else if status.p_value.is_some_and(|p| p < SIGNIFICANT) {
+            withhold(status, self.not_proposed(entry), None);
+        }
+    }
+
+    /// Why an effect that is significant by itself was never proposed: another one withheld explains the same, or none of so many.
+    fn not_proposed(&self, entry: SelectedEffect) -> String {
+        let (evidence, stand) = (self.context.evidence, &self.stand);
+        let own = stand.white(evidence, &[entry]);
+        let alike = self
+            .withheld
+            .iter()
+            .map(|other| (cosine(&stand.fit, &own, &stand.white(evidence, &[other.entry])), other))
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .filter(|(cosine, _)| *cosine >= ALIKE);
+        match alike {
+            Some((cosine, other)) => {
+                let id = evidence.hypotheses[other.entry.hypothesis].id();
+                format!("{id} explains the same better (cosine {cosine:.2}) and is withheld itself")
+            }
+            None => "the choice among all effects did not take it: what it follows is explained better otherwise, or not enough for so many effects tried".to_owned(),
+        }
     }
 }
 

@@ -76,17 +76,37 @@ pub(super) fn unknown(evidence: &Evidence, stand: &FitState, vetoed: &[Withheld]
     let camera = joint.model().camera();
     let size = [camera.width_px as f64, camera.height_px as f64];
     let field = map(&left, size);
-    let vetoes: Vec<String> =
-        vetoed.iter().map(|own| format!("{}: {}", evidence.hypotheses[own.entry.hypothesis].id(), own.against.join("; "))).collect();
+    let unknown = Unknown {
+        channel: Channel::Astrometry,
+        located_by,
+        p_value: test.p_value,
+        p_value_is: None,
+        resembles,
+        vetoes: vetoed
+            .iter()
+            .map(|own| format!("{}: {}", evidence.hypotheses[own.entry.hypothesis].id(), own.against.join("; ")))
+            .collect(),
+        map: None,
+        field,
+        sentence: String::new(),
+    };
+    let sentence = sentence(&unknown, evidence, vetoed, test);
+    Unknown { sentence, ..unknown }
+}
+
+/// The unknown part in words.
+fn sentence(unknown: &Unknown, evidence: &Evidence, vetoed: &[Withheld], test: &Omnibus) -> String {
+    let Unknown { resembles, field, .. } = unknown;
+    let id_of = |own: &Withheld| evidence.hypotheses[own.entry.hypothesis].id();
     let relatives: Vec<String> = resembles.iter().map(|r| format!("{} (cos {:.2})", r.id, r.cos)).collect();
-    let follows = located_by.join(", ");
-    let tried = resembles.first().filter(|nearest| nearest.cos > ALIKE && is_vetoed(&nearest.id));
+    let follows = unknown.located_by.join(", ");
     let p = told(test.p_value, least_p(test.chance.nulls));
+    let nearest = resembles.first().filter(|nearest| nearest.cos > ALIKE);
+    let tried = nearest.and_then(|nearest| vetoed.iter().find(|own| id_of(own) == nearest.id));
     let mut sentence = match tried {
-        Some(nearest) => {
-            let of = |own: &&Withheld| evidence.hypotheses[own.entry.hypothesis].id() == nearest.id;
-            let against = vetoed.iter().find(of).map_or_else(String::new, |own| own.against.join("; "));
-            format!("In the positions something is left ({p}) that looks like {}, but {against}; it follows {follows}", nearest.id)
+        Some(own) => {
+            let against = own.against.join("; ");
+            format!("In the positions something is left ({p}) that looks like {}, but {against}; it follows {follows}", id_of(own))
         }
         None => format!("In the positions something is left that no effect of the registry explains ({p}); it follows {follows}"),
     };
@@ -102,6 +122,5 @@ pub(super) fn unknown(evidence: &Evidence, stand: &FitState, vetoed: &[Withheld]
         );
     }
     sentence.push('.');
-    let p_value = test.p_value;
-    Unknown { channel: Channel::Astrometry, located_by, p_value, p_value_is: None, resembles, vetoes, map: None, field, sentence }
+    sentence
 }
