@@ -6,7 +6,7 @@ use anyhow::Result;
 use boresight::effects::detector::{colour_filters, quantum_efficiency};
 use boresight::effects::optics::sampled_psf;
 use boresight::effects::optics::tables::IMAGE_KINDS;
-use boresight::effects::pixel::{pixel_effect, psf_2d, separable_psf};
+use boresight::effects::pixel::{psf_2d, separable_psf};
 use boresight::effects::sky::glow::sky_glow;
 use boresight::effects::{ParameterSpec, page_of, stem_of};
 use boresight::provenance::Provenance;
@@ -142,10 +142,9 @@ fn unknown(id: &str, known: &[Known]) -> anyhow::Error {
 }
 
 fn page(id: &str) -> Option<String> {
-    let displacement = boresight::effects::displacement(id).map(boresight::effects::AnyDisplacement::page);
-    // What works on pixels bears the name of a function in its shader.
+    let effect = boresight::effects::effect(id).map(|effect| effect.page());
+    // A point spread bears the name of a function in its shader.
     let name = stem_of(id);
-    let pixels = || pixel_effect(&name).map(|effect| page_of(effect.source()));
     let glow = || sky_glow(id).map(|glow| page_of(glow.source()));
     let spread = || separable_psf(&name).map(|spread| page_of(spread.source()));
     let plane = || psf_2d(&name).map(|spread| page_of(spread.source()));
@@ -155,5 +154,5 @@ fn page(id: &str) -> Option<String> {
     let by_filter = || (id == COLOUR_FILTERS).then(|| page_of(colour_filters::source()));
     let light = || LIGHT_PAGES.iter().find(|page| page.id == id).map(|page| page_of((page.source)()));
     let by_colour = || by_colour().or_else(by_filter).or_else(light);
-    displacement.or_else(by_colour).or_else(pixels).or_else(glow).or_else(spread).or_else(plane).or_else(kind).or_else(sampled)
+    effect.or_else(by_colour).or_else(glow).or_else(spread).or_else(plane).or_else(kind).or_else(sampled)
 }

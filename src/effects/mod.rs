@@ -29,6 +29,6 @@ pub use displacement::{
     Segment, Sensor, StarState, invert, page_of,
 };
 pub use facts::{Facts, OrdinarySize, UsualSize, id_of, stem_of};
-pub use registry::{DISPLACEMENTS, displacement};
+pub use registry::{DISPLACEMENTS, Effect, displacement, effect, effects};
 pub use rendering::Rendering;
 pub use star_image::{MAX_SHIFTS, MAX_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE, Signature, Signatures, StarImage};

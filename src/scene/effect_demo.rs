@@ -74,7 +74,7 @@ impl Known {
     /// Whether this is the half on pixels of a cause that also displaces.
     #[must_use]
     pub fn is_second(&self) -> bool {
-        self.acts_on.contains("pixels") && displacement(&self.id).is_some() && pixel_effect(&self.id).is_some()
+        self.acts_on.contains("pixels") && crate::effects::effect(&self.id).is_some_and(|effect| effect.has_both_faces())
     }
 
     /// Why no scene of its own shows it, if none does.

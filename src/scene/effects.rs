@@ -11,9 +11,9 @@ use super::{DetectorTable, Exposures, SceneError, SkyTable};
 use crate::camera::{Model, SkyChain, Term};
 use crate::effects::detector::adc::full_scale_dn;
 use crate::effects::ids;
-use crate::effects::pixel::{AnyPixelEffect, PIXEL_EFFECTS, pixel_effect};
+use crate::effects::pixel::{AnyPixelEffect, pixel_effect};
 use crate::effects::sky::glow::{SKY_GLOWS, SkyGlow, sky_glow};
-use crate::effects::{Context, DISPLACEMENTS, Observation, ParameterSpec, Segment, StarState, displacement, id_of};
+use crate::effects::{Context, Effect, Observation, ParameterSpec, Segment, StarState, displacement, effects, id_of};
 use crate::imaging::EffectSetting;
 
 /// `[[effects]]`: an effect in force.
@@ -48,7 +48,7 @@ pub(super) fn in_force(path: &str, tables: &[EffectTable], detector: &DetectorTa
         if let Some(effect) = on_pixels(table) {
             let setting = setting(effect, table, detector).map_err(wrong)?;
             if found.pixels.iter().any(|other| other.id == setting.id) {
-                return Err(twice(&public_id(effect)));
+                return Err(twice(effect.id()));
             }
             found.pixels.push(setting);
         } else if let Some(glow) = sky_glow(&id_of(&table.id)) {
@@ -68,18 +68,9 @@ pub(super) fn in_force(path: &str, tables: &[EffectTable], detector: &DetectorTa
     Ok(found)
 }
 
-/// The id of a pixel effect as files spell it.
-pub(super) fn public_id(effect: &dyn AnyPixelEffect) -> String {
-    effect.id().to_owned()
-}
-
-/// The pixel effect that a table means. Some causes are both: a displacement with parameters for the calibrator and a pixel effect with others
-/// of its own; the names of the parameters decide.
+/// The pixel effect that a table means: a cause may have a face on pixels beside its displacement.
 fn on_pixels(table: &EffectTable) -> Option<&'static dyn AnyPixelEffect> {
-    let effect = pixel_effect(&table.id)?;
-    let is_known = |name: &String| effect.parameters().iter().any(|spec| spec.name == name);
-    let is_meant = displacement(&public_id(effect)).is_none() || (!table.parameters.is_empty() && table.parameters.keys().all(is_known));
-    is_meant.then_some(effect)
+    crate::effects::effect(&table.id)?.on_pixels(table.parameters.keys().map(String::as_str))
 }
 
 /// Refuses an effect that would do nothing in an exposure, because the exposure does not have what it follows.
@@ -115,7 +106,7 @@ pub(super) fn check_telemetry(path: &str, tables: &[EffectTable], terms: &[Term]
 /// The parameters of a pixel effect: those that are given; else, where `[detector]` has a key of that name, its value; else the value at which
 /// the effect does nothing, or where there is none the typical one.
 fn setting(effect: &dyn AnyPixelEffect, table: &EffectTable, detector: &DetectorTable) -> Result<EffectSetting, String> {
-    let (id, specs) = (public_id(effect), effect.parameters());
+    let (id, specs) = (effect.id().to_owned(), effect.parameters());
     let nothing = effect.identity();
     let of_detector = |name: &str| match name {
         "gain_e_per_dn" => Some(detector.gain_e_per_dn),
@@ -203,9 +194,7 @@ fn term(table: &EffectTable) -> Result<Term, String> {
     let id = id_of(&table.id);
     let id = id.as_str();
     let Some(effect) = displacement(id) else {
-        let displacements = DISPLACEMENTS.iter().map(|effect| effect.id().to_owned());
-        let known = displacements.chain(PIXEL_EFFECTS.iter().map(|effect| public_id(*effect)));
-        let known = known.chain(SKY_GLOWS.iter().map(|glow| glow.id().to_owned()));
+        let known = effects().map(|effect| effect.id()).chain(SKY_GLOWS.iter().map(|glow| glow.id()));
         let nearest = known.min_by_key(|known| strsim::damerau_levenshtein(id, known));
         return Err(format!("there is no effect {id}; did you mean {}?", nearest.unwrap_or_default()));
     };
@@ -214,8 +203,7 @@ fn term(table: &EffectTable) -> Result<Term, String> {
         return Err(format!("{id} is part of [camera] and cannot be added to it; leave it out"));
     };
     if table.parameters.is_empty() && !parameters.is_empty() {
-        let of_pixels = pixel_effect(id).map_or(&[][..], |effect| effect.parameters());
-        let mut names: Vec<&str> = effect.parameters().iter().chain(of_pixels).map(|spec| spec.name).collect();
+        let mut names: Vec<&str> = crate::effects::effect(id).iter().flat_map(Effect::parameters).map(|spec| spec.name).collect();
         names.dedup();
         return Err(format!("{id} does nothing without parameters; give some of {}", names.join(", ")));
     }

@@ -3,7 +3,6 @@
 use serde_json::{Map, Value, json};
 
 use super::SceneFile;
-use super::effects::public_id;
 use crate::effects::pixel::PIXEL_EFFECTS;
 use crate::effects::sky::glow::SKY_GLOWS;
 use crate::effects::{DISPLACEMENTS, ParameterSpec};
@@ -28,7 +27,7 @@ pub fn schema() -> Value {
 /// `[[effects]]`: for each id its own parameters.
 fn effects() -> Value {
     let displacements = DISPLACEMENTS.iter().map(|effect| (effect.id().to_owned(), effect.parameters()));
-    let on_pixels = PIXEL_EFFECTS.iter().map(|effect| (public_id(*effect), effect.parameters()));
+    let on_pixels = PIXEL_EFFECTS.iter().map(|effect| (effect.id().to_owned(), effect.parameters()));
     let mut known: std::collections::BTreeMap<String, Vec<ParameterSpec>> = std::collections::BTreeMap::new();
     let of_the_sky = SKY_GLOWS.iter().map(|glow| (glow.id().to_owned(), glow.parameters()));
     for (id, parameters) in displacements.chain(on_pixels).chain(of_the_sky) {

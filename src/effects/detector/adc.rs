@@ -76,7 +76,6 @@ impl PixelEffect for Adc {
         ParameterSpec { name: "saturation_dn", unit: "DN", typical: 65_535.0, range: (1.0, 65_535.0) },
         ParameterSpec { name: "bits", unit: "", typical: 16.0, range: (8.0, 16.0) },
     ];
-    const RNG_STAGE: u32 = 0;
     const WGSL: &'static str = include_str!("../../../shaders/adc.wgsl");
     const SOURCE: &'static str = include_str!("adc.rs");
     type Uniforms = AdcUniforms;

@@ -109,7 +109,6 @@ impl PixelEffect for AmplifierHalves {
         ParameterSpec { name: "gain_relative", unit: "", typical: 0.01, range: (-0.9, 9.0) },
         ParameterSpec { name: "offset_e", unit: "e-", typical: 5.0, range: (-1e6, 1e6) },
     ];
-    const RNG_STAGE: u32 = 0;
     const WGSL: &'static str = include_str!("../../../shaders/amplifier_step.wgsl");
     const SOURCE: &'static str = include_str!("amplifier_step.rs");
     type Uniforms = AmplifierStepUniforms;

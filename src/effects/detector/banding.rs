@@ -65,6 +65,7 @@ impl PixelEffect for Banding {
         ParameterSpec { name: "row_sigma_e", unit: "e-", typical: 1.0, range: (0.0, 1e6) },
         ParameterSpec { name: "column_sigma_e", unit: "e-", typical: 0.5, range: (0.0, 1e6) },
     ];
+    const DRAWS: bool = true;
     const RNG_STAGE: u32 = 6;
     const WGSL: &'static str = include_str!("../../../shaders/banding.wgsl");
     const SOURCE: &'static str = include_str!("banding.rs");

@@ -107,7 +107,6 @@ impl PixelEffect for BayerMosaic {
         ParameterSpec { name: "red_relative", unit: "", typical: 0.6, range: (0.0, 10.0) },
         ParameterSpec { name: "blue_relative", unit: "", typical: 0.5, range: (0.0, 10.0) },
     ];
-    const RNG_STAGE: u32 = 0;
     const WGSL: &'static str = include_str!("../../../shaders/bayer.wgsl");
     const SOURCE: &'static str = include_str!("bayer.rs");
     type Uniforms = BayerUniforms;

@@ -64,6 +64,7 @@ impl PixelEffect for DarkCurrent {
         ParameterSpec { name: "doubling_k", unit: "K", typical: 6.5, range: (0.5, 100.0) },
         ParameterSpec { name: "dsnu_relative", unit: "", typical: 0.3, range: (0.0, 3.0) },
     ];
+    const DRAWS: bool = true;
     const RNG_STAGE: u32 = 4;
     const WGSL: &'static str = include_str!("../../../shaders/dark_current.wgsl");
     const SOURCE: &'static str = include_str!("dark_current.rs");

@@ -71,6 +71,7 @@ impl PixelEffect for Dnl {
         ParameterSpec { name: "gain_e_per_dn", unit: "e-/DN", typical: 2.0, range: (1e-6, 1e6) },
         ParameterSpec { name: "bias_dn", unit: "DN", typical: 200.0, range: (0.0, 65_535.0) },
     ];
+    const DRAWS: bool = true;
     const RNG_STAGE: u32 = 7;
     const WGSL: &'static str = include_str!("../../../shaders/dnl.wgsl");
     const SOURCE: &'static str = include_str!("dnl.rs");

@@ -101,7 +101,6 @@ impl PixelEffect for EvenOddGain {
     const ID: &'static str = "even-odd";
     const STAGE: Stage = Stage::Readout;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "gain_relative", unit: "", typical: 0.01, range: (-0.5, 0.5) }];
-    const RNG_STAGE: u32 = 0;
     const WGSL: &'static str = include_str!("../../../shaders/even_odd.wgsl");
     const SOURCE: &'static str = include_str!("even_odd.rs");
     type Uniforms = EvenOddUniforms;

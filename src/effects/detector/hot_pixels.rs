@@ -70,6 +70,7 @@ impl PixelEffect for HotPixels {
         ParameterSpec { name: "reference_temperature_c", unit: "°C", typical: 20.0, range: (-273.0, 200.0) },
         ParameterSpec { name: "doubling_k", unit: "K", typical: 6.5, range: (0.5, 100.0) },
     ];
+    const DRAWS: bool = true;
     const RNG_STAGE: u32 = 5;
     const WGSL: &'static str = include_str!("../../../shaders/hot_pixels.wgsl");
     const SOURCE: &'static str = include_str!("hot_pixels.rs");

@@ -52,7 +52,6 @@ impl PixelEffect for Nonlinearity {
         ParameterSpec { name: "relative_at_full", unit: "", typical: 0.02, range: (-0.5, 0.5) },
         ParameterSpec { name: "full_well_e", unit: "e-", typical: 1e5, range: (1.0, 1e12) },
     ];
-    const RNG_STAGE: u32 = 0;
     const WGSL: &'static str = include_str!("../../../shaders/nonlinearity.wgsl");
     const SOURCE: &'static str = include_str!("nonlinearity.rs");
     type Uniforms = NonlinearityUniforms;

@@ -170,6 +170,7 @@ impl PixelEffect for PhotonNoise {
     const STAGE: Stage = Stage::Charge;
     const ROLE: Role = Role::Noise;
     const PARAMETERS: &'static [ParameterSpec] = &[];
+    const DRAWS: bool = true;
     const RNG_STAGE: u32 = 1;
     const FAINT_BELOW_E: Option<f64> = Some(EXPANSION_FROM_E as f64);
     const WGSL: &'static str = include_str!("../../../shaders/photon_noise.wgsl");

@@ -47,6 +47,7 @@ impl PixelEffect for Prnu {
     const ID: &'static str = "prnu";
     const STAGE: Stage = Stage::Light;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "relative", unit: "", typical: 0.01, range: (0.0, 1.0) }];
+    const DRAWS: bool = true;
     const RNG_STAGE: u32 = 3;
     const WGSL: &'static str = include_str!("../../../shaders/prnu.wgsl");
     const SOURCE: &'static str = include_str!("prnu.rs");

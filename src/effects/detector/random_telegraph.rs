@@ -117,6 +117,7 @@ impl PixelEffect for RandomTelegraph {
         ParameterSpec { name: "reference_temperature_c", unit: "°C", typical: 20.0, range: (-273.0, 200.0) },
         ParameterSpec { name: "doubling_k", unit: "K", typical: 6.5, range: (0.5, 100.0) },
     ];
+    const DRAWS: bool = true;
     const RNG_STAGE: u32 = 8;
     const WGSL: &'static str = include_str!("../../../shaders/random_telegraph.wgsl");
     const SOURCE: &'static str = include_str!("random_telegraph.rs");

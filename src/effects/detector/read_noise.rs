@@ -50,6 +50,7 @@ impl PixelEffect for ReadNoise {
     const STAGE: Stage = Stage::Readout;
     const ROLE: Role = Role::Noise;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "read_noise_e", unit: "e-", typical: 5.0, range: (0.0, 1e6) }];
+    const DRAWS: bool = true;
     const RNG_STAGE: u32 = 2;
     const WGSL: &'static str = include_str!("../../../shaders/read_noise.wgsl");
     const SOURCE: &'static str = include_str!("read_noise.rs");

@@ -139,7 +139,6 @@ impl PixelEffect for StrayLightSlope {
         ParameterSpec { name: "slope_x_e_per_px_s", unit: "e-/px²/s", typical: 0.1, range: (-1e6, 1e6) },
         ParameterSpec { name: "slope_y_e_per_px_s", unit: "e-/px²/s", typical: -0.05, range: (-1e6, 1e6) },
     ];
-    const RNG_STAGE: u32 = 0;
     const WGSL: &'static str = include_str!("../../../shaders/stray_light.wgsl");
     const SOURCE: &'static str = include_str!("stray_light.rs");
     type Uniforms = StrayLightUniforms;

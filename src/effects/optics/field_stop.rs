@@ -58,7 +58,6 @@ impl PixelEffect for FieldStop {
         ParameterSpec { name: "centre_x_px", unit: "px", typical: 3.0, range: (-1e5, 1e5) },
         ParameterSpec { name: "centre_y_px", unit: "px", typical: -2.0, range: (-1e5, 1e5) },
     ];
-    const RNG_STAGE: u32 = 0;
     const WGSL: &'static str = include_str!("../../../shaders/field_stop.wgsl");
     const SOURCE: &'static str = include_str!("field_stop.rs");
     type Uniforms = FieldStopUniforms;

@@ -44,7 +44,6 @@ impl PixelEffect for VeilingGlare {
     const ID: &'static str = "veiling-glare";
     const STAGE: Stage = Stage::Light;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "share", unit: "", typical: 0.02, range: (0.0, 1.0) }];
-    const RNG_STAGE: u32 = 0;
     const WGSL: &'static str = include_str!("../../../shaders/veiling_glare.wgsl");
     const SOURCE: &'static str = include_str!("veiling_glare.rs");
     type Uniforms = VeilingGlareUniforms;

@@ -61,7 +61,6 @@ impl PixelEffect for Vignetting {
         ParameterSpec { name: "loss_at_corner", unit: "", typical: 0.2, range: (0.0, 1.0) },
         ParameterSpec { name: "loss_fourth_order", unit: "", typical: 0.05, range: (-1.0, 1.0) },
     ];
-    const RNG_STAGE: u32 = 0;
     const WGSL: &'static str = include_str!("../../../shaders/vignetting.wgsl");
     const SOURCE: &'static str = include_str!("vignetting.rs");
     type Uniforms = VignettingUniforms;

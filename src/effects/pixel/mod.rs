@@ -103,9 +103,12 @@ pub trait PixelEffect: Sync {
     const ROLE: Role = Role::Shapes;
     /// Its parameters.
     const PARAMETERS: &'static [ParameterSpec];
-    /// The key of its random numbers, different from that of every other effect; 0 if it draws none.
+    /// Whether it draws random numbers.
+    const DRAWS: bool = false;
+    /// The key of its random numbers, different from that of every other effect; 0 if it draws none. It follows from the id; the eight effects
+    /// that are older than this rule keep the numbers 1 to 8, with which their frames were made.
     /// The shader has it as the constant `ID_STAGE` (the id in capitals).
-    const RNG_STAGE: u32;
+    const RNG_STAGE: u32 = if Self::DRAWS { stage_of(Self::ID) } else { 0 };
     /// The text of its shader.
     const WGSL: &'static str;
     /// The text of its source file, whose head is its page.
@@ -131,6 +134,18 @@ pub trait PixelEffect: Sync {
     fn least_e(_parameters: &[f64], _exposure: &ExposureContext, _least_e: f64) -> f64 {
         0.0
     }
+}
+
+/// The key of the random numbers of an effect, from its id: FNV-1a with the highest bit set, above all keys that were given by hand.
+const fn stage_of(id: &str) -> u32 {
+    const OFFSET: u32 = 0x811c_9dc5;
+    const PRIME: u32 = 0x0100_0193;
+    let (bytes, mut hash, mut k) = (id.as_bytes(), OFFSET, 0);
+    while k < bytes.len() {
+        hash = (hash ^ bytes[k] as u32).wrapping_mul(PRIME);
+        k += 1;
+    }
+    hash | 0x8000_0000
 }
 
 /// What an effect does, as the runner on the CPU calls it. The bytes are those of the effect's uniforms.

@@ -47,7 +47,6 @@ impl PixelEffect for Background {
     const ROLE: Role = Role::Adds;
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "background_e_per_px_s", unit: "e-/px/s", typical: 50.0, range: (0.0, 1e9) }];
-    const RNG_STAGE: u32 = 0;
     const WGSL: &'static str = include_str!("../../../shaders/background.wgsl");
     const SOURCE: &'static str = include_str!("background.rs");
     type Uniforms = BackgroundUniforms;
