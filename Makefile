@@ -8,7 +8,7 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test interop readme check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind held-out peers catalog fuzz zoo runtime
+.PHONY: help demo test interop readme claims check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind held-out peers catalog fuzz zoo runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
@@ -25,6 +25,7 @@ help:
 	@echo "make study    calibrators on wrong identifications and on clean data, against rivals and bounds: outputs/; STUDY=--quick for a minute"
 	@echo "make blind    conceals effects in star lists and in frames of pixels, diagnoses them and scores: outputs/blind, docs/studies/blind.md; hours"
 	@echo "make peers    the calibrator beside tetra3rs, scipy and OpenCV: benches/peers (takes PyPI and half an hour)"
+	@echo "make claims   compares the figures quoted from studies with the pages of docs/studies"
 	@echo "make fuzz     damaged inputs over all readers: docs/studies/fuzz.txt; FUZZ=\"--cases N --seed S\""
 	@echo "make zoo      what the readers make of every kind of file: fuzz/zoo.txt"
 	@echo "make doc      documentation in target/doc"
@@ -144,6 +145,10 @@ FUZZ ?= --cases 21000 --seed 1
 fuzz:
 	$(CARGO) build --locked --profile checked --bin boresight --example fuzz
 	$(or $(CARGO_TARGET_DIR),target)/checked/examples/fuzz $(FUZZ) --boresight $(or $(CARGO_TARGET_DIR),target)/checked/boresight --commit "$$(git rev-parse --short HEAD)" --page docs/studies/fuzz.txt
+
+# Figures of README.md and docs/ that are quoted from studies, against the studies' pages; a study itself is run by its own target.
+claims:
+	python3 .ci/claims --self-test --page docs/studies/claims.txt
 
 # The sentence of every file of the zoo, which a test compares.
 zoo:
