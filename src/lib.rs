@@ -86,3 +86,7 @@ pub mod rng;
 pub mod scene;
 pub mod statistics;
 pub mod units;
+
+mod error;
+
+pub use error::{Error, Result};

@@ -205,7 +205,7 @@ impl FrameObject {
             seconds: identified.seconds,
         };
         match &identified.identification {
-            Identification::NotIdentified { reason, .. } => object.reason = Some(reason.clone()),
+            Identification::NotIdentified { reason, .. } => object.reason = Some(reason.to_string()),
             Identification::Identified(solution) => object.fill(frame, identified, solution, catalog),
         }
         object

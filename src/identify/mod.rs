@@ -25,6 +25,7 @@ mod preidentified;
 mod prior_attitude;
 mod projection;
 mod refine;
+mod refusal;
 mod search;
 mod search_plan;
 mod sky;
@@ -54,6 +55,7 @@ pub use preidentified::{
 };
 pub use prior_attitude::AttitudePrior;
 pub use projection::Projection;
+pub use refusal::{NoMatch, Refusal};
 pub use solution::catalog_directions;
 
 /// A detection with its catalogue star.
@@ -74,8 +76,8 @@ pub enum Identification {
     Identified(Solution),
     /// They are not, and why.
     NotIdentified {
-        /// One sentence.
-        reason: String,
+        /// The cause; as text, one sentence.
+        reason: Refusal,
         /// The hypotheses that were tried.
         hypotheses: u64,
     },
@@ -181,16 +183,15 @@ pub fn identify(
     };
     let hypotheses = failure.hypotheses;
     let reason = match failure.end {
-        search::End::TimeLimit { limit } => format!(
-            "No match within the time limit of {:.3} s, with {usable} star images: allow more time or give the focal length.",
-            limit.as_secs_f64()
-        ),
-        search::End::Exhausted { least_bound, was_cut, .. } => format!(
-            "None of {hypotheses} hypotheses{} brings the {usable} star images together with the catalogue better than chance would (the best by chance with a probability of {least_bound:.1e} at most, below {:.0e} is asked){}.",
-            options.near.map_or_else(String::new, |near| format!(" within {:.1}° of the attitude given", near.within_rad / DEG_RAD)),
-            options.max_false_match_probability,
-            if was_cut { " (search cut short)" } else { "" }
-        ),
+        search::End::TimeLimit { limit } => Refusal::TimeLimit { limit_s: limit.as_secs_f64(), usable },
+        search::End::Exhausted { least_bound, was_cut, .. } => Refusal::NoMatch(NoMatch {
+            hypotheses,
+            usable,
+            within_rad: options.near.map(|near| near.within_rad),
+            least_bound,
+            asked: options.max_false_match_probability,
+            was_cut,
+        }),
     };
     Identification::NotIdentified { reason, hypotheses }
 }
@@ -225,16 +226,13 @@ fn prepare<'a>(
     index: &'a Index,
     directions: &[Direction<Apparent>],
     options: &IdentifyOptions,
-) -> Result<Searchable<'a>, String> {
-    let stars = catalog.stars.len();
-    if index.star_count() != stars {
-        return Err(format!(
-            "The index was made of a catalogue of {} stars, but this one has {stars}: make it of this one.",
-            index.star_count()
-        ));
+) -> Result<Searchable<'a>, Refusal> {
+    let in_catalog = catalog.stars.len();
+    if index.star_count() != in_catalog {
+        return Err(Refusal::OtherIndex { in_index: index.star_count(), in_catalog });
     }
-    if !directions.is_empty() && directions.len() != stars {
-        return Err(format!("There are {} directions for {stars} catalogue stars: give one for each, or none.", directions.len()));
+    if !directions.is_empty() && directions.len() != in_catalog {
+        return Err(Refusal::OtherDirections { directions: directions.len(), in_catalog });
     }
     if let Some(fault) = solution::fault_in(options, detections) {
         return Err(fault);
@@ -242,11 +240,7 @@ fn prepare<'a>(
     let points = solution::usable_points(detections);
     let usable = points.all.centred_px.len();
     if usable < MIN_DETECTIONS {
-        return Err(format!(
-            "{usable} usable star image{} of {} detected: fewer than the {MIN_DETECTIONS} that a match needs; expose longer or lower the detection threshold.",
-            if usable == 1 { "" } else { "s" },
-            detections.stars.len()
-        ));
+        return Err(Refusal::TooFewStars { usable, detected: detections.stars.len(), needed: MIN_DETECTIONS });
     }
     let apparent = if directions.is_empty() {
         Cow::Borrowed(&*index.vectors)

@@ -2,8 +2,8 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::refusal::Refusal;
 use crate::coordinates::{Apparent, Attitude, Direction};
-use crate::units::DEG_RAD;
 
 /// Where to search: the boresight within an angle of a direction and, if `up` is known, the upward direction of the image (−y) too.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,19 +31,15 @@ impl AttitudePrior {
         Self { boresight: of([0.0, 0.0, 1.0]), up: Some(of([0.0, -1.0, 0.0])), within_rad }
     }
 
-    /// What is wrong with it, as a sentence.
-    pub(super) fn fault(&self) -> Option<String> {
+    /// What is wrong with it.
+    pub(super) fn fault(&self) -> Option<Refusal> {
         let is_angle = self.within_rad > 0.0 && self.within_rad <= std::f64::consts::PI;
         if !is_angle {
-            return Some(format!(
-                "The attitude is searched within {} degrees of the one given: give a number above 0 and not above 180.",
-                self.within_rad / DEG_RAD
-            ));
+            return Some(Refusal::PriorAngle { within_rad: self.within_rad });
         }
         let of_length_1 = |direction: &Direction<Apparent>| (Vector3::from(direction.xyz).norm() - 1.0).abs() < 1e-6;
-        [Some(self.boresight), self.up].iter().flatten().find(|direction| !of_length_1(direction)).map(|direction| {
-            format!("The attitude given has the direction {:?}: give the components of a vector of length 1.", direction.xyz)
-        })
+        let wrong = [Some(self.boresight), self.up].into_iter().flatten().find(|direction| !of_length_1(direction));
+        wrong.map(|direction| Refusal::PriorDirection { direction: direction.xyz })
     }
 
     /// Whether a rotation, `camera_from_icrs`, is within the angle and `more_rad`.
@@ -62,6 +58,7 @@ impl AttitudePrior {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::units::DEG_RAD;
 
     #[test]
     fn attitudes_within_the_angle_are_allowed_and_others_are_not() {
@@ -86,7 +83,7 @@ mod tests {
         assert!(any_roll.allows(&rotation(80.0, -35.1, 0.0), 0.01));
         assert!(any_roll.fault().is_none() && AttitudePrior { within_rad: 0.0, ..any_roll }.fault().is_some());
         let none = AttitudePrior { up: Some(Direction::from_unit([f64::NAN, 0.0, 1.0])), ..any_roll };
-        assert!(none.fault().is_some_and(|fault| fault.contains("length 1")) && with_roll.fault().is_none());
+        assert!(none.fault().is_some_and(|fault| matches!(fault, Refusal::PriorDirection { .. })) && with_roll.fault().is_none());
         assert!(
             AttitudePrior { within_rad: f64::NAN, ..any_roll }.fault().is_some()
                 && AttitudePrior { within_rad: 4.0, ..any_roll }.fault().is_some()

@@ -6,6 +6,7 @@ use super::association::{self, sure_pairs};
 use super::fisheye;
 use super::projection::Projection;
 use super::refine::{self, Pair, Points, Pose};
+use super::refusal::Refusal;
 use super::search::Found;
 use super::search_plan::FramePoints;
 use super::{Identification, IdentifyOptions, Index, MAX_DETECTIONS, Match, Solution, clutter, spread};
@@ -41,47 +42,37 @@ pub fn catalog_directions(catalog: &Catalog) -> Vec<Direction<Apparent>> {
 }
 
 /// What is wrong with the options, as a sentence.
-pub(super) fn fault_in(options: &IdentifyOptions, detections: &Detections) -> Option<String> {
+pub(super) fn fault_in(options: &IdentifyOptions, detections: &Detections) -> Option<Refusal> {
     let [narrow, wide] = options.field_width_range_rad;
     let (width_px, height_px) = (detections.width_px, detections.height_px);
     if width_px == 0 || height_px == 0 {
-        return Some(format!("The frame has {width_px}×{height_px} pixels: there is nothing in it."));
+        return Some(Refusal::EmptyFrame { width_px, height_px });
     }
     if width_px.max(height_px) > MAX_SIDE_PX {
-        return Some(format!(
-            "The frame has {width_px}×{height_px} pixels: no camera has more than {MAX_SIDE_PX} a side, correct its size."
-        ));
+        return Some(Refusal::FrameTooLarge { width_px, height_px, most_px: MAX_SIDE_PX });
     }
     if let Some(fault) = options.near.and_then(|near| near.fault()) {
         return Some(fault);
     }
     if let Some(parity) = options.parity.filter(|parity| ![1, -1].contains(parity)) {
-        return Some(format!("The parity is {parity}: give 1, −1 for mirrored images, or none for either."));
+        return Some(Refusal::Parity { parity });
     }
-    let most = options.max_false_match_probability;
-    if !(most > 0.0 && most <= 1.0) {
-        return Some(format!(
-            "Matches that chance brings about with a probability below {most} are asked for: give a number above 0 and not above 1."
-        ));
+    let probability = options.max_false_match_probability;
+    if !(probability > 0.0 && probability <= 1.0) {
+        return Some(Refusal::Probability { probability });
     }
-    if let Some(f) = options.nominal_focal_length_px {
+    if let Some(focal_length_px) = options.nominal_focal_length_px {
         let half = width_px.max(height_px) as f64 / 2.0;
-        let width_deg = 2.0 * (half / f).atan() / DEG_RAD;
-        if !(f > 0.0 && (0.5..=150.0).contains(&width_deg)) {
-            return Some(format!(
-                "The nominal focal length of {f} px gives {width_px}×{height_px} pixels a field outside 0.5 to 150 degrees: correct it, or give none."
-            ));
+        let width_deg = 2.0 * (half / focal_length_px).atan() / DEG_RAD;
+        if !(focal_length_px > 0.0 && (0.5..=150.0).contains(&width_deg)) {
+            return Some(Refusal::FocalLength { focal_length_px, width_px, height_px });
         }
     }
     if !(options.focal_length_tolerance >= 0.0 && options.focal_length_tolerance <= 10.0) {
-        return Some(format!("The tolerance of the focal length is {}: give a number from 0 to 10.", options.focal_length_tolerance));
+        return Some(Refusal::Tolerance { tolerance: options.focal_length_tolerance });
     }
     if !(narrow > 0.5 * DEG_RAD && wide < 150.0 * DEG_RAD && narrow < wide) {
-        return Some(format!(
-            "The widths of field to search are {} to {} degrees: give two in order, from 0.5 to 150.",
-            narrow / DEG_RAD,
-            wide / DEG_RAD
-        ));
+        return Some(Refusal::FieldWidths { range_rad: options.field_width_range_rad });
     }
     None
 }
@@ -166,23 +157,14 @@ pub(super) fn solve(
     // Those of this very pose: pairs of an earlier turn would carry another's residuals.
     let matches = matches_of(&pose, radius_px);
     if matches.len() < MIN_MATCHES {
-        return Identification::NotIdentified {
-            reason: format!(
-                "Only {} stars remained when the accepted hypothesis was fitted to the whole frame: too few to trust it.",
-                matches.len()
-            ),
-            hypotheses: found.hypotheses,
-        };
+        return Identification::NotIdentified { reason: Refusal::TooFewMatches { matches: matches.len() }, hypotheses: found.hypotheses };
     }
     // A lens that follows no law may be lost on the way outwards: then few stars still lie on their places, and the attitude is degrees off.
     if pose.projection != Projection::Pinhole {
         let around_middle = fisheye::matched(&found.pose, found.reach_px, points, index, apparent);
         if MIN_KEPT * matches.len() < around_middle {
             return Identification::NotIdentified {
-                reason: format!(
-                    "{around_middle} stars around the middle of the frame fit a fisheye, but only {} of the whole frame do: its lens could not be followed outwards.",
-                    matches.len()
-                ),
+                reason: Refusal::FisheyeLost { around_middle, matches: matches.len() },
                 hypotheses: found.hypotheses,
             };
         }

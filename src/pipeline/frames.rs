@@ -14,7 +14,7 @@ use crate::detect::{Aids, DetectOptions, Detection, Detections, EmpiricalPsf, Ps
 use crate::effects::Observation;
 use crate::frame::MaskedFrame;
 use crate::identify::{
-    ASSUMED_EPOCH_YR, AttitudePrior, Identification, IdentifyOptions, Index, Projection, Solution, common_projection, identify,
+    ASSUMED_EPOCH_YR, AttitudePrior, Identification, IdentifyOptions, Index, Projection, Refusal, Solution, common_projection, identify,
 };
 use crate::recording::{Recording, RecordingError, SkippedFrame};
 use crate::statistics::median;
@@ -336,8 +336,7 @@ pub fn take_identifications(measured: &Measured, physics: &SkyChoice) -> Result<
         .iter()
         .map(|frame| {
             let sky = sky_chain(&known, frame, physics)?;
-            let identification =
-                Identification::NotIdentified { reason: "The list's own identifications are taken.".to_owned(), hypotheses: 0 };
+            let identification = Identification::NotIdentified { reason: Refusal::Preidentified, hypotheses: 0 };
             Ok(IdentifiedFrame { identification, sky, seconds: frame.seconds })
         })
         .collect()

@@ -10,8 +10,8 @@ use crate::catalog::Catalog;
 use crate::diagnose::{DiagnoseOptions, Telemetry};
 use crate::effects;
 use crate::identify::{
-    ControlPoint, ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, Projection, Solution, add_listed_points,
-    control_points as build_control_points, handedness, image_state,
+    ControlPoint, ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, Projection, Refusal, Solution,
+    add_listed_points, control_points as build_control_points, handedness, image_state,
 };
 use crate::recording::{FrameEntry, Mount, Recording};
 use crate::units::ARCSEC_RAD;
@@ -38,7 +38,7 @@ pub fn control_points(
     trusted: bool,
 ) -> Result<PreparedPoints, PipelineError> {
     let overfull = overfull_frames(measured, identified, catalog);
-    let none = Identification::NotIdentified { reason: String::new(), hypotheses: 0 };
+    let none = Identification::NotIdentified { reason: Refusal::Overfull, hypotheses: 0 };
     let frames: Vec<crate::identify::FrameIdentification> = measured
         .frames
         .iter()

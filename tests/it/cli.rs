@@ -84,7 +84,7 @@ fn the_demo_recovers_the_camera_where_least_squares_fails() {
     let camera = |index: usize, field: &str| number(&object, &format!("/cameras/{index}/{field}"));
     assert_eq!(object["cameras"][1]["camera"], "least-squares");
     // How wrong it goes hangs on which stars are misidentified: 0.8 and 1.5 px were seen.
-    assert!(camera(1, "mapping_error_rms_px") > 0.5, "{object}");
+    assert!((camera(1, "mapping_error_rms_px") - 1.28).abs() < 0.05, "{object}");
     assert!(camera(1, "mapping_error_rms_px") > 50.0 * camera(2, "mapping_error_rms_px"), "{object}");
     assert_eq!(object["cameras"][2]["camera"], "variable-weights");
     assert!(camera(2, "mapping_error_rms_px") <= 0.05, "{object}");
@@ -269,10 +269,15 @@ fn mirrored_images_are_calibrated_in_their_own_columns() {
     assert_eq!(object["parity"], -1);
     assert!((number(&object, "/camera/focal_length_px") - 1800.0).abs() < 0.1, "{}", object["camera"]);
     assert!((number(&object, "/camera/principal_point_px/0") - (511.0 - 258.4)).abs() < 2.0, "{}", object["camera"]);
-    assert!(number(&object, "/rms_px") < 0.3, "{}", object["rms_px"]);
+    // The faint stars make it what it is: as much as in the same night stored as it was taken.
+    let straight = folder.path().join("straight");
+    assert_eq!(run(&["simulate", text(&folder.path().join("scene.toml")), "-o", text(&straight), "--backend", "cpu"]).code, 0);
+    let straight_rms_px = number(&json(&["calibrate", text(&straight), "--json"]), "/rms_px");
+    let within = |object: &Value| (number(object, "/rms_px") / straight_rms_px - 1.0).abs() < 0.02;
+    assert!(within(&object), "{} for {straight_rms_px}", object["rms_px"]);
     let held = json(&["calibrate", text(&path), "--json", "--solve", "f,k1"]);
     assert!((number(&held, "/camera/principal_point_px/0") - 252.6).abs() < 1e-9, "{}", held["camera"]);
-    assert!(number(&held, "/rms_px") < 0.3, "{}", held["rms_px"]);
+    assert!(within(&held), "{} for {straight_rms_px}", held["rms_px"]);
     // The pixel that sees a direction is the mirror image of the one that saw it before.
     let map = json(&["map", text(&folder.path().join("calibrate.json")), "--grid", "2", "--json"]);
     assert!(number(&map, "/points/0/direction/0") > 0.0, "{map}");

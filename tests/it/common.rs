@@ -35,3 +35,8 @@ pub(crate) fn log(line: &str) {
 pub(crate) fn log_gpu_test(test: &str, adapter: &str) {
     log(&format!("gpu-test {test} {adapter}"));
 }
+
+/// What proptest found once it tries first ever after: the cases stand beside the test, in FILE.regressions.
+pub(crate) fn regressions() -> Box<dyn proptest::test_runner::FailurePersistence> {
+    Box::new(proptest::test_runner::FileFailurePersistence::WithSource("regressions"))
+}

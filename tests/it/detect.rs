@@ -513,7 +513,7 @@ fn frames_that_cannot_be_used_are_refused_with_a_reason() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: Some(crate::common::regressions()), ..ProptestConfig::default() })]
     #[test]
     fn any_frame_gives_stars_or_an_error(width in 1_usize..50, height in 1_usize..50, kind in 0..5, seed: u64) {
         let mut rng = Pcg64::seed_from_u64(seed);

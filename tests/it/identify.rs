@@ -15,7 +15,9 @@ use std::time::Duration;
 use boresight::catalog::Catalog;
 use boresight::coordinates::Attitude;
 use boresight::detect::Detections;
-use boresight::identify::{AttitudePrior, Identification, IdentifyOptions, Index, Projection, identify, least_false_match_probability};
+use boresight::identify::{
+    AttitudePrior, Identification, IdentifyOptions, Index, Projection, Refusal, identify, least_false_match_probability,
+};
 use nalgebra::UnitQuaternion;
 use star_lists::{BASE, ByChance, List, Scene, Told, cpu_ms, detection, make};
 
@@ -219,7 +221,7 @@ fn an_attitude_that_is_held_to_be_is_searched_around_and_not_beyond() {
     let Identification::NotIdentified { reason, .. } = identify(&star_free(3), catalog, index, &[], &nowhere) else {
         panic!("identified nothing?")
     };
-    assert!(reason.contains("above 0 and not above 180"), "{reason}");
+    assert!(matches!(reason, Refusal::PriorAngle { .. }) && reason.to_string().contains("above 0 and not above 180"), "{reason}");
 }
 
 #[test]
@@ -235,7 +237,7 @@ fn the_time_limit_holds() {
     // What the thread computed, whatever else the machine does; after the limit comes the rest of one look at a few candidates.
     assert!(took_ms < 50.0, "{took_ms} ms");
     let Identification::NotIdentified { reason, .. } = answer else { panic!("identified nothing?") };
-    assert!(reason.contains("time limit of 0.030 s"), "{reason}");
+    assert!(reason.to_string().contains("time limit of 0.030 s"), "{reason}");
 }
 
 #[test]
@@ -274,7 +276,8 @@ fn degenerate_lists_are_refused_with_a_reason() {
     for (name, points) in cases {
         match identify(&list(&points), catalog, index, &[], &options) {
             Identification::NotIdentified { reason, .. } => {
-                assert!(reason.len() > 20 && reason.ends_with('.'), "{name}: {reason}");
+                let sentence = reason.to_string();
+                assert!(sentence.len() > 20 && sentence.ends_with('.'), "{name}: {reason}");
                 println!("{name}: {reason}");
             }
             Identification::Identified(solution) => panic!("{name}: identified as {:?}", solution.centre().radec_rad()),
@@ -296,7 +299,7 @@ fn degenerate_lists_are_refused_with_a_reason() {
     let Identification::NotIdentified { reason, .. } = identify(&star_free(3), &other, index, &[], &options) else {
         panic!("another catalogue")
     };
-    assert!(reason.contains("100"), "{reason}");
+    assert!(matches!(reason, Refusal::OtherIndex { .. }) && reason.to_string().contains("100"), "{reason}");
 }
 
 #[test]

@@ -156,6 +156,7 @@ fn is_answered_in_time(list: &Detections, directions: &[Direction<Apparent>], op
     }
     match answer {
         Identification::NotIdentified { reason, .. } => {
+            let reason = reason.to_string();
             prop_assert!(reason.len() > 20 && reason.ends_with('.') && !reason.contains('\n'), "{}", reason);
         }
         // Chance may bring a few points to a few stars where much is accepted; what is said of them is sound.
@@ -175,7 +176,7 @@ fn is_answered_in_time(list: &Detections, directions: &[Direction<Apparent>], op
 }
 
 fn config(cases: u32) -> ProptestConfig {
-    ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() }
+    ProptestConfig { cases, failure_persistence: Some(crate::common::regressions()), ..ProptestConfig::default() }
 }
 
 proptest! {

@@ -41,7 +41,7 @@ fn read_all(folder: &Folder) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 600, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 600, failure_persistence: Some(crate::common::regressions()), ..ProptestConfig::default() })]
 
     #[test]
     fn damaged_files_give_an_error_or_a_frame(
