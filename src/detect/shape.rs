@@ -6,7 +6,7 @@
 use rayon::prelude::*;
 
 use super::filter::Peak;
-use super::psf::Shape;
+use super::image_model::Shape;
 use super::trail::Trail;
 use crate::statistics::{mad_sigma, median};
 
@@ -184,7 +184,8 @@ fn unweighted(m: Shape, w: Shape, widest_px: f64) -> Option<Shape> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detect::psf::{Profile, Window};
+    use crate::detect::image_model::Window;
+    use crate::detect::psf::Profile;
 
     #[test]
     fn moments_return_the_shape_that_was_drawn() {

@@ -9,9 +9,9 @@
 use super::background::quantum_dn;
 use super::black;
 use super::filter::Kernel;
+use super::image_model::Shape;
 use super::measure::check;
 use super::moments::PIXEL_VARIANCE;
-use super::psf::Shape;
 use super::window::{Bell, Bells, Noise, Scratch, weighted};
 use super::window_gain::{self, Way, WindowStar};
 use super::{DetectError, DetectOptions, Detection, Detections, Flags};

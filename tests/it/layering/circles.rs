@@ -16,7 +16,6 @@ const TANGLED: &[&str] = &[
     "camera",
     "catalog",
     "cli",
-    "detect",
     "diagnose",
     "effects",
     "exchange",
