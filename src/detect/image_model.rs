@@ -95,6 +95,8 @@ pub(super) fn radius_px(shape: Shape) -> usize {
     ((shape.reach_px(4.0) + 1.0).ceil() as usize).clamp(4, if shape.trail { 64 } else { 32 })
 }
 
+/// The pixel widens the image by the variance of a box of side 1.
+pub(super) const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 /// Free numbers of the star's profile, in this order: x, y, then the width (one), or xx, xy, yy, or a trail's length along x and y and its width.
 pub(super) const PROFILE_PARAMETERS: usize = 5;
 

@@ -13,7 +13,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::fit::{Fit, Freedom, MAX_PARAMETERS};
-use super::image_model::Model;
+use super::image_model::{Model, PIXEL_VARIANCE};
 use super::psf::Profile;
 use super::stamp::{MAX_DROPS, Photons, Scene, Stamp};
 use crate::statistics::cholesky::{inverse, solve};
@@ -59,8 +59,6 @@ impl Moments {
     }
 }
 
-/// The pixel widens the image by the variance of a box of side 1.
-pub(super) const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 /// Fourth and sixth cumulants of the box over 4! and 6!.
 const BOX: [f64; 2] = [-1.0 / 2880.0, 1.0 / 181_440.0];
 /// Stars from this signal-to-noise ratio on have a weight of their own: its noise then biases moments by less than a tenth of their error.

@@ -1,7 +1,8 @@
 //! No file of a room imports, through others or not, one that imports it.
 //!
 //! A file imports what its `use` trees and the paths in its code name, modules of tests left out. A name that a `mod.rs` hands on counts for
-//! the file that defines it; a `mod.rs` that only declares and hands on is no file of a circle.
+//! the file that defines it; a `mod.rs` that only declares and hands on is no file of a circle. What is
+//! reached through a method alone, without a name, is not seen.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
