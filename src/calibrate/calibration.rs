@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{CalibrateOptions, LeftOutReason, LitCircle, Systematic};
+use super::lit::LitCircle;
+use super::options::{CalibrateOptions, Method};
+use super::select::LeftOutReason;
 use crate::camera::{Camera, Model, SkyChain};
 use crate::coordinates::Attitude;
 use crate::identify::ControlPoints;
@@ -10,31 +12,6 @@ use crate::provenance::Provenance;
 
 /// The name of the file format.
 pub const FORMAT: &str = "boresight-calibrate/1";
-
-/// How the camera is solved.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum Method {
-    /// Camera and attitudes jointly, from the positions of single stars; robust.
-    Bundle,
-    /// The reference method: pairs of stars, iterated with variable weights.
-    VariableWeights,
-    /// Pairs of stars, all weights one.
-    LeastSquares,
-}
-
-impl Method {
-    /// Its name in files and on the command line.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Bundle => "bundle",
-            Self::VariableWeights => "variable-weights",
-            Self::LeastSquares => "least-squares",
-        }
-    }
-}
 
 /// How the iteration ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -44,6 +21,19 @@ pub enum Status {
     Converged,
     /// It was not, after the most iterations allowed: the camera is where the iteration stood, and no result.
     NotConverged,
+}
+
+/// What an effect that is not modelled may have done to a parameter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Systematic {
+    /// The effect's id.
+    pub cause: String,
+    /// The parameter.
+    pub parameter: String,
+    /// By how much the value stated may be off: stated minus true, least and largest.
+    pub range_px: [f64; 2],
+    /// What that means, and the remedy.
+    pub sentence: String,
 }
 
 /// A solved parameter.

@@ -3,15 +3,21 @@
 //! The same star images are judged as in sample (those that the full solution uses), so the two rms values stand side by side.
 
 use super::geometry::Scaling;
+use super::pair_methods::solve_pairs;
 use super::pairs::FrameStars;
 use super::star_level::{ResidualSums, fit_attitude};
-use super::{CalibrateError, CalibrateOptions, solve_pairs};
+use super::{CalibrateError, CalibrateOptions};
 use crate::camera::Camera;
 
 /// Below this many frames every frame is a fold of its own.
 const LEAVE_ONE_OUT_BELOW: usize = 16;
 /// Folds above.
 const FOLDS: usize = 10;
+
+/// The parts into which so many frames are taken.
+pub(super) fn folds(frames: usize) -> usize {
+    if frames < LEAVE_ONE_OUT_BELOW { frames } else { FOLDS }
+}
 
 /// 2-D rms of the held-out star images, px; `None` with a single frame.
 pub(super) fn rms_px(
@@ -24,7 +30,7 @@ pub(super) fn rms_px(
     if frames.len() < 2 {
         return Ok(None);
     }
-    let folds = if frames.len() < LEAVE_ONE_OUT_BELOW { frames.len() } else { FOLDS };
+    let folds = folds(frames.len());
     let mut sums = ResidualSums::default();
     for fold in 0..folds {
         // Every k-th frame, so that a drift through the night is shared by all folds.

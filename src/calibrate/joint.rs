@@ -7,7 +7,8 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 
 use super::bundle::{self, Noise, Problem, Run, Solved, State, scales};
-use super::{CalibrateError, CalibrateOptions, check_points, select};
+use super::check::check_points;
+use super::{CalibrateError, CalibrateOptions, select};
 use crate::camera::{Model, Term};
 use crate::coordinates::{Apparent, Attitude, Direction};
 use crate::effects::{Observation, Segment, Signature, displacement};

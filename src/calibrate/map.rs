@@ -168,10 +168,3 @@ impl MappingError {
         Self { rms_px: (square.clone().sum::<f64>() / difference.len().max(1) as f64).sqrt(), max_px: square.fold(0.0, f64::max).sqrt() }
     }
 }
-
-/// Standard errors across (per axis) and about the boresight, rad, of an attitude with this normal matrix and position error.
-pub(super) fn attitude_sigma_rad(rotation_normal: &Matrix3<f64>, sigma_px: f64) -> Option<[f64; 2]> {
-    let covariance = rotation_normal.try_inverse()?;
-    let across = sigma_px * f64::midpoint(covariance[(0, 0)], covariance[(1, 1)]).max(0.0).sqrt();
-    Some([across, sigma_px * covariance[(2, 2)].max(0.0).sqrt()])
-}

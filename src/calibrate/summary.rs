@@ -1,35 +1,25 @@
-//! From a solution to the result: residuals of the stars, covariance, held-out frames, warnings.
+//! From a solution on pairs to the result: residuals of the stars, covariance, held-out frames, warnings.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::calibration::{AttitudeSigma, Calibration, FORMAT, FrameResult, LeftOutCount, MapSigma, ParameterEstimate, PointResult, Status};
-use super::geometry::{Scaling, folds_over};
-use super::map::attitude_sigma_rad;
+use super::calibration::{Calibration, FrameResult, ParameterEstimate};
+use super::coverage::Coverage;
+use super::geometry::Scaling;
 use super::pairs::{FrameStars, PairStar, Pairs};
-use super::select::{CENTROID_FLOOR_PX, MIN_STARS, Selection, predicted_sigma_px};
+use super::result::{
+    REJECTED_WEIGHT, attitude_sigma, degeneracy_warnings, frame_result, general_warnings, map_sigma, median_or_one, point_results, result,
+};
+use super::select::{MIN_STARS, Selection, predicted_sigma_px};
 use super::star_level::{FrameFit, ResidualSums, fit_frames};
-use super::uncertainty::{Coverage, covariances, map_sigma_px};
+use super::uncertainty::{covariances, map_sigma_px};
 use super::variable_weights::PairSolution;
-use super::{CalibrateError, CalibrateOptions, Method, held_out};
+use super::{CalibrateError, CalibrateOptions, held_out};
 use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES, PARAMETER_UNITS};
 use crate::identify::ControlPoints;
-use crate::statistics::median_in_place;
 use crate::units::ARCSEC_RAD;
-
-/// A star image with at most this weight is rejected.
-pub(super) const REJECTED_WEIGHT: f64 = 0.5;
-/// With fewer frames a calibration says so.
-const ENOUGH_FRAMES: usize = 10;
-/// Parameters with a correlation above this cannot be told apart well.
-const STRONG_CORRELATION: f64 = 0.95;
-/// A principal point less certain than this is said to be so, px.
-const UNCERTAIN_CENTRE_PX: f64 = 3.0;
-
-/// Residuals this many times larger than predicted are said to be so.
-const TOO_LARGE_RESIDUALS: f64 = 3.0;
 
 /// Makes the result.
 pub(super) fn summarise(
@@ -61,10 +51,7 @@ pub(super) fn summarise(
     let places: Vec<usize> = (0..PARAMETER_COUNT).filter(|k| scaling.free[*k]).collect();
     let covariance: Vec<Vec<f64>> = places.iter().map(|k| places.iter().map(|l| full[*k][*l]).collect()).collect();
     let joint = scaling.covariance_in_units(&covariances.joint);
-    let map_sigma = map_sigma_px(camera, scaling, &covariances.pairs).map(|mut sigma| {
-        sigma.sort_by(f64::total_cmp);
-        MapSigma { median: sigma[sigma.len() / 2], max: sigma[sigma.len() - 1] }
-    });
+    let map_sigma_px = map_sigma_px(camera, scaling, &covariances.pairs).map(map_sigma);
 
     let mut warnings = Vec::new();
     if by_quartile > 0 {
@@ -85,10 +72,12 @@ pub(super) fn summarise(
     } else {
         None
     };
-    let points = point_results(control_points, selection, &star_weights, &fits);
-    let rejected: Vec<PointResult> = points.iter().filter(|p| p.left_out.is_none() && p.weight <= REJECTED_WEIGHT).copied().collect();
-    let left_out = left_out(selection);
-    let per_frame = frames.iter().zip(&fits).zip(&used).map(|((frame, fit), used)| frame_result(frame, fit.as_ref(), used)).collect();
+    let of_points = selection.frames.iter().zip(&star_weights).zip(&fits).flat_map(|((frame, weights), fit)| {
+        let residual = |k: usize| fit.as_ref().and_then(|fit| fit.residuals_px[k]);
+        frame.stars.iter().enumerate().map(move |(k, star)| (star.point, weights[k], residual(k)))
+    });
+    let points = point_results(control_points, selection, of_points);
+    let per_frame = frames.iter().zip(&fits).zip(&used).map(|((frame, fit), used)| of_frame(frame, fit.as_ref(), used)).collect();
     let used_points = || {
         frames.iter().zip(&used).flat_map(|(frame, used)| {
             frame.stars.iter().zip(used).filter(|(_, used)| **used).map(|(star, _)| &control_points.points[star.point])
@@ -98,61 +87,39 @@ pub(super) fn summarise(
     let distinct: BTreeSet<(u32, [u64; 3])> =
         used_points().map(|point| (point.hip, if point.hip == 0 { point.direction.xyz.map(f64::to_bits) } else { [0; 3] })).collect();
     let predicted: f64 = used_points().map(|point| predicted_sigma_px(point, camera.focal_length_px).powi(2)).sum();
-    let solved = (0..PARAMETER_COUNT).filter(|k| scaling.free[*k]);
+    let parameters = places
+        .iter()
+        .map(|&k| ParameterEstimate {
+            name: PARAMETER_NAMES[k].to_owned(),
+            value: camera.parameters()[k],
+            sigma: full[k][k].max(0.0).sqrt(),
+            sigma_joint: joint[k][k].max(0.0).sqrt(),
+            unit: PARAMETER_UNITS[k].to_owned(),
+        })
+        .collect();
     let result = Calibration {
-        format: FORMAT.to_owned(),
-        method: options.method,
         status: solution.status,
-        physics: options.physics.clone(),
-        model: solved.clone().map(|k| PARAMETER_NAMES[k].to_owned()).collect(),
-        parameters: solved
-            .map(|k| ParameterEstimate {
-                name: PARAMETER_NAMES[k].to_owned(),
-                value: camera.parameters()[k],
-                sigma: full[k][k].max(0.0).sqrt(),
-                sigma_joint: joint[k][k].max(0.0).sqrt(),
-                unit: PARAMETER_UNITS[k].to_owned(),
-            })
-            .collect(),
         camera: *camera,
-        parity: 1,
         rms_px: sums.rms_px(),
         rms_arcsec: rms_arcsec(camera, frames, &fits, &used),
         held_out_rms_px,
         stars: sums.stars,
-        stars_offered: control_points.points.len(),
         distinct_stars: distinct.len(),
         frames: frames.len(),
         pairs: pairs.count(),
         interstar_angle_rms_arcsec: interstar_angle_rms_arcsec(&pairs, &used),
-        attitude_sigma_arcsec: attitude_sigma(&fits, variance.sqrt()),
-        rejected,
-        left_out,
-        warnings: Vec::new(),
-        map_sigma_px: map_sigma,
-        lit: None,
-        systematics: Vec::new(),
+        attitude_sigma_arcsec: attitude_sigma(fits.iter().flatten().map(|fit| &fit.rotation_normal), variance.sqrt()),
+        map_sigma_px,
         unit_weight_sigma_px: variance.sqrt(),
         predicted_sigma_px: (predicted / used_points().count().max(1) as f64).sqrt(),
         degrees_of_freedom: dof,
         covariance,
-        chain: None,
-        left_open: None,
-        combinations: Vec::new(),
         gauge: "attitudes are not among the unknowns: angles between stars do not see them".to_owned(),
-        noise: None,
-        selection: None,
-        reidentified: None,
-        seconds: 0.0,
         iterations: solution.iterations.clone(),
-        per_frame,
-        points,
-        options: options.clone(),
-        control_points: control_points.clone(),
-        provenance: None,
+        ..result(control_points, options, selection, parameters, points, per_frame)
     };
     let lost = fits.iter().filter(|fit| fit.is_none()).count();
-    warnings.extend(general_warnings(&result, lost, coverage.warning()));
+    warnings.extend(general_warnings(&result, lost, coverage.warning("the frame", "rms over the frame")));
     warnings.extend(degeneracy_warnings(&result));
     Ok(Calibration { warnings, ..result })
 }
@@ -171,62 +138,6 @@ fn star_weights(pair_weights: Vec<Vec<f64>>) -> (Vec<f64>, bool) {
         values.get(3 * values.len() / 4).copied().unwrap_or(1.0)
     };
     (pair_weights.into_iter().map(upper_quartile).collect(), true)
-}
-
-/// The median of what a star's pairs say; 1 for a star without pairs.
-pub(super) fn median_or_one(mut values: Vec<f64>) -> f64 {
-    median_in_place(&mut values).unwrap_or(1.0)
-}
-
-fn point_results(
-    control_points: &ControlPoints,
-    selection: &Selection,
-    star_weights: &[Vec<f64>],
-    fits: &[Option<FrameFit>],
-) -> Vec<PointResult> {
-    let blank = |point: &crate::identify::ControlPoint| PointResult {
-        frame: point.frame,
-        hip: point.hip,
-        x_px: point.x_px,
-        y_px: point.y_px,
-        weight: 0.0,
-        residual_px: None,
-        left_out: None,
-    };
-    let mut results: Vec<PointResult> = control_points.points.iter().map(blank).collect();
-    for &(index, reason) in &selection.left_out {
-        results[index].left_out = Some(reason);
-    }
-    for ((frame, weights), fit) in selection.frames.iter().zip(star_weights).zip(fits) {
-        for (k, star) in frame.stars.iter().enumerate() {
-            results[star.point].weight = weights[k];
-            results[star.point].residual_px = fit.as_ref().and_then(|fit| fit.residuals_px[k]);
-        }
-    }
-    results
-}
-
-pub(super) fn left_out(selection: &Selection) -> Vec<LeftOutCount> {
-    let mut counts = BTreeMap::new();
-    for (_, reason) in &selection.left_out {
-        *counts.entry(*reason).or_insert(0) += 1;
-    }
-    counts.into_iter().map(|(reason, points)| LeftOutCount { reason, points }).collect()
-}
-
-fn frame_result(frame: &FrameStars, fit: Option<&FrameFit>, used: &[bool]) -> FrameResult {
-    let own: Vec<[f64; 2]> = fit
-        .map(|fit| fit.residuals_px.iter().zip(used).filter(|(_, used)| **used).filter_map(|(residual, _)| *residual).collect())
-        .unwrap_or_default();
-    let square: f64 = own.iter().map(|[x, y]| x * x + y * y).sum();
-    FrameResult {
-        frame: frame.frame,
-        camera_from_icrs: fit.map(|fit| fit.attitude),
-        stars_offered: frame.stars.len(),
-        stars: own.len(),
-        rms_px: (!own.is_empty()).then(|| (square / own.len() as f64).sqrt()),
-        variance_factor: 1.0,
-    }
 }
 
 /// Angle between the measured direction and the turned catalogue direction, rms.
@@ -268,90 +179,9 @@ fn angle_rad(a: &[f64; 3], b: &[f64; 3]) -> f64 {
     a.cross(&b).norm().atan2(a.dot(&b))
 }
 
-fn attitude_sigma(fits: &[Option<FrameFit>], sigma_px: f64) -> Option<AttitudeSigma> {
-    let all: Vec<[f64; 2]> = fits.iter().flatten().filter_map(|fit| attitude_sigma_rad(&fit.rotation_normal, sigma_px)).collect();
-    let typical = |axis: usize| median_or_one(all.iter().map(|sigma| sigma[axis]).collect()) / ARCSEC_RAD;
-    (!all.is_empty()).then(|| AttitudeSigma { across: typical(0), about: typical(1) })
-}
-
-pub(super) fn general_warnings(result: &Calibration, lost: usize, coverage: Option<String>) -> Vec<String> {
-    let mut warnings = Vec::new();
-    if result.status == Status::NotConverged {
-        warnings.push(format!(
-            "not converged after {} iterations: the last step was {:.2e} px; the camera is where the iteration stood, its errors are not those stated",
-            result.iterations.len(),
-            result.iterations.last().map_or(f64::NAN, |iteration| iteration.step_px)
-        ));
-    }
-    if result.frames < ENOUGH_FRAMES {
-        let alone = if result.frames == 1 { ", and with a single one nothing can be held out" } else { "" };
-        warnings.push(format!(
-            "{} frames are fewer than the {ENOUGH_FRAMES} that the method asks for: what the model lacks may hide in the parameters{alone}",
-            result.frames
-        ));
-    }
-    for group in &result.left_out {
-        warnings.push(format!("{} control points were left out: {}", group.points, group.reason.text()));
-    }
-    let entered = result.rejected.len() + result.points.iter().filter(|p| p.left_out.is_none() && p.weight > REJECTED_WEIGHT).count();
-    if result.method != Method::Bundle && 10 * result.rejected.len() > 3 * entered {
-        warnings.push(format!(
-            "{} of {entered} star images were rejected: above about a quarter of wrong identifications weights on pairs are known to fail",
-            result.rejected.len()
-        ));
-    }
-    if lost > 0 {
-        warnings.push(format!("{lost} frames have no attitude: too few of their star images are left; they stand in no rms"));
-    }
-    if folds_over(&result.camera) {
-        warnings.push(
-            "the solved distortion folds over inside the frame: two pixels see the same direction there, and the camera cannot be trusted"
-                .to_owned(),
-        );
-    }
-    let used_without_image = entered - result.rejected.len() - result.stars;
-    if used_without_image > 0 && lost == 0 {
-        warnings.push(format!(
-            "the solved camera has no image of the stars of {used_without_image} of the star images used; they stand in no rms"
-        ));
-    }
-    // A floor that the residuals themselves have told predicts nothing.
-    let floor_px = result.noise.map_or(0.0, |noise| noise.floor_px);
-    let stated_px = (result.predicted_sigma_px.powi(2) - floor_px * floor_px).max(0.0).sqrt();
-    let predicted_px = stated_px.hypot(CENTROID_FLOOR_PX);
-    if result.unit_weight_sigma_px > TOO_LARGE_RESIDUALS * predicted_px {
-        warnings.push(format!(
-            "the residuals ({:.3} px per axis) are {:.0} times what the measurements' own errors predict ({predicted_px:.3} px): identifications are wrong, or the model lacks something",
-            result.unit_weight_sigma_px,
-            result.unit_weight_sigma_px / predicted_px
-        ));
-    }
-    warnings.extend(coverage);
-    warnings
-}
-
-/// Parameters that the star images do not tell apart.
-pub(super) fn degeneracy_warnings(result: &Calibration) -> Vec<String> {
-    let sigma = |name: &str| result.parameters.iter().find(|p| p.name == name).map_or(0.0, |p| p.sigma);
-    let map = result
-        .map_sigma_px
-        .map_or_else(String::new, |map| format!("; the mapping itself is known to {:.3} px (median over the frame)", map.median));
-    let mut warnings = Vec::new();
-    for (i, a) in result.model.iter().enumerate() {
-        for b in &result.model[i + 1..] {
-            let Some(correlation) = result.correlation(a, b).filter(|c| c.abs() > STRONG_CORRELATION) else { continue };
-            warnings.push(match (a.as_str(), b.as_str()) {
-                ("x0", "p1") | ("y0", "p2") => format!(
-                    "{a} and {b} can hardly be told apart here (correlation {correlation:.4}): the centre's uncertainty is large, {a} ± {:.1} px{map}",
-                    sigma(a)
-                ),
-                _ => format!("{a} and {b} can hardly be told apart here (correlation {correlation:.4}){map}"),
-            });
-        }
-    }
-    let centre = sigma("x0").max(sigma("y0"));
-    if centre > UNCERTAIN_CENTRE_PX && !warnings.iter().any(|warning| warning.contains("centre's uncertainty")) {
-        warnings.push(format!("the centre's uncertainty is large: x0 ± {:.1} px, y0 ± {:.1} px{map}", sigma("x0"), sigma("y0")));
-    }
-    warnings
+fn of_frame(frame: &FrameStars, fit: Option<&FrameFit>, used: &[bool]) -> FrameResult {
+    let own: Vec<[f64; 2]> = fit
+        .map(|fit| fit.residuals_px.iter().zip(used).filter(|(_, used)| **used).filter_map(|(residual, _)| *residual).collect())
+        .unwrap_or_default();
+    frame_result(frame.frame, frame.stars.len(), &own, fit.map(|fit| fit.attitude), 1.0)
 }

@@ -15,9 +15,7 @@
 //!
 //! Where site and time are known both are modelled, and nothing of it is left.
 
-use serde::{Deserialize, Serialize};
-
-use super::Calibration;
+use super::calibration::{Calibration, Systematic};
 use crate::effects::displacement;
 use crate::effects::ids;
 use crate::units::{ARCSEC_RAD, DEG_RAD};
@@ -30,19 +28,6 @@ const LOWEST_RAD: f64 = 60.0 * DEG_RAD;
 const EARTH_OVER_LIGHT: f64 = 29.785 / 299_792.458;
 /// What is below this share of a parameter's standard error is not said.
 const NOTABLE_SIGMAS: f64 = 1.0;
-
-/// What an effect that is not modelled may have done to a parameter.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Systematic {
-    /// The effect's id.
-    pub cause: String,
-    /// The parameter.
-    pub parameter: String,
-    /// By how much the value stated may be off: stated minus true, least and largest.
-    pub range_px: [f64; 2],
-    /// What that means, and the remedy.
-    pub sentence: String,
-}
 
 /// Whether a camera looks through air.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -18,17 +18,13 @@
 //! tenth of the variance for F = 4. The bound that a joint adjustment of camera and attitudes would reach,
 //! σ²·(Σ_h C_hᵀC_h − C_hᵀD_h(D_hᵀD_h)⁻¹D_hᵀC_h)⁻¹, is computed beside it.
 
-use super::CalibrateError;
+use super::coverage::Coverage;
+use super::error::CalibrateError;
 use super::geometry::{FrameNormal, Matrix6, Scaling, Vector6, rotation_free_map};
 use super::pairs::{FrameStars, Pairs, cosine_columns, cosine_residual};
 use super::variable_weights::combination;
 use crate::camera::{Camera, PARAMETER_COUNT};
 
-/// Below this share of a map change that the star images see (rms at the stars over rms over the frame), the map is not
-/// determined: errors of the positions themselves would drive the solution.
-const BLIND_SHARE: f64 = 0.01;
-/// Below this share the map is determined badly enough to be said.
-const WEAK_SHARE: f64 = 0.15;
 /// Combinations of parameters that move the map less than this (relative to the strongest, squared) count as having no effect on it.
 const NO_EFFECT: f64 = 1e-10;
 
@@ -113,58 +109,27 @@ pub(super) fn map_sigma_px(camera: &Camera, scaling: &Scaling, covariance: &Matr
     Some(map.iter().map(|columns| (columns * covariance * columns.transpose()).trace().max(0.0).sqrt()).collect())
 }
 
-/// How well star images cover the frame: of a change of the map by 1 px (rms over the frame, rotation removed), how much do
-/// the stars see at least (rms, attitudes free)? With the parameters that make up that least visible change.
-#[derive(Clone, Debug)]
-pub(super) struct Coverage {
-    /// The least share seen.
-    pub(super) share: f64,
-    /// Names of the parameters in it.
-    pub(super) combination: String,
-}
-
-impl Coverage {
-    /// Of star images at their measured places; it depends on no identification.
-    pub(super) fn of(frames: &[FrameStars], camera: &Camera, scaling: &Scaling) -> Result<Self, CalibrateError> {
-        let pairs = Pairs::at(frames, camera, scaling);
-        let used: Vec<Vec<bool>> = frames.iter().map(|frame| vec![true; frame.stars.len()]).collect();
-        let stars: usize = frames.iter().map(|frame| frame.stars.len()).sum();
-        let seen = information(&pairs, &used) / stars as f64;
-        let map = rotation_free_map(camera, scaling).ok_or(CalibrateError::NominalFolds)?;
-        let mut gram = Matrix6::zeros();
-        for columns in &map {
-            gram += columns.transpose() * columns / map.len() as f64;
-        }
-        // Generalised eigenvalues of (seen, gram) on the combinations that do something to the map.
-        let eigen = gram.symmetric_eigen();
-        let smallest = NO_EFFECT * eigen.eigenvalues.max();
-        let kept: Vec<usize> = (0..PARAMETER_COUNT).filter(|k| eigen.eigenvalues[*k] > smallest).collect();
-        let basis = nalgebra::DMatrix::from_fn(PARAMETER_COUNT, kept.len(), |row, column| {
-            eigen.eigenvectors[(row, kept[column])] / eigen.eigenvalues[kept[column]].sqrt()
-        });
-        let dynamic = nalgebra::DMatrix::from_fn(PARAMETER_COUNT, PARAMETER_COUNT, |k, l| seen[(k, l)]);
-        let reduced = (basis.transpose() * dynamic * &basis).symmetric_eigen();
-        let (weakest, value) = reduced.eigenvalues.argmin();
-        let direction = &basis * reduced.eigenvectors.column(weakest);
-        Ok(Self { share: value.max(0.0).sqrt(), combination: combination(&Vector6::from_fn(|k, _| direction[k])) })
+/// How star images at their measured places cover the frame; it depends on no identification.
+pub(super) fn coverage(frames: &[FrameStars], camera: &Camera, scaling: &Scaling) -> Result<Coverage, CalibrateError> {
+    let pairs = Pairs::at(frames, camera, scaling);
+    let used: Vec<Vec<bool>> = frames.iter().map(|frame| vec![true; frame.stars.len()]).collect();
+    let stars: usize = frames.iter().map(|frame| frame.stars.len()).sum();
+    let seen = information(&pairs, &used) / stars as f64;
+    let map = rotation_free_map(camera, scaling).ok_or(CalibrateError::NominalFolds)?;
+    let mut gram = Matrix6::zeros();
+    for columns in &map {
+        gram += columns.transpose() * columns / map.len() as f64;
     }
-
-    /// Refuses stars that leave the map open.
-    pub(super) fn checked(self) -> Result<Self, CalibrateError> {
-        if self.share.is_nan() || self.share < BLIND_SHARE {
-            return Err(CalibrateError::Uncovered { combination: self.combination, share: self.share });
-        }
-        Ok(self)
-    }
-
-    /// A sentence if the coverage is weak.
-    pub(super) fn warning(&self) -> Option<String> {
-        (self.share < WEAK_SHARE).then(|| {
-            format!(
-                "the star images cover the frame badly: a change of the mapping by 1 px (rms over the frame) in {} moves them by only {:.3} px; \
-                 the mapping is uncertain where no stars are",
-                self.combination, self.share
-            )
-        })
-    }
+    // Generalised eigenvalues of (seen, gram) on the combinations that do something to the map.
+    let eigen = gram.symmetric_eigen();
+    let smallest = NO_EFFECT * eigen.eigenvalues.max();
+    let kept: Vec<usize> = (0..PARAMETER_COUNT).filter(|k| eigen.eigenvalues[*k] > smallest).collect();
+    let basis = nalgebra::DMatrix::from_fn(PARAMETER_COUNT, kept.len(), |row, column| {
+        eigen.eigenvectors[(row, kept[column])] / eigen.eigenvalues[kept[column]].sqrt()
+    });
+    let dynamic = nalgebra::DMatrix::from_fn(PARAMETER_COUNT, PARAMETER_COUNT, |k, l| seen[(k, l)]);
+    let reduced = (basis.transpose() * dynamic * &basis).symmetric_eigen();
+    let (weakest, value) = reduced.eigenvalues.argmin();
+    let direction = &basis * reduced.eigenvectors.column(weakest);
+    Ok(Coverage { share: value.max(0.0).sqrt(), combination: combination(&Vector6::from_fn(|k, _| direction[k])) })
 }

@@ -12,7 +12,7 @@ use crate::statistics::{Clipped, clipped, median_in_place};
 /// Side of a mesh cell, px: above ten times any usual star's width, fine enough for glow at the edge of a detector.
 const CELL_PX: usize = 32;
 /// Standard deviation of rounding to steps of one: 1/√12.
-const ROUNDING_SIGMA: f64 = 0.288_675_134_594_812_9;
+pub(super) const ROUNDING_SIGMA: f64 = 0.288_675_134_594_812_9;
 
 /// Background of one frame.
 pub(super) struct Background {

@@ -4,8 +4,12 @@
 //! breadth is a factor on the image that the frame shows elsewhere, held to it as far as stars near by agree: at short distance it is nearly
 //! the same to the pixels whether two stars are further apart or both wider. Same likelihood and steps as for one star (`fit`).
 
-use super::fit::{Fit, Freedom, MAX_DROPS, MAX_ITERATIONS, Model, Photons, Scene, Stamp, inverse, solve};
-use super::psf::{Profile, Shape};
+use super::fit::{Fit, Freedom, ROUNDING, RULES, WORTH, settled};
+use super::image_model::{Model, Shape};
+use super::psf::Profile;
+use super::stamp::{MAX_DROPS, Photons, Scene, Stamp};
+use crate::statistics::cholesky::{inverse, solve};
+use crate::statistics::levenberg_marquardt::{Attempt, LeastSquares, minimise};
 
 /// What a pixel costs to be weighed for two beyond what it costs for one and one, nanoseconds.
 const WEIGHED_NS: u64 = 80;
@@ -50,6 +54,10 @@ struct Normal {
     matrix: [[f64; UNKNOWNS]; UNKNOWNS],
     vector: [f64; UNKNOWNS],
     chi2: f64,
+}
+
+impl Normal {
+    const ZERO: Self = Self { matrix: [[0.0; UNKNOWNS]; UNKNOWNS], vector: [0.0; UNKNOWNS], chi2: 0.0 };
 }
 
 /// The images of both in the pixels.
@@ -155,7 +163,7 @@ impl Photons {
     }
 
     fn normal_two(self, stamp: &Stamp, images: &Images<'_>, duet: &BlendFit, typical: Shape, breadth: WidthFactor) -> Normal {
-        let mut n = Normal { matrix: [[0.0; UNKNOWNS]; UNKNOWNS], vector: [0.0; UNKNOWNS], chi2: 0.0 };
+        let mut n = Normal::ZERO;
         let shape = duet.models[0].shape;
         let count = breadth.unknowns();
         let round = typical.is_round();
@@ -219,56 +227,23 @@ impl Photons {
         let mut duet = BlendFit { models: starts.map(|m| Model { shape, ..m }), offset_dn: 0.0, ln_breadth: breadth.ln };
         images.draw(stamp, &duet);
         self.linear_two(stamp, images, &mut duet)?;
-        let mut trial_images = Images([images.0[0].like(), images.0[1].like()]);
-        let mut weights = vec![0.0; stamp.data.len()];
-        let (mut damping, mut left) = (0.0_f64, f64::INFINITY);
-        for _ in 0..MAX_ITERATIONS {
-            let normal = self.normal_two(stamp, images, &duet, typical, breadth);
-            let misfit = (normal.chi2 / (used - count) as f64).max(1.0);
-            for (i, w) in weights.iter_mut().enumerate() {
-                *w = 1.0 / (stamp.variance[i] + images.light_dn(&duet, i).max(0.0) * self.variance_per_dn);
-            }
-            loop {
-                let Some(step) = solve(&normal.matrix, &normal.vector, count, damping) else {
-                    damping = (damping * 10.0).max(1e-3);
-                    if damping > 1e8 {
-                        return None;
-                    }
-                    continue;
-                };
-                let next = duet.advanced(&step, typical, count);
-                let near = next.models.iter().zip(&starts).all(|(m, s)| (m.x - s.x).abs() <= reach && (m.y - s.y).abs() <= reach);
-                let valid = near && next.models.iter().all(|m| m.flux_dn > 0.0) && (next.ln_breadth - breadth.ln).abs() < 0.5;
-                if valid {
-                    trial_images.draw(stamp, &next);
-                }
-                let gain: f64 = step.iter().zip(&normal.vector).map(|(s, v)| s * v).sum();
-                let trial = || {
-                    let of = |i: usize| weights[i] * (stamp.data[i] - trial_images.light_dn(&next, i) - next.offset_dn).powi(2);
-                    let held = if count == UNKNOWNS { ((next.ln_breadth - breadth.ln) / breadth.sigma).powi(2) } else { 0.0 };
-                    (0..stamp.data.len()).filter(|i| stamp.used[*i]).map(of).sum::<f64>() + held
-                };
-                let better = valid && trial() <= normal.chi2 * (1.0 + 1e-12);
-                if better {
-                    std::mem::swap(images, &mut trial_images);
-                    duet = next;
-                    damping = if damping < 1e-4 { 0.0 } else { damping / 10.0 };
-                    left = gain / misfit;
-                }
-                // the step is worth less than a thousandth of a standard error
-                if gain < 1e-6 * misfit {
-                    return Some(duet);
-                }
-                if better {
-                    break;
-                }
-                damping = (damping * 10.0).max(1e-3);
-                if damping > 1e8 {
-                    return None;
-                }
-            }
-        }
-        (left < 1e-2).then_some(duet)
+        let mut climb = Climb {
+            photons: self,
+            stamp,
+            starts,
+            typical,
+            breadth,
+            reach,
+            dof: (used - count) as f64,
+            duet,
+            trial_images: Images([images.0[0].like(), images.0[1].like()]),
+            images,
+            weights: vec![0.0; stamp.data.len()],
+            normal: Normal::ZERO,
+            misfit: 1.0,
+            left: f64::INFINITY,
+        };
+        settled(minimise(&mut climb, &RULES), climb.left).then_some(climb.duet)
     }
 
     /// Best background and fluxes at given places.
@@ -301,6 +276,67 @@ impl Photons {
     }
 }
 
+/// The fit of two stars on its way.
+struct Climb<'c, 'p> {
+    photons: Photons,
+    stamp: &'c Stamp,
+    starts: [Model; 2],
+    typical: Shape,
+    breadth: WidthFactor,
+    /// How far each may go from its start along each axis, px.
+    reach: f64,
+    dof: f64,
+    duet: BlendFit,
+    /// The images as they are, and as a step would have them.
+    images: &'c mut Images<'p>,
+    trial_images: Images<'p>,
+    weights: Vec<f64>,
+    normal: Normal,
+    misfit: f64,
+    /// What the last step was worth.
+    left: f64,
+}
+
+impl LeastSquares for Climb<'_, '_> {
+    type Step = [f64; UNKNOWNS];
+
+    fn linearise(&mut self) {
+        let (stamp, photons) = (self.stamp, self.photons);
+        self.normal = photons.normal_two(stamp, self.images, &self.duet, self.typical, self.breadth);
+        self.misfit = (self.normal.chi2 / self.dof).max(1.0);
+        for (i, w) in self.weights.iter_mut().enumerate() {
+            *w = 1.0 / (stamp.variance[i] + self.images.light_dn(&self.duet, i).max(0.0) * photons.variance_per_dn);
+        }
+    }
+
+    fn step(&self, damping: f64) -> Option<Self::Step> {
+        solve(&self.normal.matrix, &self.normal.vector, self.breadth.unknowns(), damping)
+    }
+
+    fn attempt(&mut self, step: &Self::Step) -> Attempt {
+        let (stamp, breadth, reach, count) = (self.stamp, self.breadth, self.reach, self.breadth.unknowns());
+        let next = self.duet.advanced(step, self.typical, count);
+        let near = next.models.iter().zip(&self.starts).all(|(m, s)| (m.x - s.x).abs() <= reach && (m.y - s.y).abs() <= reach);
+        let valid = near && next.models.iter().all(|m| m.flux_dn > 0.0) && (next.ln_breadth - breadth.ln).abs() < 0.5;
+        if valid {
+            self.trial_images.draw(stamp, &next);
+        }
+        let gain: f64 = step.iter().zip(&self.normal.vector).map(|(s, v)| s * v).sum();
+        let trial = || {
+            let of = |i: usize| self.weights[i] * (stamp.data[i] - self.trial_images.light_dn(&next, i) - next.offset_dn).powi(2);
+            let held = if count == UNKNOWNS { ((next.ln_breadth - breadth.ln) / breadth.sigma).powi(2) } else { 0.0 };
+            (0..stamp.data.len()).filter(|i| stamp.used[*i]).map(of).sum::<f64>() + held
+        };
+        let is_better = valid && trial() <= self.normal.chi2 * (1.0 + ROUNDING);
+        if is_better {
+            std::mem::swap(self.images, &mut self.trial_images);
+            self.duet = next;
+            self.left = gain / self.misfit;
+        }
+        Attempt { is_better, is_last: gain < WORTH * self.misfit }
+    }
+}
+
 impl BlendFit {
     fn advanced(&self, step: &[f64; UNKNOWNS], typical: Shape, count: usize) -> Self {
         let ln_breadth = if count == UNKNOWNS { self.ln_breadth + step[UNKNOWNS - 1] } else { self.ln_breadth };
@@ -317,7 +353,7 @@ impl BlendFit {
 mod tests {
     use super::*;
     use crate::detect::background::Background;
-    use crate::detect::psf::Window;
+    use crate::detect::image_model::Window;
     use crate::frame::Frame;
 
     /// Two stars drawn as they are modelled come back, whatever the shape, with a breadth that is not the typical one.

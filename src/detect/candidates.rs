@@ -3,9 +3,8 @@
 use rayon::prelude::*;
 
 use super::background::Background;
-use super::fit::{Model, radius_px};
-use super::psf::Shape;
-use super::search::Search;
+use super::filter_run::Search;
+use super::image_model::{Model, Shape, radius_px};
 use crate::frame::Frame;
 
 /// A place to fit a star at.

@@ -1,8 +1,10 @@
 //! Light beside a star, as the residuals of its image show it.
 
-use super::fit::{Fit, Freedom, Model, Scene, Stamp, solve};
-use super::psf::Shape;
+use super::fit::{Fit, Freedom};
+use super::image_model::{Model, Shape};
+use super::stamp::{Scene, Stamp};
 use super::work::Work;
+use crate::statistics::cholesky::solve;
 
 /// The image that stars are held against.
 #[derive(Clone, Copy)]

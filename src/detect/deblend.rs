@@ -10,10 +10,12 @@ use rayon::prelude::*;
 
 use super::blend_fit::{BlendFit, WidthFactor};
 use super::companion::{CompanionMap, IsolatedFit};
-use super::fit::{Fit, Freedom, Model, Scene, Stamp};
-use super::psf::{Profile, Shape};
+use super::field_fit::FieldFit;
+use super::fit::{Fit, Freedom};
+use super::image_model::{Model, Shape};
+use super::psf::Profile;
 use super::reference_stars::{Local, ReferenceStar, ReferenceStars, Share, expected};
-use super::simultaneous_fit::FieldFit;
+use super::stamp::{Scene, Stamp};
 use super::work::PARTED;
 
 /// Fainter stars cannot be two.

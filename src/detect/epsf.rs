@@ -8,7 +8,7 @@
 
 use serde::Serialize;
 
-use super::psf::{PROFILE_PARAMETERS, Shape, Window, axis_shares};
+use super::image_model::{PROFILE_PARAMETERS, Shape, Window, axis_shares};
 
 /// Terms of the field polynomial of each order: 1; x, y; x², xy, y²; x³, x²y, xy², y³.
 pub(super) const FIELD_TERMS: [usize; 4] = [1, 3, 6, 10];

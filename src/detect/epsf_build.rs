@@ -8,8 +8,11 @@ use rayon::prelude::*;
 
 use super::epsf::{EmpiricalPsf, FIELD_TERMS, Grid, PsfReport, field_terms};
 use super::epsf_step::{Turn, Unknowns};
-use super::fit::{Freedom, Model, Photons, Stamp, inverse, radius_px};
-use super::psf::{Profile, Shape};
+use super::fit::Freedom;
+use super::image_model::{Model, Shape, radius_px};
+use super::psf::Profile;
+use super::stamp::{Photons, Stamp};
+use crate::statistics::cholesky::inverse;
 use crate::statistics::median;
 
 /// A star that may tell the image: its pixels and how a Gaussian fits them.

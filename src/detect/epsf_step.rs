@@ -8,8 +8,8 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use super::epsf::{Grid, Lines};
-use super::fit::{Model, Stamp};
-use super::psf::Shape;
+use super::image_model::{Model, Shape};
+use super::stamp::Stamp;
 
 /// Steps of the linear solution.
 const MAX_STEPS: usize = 300;

@@ -4,10 +4,13 @@
 //! All stars tell it together, each by how its pixels pull on its trail: of faint ones each alone tells its own badly, and the middle of what they tell
 //! is biased.
 
-use super::fit::{Freedom, Model, Scene, inverse};
-use super::psf::{Profile, Shape};
+use super::fit::Freedom;
+use super::image_model::{Model, Shape};
+use super::psf::Profile;
+use super::stamp::Scene;
 use super::trail::Trail;
 use super::work::WEIGHED;
+use crate::statistics::cholesky::inverse;
 use crate::statistics::median;
 
 /// Flux, background and position come before the numbers of the trail.

@@ -7,7 +7,8 @@
 use rayon::prelude::*;
 use statrs::distribution::{ContinuousCDF, Normal};
 
-use super::psf::{Profile, Shape, Window};
+use super::image_model::{Shape, Window};
+use super::psf::Profile;
 use crate::statistics::clipped;
 
 /// Rows that one task filters.

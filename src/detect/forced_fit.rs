@@ -1,9 +1,9 @@
 //! The same fit under a sky that is known: for images made without noise, of which level and noise cannot be measured.
 
 use super::background::Background;
-use super::fit::{Freedom, Model, Scene, radius_px};
-use super::measure::SNR_FOR_WIDTH;
-use super::psf::Shape;
+use super::fit::{Freedom, SNR_FOR_WIDTH};
+use super::image_model::{Model, Shape, radius_px};
+use super::stamp::Scene;
 use super::work::Work;
 use crate::frame::Frame;
 

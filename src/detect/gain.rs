@@ -6,7 +6,10 @@
 //! The fit takes up part of the noise (with a star one pixel wide, most of it), so residuals are compared with what the fit
 //! leaves of a given noise: for weighted least squares with hat matrix H, E r_i² = Σ_j (δ_ij − H_ij)² v_j.
 
-use super::fit::{Fit, Freedom, Model, Scene, inverse};
+use super::fit::{Fit, Freedom};
+use super::image_model::Model;
+use super::stamp::Scene;
+use crate::statistics::cholesky::inverse;
 
 /// Stars fainter than this tell nothing, brighter than that tell more of the Gaussian's misfit than of photons.
 const SNR_RANGE: (f64, f64) = (8.0, 60.0);

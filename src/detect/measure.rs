@@ -10,21 +10,22 @@ use super::candidates::{Candidate, candidates, full_blobs};
 use super::defects;
 use super::epsf::EmpiricalPsf;
 use super::epsf_build::PsfStar;
-use super::fit::{Fit, Freedom, Model, Scene};
+use super::field_fit::FieldFit;
+use super::filter_run::{Ground, Search};
+use super::fit::{Fit, Freedom, SNR_FOR_WIDTH};
 use super::gain;
 use super::image_circle;
-use super::psf::{Profile, Shape};
-use super::search::{FIRST_SIGMA_PX, Ground, SHARPEST_PX, Search, search};
-use super::simultaneous_fit::{FieldFit, FitSettings};
+use super::image_model::{Model, Shape};
+use super::psf::Profile;
+use super::search::{FIRST_SIGMA_PX, SHARPEST_PX, search};
+use super::simultaneous_fit::FitSettings;
+use super::stamp::Scene;
 use super::work::{DESCRIBED, PARTED, WEIGHED, Work};
 use super::{DetectError, DetectOptions, Detection, Detections, Flags};
 use crate::frame::Frame;
 
 /// Smallest side of a frame, px: a star's window.
 const MIN_SIDE_PX: usize = 9;
-/// Stars from this signal-to-noise ratio on have their own width fitted.
-pub(super) const SNR_FOR_WIDTH: f64 = 30.0;
-
 /// What is known besides the frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Aids<'a> {

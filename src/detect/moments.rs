@@ -12,8 +12,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::fit::{Fit, Photons, Stamp, inverse};
+use super::fit::{Fit, Freedom, MAX_PARAMETERS};
+use super::image_model::{Model, PIXEL_VARIANCE};
 use super::psf::Profile;
+use super::stamp::{MAX_DROPS, Photons, Scene, Stamp};
+use crate::statistics::cholesky::{inverse, solve};
 
 /// Moments of a star's image before the pixels sum it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -56,8 +59,6 @@ impl Moments {
     }
 }
 
-/// The pixel widens the image by the variance of a box of side 1.
-pub(super) const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 /// Fourth and sixth cumulants of the box over 4! and 6!.
 const BOX: [f64; 2] = [-1.0 / 2880.0, 1.0 / 181_440.0];
 /// Stars from this signal-to-noise ratio on have a weight of their own: its noise then biases moments by less than a tenth of their error.
@@ -177,8 +178,44 @@ fn times(matrix: &Square, vector: &[f64; UNKNOWNS]) -> [f64; UNKNOWNS] {
     std::array::from_fn(|i| (0..UNKNOWNS).map(|j| matrix[i][j] * vector[j]).sum())
 }
 
+impl Scene<'_> {
+    /// Moments of a fitted star, of the pixels that the fit used.
+    pub(super) fn moments(&self, fit: &Fit, neighbours: &[Model]) -> Option<Moments> {
+        let mut profile = self.profile();
+        let mut stamp = self.stamp(fit.model, neighbours, &mut profile);
+        self.photons().drop_all_outliers(&mut stamp, &(fit.model, fit.offset_dn), &mut profile);
+        profile.draw(stamp.window, &fit.model, fit.freedom == Freedom::Ellipse);
+        let count = fit.freedom.parameters();
+        let normal = self.photons().normal(&stamp, &profile, fit.model.flux_dn, fit.offset_dn, count);
+        let mut of_offset = [0.0; MAX_PARAMETERS];
+        of_offset[1] = 1.0;
+        let row = solve(&normal.matrix, &of_offset, count, 0.0)?;
+        let told = self.photons().told(&stamp, &profile, fit.model.flux_dn, &row[..count]);
+        moments(&stamp, fit, &told, self.photons())
+    }
+}
+
+impl Photons {
+    fn drop_all_outliers(self, stamp: &mut Stamp, fit: &(Model, f64), profile: &mut Profile<'_>) {
+        for _ in 0..MAX_DROPS {
+            if !self.drop_outliers(stamp, fit, profile) {
+                break;
+            }
+        }
+    }
+
+    /// What the count of each pixel adds to a fitted number; `row` is that number's row of the covariance.
+    fn told(self, stamp: &Stamp, profile: &Profile<'_>, flux: f64, row: &[f64]) -> Vec<f64> {
+        let of = |i: usize| {
+            let weight = 1.0 / (stamp.variance[i] + (flux * profile.value[i]).max(0.0) * self.variance_per_dn);
+            weight * row.iter().zip(profile.row(i, flux)).map(|(c, r)| c * r).sum::<f64>()
+        };
+        (0..stamp.data.len()).map(|i| if stamp.used[i] { of(i) } else { 0.0 }).collect()
+    }
+}
+
 /// The moments of a star that was fitted, of the pixels that the fit used. `told`: what each pixel's count adds to the fitted offset.
-pub(super) fn moments(stamp: &Stamp, fit: &Fit, told: &[f64], photons: Photons) -> Option<Moments> {
+fn moments(stamp: &Stamp, fit: &Fit, told: &[f64], photons: Photons) -> Option<Moments> {
     let (model, shape, offset_dn) = (fit.model, fit.model.shape, fit.offset_dn);
     let adapt = model.flux_dn > SNR_TO_ADAPT * fit.flux_sigma_dn;
     let first = Image {

@@ -1,86 +1,10 @@
-//! The image of a star: a Gaussian integrated over each pixel, with its derivatives; that of a trail is in `trail`.
-
-use statrs::function::erf::erf;
+//! The image of a star in its pixels, drawn by the model that it has: a Gaussian, a trail, or the empirical image.
 
 use super::epsf::EmpiricalPsf;
-use super::fit::Model;
+use super::gaussian::{Elliptic, Round};
+use super::image_model::{ImageModel, Model, PROFILE_PARAMETERS, Shape, Window};
 use super::trail::Trail;
-use super::work::{ELLIPSE_NS, ROUND_NS, Work};
-
-/// Second moments of a star image before the pixel integrates it, px².
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Shape {
-    pub(super) xx: f64,
-    pub(super) xy: f64,
-    pub(super) yy: f64,
-    /// Whether the image is a round Gaussian drawn out along a line; else it is a Gaussian.
-    pub(super) trail: bool,
-}
-
-impl Shape {
-    pub(super) const fn round(sigma_px: f64) -> Self {
-        Self::ellipse(sigma_px * sigma_px, 0.0, sigma_px * sigma_px)
-    }
-
-    /// A Gaussian's.
-    pub(super) const fn ellipse(xx: f64, xy: f64, yy: f64) -> Self {
-        Self { xx, xy, yy, trail: false }
-    }
-
-    pub(super) fn is_round(self) -> bool {
-        self.xy == 0.0 && self.xx == self.yy && !self.trail
-    }
-
-    pub(super) fn determinant(self) -> f64 {
-        self.xx * self.yy - self.xy * self.xy
-    }
-
-    /// σ of the round Gaussian of the same area.
-    pub(super) fn sigma_px(self) -> f64 {
-        self.determinant().max(0.0).sqrt().sqrt()
-    }
-
-    /// σ along the long and the short axis.
-    pub(super) fn axes_px(self) -> (f64, f64) {
-        let (mean, half) = (f64::midpoint(self.xx, self.yy), (self.xx - self.yy) / 2.0);
-        let root = half.hypot(self.xy);
-        ((mean + root).max(0.0).sqrt(), (mean - root).max(0.0).sqrt())
-    }
-
-    /// Half the side of the square that holds the light up to so many σ.
-    pub(super) fn reach_px(self, sigmas: f64) -> f64 {
-        if self.trail { Trail::of(self).reach_px(sigmas) } else { sigmas * self.axes_px().0 }
-    }
-
-    /// The same shape, so many times as wide.
-    pub(super) fn scaled(self, by: f64) -> Self {
-        Self { xx: by * by * self.xx, xy: by * by * self.xy, yy: by * by * self.yy, ..self }
-    }
-
-    /// A distance in units of σ in its direction.
-    pub(super) fn radius_in_sigma(self, dx: f64, dy: f64) -> f64 {
-        let [a, b, c] = self.inverse();
-        (a * dx * dx + 2.0 * b * dx * dy + c * dy * dy).max(0.0).sqrt()
-    }
-
-    /// The inverse matrix: xx, xy, yy.
-    fn inverse(self) -> [f64; 3] {
-        let d = self.determinant();
-        [self.yy / d, -self.xy / d, self.xx / d]
-    }
-}
-
-/// Free numbers of the star's profile, in this order: x, y, then the width (one), or xx, xy, yy, or a trail's length along x and y and its width.
-pub(super) const PROFILE_PARAMETERS: usize = 5;
-
-/// Square block of pixels around a star.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Window {
-    pub(super) x0: usize,
-    pub(super) y0: usize,
-    pub(super) columns: usize,
-    pub(super) rows: usize,
-}
+use super::work::Work;
 
 /// Share of the flux in every pixel of a window, and derivatives: `value`, then by x, y and the shape's numbers.
 pub(super) struct Profile<'a> {
@@ -144,98 +68,24 @@ impl<'a> Profile<'a> {
 
     /// Fills in the profile of a star at (`x`, `y`).
     pub(super) fn fill(&mut self, window: Window, x: f64, y: f64, shape: Shape, elliptical: bool) {
+        if shape.trail {
+            self.put(window, [x, y], &Trail::of(shape));
+        } else if elliptical {
+            self.put(window, [x, y], &Elliptic(shape));
+        } else {
+            self.put(window, [x, y], &Round { sigma_px: shape.sigma_px() });
+        }
+    }
+
+    fn put(&mut self, window: Window, centre_px: [f64; 2], model: &impl ImageModel) {
         let pixels = window.columns * window.rows;
         self.value.clear();
         self.value.resize(pixels, 0.0);
         self.derivatives.clear();
         self.derivatives.resize(pixels, [0.0; PROFILE_PARAMETERS]);
-        if let Some(work) = self.work {
-            work.spend(if shape.trail {
-                Trail::of(shape).cost_ns(pixels)
-            } else {
-                (if elliptical { ELLIPSE_NS } else { ROUND_NS }) * pixels as u64
-            });
-        }
-        if shape.trail {
-            Trail::of(shape).fill(window, x, y, &mut self.value, &mut self.derivatives);
-        } else if elliptical {
-            self.fill_elliptical(window, x, y, shape);
-        } else {
-            self.fill_round(window, x, y, shape.sigma_px());
-        }
+        self.spend(model.cost_ns(pixels));
+        model.fill(window, centre_px, &mut self.value, &mut self.derivatives);
     }
-
-    fn fill_round(&mut self, window: Window, x: f64, y: f64, sigma: f64) {
-        let across = axis_shares(window.x0, window.columns, x, sigma);
-        let down = axis_shares(window.y0, window.rows, y, sigma);
-        let pixels = self.value.iter_mut().zip(&mut self.derivatives);
-        let shares = down.iter().flat_map(|v| across.iter().map(move |u| (u, v)));
-        for ((value, derivative), (u, v)) in pixels.zip(shares) {
-            *value = u[0] * v[0];
-            *derivative = [u[1] * v[0], u[0] * v[1], u[2] * v[0] + u[0] * v[2], 0.0, 0.0];
-        }
-    }
-
-    /// Gauss–Legendre quadrature inside each pixel: a rotated Gaussian does not part into factors.
-    fn fill_elliptical(&mut self, window: Window, x: f64, y: f64, shape: Shape) {
-        let [a, b, c] = shape.inverse();
-        let norm = 1.0 / (2.0 * std::f64::consts::PI * shape.determinant().sqrt());
-        let nodes: &[(f64, f64)] = if shape.axes_px().1 < 1.0 { &GAUSS_LEGENDRE_4 } else { &GAUSS_LEGENDRE_3 };
-        for row in 0..window.rows {
-            for column in 0..window.columns {
-                let index = row * window.columns + column;
-                let (px, py) = ((window.x0 + column) as f64 - x, (window.y0 + row) as f64 - y);
-                // far outside nothing is worth the exponentials
-                if a * px * px + 2.0 * b * px * py + c * py * py > 120.0 {
-                    continue;
-                }
-                let (mut value, mut derivative) = (0.0, [0.0; PROFILE_PARAMETERS]);
-                for &(v, weight_v) in nodes {
-                    for &(u, weight_u) in nodes {
-                        let (dx, dy) = (px + u, py + v);
-                        let (qx, qy) = (a * dx + b * dy, b * dx + c * dy);
-                        let f = weight_u * weight_v * norm * (-0.5 * (dx * qx + dy * qy)).exp();
-                        value += f;
-                        derivative[0] += f * qx;
-                        derivative[1] += f * qy;
-                        derivative[2] += f * 0.5 * (qx * qx - a);
-                        derivative[3] += f * (qx * qy - b);
-                        derivative[4] += f * 0.5 * (qy * qy - c);
-                    }
-                }
-                self.value[index] = value;
-                self.derivatives[index] = derivative;
-            }
-        }
-    }
-}
-
-/// Nodes and weights on (−½, ½).
-const GAUSS_LEGENDRE_3: [(f64, f64); 3] =
-    [(-0.387_298_334_620_741_7, 5.0 / 18.0), (0.0, 8.0 / 18.0), (0.387_298_334_620_741_7, 5.0 / 18.0)];
-pub(super) const GAUSS_LEGENDRE_4: [(f64, f64); 4] = [
-    (-0.430_568_155_797_026_3, 0.173_927_422_568_726_93),
-    (-0.169_990_521_792_428_13, 0.326_072_577_431_273_07),
-    (0.169_990_521_792_428_13, 0.326_072_577_431_273_07),
-    (0.430_568_155_797_026_3, 0.173_927_422_568_726_93),
-];
-
-/// Share of a line Gaussian in each pixel of an axis with its derivatives by centre and σ.
-pub(super) fn axis_shares(start: usize, length: usize, centre: f64, sigma: f64) -> Vec<[f64; 3]> {
-    let at_edge = |i: usize| {
-        let t = (start as f64 + i as f64 - 0.5 - centre) / sigma;
-        let density = (-0.5 * t * t).exp() * (0.5 * std::f64::consts::FRAC_2_SQRT_PI * std::f64::consts::FRAC_1_SQRT_2);
-        [0.5 * erf(t * std::f64::consts::FRAC_1_SQRT_2), -density / sigma, -t * density / sigma]
-    };
-    let mut low = at_edge(0);
-    (1..=length)
-        .map(|i| {
-            let high = at_edge(i);
-            let share = [high[0] - low[0], high[1] - low[1], high[2] - low[2]];
-            low = high;
-            share
-        })
-        .collect()
 }
 
 #[cfg(test)]

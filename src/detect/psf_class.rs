@@ -1,8 +1,9 @@
 //! What kind the images of a frame's stars are: round, elliptic, or trails. The χ² of the stars themselves decides.
 
-use super::fit::{Fit, Freedom, Model, Scene};
-use super::psf::Shape;
+use super::fit::{Fit, Freedom};
+use super::image_model::{Model, Shape};
 use super::shape::{self, Typical};
+use super::stamp::Scene;
 use super::trail::Trail;
 use super::work::SEARCHED;
 use crate::statistics::median;

@@ -4,8 +4,9 @@ use std::sync::OnceLock;
 
 use super::blend_fit::WidthFactor;
 use super::companion::{Image, IsolatedFit};
-use super::fit::{Scene, solve};
-use super::simultaneous_fit::FieldFit;
+use super::field_fit::FieldFit;
+use super::stamp::Scene;
+use crate::statistics::cholesky::solve;
 use crate::statistics::{mad_sigma, median};
 
 /// Stars that tell what images are like: from this signal-to-noise ratio on, so many near by, at least and at most.

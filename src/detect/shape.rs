@@ -6,12 +6,10 @@
 use rayon::prelude::*;
 
 use super::filter::Peak;
-use super::psf::Shape;
+use super::image_model::{PIXEL_VARIANCE, Shape};
 use super::trail::Trail;
 use crate::statistics::{mad_sigma, median};
 
-/// The pixel widens the image by the variance of a box of side 1.
-const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 /// Below this σ along the short axis it is a lone pixel, or a cosmic ray, px.
 const SHARPEST_PX: f64 = 0.38;
 const WIDEST_PX: f64 = 12.0;
@@ -184,7 +182,8 @@ fn unweighted(m: Shape, w: Shape, widest_px: f64) -> Option<Shape> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::detect::psf::{Profile, Window};
+    use crate::detect::image_model::Window;
+    use crate::detect::psf::Profile;
 
     #[test]
     fn moments_return_the_shape_that_was_drawn() {

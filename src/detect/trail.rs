@@ -3,7 +3,7 @@
 //! A trail is told by the same three second moments as an ellipse, so what asks a shape for its size needs not know which of the two it is; the
 //! fit frees its length along x and y and its width instead, which are not degenerate.
 
-use super::psf::{GAUSS_LEGENDRE_4, PROFILE_PARAMETERS, Shape, Window, axis_shares};
+use super::image_model::{GAUSS_LEGENDRE_4, ImageModel, PROFILE_PARAMETERS, Shape, Window, axis_shares};
 use super::work::{BESIDE_TRAIL_NS, IN_TRAIL_NS};
 use crate::statistics::median;
 
@@ -32,11 +32,6 @@ impl Trail {
         self.along_px[0].hypot(self.along_px[1])
     }
 
-    /// Half the side of the square that holds the light up to so many widths from the line.
-    pub(super) fn reach_px(self, sigmas: f64) -> f64 {
-        self.along_px[0].abs().max(self.along_px[1].abs()) / 2.0 + sigmas * self.sigma_px
-    }
-
     /// Pieces of which each is drawn by a few round Gaussians.
     fn pieces(self) -> f64 {
         (self.length_px() / (PIECE * self.sigma_px)).ceil().max(1.0)
@@ -47,19 +42,10 @@ impl Trail {
         REACH * self.sigma_px + 0.5
     }
 
-    /// What it costs to draw it in a window of so many pixels, nanoseconds: of a long one most of the window is beside it.
-    pub(super) fn cost_ns(self, pixels: usize) -> u64 {
-        let nodes = (GAUSS_LEGENDRE_4.len() as f64 * self.pieces()) as u64;
-        let lit = ((2.0 * self.node_reach_px()).powi(2) as u64).min(pixels as u64);
-        BESIDE_TRAIL_NS * pixels as u64 + IN_TRAIL_NS * nodes * lit
-    }
-
     /// The trail of these second moments.
     pub(super) fn of(shape: Shape) -> Self {
-        let (long, short) = shape.axes_px();
-        let length = (12.0 * (long * long - short * short)).max(0.0).sqrt();
-        let (s, c) = (0.5 * (2.0 * shape.xy).atan2(shape.xx - shape.yy)).sin_cos();
-        Self { along_px: [length * c, length * s], sigma_px: short }
+        let (along_px, sigma_px) = shape.line_px();
+        Self { along_px, sigma_px }
     }
 
     /// With the sign that points the way of another.
@@ -80,10 +66,18 @@ impl Trail {
         let along = |axis: usize| median(&trails.iter().map(|t| t.like(first).along_px[axis]).collect::<Vec<_>>());
         Some(Self { along_px: [along(0)?, along(1)?], sigma_px: median(&trails.iter().map(|t| t.sigma_px).collect::<Vec<_>>())? })
     }
+}
 
-    /// Adds to the share of the light in every pixel of a window, and its derivatives by x, y, the length along x and along y, and the width. Along the line
-    /// Gauss–Legendre quadrature, at every node the pixels' exact shares.
-    pub(super) fn fill(self, window: Window, x: f64, y: f64, value: &mut [f64], derivatives: &mut [[f64; PROFILE_PARAMETERS]]) {
+impl ImageModel for Trail {
+    /// Of a long one most of the window is beside it.
+    fn cost_ns(&self, pixels: usize) -> u64 {
+        let nodes = (GAUSS_LEGENDRE_4.len() as f64 * self.pieces()) as u64;
+        let lit = ((2.0 * self.node_reach_px()).powi(2) as u64).min(pixels as u64);
+        BESIDE_TRAIL_NS * pixels as u64 + IN_TRAIL_NS * nodes * lit
+    }
+
+    /// Its numbers are the length along x and along y, and the width. Along the line Gauss–Legendre quadrature, at every node the pixels' exact shares.
+    fn fill(&self, window: Window, [x, y]: [f64; 2], value: &mut [f64], derivatives: &mut [[f64; PROFILE_PARAMETERS]]) {
         let pieces = self.pieces();
         let reach = self.node_reach_px();
         let span = |centre: f64, start: usize, length: usize| {

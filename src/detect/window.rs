@@ -3,7 +3,8 @@
 //! The weight is a product of one factor along each axis, so sums over pixels are gathered by columns first, and those of the noise need no
 //! pixels at all.
 
-use super::moments::{Moments, PIXEL_VARIANCE, SNR_TO_ADAPT};
+use super::image_model::PIXEL_VARIANCE;
+use super::moments::{Moments, SNR_TO_ADAPT};
 use crate::frame::Frame;
 
 /// Pixels along the side of the largest window.

@@ -4,7 +4,7 @@
 //! E r_i² = v_i (1 − 2 H_ii) + Σ_j H_ij² v_j takes no more than sums over the window.
 
 use super::gain::{GainStatistics, pooled};
-use super::psf::axis_shares;
+use super::image_model::axis_shares;
 use crate::frame::Frame;
 
 /// Fainter stars tell nothing, brighter ones more of their image than of photons.

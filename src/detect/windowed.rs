@@ -6,12 +6,11 @@
 //! pays with errors above the statistical limit, and with a bias that follows the phase in the pixel where images are narrow: so do the
 //! moments, which come from the sums that are there (to 5 % of σ² at σ 0.6 px, 2 % at 0.8, 0.1 % from 1.2 on).
 
-use super::background::quantum_dn;
+use super::background::{ROUNDING_SIGMA, quantum_dn};
 use super::black;
 use super::filter::Kernel;
+use super::image_model::{PIXEL_VARIANCE, Shape};
 use super::measure::check;
-use super::moments::PIXEL_VARIANCE;
-use super::psf::Shape;
 use super::window::{Bell, Bells, Noise, Scratch, weighted};
 use super::window_gain::{self, Way, WindowStar};
 use super::{DetectError, DetectOptions, Detection, Detections, Flags};
@@ -23,8 +22,6 @@ const CELL_PX: usize = 64;
 /// Pixels of a cell that are looked at: every so many rows and columns.
 const SAMPLE_ROWS: usize = 7;
 const SAMPLE_COLUMNS: usize = 9;
-/// Variance of rounding to steps of one, as a standard deviation.
-const ROUNDING_SIGMA: f64 = 0.288_675_134_594_812_9;
 /// Pixels that the gate looks at together.
 const BLOCK: usize = 32;
 /// A lone pixel counts as hot from so many σ on, where its neighbours hold less than this share of its light.

@@ -7,6 +7,7 @@ use super::ExchangeError;
 use super::view::View;
 use crate::camera::Model;
 use crate::coordinates::{CameraAxes, Direction, PixelPoint};
+use crate::statistics::levenberg_marquardt::{Attempt, End, LeastSquares, Rules, minimise};
 
 /// Points along each side of the grid that is fitted.
 pub(super) const FIT_SIDE: usize = 33;
@@ -114,46 +115,59 @@ pub(super) struct Linearised {
     pub(super) columns: DMatrix<f64>,
 }
 
-/// Levenberg and Marquardt's method: the values of the free parameters that make the sum of squares least. `linearise` gives `None`
-/// where the values make no sense; such a step is taken back.
+/// The steps of a fit of coefficients: exact correspondences are met to the last bits.
+const RULES: Rules = Rules {
+    first_damping: 1e-14,
+    smaller: |damping| (damping * 0.1).max(1e-14),
+    larger: |damping| (damping * 30.0).max(1e-12),
+    most_damping: f64::INFINITY,
+    most_rejected: 14,
+    linearisations: 100,
+    steps: 100,
+    ends_without_step: true,
+};
+
+/// A fit on its way.
+struct Descent<F> {
+    values: Vec<f64>,
+    now: Linearised,
+    at: F,
+}
+
+impl<F: Fn(&[f64]) -> Option<Linearised>> LeastSquares for Descent<F> {
+    type Step = DVector<f64>;
+
+    /// It was linearised when it was tried.
+    fn linearise(&mut self) {}
+
+    fn step(&self, damping: f64) -> Option<DVector<f64>> {
+        damped_step(&self.now, damping)
+    }
+
+    fn attempt(&mut self, step: &DVector<f64>) -> Attempt {
+        let cost = self.now.residuals.norm_squared();
+        let moved: Vec<f64> = self.values.iter().zip(step.iter()).map(|(value, change)| value - change).collect();
+        let Some(next) = (self.at)(&moved).filter(|next| next.residuals.norm_squared() <= cost) else {
+            return Attempt { is_better: false, is_last: false };
+        };
+        let gain = cost - next.residuals.norm_squared();
+        (self.values, self.now) = (moved, next);
+        Attempt { is_better: true, is_last: gain <= 1e-13 * cost || cost < 1e-26 }
+    }
+}
+
+/// The values of the free parameters that make the sum of squares least. `linearise` gives `None` where the values make no sense; such a step is
+/// taken back.
 pub(super) fn least_squares(
     start: Vec<f64>,
     what: &'static str,
     linearise: impl Fn(&[f64]) -> Option<Linearised>,
 ) -> Result<Vec<f64>, ExchangeError> {
-    const STEPS: usize = 100;
-    const REJECTED: usize = 14;
     let no_fit = || ExchangeError::NoFit { what };
-    let mut values = start;
-    let mut now = linearise(&values).ok_or_else(no_fit)?;
-    let mut damping: f64 = 1e-14;
-    let mut rejected = 0;
-    for _ in 0..STEPS {
-        let cost = now.residuals.norm_squared();
-        if !cost.is_finite() {
-            return Err(no_fit());
-        }
-        let step = damped_step(&now, damping).ok_or_else(no_fit)?;
-        let moved: Vec<f64> = values.iter().zip(step.iter()).map(|(value, change)| value - change).collect();
-        match linearise(&moved).filter(|next| next.residuals.norm_squared() <= cost) {
-            Some(next) => {
-                let gain = cost - next.residuals.norm_squared();
-                values = moved;
-                now = next;
-                damping = (damping * 0.1).max(1e-14);
-                rejected = 0;
-                if gain <= 1e-13 * cost || cost < 1e-26 {
-                    break;
-                }
-            }
-            None if rejected < REJECTED => {
-                rejected += 1;
-                damping = (damping * 30.0).max(1e-12);
-            }
-            None => break, // no step makes it less: the last bits
-        }
-    }
-    Ok(values)
+    let now = linearise(&start).filter(|now| now.residuals.norm_squared().is_finite()).ok_or_else(no_fit)?;
+    let mut descent = Descent { values: start, now, at: linearise };
+    // Where no step makes it less, the last bits are reached.
+    if minimise(&mut descent, &RULES) == End::Singular { Err(no_fit()) } else { Ok(descent.values) }
 }
 
 /// The step of the damped linear problem, by QR of the columns scaled to length one; two parameters that do the same share it.

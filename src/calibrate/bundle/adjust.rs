@@ -11,8 +11,8 @@ use nalgebra::{DMatrix, DVector, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use super::noise::{Noise, Sample, Totals, Whitened};
-use super::normal::{Eliminated, FrameSums, Reduced, WIDTH};
-use super::problem::{Attitudes, FrameParameters, MAX_LOCAL, MAX_PARAMETERS, Problem, Row, State};
+use super::normal::{Eliminated, FrameSums, MAX_LOCAL, MAX_PARAMETERS, Reduced, WIDTH};
+use super::problem::{Attitudes, FrameParameters, Problem, Row, State};
 use crate::camera::PARAMETER_NAMES;
 
 /// A step below this (px of mapping) ends the search for the noise.

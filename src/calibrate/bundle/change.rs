@@ -4,9 +4,9 @@
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
-use super::update::{Known, WIDE, lost, of_parameters};
+use super::known::{Known, WIDE, lost, of_parameters};
 use super::{Adjusted, Problem, Run};
-use crate::calibrate::summary::REJECTED_WEIGHT;
+use crate::calibrate::result::REJECTED_WEIGHT;
 
 /// Directions in which the new frames add less than this share to what is known do not take part in the test.
 const SEEN: f64 = 1e-6;

@@ -11,10 +11,12 @@
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-use super::problem::{Exposure, Problem};
+use super::problem::{Exposure, Problem, State, earth_from_icrs};
 use crate::camera::Model;
 use crate::coordinates::PixelPoint;
 
+/// Images agree with an attitude within this share of the frame's diagonal, before the distortion is known.
+pub(super) const TOLERANCE: f64 = 0.006;
 /// Pairs looked at in each frame for the focal length.
 const SCALE_PAIRS: usize = 120;
 /// Width of a histogram cell in ln f.
@@ -171,7 +173,7 @@ pub(super) fn attitude(exposure: &Exposure, rays: &Rays, tolerance_rad: f64) -> 
         if agreeing < 3 {
             return None;
         }
-        rotation = optimal(&profile)?;
+        rotation = optimal_rotation(&profile)?;
     }
     Some((rotation, agreeing))
 }
@@ -188,12 +190,46 @@ fn from_two(seen: (Vector3<f64>, Vector3<f64>), stars: (Vector3<f64>, Vector3<f6
 }
 
 /// The optimal rotation (Wahba's problem by singular value decomposition, Markley 1988).
-pub(super) fn optimal(profile: &Matrix3<f64>) -> Option<UnitQuaternion<f64>> {
+pub(crate) fn optimal_rotation(profile: &Matrix3<f64>) -> Option<UnitQuaternion<f64>> {
     let svd = profile.svd(true, true);
     let (u, v_t) = (svd.u?, svd.v_t?);
     let proper = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v_t).determinant().signum()));
     let rotation = u * proper * v_t;
     rotation.iter().all(|c| c.is_finite()).then(|| UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation)))
+}
+
+/// For each frame the attitude that most of its images agree on, and how many images agree in all.
+pub(super) fn attitudes(problem: &Problem, tolerance_rad: f64) -> (Vec<Option<UnitQuaternion<f64>>>, usize) {
+    let found: Vec<_> = problem
+        .exposures
+        .par_iter()
+        .with_min_len(4)
+        .map(|exposure| attitude(exposure, &rays(&problem.model, exposure), tolerance_rad))
+        .collect();
+    let agreeing = found.iter().flatten().map(|(_, agreeing)| agreeing).sum();
+    (found.into_iter().map(|found| found.map(|(attitude, _)| attitude)).collect(), agreeing)
+}
+
+/// One attitude to the ground from those of the frames: that on which most agree. Whether most do.
+pub(super) fn fix_mount(problem: &Problem, state: &mut State, tolerance_rad: f64) -> bool {
+    let earth: Vec<_> = problem.exposures.iter().map(|exposure| earth_from_icrs(&exposure.observation)).collect();
+    let mounts: Vec<UnitQuaternion<f64>> =
+        state.attitudes.iter().zip(&earth).filter_map(|(attitude, earth)| Some((*attitude)? * (*earth)?.inverse())).collect();
+    let near = |a: &UnitQuaternion<f64>| mounts.iter().filter(|b| a.angle_to(b) < tolerance_rad).count();
+    let Some(best) = mounts.iter().max_by_key(|mount| near(mount)) else { return false };
+    if 2 * near(best) < mounts.len() {
+        return false;
+    }
+    let mut profile = Matrix3::zeros();
+    for mount in mounts.iter().filter(|mount| mount.angle_to(best) < tolerance_rad) {
+        profile += mount.to_rotation_matrix().matrix();
+    }
+    let Some(mount) = optimal_rotation(&profile) else { return false };
+    state.mount = mount;
+    for (attitude, earth) in state.attitudes.iter_mut().zip(earth) {
+        *attitude = earth.map(|earth| mount * earth);
+    }
+    true
 }
 
 #[cfg(test)]

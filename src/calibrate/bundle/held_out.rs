@@ -12,11 +12,7 @@ use super::noise::Whitened;
 use super::normal::Reduced;
 use super::problem::{Attitudes, Problem, Row, State};
 use super::{Adjusted, Solved};
-
-/// Below this many frames every frame is a fold of its own.
-const LEAVE_ONE_OUT_BELOW: usize = 16;
-/// Folds above.
-const FOLDS: usize = 10;
+use crate::calibrate::held_out::folds;
 
 /// 2-D rms of the held-out star images, px; `None` with fewer than two frames, or where one part alone determines the camera.
 pub(in crate::calibrate) fn rms_px(solved: &Solved) -> Option<f64> {
@@ -25,7 +21,7 @@ pub(in crate::calibrate) fn rms_px(solved: &Solved) -> Option<f64> {
     if active.len() < 2 {
         return None;
     }
-    let folds = if active.len() < LEAVE_ONE_OUT_BELOW { active.len() } else { FOLDS };
+    let folds = folds(active.len());
     let shared = problem.shared_count();
     let parts: Vec<Reduced> = active
         .par_iter()

@@ -9,8 +9,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::problem::{MAX_LOCAL, MAX_PARAMETERS};
-
+/// The most parameters that one adjustment solves, attitudes not counted.
+pub(in crate::calibrate) const MAX_PARAMETERS: usize = 40;
+/// Parameters of a frame: its attitude, and its rates where the rows are exposed one after the other.
+pub(in crate::calibrate) const MAX_LOCAL: usize = 6;
 /// Shared parameters at most: those of the model and a mount's attitude.
 const MAX_SHARED: usize = MAX_PARAMETERS + 3;
 /// One row of a frame's sums: shared columns, own columns, residual.

@@ -12,6 +12,7 @@
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::memory::Carried;
+use super::normal::{MAX_LOCAL, MAX_PARAMETERS};
 use super::reference::Reference;
 use crate::calibrate::LitCircle;
 use crate::camera::{Model, PARAMETER_COUNT};
@@ -21,15 +22,10 @@ use crate::identify::{ControlPoints, KnownAttitude};
 /// Steps to a predicted point at most, and the last of them.
 const PREDICTIONS: usize = 4;
 const PREDICTED_PX: f64 = 1e-3;
-/// The most parameters that one adjustment solves, attitudes not counted.
-pub(in crate::calibrate) const MAX_PARAMETERS: usize = 40;
 /// A star that is measured farther from where it is predicted is no measure of what happens within a pixel,
 const WITHIN_REACH_PX: f64 = 1.0;
 /// nor, this far, of anything.
 const REACH_PX: f64 = 100.0;
-/// Parameters of a frame: its attitude, and its rates where the rows are exposed one after the other.
-pub(in crate::calibrate) const MAX_LOCAL: usize = 6;
-
 /// A star image.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::calibrate) struct Image {

@@ -21,7 +21,10 @@
 
 use nalgebra::DMatrix;
 
-use super::{Adjusted, Problem, Run, Solved, State, held_out, names, pose, scales, settled, solve, summary};
+use super::determined::{check_coverage, check_solved, covariance};
+use super::solved::Alternative;
+use super::start::settled;
+use super::{Adjusted, Problem, Run, Solved, State, held_out, names, pose, scales, solve};
 use crate::calibrate::calibration::{Candidate, ModelSelection};
 use crate::calibrate::select::Selection;
 use crate::calibrate::{CalibrateError, CalibrateOptions};
@@ -46,17 +49,6 @@ const BEGIN: &[&str] = &["f"];
 const CENTRE: &[&str] = &["x0", "y0"];
 /// Groups whose criteria differ by less are taken in the order of preference.
 const AS_GOOD: f64 = 2.0;
-
-/// A larger model than the chosen one, which the star images do not support and need not exclude.
-#[derive(Clone, Debug)]
-pub(in crate::calibrate) struct Alternative {
-    /// Its parameters.
-    names: Vec<String>,
-    /// Its solution minus the chosen model's, in the parameters' units.
-    difference: Vec<f64>,
-    /// Covariance of its parameters.
-    covariance: DMatrix<f64>,
-}
 
 /// A set of parameters, fitted.
 struct Fitted {
@@ -161,7 +153,7 @@ impl Choice<'_> {
         let mut groups: Vec<Group> = GROUPS.iter().copied().filter(|group| group.iter().all(|name| is_known(name))).collect();
         let mut dropped = DROPPED.iter();
         loop {
-            let error = match self.solve(&groups).and_then(|solved| summary::check_solved(&solved).map(|()| solved)) {
+            let error = match self.solve(&groups).and_then(|solved| check_solved(&solved).map(|()| solved)) {
                 Ok(solved) => return Ok((groups, solved)),
                 Err(error) if is_open(&error) => error,
                 Err(error) => return Err(error),
@@ -193,13 +185,13 @@ impl Choice<'_> {
         let scale = scales(&problem, &state);
         super::drop_without_effect(&mut problem, &scale);
         let scale = scales(&problem, &state);
-        summary::check_coverage(&problem, &state, &scale)?;
+        check_coverage(&problem, &state, &scale)?;
         let run = Run { epsilon_px: options.epsilon_px, max_turns: options.max_iterations, from_afar: false, hold_noise: false };
         let adjusted = problem.adjust(state, base.adjusted.noise.clone(), &scale, &run, None);
         let adjusted = settled(&problem, adjusted, &run);
         problem.model.set_values(&adjusted.state.values);
         let solved = Solved { problem, adjusted, notes: base.notes.clone(), alternative: None };
-        summary::check_solved(&solved)?;
+        check_solved(&solved)?;
         Ok(solved)
     }
 }
@@ -317,25 +309,10 @@ fn candidate(group: &[&str], before: &Fitted, after: &Fitted, delta_bic: f64, ta
 fn alternative(chosen: &Fitted, larger: &Fitted, full: &Solved) -> Option<Alternative> {
     let Solved { problem, adjusted, .. } = &larger.solved;
     let names = names(problem);
-    let cofactor = summary::covariance(&adjusted.information, &names).ok()?;
+    let cofactor = covariance(&adjusted.information, &names).ok()?;
     let (scale, unit) = (&adjusted.scale, full.adjusted.noise.unit_variance);
     let covariance = DMatrix::from_fn(names.len(), names.len(), |i, j| unit * cofactor[(i, j)] / (scale[i] * scale[j]));
     let own = carried_over(&chosen.solved, problem);
     let difference = problem.free.iter().map(|index| adjusted.state.values[*index] - own.values[*index]).collect();
     Some(Alternative { names, difference, covariance })
-}
-
-/// The covariance of the solved parameters, and of those that are left out after them, about the values stated; `None` where there was no
-/// choice.
-pub(super) fn left_open(solved: &[String], alternative: Option<&Alternative>) -> Option<(Vec<String>, DMatrix<f64>)> {
-    let Alternative { names: its, difference, covariance } = alternative?;
-    let more = its.iter().filter(|name| !solved.contains(name));
-    let names: Vec<String> = solved.iter().chain(more).cloned().collect();
-    let places: Vec<usize> = names.iter().map(|name| its.iter().position(|other| other == name)).collect::<Option<_>>()?;
-    let n = names.len();
-    let sum = DMatrix::from_fn(n, n, |i, j| {
-        let (i, j) = (places[i], places[j]);
-        covariance[(i, j)] + difference[i] * difference[j]
-    });
-    Some((names, sum))
 }

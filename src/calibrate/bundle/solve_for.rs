@@ -65,7 +65,7 @@ pub(in crate::calibrate) fn solve_for(
     if free.is_empty() {
         return Err(CalibrateError::BadOption { name: "solve", value: "nothing".to_owned(), allowed: "parameters or effects" });
     }
-    if free.len() > super::problem::MAX_PARAMETERS {
+    if free.len() > super::normal::MAX_PARAMETERS {
         return Err(CalibrateError::BadOption {
             name: "solve",
             value: format!("{} parameters", free.len()),

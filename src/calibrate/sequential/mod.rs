@@ -19,7 +19,8 @@ pub use state::SEQUENTIAL_FORMAT;
 use state::State;
 
 use super::bundle::{self, Known, Updated};
-use super::{CalibrateError, Calibration, ParameterEstimate, check_points, select};
+use super::check::check_points;
+use super::{CalibrateError, Calibration, ParameterEstimate, select};
 use crate::camera::{Camera, Model};
 use crate::identify::ControlPoints;
 
@@ -31,6 +32,21 @@ const RESTART: f64 = 1e-4;
 #[serde(try_from = "State", into = "State")]
 pub struct Sequential {
     state: State,
+}
+
+impl From<Sequential> for State {
+    fn from(sequential: Sequential) -> Self {
+        sequential.state
+    }
+}
+
+impl TryFrom<State> for Sequential {
+    type Error = SequentialError;
+
+    fn try_from(state: State) -> Result<Self, SequentialError> {
+        state.check()?;
+        Ok(Self { state })
+    }
 }
 
 impl Sequential {

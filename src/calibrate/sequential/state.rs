@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 
-use super::{Sequential, SequentialError, UpdateOptions};
+use super::{SequentialError, UpdateOptions};
 use crate::calibrate::bundle::{self, NoiseMemory, Updated};
 use crate::calibrate::{CalibrateOptions, Calibration, Method, Status};
 use crate::camera::Model;
@@ -43,21 +43,6 @@ pub(super) struct State {
     pub(super) physics: Vec<String>,
     /// How it was solved; new frames are selected and solved in the same way.
     pub(super) options: CalibrateOptions,
-}
-
-impl From<Sequential> for State {
-    fn from(sequential: Sequential) -> Self {
-        sequential.state
-    }
-}
-
-impl TryFrom<State> for Sequential {
-    type Error = SequentialError;
-
-    fn try_from(state: State) -> Result<Self, SequentialError> {
-        state.check()?;
-        Ok(Self { state })
-    }
 }
 
 fn bad(place: impl Into<String>, value: impl std::fmt::Display, remedy: &'static str) -> SequentialError {
@@ -108,7 +93,7 @@ impl State {
     }
 
     /// Whether it can be gone on with.
-    fn check(&self) -> Result<(), SequentialError> {
+    pub(super) fn check(&self) -> Result<(), SequentialError> {
         if self.format != SEQUENTIAL_FORMAT {
             return Err(bad(
                 "format",
