@@ -1,5 +1,6 @@
 //! The result of a calibration, as it stands in files.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{CalibrateOptions, LeftOutReason, LitCircle, Systematic};
@@ -12,7 +13,7 @@ use crate::provenance::Provenance;
 pub const FORMAT: &str = "boresight-calibrate/1";
 
 /// How the camera is solved.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Method {
@@ -37,7 +38,7 @@ impl Method {
 }
 
 /// How the iteration ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Status {
     /// The last step was below ε.
@@ -47,7 +48,7 @@ pub enum Status {
 }
 
 /// A solved parameter.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ParameterEstimate {
     /// Its name: of the reference model, or `effect.parameter`.
     pub name: String,
@@ -62,7 +63,7 @@ pub struct ParameterEstimate {
 }
 
 /// One solution of the normal equations.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Iteration {
     /// Length of the step, px of mapping over the frame.
     pub step_px: f64,
@@ -79,7 +80,7 @@ pub struct Iteration {
 }
 
 /// A combination of parameters, as well or as badly determined as the star images determine it: one line of the table of singular values.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Combination {
     /// Singular value of the columns (attitudes eliminated, weighted), each column scaled to length one: 1 = as well determined as if the
     /// parameters were alone, near 0 = the star images cannot tell them apart.
@@ -93,7 +94,7 @@ pub struct Combination {
 }
 
 /// One set of parameters that was tried.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Candidate {
     /// What it adds to the set before it.
     pub added: Vec<String>,
@@ -110,7 +111,7 @@ pub struct Candidate {
 }
 
 /// Which parameters the data support.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModelSelection {
     /// The set that was begun with.
     pub begun_with: Vec<String>,
@@ -119,7 +120,7 @@ pub struct ModelSelection {
 }
 
 /// Parameters that the star images do not support, and which may be there all the same: with them the covariance of the solved ones.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LeftOpen {
     /// The solved parameters, in their order, and those left out.
     pub parameters: Vec<String>,
@@ -128,7 +129,7 @@ pub struct LeftOpen {
 }
 
 /// What identifying anew has changed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Reidentified {
     /// Rounds.
     pub rounds: usize,
@@ -141,7 +142,7 @@ pub struct Reidentified {
 }
 
 /// What the joint method found of the noise.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct NoiseFound {
     /// Error per axis that all star images have beyond what their measurement states, px.
     pub floor_px: f64,
@@ -154,7 +155,7 @@ pub struct NoiseFound {
 }
 
 /// What became of one control point.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PointResult {
     /// Index of the frame in its recording.
     pub frame: usize,
@@ -175,7 +176,7 @@ pub struct PointResult {
 }
 
 /// One frame at the solution.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FrameResult {
     /// Index of the frame in its recording.
     pub frame: usize,
@@ -197,7 +198,7 @@ fn one() -> f64 {
 }
 
 /// Standard error of a frame's attitude, camera held.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AttitudeSigma {
     /// Of the boresight's direction, per axis, arcsec; median over the frames.
     pub across: f64,
@@ -206,7 +207,7 @@ pub struct AttitudeSigma {
 }
 
 /// Standard error (2-D) of the pixel → direction map over the frame, the best rotation taken out.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MapSigma {
     /// Median over the frame.
     pub median: f64,
@@ -215,7 +216,7 @@ pub struct MapSigma {
 }
 
 /// A number of control points left out for one reason.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct LeftOutCount {
     /// The reason.
     pub reason: LeftOutReason,
@@ -224,7 +225,7 @@ pub struct LeftOutCount {
 }
 
 /// A calibrated camera with everything needed to judge it and to solve it again.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Calibration {
     /// [`FORMAT`].
     pub format: String,

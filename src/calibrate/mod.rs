@@ -19,6 +19,7 @@ mod map;
 mod pairs;
 mod reidentify;
 mod residuals;
+mod result;
 mod select;
 mod sequential;
 mod star_level;
@@ -28,18 +29,24 @@ pub mod trial;
 mod uncertainty;
 mod variable_weights;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use calibration::{
     AttitudeSigma, Calibration, Candidate, Combination, FORMAT, FrameResult, Iteration, LeftOpen, LeftOutCount, MapSigma, Method,
     ModelSelection, NoiseFound, ParameterEstimate, PointResult, Reidentified, Status,
 };
-pub use compare::{Comparison, MapChange, ParameterDifference, compare, map_change};
+pub use compare::{Comparison, FORMAT as COMPARE_FORMAT, MapChange, ParameterDifference, compare, map_change};
 pub use joint::{BundleImage, BundleSolution, Column, FixedNoise, MAX_FRAME_PARAMETERS};
 pub use lit::LitCircle;
-pub use map::{Map, MapPoint, MappingError, map, map_difference, map_sigma, mapping_error_of_models_px, mapping_error_px};
+pub use map::{
+    FORMAT as MAP_FORMAT, Map, MapPoint, MappingError, map, map_difference, map_sigma, mapping_error_of_models_px, mapping_error_px,
+};
 pub use reidentify::{MeasuredStarImage, calibrate_identifying_anew};
 pub use residuals::residuals_px;
+pub use result::{
+    CalibrateResult, CompareResult, DifferenceLimit, MapResult, MisidentifiedPoint, SolvedCamera, UnsolvedCamera, UpdateResult,
+};
 pub use select::LeftOutReason;
 pub use sequential::{Drift, OnChange, ParameterChange, SEQUENTIAL_FORMAT, Sequential, SequentialError, UpdateOptions, UpdateReport};
 pub use systematics::{Surroundings, Systematic};
@@ -54,7 +61,7 @@ use pairs::FrameStars;
 use variable_weights::{Limits, PairSolution};
 
 /// How to calibrate. The defaults are those of the reference method.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 #[allow(clippy::struct_excessive_bools, reason = "switches that have nothing to do with each other")]
 pub struct CalibrateOptions {
@@ -120,7 +127,7 @@ impl Default for CalibrateOptions {
 }
 
 /// How the attitudes of the frames hang together.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum AttitudeModel {
     /// As the recording says: one attitude to the ground and the Earth's rotation for a fixed mount; three rates beside each attitude where
@@ -132,7 +139,7 @@ pub enum AttitudeModel {
 }
 
 /// What is known of a parameter beforehand.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ParameterPrior {
     /// The parameter: x0, …, p2, or `effect.parameter`.
     pub name: String,

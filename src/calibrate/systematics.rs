@@ -15,6 +15,7 @@
 //!
 //! Where site and time are known both are modelled, and nothing of it is left.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Calibration;
@@ -32,7 +33,7 @@ const EARTH_OVER_LIGHT: f64 = 29.785 / 299_792.458;
 const NOTABLE_SIGMAS: f64 = 1.0;
 
 /// What an effect that is not modelled may have done to a parameter.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Systematic {
     /// The effect's id.
     pub cause: String,
