@@ -9,6 +9,7 @@
 use std::marker::PhantomData;
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::dual::{Real, constant, dot, normalize};
@@ -84,7 +85,7 @@ impl<F> Direction<F> {
 }
 
 /// How the camera is turned: takes components in ICRS axes to components in camera axes.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(from = "[f64; 4]", into = "[f64; 4]")]
 pub struct Attitude {
     /// The rotation.

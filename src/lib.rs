@@ -72,6 +72,7 @@ pub mod diagnose;
 pub mod dual;
 pub mod effects;
 pub mod exchange;
+pub mod formats;
 pub mod frame;
 pub mod gpu;
 pub mod guard;

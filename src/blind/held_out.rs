@@ -3,12 +3,13 @@
 
 use std::fmt::Write as _;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::answer::{Answer, AnswerProposal};
 
 /// Proposals of a kind.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Proposals {
     /// The kind.
     pub label: String,
@@ -27,7 +28,7 @@ pub struct Proposals {
 }
 
 /// The study.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HeldOutStudy {
     /// Recordings in which nothing is hidden.
     pub recordings: usize,

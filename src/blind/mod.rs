@@ -16,6 +16,7 @@ mod judge;
 mod lasso;
 mod pixels;
 mod record;
+mod result;
 mod rivals;
 mod run;
 mod score;
@@ -30,6 +31,7 @@ pub use held_out::{HeldOutStudy, Proposals, held_out_study};
 pub use lasso::{Lasso, lasso};
 pub use pixels::{Centres, Painted, PixelAnswer, painted, pixel_answer, pixel_recording, write_pixels};
 pub use record::{control_points, recording, telemetry};
+pub use result::{BlindResult, HeldOutResult, ScoreResult, StepResult};
 pub use rivals::{RivalFits, rival_fits};
 pub use run::{answer, make, run};
 pub use score::{

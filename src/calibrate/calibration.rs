@@ -1,5 +1,6 @@
 //! The result of a calibration, as it stands in files.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::lit::LitCircle;
@@ -14,7 +15,7 @@ use crate::provenance::Provenance;
 pub const FORMAT: &str = "boresight-calibrate/1";
 
 /// How the iteration ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Status {
     /// The last step was below ε.
@@ -24,7 +25,7 @@ pub enum Status {
 }
 
 /// What an effect that is not modelled may have done to a parameter.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Systematic {
     /// The effect's id.
     pub cause: String,
@@ -37,7 +38,7 @@ pub struct Systematic {
 }
 
 /// A solved parameter.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ParameterEstimate {
     /// Its name: of the reference model, or `effect.parameter`.
     pub name: String,
@@ -52,7 +53,7 @@ pub struct ParameterEstimate {
 }
 
 /// One solution of the normal equations.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Iteration {
     /// Length of the step, px of mapping over the frame.
     pub step_px: f64,
@@ -69,7 +70,7 @@ pub struct Iteration {
 }
 
 /// A combination of parameters, as well or as badly determined as the star images determine it: one line of the table of singular values.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Combination {
     /// Singular value of the columns (attitudes eliminated, weighted), each column scaled to length one: 1 = as well determined as if the
     /// parameters were alone, near 0 = the star images cannot tell them apart.
@@ -83,7 +84,7 @@ pub struct Combination {
 }
 
 /// One set of parameters that was tried.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Candidate {
     /// What it adds to the set before it.
     pub added: Vec<String>,
@@ -100,7 +101,7 @@ pub struct Candidate {
 }
 
 /// Which parameters the data support.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ModelSelection {
     /// The set that was begun with.
     pub begun_with: Vec<String>,
@@ -109,7 +110,7 @@ pub struct ModelSelection {
 }
 
 /// Parameters that the star images do not support, and which may be there all the same: with them the covariance of the solved ones.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LeftOpen {
     /// The solved parameters, in their order, and those left out.
     pub parameters: Vec<String>,
@@ -118,7 +119,7 @@ pub struct LeftOpen {
 }
 
 /// What identifying anew has changed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Reidentified {
     /// Rounds.
     pub rounds: usize,
@@ -131,7 +132,7 @@ pub struct Reidentified {
 }
 
 /// What the joint method found of the noise.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct NoiseFound {
     /// Error per axis that all star images have beyond what their measurement states, px.
     pub floor_px: f64,
@@ -144,7 +145,7 @@ pub struct NoiseFound {
 }
 
 /// What became of one control point.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PointResult {
     /// Index of the frame in its recording.
     pub frame: usize,
@@ -165,7 +166,7 @@ pub struct PointResult {
 }
 
 /// One frame at the solution.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FrameResult {
     /// Index of the frame in its recording.
     pub frame: usize,
@@ -187,7 +188,7 @@ fn one() -> f64 {
 }
 
 /// Standard error of a frame's attitude, camera held.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct AttitudeSigma {
     /// Of the boresight's direction, per axis, arcsec; median over the frames.
     pub across: f64,
@@ -196,7 +197,7 @@ pub struct AttitudeSigma {
 }
 
 /// Standard error (2-D) of the pixel → direction map over the frame, the best rotation taken out.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MapSigma {
     /// Median over the frame.
     pub median: f64,
@@ -205,7 +206,7 @@ pub struct MapSigma {
 }
 
 /// A number of control points left out for one reason.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct LeftOutCount {
     /// The reason.
     pub reason: LeftOutReason,
@@ -214,7 +215,7 @@ pub struct LeftOutCount {
 }
 
 /// A calibrated camera with everything needed to judge it and to solve it again.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Calibration {
     /// [`FORMAT`].
     pub format: String,

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
@@ -12,6 +13,9 @@ use super::{CalibrateError, Calibration, LitCircle, MappingError, map_sigma};
 use crate::camera::{Camera, Model};
 use crate::coordinates::PixelPoint;
 use crate::effects::{Segment, displacement};
+
+/// The name of the file format.
+pub const FORMAT: &str = "boresight-compare/1";
 
 /// Every so many points of the comparison's grid, the difference stands in files.
 const COARSE_STEP: usize = 4;
@@ -51,7 +55,7 @@ impl<'a> Solved<'a> {
 }
 
 /// The difference of one parameter, in the columns of the images as stored.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ParameterDifference {
     /// Its name.
     pub name: String,
@@ -64,7 +68,7 @@ pub struct ParameterDifference {
 }
 
 /// What has become of the map at one pixel.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MapChange {
     /// Column, in the images as stored.
     pub x_px: f64,
@@ -87,9 +91,9 @@ impl MapChange {
 }
 
 /// Two calibrations side by side.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Comparison {
-    /// `boresight-compare/1`.
+    /// [`FORMAT`].
     pub format: String,
     /// 2-D rms difference of the maps over the frame (over what of it both lenses light), after the best rotation.
     pub rms_px: f64,
@@ -237,7 +241,7 @@ pub fn compare(a: &Calibration, b: &Calibration) -> Result<Comparison, Calibrate
     lit.dedup();
     warnings.extend(lit.iter().map(|lit| format!("compared over {} alone", lit.in_words())));
     Ok(Comparison {
-        format: "boresight-compare/1".to_owned(),
+        format: FORMAT.to_owned(),
         rms_px: error.rms_px,
         max_px: error.max_px,
         p_value,

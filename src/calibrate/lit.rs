@@ -5,6 +5,7 @@
 //! reaches is told by the star images themselves. A lens that draws on the tangent plane lights the whole frame: there a corner without
 //! stars is one of which nothing is known, and that counts.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::geometry::frame_grid;
@@ -19,7 +20,7 @@ const FARTHEST: usize = 3;
 const MARGIN: f64 = 1.02;
 
 /// A circle about the principal point, as far out as the star images of a fisheye reach.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LitCircle {
     /// Its middle.
     pub centre_px: [f64; 2],

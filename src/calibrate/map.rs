@@ -1,6 +1,7 @@
 //! The pixel → direction map of a calibration and its uncertainty, and the difference of two maps once the best rotation is taken out.
 
 use nalgebra::{DMatrix, Matrix3, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::geometry::frame_grid;
@@ -9,26 +10,30 @@ use super::{Calibration, bundle};
 use crate::camera::{Camera, Model};
 use crate::coordinates::{Direction, PixelPoint};
 
+/// The name of the file format.
+pub const FORMAT: &str = "boresight-map/1";
+
 /// Points along each side of the grid on which maps are compared.
 pub(super) const COMPARISON_GRID: usize = 33;
 
 /// The pixel → direction map on a grid.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Map {
-    /// `boresight-map/1`.
+    /// [`FORMAT`].
     pub format: String,
     /// The points, row by row.
     pub points: Vec<MapPoint>,
 }
 
 /// A pixel and its direction.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MapPoint {
     /// Column.
     pub x_px: f64,
     /// Row.
     pub y_px: f64,
-    /// Unit vector in camera axes.
+    /// Unit vector in camera axes; its components have no value in files where the lens has no light for the pixel.
+    #[schemars(with = "[Option<f64>; 3]")]
     pub direction: [f64; 3],
 }
 
@@ -43,7 +48,7 @@ pub fn map(calibration: &Calibration, side: usize) -> Map {
         let direction = chain.direction(pixel, &context).map_or([f64::NAN; 3], |direction| direction.xyz);
         MapPoint { x_px: stored.x_px, y_px: stored.y_px, direction }
     };
-    Map { format: "boresight-map/1".to_owned(), points: frame_grid(camera, side).into_iter().map(point).collect() }
+    Map { format: FORMAT.to_owned(), points: frame_grid(camera, side).into_iter().map(point).collect() }
 }
 
 /// Standard error (2-D, px) of the map of a calibration on `side` × `side` pixels of the images as stored, row by row as in [`map`], the

@@ -13,6 +13,7 @@ mod check;
 mod compare;
 mod coverage;
 mod error;
+mod files;
 mod geometry;
 mod held_out;
 mod joint;
@@ -39,11 +40,16 @@ pub use calibration::{
     AttitudeSigma, Calibration, Candidate, Combination, FORMAT, FrameResult, Iteration, LeftOpen, LeftOutCount, MapSigma, ModelSelection,
     NoiseFound, ParameterEstimate, PointResult, Reidentified, Status, Systematic,
 };
-pub use compare::{Comparison, MapChange, ParameterDifference, compare, map_change};
+pub use compare::{Comparison, FORMAT as COMPARE_FORMAT, MapChange, ParameterDifference, compare, map_change};
 pub use error::CalibrateError;
+pub use files::{
+    CalibrateResult, CompareResult, DifferenceLimit, MapResult, MisidentifiedPoint, SolvedCamera, UnsolvedCamera, UpdateResult,
+};
 pub use joint::{BundleImage, BundleSolution, Column, FixedNoise, MAX_FRAME_PARAMETERS};
 pub use lit::LitCircle;
-pub use map::{Map, MapPoint, MappingError, map, map_difference, map_sigma, mapping_error_of_models_px, mapping_error_px};
+pub use map::{
+    FORMAT as MAP_FORMAT, Map, MapPoint, MappingError, map, map_difference, map_sigma, mapping_error_of_models_px, mapping_error_px,
+};
 pub use options::{AttitudeModel, CalibrateOptions, Method, ParameterPrior};
 pub use reidentify::{MeasuredStarImage, calibrate_identifying_anew};
 pub use residuals::residuals_px;

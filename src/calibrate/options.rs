@@ -1,12 +1,13 @@
 //! How to calibrate.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::{PARAMETER_NAMES, Term};
 use crate::effects::ids;
 
 /// How the camera is solved.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum Method {
@@ -31,7 +32,7 @@ impl Method {
 }
 
 /// How to calibrate. The defaults are those of the reference method.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 #[allow(clippy::struct_excessive_bools, reason = "switches that have nothing to do with each other")]
 pub struct CalibrateOptions {
@@ -97,7 +98,7 @@ impl Default for CalibrateOptions {
 }
 
 /// How the attitudes of the frames hang together.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum AttitudeModel {
     /// As the recording says: one attitude to the ground and the Earth's rotation for a fixed mount; three rates beside each attitude where
@@ -109,7 +110,7 @@ pub enum AttitudeModel {
 }
 
 /// What is known of a parameter beforehand.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ParameterPrior {
     /// The parameter: x0, …, p2, or `effect.parameter`.
     pub name: String,

@@ -11,6 +11,7 @@
 //! ```
 //! Conversions to other conventions (OpenCV, FITS SIP, …) belong into files of their own beside this one.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::coordinates::{CameraAxes, Direction, PixelPoint};
@@ -37,7 +38,7 @@ pub const PARAMETER_NAMES: [&str; PARAMETER_COUNT] = ["x0", "y0", "f", "k1", "p1
 pub const PARAMETER_UNITS: [&str; PARAMETER_COUNT] = ["px", "px", "px", "px^-2", "px^-1", "px^-1"];
 
 /// A camera of the reference model.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Camera {
     /// Columns.
     pub width_px: usize,

@@ -13,6 +13,7 @@
 //! One list: the six of the reference model ([`PARAMETER_NAMES`]), those that a wide-angle projection has beyond x0, y0 and f, then those of
 //! the terms in the order of the registry. A parameter of a term goes by `effect-id.parameter`.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -29,7 +30,7 @@ const PINHOLE: &str = ids::PINHOLE;
 const BROWN_CONRADY: &str = ids::BROWN_CONRADY;
 
 /// An effect in force with its parameters.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Term {
     /// Its id.
     pub effect: String,
@@ -38,7 +39,7 @@ pub struct Term {
 }
 
 /// A camera with every displacement in force.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "Stored", into = "Stored")]
 pub struct Model {
     camera: Camera,
@@ -47,7 +48,7 @@ pub struct Model {
 }
 
 /// A model as files have it.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 struct Stored {
     camera: Camera,
     projection: Term,

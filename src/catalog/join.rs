@@ -30,7 +30,7 @@ const SAME_MAG: f64 = 1.5;
 const ORDER: i32 = 3;
 
 /// What an import found.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, schemars::JsonSchema)]
 pub struct ImportReport {
     /// What was read, for people.
     pub kind: String,

@@ -4,12 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use boresight::blind::generate::{FAMILIES, Family};
-use boresight::blind::{HeldOutStudy, Score, answers, held_out_study, make, markdown, opened, run, score};
+use boresight::blind::{HeldOutResult, SCORE_FORMAT, ScoreResult, StepResult, answers, held_out_study, make, markdown, opened, run, score};
 use boresight::diagnose::DiagnoseOptions;
-use boresight::provenance::Provenance;
 use boresight::recording::write_file;
 use clap::{Args, Subcommand};
-use serde::Serialize;
 
 use super::options::heading;
 use super::{Answer, output};
@@ -108,30 +106,6 @@ struct ScoreArgs {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct StepObject {
-    format: &'static str,
-    family: Family,
-    sealed: usize,
-    answered: usize,
-    provenance: Provenance,
-}
-
-#[derive(Serialize)]
-struct ScoreObject {
-    #[serde(flatten)]
-    score: Score,
-    provenance: Provenance,
-}
-
-#[derive(Serialize)]
-struct HeldOutObject {
-    format: &'static str,
-    #[serde(flatten)]
-    study: HeldOutStudy,
-    provenance: Provenance,
-}
-
 fn family(text: &str) -> std::result::Result<Family, String> {
     let names: Vec<&str> = FAMILIES.iter().map(|family| family.name()).collect();
     Family::named(text).ok_or_else(|| format!("choose one of: {}", names.join(", ")))
@@ -149,7 +123,7 @@ impl Which {
     fn deliver(&self, sealed: usize, answered: usize, seed: Option<u64>) -> Result<()> {
         let mut provenance = output::provenance();
         provenance.seed = seed;
-        let object = StepObject { format: "boresight-blind/1", family: self.family, sealed, answered, provenance };
+        let object = StepResult::new(self.family, sealed, answered, provenance);
         if self.json {
             return output::print(&output::json_text(&object)?);
         }
@@ -184,7 +158,7 @@ pub(crate) fn blind(args: &BlindArgs) -> Result<Answer> {
             if pairs.is_empty() {
                 bail!("{}: nothing is answered yet; run `boresight blind run` first", score_args.output.display());
             }
-            let object = ScoreObject { score: score(&pairs), provenance: output::provenance() };
+            let object = ScoreResult { score: score(&pairs), provenance: output::provenance() };
             let page = markdown(&object.score);
             write_file(&score_args.output.join("score.json"), output::json_text(&object)?.as_bytes())?;
             write_file(&score_args.output.join("blind.md"), page.as_bytes())?;
@@ -203,7 +177,7 @@ pub(crate) fn blind(args: &BlindArgs) -> Result<Answer> {
                 write_file(path, page.as_bytes()).with_context(|| format!("--page {}", path.display()))?;
             }
             let is_honest = study.is_honest();
-            let object = HeldOutObject { format: "boresight-blind/1", study, provenance: output::provenance() };
+            let object = HeldOutResult { format: SCORE_FORMAT, study, provenance: output::provenance() };
             output::print(&if held_out.json { output::json_text(&object)? } else { page })?;
             return Ok(if is_honest { Answer::Yes } else { Answer::No });
         }

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use boresight::calibrate::{
-    AttitudeModel, CalibrateError, CalibrateOptions, Calibration, Method, ParameterPrior, Status, calibrate as calibrate_points,
-    calibrate_identifying_anew, check_parameter_name,
+    AttitudeModel, CalibrateError, CalibrateOptions, Calibration, Method, MisidentifiedPoint, ParameterPrior, SolvedCamera, Status,
+    UnsolvedCamera, calibrate as calibrate_points, calibrate_identifying_anew, check_parameter_name,
 };
 use boresight::catalog::Catalog;
 use boresight::effects;
@@ -16,10 +16,8 @@ use boresight::pipeline::{
     PipelineError, PreparedPoints, check_focal_lengths, check_sizes, known_behind_the_lens, star_images, surroundings, with_name,
 };
 use boresight::provenance::Provenance;
-use boresight::recording::SkippedFrame;
 use boresight::units::ARCSEC_RAD;
 use clap::{Args, ValueEnum};
-use serde::Serialize;
 
 use super::identify::SearchArgs;
 use super::options::{InputArgs, MeasureArgs, OutputArgs, SkyArgs, heading};
@@ -338,7 +336,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     let mut calibration = match result {
         Ok(calibration) => calibration,
         Err(reason) if is_an_answer(&reason) => {
-            let object = Unsolved::new(&options, &reason, &points, provenance);
+            let object = unsolved(&options, &reason, &points, provenance);
             let text = || format!("NOT CONVERGED: {}\n", object.warnings.join("\n"));
             output::deliver("calibrate", &object, args.output.json, args.output.output.as_deref(), text)?;
             return Ok(Answer::No);
@@ -363,83 +361,41 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
         pictures::residuals(&directory.join("residuals.png"), &calibration)?;
         pictures::map_sigma(&directory.join("map_sigma.png"), &calibration)?;
     }
-    let object = CalibrateObject {
+    let object = SolvedCamera {
         calibration: calibration.with_stored_columns(),
         skipped: &measured.skipped,
         notes: &measured.recording.notes,
-        misidentified_on_purpose: points.misidentified.iter().map(|wrong| Misidentified::new(wrong, &points, &calibration)).collect(),
+        misidentified_on_purpose: points.misidentified.iter().map(|wrong| misidentified(wrong, &points, &calibration)).collect(),
     };
     output::deliver("calibrate", &object, args.output.json, args.output.output.as_deref(), || calibrate_text::text(&object.calibration))?;
     Ok(if calibration.status == Status::Converged { Answer::Yes } else { Answer::No })
 }
 
-/// The result: the calibration, and what was done to its input.
-#[derive(Serialize)]
-struct CalibrateObject<'a> {
-    #[serde(flatten)]
-    calibration: Calibration,
-    skipped: &'a [SkippedFrame],
-    notes: &'a [String],
-    misidentified_on_purpose: Vec<Misidentified>,
-}
-
-/// An identification that was made wrong on purpose.
-#[derive(Serialize)]
-struct Misidentified {
-    frame: usize,
-    x_px: f64,
-    y_px: f64,
-    true_hip: u32,
-    given_hip: Option<u32>,
-    error_arcsec: f64,
-}
-
-impl Misidentified {
-    fn new(wrong: &Misidentification, points: &PreparedPoints, calibration: &Calibration) -> Self {
-        let point = &points.points.points[wrong.point];
-        Self {
-            frame: point.frame,
-            x_px: calibration.stored_column_px(point.x_px),
-            y_px: point.y_px,
-            true_hip: wrong.true_hip,
-            given_hip: wrong.given_hip,
-            error_arcsec: wrong.error_rad / ARCSEC_RAD,
-        }
+fn misidentified(wrong: &Misidentification, points: &PreparedPoints, calibration: &Calibration) -> MisidentifiedPoint {
+    let point = &points.points.points[wrong.point];
+    MisidentifiedPoint {
+        frame: point.frame,
+        x_px: calibration.stored_column_px(point.x_px),
+        y_px: point.y_px,
+        true_hip: wrong.true_hip,
+        given_hip: wrong.given_hip,
+        error_arcsec: wrong.error_rad / ARCSEC_RAD,
     }
 }
 
-/// What is written where the stars lead to no camera.
-#[derive(Serialize)]
-struct Unsolved {
-    format: &'static str,
-    method: Method,
-    status: Status,
-    reason: String,
-    physics: Vec<String>,
-    model: Vec<String>,
-    parameters: [(); 0],
-    camera: Option<()>,
-    stars: usize,
-    stars_offered: usize,
-    warnings: Vec<String>,
-    provenance: Provenance,
-}
-
-impl Unsolved {
-    fn new(options: &CalibrateOptions, reason: &CalibrateError, points: &PreparedPoints, provenance: Provenance) -> Self {
-        Self {
-            format: boresight::calibrate::FORMAT,
-            method: options.method,
-            status: Status::NotConverged,
-            reason: reason.to_string(),
-            physics: options.physics.clone(),
-            model: options.solve.clone(),
-            parameters: [],
-            camera: None,
-            stars: 0,
-            stars_offered: points.points.points.len(),
-            warnings: std::iter::once(reason.to_string()).chain(points.notes.iter().cloned()).collect(),
-            provenance,
-        }
+fn unsolved(options: &CalibrateOptions, reason: &CalibrateError, points: &PreparedPoints, provenance: Provenance) -> UnsolvedCamera {
+    UnsolvedCamera {
+        format: boresight::calibrate::FORMAT,
+        method: options.method,
+        status: Status::NotConverged,
+        reason: reason.to_string(),
+        physics: options.physics.clone(),
+        model: options.solve.clone(),
+        parameters: [],
+        camera: None,
+        stars: 0,
+        stars_offered: points.points.points.len(),
+        warnings: std::iter::once(reason.to_string()).chain(points.notes.iter().cloned()).collect(),
+        provenance,
     }
 }

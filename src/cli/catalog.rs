@@ -3,12 +3,10 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use boresight::catalog::{ImportReport, import_catalog};
+use boresight::catalog::{IMPORT_FORMAT, ImportReport, ImportResult, import_catalog};
 use boresight::guard::guarded;
-use boresight::provenance::Provenance;
 use boresight::recording::{check_file, write_file};
 use clap::{Args, Subcommand};
-use serde::Serialize;
 
 use super::options::heading;
 use super::{Answer, output};
@@ -41,17 +39,6 @@ pub(crate) struct ImportArgs {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct ImportObject {
-    format: &'static str,
-    #[serde(flatten)]
-    report: ImportReport,
-    file: String,
-    bytes: usize,
-    sha256: String,
-    provenance: Provenance,
-}
-
 /// Carries out a command.
 pub(crate) fn catalog(command: &CatalogCommand) -> Result<Answer> {
     let CatalogCommand::Import(args) = command;
@@ -64,8 +51,7 @@ pub(crate) fn catalog(command: &CatalogCommand) -> Result<Answer> {
     let bytes = catalog.to_bytes()?;
     write_file(&args.output, &bytes)?;
     let file = args.output.display().to_string();
-    let object =
-        ImportObject { format: "boresight-catalog-import/1", report, file, bytes: bytes.len(), sha256: catalog.sha256.clone(), provenance };
+    let object = ImportResult { format: IMPORT_FORMAT, report, file, bytes: bytes.len(), sha256: catalog.sha256.clone(), provenance };
     if args.json {
         output::print(&output::json_text(&object)?)?;
     } else {
@@ -74,7 +60,7 @@ pub(crate) fn catalog(command: &CatalogCommand) -> Result<Answer> {
     Ok(Answer::Yes)
 }
 
-fn text(object: &ImportObject) -> String {
+fn text(object: &ImportResult) -> String {
     let ImportReport { kind, stars_read, stars, in_hipparcos, motions_from_places, added_from_hipparcos, v_scatter_mag, epoch_yr, .. } =
         &object.report;
     let without = match object.report.without_magnitude {

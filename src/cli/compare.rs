@@ -3,10 +3,8 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use boresight::calibrate::{Comparison, compare as compare_calibrations};
-use boresight::provenance::Provenance;
+use boresight::calibrate::{CompareResult, DifferenceLimit, compare as compare_calibrations};
 use clap::Args;
-use serde::Serialize;
 
 use super::calibrate_text::wrapped;
 use super::map::read_calibration;
@@ -29,23 +27,6 @@ pub(crate) struct CompareArgs {
     output: OutputArgs,
 }
 
-#[derive(Serialize)]
-struct CompareObject {
-    #[serde(flatten)]
-    comparison: Comparison,
-    /// The limit that was given, and whether the difference keeps it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    limit: Option<Limit>,
-    provenance: Provenance,
-}
-
-/// `--max-px` and what came of it.
-#[derive(Clone, Copy, Serialize)]
-struct Limit {
-    max_px: f64,
-    is_kept: bool,
-}
-
 /// Compares, and prints the differences.
 pub(crate) fn compare(args: &CompareArgs) -> Result<Answer> {
     let _folder = args.output.open("compare")?;
@@ -54,8 +35,8 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<Answer> {
     provenance.add_input(&args.first)?;
     provenance.add_input(&args.second)?;
     let comparison = compare_calibrations(&first, &second)?;
-    let limit = args.max_px.map(|max_px| Limit { max_px, is_kept: comparison.max_px <= max_px });
-    let object = CompareObject { comparison, limit, provenance };
+    let limit = args.max_px.map(|max_px| DifferenceLimit { max_px, is_kept: comparison.max_px <= max_px });
+    let object = CompareResult { comparison, limit, provenance };
     if let Some(directory) = &args.output.output {
         pictures::difference(&directory.join("difference.png"), [&first, &second], &object.comparison)?;
     }
@@ -63,7 +44,7 @@ pub(crate) fn compare(args: &CompareArgs) -> Result<Answer> {
     Ok(if limit.is_none_or(|limit| limit.is_kept) { Answer::Yes } else { Answer::No })
 }
 
-fn text(object: &CompareObject) -> String {
+fn text(object: &CompareResult) -> String {
     let comparison = &object.comparison;
     let rows: Vec<Vec<String>> = comparison
         .parameters
@@ -84,7 +65,7 @@ fn text(object: &CompareObject) -> String {
         "\nmapping differs by {:.4} px rms over the frame, {:.4} px at most, after the best rotation\n",
         comparison.rms_px, comparison.max_px
     );
-    if let Some(Limit { max_px, is_kept }) = object.limit {
+    if let Some(DifferenceLimit { max_px, is_kept }) = object.limit {
         text += &format!("{} {max_px} px\n", if is_kept { "this is within the limit of" } else { "THIS IS BEYOND THE LIMIT of" });
     }
     if let Some(p) = comparison.p_value {

@@ -2,11 +2,8 @@
 
 use anyhow::Result;
 use boresight::catalog::Catalog;
-use boresight::detect::{Detections, PsfReport};
-use boresight::provenance::Provenance;
-use boresight::recording::SkippedFrame;
+use boresight::detect::{DetectResult, DetectedFrame, FORMAT};
 use clap::Args;
-use serde::Serialize;
 
 use super::options::{InputArgs, MeasureArgs, OutputArgs};
 use super::{Answer, identify_files, output, pipeline};
@@ -22,26 +19,6 @@ pub(crate) struct DetectArgs {
     output: OutputArgs,
 }
 
-#[derive(Serialize)]
-struct DetectObject<'a> {
-    format: &'static str,
-    frames: Vec<DetectedFrame<'a>>,
-    skipped: &'a [SkippedFrame],
-    notes: &'a [String],
-    /// Which image the stars are fitted with, where an empirical one was asked for.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    psf: Option<PsfReport>,
-    provenance: Provenance,
-}
-
-#[derive(Serialize)]
-struct DetectedFrame<'a> {
-    file: &'a str,
-    #[serde(flatten)]
-    detections: &'a Detections,
-    seconds: f64,
-}
-
 /// Measures, and prints a line a frame.
 pub(crate) fn detect(args: &DetectArgs) -> Result<Answer> {
     let _folder = args.output.open("detect")?;
@@ -53,8 +30,8 @@ pub(crate) fn detect(args: &DetectArgs) -> Result<Answer> {
         .iter()
         .map(|frame| DetectedFrame { file: &frame.name, detections: &frame.detections, seconds: frame.seconds })
         .collect();
-    let object = DetectObject {
-        format: "boresight-detect/1",
+    let object = DetectResult {
+        format: FORMAT,
         frames,
         skipped: &measured.skipped,
         notes: &measured.recording.notes,

@@ -3,15 +3,16 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use boresight::diagnose::{DiagnoseError, DiagnoseOptions, Diagnosis, FORMAT, MeasuredNoise, Step, Verdict};
+use boresight::diagnose::{
+    AnsweredDiagnosis, DiagnoseError, DiagnoseOptions, Diagnosis, FORMAT, MeasuredNoise, Step, UnaskedDiagnosis, Verdict,
+};
 use boresight::guard::guarded;
 use boresight::pipeline::{
     DiagnosisInput, DiagnosisRequest, PipelineError, PreparedPoints, SkyChoice, check_sizes, diagnosis_request, measured_noise,
 };
 use boresight::provenance::Provenance;
-use boresight::recording::{SkippedFrame, check_file};
+use boresight::recording::check_file;
 use clap::Args;
-use serde::Serialize;
 
 use super::calibrate::{SolveArgs, control_points, is_an_answer, parameter_name};
 use super::identify::SearchArgs;
@@ -76,17 +77,6 @@ fn probability(text: &str) -> std::result::Result<f64, String> {
     text.parse::<f64>().ok().filter(|value| *value > 0.0 && *value < 1.0).ok_or_else(|| "give a probability between 0 and 1".into())
 }
 
-/// The result: the diagnosis, and what was done to its input.
-#[derive(Serialize)]
-struct DiagnoseObject<'a> {
-    #[serde(flatten)]
-    diagnosis: &'a Diagnosis,
-    /// −1 if the images are mirrored. Columns are those of the images as stored; parameters are those of the un-mirrored image.
-    parity: i8,
-    skipped: &'a [SkippedFrame],
-    notes: &'a [String],
-}
-
 impl DiagnoseArgs {
     /// The options of the diagnosis: those of the file, with what the command line says in their place.
     fn options(&self) -> Result<DiagnoseOptions> {
@@ -115,16 +105,6 @@ impl DiagnoseArgs {
     }
 }
 
-/// What is written where the frames do not lead to a question.
-#[derive(Serialize)]
-struct Unasked {
-    format: &'static str,
-    verdict: &'static str,
-    reason: String,
-    findings: [(); 0],
-    provenance: Provenance,
-}
-
 /// Why nothing can be said of frames that could be read: too few stars, or none that lead to a camera. `None`: it could not be tried.
 fn no_answer(error: &anyhow::Error) -> Option<String> {
     let of_diagnosis = error.downcast_ref::<DiagnoseError>();
@@ -150,7 +130,7 @@ pub(crate) fn diagnose(args: &DiagnoseArgs) -> Result<Answer> {
     let done = diagnose_into(args, &mut of_input);
     let Some(reason) = done.as_ref().err().and_then(no_answer) else { return done };
     let text = format!("UNDECIDED: {reason}\n");
-    let object = Unasked { format: FORMAT, verdict: "undecided", reason, findings: [], provenance: of_input };
+    let object = UnaskedDiagnosis { format: FORMAT, verdict: Verdict::Undecided, reason, findings: [], provenance: of_input };
     output::deliver("diagnose", &object, args.output.json, args.output.output.as_deref(), || text)?;
     Ok(Answer::No)
 }
@@ -231,7 +211,7 @@ fn finish(
         diagnose_files::write(directory, &mut diagnosis, measured, size, alpha)?;
     }
     let object =
-        DiagnoseObject { diagnosis: &diagnosis, parity: prepared.parity, skipped: &measured.skipped, notes: &measured.recording.notes };
+        AnsweredDiagnosis { diagnosis: &diagnosis, parity: prepared.parity, skipped: &measured.skipped, notes: &measured.recording.notes };
     output::deliver("diagnose", &object, args.output.json, args.output.output.as_deref(), || diagnose_text::text(&diagnosis))?;
     Ok(if matches!(diagnosis.verdict, Verdict::Unexplained | Verdict::Undecided) { Answer::No } else { Answer::Yes })
 }

@@ -2,12 +2,10 @@
 
 use anyhow::Result;
 use boresight::catalog::Catalog;
-use boresight::gpu::{AdapterReport, adapters};
-use boresight::imaging::twin_check;
-use boresight::provenance::Provenance;
+use boresight::gpu::adapters;
+use boresight::imaging::{DOCTOR_FORMAT, DoctorResult, ListedAdapter, TwinCheck, TwinDifferences, twin_check};
 use boresight::report;
 use clap::Args;
-use serde::Serialize;
 
 use super::options::heading;
 use super::{Answer, output};
@@ -21,65 +19,20 @@ pub(crate) struct DoctorArgs {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct DoctorObject {
-    format: &'static str,
-    adapters: Vec<Adapter>,
-    twin_check: Twins,
-    catalog: String,
-    threads: usize,
-    provenance: Provenance,
-}
-
-#[derive(Serialize)]
-struct Adapter {
-    name: String,
-    driver: String,
-    interface: String,
-    is_software: bool,
-}
-
-/// How GPU and CPU agree.
-#[derive(Serialize)]
-#[serde(tag = "status", rename_all = "kebab-case")]
-enum Twins {
-    Agree(Differences),
-    Differ(Differences),
-    NotRun { reason: String },
-}
-
-#[derive(Serialize)]
-struct Differences {
-    adapter: String,
-    pixels: usize,
-    electrons_in_tolerances: f64,
-    differing_pixels: usize,
-    largest_difference_dn: u16,
-}
-
 /// Looks, checks and prints.
 pub(crate) fn doctor(args: &DoctorArgs) -> Result<Answer> {
-    let adapters: Vec<Adapter> = adapters()
-        .into_iter()
-        .map(|AdapterReport { name, driver, interface, is_software, .. }| Adapter { name, driver, interface, is_software })
-        .collect();
+    let adapters = adapters().into_iter().map(ListedAdapter::from).collect();
     let twins = match twin_check() {
-        Err(error) => Twins::NotRun { reason: error.to_string() },
+        Err(error) => TwinCheck::NotRun { reason: error.to_string() },
         Ok(found) => {
             let agree = found.agrees();
-            let differences = Differences {
-                adapter: found.adapter,
-                pixels: found.pixels,
-                electrons_in_tolerances: found.electrons_in_tolerances,
-                differing_pixels: found.differing_pixels,
-                largest_difference_dn: found.largest_difference_dn,
-            };
-            if agree { Twins::Agree(differences) } else { Twins::Differ(differences) }
+            let differences = TwinDifferences::from(found);
+            if agree { TwinCheck::Agree(differences) } else { TwinCheck::Differ(differences) }
         }
     };
     let catalog = Catalog::embedded();
-    let object = DoctorObject {
-        format: "boresight-doctor/1",
+    let object = DoctorResult {
+        format: DOCTOR_FORMAT,
         adapters,
         twin_check: twins,
         catalog: format!("{} stars, {}", catalog.stars.len(), catalog.source),
@@ -92,10 +45,10 @@ pub(crate) fn doctor(args: &DoctorArgs) -> Result<Answer> {
         output::print_page(&text(&object))?;
     }
     // No adapter is no fault: the program works on the CPU. Twins that differ are one.
-    Ok(if matches!(object.twin_check, Twins::Differ(_)) { Answer::No } else { Answer::Yes })
+    Ok(if matches!(object.twin_check, TwinCheck::Differ(_)) { Answer::No } else { Answer::Yes })
 }
 
-fn text(object: &DoctorObject) -> String {
+fn text(object: &DoctorResult) -> String {
     let version = boresight::provenance::version();
     let mut text = format!("boresight {version}, {} threads\ncatalogue: {}\n\n", object.threads, object.catalog);
     if object.adapters.is_empty() {
@@ -112,15 +65,15 @@ fn text(object: &DoctorObject) -> String {
         text += &report::table(&["adapter", "driver", "interface", "kind"], &rows);
     }
     text.push('\n');
-    let lines = |verdict: &str, found: &Differences| {
+    let lines = |verdict: &str, found: &TwinDifferences| {
         format!(
             "twin check: {verdict} — {} against the CPU: expected electrons within {:.2} of the tolerance (1e-5); of {} noisy pixels {} differ, by {} DN at most\n",
             found.adapter, found.electrons_in_tolerances, found.pixels, found.differing_pixels, found.largest_difference_dn
         )
     };
     text + &match &object.twin_check {
-        Twins::Agree(found) => lines("good", found),
-        Twins::Differ(found) => lines("BAD, do not trust --backend gpu here", found),
-        Twins::NotRun { reason } => format!("twin check: not run, {reason}\n"),
+        TwinCheck::Agree(found) => lines("good", found),
+        TwinCheck::Differ(found) => lines("BAD, do not trust --backend gpu here", found),
+        TwinCheck::NotRun { reason } => format!("twin check: not run, {reason}\n"),
     }
 }

@@ -8,13 +8,11 @@ use boresight::effects::optics::sampled_psf;
 use boresight::effects::optics::tables::IMAGE_KINDS;
 use boresight::effects::pixel::{psf_2d, separable_psf};
 use boresight::effects::sky::glow::sky_glow;
-use boresight::effects::{ParameterSpec, page_of, stem_of};
-use boresight::provenance::Provenance;
+use boresight::effects::{EffectList, LIST_FORMAT, ListedEffect, ListedParameter, ParameterSpec, page_of, stem_of};
 use boresight::recording::ResultFolder;
 use boresight::scene::LIGHT_PAGES;
 use boresight::scene::effect_demo::{COLOUR_FILTERS, Known, QUANTUM_EFFICIENCY, SAMPLED, kind_id, known};
 use clap::Args;
-use serde::Serialize;
 
 use super::options::{folder, heading};
 use super::{Answer, Usage, effect_pictures, output, signature};
@@ -49,35 +47,9 @@ pub(crate) struct EffectsArgs {
     output: Option<PathBuf>,
 }
 
-/// One line of the list.
-#[derive(Debug, Serialize)]
-struct Line {
-    id: String,
-    acts_on: &'static str,
-    parameters: Vec<Parameter>,
-}
-
-const FORMAT: &str = "boresight-effects/1";
-
-/// The list, or the one that was asked for with its page.
-#[derive(Serialize)]
-struct List {
-    format: &'static str,
-    effects: Vec<Line>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    page: Option<String>,
-    provenance: Provenance,
-}
-
-fn line(known: Known) -> Line {
-    let parameter = |spec: &ParameterSpec| Parameter { name: spec.name, unit: spec.unit };
-    Line { id: known.id, acts_on: known.acts_on, parameters: known.parameters.iter().map(parameter).collect() }
-}
-
-#[derive(Debug, Serialize)]
-struct Parameter {
-    name: &'static str,
-    unit: &'static str,
+fn line(known: Known) -> ListedEffect {
+    let parameter = |spec: &ParameterSpec| ListedParameter { name: spec.name, unit: spec.unit };
+    ListedEffect { id: known.id, acts_on: known.acts_on, parameters: known.parameters.iter().map(parameter).collect() }
 }
 
 /// Lists the effects, or prints one page.
@@ -103,14 +75,14 @@ pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
         };
         if args.json {
             let effects = known.into_iter().filter(|known| known.id == *id).map(line).collect();
-            let object = List { format: FORMAT, effects, page: Some(page), provenance: output::provenance() };
+            let object = EffectList { format: LIST_FORMAT, effects, page: Some(page), provenance: output::provenance() };
             output::print(&output::json_text(&object)?)?;
         } else {
             output::print_page(&page)?;
         }
     } else if args.json {
         let effects = known.into_iter().map(line).collect();
-        let object = List { format: FORMAT, effects, page: None, provenance: output::provenance() };
+        let object = EffectList { format: LIST_FORMAT, effects, page: None, provenance: output::provenance() };
         output::print(&output::json_text(&object)?)?;
     } else {
         let rows: Vec<Vec<String>> = known

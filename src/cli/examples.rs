@@ -84,8 +84,9 @@ Examples:
 
 pub(crate) const SCHEMA: &str = "\
 Examples:
-  boresight schema > scene.schema.json
-  boresight schema | head -n 3";
+  boresight schema
+  boresight schema calibrate
+  boresight schema scene > scene.schema.json";
 
 pub(crate) const DOCTOR: &str = "\
 Examples:

@@ -3,11 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use boresight::exchange::{self, Exported, Format, LIMIT_PX, Places, Subject};
-use boresight::provenance::Provenance;
+use boresight::exchange::{self, ExportResult, Exported, Format, LIMIT_PX, Places, Subject};
 use boresight::recording::{ResultFolder, check_file};
 use clap::Args;
-use serde::Serialize;
 
 use super::map::read_calibration;
 use super::options::heading;
@@ -41,15 +39,6 @@ pub(crate) struct ExportArgs {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct ExportObject {
-    #[serde(flatten)]
-    exported: Exported,
-    /// The files written; none if the format does not hold the camera.
-    files: Vec<String>,
-    provenance: Provenance,
-}
-
 /// Writes the files.
 pub(crate) fn export(args: &ExportArgs) -> Result<Answer> {
     let is_folder = args.to.is_per_frame() || args.output.is_dir() || args.output.as_os_str().as_encoded_bytes().ends_with(b"/");
@@ -79,7 +68,7 @@ pub(crate) fn export(args: &ExportArgs) -> Result<Answer> {
             args.to.name()
         );
     }
-    let object = ExportObject { exported, files, provenance };
+    let object = ExportResult { exported, files, provenance };
     if args.json {
         output::print(&output::json_text(&object)?)?;
     } else {
@@ -88,7 +77,7 @@ pub(crate) fn export(args: &ExportArgs) -> Result<Answer> {
     Ok(if written { Answer::Yes } else { Answer::No })
 }
 
-fn summary(object: &ExportObject) -> String {
+fn summary(object: &ExportResult) -> String {
     let Exported { model, residual, notes, .. } = &object.exported;
     let mut text = format!("{model}\nresidual over the frame: rms {:.2e} px, at most {:.2e} px", residual.rms_px, residual.max_px);
     text += &residual.beyond_max_px.map_or("\n".to_owned(), |beyond| format!("; a tenth beyond its edges at most {beyond:.2e} px\n"));

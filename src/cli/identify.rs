@@ -9,13 +9,13 @@ use boresight::catalog::Catalog;
 use boresight::effects::ids;
 use boresight::effects::{StarImage, StarState};
 use boresight::exchange::Places;
-use boresight::identify::{AttitudePrior, ControlPoint, ControlPoints, Identification, IdentifyOptions, Solution, misidentify};
-use boresight::provenance::Provenance;
-use boresight::recording::SkippedFrame;
+use boresight::identify::{
+    AttitudePrior, ControlPoint, ControlPoints, FORMAT, FrameResult, FrameStatus, Identification, IdentifyOptions, IdentifyResult,
+    MisnamedMatch, NamedStar, Solution, misidentify,
+};
 use boresight::report;
 use boresight::units::DEG_RAD;
 use clap::Args;
-use serde::Serialize;
 
 use super::calibrate::MisidentifyChoice;
 use super::identify_files::{self, MatchRow};
@@ -126,154 +126,98 @@ impl SearchArgs {
     }
 }
 
-#[derive(Serialize)]
-struct IdentifyObject<'a> {
-    format: &'static str,
-    frames: Vec<FrameObject>,
-    physics: Vec<&'static str>,
-    skipped: &'a [SkippedFrame],
-    notes: Vec<&'a str>,
-    misidentified_on_purpose: Vec<Misnamed>,
-    catalog: &'a str,
-    provenance: Provenance,
-}
-
-/// One frame of the result.
-#[derive(Debug, Serialize)]
-pub(crate) struct FrameObject {
-    file: String,
-    status: &'static str,
-    reason: Option<String>,
-    centre_radec_deg: Option<[f64; 2]>,
-    /// The date at which the stars were taken, Julian year: that of the frame, 2000.0 where its time is not known, or that of the catalogue
-    /// where proper motion is left out.
-    centre_epoch_yr: Option<f64>,
-    /// Whether the frame's time is known.
-    time_known: bool,
-    roll_deg: Option<f64>,
-    focal_length_px: Option<f64>,
-    width_deg: Option<f64>,
-    height_deg: Option<f64>,
-    stars_detected: usize,
-    stars_matched: usize,
-    rms_px: Option<f64>,
-    false_match_probability: Option<f64>,
-    camera_from_icrs: Option<[f64; 4]>,
-    parity: Option<i8>,
-    /// The law of the lens: `pinhole`, or that of a fisheye.
-    projection: Option<&'static str>,
-    camera: Option<Camera>,
-    matches: Vec<MatchObject>,
-    seconds: f64,
-}
-
-#[derive(Debug, Serialize)]
-struct MatchObject {
-    /// Number of the star image in the frame's detections, brightest first, from 0.
-    detection: usize,
-    hip: u32,
-    name: Option<&'static str>,
-    x_px: f64,
-    y_px: f64,
-    residual_px: [f64; 2],
-    magnitude: f64,
-    flux_dn: f64,
-}
-
-impl FrameObject {
-    fn new(frame: &pipeline::MeasuredFrame, identified: &IdentifiedFrame, catalog: &Catalog, time_known: bool) -> Self {
-        let mut object = Self {
-            file: frame.name.clone(),
-            status: "not-identified",
-            reason: None,
-            centre_radec_deg: None,
-            centre_epoch_yr: None,
-            time_known,
-            roll_deg: None,
-            focal_length_px: None,
-            width_deg: None,
-            height_deg: None,
-            stars_detected: frame.detections.stars.len(),
-            stars_matched: 0,
-            rms_px: None,
-            false_match_probability: None,
-            camera_from_icrs: None,
-            parity: None,
-            projection: None,
-            camera: None,
-            matches: Vec::new(),
-            seconds: identified.seconds,
-        };
-        match &identified.identification {
-            Identification::NotIdentified { reason, .. } => object.reason = Some(reason.to_string()),
-            Identification::Identified(solution) => object.fill(frame, identified, solution, catalog),
-        }
-        object
+/// A frame as the result has it.
+fn shown_frame(frame: &pipeline::MeasuredFrame, identified: &IdentifiedFrame, catalog: &Catalog, time_known: bool) -> FrameResult {
+    let mut object = FrameResult {
+        file: frame.name.clone(),
+        status: FrameStatus::NotIdentified,
+        reason: None,
+        centre_radec_deg: None,
+        centre_epoch_yr: None,
+        time_known,
+        roll_deg: None,
+        focal_length_px: None,
+        width_deg: None,
+        height_deg: None,
+        stars_detected: frame.detections.stars.len(),
+        stars_matched: 0,
+        rms_px: None,
+        false_match_probability: None,
+        camera_from_icrs: None,
+        parity: None,
+        projection: None,
+        camera: None,
+        matches: Vec::new(),
+        seconds: identified.seconds,
+    };
+    match &identified.identification {
+        Identification::NotIdentified { reason, .. } => object.reason = Some(reason.to_string()),
+        Identification::Identified(solution) => fill(&mut object, frame, identified, solution, catalog),
     }
-
-    fn fill(&mut self, frame: &pipeline::MeasuredFrame, identified: &IdentifiedFrame, solution: &Solution, catalog: &Catalog) {
-        let (ra, dec) = identified.sky.icrs_from_apparent(&solution.centre()).radec_rad();
-        self.status = "identified";
-        self.centre_radec_deg = Some([ra / DEG_RAD, dec / DEG_RAD]);
-        let moved = identified.sky.ids().contains(&ids::PROPER_MOTION);
-        self.centre_epoch_yr = identified.sky.observation().epoch_yr.filter(|_| moved).or(Some(catalog.epoch_yr));
-        self.roll_deg = Some(solution.roll_deg());
-        self.focal_length_px = Some(solution.camera.focal_length_px);
-        self.width_deg = Some(solution.width_deg());
-        self.height_deg = Some(solution.height_deg());
-        self.stars_matched = solution.matches.len();
-        self.rms_px = Some(solution.rms_px);
-        self.false_match_probability = Some(solution.false_match_probability);
-        self.camera_from_icrs = Some(solution.attitude.into());
-        self.parity = Some(solution.parity);
-        self.projection = Some(solution.projection.id());
-        self.camera = Some(if solution.parity < 0 { solution.camera.mirrored() } else { solution.camera });
-        self.matches = solution
-            .matches
-            .iter()
-            .map(|matched| {
-                let (star, detection) = (&catalog.stars[matched.star], &frame.detections.stars[matched.detection]);
-                MatchObject {
-                    detection: matched.detection,
-                    hip: star.hip,
-                    name: catalog.name(star),
-                    x_px: detection.x_px,
-                    y_px: detection.y_px,
-                    residual_px: matched.residual_px,
-                    magnitude: star.magnitude,
-                    flux_dn: detection.flux_dn,
-                }
-            })
-            .collect();
-    }
+    object
 }
 
-impl FrameObject {
-    /// The rows of its matches.
-    fn rows<'a>(&'a self, frame: usize, catalog: &'a Catalog, sky: &'a SkyChain) -> impl Iterator<Item = MatchRow<'a>> {
-        self.matches.iter().map(move |shown| {
-            let star = catalog.by_hip(shown.hip);
-            let place = star.map(|star| sky.place(star, catalog.epoch_yr));
-            let (ra, dec) = place.map_or((f64::NAN, f64::NAN), |(place, _)| place.radec_rad());
-            MatchRow {
-                frame,
-                file: &self.file,
-                detection: shown.detection,
-                hip: shown.hip,
-                name: shown.name,
-                ra_deg: ra / DEG_RAD,
-                dec_deg: dec / DEG_RAD,
-                epoch_yr: place.map_or(f64::NAN, |(_, epoch_yr)| epoch_yr),
-                magnitude: shown.magnitude,
-                colour_mag: star.and_then(|star| star.colour),
-                x_px: shown.x_px,
-                y_px: shown.y_px,
-                residual_x_px: shown.residual_px[0],
-                residual_y_px: shown.residual_px[1],
-                flux_dn: shown.flux_dn,
+/// Adds what its solution says.
+fn fill(object: &mut FrameResult, frame: &pipeline::MeasuredFrame, identified: &IdentifiedFrame, solution: &Solution, catalog: &Catalog) {
+    let (ra, dec) = identified.sky.icrs_from_apparent(&solution.centre()).radec_rad();
+    object.status = FrameStatus::Identified;
+    object.centre_radec_deg = Some([ra / DEG_RAD, dec / DEG_RAD]);
+    let moved = identified.sky.ids().contains(&ids::PROPER_MOTION);
+    object.centre_epoch_yr = identified.sky.observation().epoch_yr.filter(|_| moved).or(Some(catalog.epoch_yr));
+    object.roll_deg = Some(solution.roll_deg());
+    object.focal_length_px = Some(solution.camera.focal_length_px);
+    object.width_deg = Some(solution.width_deg());
+    object.height_deg = Some(solution.height_deg());
+    object.stars_matched = solution.matches.len();
+    object.rms_px = Some(solution.rms_px);
+    object.false_match_probability = Some(solution.false_match_probability);
+    object.camera_from_icrs = Some(solution.attitude.into());
+    object.parity = Some(solution.parity);
+    object.projection = Some(solution.projection.id());
+    object.camera = Some(if solution.parity < 0 { solution.camera.mirrored() } else { solution.camera });
+    object.matches = solution
+        .matches
+        .iter()
+        .map(|matched| {
+            let (star, detection) = (&catalog.stars[matched.star], &frame.detections.stars[matched.detection]);
+            NamedStar {
+                detection: matched.detection,
+                hip: star.hip,
+                name: catalog.name(star),
+                x_px: detection.x_px,
+                y_px: detection.y_px,
+                residual_px: matched.residual_px,
+                magnitude: star.magnitude,
+                flux_dn: detection.flux_dn,
             }
         })
-    }
+        .collect();
+}
+
+/// The rows of a frame's matches.
+fn rows<'a>(shown: &'a FrameResult, frame: usize, catalog: &'a Catalog, sky: &'a SkyChain) -> impl Iterator<Item = MatchRow<'a>> {
+    shown.matches.iter().map(move |named| {
+        let star = catalog.by_hip(named.hip);
+        let place = star.map(|star| sky.place(star, catalog.epoch_yr));
+        let (ra, dec) = place.map_or((f64::NAN, f64::NAN), |(place, _)| place.radec_rad());
+        MatchRow {
+            frame,
+            file: &shown.file,
+            detection: named.detection,
+            hip: named.hip,
+            name: named.name,
+            ra_deg: ra / DEG_RAD,
+            dec_deg: dec / DEG_RAD,
+            epoch_yr: place.map_or(f64::NAN, |(_, epoch_yr)| epoch_yr),
+            magnitude: named.magnitude,
+            colour_mag: star.and_then(|star| star.colour),
+            x_px: named.x_px,
+            y_px: named.y_px,
+            residual_x_px: named.residual_px[0],
+            residual_y_px: named.residual_px[1],
+            flux_dn: named.flux_dn,
+        }
+    })
 }
 
 /// Identifies, and prints a line a frame.
@@ -285,13 +229,13 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
     let measured = pipeline::measure_as(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
     let options = args.search.options(&measured);
     let identified = pipeline::identify_frames(&measured, &catalog, &args.sky.choice(), &options)?;
-    let mut frames: Vec<FrameObject> = measured
+    let mut frames: Vec<FrameResult> = measured
         .frames
         .iter()
         .zip(&identified)
         .map(|(frame, identified)| {
             let time_known = measured.recording.frames[frame.index].time_utc.is_some();
-            FrameObject::new(frame, identified, &catalog, time_known)
+            shown_frame(frame, identified, &catalog, time_known)
         })
         .collect();
     let (misidentified_on_purpose, too_few) = match args.misidentify {
@@ -302,10 +246,10 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
         tracing::warn!("{sentence}");
     }
     provenance.seed = args.misidentify.map(|_| args.misidentify_seed);
-    let all = frames.iter().all(|frame| frame.status == "identified");
+    let all = frames.iter().all(|frame| frame.status == FrameStatus::Identified);
     let (physics, uneven) = pipeline::physics_in_force(&identified);
-    let object = IdentifyObject {
-        format: "boresight-identify/1",
+    let object = IdentifyResult {
+        format: FORMAT,
         frames,
         physics,
         skipped: &measured.skipped,
@@ -326,7 +270,7 @@ fn write_files(
     directory: &Path,
     measured: &Measured,
     identified: &[IdentifiedFrame],
-    object: &IdentifyObject<'_>,
+    object: &IdentifyResult<'_>,
     catalog: &Catalog,
     args: &IdentifyArgs,
 ) -> Result<()> {
@@ -335,7 +279,7 @@ fn write_files(
         .iter()
         .zip(identified)
         .zip(&object.frames)
-        .flat_map(|((frame, own), shown)| shown.rows(frame.index, catalog, &own.sky))
+        .flat_map(|((frame, own), shown)| rows(shown, frame.index, catalog, &own.sky))
         .collect();
     identify_files::write_matches(directory, &rows, &object.provenance)?;
     identify_files::write_detections(directory, &measured.frames, &object.provenance)?;
@@ -351,26 +295,15 @@ fn write_files(
     Ok(())
 }
 
-/// A match that was given a wrong star on purpose.
-#[derive(Serialize)]
-struct Misnamed {
-    file: String,
-    x_px: f64,
-    y_px: f64,
-    true_hip: u32,
-    given_hip: Option<u32>,
-    error_arcsec: f64,
-}
-
 /// Gives a share of the matches a wrong star. A match that gets a direction without a star is taken out. The second value is a sentence if
 /// they are fewer than asked for.
 fn misname(
-    frames: &mut [FrameObject],
+    frames: &mut [FrameResult],
     identified: &[IdentifiedFrame],
     catalog: &Catalog,
     share: f64,
     args: &IdentifyArgs,
-) -> (Vec<Misnamed>, Option<String>) {
+) -> (Vec<MisnamedMatch>, Option<String>) {
     let mut places = Vec::new();
     let mut points = Vec::new();
     for (frame, (object, identified)) in frames.iter().zip(identified).enumerate() {
@@ -398,7 +331,7 @@ fn misname(
     let mut points = ControlPoints::new(Camera::pinhole(1, 1, 1.0), attitudes, points);
     let (wrong, too_few) = misidentify(&mut points, catalog, share, args.misidentify_kind.into(), args.misidentify_seed);
     // From the last to the first, so that taking one out moves none that is still to come.
-    let mut listed: Vec<Misnamed> = wrong
+    let mut listed: Vec<MisnamedMatch> = wrong
         .iter()
         .rev()
         .map(|wrong| {
@@ -415,21 +348,21 @@ fn misname(
                 }
             }
             let error_arcsec = wrong.error_rad / boresight::units::ARCSEC_RAD;
-            Misnamed { file: object.file.clone(), x_px, y_px, true_hip: wrong.true_hip, given_hip: wrong.given_hip, error_arcsec }
+            MisnamedMatch { file: object.file.clone(), x_px, y_px, true_hip: wrong.true_hip, given_hip: wrong.given_hip, error_arcsec }
         })
         .collect();
     listed.reverse();
     (listed, too_few)
 }
 
-fn text(frames: &[FrameObject]) -> String {
+fn text(frames: &[FrameResult]) -> String {
     let number = |value: Option<f64>, digits: usize| value.map_or_else(String::new, |value| format!("{value:.digits$}"));
     let rows: Vec<Vec<String>> = frames
         .iter()
         .map(|frame| {
             vec![
                 frame.file.clone(),
-                frame.status.to_owned(),
+                frame.status.name().to_owned(),
                 number(frame.centre_radec_deg.map(|centre| centre[0]), 4),
                 number(frame.centre_radec_deg.map(|centre| centre[1]), 4),
                 number(frame.roll_deg, 3),

@@ -3,11 +3,9 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use boresight::exchange::{self, Format, Imported, LIMIT_PX};
+use boresight::exchange::{self, Format, ImportResult, LIMIT_PX};
 use boresight::guard::guarded;
-use boresight::provenance::Provenance;
 use clap::Args;
-use serde::Serialize;
 
 use super::options::{OutputArgs, heading};
 use super::{Answer, output};
@@ -35,13 +33,6 @@ pub(crate) struct ImportArgs {
     output: OutputArgs,
 }
 
-#[derive(Serialize)]
-struct ImportObject {
-    #[serde(flatten)]
-    imported: Imported,
-    provenance: Provenance,
-}
-
 /// Reads the camera; with -o DIR it is import.json and camera.toml, the [camera] table of a recording or a scene.
 pub(crate) fn import(args: &ImportArgs) -> Result<Answer> {
     let _folder = args.output.open("import")?;
@@ -59,7 +50,7 @@ pub(crate) fn import(args: &ImportArgs) -> Result<Answer> {
             "{name}: our model misses this camera by up to {max_px:.3} px over the frame, more than {LIMIT_PX} px: {consequence}"
         );
     }
-    let object = ImportObject { imported, provenance };
+    let object = ImportResult { imported, provenance };
     let directory = args.output.output.as_deref().filter(|_| accepted);
     output::deliver("import", &object, args.output.json, directory, || {
         let notes = object.imported.notes.iter().fold(String::new(), |text, note| text + &format!("# note: {note}\n"));

@@ -3,11 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use boresight::calibrate::{Calibration, Map, map as map_of};
+use boresight::calibrate::{Calibration, MapResult, map as map_of};
 use boresight::guard::guarded;
-use boresight::provenance::Provenance;
 use clap::Args;
-use serde::Serialize;
 
 use super::options::{OutputArgs, heading};
 use super::{Answer, output};
@@ -23,13 +21,6 @@ pub(crate) struct MapArgs {
     grid: u16,
     #[command(flatten)]
     output: OutputArgs,
-}
-
-#[derive(Serialize)]
-struct MapObject {
-    #[serde(flatten)]
-    map: Map,
-    provenance: Provenance,
 }
 
 /// Reads a calibration file.
@@ -54,7 +45,7 @@ pub(crate) fn map(args: &MapArgs) -> Result<Answer> {
     let calibration = read_calibration(&args.calibration)?;
     let mut provenance = output::provenance();
     provenance.add_input(&args.calibration)?;
-    let object = MapObject { map: map_of(&calibration, usize::from(args.grid)), provenance };
+    let object = MapResult { map: map_of(&calibration, usize::from(args.grid)), provenance };
     output::deliver("map", &object, args.output.json, args.output.output.as_deref(), || {
         let rows: Vec<Vec<String>> = object
             .map

@@ -137,7 +137,7 @@ enum Verb {
     /// Scenes of real cameras: list them, or print one as a file to begin from
     #[command(after_help = examples::PRESET)]
     Preset(preset::PresetArgs),
-    /// Print the JSON Schema of scene files
+    /// Print the JSON Schema of a verb's result, of scenes, recordings or star lists
     #[command(after_help = examples::SCHEMA)]
     Schema(schema::SchemaArgs),
     /// Show GPU adapter, driver and versions, and check the GPU against the CPU

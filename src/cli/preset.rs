@@ -1,11 +1,9 @@
 //! `boresight preset`: scenes of real cameras.
 
 use anyhow::Result;
-use boresight::provenance::Provenance;
 use boresight::report::table;
-use boresight::scene::{PRESETS, preset as named};
+use boresight::scene::{ListedPreset, PRESET_FORMAT, PRESETS, PresetList, preset as named};
 use clap::{Args, Subcommand};
-use serde::Serialize;
 
 use super::{Answer, Usage, output};
 
@@ -19,24 +17,8 @@ pub(crate) struct PresetArgs {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct PresetObject {
-    format: &'static str,
-    presets: Vec<PresetRow>,
-    provenance: Provenance,
-}
-
-#[derive(Serialize)]
-struct PresetRow {
-    name: &'static str,
-    camera: &'static str,
-    /// The scene itself, where one preset was asked for.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    toml: Option<&'static str>,
-}
-
-fn print_json(presets: Vec<PresetRow>) -> Result<()> {
-    output::print(&output::json_text(&PresetObject { format: "boresight-preset/1", presets, provenance: output::provenance() })?)
+fn print_json(presets: Vec<ListedPreset>) -> Result<()> {
+    output::print(&output::json_text(&PresetList { format: PRESET_FORMAT, presets, provenance: output::provenance() })?)
 }
 
 #[derive(Debug, Subcommand)]
@@ -54,7 +36,7 @@ enum PresetVerb {
 pub(crate) fn preset(args: &PresetArgs) -> Result<Answer> {
     match &args.verb {
         PresetVerb::List if args.json => {
-            print_json(PRESETS.iter().map(|preset| PresetRow { name: preset.name, camera: preset.title(), toml: None }).collect())?;
+            print_json(PRESETS.iter().map(|preset| ListedPreset { name: preset.name, camera: preset.title(), toml: None }).collect())?;
         }
         PresetVerb::List => {
             let rows: Vec<[String; 2]> = PRESETS.iter().map(|preset| [preset.name.to_owned(), preset.title().to_owned()]).collect();
@@ -69,7 +51,7 @@ pub(crate) fn preset(args: &PresetArgs) -> Result<Answer> {
                 );
             };
             if args.json {
-                print_json(vec![PresetRow { name: preset.name, camera: preset.title(), toml: Some(preset.toml) }])?;
+                print_json(vec![ListedPreset { name: preset.name, camera: preset.title(), toml: Some(preset.toml) }])?;
             } else {
                 output::print(preset.toml)?;
             }

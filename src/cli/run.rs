@@ -7,7 +7,7 @@ use boresight::calibrate::{Calibration, Method, Status, calibrate, mapping_error
 use boresight::camera::{Camera, PARAMETER_NAMES, PARAMETER_UNITS};
 use boresight::effects::ids;
 use boresight::identify::ControlPoints;
-use boresight::pipeline::PreparedPoints;
+use boresight::pipeline::{CameraRow, ParameterRow, PreparedPoints, RUN_FORMAT, RunResult};
 use boresight::provenance::Provenance;
 use boresight::recording::{Recording, ResultFolder, write_file};
 use boresight::scene::{DEMO_TOML, Scene};
@@ -66,49 +66,6 @@ struct PhysicsArgs {
     /// The effects of known size that the calibration's model contains
     #[arg(long, value_name = "LIST|none|known", default_value = "known")]
     physics: boresight::camera::Physics,
-}
-
-#[derive(Serialize)]
-struct RunObject {
-    format: &'static str,
-    parameters: Vec<ParameterRow>,
-    cameras: Vec<CameraRow>,
-    frames: usize,
-    frames_identified: usize,
-    wrong_identifications: usize,
-    control_points: usize,
-    misidentified: usize,
-    misidentify_share: f64,
-    misidentify_seed: u64,
-    misidentified_rejected: usize,
-    /// What was left out, and whether fewer identifications were made wrong than asked for, one sentence each.
-    notes: Vec<String>,
-    provenance: Provenance,
-}
-
-/// One line of the table.
-#[derive(Serialize)]
-struct ParameterRow {
-    name: &'static str,
-    unit: &'static str,
-    nominal: f64,
-    truth: f64,
-    least_squares: Option<f64>,
-    variable_weights: Option<f64>,
-    variable_weights_sigma: Option<f64>,
-    bundle: Option<f64>,
-    bundle_sigma: Option<f64>,
-}
-
-/// A camera against the truth.
-#[derive(Serialize)]
-struct CameraRow {
-    camera: &'static str,
-    status: String,
-    mapping_error_rms_px: Option<f64>,
-    mapping_error_max_px: Option<f64>,
-    residual_rms_px: Option<f64>,
-    held_out_rms_px: Option<f64>,
 }
 
 /// A solution, or why there is none.
@@ -194,8 +151,8 @@ fn night(
     let [_, _, bundle] = &solutions;
 
     let wrong = wrong_identifications(&recording_path, &true_points)?;
-    let object = RunObject {
-        format: "boresight-run/1",
+    let object = RunResult {
+        format: RUN_FORMAT,
         parameters: parameter_rows(scene, &solutions),
         cameras: camera_rows(scene, &solutions),
         frames: scene.exposures.len(),
@@ -369,7 +326,7 @@ fn draw(
 }
 
 /// The tables for people.
-fn text(object: &RunObject, target: &Path) -> String {
+fn text(object: &RunResult, target: &Path) -> String {
     let number = |value: Option<f64>, unit: &str| match value {
         None => "–".to_owned(),
         Some(value) if unit == "px" => format!("{value:.3}"),

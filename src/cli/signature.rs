@@ -10,10 +10,11 @@ use boresight::effects::{AnyDisplacement, Context, Light, Observation, StarImage
 use boresight::frame::Frame;
 use boresight::imaging::EffectSetting;
 use boresight::provenance::Provenance;
-use boresight::render::{MeasuredStar, StampRenderer, TestStar, signature};
+use boresight::render::{
+    MeasuredStar, SIGNATURE_FORMAT, SignatureResult, SignatureStar, SignatureSummary, StampRenderer, TestStar, signature,
+};
 use boresight::report::table;
 use boresight::scene::Scene;
-use serde::Serialize;
 
 use super::output;
 
@@ -35,55 +36,6 @@ exposure_s = 1.0
 boresight_radec_deg = [80.0, 10.0]
 "#;
 
-/// The columns of a parameter.
-#[derive(Serialize)]
-struct Signature {
-    format: &'static str,
-    effect: String,
-    parameter: &'static str,
-    unit: &'static str,
-    /// Between which values of it the difference was taken; the others are typical.
-    values: [f64; 2],
-    /// The parameter of the page's formula, of which a unit is taken.
-    formula: Option<String>,
-    /// Over the stars of one brightness, then over all.
-    summary: Vec<Summary>,
-    stars: Vec<Column>,
-    provenance: Provenance,
-}
-
-/// What a unit of the parameter does to a star.
-#[derive(Serialize)]
-struct Column {
-    x_px: f64,
-    y_px: f64,
-    electrons: f64,
-    dx_px: f64,
-    dy_px: f64,
-    /// Change of the flux over the flux.
-    flux_relative: f64,
-    /// The same of a unit of the formula's parameter.
-    formula_dx_px: Option<f64>,
-    formula_dy_px: Option<f64>,
-}
-
-/// The same over stars.
-#[derive(Serialize)]
-struct Summary {
-    /// Of which brightness; absent: all.
-    electrons: Option<f64>,
-    stars: usize,
-    mean_dx_px: f64,
-    mean_dy_px: f64,
-    /// √(mean(dx² + dy²)).
-    rms_px: f64,
-    flux_relative: f64,
-    /// Of the angle between the shifts and those of the formula; absent where either moves nothing.
-    cosine: Option<f64>,
-    /// Length of the shifts along those of the formula.
-    ratio: Option<f64>,
-}
-
 /// Prints the columns of an effect's parameter (the first, unless another is named), in the camera of a scene.
 pub(crate) fn print(id: &str, parameter: Option<&str>, scene: Option<&Path>, (json, directory): (bool, Option<&Path>)) -> Result<()> {
     let effect =
@@ -103,7 +55,7 @@ pub(crate) fn print(id: &str, parameter: Option<&str>, scene: Option<&Path>, (js
     output::deliver("signature", &object, json, directory, || text(&object))
 }
 
-fn of(effect: &dyn AnyPixelEffect, parameter: Option<&str>, scene: &Scene, provenance: Provenance) -> Result<Signature> {
+fn of(effect: &dyn AnyPixelEffect, parameter: Option<&str>, scene: &Scene, provenance: Provenance) -> Result<SignatureResult> {
     let (id, specs) = (effect.id().to_owned(), effect.parameters());
     let names = || specs.iter().map(|spec| spec.name).collect::<Vec<_>>().join(", ");
     let spec = match parameter {
@@ -133,7 +85,7 @@ fn of(effect: &dyn AnyPixelEffect, parameter: Option<&str>, scene: &Scene, prove
     let column = |(star, found): (&TestStar, Option<MeasuredStar>)| {
         let found = found?;
         let shift = formula.map(|formula| by_formula(formula, scene, star, gradient_e_px(&dark, step, star)));
-        Some(Column {
+        Some(SignatureStar {
             x_px: star.x_px,
             y_px: star.y_px,
             electrons: star.electrons,
@@ -144,15 +96,16 @@ fn of(effect: &dyn AnyPixelEffect, parameter: Option<&str>, scene: &Scene, prove
             formula_dy_px: shift.map(|shift| shift[1]),
         })
     };
-    let stars: Vec<Column> = design.iter().flatten().zip(found).filter_map(column).collect();
+    let stars: Vec<SignatureStar> = design.iter().flatten().zip(found).filter_map(column).collect();
     if stars.is_empty() {
         bail!("no star of the design can be measured in this scene; its sky or its images are beyond the fit");
     }
-    let mut summary: Vec<Summary> = BRIGHTNESSES_E.into_iter().filter_map(|electrons| Summary::of(&stars, Some(electrons))).collect();
-    summary.extend(Summary::of(&stars, None));
+    let mut summary: Vec<SignatureSummary> =
+        BRIGHTNESSES_E.into_iter().filter_map(|electrons| summary_of(&stars, Some(electrons))).collect();
+    summary.extend(summary_of(&stars, None));
     let formula = formula.and_then(|formula| formula.parameters().first()).map(|spec| format!("{id}.{}", spec.name));
-    let format = "boresight-signature/1";
-    Ok(Signature { format, effect: id, parameter: spec.name, unit: spec.unit, values, formula, summary, stars, provenance })
+    let format = SIGNATURE_FORMAT;
+    Ok(SignatureResult { format, effect: id, parameter: spec.name, unit: spec.unit, values, formula, summary, stars, provenance })
 }
 
 /// The scene with the effect at this value of a parameter, the others typical.
@@ -238,35 +191,33 @@ fn by_formula(formula: &dyn AnyDisplacement, scene: &Scene, star: &TestStar, gra
     [point_px[0] - moved[0], point_px[1] - moved[1]]
 }
 
-impl Summary {
-    /// Of stars of this brightness, or of all; `None` where there are none.
-    fn of(stars: &[Column], electrons: Option<f64>) -> Option<Self> {
-        let stars: Vec<&Column> = stars.iter().filter(|star| electrons.is_none_or(|electrons| star.electrons == electrons)).collect();
-        if stars.is_empty() {
-            return None;
-        }
-        let count = stars.len() as f64;
-        let mean = |of: &dyn Fn(&Column) -> f64| stars.iter().map(|star| of(star)).sum::<f64>() / count;
-        let square = mean(&|star| star.dx_px.powi(2) + star.dy_px.powi(2));
-        let formula = |star: &Column| [star.formula_dx_px.unwrap_or_default(), star.formula_dy_px.unwrap_or_default()];
-        let formula_square = mean(&|star| formula(star).map(|along| along * along).iter().sum());
-        let product = mean(&|star| star.dx_px * formula(star)[0] + star.dy_px * formula(star)[1]);
-        let is_comparable = square > 0.0 && formula_square > 0.0;
-        Some(Self {
-            electrons,
-            stars: stars.len(),
-            mean_dx_px: mean(&|star| star.dx_px),
-            mean_dy_px: mean(&|star| star.dy_px),
-            rms_px: square.sqrt(),
-            flux_relative: mean(&|star| star.flux_relative),
-            cosine: is_comparable.then(|| product / (square * formula_square).sqrt()),
-            ratio: is_comparable.then(|| product / formula_square),
-        })
+/// The columns over stars of this brightness, or of all; `None` where there are none.
+fn summary_of(stars: &[SignatureStar], electrons: Option<f64>) -> Option<SignatureSummary> {
+    let stars: Vec<&SignatureStar> = stars.iter().filter(|star| electrons.is_none_or(|electrons| star.electrons == electrons)).collect();
+    if stars.is_empty() {
+        return None;
     }
+    let count = stars.len() as f64;
+    let mean = |of: &dyn Fn(&SignatureStar) -> f64| stars.iter().map(|star| of(star)).sum::<f64>() / count;
+    let square = mean(&|star| star.dx_px.powi(2) + star.dy_px.powi(2));
+    let formula = |star: &SignatureStar| [star.formula_dx_px.unwrap_or_default(), star.formula_dy_px.unwrap_or_default()];
+    let formula_square = mean(&|star| formula(star).map(|along| along * along).iter().sum());
+    let product = mean(&|star| star.dx_px * formula(star)[0] + star.dy_px * formula(star)[1]);
+    let is_comparable = square > 0.0 && formula_square > 0.0;
+    Some(SignatureSummary {
+        electrons,
+        stars: stars.len(),
+        mean_dx_px: mean(&|star| star.dx_px),
+        mean_dy_px: mean(&|star| star.dy_px),
+        rms_px: square.sqrt(),
+        flux_relative: mean(&|star| star.flux_relative),
+        cosine: is_comparable.then(|| product / (square * formula_square).sqrt()),
+        ratio: is_comparable.then(|| product / formula_square),
+    })
 }
 
-fn text(signature: &Signature) -> String {
-    let Signature { effect, parameter, unit, values: [low, high], .. } = signature;
+fn text(signature: &SignatureResult) -> String {
+    let SignatureResult { effect, parameter, unit, values: [low, high], .. } = signature;
     let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
     let beside = match &signature.formula {
         Some(formula) => format!("; beside a unit of {formula} by its page"),
@@ -295,7 +246,7 @@ fn text(signature: &Signature) -> String {
         .collect();
     text += &table(&["electrons", "stars", "mean dx (px)", "mean dy (px)", "rms (px)", "dF/F", "cosine", "ratio"], &rows);
     text += "\nstars of one frame of each brightness\n\n";
-    let shown = |(index, _): &(usize, &Column)| index % (ALONG * ALONG) < ALONG;
+    let shown = |(index, _): &(usize, &SignatureStar)| index % (ALONG * ALONG) < ALONG;
     let rows: Vec<Vec<String>> = signature
         .stars
         .iter()

@@ -9,16 +9,14 @@ use std::sync::Arc;
 use anyhow::{Context, Result};
 use boresight::camera::Camera;
 use boresight::catalog::Catalog;
-use boresight::coordinates::Attitude;
 use boresight::effects::displacement;
-use boresight::imaging::Binning;
 use boresight::provenance::{Provenance, word};
 use boresight::recording::{
     CameraInfo, FitsHeaders, Form, FrameEntry, FrameSize, Mount, OutputDirectory, Recording, Shutter, Site, write_file, write_fits_f32,
     write_fits_u8, write_fits_u16, write_manifest_of,
 };
-use boresight::render::{MaskFlag, Renderer};
-use boresight::scene::{DetectorTable, Exposure, PsfTable, Scene, SiteTable, SkyTable};
+use boresight::render::{MaskFlag, Renderer, SIMULATE_FORMAT, SimulateResult, SimulatedTruth, TRUTH_FORMAT, TrueEffect, TrueFrame};
+use boresight::scene::{Exposure, Scene};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
@@ -73,49 +71,6 @@ pub(crate) struct TruthArgs {
     no_pixel_shifts: bool,
 }
 
-#[derive(Serialize)]
-pub(crate) struct SimulateObject {
-    format: &'static str,
-    #[serde(serialize_with = "as_word")]
-    pub(crate) recording: PathBuf,
-    #[serde(serialize_with = "as_word")]
-    truth: PathBuf,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    clean: Option<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    masks: Option<String>,
-    frames: usize,
-    stars: usize,
-    pub(crate) provenance: Provenance,
-}
-
-/// A path need not be UTF-8: it is written as the command line's words are.
-fn as_word<S: serde::Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_str(&word(path.as_os_str()))
-}
-
-/// `truth/truth.json`.
-#[derive(Serialize)]
-struct TruthObject<'a> {
-    format: &'static str,
-    camera: &'a Camera,
-    projection: &'static str,
-    projection_parameters: BTreeMap<&'static str, f64>,
-    nominal: &'a Camera,
-    /// Of the detector's own pixels.
-    detector: &'a DetectorTable,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    binning: Option<Binning>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    psf: Option<&'a PsfTable>,
-    sky: &'a SkyTable,
-    site: Option<&'a SiteTable>,
-    frames: TrueFrames<'a>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    mask_flags: Option<[MaskFlag; MaskFlag::ALL.len()]>,
-    provenance: &'a Provenance,
-}
-
 /// The frames as they are written, one after the other.
 struct TrueFrames<'a> {
     scene: &'a Scene,
@@ -127,30 +82,6 @@ impl Serialize for TrueFrames<'_> {
         let of = |(index, exposure): (usize, Arc<Exposure>)| true_frame(index, self.scene, &exposure, self.wanted);
         serializer.collect_seq(self.scene.exposures.iter().enumerate().map(of))
     }
-}
-
-#[derive(Serialize)]
-struct TrueFrame {
-    frame: usize,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    clean_file: Option<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    mask_file: Option<String>,
-    time_utc: Option<String>,
-    exposure_s: f64,
-    effects: Vec<TrueEffect>,
-    camera_from_icrs_start: Attitude,
-    camera_from_icrs_mid: Attitude,
-    camera_from_icrs_end: Attitude,
-    velocity_km_s: Option<[f64; 3]>,
-    zenith_icrs: Option<[f64; 3]>,
-}
-
-#[derive(Serialize)]
-struct TrueEffect {
-    id: &'static str,
-    /// By name.
-    parameters: BTreeMap<&'static str, f64>,
 }
 
 /// An effect's parameters by name.
@@ -189,7 +120,7 @@ pub(crate) fn write_recording(
     target: &Path,
     force: bool,
     mut provenance: Provenance,
-) -> Result<SimulateObject> {
+) -> Result<SimulateResult> {
     let directory = OutputDirectory::create(target, force)?;
     let renderer = Renderer::new(scene, catalog, backend.into())?
         .with_clean(wanted.clean)
@@ -240,8 +171,8 @@ pub(crate) fn write_recording(
     write_manifest_of(directory.path(), &recording, entries(scene))?;
     truth.finish(true)?;
     lights.finish(false)?;
-    let object = TruthObject {
-        format: "boresight-truth/2",
+    let object = SimulatedTruth {
+        format: TRUTH_FORMAT,
         camera: &scene.camera,
         projection: scene.model.projection(),
         projection_parameters: by_name(scene.model.projection(), scene.model.projection_parameters()),
@@ -256,8 +187,8 @@ pub(crate) fn write_recording(
         provenance: &provenance,
     };
     write_json(&folder.join("truth.json"), &object)?;
-    let object = SimulateObject {
-        format: "boresight-simulate/1",
+    let object = SimulateResult {
+        format: SIMULATE_FORMAT,
         recording: target.to_owned(),
         truth: target.join("truth"),
         clean: wanted.clean.then(|| word(target.join("truth/clean").as_os_str())),

@@ -3,13 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
-use boresight::calibrate::{Drift, FORMAT, OnChange, SEQUENTIAL_FORMAT, Sequential, UpdateOptions, UpdateReport};
+use boresight::calibrate::{Drift, FORMAT, OnChange, SEQUENTIAL_FORMAT, Sequential, UpdateOptions, UpdateReport, UpdateResult};
 use boresight::guard::guarded;
 use boresight::identify::ControlPoints;
 use boresight::provenance::Provenance;
 use boresight::recording::{ResultFolder, SkippedFrame};
 use clap::{Args, ValueEnum};
-use serde::Serialize;
 
 use super::calibrate_text::with_sigma;
 use super::options::{OutputArgs, heading};
@@ -107,17 +106,6 @@ pub(crate) struct NewFrames<'a> {
     pub(crate) notes: Vec<String>,
 }
 
-#[derive(Serialize)]
-struct SequentialObject<'a> {
-    #[serde(flatten)]
-    state: &'a Sequential,
-    frames_before: usize,
-    update: UpdateReport,
-    skipped: &'a [SkippedFrame],
-    notes: Vec<String>,
-    provenance: Provenance,
-}
-
 /// Updates, and prints the parameters before and after.
 pub(crate) fn update(path: &Path, args: &UpdateArgs, new: NewFrames, mut provenance: Provenance, to: &OutputArgs) -> Result<Answer> {
     let mut state = read(path)?;
@@ -134,7 +122,7 @@ pub(crate) fn update(path: &Path, args: &UpdateArgs, new: NewFrames, mut provena
     let report = state.update_with(new.points, &args.options()).with_context(|| path.display().to_string())?;
     let report = in_stored_columns(report, &state);
     let answer = if report.taken { Answer::Yes } else { Answer::No };
-    let object = SequentialObject { state: &state, frames_before, update: report, skipped: new.skipped, notes: new.notes, provenance };
+    let object = UpdateResult { state: &state, frames_before, update: report, skipped: new.skipped, notes: new.notes, provenance };
     output::deliver("sequential", &object, to.json, to.output.as_deref(), || text(&object))?;
     Ok(answer)
 }
@@ -157,7 +145,7 @@ fn in_stored_columns(mut report: UpdateReport, state: &Sequential) -> UpdateRepo
 }
 
 /// The update for people.
-fn text(object: &SequentialObject) -> String {
+fn text(object: &UpdateResult) -> String {
     let report = &object.update;
     let rows: Vec<Vec<String>> = report
         .parameters

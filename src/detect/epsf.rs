@@ -6,6 +6,7 @@
 //! any displacement that depends on the phase in the pixel could pass for a property of the image, since every star tells its own place.
 //! The difference may change over the frame as a polynomial of the place.
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::image_model::{PROFILE_PARAMETERS, Shape, Window, axis_shares};
@@ -200,7 +201,7 @@ impl EmpiricalPsf {
 }
 
 /// Which image stars are fitted with, and why.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct PsfReport {
     /// Whether the empirical image is used; else the Gaussian.
     pub empirical: bool,

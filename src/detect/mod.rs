@@ -40,6 +40,7 @@ mod noise_tail;
 mod psf;
 mod psf_class;
 mod reference_stars;
+mod result;
 mod search;
 mod shape;
 mod simultaneous_fit;
@@ -55,8 +56,10 @@ pub use epsf_build::{PsfStar, learn};
 pub use forced_fit::{FixedBackground, ForcedFit, fit_forced};
 pub use measure::{Aids, detect, detect_aided};
 pub use moments::Moments;
+pub use result::{DetectResult, DetectedFrame, FORMAT};
 pub use windowed::detect_windowed;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// How to look for stars. The default suits any camera.
@@ -145,7 +148,7 @@ pub enum DetectError {
 }
 
 /// What is special about a detection.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Flags {
     /// At least one pixel of the stamp is at or above saturation.
     pub saturated: bool,
@@ -157,7 +160,7 @@ pub struct Flags {
 }
 
 /// A star image as measured.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Detection {
     /// Column of the centre.
     pub x_px: f64,
@@ -199,7 +202,7 @@ impl Detection {
 }
 
 /// All star images of one frame, brightest first.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Detections {
     /// Columns of the frame.
     pub width_px: usize,

@@ -10,6 +10,7 @@
 //! come of one step from there, which is linear in the counts. Errors are propagated from the noise of every pixel, that of the
 //! background's offset in it.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::fit::{Fit, Freedom, MAX_PARAMETERS};
@@ -19,7 +20,7 @@ use super::stamp::{MAX_DROPS, Photons, Scene, Stamp};
 use crate::statistics::cholesky::{inverse, solve};
 
 /// Moments of a star's image before the pixels sum it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Moments {
     /// Second central moments xx, xy, yy under the adaptive weight: of a Gaussian image its own matrix, σ² along each axis. Those of the
     /// counts are larger by the pixel's 1/12 px² in xx and yy. A faint star's may be no ellipse: noise has no sign.

@@ -3,12 +3,13 @@
 
 use std::collections::BTreeMap;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::diagnosis::{Bound, Verdict};
 
 /// A way in which a recording may differ from its simulation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Channel {
     /// Places of star images.
@@ -44,7 +45,7 @@ impl Channel {
 }
 
 /// What is said of one channel.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ChannelVerdict {
     /// As the model has it, where the recording could have shown otherwise.
@@ -75,7 +76,7 @@ impl ChannelVerdict {
 }
 
 /// How large an effect has to be for this recording to show it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Detectable {
     /// The effect.
     pub id: String,
@@ -94,7 +95,7 @@ pub struct Detectable {
 }
 
 /// One channel.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ChannelReport {
     /// Whether the recording was held against the model in it.
     pub looked_at: bool,
@@ -122,7 +123,7 @@ impl ChannelReport {
 }
 
 /// All channels.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Channels {
     /// Places.
     pub astrometry: ChannelReport,
@@ -191,7 +192,7 @@ impl Channels {
 }
 
 /// A finding as one channel alone measures it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ChannelMeasure {
     /// Fall of χ² of this channel.
     pub delta_chi2: f64,

@@ -1,5 +1,6 @@
 //! What a diagnosis says: the result, as it stands in files.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::channels::{ByChannel, Channel, Channels};
@@ -9,7 +10,7 @@ use crate::provenance::Provenance;
 pub const FORMAT: &str = "boresight-diagnose/2";
 
 /// What a number that cannot be told exactly is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum Bound {
     /// The number itself is not larger.
     #[serde(rename = "upper bound")]
@@ -17,7 +18,7 @@ pub enum Bound {
 }
 
 /// The answer to "is something missing?", in the channels that were looked at.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
     /// Nothing is missing in what was looked at: the omnibus test is not significant, and an effect of ordinary size could have shown.
@@ -31,7 +32,7 @@ pub enum Verdict {
 }
 
 /// What is known of one effect after the diagnosis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum EffectState {
     /// A finding has this id.
@@ -49,7 +50,7 @@ pub enum EffectState {
 }
 
 /// A parameter as found.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FoundParameter {
     /// Its name, without the effect's.
     pub name: String,
@@ -62,7 +63,7 @@ pub struct FoundParameter {
 }
 
 /// An effect that a finding cannot be told apart from, or resembles.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Resemblance {
     /// The effect.
     pub id: String,
@@ -71,7 +72,7 @@ pub struct Resemblance {
 }
 
 /// A member of a finding's set, with the odds.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Rival {
     /// The effect.
     pub id: String,
@@ -87,7 +88,7 @@ pub struct Rival {
 
 /// A test that supposes nothing of how errors within a frame (or of a star) hang together: the share of all choices of a sign for each of
 /// these units that explain as much (wild bootstrap of the score, Rademacher signs).
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Signs {
     /// The units: frames, parts of frames where frames are few, or stars.
     pub units: String,
@@ -98,7 +99,7 @@ pub struct Signs {
 }
 
 /// An effect that was left out (or is there at another size than the model has it).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Finding {
     /// The effect.
     pub id: String,
@@ -158,7 +159,7 @@ pub struct Finding {
 }
 
 /// What the columns of an effect come from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ColumnSource {
     /// The formula on the effect's page.
@@ -169,7 +170,7 @@ pub enum ColumnSource {
 }
 
 /// What is left and has no name.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Unknown {
     /// In which channel it shows.
     pub channel: Channel,
@@ -193,7 +194,7 @@ pub struct Unknown {
 }
 
 /// A vector map of what is left, on a grid of points over the frame.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RemainderMap {
     /// Scale over which it changes, px.
     pub length_px: f64,
@@ -210,7 +211,7 @@ pub struct RemainderMap {
 }
 
 /// Limit of a parameter.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Limit {
     /// The parameter, without the effect's name.
     pub name: String,
@@ -221,7 +222,7 @@ pub struct Limit {
 }
 
 /// One effect of the registry.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct EffectStatus {
     /// The effect.
     pub id: String,
@@ -249,7 +250,7 @@ pub struct EffectStatus {
 }
 
 /// How well a model describes the star images.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FitQuality {
     /// 2-D rms of the star images used, px.
     pub rms_px: f64,
@@ -265,7 +266,7 @@ pub struct FitQuality {
 }
 
 /// Before and after.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Fit {
     /// The model that the recording was held against.
     pub baseline: FitQuality,
@@ -275,7 +276,7 @@ pub struct Fit {
 }
 
 /// The p-values of random halves of the frames held against one another.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HalfNights {
     /// p-values, the smallest first.
     pub p_values: Vec<f64>,
@@ -289,7 +290,7 @@ pub struct HalfNights {
 }
 
 /// Star images that took part.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct StarsUsed {
     /// Of stars whose proper motion is known.
     pub with_proper_motion: usize,
@@ -300,7 +301,7 @@ pub struct StarsUsed {
 }
 
 /// Star images that took no part.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Unused {
     /// How many.
     pub images: usize,
@@ -309,7 +310,7 @@ pub struct Unused {
 }
 
 /// A covariate that residuals were held against.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Located {
     /// The covariate.
     pub covariate: String,
@@ -329,7 +330,7 @@ pub struct Located {
 }
 
 /// The noise of the star positions as the residuals show it, once everything found is modelled.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct NoiseState {
     /// Added to every star image's stated error in quadrature, px per axis.
     pub floor_px: f64,
@@ -344,7 +345,7 @@ pub struct NoiseState {
 }
 
 /// The noise as the frames' pixels show it; nothing where a list of stars stands in their place.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct MeasuredNoise {
     /// χ² per degree of freedom of the star images' stamps, the median: above one where images are not as the fit has them.
     pub stamp_chi2_per_dof: Option<f64>,
@@ -353,7 +354,7 @@ pub struct MeasuredNoise {
 }
 
 /// What was left out, turn by turn.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LeftOut {
     /// In words.
     pub what: String,
@@ -367,7 +368,7 @@ pub struct LeftOut {
 
 /// An effect that was proposed, by all star images or by the rest of a turn, and what the held-out ones say. Where nothing is missing the
 /// held-out falls of all proposals have a mean below zero; those of the ones named alone have not, since these have passed the test of it.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Proposed {
     /// The effect.
     pub id: String,
@@ -392,7 +393,7 @@ pub struct Proposed {
 }
 
 /// One star image's residuals, for tables and pictures.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ResidualRow {
     /// Index of the control point.
     pub point: usize,
@@ -415,7 +416,7 @@ pub struct ResidualRow {
 }
 
 /// A bin of a profile: displacements and the model in px, both as attitudes, camera and all other effects leave them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ProfileBin {
     /// Mean of what the residuals are held against.
     pub at: f64,
@@ -430,7 +431,7 @@ pub struct ProfileBin {
 }
 
 /// A zenith that was found.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FoundZenith {
     /// The frame.
     pub frame: usize,
@@ -440,7 +441,7 @@ pub struct FoundZenith {
 
 /// A covariate's picture: displacements in bins, and the model through them. The slope of the one on the other, weighted by their errors, has
 /// the standard error of the parameter over its value.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Profile {
     /// The effect whose finding it shows.
     pub id: String,
@@ -455,7 +456,7 @@ pub struct Profile {
 }
 
 /// The result.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Diagnosis {
     /// [`FORMAT`].
     pub format: String,

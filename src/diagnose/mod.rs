@@ -35,6 +35,7 @@ mod rendered_columns;
 mod residual_field;
 mod resimulate;
 mod resolved;
+mod result;
 mod rivals;
 mod run;
 mod scan;
@@ -53,17 +54,19 @@ mod zenith;
 pub use channels::{ByChannel, Channel, ChannelMeasure, ChannelReport, ChannelVerdict, Channels, Detectable};
 pub use diagnosis::*;
 pub use profile::PREDICTED;
+pub use result::{AnsweredDiagnosis, DiagnoseResult, UnaskedDiagnosis};
 pub use step::Step;
 
 use std::collections::BTreeMap;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::calibrate::CalibrateError;
 use crate::identify::ControlPoints;
 
 /// How to diagnose.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DiagnoseOptions {
     /// Simulated recordings without any effect for the omnibus test, at least; more are drawn where the decision is near.
@@ -87,7 +90,7 @@ pub struct DiagnoseOptions {
 }
 
 /// How the stars of a recording look: what has to be known to render them as they are.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImageConditions {
     /// Width of the typical image (Gaussian σ before the pixel integrates it), px.

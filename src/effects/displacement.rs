@@ -1,5 +1,6 @@
 //! What a displacement is, and the registry of all of them.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Facts, Rendering, StarImage};
@@ -78,7 +79,7 @@ impl<T: Real> Light<T> {
 }
 
 /// What is known of the star whose light it is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StarState {
     /// Catalogue direction at the catalogue's epoch, ICRS unit vector.
     pub direction: [f64; 3],
@@ -95,7 +96,7 @@ pub struct StarState {
 }
 
 /// What is known of the exposure. What is `None` is not known, and effects that need it do not apply.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct Observation {
     /// Middle of the exposure, Julian year (TDB).
@@ -131,7 +132,7 @@ pub struct Observation {
 }
 
 /// What is known of the sensor.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Sensor {
     /// Columns.
     pub width_px: usize,
@@ -179,7 +180,7 @@ impl StarState {
 }
 
 /// Constants of R = A·tan z + B·tan³ z, z the observed zenith distance.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct RefractionConstants {
     /// A in radians.
     pub a_rad: f64,

@@ -21,6 +21,7 @@ mod displacement;
 mod facts;
 mod registry;
 mod rendering;
+mod result;
 mod star_image;
 
 pub use centroid::CentroidShift;
@@ -31,4 +32,5 @@ pub use displacement::{
 pub use facts::{Facts, OrdinarySize, UsualSize, id_of, stem_of};
 pub use registry::{DISPLACEMENTS, Effect, displacement, effect, effects};
 pub use rendering::Rendering;
+pub use result::{EffectList, LIST_FORMAT, ListedEffect, ListedParameter};
 pub use star_image::{MAX_SHIFTS, MAX_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE, Signature, Signatures, StarImage};

@@ -1,5 +1,6 @@
 //! What is known of one star image, beyond its star and its exposure: what moves the measured centre depends on it.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Context;
@@ -15,7 +16,7 @@ pub const MAX_SHIFTS: usize = 2;
 pub const MAX_SIGNATURES: usize = 8;
 
 /// One star image.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default)]
 pub struct StarImage {
     /// Electrons above the background.

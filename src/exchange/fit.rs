@@ -1,6 +1,7 @@
 //! What every conversion stands on: exact correspondences over the frame, least squares on them, and how far they are met.
 
 use nalgebra::{DMatrix, DVector};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::ExchangeError;
@@ -28,7 +29,7 @@ pub(super) struct Pair {
 }
 
 /// How far one camera's points lie from another's at the same directions, px of the frame.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Residual {
     /// 2-D rms over the frame, from edge to edge.
     pub rms_px: f64,

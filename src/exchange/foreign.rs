@@ -1,5 +1,6 @@
 //! Cameras of other programs, read and brought to our model.
 
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::forward::Forward;
@@ -44,10 +45,13 @@ impl Foreign {
     }
 }
 
+/// The name of the file format.
+pub const IMPORT_FORMAT: &str = "boresight-import/1";
+
 /// A foreign camera in our model.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Imported {
-    /// `boresight-import/1`.
+    /// [`IMPORT_FORMAT`].
     pub format: &'static str,
     /// The format that was read.
     pub from: Format,
@@ -170,7 +174,7 @@ pub fn import(file: &str, bytes: &[u8], from: Option<Format>, size_px: Option<[u
         foreign.notes.push(format!("the reference model alone does not reach it; it is joined by {ids}"));
     }
     Ok(Imported {
-        format: "boresight-import/1",
+        format: IMPORT_FORMAT,
         from,
         model,
         parity: foreign.parity,

@@ -14,6 +14,7 @@ mod mrcal;
 mod opencv;
 mod plane;
 mod reference;
+mod result;
 mod ros;
 mod sip;
 mod tetra3;
@@ -25,11 +26,13 @@ mod yaml;
 
 use std::str::FromStr;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use error::ExchangeError;
 pub use fit::Residual;
-pub use foreign::{Imported, detect, import};
+pub use foreign::{IMPORT_FORMAT, Imported, detect, import};
+pub use result::{ExportResult, ImportResult};
 
 use crate::calibrate::{Calibration, FrameResult};
 use crate::camera::{Model, SkyChain};
@@ -42,7 +45,7 @@ use forward::{Room, forward_of};
 pub const LIMIT_PX: f64 = 0.01;
 
 /// The formats.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 #[non_exhaustive]
 pub enum Format {
@@ -184,10 +187,13 @@ pub struct File {
     pub bytes: Vec<u8>,
 }
 
+/// The name of the file format.
+pub const EXPORT_FORMAT: &str = "boresight-export/1";
+
 /// A camera in a foreign format.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
 pub struct Exported {
-    /// `boresight-export/1`.
+    /// [`EXPORT_FORMAT`].
     pub format: &'static str,
     /// The foreign format.
     pub to: Format,
@@ -214,7 +220,7 @@ pub fn export(subject: &Subject, to: Format) -> Result<Exported, ExchangeError> 
     let size = [model.camera().width_px, model.camera().height_px];
     let mirrored = subject.parity < 0;
     let mut exported = Exported {
-        format: "boresight-export/1",
+        format: EXPORT_FORMAT,
         to,
         model: String::new(),
         coefficients: 0,

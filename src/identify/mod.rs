@@ -26,6 +26,7 @@ mod prior_attitude;
 mod projection;
 mod refine;
 mod refusal;
+mod result;
 mod search;
 mod search_plan;
 mod sky;
@@ -38,6 +39,7 @@ use std::borrow::Cow;
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::{Camera, Term};
@@ -56,6 +58,7 @@ pub use preidentified::{
 pub use prior_attitude::AttitudePrior;
 pub use projection::Projection;
 pub use refusal::{NoMatch, Refusal};
+pub use result::{FORMAT, FrameResult, FrameStatus, IdentifyResult, MisnamedMatch, NamedStar};
 pub use solution::catalog_directions;
 
 /// A detection with its catalogue star.
@@ -251,7 +254,7 @@ fn prepare<'a>(
 }
 
 /// A measured star image with the direction of the star it is held to be: all that the calibrator sees.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ControlPoint {
     /// Index of the frame in its recording.
     pub frame: usize,
@@ -259,6 +262,7 @@ pub struct ControlPoint {
     pub hip: u32,
     /// Direction of the star as its light arrives (as far as the physics in use models it), ICRS axes.
     #[serde(with = "direction_as_array")]
+    #[schemars(with = "[f64; 3]")]
     pub direction: Direction<Apparent>,
     /// Measured column.
     pub x_px: f64,
@@ -283,7 +287,7 @@ pub struct ControlPoint {
 }
 
 /// What is known of one frame besides its stars.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FrameState {
     /// Time, place, motion, telemetry.
     pub observation: Observation,
@@ -292,7 +296,7 @@ pub struct FrameState {
 }
 
 /// An attitude from elsewhere and how far it is trusted.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct KnownAttitude {
     /// The attitude.
     pub camera_from_icrs: Attitude,
@@ -301,7 +305,7 @@ pub struct KnownAttitude {
 }
 
 /// The control points of a recording.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ControlPoints {
     /// The camera before calibration: ground values, or what identification found.
     pub nominal: Camera,

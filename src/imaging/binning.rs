@@ -6,6 +6,7 @@
 //! they are joined where the native ones lie (on the GPU by `shaders/join.wgsl`), and no others are read back.
 
 use rayon::prelude::*;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::{
@@ -15,7 +16,7 @@ use crate::effects::ids;
 use crate::effects::pixel::PIXEL_EFFECTS;
 
 /// Where pixels are joined.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum BinningPlace {
     /// As charge, before the amplifier.
@@ -25,7 +26,7 @@ pub enum BinningPlace {
 }
 
 /// How pixels are joined.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct Binning {
     /// Pixels along each side of a joined one.
     pub factor: usize,

@@ -18,6 +18,7 @@
 mod binning;
 mod collect_on_gpu;
 mod compose;
+mod doctor;
 mod join_on_gpu;
 mod marks;
 mod mosaic;
@@ -35,6 +36,7 @@ pub use binning::{BinnedImager, BinnedNoiseFree, Binning, BinningPlace};
 pub use compose::{
     Output, PassProgram, chain_program, collect_plane_program, collect_program, join_program, mosaic_program, pass_programs, uniforms_name,
 };
+pub use doctor::{DOCTOR_FORMAT, DoctorResult, ListedAdapter, TwinCheck, TwinDifferences};
 pub use mosaic::FilterLight;
 pub use noise_free::{NoiseFree, StampLight};
 pub use plan::EffectSetting;

@@ -8,6 +8,7 @@ mod frames;
 mod one_camera;
 mod overfull;
 mod prepare;
+mod result;
 mod star_list;
 
 use crate::calibrate::{CalibrateError, Surroundings};
@@ -27,6 +28,7 @@ pub use prepare::{
     DiagnosisInput, DiagnosisRequest, PreparedPoints, control_points, diagnosis_request, known_behind_the_lens, star_images, telemetry,
     with_name,
 };
+pub use result::{CameraRow, ParameterRow, RUN_FORMAT, RunResult};
 
 /// Why a recording does not lead to control points.
 #[derive(Debug, thiserror::Error)]

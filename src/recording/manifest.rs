@@ -12,14 +12,14 @@ use super::{CameraInfo, FirstRow, FrameEntry, Mount, Shutter, Site, time};
 use crate::coordinates::Attitude;
 
 /// The format that is read and written.
-pub(super) const FORMAT: &str = "star-recording/1";
+pub const FORMAT: &str = "star-recording/1";
 /// The manifest's name in its folder.
 pub(super) const FILE_NAME: &str = "recording.toml";
 
 /// No camera in the solar system moves faster against its barycentre.
 const FASTEST_KM_S: f64 = 1000.0;
-const TOP_KEYS: &[&str] = &["format", "stars", "camera", "mount", "site", "frames"];
-const CAMERA_KEYS: &[&str] = &[
+pub(super) const TOP_KEYS: &[&str] = &["format", "stars", "camera", "mount", "site", "frames"];
+pub(super) const CAMERA_KEYS: &[&str] = &[
     "width_px",
     "height_px",
     "pixel_pitch_um",
@@ -39,9 +39,9 @@ const CAMERA_KEYS: &[&str] = &[
     "first_row",
     "passband",
 ];
-const MOUNT_KEYS: &[&str] = &["kind"];
-const SITE_KEYS: &[&str] = &["latitude_deg", "longitude_deg", "height_m", "pressure_hpa", "temperature_c", "relative_humidity"];
-const FRAME_KEYS: &[&str] = &[
+pub(super) const MOUNT_KEYS: &[&str] = &["kind"];
+pub(super) const SITE_KEYS: &[&str] = &["latitude_deg", "longitude_deg", "height_m", "pressure_hpa", "temperature_c", "relative_humidity"];
+pub(super) const FRAME_KEYS: &[&str] = &[
     "file",
     "time_utc",
     "exposure_s",

@@ -22,6 +22,7 @@ mod manifest;
 mod open;
 mod output;
 mod pnm;
+mod schema;
 mod star_list;
 mod tags;
 mod tiff;
@@ -34,6 +35,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use hifitime::Epoch;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Camera;
@@ -43,7 +45,9 @@ use crate::frame::{Frame, MaskedFrame};
 pub(crate) use circumstances::Offsets;
 pub use error::{FrameProblem, FrameSize, ManifestKey, RecordingError};
 pub use image_file::load as load_image;
+pub use manifest::FORMAT;
 pub use output::{OutputDirectory, OutputError, ResultFolder, abandon, check_file, write_file};
+pub use schema::{CameraTable, FrameTable, MountTable, RecordingFile, STAR_LIST_FORMAT, SiteTable, StarListRow};
 pub use star_list::{ListedStar, StarList};
 pub use told::{GivenCircumstances, ToldError};
 pub use write::{
@@ -138,7 +142,7 @@ pub struct CameraInfo {
 }
 
 /// How the rows are exposed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Shutter {
     /// All at once.
@@ -168,7 +172,7 @@ pub enum Mount {
 }
 
 /// Where on the ground the camera stands, and the air there.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Site {
     /// Geodetic latitude.
     pub latitude_deg: f64,
@@ -222,7 +226,7 @@ pub struct FrameEntry {
 }
 
 /// A frame that was left out.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct SkippedFrame {
     /// Its file, or its number.
     pub file: String,

@@ -7,10 +7,10 @@ use super::error::{FrameSize, RecordingError};
 use super::toml_table::suggestion;
 use crate::guard::{Panicked, guarded};
 
-const COLUMNS: [&str; 11] =
+pub(super) const COLUMNS: [&str; 11] =
     ["frame", "x_px", "y_px", "flux_e", "magnitude", "sigma_x_px", "sigma_y_px", "cov_xy_px2", "hip", "ra_deg", "dec_deg"];
 /// Columns that must be there.
-const REQUIRED: [&str; 3] = ["frame", "x_px", "y_px"];
+pub(super) const REQUIRED: [&str; 3] = ["frame", "x_px", "y_px"];
 
 /// The centre of a star whose image is cut by the edge may be measured this much beyond it, px.
 const BEYOND_PX: f64 = 1.0;

@@ -3,10 +3,11 @@
 use crate::effects::ids;
 use crate::imaging::{FrameExposure, Imager, ImagingError, NoiseFree, PlaneLight, Stamp};
 use crate::scene::LightKind;
+use schemars::JsonSchema;
 use serde::Serialize;
 
 /// A flag of a pixel; a mask holds the sum of its flags' values.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 pub struct MaskFlag {
     /// What the flag says, as a word.
     pub name: &'static str,

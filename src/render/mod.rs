@@ -4,10 +4,15 @@ mod light;
 mod mask;
 mod mosaic;
 mod pixel_shift;
+mod result;
 mod signature;
 mod truth;
 
 pub use mask::MaskFlag;
+pub use result::{
+    SIGNATURE_FORMAT, SIMULATE_FORMAT, SignatureResult, SignatureStar, SignatureSummary, SimulateResult, SimulatedTruth, TRUTH_FORMAT,
+    TrueEffect, TrueFrame,
+};
 pub use signature::{MeasuredStar, StampRenderer, TestStar, signature};
 pub use truth::{TrueLight, TrueStar};
 

@@ -35,10 +35,10 @@ pub use file::{DEMO_TOML, FrameTable, MountTable, NominalTable, SceneFile, Serie
 pub use lights::{CosmicRayTable, GhostTable, LIGHT_PAGES, LightForm, LightKind, LightPage, OtherLight, StreakKind, StreakTable};
 pub use motion::{BandTable, EARTH_RATE_RAD_S, JitterTable, LineTable, Motion};
 pub use orbit::OrbitTable;
-pub use presets::{PRESETS, Preset, preset};
+pub use presets::{ListedPreset, PRESET_FORMAT, PRESETS, Preset, PresetList, preset};
 pub use psf::{Psf, PsfKind, PsfNodes, Spot, Third};
 pub use psf_table::{PixelTable, PsfTable, VaryTable};
-pub use schema::schema;
+pub use schema::{FORMAT, schema};
 pub use spline::RotationSpline;
 pub use track::{Sample, StarTrack};
 

@@ -7,16 +7,19 @@ use crate::effects::pixel::PIXEL_EFFECTS;
 use crate::effects::sky::glow::SKY_GLOWS;
 use crate::effects::{DISPLACEMENTS, ParameterSpec};
 
+/// The name of the file format.
+pub const FORMAT: &str = "boresight-scene/1";
+
 /// The schema (draft 2020-12).
 #[must_use]
 pub fn schema() -> Value {
     let mut schema = schemars::schema_for!(SceneFile).to_value();
     if let Some(table) = schema.as_object_mut() {
-        table.insert("$id".to_owned(), json!("boresight-scene/1"));
+        table.insert("$id".to_owned(), json!(FORMAT));
         table.insert("title".to_owned(), json!("A scene of boresight simulate"));
     }
     if let Some(format) = schema.pointer_mut("/properties/format").and_then(Value::as_object_mut) {
-        format.insert("const".to_owned(), json!("boresight-scene/1"));
+        format.insert("const".to_owned(), json!(FORMAT));
     }
     if let Some(table) = schema.pointer_mut("/$defs/EffectTable") {
         *table = effects();

@@ -11,6 +11,7 @@ mod centroids;
 mod cli;
 mod clutter;
 mod common;
+mod contracts;
 mod detect;
 mod detector;
 mod diagnose;

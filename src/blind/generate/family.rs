@@ -1,11 +1,12 @@
 //! The families of concealed recordings, and what is hidden in the one of a given index.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::kind::{ABSORBED, Kind, LIBRARY, OFF_LIBRARY};
 
 /// A family of recordings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Family {
     /// Nothing is hidden.
@@ -60,7 +61,7 @@ pub const PIXEL_STRENGTHS: [f64; 2] = [15.0, 30.0];
 pub const STRENGTHS: [f64; 3] = [8.0, 15.0, 30.0];
 
 /// In what way the data of a hard null are not as declared.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Trap {
     /// The telemetry of the frames is exchanged among them.

@@ -1,11 +1,12 @@
 //! Detection against strength: the curve, and where it crosses one half.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::wilson::Rate;
 
 /// A rung of the ladder.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Rung {
     /// Strength over what is just seen (5σ).
     pub multiple: f64,
@@ -16,7 +17,7 @@ pub struct Rung {
 }
 
 /// The ladder of an effect.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Ladder {
     /// The effect's name in tables.
     pub label: String,

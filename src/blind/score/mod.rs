@@ -6,6 +6,7 @@ mod pixels;
 mod table;
 mod wilson;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use ladder::{Ladder, Rung};
@@ -20,7 +21,7 @@ use super::generate::Truth;
 pub const SCORE_FORMAT: &str = "boresight-blind/1";
 
 /// Nulls of a kind.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct NullScore {
     /// The kind.
     pub label: String,
@@ -31,7 +32,7 @@ pub struct NullScore {
 }
 
 /// Effects that look like others.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ConfuserScore {
     /// The hidden effect.
     pub label: String,
@@ -50,7 +51,7 @@ pub struct ConfuserScore {
 }
 
 /// What is in no library.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct OffLibraryScore {
     /// Its name.
     pub label: String,
@@ -65,7 +66,7 @@ pub struct OffLibraryScore {
 }
 
 /// Deviations of parameters in standard errors.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Pulls {
     /// The parameter, or what is pooled.
     pub label: String,
@@ -82,7 +83,7 @@ pub struct Pulls {
 }
 
 /// Held-out χ² per degree of freedom, means over the recordings of an effect.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct HeldOutScore {
     /// The effect.
     pub label: String,
@@ -101,7 +102,7 @@ pub struct HeldOutScore {
 }
 
 /// All figures of merit.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Score {
     /// [`SCORE_FORMAT`].
     pub format: String,

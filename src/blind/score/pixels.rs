@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::count::{self, alarmed, first_name, summary};
@@ -12,7 +13,7 @@ use crate::blind::generate::Truth;
 use crate::blind::pixels::Centres;
 
 /// How far answers about pixels and about star lists agree, recording by recording.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Agreement {
     /// The same verdict.
     pub verdict: Rate,
@@ -29,7 +30,7 @@ pub struct Agreement {
 }
 
 /// How the pixels led to control points.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct WayOfPixels {
     /// Frames identified.
     pub frames: Rate,
@@ -50,7 +51,7 @@ pub struct WayOfPixels {
 }
 
 /// The figures of the tier.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct PixelScore {
     /// Of the answers about pixels.
     pub seen: Score,

@@ -1,9 +1,10 @@
 //! Shares with their 95 % intervals.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// So many of so many.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Rate {
     /// So many
     pub hits: usize,

@@ -2,6 +2,7 @@
 //! depends on the number of parameters alone.
 
 use nalgebra::{DMatrix, DVector};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::normal::Reduced;
@@ -44,7 +45,7 @@ impl Carried {
 }
 
 /// Star images whose stated variances are about the same, as one.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(in crate::calibrate) struct NoiseClass {
     /// Sum of the weights (probabilities that the identification is right).
@@ -56,7 +57,7 @@ pub(in crate::calibrate) struct NoiseClass {
 }
 
 /// Sums over star images from which the noise is found without the images.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(in crate::calibrate) struct NoiseMemory {
     /// Star images, the wrong ones included.

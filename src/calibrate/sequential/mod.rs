@@ -12,6 +12,7 @@ mod options;
 mod state;
 
 use nalgebra::DMatrix;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use options::{Drift, OnChange, ParameterChange, SequentialError, UpdateOptions, UpdateReport};
@@ -28,7 +29,7 @@ use crate::identify::ControlPoints;
 const RESTART: f64 = 1e-4;
 
 /// A calibration that goes on with new frames, in constant memory. In files it is [`SEQUENTIAL_FORMAT`].
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "State", into = "State")]
 pub struct Sequential {
     state: State,

@@ -1,5 +1,6 @@
 //! How an update is done, what it reports, and why it cannot be done.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::calibrate::CalibrateError;
@@ -46,7 +47,7 @@ impl Default for UpdateOptions {
 }
 
 /// A parameter before and after an update.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ParameterChange {
     /// Its name.
     pub name: String,
@@ -65,7 +66,7 @@ pub struct ParameterChange {
 }
 
 /// What an update has done.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct UpdateReport {
     /// Whether the new frames were taken. They are not if the camera has changed ([`OnChange::Refuse`]), or the iteration did not end.
     pub taken: bool,

@@ -1,6 +1,7 @@
 //! What is kept between updates, and whether a file holds it.
 
 use nalgebra::DMatrix;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{SequentialError, UpdateOptions};
@@ -13,7 +14,7 @@ use crate::identify::ControlPoints;
 pub const SEQUENTIAL_FORMAT: &str = "boresight-sequential/1";
 
 /// The state as files have it. Its size depends on the number of parameters alone.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub(super) struct State {
     /// [`SEQUENTIAL_FORMAT`].
     pub(super) format: String,

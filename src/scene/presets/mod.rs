@@ -1,5 +1,9 @@
 //! Scenes of real cameras, each with its numbers and where they come from in the comments at its head.
 
+mod result;
+
+pub use result::{ListedPreset, PRESET_FORMAT, PresetList};
+
 /// A ready-made scene.
 #[derive(Clone, Copy, Debug)]
 pub struct Preset {

@@ -1,0 +1,162 @@
+//! What others may rely on: the schemas of results and inputs, the words of the help and of the pages, and the looks of pictures.
+//!
+//! Snapshots lie in `tests/it/snapshots`. `INSTA_UPDATE=always cargo test --test it contracts::` accepts what is new; the diff is then to be read.
+
+mod checker;
+mod made;
+mod pictures;
+mod snapshots;
+
+use boresight::formats::{FORMATS, file_format};
+use serde_json::{Value, json};
+
+use crate::cli::run;
+use checker::faults;
+use made::MADE;
+
+/// Keys that stand in a result only if there is something to say.
+const OPTIONAL: [&str; 8] = ["p_value_is", "psf", "limit", "image", "frame_names", "zeniths", "family_p_value_is", "toml"];
+
+#[test]
+fn every_result_keeps_its_schema() {
+    for format in FORMATS {
+        let schema = format.schema();
+        assert_eq!(schema["$schema"], "https://json-schema.org/draft/2020-12/schema", "{}", format.name);
+        assert_eq!(schema["$id"], format.format, "{}", format.name);
+        if format.name != "scene" {
+            assert!(schema["title"].as_str().unwrap().contains(format.format), "{}", schema["title"]);
+        }
+        let mut seen = 0;
+        for result in MADE.of(format.name) {
+            // A key that the schema leaves out is a key that nobody was promised.
+            let found = faults(&schema, result, true);
+            assert!(found.is_empty(), "{}: {:#?}", format.name, &found[..found.len().min(12)]);
+            if let Some(own) = result.get("format") {
+                assert_eq!(own, format.format, "{}", format.name);
+            }
+            seen += 1;
+        }
+        assert!(seen > 0, "{}: no result was held against its schema", format.name);
+    }
+}
+
+/// The places of all keys of a value, of arrays those of the first item.
+fn places(value: &Value, at: &str, found: &mut Vec<String>) {
+    match value {
+        Value::Object(object) => {
+            for (key, value) in object {
+                let place = format!("{at}/{}", key.replace('~', "~0").replace('/', "~1"));
+                found.push(place.clone());
+                places(value, &place, found);
+            }
+        }
+        Value::Array(items) => {
+            if let Some(first) = items.first() {
+                places(first, &format!("{at}/0"), found);
+            }
+        }
+        _ => {}
+    }
+}
+
+fn parent<'v>(value: &'v mut Value, place: &str) -> (&'v mut Value, String) {
+    let (above, key) = place.rsplit_once('/').unwrap();
+    (value.pointer_mut(above).unwrap(), key.replace("~1", "/").replace("~0", "~"))
+}
+
+/// Without a key, or with another type in its place, no result keeps its schema: what is promised is checked.
+#[test]
+fn a_key_that_is_gone_or_changed_is_a_fault() {
+    for (name, at_least) in [("identify", 50), ("calibrate", 200), ("diagnose", 200), ("compare", 25), ("truth", 50)] {
+        let schema = file_format(name).unwrap().schema();
+        let result = MADE.of(name).next().unwrap();
+        let mut all = Vec::new();
+        places(result, "", &mut all);
+        let mut removed = 0;
+        for place in &all {
+            let mut without = result.clone();
+            let (above, key) = parent(&mut without, place);
+            // Tables by name have no keys of their own.
+            let is_by_name = place.contains("/parameters/") && above.as_object().is_some_and(|table| table.values().all(Value::is_f64))
+                || place.contains("/largest/");
+            above.as_object_mut().unwrap().remove(&key);
+            if !is_by_name
+                && !OPTIONAL.contains(&key.as_str())
+                && !place.contains("/image/")
+                && !place.contains("/detector/")
+                && !place.contains("/sky/")
+                && !place.contains("/site/")
+            {
+                assert!(!faults(&schema, &without, false).is_empty(), "{name}: {place} may go without a fault");
+                removed += 1;
+            }
+            let mut changed = result.clone();
+            let own = changed.pointer_mut(place).unwrap();
+            *own = if own.is_boolean() { json!("no") } else { json!(true) };
+            assert!(!faults(&schema, &changed, false).is_empty(), "{name}: {place} may be of another type without a fault");
+        }
+        assert!(removed >= at_least, "{name}: {removed} keys");
+    }
+}
+
+#[test]
+fn schemas_are_listed_and_printed_by_name() {
+    let list = run(&["schema"]);
+    assert_eq!(list.code, 0);
+    for format in FORMATS {
+        assert!(
+            list.stdout.lines().any(|line| line.starts_with(format.name) && line.contains(format.format)),
+            "{}: {}",
+            format.name,
+            list.stdout
+        );
+    }
+    let printed = |args: &[&str]| -> Value { serde_json::from_str(&run(args).stdout).unwrap() };
+    assert_eq!(printed(&["schema", "calibrate"]), file_format("calibrate").unwrap().schema());
+    // The schema of scenes was the only one once, and is still had as then.
+    assert_eq!(printed(&["schema", "--json"]), boresight::scene::schema());
+    assert_eq!(printed(&["schema", "scene"]), boresight::scene::schema());
+    let unknown = run(&["schema", "calibrat"]);
+    assert_eq!((unknown.code, unknown.stdout.as_str()), (2, ""));
+    assert!(unknown.stderr.contains("did you mean calibrate?") && unknown.stderr.lines().count() == 1, "{}", unknown.stderr);
+}
+
+#[test]
+fn the_page_of_formats_names_them_all() {
+    let page = include_str!("../../docs/formats.md");
+    for format in FORMATS {
+        assert!(page.contains(&format!("`{}`", format.name)), "{}", format.name);
+        assert!(format.name == "star-list" || page.contains(&format!("`{}`", format.format)), "{}", format.format);
+    }
+}
+
+/// The checker itself finds what it is there to find.
+#[test]
+fn the_checker_finds_faults() {
+    let schema = json!({
+        "type": "object",
+        "properties": {"a": {"type": ["number", "null"], "minimum": 0}, "b": {"$ref": "#/$defs/B"}, "c": {"type": "array", "items": {"type": "integer"}, "maxItems": 2}},
+        "required": ["a", "b"],
+        "$defs": {"B": {"oneOf": [{"const": "x"}, {"enum": ["y", "z"]}]}},
+    });
+    for good in [json!({"a": 1.5, "b": "x"}), json!({"a": null, "b": "z", "c": [1, 2]})] {
+        assert_eq!(faults(&schema, &good, true), Vec::<String>::new());
+    }
+    for bad in [
+        json!({"a": 1.5}),
+        json!({"a": "1.5", "b": "x"}),
+        json!({"a": -1, "b": "x"}),
+        json!({"a": 1, "b": "w"}),
+        json!({"a": 1, "b": "x", "c": [1.5]}),
+        json!({"a": 1, "b": "x", "c": [1, 2, 3]}),
+        json!([]),
+        json!({"a": 1, "b": "x", "d": 0}),
+    ] {
+        assert!(!faults(&schema, &bad, true).is_empty(), "{bad}");
+    }
+    assert!(faults(&schema, &json!({"a": 1, "b": "x", "d": 0}), false).is_empty(), "keys may be added");
+    assert!(
+        std::panic::catch_unwind(|| faults(&json!({"patternProperties": {}}), &json!({}), false)).is_err(),
+        "no keyword is passed over"
+    );
+}
