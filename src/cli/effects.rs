@@ -8,7 +8,7 @@ use boresight::effects::optics::sampled_psf;
 use boresight::effects::optics::tables::IMAGE_KINDS;
 use boresight::effects::pixel::{pixel_effect, psf_2d, separable_psf};
 use boresight::effects::sky::glow::sky_glow;
-use boresight::effects::{ParameterSpec, page_of, stem_of};
+use boresight::effects::{ParameterSpec, page_as_text, page_of, stem_of};
 use boresight::provenance::Provenance;
 use boresight::recording::ResultFolder;
 use boresight::scene::LIGHT_PAGES;
@@ -106,7 +106,7 @@ pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
             let object = List { format: FORMAT, effects, page: Some(page), provenance: output::provenance() };
             output::print(&output::json_text(&object)?)?;
         } else {
-            output::print_page(&page)?;
+            output::print_page(&page_as_text(&page))?;
         }
     } else if args.json {
         let effects = known.into_iter().map(line).collect();

@@ -19,6 +19,7 @@ pub mod sky;
 mod centroid;
 mod displacement;
 mod facts;
+mod page;
 mod registry;
 mod rendering;
 mod star_image;
@@ -26,9 +27,10 @@ mod star_image;
 pub use centroid::CentroidShift;
 pub use displacement::{
     AnyDisplacement, Context, Displacement, Light, Natural, Observation, ParameterSpec, ReferenceValue, RefractionConstants, Searched,
-    Segment, Sensor, StarState, invert, page_of,
+    Segment, Sensor, StarState, invert,
 };
 pub use facts::{Facts, OrdinarySize, UsualSize, id_of, stem_of};
+pub use page::{PAGE_HEADINGS, page_as_text, page_of};
 pub use registry::{DISPLACEMENTS, displacement};
 pub use rendering::Rendering;
 pub use star_image::{MAX_SHIFTS, MAX_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE, Signature, Signatures, StarImage};
