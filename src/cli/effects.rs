@@ -1,4 +1,4 @@
-//! `boresight effects`: what this build knows.
+//! `boresight effects`: lists the effects that this build knows, and prints their pages.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! `boresight schema`: the form of scene files, for editors and checkers.
+//! `boresight schema`: the JSON Schema of scene files, for editors and checkers.
 
 use anyhow::Result;
 use clap::Args;
