@@ -1,4 +1,4 @@
-//! From a solution to the result: residuals of the stars, covariance, held-out frames, warnings.
+//! Result of a solution on pairs of stars: residuals of the stars, covariance, held-out frames, warnings.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -315,7 +315,7 @@ pub(super) fn general_warnings(result: &Calibration, lost: usize, coverage: Opti
             "the solved camera has no image of the stars of {used_without_image} of the star images used; they stand in no rms"
         ));
     }
-    // A floor that the residuals themselves have told predicts nothing.
+    // A floor that was estimated from the residuals themselves predicts nothing.
     let floor_px = result.noise.map_or(0.0, |noise| noise.floor_px);
     let stated_px = (result.predicted_sigma_px.powi(2) - floor_px * floor_px).max(0.0).sqrt();
     let predicted_px = stated_px.hypot(CENTROID_FLOOR_PX);

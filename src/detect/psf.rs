@@ -1,4 +1,4 @@
-//! The image of a star: a Gaussian integrated over each pixel, with its derivatives; that of a trail is in `trail`.
+//! Gaussian image of a star, integrated over each pixel, with its derivatives; that of a trail is in `trail`.
 
 use statrs::function::erf::erf;
 

@@ -1,4 +1,4 @@
-//! Where stars may be: the matched filter, run with first guesses of the image and then with that of the frame's own stars.
+//! Search for stars: the matched filter, run with first guesses of the image and then with that of the frame's own stars.
 
 use super::DetectOptions;
 use super::candidates::{Blob, Candidate, candidates};
@@ -28,7 +28,7 @@ pub(super) const SHARPEST_PX: f64 = 0.45;
 /// Peaks that are fitted, at most.
 const MAX_PEAKS: usize = 20_000;
 
-/// What the matched filter looks at.
+/// Input of the matched filter.
 #[derive(Clone, Copy)]
 pub(super) struct Ground<'a> {
     /// Counts less the background in units of the noise.
@@ -48,7 +48,7 @@ pub(super) struct Search {
     pub(super) shape: Shape,
     /// Trails that the frame's stars tell together.
     pub(super) field: Option<Field>,
-    /// Whether the frame's stars, or the caller, told the shape.
+    /// Whether the shape comes from the frame's stars or the caller.
     pub(super) shape_known: bool,
     /// Scatter of the filtered noise over that of white noise; 1 unless clearly more.
     pub(super) scatter: f64,

@@ -1,4 +1,4 @@
-//! The robust fit itself: the density's logarithm, its slope ψ, and the descent to the residuals of greatest likelihood.
+//! The robust fit: the log density, its slope ψ, and the descent to the residuals of maximum likelihood.
 
 use super::frame_nuisance::FrameNuisance;
 use super::linear_system::{Whitened, WhitenedSystem, masked, weight};
@@ -27,7 +27,7 @@ pub(super) fn psi_of(residual: &[f64], take: &[bool], tail_degrees: f64) -> (Whi
     (psi, if count > 0.0 { slope / count } else { 1.0 })
 }
 
-/// Residuals of the images taken with every parameter but the own ones held: the attitudes are refitted, robustly.
+/// Residuals of the images taken with every shared parameter held: the nuisance parameters (attitudes) are refitted, robustly.
 pub(super) fn refit_own(sheet: &WhitenedSystem, take: &[bool], residual: &[f64]) -> Whitened {
     let own = FrameNuisance::new(sheet, take);
     let project = |column: &mut Whitened| -> Vec<f64> {

@@ -1,6 +1,6 @@
-//! The star images as one linear problem: whitened residuals and columns, attitudes and camera projected out, robustly.
+//! Robust linear model of the star images: whitened residuals and design columns, with attitudes and camera projected out.
 //!
-//! With r the whitened residuals (two for each star image), D_h a frame's own columns (its attitude) and B the shared ones (camera, and
+//! With r the whitened residuals (two for each star image), D_h a frame's nuisance columns (its attitude) and B the shared ones (camera, and
 //! effects already accepted), a fit minimises Σ ρ(|r_i|) over all of them, ρ that of a two-dimensional t distribution:
 //!
 //! ```text
@@ -31,7 +31,7 @@ pub(super) struct WhitenedSystem {
     pub(super) frames: usize,
     /// Whitened residuals at the point of linearisation.
     pub(super) residual: Whitened,
-    /// Whitened own columns.
+    /// Whitened columns of the frames' nuisance parameters.
     pub(super) own: Vec<Whitened>,
     /// Whitened columns of the camera's free parameters.
     pub(super) camera: Vec<Whitened>,
@@ -53,7 +53,7 @@ pub(super) struct FrameSums {
     pub(super) score: Vec<Vec<f64>>,
     /// Σ|a|² of each column as it is.
     pub(super) length: Vec<Vec<f64>>,
-    /// Products of the columns with one another, the frame's own columns projected out.
+    /// Products of the columns with one another, the frame's nuisance columns projected out.
     pub(super) gram: Vec<DMatrix<f64>>,
     /// Products of each column with the basis of the shared ones.
     pub(super) shared: Vec<Vec<Vec<f64>>>,
@@ -64,7 +64,7 @@ pub(super) struct FrameSums {
 pub(super) struct Fit {
     take: Vec<bool>,
     own: FrameNuisance,
-    /// Orthonormal basis of the shared columns, own columns projected out.
+    /// Orthonormal basis of the shared columns, nuisance columns projected out.
     basis: DMatrix<f64>,
     /// Coefficients of the shared columns for each basis vector.
     mixing: DMatrix<f64>,
