@@ -1,4 +1,4 @@
-//! Are two calibrations of the same, unchanged camera? And if not, where in the field has it changed?
+//! Comparison of two calibrations: are they of the same, unchanged camera, and if not, where in the field has it changed?
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! How a star image answers to the camera and to its attitude: one linearisation, used by every solver here.
+//! Design columns of a star image: its derivatives with respect to camera and attitude, in one linearisation that every solver here uses.
 //!
 //! All columns are scaled to pixels of mapping over the frame ([`Scaling`]): a unit step in any parameter moves the mapping
 //! by 1 px rms, so that k1 (about 1e-9 px⁻²) and f (about 1e3 px) can stand in one matrix.

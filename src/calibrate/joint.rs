@@ -1,6 +1,5 @@
-//! The joint adjustment for those who ask more of it than a camera: residuals of every star image, the columns of any effect at the
-//! solution, and the solution anew with other effects and given weights. Nothing is left out and nothing is decided here. All columns are
-//! taken at the predicted points.
+//! Bundle adjustment for other modules: residuals of every star image, the design columns of any effect at the solution, and the solution anew with
+//! other effects and given weights. Nothing is left out and nothing is decided here. All columns are taken at the predicted points.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! Plain least squares on the same pairs, for comparison: P = I, iterated until the step is small (Gauss–Newton).
+//! Unweighted least squares on pairs of stars, for comparison: P = I, iterated until the step is small (Gauss–Newton).
 //!
 //! A single wrong identification enters all pairs of its star with full weight, so this is what the robust methods are measured against.
 

@@ -1,9 +1,8 @@
-//! The part of the frame that the lens lights.
+//! Illuminated part of the frame.
 //!
-//! A fisheye draws a circle, often smaller than the frame: beyond it there is no light, no star, and no map to be right or wrong. What is
-//! said of the map "over the frame" (its uncertainty, how well stars cover it, how two maps differ) is said of the circle then. How far it
-//! reaches is told by the star images themselves. A lens that draws on the tangent plane lights the whole frame: there a corner without
-//! stars is one of which nothing is known, and that counts.
+//! A fisheye's image is a circle, often smaller than the frame; beyond it there is no light, no star and no map. Statements "over the frame" (the
+//! map's uncertainty, its coverage by stars, the difference of two maps) are then over the circle. Its radius is estimated from the star images. A
+//! lens that images the tangent plane lights the whole frame: a corner without stars is then unknown, and counts as such.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,8 +1,8 @@
 //! ControlPoints → Calibration: the camera from star images whose stars are known.
 //!
-//! [`Method::Bundle`] adjusts camera and attitudes jointly, from single stars, and is what one wants. Two methods on pairs of stars need
-//! no attitude: the published [`Method::VariableWeights`] and, for comparison, [`Method::LeastSquares`]. What a solution is worth is found at the level of stars, with one free attitude for each frame:
-//! residuals, held-out residuals and covariance (pairs share stars and give no valid covariance).
+//! [`Method::Bundle`]: robust bundle adjustment of camera and attitudes. The default. Two methods on pairs of stars need no attitude: the published
+//! [`Method::VariableWeights`] and, for comparison, [`Method::LeastSquares`]. Every solution is assessed on single stars, with one free attitude
+//! for each frame: residuals, held-out residuals and covariance (pairs share stars and give no valid covariance).
 //!
 //! A new method is a file with a function from frames of stars to a camera and weights (CONTRIBUTING.md lists what else to touch);
 //! everything after it (residuals, covariance, held-out frames, the result) is shared.

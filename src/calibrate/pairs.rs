@@ -1,4 +1,4 @@
-//! Pairs of stars within frames: the attitude-independent equations, streamed.
+//! Attitude-independent equations of pairs of stars within frames, in a stream.
 //!
 //! One equation a pair: R = v_iᵀv_j − w_iᵀw_j(X̂) = A·ΔX with A = +∂(w_iᵀw_j)/∂X. Only the stars' vectors and one weight a pair
 //! are kept; the rows of A are made anew whenever they are needed. Work is cut into fixed chunks of rows whose sums are added

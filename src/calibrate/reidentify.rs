@@ -1,12 +1,12 @@
-//! Calibrate, identify anew with the better camera, and again, until nothing changes.
+//! Re-identification: calibrate, identify anew with the better camera, and repeat until nothing changes.
 //!
-//! A camera that was wrong made wrong identifications; the solved one sees which star each image really is. For every frame with an
-//! attitude the catalogue's stars are imaged through the solved chain; an image goes to the nearest star within the gate that its own
-//! error, the noise found and the map's uncertainty leave, if the star has no nearer image. An image without such a star keeps the
-//! identification that it has (its weight tells what it is worth), unless its star has gone to another image.
+//! A wrong camera makes wrong identifications; the solved one shows which star each image really is. For every frame with an attitude the
+//! catalogue's stars are imaged through the solved chain. An image is associated with the nearest star within a gate (its own error, the estimated
+//! noise and the map's uncertainty), if the star has no nearer image. An image without such a star keeps its identification (weighted by the fit),
+//! unless its star has gone to another image.
 //!
-//! Where images are so many, or the gate so wide, that stars meet one by chance, the gate is narrower: as wide as leaves no more than a small
-//! share of the new pairs to chance, and closed where no width does.
+//! Where detections are so dense, or the gate so wide, that chance associations are frequent, the gate is narrowed until no more than a small share
+//! of the new pairs is due to chance, and closed where no width does.
 
 use std::collections::BTreeMap;
 

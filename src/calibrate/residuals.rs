@@ -1,4 +1,4 @@
-//! Residuals of a calibration's stars with any camera: what a picture of before and after shows.
+//! Residuals of a calibration's stars under any camera, for pictures of before and after.
 
 use super::Calibration;
 use super::pairs::Star;

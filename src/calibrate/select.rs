@@ -1,4 +1,4 @@
-//! Which control points enter.
+//! Selection of the control points that enter a calibration.
 //!
 //! The reference method weighs all points alike, so a point that is known to be much worse than the others does harm: it adds
 //! more noise than information. The rules, in this order:

@@ -1,4 +1,4 @@
-//! Residuals of stars: the camera held, one free attitude (a rotation, nothing else) for each frame.
+//! Residuals of single stars under a fixed camera, with one free attitude (a rotation) for each frame.
 //!
 //! The attitude starts from the optimal rotation of the measured onto the catalogue directions (Wahba's problem by singular
 //! value decomposition, Markley 1988) and is refined by Gauss–Newton steps in pixels, so that what is minimised is what is

@@ -1,4 +1,4 @@
-//! From a solution on pairs to the result: residuals of the stars, covariance, held-out frames, warnings.
+//! Result of a solution on pairs of stars: residuals of the stars, covariance, held-out frames, warnings.
 
 use std::collections::BTreeSet;
 

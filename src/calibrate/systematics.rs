@@ -1,6 +1,6 @@
-//! What effects of the sky that a calibration does not model may have done to its focal length.
+//! Systematic errors of the focal length by effects of the sky that a calibration does not model.
 //!
-//! The focal length is told by the angles between stars, and two things change all of them alike, so that no residual shows it:
+//! The angles between stars determine the focal length, and two effects change all of them alike, so that no residual shows it:
 //!
 //! **Refraction.** The air lifts stars by R₄₅·tan z. An angle is smaller in the light that arrives by R₄₅ along the horizon and by
 //! R₄₅·sec² z along the vertical; the mean of the two goes into the scale (what they differ by is a stretch of the image, which no focal

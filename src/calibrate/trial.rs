@@ -1,10 +1,10 @@
-//! Nights of control points made directly from a known camera, for trying calibrators on: no image is rendered or measured.
+//! Synthetic control points of a known camera, for trials of calibrators: no image is rendered or measured.
 //!
 //! The stars are those of a catalogue, seen from random attitudes: in each frame the brightest that fall into it, as a camera with a
 //! limit of magnitude would find them, clusters and gaps of the sky included. Each is measured where the true camera images it,
 //! with normal errors. Then a share of the points is given another star, in one of three ways ([`WrongStars`]).
 //!
-//! The attitudes, the stars and the errors hang on the seed alone, and not on the wrong stars: the same seed with another kind or
+//! The attitudes, the stars and the errors depend on the seed alone, and not on the wrong stars: the same seed with another kind or
 //! share is the same night with other names.
 
 use std::collections::BTreeSet;

@@ -1,4 +1,4 @@
-//! What the solution is worth: covariance of the parameters and of the map, coverage of the frame, degeneracies.
+//! Uncertainty of a solution: covariance of the parameters and of the map, coverage of the frame, degeneracies.
 //!
 //! # Covariance
 //! The noise belongs to stars, not to pairs. With n_i the error of star image i (unit-weight variance σ² per axis, from the

@@ -1,4 +1,4 @@
-//! The reference method: attitude-independent calibration by iteration with variable weights.
+//! Variable weights: attitude-independent calibration on pairs of stars by iteratively reweighted least squares. The reference method.
 //!
 //! Source: patent CN 104931071 B (filed 2015-06-30); Wang, Cheng et al., "On-orbit calibration approach for star cameras based
 //! on the iteration method with variable weights", Applied Optics 54(21), 2015. The weights are Li Deren's posterior variance

@@ -25,9 +25,9 @@ enum Step {
     Generate(GenerateArgs),
     /// Diagnose what is sealed and has no answer yet
     Run(RunArgs),
-    /// Break the seal and count
+    /// Unseal the truths and score the answers
     Score(ScoreArgs),
-    /// Whether what is called held out is, over answered nulls: run these with a loose --alpha, so that chance is proposed
+    /// Validate the hold-out scores on answered nulls: run these with a loose --alpha, so that chance is proposed
     HeldOut(HeldOutArgs),
 }
 
@@ -68,10 +68,10 @@ struct GenerateArgs {
 struct RunArgs {
     #[command(flatten)]
     which: Which,
-    /// Simulated recordings without any effect that each is held against, at least [default: as `diagnose`]
+    /// Minimum number of null simulations per recording [default: as `diagnose`]
     #[arg(long, value_name = "N", help_heading = heading::STATISTICS)]
     nulls: Option<usize>,
-    /// Probability of an alarm by chance [default: as `diagnose`]
+    /// Family-wise probability of a false finding in a recording [default: as `diagnose`]
     #[arg(long, value_name = "P")]
     alpha: Option<f64>,
 }

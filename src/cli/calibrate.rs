@@ -36,13 +36,13 @@ pub(crate) struct CalibrateArgs {
     sky: SkyArgs,
     #[command(flatten)]
     search: SearchArgs,
-    /// How to solve [default: bundle]
+    /// Calibration method [default: bundle]
     #[arg(long, value_enum, help_heading = heading::SOLVER)]
     method: Option<MethodChoice>,
     /// Take the identifications of a star list (`hip`, or `ra_deg` and `dec_deg`) as they are, instead of making our own
     #[arg(long, help_heading = heading::SEARCH)]
     trust_identifications: bool,
-    /// Keep the identifications as they are, instead of making them anew with the improved camera until nothing changes
+    /// Do not re-identify the stars with the improved camera
     #[arg(long, help_heading = heading::SEARCH)]
     no_reidentify: bool,
     #[command(flatten)]
@@ -63,7 +63,7 @@ pub(crate) struct SolveArgs {
     /// Read the solver's options from this TOML file (keys as under "options" in a calibrate.json); what is given here goes before them
     #[arg(long, value_name = "FILE")]
     pub(crate) options: Option<PathBuf>,
-    /// F of the variable weights: pairs with T above it are weighted down [default: 10.83]
+    /// Threshold F of the variable weights: pairs whose statistic T is above it are weighted down [default: 10.83]
     #[arg(long, value_name = "F", value_parser = super::identify::positive)]
     pub(crate) threshold: Option<f64>,
     /// The parameters to solve, others keep their ground values: x0, y0, f, k1, p1, p2, k2, k3, any effect or effect.parameter of
@@ -71,7 +71,7 @@ pub(crate) struct SolveArgs {
     /// data support of k2 and k3]
     #[arg(long, value_name = "LIST|auto", value_delimiter = ',', value_parser = solvable, help_heading = heading::MODEL)]
     pub(crate) solve: Option<Vec<String>>,
-    /// What is known of a parameter beforehand: name=value:sigma, in its own unit; several times for several
+    /// Gaussian prior of a parameter: name=value:sigma, in its own unit; may be repeated
     #[arg(long, value_name = "NAME=VALUE:SIGMA", value_parser = prior, help_heading = heading::MODEL)]
     pub(crate) prior: Vec<ParameterPrior>,
     /// The projection; without one, that by which the frames were identified
@@ -92,7 +92,7 @@ pub(crate) struct SolveArgs {
     /// Replace this share of the identifications deliberately, to test the method (default 0; 0.2 in `demo`)
     #[arg(long, value_name = "SHARE", value_parser = share, help_heading = heading::TRIAL)]
     pub(crate) misidentify: Option<f64>,
-    /// By what they are replaced
+    /// Kind of the wrong identifications
     #[arg(long, value_enum, default_value_t = MisidentifyChoice::Random, value_name = "KIND", help_heading = heading::TRIAL)]
     pub(crate) misidentify_kind: MisidentifyChoice,
     /// Seed of the deliberate misidentification
@@ -103,11 +103,11 @@ pub(crate) struct SolveArgs {
 /// The methods.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum MethodChoice {
-    /// Camera and attitudes jointly, from single stars; robust
+    /// Robust bundle adjustment of camera and attitudes
     Bundle,
-    /// The reference method: pairs of stars, iterated with variable weights
+    /// Pairs of stars, iteratively reweighted (the published method)
     VariableWeights,
-    /// Pairs of stars, all weights one: for comparison
+    /// Pairs of stars, unweighted least squares, for comparison
     LeastSquares,
 }
 
@@ -119,7 +119,7 @@ pub(crate) enum MisidentifyChoice {
     Random,
     /// A star near by
     NearNeighbour,
-    /// The star that a match through a wrong camera takes it for
+    /// The star that a match through a wrong camera gives
     #[value(alias = "natural")]
     WrongCamera,
 }

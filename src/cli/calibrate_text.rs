@@ -1,4 +1,4 @@
-//! A calibration for people: what was found, how well, and what to mind. Fits a terminal of 100 columns.
+//! Summary page of a calibration: camera, residuals, uncertainty, warnings. Fits a terminal of 100 columns.
 
 use boresight::calibrate::{Calibration, Combination, ModelSelection, Status};
 use boresight::report::table;

@@ -1,4 +1,4 @@
-//! `boresight diagnose`: is physics missing in the model, which, how large, what else could it be, and what is left.
+//! `boresight diagnose`: which physical effect the model lacks, how large it is, which rivals remain, and what is left.
 
 use std::path::PathBuf;
 
@@ -34,34 +34,34 @@ pub(crate) struct DiagnoseArgs {
     /// Read options from this TOML file (nulls, alpha, seed, solve, terms, `proper_motion_only`); what is given here goes before them
     #[arg(long, value_name = "FILE", help_heading = heading::STATISTICS)]
     options: Option<PathBuf>,
-    /// At least so many simulated recordings without any effect for the question whether something is missing [default: 1000]
+    /// Minimum number of null simulations for the omnibus test [default: 1000]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000), help_heading = heading::STATISTICS)]
     nulls: Option<u32>,
-    /// Probability of a false finding in a recording [default: 3e-4]
+    /// Family-wise probability of a false finding in a recording [default: 3e-4]
     #[arg(long, value_name = "P", value_parser = probability, help_heading = heading::STATISTICS)]
     alpha: Option<f64>,
-    /// Validate the p-values on this recording: N random half-splits of its frames must give uniform p-values
+    /// Split-half validation: N random half-splits of the frames, whose p-values must be uniform
     #[arg(long = "split-half", alias = "half-nights", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = heading::STATISTICS)]
     half_nights: Option<u32>,
-    /// Seed of what is drawn by chance [default: 0]
+    /// Seed of the simulations and permutations [default: 0]
     #[arg(long, value_name = "N", help_heading = heading::STATISTICS)]
     seed: Option<u64>,
-    /// The camera's parameters that are free in the model held against the recording [default: x0,y0,f,k1,p1,p2]
+    /// Free camera parameters of the baseline model [default: x0,y0,f,k1,p1,p2]
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = parameter_name, help_heading = heading::MODEL)]
     solve: Option<Vec<String>>,
     /// Use only stars brighter than this V magnitude
     #[arg(long, value_name = "V", allow_negative_numbers = true, help_heading = heading::CATALOGUE)]
     max_magnitude: Option<f64>,
-    /// Use stars without known proper motion too, though they have moved since the catalogue was made
+    /// Use stars without known proper motion too, at their catalogue places
     #[arg(long, help_heading = heading::CATALOGUE)]
     all_stars: bool,
     /// Take the identifications of a star list (`hip`, or `ra_deg` and `dec_deg`) as they are, instead of making our own
     #[arg(long, help_heading = heading::SEARCH)]
     trust_identifications: bool,
-    /// Know effects on pixels by the formulas of their pages alone, instead of rendering and measuring the recording's stars with them too
+    /// Use analytic columns only; do not render the recording's stars (faster, less accurate)
     #[arg(long, help_heading = heading::MODEL)]
     formulas: bool,
-    /// Write the camera and the sky with what was found into this scene, which `boresight simulate` renders
+    /// Write camera and sky with the findings into this scene, for `boresight simulate`
     #[arg(long, value_name = "FILE", help_heading = heading::OUTPUT)]
     write_camera: Option<PathBuf>,
     #[command(flatten)]

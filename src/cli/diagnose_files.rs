@@ -1,4 +1,4 @@
-//! What a diagnosis leaves in its folder beside diagnose.json: the page, tables, pictures.
+//! Files of a diagnosis beside diagnose.json: the page, tables, pictures.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! A diagnosis for people: one page in plain sentences and one table. Fits a terminal of 100 columns.
+//! Summary page of a diagnosis: sentences and one table. Fits a terminal of 100 columns.
 
 use std::collections::BTreeMap;
 
@@ -59,8 +59,8 @@ pub(super) fn chance(p: f64, is: Option<Bound>) -> String {
 /// Below this the recording simulated anew with everything found is not like the real one.
 const DIFFERS: f64 = 0.01;
 
-/// What was found: the sentence, the numbers, the evidence, and what else it could be. `looks_alike`: whether the whole recording simulated anew
-/// looks like the real one.
+/// A finding: its sentence, numbers, evidence and rivals. `looks_alike`: whether the whole recording, resimulated with the findings, agrees with the
+/// real one.
 fn found(finding: &Finding, is_said: bool, looks_alike: bool) -> String {
     let mut text = String::new();
     let mut line = |label: &str, words: &str| text += &wrapped(label, words, LABEL);
@@ -79,7 +79,7 @@ fn found(finding: &Finding, is_said: bool, looks_alike: bool) -> String {
     line(
         "  evidence",
         &format!(
-            "{} standard deviations on all frames ({}; {} with all effects counted that were tried), {} where neither choice nor size was made",
+            "{} standard deviations on all frames ({}; {} family-wise), {} on held-out images",
             significant(finding.snr),
             chance(finding.p_value, finding.p_value_is),
             chance(finding.family_p_value, finding.family_p_value_is),
@@ -106,17 +106,17 @@ fn found(finding: &Finding, is_said: bool, looks_alike: bool) -> String {
     text
 }
 
-/// Whether frames or stars agree on a finding, whether it is chosen again without each frame, whether it looks the same simulated anew.
+/// Robustness of a finding: sign-flip test, selection again in the folds, resimulation.
 fn agreement(finding: &Finding, looks_alike: bool) -> String {
     let signs = &finding.signs;
     let mut parts = vec![match signs.p_value {
-        Some(p) => format!("the {} agree on it: with signs drawn by lot as much comes out with p = {}", signs.units, probability(p)),
-        None => format!("too few {} tell of it ({:.0}) to ask whether they agree", signs.units, signs.effective),
+        Some(p) => format!("sign-flip test over {}: p = {}", signs.units, probability(p)),
+        None => format!("too few {} for a sign-flip test (effective number {:.0})", signs.units, signs.effective),
     }];
     let [times, turns] = finding.chosen_again;
-    parts.push(format!("chosen again in {times} of {turns} turns that leave {} out", finding.left_out));
+    parts.push(format!("selected again in {times} of {turns} folds without {}", finding.left_out));
     if let Some(p) = finding.resimulated_p_value.filter(|_| looks_alike) {
-        parts.push(format!("the recording simulated anew with it looks the same (p = {})", probability(p)));
+        parts.push(format!("resimulation with it agrees with the recording (p = {})", probability(p)));
     }
     parts.join("; ")
 }
@@ -180,7 +180,7 @@ fn overview(diagnosis: &Diagnosis) -> String {
         let located = |located: &boresight::diagnose::Located| {
             let mut p = chance(located.p_value, located.p_value_is);
             if let (Some(dealt), Some(unit)) = (located.permutation_p_value, &located.permuted) {
-                p += &format!("; {} if {unit} are dealt out anew", probability(dealt));
+                p += &format!("; {} if {unit} are permuted", probability(dealt));
             }
             if let Some(alone) = located.conditional_p_value {
                 p += &format!("; {} beside those before it", probability(alone));
@@ -188,7 +188,7 @@ fn overview(diagnosis: &Diagnosis) -> String {
             format!("{} ({:.1} % of the variance, {p})", located.covariate, 100.0 * located.explained)
         };
         let shown: Vec<String> = diagnosis.located.iter().take(MAX_LOCATED).map(located).collect();
-        line("followed", &format!("before anything was found residuals followed {}", shown.join(", ")));
+        line("followed", &format!("residuals of the baseline model follow {}", shown.join(", ")));
     }
     if let Some(halves) = &diagnosis.half_nights {
         let below = |limit: f64| halves.p_values.iter().filter(|p| **p < limit).count();
@@ -196,7 +196,7 @@ fn overview(diagnosis: &Diagnosis) -> String {
         line(
             "halves",
             &format!(
-                "{count} random halves of the frames against one another: p below 0.01, 0.1, 0.5 in {}, {}, {}; distance from uniform {:.3}, as far in {:.0} % of nights simulated and split alike",
+                "split-half validation with {count} splits: p below 0.01, 0.1, 0.5 in {}, {}, {}; KS distance from uniform {:.3}, as large in {:.0} % of simulated nights",
                 below(0.01),
                 below(0.1),
                 below(0.5),
@@ -209,12 +209,9 @@ fn overview(diagnosis: &Diagnosis) -> String {
         line(
             "simulated",
             &if p < DIFFERS {
-                format!(
-                    "anew with what was found, the recording differs from the real one by more than chance would have it (p = {})",
-                    probability(p)
-                )
+                format!("with the findings, the simulated recording differs significantly from the real one (p = {})", probability(p))
             } else {
-                format!("anew with what was found, the recording looks like the real one (p = {})", probability(p))
+                format!("with the findings, the simulated recording agrees with the real one (p = {})", probability(p))
             },
         );
     }

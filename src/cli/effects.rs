@@ -1,4 +1,4 @@
-//! `boresight effects`: what this build knows.
+//! `boresight effects`: lists the effects that this build knows, and prints their pages.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use boresight::effects::optics::sampled_psf;
 use boresight::effects::optics::tables::IMAGE_KINDS;
 use boresight::effects::pixel::{psf_2d, separable_psf};
 use boresight::effects::sky::glow::sky_glow;
-use boresight::effects::{EffectList, LIST_FORMAT, ListedEffect, ListedParameter, ParameterSpec, page_of, stem_of};
+use boresight::effects::{EffectList, LIST_FORMAT, ListedEffect, ListedParameter, ParameterSpec, page_as_text, page_of, stem_of};
 use boresight::recording::ResultFolder;
 use boresight::scene::LIGHT_PAGES;
 use boresight::scene::effect_demo::{COLOUR_FILTERS, Known, QUANTUM_EFFICIENCY, SAMPLED, kind_id, known};
@@ -78,7 +78,7 @@ pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
             let object = EffectList { format: LIST_FORMAT, effects, page: Some(page), provenance: output::provenance() };
             output::print(&output::json_text(&object)?)?;
         } else {
-            output::print_page(&page)?;
+            output::print_page(&page_as_text(&page))?;
         }
     } else if args.json {
         let effects = known.into_iter().map(line).collect();

@@ -34,7 +34,7 @@ pub(crate) struct IdentifyArgs {
     sky: SkyArgs,
     #[command(flatten)]
     search: SearchArgs,
-    /// Name a wrong star, deliberately, for this share of the matches; the result lists which
+    /// Misidentify this share of the matches deliberately; the result lists which
     #[arg(long, value_name = "SHARE", value_parser = super::calibrate::share, help_heading = heading::TRIAL)]
     misidentify: Option<f64>,
     /// Which wrong star (of `random` ones, which are directions without a star, the match is left out)
@@ -58,15 +58,14 @@ pub(crate) struct IdentifyArgs {
 #[derive(Debug, Args)]
 #[command(next_help_heading = heading::SEARCH)]
 pub(crate) struct SearchArgs {
-    /// Focal length in pixels, where the recording does not tell it; without one, all fields from 3° to 90° are tried, and
-    /// fisheyes
+    /// Focal length in pixels, if the recording states none; without one, all fields from 3° to 90° are tried, and fisheyes
     #[arg(long, value_name = "PX", value_parser = positive, allow_negative_numbers = true)]
     pub(crate) focal_length_px: Option<f64>,
-    /// Search only where the camera is held to point: right ascension and declination of the middle of the frames, degrees, and if known
-    /// the position angle of their upward direction, from north through east
+    /// Prior pointing: right ascension and declination of the middle of the frames, degrees, and optionally the position angle of their
+    /// upward direction, from north through east
     #[arg(long, value_name = "RA,DEC[,ROLL]", value_parser = pointing, allow_hyphen_values = true)]
     pub(crate) near: Option<Pointing>,
-    /// How far the camera may be turned from --near
+    /// Radius of the search about --near
     #[arg(long, value_name = "DEG", value_parser = angle, default_value_t = 10.0, allow_negative_numbers = true)]
     pub(crate) near_within_deg: f64,
     /// Give up on a frame after this time, measuring included (the answer may then depend on the machine)

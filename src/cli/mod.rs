@@ -98,13 +98,13 @@ enum Verb {
     /// Find the stars in images and measure them
     #[command(after_help = examples::DETECT)]
     Detect(detect::DetectArgs),
-    /// Say which stars are in the images, with no prior attitude
+    /// Identify the stars in images, without a prior attitude (lost in space)
     #[command(after_help = examples::IDENTIFY)]
     Identify(identify::IdentifyArgs),
     /// Solve for the camera: principal point, focal length, distortion
     #[command(after_help = examples::CALIBRATE)]
     Calibrate(calibrate::CalibrateArgs),
-    /// Say whether physics is missing in the model, which, how large, and what is left
+    /// Find the physical effects that the model lacks, their sizes, and what remains
     #[command(after_help = examples::DIAGNOSE)]
     Diagnose(diagnose::DiagnoseArgs),
     /// Print pixel → direction of a calibration on a grid
@@ -143,7 +143,7 @@ enum Verb {
     /// Show GPU adapter, driver and versions, and check the GPU against the CPU
     #[command(after_help = examples::DOCTOR)]
     Doctor(doctor::DoctorArgs),
-    /// Print what a shell needs to complete verbs, options and their values
+    /// Print shell completions of verbs, options and their values
     #[command(after_help = examples::COMPLETIONS)]
     Completions(shell::CompletionsArgs),
     /// Print the manual page of the program, or write those of all verbs

@@ -93,13 +93,13 @@ pub(crate) struct InputArgs {
 #[derive(Debug, Default, Args)]
 #[command(next_help_heading = heading::MEASURING)]
 pub(crate) struct MeasureArgs {
-    /// What is taken for a star's place
+    /// Centroid estimator
     #[arg(long, value_enum, default_value_t = CentroidChoice::Gaussian)]
     centroid: CentroidChoice,
-    /// Take the median of these dark frames (an image, or a folder of images) off every frame, and leave out its hot pixels
+    /// Subtract the median of these dark frames (an image, or a folder of images) from every frame, and mask its hot pixels
     #[arg(long, value_name = "FILE|FOLDER")]
     dark: Option<PathBuf>,
-    /// The signal-to-noise ratio from which on a maximum counts as a star [default: such that noise makes one false star a frame]
+    /// Detection threshold, signal-to-noise ratio [default: such that noise makes one false star a frame]
     #[arg(long, value_name = "SNR", value_parser = threshold, allow_negative_numbers = true)]
     detection_threshold: Option<f64>,
 }
@@ -112,12 +112,12 @@ pub(crate) fn threshold(text: &str) -> std::result::Result<f64, String> {
 /// What is taken for a star's place.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 enum CentroidChoice {
-    /// Maximum likelihood under a Gaussian integrated over the pixels
+    /// Maximum-likelihood fit of a Gaussian integrated over the pixels
     #[default]
     Gaussian,
-    /// The same under the image that the recording's own stars show, where held-out stars prefer it
+    /// The same with an ePSF learned from the recording's own stars, where held-out stars prefer it
     Empirical,
-    /// Moments in a Gaussian window: quick, not at the statistical limit
+    /// Windowed centroids: quick, not at the statistical limit
     Windowed,
 }
 

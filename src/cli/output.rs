@@ -1,4 +1,4 @@
-//! What goes to stdout, to stderr and into files.
+//! Output: stdout, stderr and files.
 
 use std::io::{IsTerminal, Write};
 use std::path::Path;

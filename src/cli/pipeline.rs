@@ -1,4 +1,4 @@
-//! The way of the data as the verbs walk it, with progress shown and what was read told.
+//! Data flow of the verbs, with progress and a report of what was read.
 
 use std::time::Duration;
 

@@ -43,7 +43,7 @@ struct CommonArgs {
     scene: SceneArgs,
     #[command(flatten)]
     sky: PhysicsArgs,
-    /// The signal-to-noise ratio from which on a maximum counts as a star [default: such that noise makes one false star a frame]
+    /// Detection threshold, signal-to-noise ratio [default: such that noise makes one false star a frame]
     #[arg(long, value_name = "SNR", value_parser = super::options::threshold, allow_negative_numbers = true, help_heading = heading::MEASURING)]
     detection_threshold: Option<f64>,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `boresight completions` and `boresight man`: what a shell and a reader of manuals want, made of the same command line.
+//! `boresight completions` and `boresight man`: shell completions and manual pages, made from the command line definition.
 
 use std::path::PathBuf;
 

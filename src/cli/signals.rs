@@ -1,4 +1,4 @@
-//! What happens when the program is told to stop: nothing half-written is left.
+//! Signals: an interrupted program leaves nothing half-written.
 
 use anyhow::{Context, Result};
 use boresight::recording::abandon;

@@ -1,4 +1,4 @@
-//! What the command line says of frames that do not say it themselves.
+//! Options for the circumstances of bare images: times, exposure, site.
 
 use std::str::FromStr;
 

@@ -1,4 +1,4 @@
-//! `boresight calibrate --update`: a calibration goes on with new frames.
+//! `boresight calibrate --update`: a calibration is updated with new frames.
 
 use std::path::{Path, PathBuf};
 

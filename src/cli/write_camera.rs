@@ -1,4 +1,4 @@
-//! The camera and the sky with what a diagnosis found, as a scene that `boresight simulate` renders.
+//! `boresight diagnose --write-camera`: camera and sky with the findings, as a scene that `boresight simulate` renders.
 
 use std::collections::BTreeMap;
 use std::path::Path;

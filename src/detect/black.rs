@@ -1,8 +1,8 @@
-//! Noise whose black is cut off above the level of the sky: known by what is left of it.
+//! Noise of a frame whose counts are clipped at black: σ from the censored distribution of the counts that are left.
 //!
 //! Most counts are then the lowest, and their scatter says nothing. Of a normal distribution that is cut at the lowest count and rounded, the
-//! shares of pixels at the lowest count and above some other tell σ: at the edges between counts, e, the quantiles of the shares below are
-//! (e − level)/σ. Starlight comes in clumps and noise does not: only pixels are asked whose neighbours are no brighter than most.
+//! shares of pixels at the lowest count and above some other determine σ: at the edges between counts, e, the quantiles of the shares below are
+//! (e − level)/σ. Starlight comes in clumps and noise does not: only pixels are used whose neighbours are no brighter than most.
 
 use std::ops::Range;
 

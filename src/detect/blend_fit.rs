@@ -1,8 +1,8 @@
-//! Two stars in each other's light, fitted together: places and fluxes of both, one background, and the breadth of the image that they share.
+//! Simultaneous fit of two blended stars: positions and fluxes of both, one background, and one width factor for both.
 //!
-//! Fitted in turns, each with the other taken off, they would come to rest at the same places but state errors as if the other were known. The
-//! breadth is a factor on the image that the frame shows elsewhere, held to it as far as stars near by agree: at short distance it is nearly
-//! the same to the pixels whether two stars are further apart or both wider. Same likelihood and steps as for one star (`fit`).
+//! Fitting them in turns, each with the other subtracted, reaches the same positions but states errors as if the other star were known. The width
+//! is a factor on the frame's ePSF or Gaussian, with a prior from the stars near by: at short distance two stars further apart and two wider images
+//! are nearly the same pixels. Same likelihood and steps as for one star (`fit`).
 
 use super::fit::{Fit, Freedom, ROUNDING, RULES, WORTH, settled};
 use super::image_model::{Model, Shape};

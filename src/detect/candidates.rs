@@ -1,4 +1,4 @@
-//! Places to fit stars at: peaks of the filter, less the ripples of brighter stars, and full pixels taken together.
+//! Candidate positions for the fit: peaks of the matched filter, less the side lobes of brighter stars, with saturated pixels merged.
 
 use rayon::prelude::*;
 

@@ -1,4 +1,4 @@
-//! Light beside a star, as the residuals of its image show it.
+//! Companions: light beside a star in the residuals of its fit.
 
 use super::fit::{Fit, Freedom};
 use super::image_model::{Model, Shape};

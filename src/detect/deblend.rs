@@ -1,10 +1,9 @@
-//! Stars that were taken for one.
+//! Deblending. A star whose χ² or width exceeds that of nearby reference stars is refitted as two; the split is kept if one image fits worse than
+//! chance and the reference stars allow and two fit as well as the reference stars do.
 //!
-//! A star of which the frame's other stars say that it is no star's image — its residuals are far above theirs, or it is wider — is looked at
-//! anew: where in its residuals is light, as a matched filter of them finds it (as crowdsource does: Schlafly et al. 2018, ApJS 234, 39), and
-//! are two stars, fitted together (`duet`), what is seen? As one image it must fit worse than chance and the images of the stars near by allow,
-//! as two as well as they do. What the optics make of a star they make of its neighbours too: light at the same place beside them is no star.
-//! Where it is clearly no lone star, but two cannot be told apart, it stays one and says so, and its error is what the companion may do to its place.
+//! A matched filter of the residuals finds where the second star may be (as in crowdsource: Schlafly et al. 2018, ApJS 234, 39), and both are
+//! fitted together (`blend_fit`). Light at the same offset beside the reference stars belongs to the optics and makes no second star. A star that
+//! is clearly blended but cannot be split stays one, is flagged, and its error includes the possible shift by the companion.
 
 use rayon::prelude::*;
 

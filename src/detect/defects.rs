@@ -1,4 +1,4 @@
-//! Pixels that carry no star's light: full ones and hot ones.
+//! Saturated and hot pixels, which take no part in fits.
 
 use rayon::prelude::*;
 

@@ -1,10 +1,10 @@
-//! The image of a star as the recording's own stars show it.
+//! Effective point-spread function (ePSF) of a recording, learned from its own stars.
 //!
-//! As in Anderson & King 2000 (PASP 112, 1360) it is known on a grid finer than the pixels, with a smooth interpolant; but here it is the light
-//! before the pixels sum it, and only what it differs by from the typical Gaussian, as a sum of narrower Gaussians on the grid, which each pixel
-//! integrates. A Gaussian camera then loses nothing by it, and no image that the optics cannot make is to be had: without that bound
-//! any displacement that depends on the phase in the pixel could pass for a property of the image, since every star tells its own place.
-//! The difference may change over the frame as a polynomial of the place.
+//! As in Anderson & King 2000 (PASP 112, 1360) it is sampled on a grid finer than the pixels, with a smooth interpolant. Unlike theirs it is the
+//! light before integration over the pixels, and only its difference from the typical Gaussian, as a sum of narrower Gaussians on the grid, each
+//! integrated over every pixel. A Gaussian camera loses nothing by that, and images that no optics make are excluded: without this bound any
+//! displacement that depends on the pixel phase could be absorbed by the ePSF, since each star's position is free. The difference may change over
+//! the frame as a polynomial of the position.
 
 use schemars::JsonSchema;
 use serde::Serialize;

@@ -1,8 +1,8 @@
-//! Learns the image of a star from the recording's own stars.
+//! Builds the ePSF from the recording's own stars.
 //!
-//! Image and positions in turns, as Anderson & King 2000 (PASP 112, 1360, section 4) do; but each step for the image frees position, flux and
-//! background of every star with it (they are projected out), so that few turns suffice and errors of the first positions leave no trace.
-//! What few stars tell is held by a prior: a correction is small against the image, and smaller in its wings.
+//! ePSF and positions are fitted in turns, as by Anderson & King 2000 (PASP 112, 1360, section 4), but each step for the ePSF projects out
+//! position, flux and background of every star, so that few iterations suffice and errors of the first positions leave no trace. A prior
+//! regularises what few stars determine: a correction is small against the image, and smaller in its wings.
 
 use rayon::prelude::*;
 

@@ -1,8 +1,8 @@
-//! The step for the image: what all stars tell together of the correction, their own places, fluxes and backgrounds freed.
+//! One step of the ePSF: the correction by least squares over all stars, their positions, fluxes and backgrounds projected out.
 //!
-//! An image with more light and stars with less flux, or an image aside and stars to the other side, are the same pixels: of these equal images
-//! the one is meant whose light is 1 and whose centre, in a window as wide as the Gaussian, is where the star is. Both are linear in the
-//! correction, and it is held to them at every place of the frame: what no pixel tells would else wander from step to step.
+//! The ePSF is degenerate with flux and position; the gauge fixes its sum to 1 and its centroid to 0 everywhere in the frame. The centroid is that
+//! in a window as wide as the Gaussian. Both conditions are linear in the correction. Without them the step would wander along what no pixel
+//! determines.
 
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;

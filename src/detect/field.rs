@@ -1,8 +1,7 @@
-//! How a frame's trails change over it: an even part, and where the camera rolled too, slopes along x and y. (A small turn moves star images by what is
-//! linear in their place, but for second orders of the field's width.)
+//! Trails over the frame: a constant length and direction, and linear terms along x and y if the camera rolled. (A small rotation moves star images
+//! linearly in their position, up to second orders of the field's width.)
 //!
-//! All stars tell it together, each by how its pixels pull on its trail: of faint ones each alone tells its own badly, and the middle of what they tell
-//! is biased.
+//! One fit to the scores of all stars: a faint star determines its own trail badly, and the median over single stars is biased.
 
 use super::fit::Freedom;
 use super::image_model::{Model, Shape};
@@ -63,7 +62,7 @@ impl Field {
     pub(super) fn turning(scene: &Scene<'_>, starts: &[Model], trails: &[([f64; 2], Trail)]) -> Option<Self> {
         let sigma_px = median(&trails.iter().map(|t| t.1.sigma_px).collect::<Vec<_>>())?;
         let none = Self::even(scene, Trail { along_px: [0.0; 2], sigma_px });
-        // both signs of a trail mean the same: they are taken from a field that is even one way or the other, or turns, and then from what is found
+        // a trail has no direction, both signs mean the same: they are taken from a field that is even one way or the other, or turns, and then from what is found
         let guesses = [[1.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, -1.0, 0.0]]
             .map(|[x, y, xu, yu, xv, yv]| Self { unknowns: [x, y, sigma_px, xu, yu, xv, yv], ..none });
         let best = guesses.into_iter().filter_map(|guess| guess.drawn_through(trails)).min_by(|a, b| a.1.total_cmp(&b.1))?;

@@ -1,4 +1,4 @@
-//! The same fit under a sky that is known: for images made without noise, of which level and noise cannot be measured.
+//! Forced fit under a known background: for images rendered without noise, whose background and noise cannot be measured.
 
 use super::background::Background;
 use super::fit::{Freedom, SNR_FOR_WIDTH};

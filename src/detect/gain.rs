@@ -1,4 +1,4 @@
-//! Variance of the counts per count of light, from the residuals of the stars themselves, where no gain is declared.
+//! Photon noise without a declared gain: variance of the counts per count of light, from the residuals of the stars themselves.
 //!
 //! Where real images differ from the Gaussian by more than photons scatter, the value found stands for that misfit too: it is then
 //! larger than 1 / gain, and the errors stated with it are honest for such images, not a measure of the detector.

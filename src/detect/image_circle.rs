@@ -1,8 +1,8 @@
-//! What lies around the picture: the dark outside the circle of a fisheye's image, and the bars beside a picture in a wider frame.
+//! Unlit parts of a frame: the dark outside a fisheye's image circle, and the bars beside a picture in a wider frame.
 //!
-//! Its edge would be taken for stars, and these for the image that a star has here. Found in blocks: those that hang together with the
-//! frame's border and are nearer to its darkest level than to that of the sky, if they reach all four corners, as gaps between clouds do
-//! not, and end sharply, as a vignette and the glow of a town do not.
+//! Its edge would be detected as stars, and those would spoil the ePSF. It is found in blocks: connected to the frame's border and nearer to the
+//! frame's darkest level than to that of the sky, if they reach all four corners, as gaps between clouds do not, and end sharply, as a vignette and
+//! the glow of a town do not.
 
 use crate::frame::Frame;
 use crate::statistics::median_in_place;

@@ -1,4 +1,4 @@
-//! The stages put together: from one frame to its list of stars.
+//! The stages of detection in sequence: from a frame to its list of stars.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;

@@ -1,18 +1,17 @@
 //! Frame → Detections: finds stars and measures them.
 //!
-//! 1. `background`: level and noise on a mesh, offsets of rows; never zero noise, since counts come in steps.
-//! 2. `defects`, `surround`: full and hot pixels, and what lies around the picture, are set aside.
-//! 3. `filter`: matched filter; its threshold follows from the number of false stars allowed, and from the noise's own tail (`tail`).
-//! 4. `shape`, `search`: the frame's own stars tell width and elongation, and the filter is run again with it; `kind`: their χ² says whether they are
-//!    round, elliptic or trails (`trail`), and `field` how these change over the frame.
-//! 5. `fit`: maximum likelihood for position, flux, background and width; neighbours are taken off each other.
-//! 6. `pairs`: what was taken for one star and is two, by the stars near by (`others`) and the light beside it (`beside`); stars in each other's
-//!    light are fitted together (`duet`), all of a frame until they rest (`rounds`).
+//! 1. `background`, `black`: level and noise on a mesh, offsets of rows; never zero noise, since counts come in steps.
+//! 2. `defects`, `image_circle`: saturated and hot pixels, and what lies around the picture, are set aside.
+//! 3. `filter`: matched filter; its threshold follows from the number of false stars allowed, and from the noise's own tail (`noise_tail`).
+//! 4. `shape`, `search`: the frame's own stars determine width and elongation, and the filter is run again with it; `psf_class`: their χ² decides
+//!    between round, elliptic and trailed (`trail`), and `field` is how these change over the frame.
+//! 5. `fit`: maximum likelihood for position, flux, background and width; neighbours are subtracted from each other.
+//! 6. `deblend`: blends are found by comparison with the stars near by (`reference_stars`) and by the light beside a star (`companion`); stars in each
+//!    other's light are fitted together (`blend_fit`), all of a frame until they converge (`simultaneous_fit`).
 //! 7. `moments`: second and third moments of every star's image.
-//! 8. `learn`, `correction`, `empirical`: the image of a star from the recording's own stars, fitted in the Gaussian's place where held-out stars
-//!    prefer it.
+//! 8. `epsf_build`, `epsf_step`, `epsf`: the ePSF from the recording's own stars, used instead of the Gaussian where held-out stars prefer it.
 //!
-//! `windowed` is the quick way: a gate and moments; `window_gain` learns its photon noise.
+//! `windowed` is the quick way: a gate and moments; `window_gain` estimates its photon noise.
 
 mod background;
 mod black;

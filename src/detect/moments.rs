@@ -6,7 +6,7 @@
 //! cumulants of a square pixel (−1/120 px⁴ of fourth, 1/252 px⁶ of sixth order along each axis), so neither the pixel's own variance of 1/12 px²
 //! nor the phase in the pixel is left in the result, down to images of σ 0.5 px.
 //!
-//! Faint stars cannot tell a weight of their own, and a weight that follows noise is biased: theirs is the image as fitted, and the moments
+//! Faint stars do not determine a weight of their own, and a weight that follows noise is biased: theirs is the image as fitted, and the moments
 //! come of one step from there, which is linear in the counts. Errors are propagated from the noise of every pixel, that of the
 //! background's offset in it.
 

@@ -1,4 +1,4 @@
-//! How far the tail of real noise reaches beyond a normal one, after the matched filter.
+//! Tail of the noise after the matched filter: how far it reaches beyond that of a normal distribution.
 //!
 //! Counts clipped at black, or a few photons in a pixel, are far from normal, and so is a sum over the few pixels of a star.
 //! The tail of the sum follows from the pixels' own distribution by the saddle-point approximation of Lugannani & Rice 1980

@@ -1,4 +1,4 @@
-//! What kind the images of a frame's stars are: round, elliptic, or trails. The χ² of the stars themselves decides.
+//! Classification of a frame's star images by their χ²: round, elliptic, or trailed.
 
 use super::fit::{Fit, Freedom};
 use super::image_model::{Model, Shape};

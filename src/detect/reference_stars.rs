@@ -1,4 +1,4 @@
-//! What the stars near a star say of the images of stars there: how far they are from what is fitted, how broad, and what is beside them.
+//! Reference stars of a star: the fit residuals, widths and companions of the stars near it.
 
 use std::sync::OnceLock;
 
@@ -137,7 +137,7 @@ pub(super) struct Share {
 /// many stars those off the surface are two themselves; of few they may be what the corners of the frame look like, and all count.
 pub(super) fn expected(shares: &[Share], many: bool) -> Option<(f64, f64)> {
     const ROUNDS: usize = 8;
-    /// Shares are told no better than this.
+    /// Least standard error of a share.
     const FLOOR: f64 = 0.003;
     let n = shares.len();
     if n < TELLING.0 {

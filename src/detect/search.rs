@@ -1,4 +1,4 @@
-//! Where stars may be: the matched filter, run with first guesses of the image and then with that of the frame's own stars.
+//! Search for stars: the matched filter, run with first guesses of the image and then with that of the frame's own stars.
 
 use super::DetectOptions;
 use super::candidates::{Blob, Candidate, candidates};

@@ -1,4 +1,4 @@
-//! All stars of a frame, fitted again and again until those in each other's light rest.
+//! Simultaneous fit of all stars of a frame: repeated until stars in each other's light converge.
 
 use std::collections::BTreeMap;
 

@@ -1,6 +1,6 @@
-//! The image of a star that moved while it was exposed: a round Gaussian drawn out evenly along a line.
+//! Image of a trailed star: a round Gaussian, drawn out evenly along a line.
 //!
-//! A trail is told by the same three second moments as an ellipse, so what asks a shape for its size needs not know which of the two it is; the
+//! A trail has the same three second moments as an ellipse, so code that needs its size alone treats both alike; the
 //! fit frees its length along x and y and its width instead, which are not degenerate.
 
 use super::image_model::{GAUSS_LEGENDRE_4, ImageModel, PROFILE_PARAMETERS, Shape, Window, axis_shares};

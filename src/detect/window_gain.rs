@@ -1,4 +1,5 @@
-//! Variance of the counts per count of light where no gain is declared, for stars measured in windows: what [`super::gain`] finds for fits.
+//! Photon noise without a declared gain, for stars measured in windows: the counterpart of [`super::gain`], which is for fits. It estimates the
+//! variance of the counts per count of light.
 //!
 //! Flux and centre are sums of the counts, so what is left of a pixel is linear in them: r = (1 − H) d with H of rank three, and
 //! E r_i² = v_i (1 − 2 H_ii) + Σ_j H_ij² v_j takes no more than sums over the window.

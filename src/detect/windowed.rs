@@ -1,4 +1,4 @@
-//! The quick way: a gate of 3 × 3 pixels over a coarse background, and centroids in a Gaussian window.
+//! Windowed centroids, the quick way: a gate of 3 × 3 pixels over a coarse background, and centroids in a Gaussian window.
 //!
 //! Windowed centroid as in SExtractor (Bertin & Arnouts 1996, A&AS 117, 393; its manual, "Windowed positional parameters"):
 //! x ← x + g Σ w I (x_i − x) / Σ w I with a Gaussian weight as wide as the star or wider, until it moves no more (g is 1 + the image's variance

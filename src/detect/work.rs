@@ -1,8 +1,7 @@
-//! How much work a frame may cost: pictures of leaves, letters and clouds have thousands of maxima that no fit brings to rest.
+//! Work limit of a frame: pictures of leaves, letters and clouds have thousands of maxima whose fits never converge.
 //!
-//! Work is counted in what it is made of, pixels drawn, and not by the clock: the same frame gives the same stars on every machine and at any
-//! number of threads. Frames of stars stay far below the limit. A deadline, where one is asked for, ends the work too, and then the answer
-//! depends on the machine.
+//! Work is counted in pixels drawn, not by the clock: the same frame gives the same stars on every machine and at any number of threads. Frames of
+//! stars stay far below the limit. An optional deadline ends the work too, and then the answer depends on the machine.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;

@@ -1,4 +1,4 @@
-//! Is the name enough: what would betray that an effect only resembles what is there.
+//! Adequacy of a finding's name: tests that tell the true cause of a mismatch from an effect that only resembles it.
 
 use super::diagnosis::Rival;
 use super::evidence::Evidence;

@@ -1,5 +1,5 @@
-//! The six ways in which a recording may differ from its simulation, and what a diagnosis says of each. A verdict speaks of the channels that
-//! were looked at and of no other: brightness may be off by half while every star stands where it should.
+//! The six channels in which a recording can differ from its simulation, with a verdict for each. A verdict holds for the channels that were
+//! examined and for no other: brightness may be off by half while every star position is right.
 
 use std::collections::BTreeMap;
 
@@ -27,7 +27,7 @@ pub enum Channel {
 }
 
 impl Channel {
-    /// All of them, in the order in which they are told.
+    /// All of them, in the order in which they are reported.
     pub const ALL: [Self; 6] = [Self::Astrometry, Self::Flux, Self::Shape, Self::Stamp, Self::Noise, Self::Background];
 
     /// As people call it.

@@ -1,8 +1,7 @@
-//! Large residuals that hang together are no tails.
+//! Clustered outliers: large residuals that belong together in one frame, on one star or in one corner of the field.
 //!
-//! The tails of the noise are learned from the residuals themselves. Where what is large sits in one frame, on one star or in one corner of the
-//! field, and moves it as a whole, it is not noise but what is looked for: learned as tails it would weigh itself away, the more so the
-//! larger it is. Such images are left out when the noise is estimated, and kept in everything else, however far they stand off.
+//! They are left out when the noise is estimated and kept in everything else, however large they are. The tails of the noise are estimated from the
+//! residuals themselves. A coherent displacement that is taken for tails would be weighted down, the more so the larger it is.
 
 use nalgebra::{DMatrix, DVector};
 

@@ -1,4 +1,4 @@
-//! What all images propose is confirmed by images that took part in nothing, or goes.
+//! Cross-validation of the effects chosen on all images: an effect that held-out images do not confirm is dropped.
 
 use super::crossfit::{CrossFit, Proof, Proposal};
 use super::evidence::Evidence;

@@ -1,11 +1,10 @@
-//! Proof by images that took part in nothing: in every turn a part of the frames (and stars) is left out, effects are chosen, searched for and
-//! sized on the rest by the same procedure, noise and all, and what was chosen is held against what was left out.
+//! Cross-fitting: effects are selected, searched for and sized without a part of the frames (and stars), and scored on that part. Each fold runs
+//! the whole procedure, the noise model included.
 //!
-//! Every choice of every turn is one proposal, credited once: to the effect itself, or to one already proposed that leaves the same trace
-//! (cosine from [`SAME_TRACE`] on). A turn whose rest does not choose an effect brings it nothing. So where nothing is hidden the sum over all
-//! proposals has a mean below zero, whatever the threshold: each turn's choice is made without the errors that judge it. That holds for
-//! the list of all proposals alone; those that all images propose together have been chosen with every error in hand, and those named have
-//! passed the test besides.
+//! Every choice of every fold is one proposal, credited once: to the effect itself, or to one already proposed whose displacements are the same
+//! (cosine from [`SAME_TRACE`] on). A fold that does not choose an effect contributes zero to it. Without any effect the sum over all proposals has
+//! a mean below zero, whatever the threshold, since each fold's choice is made without the errors that score it. That holds for the list of all
+//! proposals alone; those that all images propose together have been chosen with every error in hand, and those named have passed the test besides.
 
 use rayon::prelude::*;
 

@@ -4,7 +4,7 @@ use super::frame_nuisance::FrameNuisance;
 use super::linear_system::{Whitened, WhitenedSystem, masked};
 use crate::statistics::student_t::{cost, psi_of};
 
-/// Residuals of the images taken with every parameter but the own ones held: the attitudes are refitted, robustly.
+/// Residuals of the images taken with every shared parameter held: the nuisance parameters (attitudes) are refitted, robustly.
 pub(super) fn refit_own(system: &WhitenedSystem, take: &[bool], residual: &[f64]) -> Whitened {
     let own = FrameNuisance::new(system, take);
     let project = |column: &mut Whitened| -> Vec<f64> {

@@ -1,4 +1,4 @@
-//! What a diagnosis says: the result, as it stands in files.
+//! The result of a diagnosis, as it stands in files.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -86,8 +86,8 @@ pub struct Rival {
     pub held_out_delta_chi2: Option<f64>,
 }
 
-/// A test that supposes nothing of how errors within a frame (or of a star) hang together: the share of all choices of a sign for each of
-/// these units that explain as much (wild bootstrap of the score, Rademacher signs).
+/// Cluster-robust test (wild bootstrap of the score): the share of all Rademacher sign patterns over frames (or stars) that explain as much. It
+/// supposes nothing of the correlation of errors within a unit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Signs {
     /// The units: frames, parts of frames where frames are few, or stars.
@@ -321,9 +321,9 @@ pub struct Located {
     /// Set where the simulations resolve no smaller one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub p_value_is: Option<Bound>,
-    /// The same among all covariates of its kind dealt out anew, as they are exchangeable; nothing where frames are too few for it.
+    /// p-value of the permutation test among all covariates of its kind; nothing where frames are too few for it.
     pub permutation_p_value: Option<f64>,
-    /// What was dealt out: star images within their frames, or frames.
+    /// What was permuted: star images within their frames, or frames.
     pub permuted: Option<String>,
     /// The same once the covariates before it in this list are taken out.
     pub conditional_p_value: Option<f64>,

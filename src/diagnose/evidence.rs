@@ -1,4 +1,4 @@
-//! What the diagnosis works on: star images at the baseline's solution, the columns of every hypothesis, the covariates.
+//! Input of the tests, in px: star images at the baseline solution, the design columns of every hypothesis, the covariates.
 
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError};

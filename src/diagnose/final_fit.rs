@@ -1,4 +1,4 @@
-//! Everything with what was found in force: all frames, solved without linearisation, and sizes with their errors there.
+//! The final fit: all findings in the model, all frames, no linearisation. Sizes and their standard errors come from here.
 
 use nalgebra::{DMatrix, DVector};
 

@@ -1,4 +1,4 @@
-//! From accepted effects to findings: sizes with errors, the evidence, what located them, what else it could be.
+//! Findings from accepted effects: size with error, evidence, the covariates that located it, and its rivals.
 
 use super::channels::{ByChannel, Channel, ChannelMeasure};
 use super::crossfit::{CrossFit, Proof};
@@ -28,7 +28,7 @@ pub(super) struct Context<'a> {
     pub(super) with_all: &'a FitState,
     pub(super) entries: &'a [SelectedEffect],
     pub(super) proofs: &'a [Proof],
-    /// Of each entry, whether signs drawn by frame do as well.
+    /// Of each entry, the sign-flip test over frames (or stars).
     pub(super) signs: &'a [WildBootstrap],
     /// Choice and size made anew in turns.
     pub(super) tried: &'a CrossFit,

@@ -1,9 +1,9 @@
-//! Which frames and stars are held out, turn by turn, and what is asked of a choice that is made without them.
+//! Folds of the cross-validation: which frames and stars are held out in each, and how often an effect must be chosen again.
 //!
-//! Frames are parted into blocks, and each block is left out in its turn: attitudes, errors that a frame's stars share and telemetry are then
-//! new to the effect that is judged. Effects that go by a star's own numbers (motion, distance, colour, brightness) share the errors of these
-//! with all images of the star: for them one half of the stars is left out too, and an image is held out with its frame and its star. Fewer
-//! frames than [`MIN_FRAMES`] cannot be left out in turn; parts of the stars are, for all effects.
+//! Frames are divided into blocks, and each block is held out once: attitudes, errors that a frame's stars share and telemetry are then independent
+//! of the fit. Effects that depend on a star's own numbers (motion, distance, colour, brightness) share the errors of these with all images of the
+//! star: for them one half of the stars is held out too, and an image is held out with its frame and its star. With fewer frames than
+//! [`MIN_FRAMES`] parts of the stars are held out instead, for all effects.
 
 use super::evidence::Evidence;
 use super::hypotheses::Hypothesis;

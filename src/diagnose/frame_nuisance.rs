@@ -1,4 +1,4 @@
-//! What each frame has of its own (its attitude): columns that act on one frame only, taken out frame by frame.
+//! Nuisance parameters of a frame (its attitude): columns that act on one frame only, projected out frame by frame.
 
 use std::ops::Range;
 
@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::linear_system::{DEPENDENT, Whitened, WhitenedSystem, dot, masked, subtract};
 
-/// The own columns of the images taken, orthonormal within each frame.
+/// The frames' nuisance columns over the images taken, orthonormal within each frame.
 #[derive(Clone, Debug)]
 pub(super) struct FrameNuisance {
     basis: Vec<Whitened>,
@@ -92,7 +92,7 @@ pub(super) fn project_own(system: &WhitenedSystem, take: &[bool], column: &[f64]
     rest
 }
 
-/// The change of each own parameter, by parameter and frame, that leads from residuals with the shared parameters moved to those of the
+/// The change of each nuisance parameter, by parameter and frame, that leads from residuals with the shared parameters moved to those of the
 /// fit: by least squares on the images taken, where it is exact.
 pub(super) fn own_changes(system: &WhitenedSystem, take: &[bool], shared_moved: &[f64], fitted: &[f64]) -> Vec<Vec<f64>> {
     let own = system.own.len();

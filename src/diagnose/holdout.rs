@@ -1,4 +1,4 @@
-//! Is the improvement real: images that were not used to find an effect are predicted with it and without it, only their attitudes fitted.
+//! Hold-out test: images that were not used to find an effect are predicted with it and without it, with only their attitudes fitted.
 //!
 //! The camera is that of the images fitted to, with the effect and without it; a held-out frame estimates its own attitude from its held-out
 //! images, since attitudes belong to frames. Without the effect the fall of χ² then has a mean of −|d|², d what the effect as fitted moves

@@ -1,8 +1,8 @@
-//! Every displacement of the registry as a hypothesis: what it would do to the star images, at the solution at hand.
+//! Hypotheses: the design columns of every displacement of the registry, at the current solution.
 //!
 //! A hypothesis is the columns of the effect's fitted parameters. What it needs and the recording lacks makes it not applicable. A
-//! parameter that its columns depend on in a way that no tangent shows (the place of a seam, a length, a zenith that nobody knows) is
-//! searched over: one variant for each of its values; the search is paid for in the probabilities, which come from the largest of all.
+//! parameter that its columns depend on in a way that no tangent shows (the place of a seam, a length, an unknown zenith) is
+//! searched over: one variant for each of its values; the p-value accounts for the search, since it is that of the largest statistic.
 
 use super::DiagnoseOptions;
 use super::rendered_columns::{Rendered, Shifts};

@@ -17,7 +17,7 @@ pub(super) struct WhitenedSystem {
     pub(super) frames: usize,
     /// Whitened residuals at the point of linearisation.
     pub(super) residual: Whitened,
-    /// Whitened own columns.
+    /// Whitened columns of the frames' nuisance parameters.
     pub(super) own: Vec<Whitened>,
     /// Whitened columns of the camera's free parameters.
     pub(super) camera: Vec<Whitened>,

@@ -1,4 +1,4 @@
-//! Where a mismatch shows: the covariates that the residuals follow.
+//! The covariates that the residuals follow, which tell where a mismatch shows.
 
 use super::diagnosis::Located;
 use super::evidence::Evidence;
@@ -33,7 +33,7 @@ pub(super) fn ranked(evidence: &Evidence, stand: &FitState, scan: &Scan) -> Vec<
 }
 
 /// The covariates that residuals follow, each also with those before it taken out.
-/// `deals` holds what they are worth once dealt out anew, where that was asked for.
+/// `deals` holds their permutation tests, where these were asked for.
 pub(super) fn located(evidence: &Evidence, stand: &FitState, scan: &Scan, chance: &NullDistribution, deals: &Permutations) -> Vec<Located> {
     let all = ranked(evidence, stand, scan);
     let mut leaders: Vec<Whitened> = Vec::new();
@@ -44,7 +44,7 @@ pub(super) fn located(evidence: &Evidence, stand: &FitState, scan: &Scan, chance
         if p_value > LISTED_P && place > 0 {
             break;
         }
-        // Errors that hang together may follow a covariate as closely as any effect: dealt out anew it then does as well.
+        // Correlated errors may follow a covariate as closely as any effect: permuted, the covariate then does as well.
         if dealt.is_some_and(|(p, _)| p > LISTED_P) && place > 0 {
             continue;
         }

@@ -1,4 +1,5 @@
-//! ControlPoints → Diagnosis: is physics missing, where, which, how large, what else could it be, does the fit improve, what is left.
+//! ControlPoints → Diagnosis: which physical effect the model lacks, where it shows, how large it is, which effects are not excluded, whether
+//! held-out images confirm it, and what remains.
 
 mod adequacy;
 mod channels;
@@ -71,9 +72,9 @@ use crate::identify::ControlPoints;
 pub struct DiagnoseOptions {
     /// Simulated recordings without any effect for the omnibus test, at least; more are drawn where the decision is near.
     pub nulls: usize,
-    /// Probability, all questions counted, of seeing a mismatch where there is none.
+    /// Family-wise probability of a false finding in a recording.
     pub alpha: f64,
-    /// Random halves of the frames that are held against one another to try the p-values on this recording; none unless asked for.
+    /// Random half-splits of the frames for the split-half validation of the p-values; none unless asked for.
     pub half_nights: usize,
     /// Seed of nulls and permutations.
     pub seed: u64,
@@ -85,11 +86,11 @@ pub struct DiagnoseOptions {
     pub solve: Vec<String>,
     /// Leave out stars without known proper motion.
     pub proper_motion_only: bool,
-    /// How the stars of the recording look, where it has pixels: the columns of effects on pixels are then rendered and measured.
+    /// Image conditions of the recording, where it has pixels: the columns of effects on pixels are then rendered and measured.
     pub looks: Option<ImageConditions>,
 }
 
-/// How the stars of a recording look: what has to be known to render them as they are.
+/// Image conditions: what has to be known to render the stars of a recording as they are.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImageConditions {

@@ -1,4 +1,4 @@
-//! Noise first: how large the errors of star positions are, and how heavy their tails, as the residuals show it.
+//! Noise model of star positions: scale, floor and weight of the tails, by maximum likelihood from the residuals.
 //!
 //! The covariance of a star image is taken to be s·κ_h·(Σ_i + φ), Σ_i what its measurement and the catalogue state, κ_h the factor of a
 //! frame that is worse than the others, φ a floor, s one factor; its error has a two-dimensional t distribution of ν degrees of freedom

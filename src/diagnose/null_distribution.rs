@@ -1,7 +1,6 @@
-//! What chance would answer to the questions of a [`Scan`]: the largest surprise of all is held against recordings simulated without any
-//! effect: the same star images, errors drawn from the residuals' own distribution of sizes in random directions, the same projections.
-//! Where the p-value lies below what the simulations resolve it is read off the tail that they show: p = 1 − (1 − p₁)^m with m the number
-//! of independent questions that they amount to.
+//! Null distribution of the largest statistic of a [`Scan`] (maxT), by simulation. The simulated recordings have the same star images, no effect,
+//! errors with the residuals' own distribution of sizes in random directions, and the same projections. A p-value below what the simulations
+//! resolve is read off their tail: p = 1 − (1 − p₁)^m with m the effective number of independent tests.
 //!
 //! Source: Westfall and Young, Resampling-Based Multiple Testing (1993), maxT.
 

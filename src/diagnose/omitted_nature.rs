@@ -1,9 +1,9 @@
-//! What nature adds to every recording whose place and time are known: refraction, aberration, parallax, the bending of light by the Sun, each at
-//! a size that nobody chooses. They come together. One that hardly shows in these frames still moves their stars, and if it is left out another
-//! that resembles it takes its part: in a few frames at one altitude refraction makes aberration twice as large as it is.
+//! Joint test of the natural effects of known size (refraction, aberration, parallax, light deflection), before effects are selected one by one.
+//! They act on every recording whose place and time are known, and they come together. One that is hardly significant still moves the stars; left
+//! out, another that resembles it is estimated too large: in a few frames at one altitude refraction makes aberration twice as large as it is.
 //!
-//! So they are tried together first, at their known sizes, with no parameter free. Those that the frames refute go. If together they explain what
-//! is missing, those that show by themselves are looked for as effects like all others, at a size that is free, and held against the known
+//! They are tested together, at their known sizes, with no parameter free. Those that the frames refute go. If together they explain what
+//! is missing, those that are significant by themselves are selected like all other effects, with a free size, which is tested against the known
 //! one; those too weak to show stay in the model at their known size meanwhile.
 
 use super::evidence::Evidence;

@@ -1,4 +1,4 @@
-//! Whether there is something at all: the most surprising hypothesis and the most surprising covariate, held against chance.
+//! Omnibus test: the most significant hypothesis and the most significant covariate, against their null distributions.
 
 use super::DiagnoseOptions;
 use super::evidence::Evidence;

@@ -1,5 +1,5 @@
-//! How large effects are in real cameras and skies, and whether a recording could show one of that size. "Nothing is missing" is worth as much
-//! as what would have been seen.
+//! Ordinary sizes of effects in real cameras and skies, and the power of this recording to show them. A null result says no more than what would
+//! have been detected.
 
 use super::channels::Detectable;
 use super::evidence::Evidence;

@@ -1,13 +1,13 @@
-//! Does a pattern over the field that remains beside an effect speak against the effect's name?
+//! Hausman test of a finding's name: is the effect's estimate the same beside a free pattern over the field?
 //!
-//! A pattern that can imitate most of the effect may be the better description of both. It is asked by leaving it free beside the effect: what
+//! A pattern that can imitate most of the effect may be the better description of both. It is fitted beside the effect: what
 //! it cannot imitate of the effect measures the effect alone. If the name is right, that part shows it, and shows it at the same size: the two
 //! estimates differ by chance only, with the variance σ₁² − σ₀², σ₁ the error beside the pattern, σ₀ that without it (the estimate without the
 //! pattern is the efficient one). If the effect is no more than a likeness of the pattern, nothing of it is left, or another size. Where the
 //! size is known beforehand it is the known one that is the efficient estimate: a pattern of another origin moves what is estimated without
 //! it, and not what is estimated beside it.
 //!
-//! Every pattern is a question of its own: that one of them remains is judged by the probability that the largest of all does.
+//! Every pattern is a test of its own; the p-value is that of the largest of all statistics.
 //!
 //! Source: Hausman, Econometrica 46, 1251 (1978), for the difference of two estimates of which one is efficient.
 

@@ -1,7 +1,7 @@
-//! Where does a mismatch show: covariates dealt out anew. What belongs to a star image (its colour, its place on the frame) is dealt out among
-//! the images of each frame, by giving them one another's residuals; what belongs to a frame (its temperature, its time, its rate) is dealt
-//! out among the frames, with all their images. Never both at once: images of one frame share an attitude, and frames may share errors. The
-//! largest surprise over all covariates of a kind is what a covariate is held against.
+//! Permutation test of covariates. Star properties (colour, place on the frame) are permuted among the images of each frame, by exchanging the
+//! images' residuals; frame properties (temperature, time, rate) are permuted among the frames, with all their images. Never both at once: images
+//! of one frame share an attitude, and frames may share errors. A covariate's p-value is taken from the largest statistic over all covariates of
+//! its kind (maxT).
 //!
 //! Source: D. Freedman and D. Lane, J. Bus. Econ. Stat. 1, 292 (1983), residuals beside a model permuted; Westfall and Young, Resampling-Based
 //! Multiple Testing (1993), maxT.
@@ -19,28 +19,28 @@ use super::linear_system::Whitened;
 use super::scan::{Asks, MIN_SHARE, Scan};
 use crate::statistics::significance::neg_ln_chi2_sf;
 
-/// Times that a covariate is dealt out.
+/// Permutations of a covariate.
 pub(super) const DEALS: usize = 999;
-/// Dealt out together.
+/// Permutations that are computed together.
 const BATCH: usize = 111;
 /// Fewer frames have too few orders: 1/n! is above one in a hundred.
 const MIN_FRAMES: usize = 5;
 
-/// What was dealt out anew.
+/// Null distributions of the permutation tests.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Permutations {
     /// Of star images.
     of_images: Kind,
-    /// Of frames; nothing dealt where frames are too few.
+    /// Of frames; empty where frames are too few.
     of_frames: Kind,
 }
 
 /// Covariates of one kind.
 #[derive(Clone, Debug, Default)]
 struct Kind {
-    /// The largest surprise over all covariates of each deal, the largest first.
+    /// The largest statistic over all covariates in each permutation, the largest first.
     largest: Vec<f64>,
-    /// The surprise of each covariate as it is; nothing for those of the other kind.
+    /// The statistic of each covariate without permutation; nothing for those of the other kind.
     seen: Vec<Option<f64>>,
 }
 
@@ -53,7 +53,7 @@ impl Kind {
 }
 
 impl Permutations {
-    /// Probability of a covariate's surprise among all covariates of its kind, and what was dealt out; `None` where frames are too few.
+    /// p-value of a covariate among all covariates of its kind, and what was permuted; `None` where frames are too few.
     pub(super) fn p_value(&self, index: usize) -> Option<(f64, &'static str)> {
         let images = self.of_images.p_value(index).map(|p| (p, "star images within their frames"));
         let frames = self.of_frames.p_value(index).map(|p| (p, "frames"));
@@ -75,7 +75,7 @@ fn sorted(mut values: Vec<f64>) -> Vec<f64> {
     values
 }
 
-/// Residuals dealt out among the images of each frame.
+/// Residuals permuted among the images of each frame.
 fn among_images(evidence: &Evidence, stand: &FitState, scan: &Scan, seed: u64) -> Kind {
     let mut kind = Kind { seen: vec![None; evidence.covariates.len()], ..Kind::default() };
     let mut ranks = Vec::new();
@@ -197,7 +197,7 @@ impl Pattern<'_> {
     }
 }
 
-/// The numbers of frames dealt out among the frames.
+/// Properties of frames permuted among the frames.
 fn among_frames(evidence: &Evidence, stand: &FitState, seed: u64) -> Kind {
     let frames = evidence.frames.len();
     let of = |separated| pattern(evidence, stand, separated);

@@ -1,4 +1,4 @@
-//! Is a size that was found one that nature has? The nearest size within the range is held against the estimate and its covariance.
+//! Plausibility of an estimated size: the nearest size within the natural range is tested against the estimate and its covariance.
 
 use nalgebra::{DMatrix, DVector};
 

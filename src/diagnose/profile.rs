@@ -1,5 +1,5 @@
-//! The data of a picture: the star images' displacements that one effect makes, attitudes, camera and all else taken off, and the effect
-//! through them.
+//! Profile of an effect for a picture: the displacements of the star images that belong to it, with attitudes, camera and all other effects
+//! removed, and the model curve.
 //!
 //! Most of what an effect displaces attitudes and camera may take up; that share shows in no residual, and adding it back would draw the
 //! model to itself. Drawn is therefore what is left of both: with M what the fit leaves of the effect's column, θ its size and ψ/d the

@@ -1,4 +1,4 @@
-//! All that was proposed and what held-out images say of it, for the result: the list over which the mean is below zero where nothing is hidden.
+//! All proposals of the cross-fitting and their hold-out scores, for the result. Over this list the mean score is below zero if there is no effect.
 
 use super::cross_validation::Withheld;
 use super::crossfit::{CrossFit, Proposal};

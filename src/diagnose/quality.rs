@@ -1,4 +1,4 @@
-//! How well a model describes the star images, and which took part.
+//! Quality of fit of a model, and which star images took part.
 
 use super::DiagnoseOptions;
 use super::crossfit::CrossFit;

@@ -1,10 +1,9 @@
-//! Places and lengths that no derivative tells are searched for: finer about what was found.
+//! Refinement of searched parameters (positions and lengths without a useful derivative): profile likelihood on a finer grid.
 //!
-//! The error of a place is that of the search too. Where a seam lies the likelihood is no parabola: from star to star it goes up and down at
-//! random as the seam passes them, about a tent, and how far it falls within some distance tells little. So place and error are mean and
-//! standard deviation of the place under its profile likelihood, every place as good beforehand: over all recordings the square of the error
-//! then has the mean that is stated, however many tops there are.
-//! Source: for the likelihood about a place of change, B. E. Hansen, Econometrica 68, 575 (2000).
+//! Its standard error includes the search. Where a seam lies the likelihood is no parabola: from star to star it goes up and down at random as the
+//! seam passes them, about a tent, and its fall within some distance says little. So estimate and error are mean and standard deviation of the
+//! position under its profile likelihood with a flat prior: over all recordings the square of the error then has the mean that is stated, however
+//! many maxima there are. Source: for the likelihood about a place of change, B. E. Hansen, Econometrica 68, 575 (2000).
 
 use rayon::prelude::*;
 

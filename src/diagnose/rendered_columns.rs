@@ -1,14 +1,13 @@
-//! Columns by rendering: what an effect on pixels does to the measured centres of THIS recording's stars.
+//! Design columns by rendering: the shift that an effect on pixels gives to the measured centres of this recording's stars.
 //!
-//! Stars with the recording's own places, phases within the pixel, electrons and colours are rendered without noise with a little less and a
-//! little more of an effect, and measured by the fit that measured the recording. The difference is the effect's column, the bias of the
-//! estimator in it. Its parameter keeps the unit of the effect's page: where that is no quantity of what is rendered (as the slope of a
-//! background is, or the gain of a column), it is scaled so that stars of the brightness that the page speaks of move as far as the formula
-//! says. Formula and rendered column then stand side by side as two variants of one hypothesis, and the recording decides: somebody's
-//! stars may have been measured otherwise before.
+//! Stars with the recording's own places, pixel phases, electrons and colours are rendered without noise with a little less and a little more of an
+//! effect, and measured by the fit that measured the recording. The difference is the design column; it contains the bias of the estimator. Its
+//! parameter keeps the unit of the effect's page: where that is no quantity of the rendering (as the slope of a background is, or the gain of a
+//! column), the column is scaled so that stars of the brightness that the page speaks of move as far as the formula says. Formula and rendered
+//! column are then two variants of one hypothesis, and the recording decides: the stars of a star list may have been measured by another estimator.
 //!
-//! Star images of all frames share the rendered ones, as many on each as find room without touching: cost grows with the images and not
-//! with the frames.
+//! Star images of all frames share the rendered ones, as many on each as have room without touching: cost grows with the images and not with the
+//! frames.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -53,7 +52,7 @@ pub(super) type Shifts = Arc<BTreeMap<usize, Signature>>;
 pub(super) struct Rendered(BTreeMap<&'static str, Shifts>);
 
 impl Rendered {
-    /// Renders and measures the star images of a baseline solution; nothing where nobody says how they look, or where their electrons are
+    /// Renders and measures the star images of a baseline solution; nothing where their image conditions are not known, or where their electrons are
     /// not known.
     pub(super) fn new(stars: &StarImages, joint: &BundleSolution, points: &ControlPoints, looks: Option<&ImageConditions>) -> Self {
         let Some(looks) = looks.filter(|_| stars.images.len() <= MAX_IMAGES) else { return Self::default() };
@@ -83,7 +82,7 @@ type Moved = BTreeMap<usize, [f64; 2]>;
 /// Stars that are rendered together: each with its number among the star images.
 type StarLayout = Vec<(usize, TestStar)>;
 
-/// Deals the star images out to as few frames as have room for them.
+/// Distributes the star images over as few star layouts as have room for them.
 fn star_layouts(stars: &StarImages, joint: &BundleSolution, points: &ControlPoints, looks: &ImageConditions) -> Vec<StarLayout> {
     let camera = joint.model().camera();
     let size = [camera.width_px as f64, camera.height_px as f64];
@@ -269,7 +268,7 @@ impl ColumnRenderer<'_> {
             .collect()
     }
 
-    /// Renders and measures every plate with two cameras; the change of each star's centre, by its number.
+    /// Renders and measures every star layout with two cameras; the change of each star's centre, by its number.
     fn difference(&self, scenes: &[Scene; 2], plates: &[StarLayout]) -> Option<Moved> {
         let looks = self.looks;
         let [less, more] = [told(StampRenderer::new(&scenes[0]))?, told(StampRenderer::new(&scenes[1]))?];

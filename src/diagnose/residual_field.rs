@@ -1,4 +1,4 @@
-//! What is left, as a vector map over the frame: a Gaussian process whose prior is a sum of a field free of curl and one free of divergence.
+//! Map of the residual field over the frame: a Gaussian process whose prior is the sum of a curl-free and a divergence-free field.
 //!
 //! With k(d) = exp(−d²/2ℓ²), d the vector between two places: covariance of ∇φ: (1 − d·dᵀ/ℓ²)·k, of a turned gradient:
 //! ((1 − d²/ℓ²)·1 + d·dᵀ/ℓ²)·k, both of variance one for each component. ℓ and the two variances are those of greatest evidence. The map is

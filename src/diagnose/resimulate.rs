@@ -1,6 +1,5 @@
-//! The recording simulated anew with what was found: every star sent through the camera and the sky with the findings in force, as a renderer
-//! sends it, and the result held against the same model as the real recording was, with nothing linearised. What the two then differ by is the
-//! errors alone, if the findings are what was missing.
+//! Resimulation of the recording with the findings: every star is sent through camera and sky as a renderer sends it, without linearisation, and
+//! the result is fitted by the same model as the real recording. If the findings are what was missing, the two differ by errors alone.
 
 use super::DiagnoseOptions;
 use super::evidence::Evidence;

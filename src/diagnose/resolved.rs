@@ -1,9 +1,9 @@
-//! Probabilities are told as far as the simulations resolve them. The tail of the simulated recordings is read off a thousand times beyond the
-//! last of them at most, and beyond one in a million no distribution of errors is known well enough to say anything.
+//! Lower limits of stated p-values: what the null simulations resolve. The tail is extrapolated to a thousandth of the last simulated p-value at
+//! most; below one in a million no distribution of errors is known well enough.
 
 use super::diagnosis::{Bound, Diagnosis};
 
-/// No probability is told below this.
+/// No p-value is stated below this.
 const MIN_P: f64 = 1e-6;
 /// So many times beyond the last simulation the tail is followed.
 const BEYOND: f64 = 1e-3;

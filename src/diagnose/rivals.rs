@@ -1,4 +1,4 @@
-//! What else could it be: every other effect in a finding's place, and the observation that would decide.
+//! Rival effects: every other effect in a finding's place, and the observation that would decide between them.
 
 use super::crossfit::CrossFit;
 use super::diagnosis::Rival;

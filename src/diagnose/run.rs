@@ -1,4 +1,4 @@
-//! The diagnosis from end to end, stage by stage.
+//! The stages of a diagnosis, in their order.
 
 use std::time::Instant;
 

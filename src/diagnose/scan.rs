@@ -1,5 +1,5 @@
-//! Many questions to the same residuals: every hypothesis and every pattern of every covariate is a group of columns; its statistic is the
-//! square of what it explains of ψ over c, χ² of its rank without any effect.
+//! Score tests of many groups of columns on the same residuals: every hypothesis and every pattern of every covariate is a group. Its statistic is
+//! the square of what it explains of ψ over c, which is χ² of its rank if there is no effect.
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;

@@ -1,9 +1,11 @@
-//! Are the p-values of this recording to be trusted? Whatever is in the frames is in both halves of them, drawn by lot; an effect that is there
-//! in one half and not in the other, or with the other sign, is there by chance alone. So the whole procedure is asked of such effects, split
-//! after split: where errors are as the diagnosis takes them (independent, of the sizes it has found) the p-values are uniform.
+//! Split-half validation: an effect with opposite sign in two random halves is null by construction, so its p-values must be uniform.
 //!
-//! Splits of one night share its errors: if its brightest star stands off by chance it does so in every split, and the p-values of a single
-//! night lie off the diagonal. How far they may is told by nights simulated with such errors and split in the same way.
+//! Whatever is in the frames is in both random halves of them; an effect that is in one half only, or has the other sign there, is due to chance.
+//! The whole procedure is run for such effects, split after split. The p-values are uniform if errors are as the diagnosis takes them (independent,
+//! of the sizes that it has found).
+//!
+//! Splits of one night share its errors: if its brightest star is off by chance it is so in every split, and the p-values of a single night are not
+//! uniform. The spread that this allows is found from simulated nights with such errors, split in the same way.
 
 use std::collections::BTreeMap;
 

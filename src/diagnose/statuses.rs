@@ -1,4 +1,4 @@
-//! The status of every effect of the registry: found, not found with a limit, hidden, or not to be judged here.
+//! Status of every effect of the registry: found, not found with a limit, not observable, or not applicable.
 
 use super::cross_validation::Withheld;
 use super::diagnosis::{EffectState, EffectStatus, Finding, FoundParameter, Limit};

@@ -1,4 +1,4 @@
-//! The steps of a diagnosis, for those who wait for it.
+//! Progress reports of a diagnosis.
 
 /// A step, in the order in which they are taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -1,4 +1,4 @@
-//! Which physics: effects enter one after the other, by the score of their columns, and leave again where others make them superfluous.
+//! Stepwise selection: effects enter one by one by the score of their columns, and leave where others make them superfluous.
 
 use super::evidence::Evidence;
 use super::fit_state::{AGREES, AS_GOOD, FitState, SelectedEffect, UNOBSERVABLE, amplitude, cosine, fall, survival};

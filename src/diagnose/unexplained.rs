@@ -1,4 +1,4 @@
-//! What is left after the findings: its map, what it follows, and which effects it resembles without being one of them.
+//! The unexplained remainder: its map, the covariates that it follows, and the effects that it resembles.
 
 use super::channels::Channel;
 use super::cross_validation::Withheld;

@@ -1,9 +1,9 @@
-//! Refraction in frames of which neither the times nor the place are known. While the frames are taken the Earth turns, and the zenith moves on
-//! its circle of declination: 15° an hour. One zenith for all frames would be blurred, and the size found under it too small. So each frame's
-//! zenith stands at an hour angle of its own, and all at one declination.
+//! Refraction in frames without times and place: one size, one declination of the zenith, and an hour angle for each frame. While the frames are
+//! taken the Earth turns, and the zenith moves on its circle of declination: 15° an hour. One zenith for all frames would be blurred, and the size
+//! found under it too small.
 //!
 //! The search for one zenith gives the start. From there size, declination and hour angles are found by Gauss and Newton's steps, attitudes and
-//! camera free beside them; the hour angle is one more own parameter of a frame, as its attitude is, so its error is in that of the size.
+//! camera free beside them; the hour angle is one more nuisance parameter of a frame, as its attitude is, so its error is in that of the size.
 
 use super::evidence::Evidence;
 use super::fit_state::{FitState, SelectedEffect};

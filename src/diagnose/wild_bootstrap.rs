@@ -1,12 +1,13 @@
-//! Do the errors of a frame (or of a star) go together, so that an effect which lives on a few of them only seems to be there? The score of an
-//! effect is a sum over such units; without the effect every part of it might as well have the other sign. The share of all choices of signs
-//! that do as well is a p-value which supposes nothing of how errors hang together within a unit, nor how large they are.
+//! Cluster-robust test of an effect: wild bootstrap of its score with Rademacher signs per frame (or star).
 //!
-//! Units are the frames; for effects that displace a star by numbers of its own (proper motion, parallax) the stars; where frames are too few,
+//! The score is a sum over clusters; without the effect each term has either sign with equal probability. The p-value is the share of sign patterns
+//! whose score is as large. It supposes nothing of the correlation of errors within a cluster, nor of their size.
+//!
+//! Clusters are the frames; for effects that displace a star by numbers of its own (proper motion, parallax) the stars; where frames are too few,
 //! parts of them.
 //!
-//! Source: the wild bootstrap of a score with Rademacher weights by cluster, its null imposed (P. Kline and A. Santos, J. Econometric Methods
-//! 1, 23 (2012); Cameron, Gelbach and Miller, Rev. Econ. Stat. 90, 414 (2008)); with symmetric parts it is exact.
+//! Source: the wild bootstrap of a score with Rademacher weights by cluster, its null imposed (P. Kline and A. Santos, J. Econometric Methods 1, 23
+//! (2012); Cameron, Gelbach and Miller, Rev. Econ. Stat. 90, 414 (2008)); with symmetric parts it is exact.
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -24,7 +25,7 @@ pub(super) const LEVEL: f64 = 1e-2;
 const FRAMES_FROM: usize = 16;
 /// Cells of the field along each axis, where parts of frames are the units.
 const CELLS: usize = 3;
-/// Choices of signs drawn at most,
+/// Sign patterns drawn at most,
 const DRAWS: usize = 40_000;
 /// until so many have done as well.
 const ENOUGH: usize = 100;
@@ -36,7 +37,7 @@ pub(super) struct WildBootstrap {
     pub(super) units: &'static str,
     /// How many the effect lives on: of equal parts that tell as much.
     pub(super) effective: f64,
-    /// Share of the choices of signs that do as well; nothing where even the best could not be below [`LEVEL`].
+    /// p-value: share of the sign patterns whose score is as large; nothing where even the best could not be below [`LEVEL`].
     pub(super) p_value: Option<f64>,
 }
 
@@ -79,7 +80,7 @@ fn units(evidence: &Evidence, entry: SelectedEffect) -> (&'static str, Vec<usize
     ("parts of frames", evidence.place.iter().zip(&places).map(of).collect())
 }
 
-/// Share of the choices of a sign for each unit for which the sum of the units' scores is as long as with the signs that they have.
+/// Share of the sign patterns over the units for which the sum of the units' scores is as long as with their own signs.
 fn share_of_signs(scores: &[Vec<f64>], seed: u64) -> f64 {
     let rank = scores.first().map_or(0, Vec::len);
     let mut sum = vec![0.0; rank];

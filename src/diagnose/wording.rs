@@ -1,4 +1,4 @@
-//! The diagnosis in plain sentences.
+//! Text of a diagnosis: its verdicts, findings and summary in sentences.
 
 use super::channels::{ChannelVerdict, Detectable};
 use super::diagnosis::{ColumnSource, Diagnosis, EffectState, Finding, FoundParameter};
@@ -48,7 +48,7 @@ pub(super) fn finding(finding: &Finding, effect: &dyn AnyDisplacement, in_force:
         format!(", {} of the size that the recording's own data give", with_error(ratio, error))
     });
     let rendered = match finding.columns {
-        ColumnSource::Rendered => " Its trace is that of the recording's own stars, rendered with it and measured.",
+        ColumnSource::Rendered => " The model column was rendered from this recording's stars.",
         ColumnSource::Formula => "",
     };
     let [times, turns] = finding.chosen_again;

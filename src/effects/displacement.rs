@@ -445,15 +445,8 @@ impl<D: Displacement> AnyDisplacement for D {
         D::reference_values()
     }
     fn page(&self) -> String {
-        page_of(D::source())
+        super::page_of(D::source())
     }
-}
-
-/// The module documentation (`//!` lines) of a source file, as Markdown.
-#[must_use]
-pub fn page_of(source: &str) -> String {
-    let lines = source.lines().map_while(|line| line.strip_prefix("//!"));
-    lines.map(|line| line.strip_prefix(' ').unwrap_or(line).to_owned() + "\n").collect()
 }
 
 /// Solves r(θ) = `target` for θ, both of any kind of number, where r grows with θ: what projections and radial distortions without a

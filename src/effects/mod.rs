@@ -19,6 +19,7 @@ pub mod sky;
 mod centroid;
 mod displacement;
 mod facts;
+mod page;
 mod registry;
 mod rendering;
 mod result;
@@ -27,9 +28,10 @@ mod star_image;
 pub use centroid::CentroidShift;
 pub use displacement::{
     AnyDisplacement, Context, Displacement, Light, Natural, Observation, ParameterSpec, ReferenceValue, RefractionConstants, Searched,
-    Segment, Sensor, StarState, invert, page_of,
+    Segment, Sensor, StarState, invert,
 };
 pub use facts::{Facts, OrdinarySize, UsualSize, id_of, stem_of};
+pub use page::{PAGE_HEADINGS, page_as_text, page_of};
 pub use registry::{DISPLACEMENTS, Effect, displacement, effect, effects};
 pub use rendering::Rendering;
 pub use result::{EffectList, LIST_FORMAT, ListedEffect, ListedParameter};

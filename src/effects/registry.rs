@@ -64,7 +64,7 @@ pub static DISPLACEMENTS: &[&dyn AnyDisplacement] = &[
 ///
 /// let refraction = displacement("refraction").unwrap();
 /// assert_eq!(refraction.parameters()[0].unit, "arcsec");
-/// assert!(refraction.page().contains("**Equation.**"));
+/// assert!(refraction.page().contains("## Equation"));
 /// ```
 #[must_use]
 pub fn displacement(id: &str) -> Option<&'static dyn AnyDisplacement> {

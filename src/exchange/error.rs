@@ -1,4 +1,4 @@
-//! Why a camera cannot be exchanged.
+//! Errors of a camera exchange.
 
 use thiserror::Error;
 

@@ -1,4 +1,4 @@
-//! What every conversion stands on: exact correspondences over the frame, least squares on them, and how far they are met.
+//! Fit of one camera model to another: exact correspondences over the frame, least squares on them, and the residual.
 
 use nalgebra::{DMatrix, DVector};
 use schemars::JsonSchema;

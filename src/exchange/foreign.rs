@@ -1,4 +1,4 @@
-//! Cameras of other programs, read and brought to our model.
+//! Import: cameras of other programs, converted to our model.
 
 use schemars::JsonSchema;
 use serde::Serialize;

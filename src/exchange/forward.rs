@@ -1,4 +1,5 @@
-//! Models that ADD their distortion to the ideal point, as OpenCV, ROS, mrcal and tetra3rs have it; ours takes it away at the measured one.
+//! Forward distortion models, as OpenCV, ROS, mrcal and tetra3rs have them: distortion is ADDED to the ideal point; ours is subtracted at the
+//! measured one.
 //!
 //! ```text
 //! a = X/Z, b = Y/Z, r² = a² + b²

@@ -1,4 +1,4 @@
-//! A calibrated camera in the files of other programs, and theirs in ours.
+//! Exchange of calibrated cameras with other programs, in both directions.
 //!
 //! Our model takes the distortion away at the MEASURED point. SIP and TPV do the same and hold the reference model without loss. OpenCV, ROS, mrcal and
 //! tetra3rs add it to the ideal point: there is no closed form between the two, so a conversion is a fit over the frame, and how near it comes is part of

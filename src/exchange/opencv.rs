@@ -1,4 +1,4 @@
-//! OpenCV's `FileStorage` in YAML: what `cv::calibrateCamera`'s sample writes and `cv::FileStorage` reads.
+//! OpenCV's `FileStorage` in YAML, as `cv::calibrateCamera`'s sample writes it and `cv::FileStorage` reads it.
 //!
 //! The fisheye model has the same keys and four coefficients of another meaning; `distortion_model: fisheye` tells the two apart.
 

@@ -1,4 +1,4 @@
-//! The frame on the tangential plane: what SIP and TPV fit their polynomials to.
+//! Tangential plane of a frame, to which SIP and TPV fit their polynomials.
 
 use nalgebra::Matrix2;
 

@@ -1,4 +1,4 @@
-//! Our own model from correspondences: what an import ends with.
+//! Fit of the reference model to correspondences, the last step of an import.
 
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 

@@ -1,5 +1,4 @@
-//! What a header's pixels are mapped to: the light as it arrives, in camera axes; or the places of the catalogue, through all that is done to the
-//! light on its way.
+//! Meaning of a header's world coordinates: the light as it arrives, in camera axes, or catalogue places, through all effects on the way.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -47,7 +46,7 @@ impl<'a> View<'a> {
         self.model
     }
 
-    /// The attitude of the axes in which directions are told, where they are places of the catalogue: its z is the place of the boresight's light.
+    /// The attitude of the axes in which directions are given, where they are places of the catalogue: its z is the place of the boresight's light.
     pub(super) fn attitude(&self) -> Option<Attitude> {
         self.sky.as_ref().map(|sky| sky.placed)
     }

@@ -1,4 +1,4 @@
-//! The headers with world coordinates of all frames.
+//! World-coordinate headers of all frames.
 
 use super::sip::Sip;
 use super::tpv::Tpv;

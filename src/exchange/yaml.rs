@@ -1,5 +1,5 @@
-//! A small strict reader of the YAML that camera calibrations are written in: maps, numbers, texts, and lists of numbers. What it does not know
-//! it refuses, with the line.
+//! Strict reader of the part of YAML that camera calibrations use: maps, numbers, texts, and lists of numbers. It refuses everything else, with the
+//! line.
 
 use std::collections::HashSet;
 

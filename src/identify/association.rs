@@ -1,4 +1,4 @@
-//! Which of the stars near a detection it is, if any: by place and brightness, weighed against being none of them.
+//! Probabilistic association of a detection with the stars near it, by place and brightness, against the hypothesis of no star.
 //!
 //! A detection of magnitude m at the distance d from where star i belongs speaks for it by
 //!

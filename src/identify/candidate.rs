@@ -1,4 +1,4 @@
-//! A candidate: a triangle of detections laid over one of the catalogue, and whether the stars around it are found too.
+//! Candidate pose: a triangle of detections matched to one of the catalogue, and its verification by the stars around it.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -40,7 +40,7 @@ pub(super) struct Context<'a> {
 }
 
 impl Context<'_> {
-    /// The shape of a triangle, if the level has such.
+    /// The shape of a triangle, if the scale has such.
     pub(super) fn usable(&self, sides: [f64; 3]) -> Option<Shape> {
         let [least, most] = self.level.longest_range();
         Shape::new(sides).filter(|shape| shape.longest >= least && shape.longest <= most)

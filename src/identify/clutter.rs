@@ -1,6 +1,6 @@
-//! Which detections look like no star beside the others of the frame: letters, edges and trails come in clumps, glows are wide.
+//! Clutter: detections that look like no star beside the others of the frame. Letters, edges and trails come in clumps, glows are wide.
 //!
-//! What they are is not decided here. A frame that has many of them is looked at without them first, and then as it is.
+//! What they are is not decided here. A frame that has many of them is searched without them first, and then as it is.
 
 use super::refine::Points;
 
@@ -10,7 +10,7 @@ const BY_CHANCE: f64 = 0.3;
 const CLUMP: usize = 3;
 /// Stars are not so much wider than the narrowest quarter of the detections.
 const WIDE: f64 = 2.5;
-/// Of fewer points it cannot be told.
+/// Fewer points do not decide it.
 const MIN_POINTS: usize = 12;
 /// Among so many of the brightest points the search begins …
 const BRIGHTEST: usize = 32;

@@ -1,4 +1,4 @@
-//! How likely a match would be by chance.
+//! False-match probability: how likely chance alone would match as many stars.
 //!
 //! Under the hypothesis that the detections have nothing to do with the catalogue stars laid over them, each has the
 //! probability λ·πρ² to lie within ρ of one, λ being the local density of the catalogue stars laid over. The number of

@@ -1,4 +1,4 @@
-//! What is different about fisheyes: where in the frame they are looked for, and how what is found there is followed outwards.
+//! Search in fisheye frames: where in the frame the pattern is looked up, and how a match is followed outwards.
 
 use nalgebra::Vector3;
 

@@ -1,4 +1,4 @@
-//! The index of triangles of catalogue stars: one [`IndexScale`] for each width of field, built when first needed.
+//! Index of triangles of catalogue stars: one [`IndexScale`] for each width of field, built when first needed.
 
 use std::sync::OnceLock;
 use std::time::Duration;
@@ -10,7 +10,7 @@ use super::sky::Zones;
 use crate::catalog::Catalog;
 use crate::units::DEG_RAD;
 
-/// Width of the levels: the first, and the factor from one to the next.
+/// Width of the scales: the first, and the factor from one to the next.
 const FIRST_WIDTH_RAD: f64 = 3.0 * DEG_RAD;
 const LEVELS: usize = 12;
 
@@ -27,7 +27,7 @@ pub struct IndexSize {
     pub build_time: Duration,
 }
 
-/// Triangles of catalogue stars for lost-in-space identification. Cheap to make: each level is built when first needed.
+/// Triangles of catalogue stars for lost-in-space identification. Cheap to make: each scale is built when first needed.
 #[derive(Debug)]
 pub struct Index {
     pub(super) vectors: Vec<Vector3<f64>>,
@@ -44,7 +44,7 @@ impl Index {
         Self { vectors, prefixes: OnceLock::new(), levels: [const { OnceLock::new() }; LEVELS] }
     }
 
-    /// Builds everything now (otherwise each part is built when first needed) and says how large the levels are.
+    /// Builds everything now (otherwise each part is built when first needed) and says how large the scales are.
     pub fn build(&self) -> IndexSize {
         self.prefixes();
         for number in 0..LEVELS {
@@ -53,7 +53,7 @@ impl Index {
         self.size()
     }
 
-    /// Size and build time of the levels built so far.
+    /// Size and build time of the scales built so far.
     #[must_use]
     pub fn size(&self) -> IndexSize {
         self.levels.iter().filter_map(OnceLock::get).fold(IndexSize::default(), |sum, level| IndexSize {
@@ -70,7 +70,7 @@ impl Index {
         self.vectors.len()
     }
 
-    /// The level whose width is nearest to `width_rad`, `coarser` steps up (for fields that show few stars) or down.
+    /// The scale whose width is nearest to `width_rad`, `coarser` steps up (for fields that show few stars) or down.
     pub(super) fn level_for(&self, width_rad: f64, coarser: i32) -> &IndexScale {
         let number = (2.0 * (width_rad / FIRST_WIDTH_RAD).log2()).round() + f64::from(coarser);
         self.level(number.clamp(0.0, (LEVELS - 1) as f64) as usize)

@@ -1,10 +1,9 @@
-//! Catalogue stars of one width of field, sorted by the shape and size of the triangles that they form.
+//! One scale of the index: catalogue stars for one width of field, sorted by the shape and size of the triangles that they form.
 //!
-//! A level for fields of width w holds the stars that are among the [`INDEX_STARS`] brightest in the disc of area w² around
-//! them (so that the density of stars on the sky is even, and a camera of that field sees about as many), and the triangles
-//! that they form with sides below [`LONGEST`]·w. A triangle is described by its longest side (chord on the unit sphere) and
-//! the ratios of the middle and the shortest side to it; both are independent of attitude and of mirroring, and the ratios are
-//! nearly independent of the focal length.
+//! The scale for fields of width w holds the stars that are among the [`INDEX_STARS`] brightest in the disc of area w² around them (so that the
+//! density of stars on the sky is even, and a camera of that field sees about as many), and the triangles that they form with sides below
+//! [`LONGEST`]·w. A triangle is described by its longest side (chord on the unit sphere) and the ratios of the middle and the shortest side to it;
+//! both are independent of attitude and of mirroring, and the ratios are nearly independent of the focal length.
 
 use std::time::{Duration, Instant};
 
@@ -12,20 +11,20 @@ use nalgebra::Vector3;
 
 use super::sky::Zones;
 
-/// A star is in a level's triangles if fewer than this many brighter ones stand in the disc of area w² around it.
+/// A star is in a scale's triangles if fewer than this many brighter ones stand in the disc of area w² around it.
 const INDEX_STARS: usize = 18;
-/// Neighbours that are kept of every star of a level, the brightest: a candidate has to find them in the image.
+/// Neighbours that are kept of every star of a scale, the brightest: a candidate has to find them in the image.
 const NEIGHBOURS: usize = 14;
 /// Places for them: as many as go through the processor together.
 pub(super) const LANES: usize = 16;
-/// How far away they may be, over the width of the level.
+/// How far away they may be, over the width of the scale.
 const NEIGHBOUR_REACH: f64 = 0.55;
 /// The directions of a star's neighbours, brightest first: x, y and z. Where there are no more, zeros stand: behind no camera and in
 /// front of none. In lines of the cache, that it takes three and not four to read them.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 pub(super) struct Neighbours(pub(super) [[f32; LANES]; 3]);
-/// Longest side of a triangle over the width of the level: from, to.
+/// Longest side of a triangle over the width of the scale: from, to.
 const LONGEST: [f64; 2] = [0.12, 0.60];
 /// Least ratio of the shortest side to the longest.
 const MIN_RATIO: f64 = 0.15;
@@ -41,7 +40,7 @@ const QUANTUM: f64 = 65_535.0;
 /// A catalogue triangle.
 #[derive(Clone, Copy, Debug)]
 struct Triangle {
-    /// Indices into the level's stars, in the order opposite the longest, the middle, the shortest side.
+    /// Indices into the scale's stars, in the order opposite the longest, the middle, the shortest side.
     stars: [u32; 3],
     /// ln(longest/width) over its range, middle/longest, shortest/longest, as parts of 65,535.
     features: [u16; 3],
@@ -79,7 +78,7 @@ impl Shape {
     }
 }
 
-/// Where triangles like one of the image stand in a level.
+/// Where triangles like one of the image stand in a scale.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Window {
     /// First and last cell of ln(longest), middle and shortest.
@@ -97,9 +96,9 @@ pub(super) struct Ranges(Vec<(u32, u32, u32)>);
 /// The stars of one width of field and their triangles.
 #[derive(Debug)]
 pub(super) struct IndexScale {
-    /// Width of the fields that this level is for.
+    /// Width of the fields that this scale is for.
     width_rad: f64,
-    /// Directions of the level's stars, brightest first: few, so that they stay in the processor's cache.
+    /// Directions of the scale's stars, brightest first: few, so that they stay in the processor's cache.
     vectors: Vec<[f32; 3]>,
     /// For each star the directions of its brightest neighbours, brightest first: side by side, so that a candidate costs one
     /// look into memory.
@@ -112,7 +111,7 @@ pub(super) struct IndexScale {
 }
 
 impl IndexScale {
-    /// The level of fields of this width, of a catalogue's stars, brightest first.
+    /// The scale of fields of this width, of a catalogue's stars, brightest first.
     pub(super) fn build(vectors: &[Vector3<f64>], width_rad: f64) -> Self {
         let start = Instant::now();
         let vectors: Vec<Vector3<f64>> = select(vectors, width_rad).into_iter().map(|star| vectors[star as usize]).collect();
@@ -220,7 +219,7 @@ impl IndexScale {
         }
     }
 
-    /// The angle (chord) of the longest side from which and to which this level has triangles.
+    /// The angle (chord) of the longest side from which and to which this scale has triangles.
     pub(super) fn longest_range(&self) -> [f64; 2] {
         LONGEST.map(|part| part * self.width_rad)
     }
@@ -240,7 +239,7 @@ fn to_parts(value: f64) -> u16 {
     (value.clamp(0.0, 1.0) * QUANTUM).round() as u16
 }
 
-/// The stars of a level in order of brightness.
+/// The stars of a scale in order of brightness.
 fn select(vectors: &[Vector3<f64>], width_rad: f64) -> Vec<u32> {
     let radius_rad = (width_rad / std::f64::consts::PI.sqrt()).min(1.4);
     // The brightest stars crowd along the Milky Way by a factor of two or three; fainter ones than these are never chosen.
@@ -324,7 +323,7 @@ fn triangles_of(vectors: &[Vector3<f64>], zones: &Zones, width_rad: f64) -> Vec<
 
 /// Gives chunks of `items` to `work` on several threads; the results stand in the order of the items.
 ///
-/// Threads of its own, not rayon's: a level is built inside a lock that only one thread may hold, and a rayon worker that
+/// Threads of its own, not rayon's: a scale is built inside a lock that only one thread may hold, and a rayon worker that
 /// waits here would steal another frame's identification, which waits for the same lock.
 fn in_threads<T: Send>(items: &[u32], work: impl Fn(&[u32]) -> Vec<T> + Sync) -> Vec<T> {
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(16);

@@ -1,4 +1,4 @@
-//! Deliberate misidentification, for testing calibrators: a share of the control points is given another star's direction.
+//! Deliberate misidentification, for trials of calibrators: a share of the control points is given another star's direction.
 
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
@@ -11,7 +11,7 @@ use crate::coordinates::{Apparent, Direction};
 use crate::effects::StarState;
 use crate::units::DEG_RAD;
 
-/// What a deliberately wrong identification looks like.
+/// Kinds of deliberately wrong identifications.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MisidentificationKind {

@@ -4,7 +4,7 @@
 //! 1. Triangles of the brightest detections are looked up among the triangles of an [`Index`] by shape and size, for focal
 //!    lengths around the nominal one or, without one (or if that fails), for all fields 3° to 90° wide, and for some amounts of
 //!    radial distortion; then through the laws of fisheyes, around the middle of the frame. Either handedness is accepted: images may
-//!    be mirrored. Where many detections look like no star (letters, edges, trails), those that do are looked at first.
+//!    be mirrored. Where many detections look like no star (letters, edges, trails), those that do are searched first.
 //! 2. Each pair of triangles is a hypothesis about attitude and focal length; the brightest catalogue stars around its triangle
 //!    must be found among the detections, more of them than by chance.
 //! 3. What survives is fitted to all detections (attitude, focal length, k1; of a fisheye the principal point) with a shrinking radius.

@@ -1,4 +1,4 @@
-//! Where on a frame there are detections, by one bit a place.
+//! Occupancy map of a frame's detections, one bit a cell.
 
 use super::refine::Points;
 

@@ -1,4 +1,4 @@
-//! Star lists whose stars are named already → control points, with no identification of ours.
+//! Identified star lists → control points, without an identification of our own.
 
 use super::{ControlPoint, ControlPoints, FrameState, KnownAttitude};
 use crate::camera::{Camera, ObserverError, Physics, PhysicsError, SkyChain, Term};

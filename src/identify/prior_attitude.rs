@@ -1,4 +1,4 @@
-//! A prior attitude: where the camera is held to point, and how far that is trusted.
+//! Prior attitude: where the camera is held to point, with its uncertainty.
 
 use nalgebra::{Matrix3, Vector3};
 

@@ -1,4 +1,4 @@
-//! How the angle from the boresight becomes a distance from the principal point.
+//! Projections: the law by which the angle from the boresight becomes a distance from the principal point.
 
 use crate::effects::ids;
 use nalgebra::Vector3;

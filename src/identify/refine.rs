@@ -1,4 +1,4 @@
-//! From a first guess of attitude and focal length to the best camera that one frame gives, and to what it is worth.
+//! Refinement of a candidate: the best camera that one frame gives, from a first attitude and focal length, and its false-match probability.
 
 use nalgebra::{Matrix3, Rotation3, SMatrix, SVector, UnitQuaternion, Vector3};
 

@@ -1,4 +1,4 @@
-//! The search: triangles of detections against triangles of the catalogue, over focal lengths and distortions.
+//! Triangle search: triangles of detections against triangles of the catalogue, over focal lengths and distortions.
 
 use std::borrow::Cow;
 use std::time::{Duration, Instant};
@@ -28,7 +28,7 @@ const MAX_HYPOTHESES: u64 = 2_000_000;
 /// The same for one stage at one focal length, where all are searched: the catalogue has so many more triangles for fields of
 /// three degrees than for wide ones that they would take nearly all of the time.
 const MAX_IN_A_STEP: u64 = 2000;
-/// Hypotheses between two looks at the clock.
+/// Hypotheses between two readings of the clock.
 const BETWEEN_LOOKS: u64 = 32;
 
 /// Triangles of detections that are looked up together.
@@ -80,7 +80,7 @@ struct Batch {
 /// Focal lengths to try, each with its half step in ln f, and whether they are few.
 type Pass = (Vec<(f64, f64)>, bool);
 
-/// One way to look at a frame: which of its points, through which lens, what is tried.
+/// One search pass over a frame: which of its points, through which lens, what is tried.
 pub(super) struct SearchPass<'a> {
     /// The frame's points.
     pub(super) frame: &'a Points,
@@ -90,7 +90,7 @@ pub(super) struct SearchPass<'a> {
     pub(super) stages: &'static [Stage],
 }
 
-/// What has been tried so far, of all looks at a frame together.
+/// What has been tried so far, in all search passes over a frame together.
 #[derive(Clone, Copy, Debug)]
 struct Tally {
     hypotheses: u64,

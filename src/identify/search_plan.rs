@@ -1,4 +1,4 @@
-//! In which ways a frame is looked at, one after another: through the tangent plane, then as fisheyes see.
+//! Search plan of a frame: the passes that are tried one after another, first through the tangent plane, then through the laws of fisheyes.
 
 use std::borrow::Cow;
 
@@ -23,7 +23,7 @@ pub(super) struct FramePoints {
     pub(super) spread: Option<Points>,
 }
 
-/// The looks at a frame.
+/// The search passes over a frame, in their order.
 pub(super) fn search_passes<'a>(seen: &'a FramePoints, options: &IdentifyOptions) -> Vec<SearchPass<'a>> {
     let mut all = Vec::new();
     let both = || seen.lone.iter().chain([&seen.all]);

@@ -1,4 +1,4 @@
-//! Finding stars near a direction, by zones of declination.
+//! Cone search: catalogue stars near a direction, by zones of declination.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 

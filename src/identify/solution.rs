@@ -1,4 +1,4 @@
-//! From detections to the search's points, and from the search's answer to a [`Solution`].
+//! Conversion between detections and the search's points, and from the search's answer to a [`Solution`].
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
@@ -32,7 +32,7 @@ const MAX_SIDE_PX: usize = 1_000_000;
 /// Of the stars around the middle of a fisheye's frame one in so many has to be named in the end.
 const MIN_KEPT: usize = 2;
 
-/// The fewest matches of which an attitude is told.
+/// The fewest matches with which an attitude is stated.
 const MIN_MATCHES: usize = 4;
 
 /// The catalogue's own directions, for frames about which nothing is known that would change them.

@@ -1,8 +1,8 @@
-//! The points in another order than by brightness, where the bright ones stand together: leaves, lamps and clouds fill a part of a frame and are
-//! brighter than the stars beside them.
+//! Order of detections that is even over the frame, for frames whose brightest points stand together: leaves, lamps and clouds fill a part of a
+//! frame and are brighter than the stars beside them.
 //!
 //! The brightest of every part of the frame come first, then the second of every part, and so on; parts that hold many more points than most come
-//! last in each turn.
+//! last in each round.
 
 use super::refine::Points;
 use crate::statistics::crowding::crowding;

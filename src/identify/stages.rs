@@ -1,4 +1,4 @@
-//! The stages of a search: which triangles of detections are tried, and how.
+//! Stages of a search: which triangles of detections are tried, and how.
 
 use Choice::{Brightest, Drawn};
 
@@ -24,7 +24,7 @@ pub(super) struct Stage {
     pub(super) ratio_tolerance: f64,
     /// Relative displacement at the corner that is taken away first.
     pub(super) kappa: f64,
-    /// Steps up to a level with sparser stars and larger triangles, or (negative) down to a denser one.
+    /// Steps up to a scale with sparser stars and larger triangles, or (negative) down to a denser one.
     pub(super) coarser: i32,
     /// Too long for a search over all focal lengths.
     pub(super) narrow_only: bool,

@@ -1,4 +1,4 @@
-//! Names as a match through a wrong camera gives them: each star image gets the catalogue star that is nearest to where that camera sees it.
+//! Misidentification through a wrong camera: each star image gets the catalogue star nearest to where that camera sees it.
 
 use std::f64::consts::{PI, TAU};
 

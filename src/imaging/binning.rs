@@ -1,4 +1,4 @@
-//! Pixels that are joined, n × n into one: on the chip, where their charge is, or as counts.
+//! Pixel binning, n × n into one: on the chip, as charge, or behind the converter, as counts.
 //!
 //! The stages before it see the detector's own (native) pixels, those after it the joined ones. On the chip that is after everything that happens to
 //! charge on its way to the amplifier, and before what the amplifier and the converter do: nonlinearity, read noise, banding, converter. Counts are

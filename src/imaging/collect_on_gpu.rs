@@ -1,4 +1,4 @@
-//! The light of the stars on the GPU: lists of stars for the tiles that they light, and the programs that go through them.
+//! Star light on the GPU: lists of stars for the tiles that they light, and the programs that go through them.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Joins shaders into one program that holds what is switched on and nothing else: some drivers run both sides of every branch.
+//! Shader composition: one program that holds what is switched on and nothing else, since some drivers run both sides of every branch.
 
 use std::fmt::Write;
 

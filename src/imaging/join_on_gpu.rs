@@ -1,4 +1,4 @@
-//! What is done on the GPU to a frame as a whole that lies there: pixels joined before they are read back, and light put behind filters.
+//! Whole-frame operations on the GPU: binning before pixels are read back, and light behind colour filters.
 //!
 //! Both go band by band. A band holds whole joined rows, so no joined pixel lies in two buffers.
 

@@ -1,4 +1,4 @@
-//! What single effects do to a frame, by the twins on the CPU whatever the backend: where the defects of a detector are, and where charge overflowed.
+//! Pixel flags from single effects, by the twins on the CPU whatever the backend: detector defects, and charge overflow.
 
 use super::on_cpu;
 use super::plan::Plan;

@@ -4,7 +4,7 @@
 //!   star images (f64 px, electrons)
 //!      │  integer pixel + f32 fraction, lists per tile          tiles
 //!      ▼
-//!   point spread        expected electrons of the stars, upon   GPU: collect.wgsl   CPU: PointSpread::add
+//!   point spread        expected electrons of the stars, upon   GPU: collect.wgsl   CPU: SeparablePsf::add, Psf2d::add_plane
 //!      │                those of the sky
 //!   pixel effects       Light → Charge → Readout → Digital      GPU: one program    CPU: row by row
 //!      │                                                        made for the job

@@ -1,4 +1,4 @@
-//! Light behind the filters of a mosaic: what each filter lets through is collected as a frame of its own, and a pixel takes that of its filter.
+//! Light behind the filters of a colour mosaic: the light of each filter is collected as a frame of its own, and a pixel takes that of its filter.
 //! On the GPU all of it stays there but the frame that comes out.
 
 use rayon::prelude::*;

@@ -1,4 +1,4 @@
-//! What the light of single sources becomes on its way through the effects, without chance: what truth says of a star beside where it is.
+//! Noise-free propagation of single sources through the effects, for the truth of a star beside its position.
 //!
 //! It is worked out by the twins on the CPU whatever the backend, so the truth of a frame does not depend on where it was rendered.
 

@@ -1,4 +1,4 @@
-//! The twins on the CPU: bands of rows on all cores, each band small enough to stay in a core's cache through all effects up to the first pass.
+//! CPU backend: the twins on bands of rows on all cores, each band small enough to stay in a core's cache through all effects up to the first pass.
 //!
 //! A band depends on nothing but its stars and its place, and a pass on nothing but the frame, so the bytes do not depend on the number of
 //! threads.

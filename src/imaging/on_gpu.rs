@@ -1,4 +1,4 @@
-//! The pixel effects on a GPU: programs made for the plan, buffers kept from frame to frame, work split where a limit asks for it.
+//! GPU backend: programs made for the plan, buffers kept from frame to frame, work split where a limit asks for it.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

@@ -1,4 +1,4 @@
-//! A configuration that was checked: which effects act, in which order, with which parameters.
+//! Plan of a rendering: a checked configuration, with the effects that act, their order and their parameters.
 
 use super::plane::{PlaneBatch, PlaneLight};
 use super::tiles;

@@ -1,4 +1,4 @@
-//! Light that is spread by a plane point spread: what goes in, and how it is prepared for the pixels.
+//! Input of plane point spreads (those that are not separable), prepared for the pixels.
 
 use super::tiles::{Entry, Grid, Placed, TileLists, bin};
 use super::{ImagingError, PlacedStar};

@@ -1,4 +1,4 @@
-//! The light of a single source on its own piece of the frame: what the truth says of it is what is rendered.
+//! Stamp of a single source: its light on its own piece of the frame, by the code that renders.
 
 use super::plan::{Lit, Plan};
 use super::tiles::Placed;

@@ -1,4 +1,4 @@
-//! From star images to lists of stars per tile.
+//! Tiling: lists of the star images that light each tile.
 
 use std::ops::Range;
 

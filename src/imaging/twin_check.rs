@@ -1,4 +1,4 @@
-//! How far GPU and CPU agree, on this machine, now.
+//! Agreement of GPU and CPU, measured on this machine.
 
 use super::{Backend, EffectSetting, FrameExposure, Imager, ImagingConfig, ImagingError, PlacedStar, Stage};
 use crate::effects::ids;

@@ -1,4 +1,5 @@
-//! Star images in another star's light: the catalogue knows the neighbour, the measurement did not.
+//! Blends with catalogue stars that were not detected: star images in the light of a neighbour that the catalogue knows and the measurement did
+//! not.
 //!
 //! A faint star beside a brighter one draws its centre. To first order of a fit that weights pixels by their variance V = sky + image, with P
 //! the image's profile and N that of the neighbour, the shift is Σ (∂P·N/V)/Σ (∂P²/V) times the ratio q of the fluxes: q·d·e^(−d²/4s²) for a

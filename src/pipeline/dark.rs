@@ -1,5 +1,4 @@
-//! What a camera shows in the dark: taken off its frames, and its hot pixels left out. Where there is no dark, what stays in its place while
-//! the stars move.
+//! Dark frames: subtracted from the frames, with hot pixels masked. Without darks, pixels that stay in place while the stars move are masked.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! Frames measured and identified.
+//! Measurement and identification of a recording's frames.
 
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};

@@ -1,6 +1,6 @@
-//! The way of the data: recording → detections → identifications → control points → what a diagnosis is asked.
+//! Data flow of the verbs: recording → detections → identifications → control points → input of a diagnosis.
 //!
-//! The verbs of the program and the benchmark of concealed recordings walk the same way; frames come from files or from memory.
+//! The verbs of the program and the benchmark of concealed recordings share it; frames come from files or from memory.
 
 mod crowding;
 mod dark;
@@ -73,7 +73,7 @@ pub enum PipelineError {
     #[error(transparent)]
     BehindTheLens(#[from] PhysicsError),
     /// A diagnosis of a fisheye's frames.
-    #[error("the frames are those of a fisheye ({0}), and a diagnosis knows the tangent plane alone: `calibrate` solves for such a camera")]
+    #[error("`diagnose` supports pinhole cameras only; these frames use {0}. Use `calibrate` instead.")]
     Fisheye(&'static str),
     /// Nothing can be read.
     #[error("none of the {skipped} frames can be read: {reason}")]

@@ -1,7 +1,7 @@
-//! Whether the frames are those of one camera, told before the camera is solved.
+//! Check that all frames are of one camera, before the camera is solved.
 //!
-//! Two cameras of one size differ by their focal length. Every identified frame tells its own (with k1, to a per cent or so in a wide field),
-//! and the frames fall apart into groups with a gap between them. A gap alone may be that of a lens whose distortion one frame tells badly:
+//! Two cameras of one frame size differ by their focal length. Every identified frame determines its own (with k1, to a per cent or so in a wide
+//! field), and the frames fall into groups with a gap between them. A gap alone may be due to a lens whose distortion one frame determines badly:
 //! so no frame of the one group may fit through the camera that a frame of the other has found.
 
 use nalgebra::{Matrix3, Vector3};

@@ -1,7 +1,7 @@
-//! Frames that bring far more stars than the catalogue has for this camera, or whose stars are no more than chance brings together.
+//! Implausible identifications: frames with far more stars than the catalogue has for this camera, or with no more matches than chance gives.
 //!
-//! Where noise is taken for stars every catalogue star has a blob near it, however faint it is. A camera that sees stars of the sixth magnitude
-//! in its other frames does not see those of the ninth in one.
+//! Where noise is detected as stars every catalogue star has a detection near it, however faint it is. A camera that sees stars of the sixth
+//! magnitude in its other frames does not see those of the ninth in one.
 
 use crate::catalog::Catalog;
 use crate::coordinates::{Direction, Icrs};

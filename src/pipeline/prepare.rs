@@ -1,4 +1,4 @@
-//! Control points of identified frames, and the camera and options with which a diagnosis is asked about them.
+//! Control points of identified frames, and the camera and options of their diagnosis.
 
 use super::crowding::{self, take_disturbed};
 use super::one_camera::check_sizes;

@@ -1,4 +1,4 @@
-//! Star lists in the place of images: what a flight unit measured, in the terms of the stages that follow.
+//! Star lists in the place of images: the measurements of a flight unit, in the terms of the stages that follow.
 
 use crate::detect::{Detection, Detections, Flags};
 use crate::identify::listed_covariance_px2;

@@ -1,4 +1,4 @@
-//! What a recording knows of the circumstances of its frames: time and place, motion, telemetry, in the units of the physics.
+//! Circumstances of the frames: time and place, motion, telemetry, in the units of the physics.
 
 use super::{FirstRow, FrameEntry, Recording, Shutter, Site};
 use crate::camera::{GroundSite, ObserverError, observation};

@@ -1,4 +1,4 @@
-//! What can be wrong with a recording, each in one sentence that names the place, the value and the remedy.
+//! Errors of a recording, each one sentence that names the place, the value and the remedy.
 
 use std::fmt;
 use std::path::PathBuf;

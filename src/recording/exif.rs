@@ -1,4 +1,4 @@
-//! What a camera wrote beside the pixels of a JPEG, PNG or TIFF file: EXIF.
+//! EXIF metadata of JPEG, PNG and TIFF files.
 //!
 //! Source: CIPA DC-008 (Exif 2.32), sections 4.6.4 to 4.6.6. Nothing here is needed, so what cannot be read is absent.
 

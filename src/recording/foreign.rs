@@ -1,4 +1,4 @@
-//! Files that are no image of ours, known by their first bytes: what they are, and what to do with them.
+//! Recognition of files that are no image of ours, by their first bytes: what they are, and what to do with them.
 
 use super::error::FrameProblem;
 use super::tiff::RAW_REMEDY;

@@ -1,4 +1,4 @@
-//! One image file → pixels in DN, whatever its kind: the content decides, not the name.
+//! One image file → pixels in DN, of any format; the content decides, not the name.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Cursor, Read, Seek, SeekFrom};

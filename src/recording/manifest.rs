@@ -1,4 +1,4 @@
-//! `recording.toml`: every key known, every fault with its line.
+//! Manifest of a recording, `recording.toml`: every key is known, every fault is stated with its line.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! From paths to a recording: which form it is, and the check of every frame before any is read.
+//! Opening a recording: from paths to its form, with a check of every frame before any is read.
 
 use std::fs;
 use std::path::{Path, PathBuf};

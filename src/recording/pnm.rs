@@ -1,4 +1,4 @@
-//! PGM and PPM: numbers in text or bytes behind a short head.
+//! PGM and PPM images: numbers in text or bytes behind a short header.
 //!
 //! Source: Netpbm documentation, pgm(5) and ppm(5). P2 and P5 are grey, P3 and P6 colours; above 255 a sample has two bytes, high one first.
 

@@ -1,4 +1,4 @@
-//! Star lists: what flight units send in the place of images, one line a star image.
+//! Star lists: the output of flight units in the place of images, one line a star image.
 
 use std::collections::BTreeMap;
 use std::path::Path;

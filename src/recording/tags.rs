@@ -1,4 +1,4 @@
-//! The directories of TIFF files: tags and their values, as TIFF, BigTIFF, EXIF and DNG share them.
+//! TIFF directories: tags and their values, as TIFF, BigTIFF, EXIF and DNG share them.
 //!
 //! Source: TIFF 6.0 (1992), section 2; BigTIFF design (2004). Every number comes from a file that may be damaged: what leads out of it is
 //! absent, and what is larger than can be meant is not read.

@@ -1,4 +1,4 @@
-//! What somebody says of frames that do not say it themselves: times, exposure and site of bare images.
+//! Declared circumstances of bare images: times, exposure and site from the command line.
 
 use hifitime::{Duration, Epoch};
 use thiserror::Error;
@@ -12,7 +12,7 @@ pub struct GivenCircumstances {
     pub times_utc: Vec<Epoch>,
     /// Whether a time is a date without a clock.
     pub dates_only: bool,
-    /// From frame to frame, where the first one's time alone is told.
+    /// From frame to frame, where the first one's time alone is given.
     pub interval_s: Option<f64>,
     /// Length of every exposure.
     pub exposure_s: Option<f64>,

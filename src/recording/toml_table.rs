@@ -1,4 +1,4 @@
-//! A TOML table that is taken apart key by key, so that every fault names its key and line and nothing is left over unseen.
+//! Strict reader of TOML tables, key by key: every fault names its key and line, and unknown keys are refused.
 
 use std::collections::BTreeMap;
 use std::ops::Range;

@@ -1,4 +1,4 @@
-//! Writing recordings in the form with a manifest: what is written here is what the readers beside it read.
+//! Writing recordings with a manifest, in the form that the readers beside it read.
 
 use std::fmt::Write as _;
 use std::fs::File;

@@ -1,9 +1,9 @@
-//! `[camera.binning]`: pixels that are joined, and what a joined pixel is.
+//! `[camera.binning]`: binned pixels, and which parameters are of them.
 //!
-//! The scene describes the frame that comes out: lengths and places in `[camera]`, `[nominal]`, `[psf]`, of the sky and of other lights are those of
-//! joined pixels, and so are those of the truth. What `[detector]` says of a pixel (full well, read noise, gain, bias, bits), the response within a pixel
-//! (`[psf.pixel]`) and every effect in `[[effects]]` on pixels is of the detector's own pixels, n × n of them in each joined one; what follows the
-//! amplifier, where charge is joined before it, sees joined ones.
+//! The scene describes the frame that is read out: lengths and places in `[camera]`, `[nominal]`, `[psf]`, of the sky and of other lights are those
+//! of binned pixels, and so are those of the truth. Parameters in `[detector]` (full well, read noise, gain, bias, bits), the response within a
+//! pixel (`[psf.pixel]`) and every effect on pixels in `[[effects]]` are of the detector's own pixels, n × n of them in each binned one; what
+//! follows the amplifier, where charge is joined before it, sees binned ones.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! Every number of a scene file against its range.
+//! Range checks of every number of a scene file.
 
 use super::{FrameTable, SceneError, SceneFile, SeriesTable, binning, detector, lights, motion};
 use crate::camera::Model;

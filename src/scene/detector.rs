@@ -1,4 +1,4 @@
-//! `[detector]`: what turns light into counts.
+//! `[detector]`: parameters from light to counts.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! Every effect by example: a small scene without it and the same scene with it, made from what the registries say. Pictures are taken of them, and
+//! Demonstration of every effect: a small scene without it and the same scene with it, made from the registries. Pictures are taken of them, and
 //! their cost is measured.
 
 use std::collections::BTreeMap;

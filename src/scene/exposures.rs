@@ -1,4 +1,4 @@
-//! The exposures of a scene: those that a file lists are held, those of a series are worked out as they are asked for.
+//! Exposures of a scene: listed ones are stored, those of a series are computed on demand.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -22,7 +22,7 @@ pub const DEMO_TOML: &str = include_str!("demo.toml");
 pub struct SceneFile {
     /// Always `boresight-scene/1`.
     pub format: String,
-    /// Everything by chance hangs on this number.
+    /// Seed of all random draws.
     #[serde(default)]
     pub seed: u64,
     /// The true camera.

@@ -1,4 +1,4 @@
-//! What is simulated: a camera, its sky and its exposures, read from a TOML file.
+//! Scene: a camera, its sky and its exposures, read from a TOML file.
 //!
 //! A scene keeps two cameras apart: `[camera]` is the truth, which is rendered; `[nominal]` is what the maker said of it, which
 //! the recording declares and which may be wrong.
@@ -109,7 +109,7 @@ const ROLLING_SHUTTER: &str = ids::ROLLING_SHUTTER;
 /// A scene ready to be rendered.
 #[derive(Clone, Debug)]
 pub struct Scene {
-    /// Everything by chance hangs on this number.
+    /// Seed of all random draws.
     pub seed: u64,
     /// The true camera.
     pub camera: Camera,

@@ -1,4 +1,4 @@
-//! How the camera turns while an exposure lasts.
+//! Camera motion during an exposure.
 //!
 //! The attitude is a function of the time from the middle of the exposure: at rest, at an even rate, along a curve through given attitudes,
 //! or fast to the turning Earth; on it stands jitter. Jitter is a sum of sinusoids with phases of the frame's own. What oscillates

@@ -1,4 +1,4 @@
-//! Where the camera points in each exposure.
+//! Pointing of the camera in each exposure.
 
 use hifitime::Epoch;
 use nalgebra::{Matrix3, Rotation3, RowVector3, UnitQuaternion};

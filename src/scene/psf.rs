@@ -1,4 +1,4 @@
-//! How the light of a star is spread, over the field, for every colour and temperature.
+//! Point-spread function of a scene, over the field, for every colour and temperature.
 
 use super::psf_table::MAX_BYTES;
 use crate::effects::optics::sampled_psf::SampledImage;

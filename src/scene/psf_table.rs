@@ -1,4 +1,4 @@
-//! `[psf]` as written, and what is refused.
+//! `[psf]` as written, and its checks.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Gauss–Legendre quadrature, with which an exposure is summed up in time.
+//! Gauss–Legendre quadrature of an exposure over time.
 
 use std::sync::LazyLock;
 

@@ -1,4 +1,4 @@
-//! Light of the sky between the stars on the pixels of a frame: models of its brightness, and an image that is given.
+//! Background light of the sky on the pixels of a frame: models of its brightness, and a given image.
 //!
 //! A pixel of the solid angle Ω in a direction of the surface brightness B (stars of V = 0 per square arcsecond) receives B·Ω·z electrons per second, z the
 //! zero point. Ω follows from the camera's own map at every place of the field, and below the horizon of a site there is nothing. The models are smooth

@@ -1,4 +1,4 @@
-//! A cubic spline through rotation vectors.
+//! Cubic spline through rotation vectors.
 
 /// A curve through rotation vectors at given times: a cubic spline that is twice differentiable, with the ends that need no guess (not-a-knot:
 /// the first two pieces are one cubic, and the last two).

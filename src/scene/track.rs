@@ -1,4 +1,4 @@
-//! Where a star's light falls in the course of an exposure.
+//! Track of a star's image in the course of an exposure.
 //!
 //! A star's place is followed through the whole chain at every moment: sky, attitude, optics, shutter. The exposure is summed up at
 //! Gauss–Legendre nodes in time. The point spread is smooth, so the sum converges faster than any power of their number; as many are taken as

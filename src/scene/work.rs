@@ -1,5 +1,4 @@
-//! What a frame would cost: scenes whose frames could not be made in any time that somebody waits are refused before the work, each with the number that is
-//! too large.
+//! Work limit of a scene: a frame that would cost too much is refused before the work, with the number that is too large.
 
 use super::motion::JitterTable;
 use super::{Psf, PsfKind, SceneError, SceneFile};

@@ -1,5 +1,5 @@
-//! Whether the brightest points of a frame stand together in a part of it: leaves, lamps and clouds fill a part of a frame and are brighter than the
-//! stars beside them. Where they do, what is asked of the stars is asked of the other parts.
+//! Crowding test: do the brightest points of a frame stand together in a part of it? Leaves, lamps and clouds do, and are brighter than the stars
+//! beside them; tests of stars then use the other parts.
 
 /// Parts of the frame, about.
 const PARTS: f64 = 40.0;

@@ -1,4 +1,4 @@
-//! Noise model, robust location and scale, weights, tests: one place for all of them.
+//! Statistics used by several modules: robust location and scale, significance, crowding.
 
 pub mod cholesky;
 pub mod crowding;

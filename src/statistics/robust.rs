@@ -1,4 +1,4 @@
-//! Robust location and scale: what a few bright stars or wrong points cannot move.
+//! Robust location and scale: estimates that a few bright stars or wrong points cannot move.
 
 /// Standard deviation of a normal distribution over its median absolute deviation: 1/Φ⁻¹(3/4).
 pub const SIGMA_PER_MAD: f64 = 1.482_602_218_505_602;

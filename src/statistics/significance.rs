@@ -1,4 +1,4 @@
-//! Probabilities so small that they are kept as logarithms.
+//! Tail probabilities so small that they are kept as logarithms.
 
 use statrs::function::gamma::ln_gamma;
 

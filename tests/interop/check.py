@@ -156,6 +156,15 @@ def exported_places(program, calibration, identified, folder):
     return f"{len(points)} stars, " + ", ".join(said)
 
 
+def walkthroughs(program, folder):
+    """The walk-throughs of CONTRIBUTING.md, in a copy of the checkout."""
+    import subprocess
+
+    done = subprocess.run([os.path.join(HERE, "walkthrough"), program, folder], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
 def main(program, folder):
     from astropy.wcs import FITSFixedWarning
 
@@ -186,6 +195,7 @@ def main(program, folder):
             check(f"camera {name} in {format}", exchange.of_exports, program, template, folder, name, format)
         path = exchange.placed(template, name, folder)
         check(f"camera {name} in sip and tpv", exchange.of_headers, program, path, at(name + " headers"))
+    check("walk-throughs of CONTRIBUTING.md", walkthroughs, program, at("walkthrough"))
     print(f"{counts['passed']} passed, {counts['failed']} failed")
     return 1 if counts["failed"] or not counts["passed"] else 0
 

@@ -504,7 +504,11 @@ fn every_effect_has_its_page() {
         assert!(!id.contains('_'), "{id}: ids are written with hyphens");
         let page = run(&["effects", id]);
         assert_eq!(page.code, 0, "{id}: {}", page.stderr);
-        assert!(page.stdout.starts_with("# ") && page.stdout.len() > 300, "{id}: {}", page.stdout);
+        // In a terminal no marks of Markdown; as one object, Markdown.
+        let of_markdown = |line: &str| line.starts_with('#') || line.contains("```") || line.contains("[`") || line.contains("**");
+        assert!(page.stdout.len() > 300 && !page.stdout.lines().any(of_markdown), "{id}: {}", page.stdout);
+        assert!(page.stdout.contains("\nWHAT IT DOES\n  ") && page.stdout.contains("\nSOURCE\n  "), "{id}: {}", page.stdout);
+        crate::common::check_page(id, json(&["effects", id, "--json"])["page"].as_str().unwrap());
     }
 }
 

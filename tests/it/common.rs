@@ -40,3 +40,55 @@ pub(crate) fn log_gpu_test(test: &str, adapter: &str) {
 pub(crate) fn regressions() -> Box<dyn proptest::test_runner::FailurePersistence> {
     Box::new(proptest::test_runner::FileFailurePersistence::WithSource("regressions"))
 }
+
+/// What is wrong with the page of an effect: headings that lack or stand out of order, sections without text, sources without a year.
+fn page_faults(page: &str) -> Vec<String> {
+    use boresight::effects::PAGE_HEADINGS;
+    let mut sections = page.split("\n## ").map(|section| section.split_once('\n').unwrap_or((section, "")));
+    let mut faults = Vec::new();
+    if sections.next().is_none_or(|(title, _)| !title.starts_with("# ")) {
+        faults.push("it begins without its title".to_owned());
+    }
+    let sections: Vec<(&str, &str)> = sections.collect();
+    let headings: Vec<&str> = sections.iter().map(|(heading, _)| *heading).collect();
+    if headings != PAGE_HEADINGS {
+        faults.push(format!("its headings are {headings:?} instead of {PAGE_HEADINGS:?}"));
+    }
+    for (heading, text) in &sections {
+        if text.lines().all(|line| line.trim().is_empty() || line.starts_with('#')) {
+            faults.push(format!("nothing stands below {heading}"));
+        }
+    }
+    let is_year = |word: &str| matches!(word.parse::<u32>(), Ok(1600..=2100)) && word.len() == 4;
+    let is_cited = |text: &str| text.split(|letter: char| !letter.is_ascii_digit()).any(is_year);
+    if !sections.iter().any(|(heading, text)| *heading == "Source" && is_cited(text)) {
+        faults.push("its source cites nothing that has a year".to_owned());
+    }
+    faults
+}
+
+/// # Panics
+/// If the page of this effect is not complete.
+pub(crate) fn check_page(id: &str, page: &str) {
+    let faults = page_faults(page);
+    assert!(faults.is_empty(), "the page of {id}: {}", faults.join("; "));
+}
+
+/// Each fault is found, one at a time, in a page that has none.
+#[test]
+fn a_page_that_is_not_complete_is_refused() {
+    let headings = boresight::effects::PAGE_HEADINGS;
+    let whole = headings.iter().fold("# Title\n".to_owned(), |page, heading| page + &format!("\n## {heading}\n\nBrown (1966).\n"));
+    assert_eq!(page_faults(&whole), [""; 0]);
+    for heading in headings {
+        let lacks = whole.replace(&format!("\n## {heading}\n\nBrown (1966).\n"), "");
+        assert!(page_faults(&lacks)[0].starts_with("its headings are"), "{heading}");
+        let is_empty = whole.replace(&format!("## {heading}\n\nBrown (1966)."), &format!("## {heading}\n\n### Below"));
+        assert_eq!(page_faults(&is_empty)[0], format!("nothing stands below {heading}"));
+    }
+    let swapped = whole.replace("## Neglected", "## ?").replace("## Signature", "## Neglected").replace("## ?", "## Signature");
+    assert!(page_faults(&swapped)[0].starts_with("its headings are"));
+    let without_year = whole.rsplit_once("(1966)").map(|(before, _)| before.to_owned()).unwrap();
+    assert_eq!(page_faults(&without_year), ["its source cites nothing that has a year"]);
+    assert_eq!(page_faults(whole.trim_start_matches("# Title")), ["it begins without its title"]);
+}

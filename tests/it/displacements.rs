@@ -313,11 +313,7 @@ fn every_id_is_unique_and_has_its_file() {
         let text = text.unwrap_or_else(|| panic!("{id} has no file of its own name"));
         let page = effect.page();
         assert_eq!(page, boresight::effects::page_of(&text), "{id} shows the page of another");
-        for part in
-            ["**What it is.**", "**Equation.**", "**Parameter", "**What it leaves", "**Confused with.**", "**Neglected.**", "**Source.**"]
-        {
-            assert!(page.contains(part), "the page of {id} lacks {part}");
-        }
+        crate::common::check_page(id, &page);
     }
 }
 

@@ -259,11 +259,7 @@ fn every_light_of_the_sky_has_its_file_and_its_page() {
         assert!(boresight::effects::displacement(id).is_none() && pixel_effect(&id.replace('-', "_")).is_none(), "{id} is another's id");
         assert!(schema.contains(&format!("\"{id}\"")));
         let page = boresight::effects::page_of(source);
-        for part in
-            ["**What it is.**", "**Equation.**", "**What it leaves when left out.**", "**Confused with.**", "**Neglected.**", "**Source.**"]
-        {
-            assert!(page.contains(part), "the page of {id} lacks {part}");
-        }
+        crate::common::check_page(id, &page);
         for parameter in glow.parameters() {
             assert!(page.contains(&format!("`{}`", parameter.name)), "the page of {id} is silent about {}", parameter.name);
         }

@@ -148,11 +148,7 @@ fn plane_spreads_have_their_file_their_shader_and_their_page() {
         assert_eq!(std::fs::read_to_string(root().join(format!("shaders/{id}.wgsl"))).unwrap(), wgsl);
         assert!(wgsl.contains(&format!("fn {id}(")) && source.contains(&format!("fn {id}(")), "the twins of {id} have other names");
         let page = page_of(source);
-        for part in
-            ["**What it is.**", "**Equation.**", "**What it leaves when left out.**", "**Confused with.**", "**Neglected.**", "**Source.**"]
-        {
-            assert!(page.contains(part), "the page of {id} lacks {part}");
-        }
+        crate::common::check_page(id, &page);
         for parameter in spread.parameters() {
             assert!(page.contains(&format!("`{}`", parameter.name)), "the page of {id} is silent about {}", parameter.name);
         }
@@ -391,11 +387,7 @@ fn kinds_of_images_have_their_pages() {
     let pages = IMAGE_KINDS.iter().map(|kind| (kind.id(), kind.source(), kind.parameters()));
     for (id, source, parameters) in pages.chain([("sampled", sampled_psf::source(), &[][..])]) {
         let page = page_of(source);
-        for part in
-            ["**What it is.**", "**Equation.**", "**What it leaves when left out.**", "**Confused with.**", "**Neglected.**", "**Source.**"]
-        {
-            assert!(page.contains(part), "the page of {id} lacks {part}");
-        }
+        crate::common::check_page(id, &page);
         for parameter in parameters {
             assert!(page.contains(&format!("`{}`", parameter.name)), "the page of {id} is silent about {}", parameter.name);
             assert!((parameter.range.0..=parameter.range.1).contains(&parameter.typical), "{id}: {}", parameter.name);

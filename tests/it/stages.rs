@@ -374,11 +374,7 @@ fn every_pixel_effect_has_its_file_its_shader_and_its_page() {
         let in_shader = wgsl.contains(&format!("fn {id}(")) || wgsl.contains(&format!("fn {id}_quad("));
         assert!(in_shader && source.contains(&format!("fn {id}(")), "the twins of {id} have other names");
         let page = boresight::effects::page_of(source);
-        for part in
-            ["**What it is.**", "**Equation.**", "**What it leaves when left out.**", "**Confused with.**", "**Neglected.**", "**Source.**"]
-        {
-            assert!(page.contains(part), "the page of {id} lacks {part}");
-        }
+        crate::common::check_page(&id, &page);
         for parameter in parameters {
             assert!(page.contains(&format!("`{}`", parameter.name)), "the page of {id} is silent about {}", parameter.name);
             assert!((parameter.range.0..=parameter.range.1).contains(&parameter.typical), "{id}: {}", parameter.name);

@@ -1,6 +1,6 @@
-//! The joint adjustment: Gauss–Newton steps with Levenberg's and Marquardt's damping, attitudes eliminated, weights and noise found on the way.
+//! Robust bundle adjustment: Gauss–Newton steps with Levenberg–Marquardt damping, attitudes eliminated, weights and noise estimated on the way.
 //!
-//! Each turn linearises all star images once, weighs them ([`super::noise`]), eliminates the attitudes ([`super::normal`]) and moves.
+//! Each iteration linearises all star images once, weighs them ([`super::noise`]), eliminates the attitudes ([`super::normal`]) and moves.
 //! Parameters come in stages: the focal length, then the radial distortion, then the rest of the reference model, then everything, so
 //! that wrong identifications lose their weight before weakly determined parameters are let free. While the steps are large the scale of
 //! the noise comes from a median; then from the likelihood; at last it is held, and the iteration runs to its end.

@@ -1,5 +1,5 @@
-//! Whether new frames are of the same camera as those before: with Λ the information known and N that of the new frames, the step from the
-//! one to both has the covariance Λ⁻¹ − (Λ + N)⁻¹ if it is.
+//! Test of whether new frames are of the same, unchanged camera. With Λ the information known and N that of the new frames, the step from the one
+//! to both has the covariance Λ⁻¹ − (Λ + N)⁻¹ if they are.
 
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};

@@ -1,4 +1,4 @@
-//! The start: a focal length and attitudes that more star images agree on than chance would let them, even if half of the
+//! Consensus start of the bundle adjustment: a focal length and attitudes that more star images agree on than chance allows, even if half of the
 //! identifications are wrong and the ground values of the camera are off.
 //!
 //! 1. **Focal length.** For two images the angle between their stars fixes the focal length (a quadratic equation in f²). Wrong pairs

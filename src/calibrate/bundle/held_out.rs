@@ -1,4 +1,4 @@
-//! Cross-validation over frames without solving anew.
+//! Cross-validation over frames at the cost of one Newton step per fold, without a new solution.
 //!
 //! The normal equations of the solution are a sum over frames. Without the frames of a fold they are known too, and one Newton step from
 //! the solution leads to the solution of the other frames, to second order in that step (which is a fraction of the parameters' own

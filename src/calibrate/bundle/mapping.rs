@@ -1,4 +1,4 @@
-//! What the shared parameters do to the map over the frame: its uncertainty, and how much of it the star images see.
+//! Effect of the shared parameters on the pixel → direction map: its uncertainty, and how much of it the star images determine.
 
 use nalgebra::{DMatrix, Matrix2x3, Matrix3, SMatrix, Vector2, Vector3};
 

@@ -1,5 +1,4 @@
-//! What is kept of star images that are no longer at hand: a Gaussian for the parameters, and sums for the noise. The size of both
-//! depends on the number of parameters alone.
+//! State of a sequential solution: a Gaussian for the parameters, and sums for the noise model. Its size depends on the number of parameters alone.
 
 use nalgebra::{DMatrix, DVector};
 use schemars::JsonSchema;

@@ -1,4 +1,4 @@
-//! The joint method: camera and attitudes adjusted together, from the positions of single stars.
+//! Bundle adjustment: camera and attitudes solved together, from the positions of single stars.
 //!
 //! Every star image counts for itself, weighted by the covariance of its measurement; an attitude is a rotation and nothing else (a free
 //! translation would trade with the focal length); identifications are right or wrong with a probability that comes out of the fit.

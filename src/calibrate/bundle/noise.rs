@@ -1,4 +1,4 @@
-//! How large residuals are expected to be, and which of them belong to wrong identifications.
+//! Noise model of the bundle adjustment: a mixture of right identifications with normal errors and wrong ones, solved by expectation–maximisation.
 //!
 //! A star image is right with probability 1 − π: then its residual is normal with the covariance that the measurement states, the
 //! catalogue's own error, and a floor τ² that all images share (what centroids have beyond their photon noise), times a factor for

@@ -1,4 +1,4 @@
-//! The normal equations of a joint adjustment, the attitudes eliminated frame by frame (Schur complement).
+//! Normal equations of a bundle adjustment, with the attitudes eliminated frame by frame (Schur complement).
 //!
 //! With the whitened columns C of the parameters that all frames share and D of a frame's own,
 //!

@@ -1,4 +1,4 @@
-//! What the joint adjustment is about: star images, the parameters asked for, attitudes, and one linearisation of all of it.
+//! The least-squares problem of a bundle adjustment: star images, free parameters, attitudes, and their linearisation.
 //!
 //! A star image with measured pixel x is seen in the direction d(x, θ) of the camera's axes; its star's light arrives from R·v(θ). With
 //! J = ∂d/∂x the residual, measured minus predicted, is to first order in its own size

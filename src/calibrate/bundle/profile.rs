@@ -1,7 +1,7 @@
-//! Standard errors of combinations that the star images hardly determine, from the cost itself.
+//! Profile likelihood: standard errors of parameter combinations that the star images hardly determine.
 //!
 //! The linearised standard error of such a combination says how the cost bends at the solution. Where it bends differently a few of these
-//! errors away (a detector's tilt is told from the centre by the square of the tilt alone, so not at all near zero), that is no measure of
+//! errors away (a detector's tilt is separated from the centre by the square of the tilt alone, so not at all near zero), that is no measure of
 //! how far the truth may be. So the parameter that has most of the combination is moved by some of its errors and held, everything else
 //! is adjusted anew, and the rise of the cost says how many standard errors that was (profile likelihood). Where the cost depends on the
 //! square of a parameter there is a second solution with the other sign: it is looked for too.

@@ -1,4 +1,4 @@
-//! The reference model at one pixel, its derivatives in closed form.
+//! Derivatives of the reference model at one pixel, in closed form.
 //!
 //! With the ideal point u(x, θ) of the focal plane the direction is d = w/|w|, w = (u, f). Its derivative J = ∂d/∂x sees what is tangent
 //! to d, so with M = ∂u/∂x, for any change b of the direction,

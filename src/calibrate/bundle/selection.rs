@@ -1,7 +1,8 @@
-//! Which parameters the data support. One group after the other is let free as long as the Bayesian information criterion falls; then each
-//! is tried to be taken out again. Where no group pays by itself the terms of the radial distortion that are left are tried together: k2 and k3
-//! of a wide lens nearly cancel over the frame, so that each alone is as poor as none. All that was tried is reported, with held-out frames
-//! beside it. Either all of the camera is chosen so, from the focal length alone, or k2 and k3 beside parameters that are solved in any case.
+//! Model selection of the camera's parameters by the Bayesian information criterion (BIC). One group after the other is freed as long as the
+//! criterion falls; then each is tried to be taken out again. Where no group pays by itself the terms of the radial distortion that are left are
+//! tried together: k2 and k3 of a wide lens nearly cancel over the frame, so that each alone is as poor as none. All that was tried is reported,
+//! with held-out frames beside it. Either all of the camera is chosen so, from the focal length alone, or k2 and k3 beside parameters that are
+//! solved in any case.
 //!
 //! Models are compared on the same star images with the same weights and the same noise, those of the fullest model: so the differences
 //! are χ² differences of nested models, and a poor model cannot hide behind a large noise. The fullest model is the largest that the star

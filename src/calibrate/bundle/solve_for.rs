@@ -1,4 +1,4 @@
-//! Which parameters to solve: from names, as they stand on the command line and in files, to places in the model.
+//! Free parameters of a solution: from names, as on the command line and in files, to places in the model.
 
 use super::problem::Exposure;
 use crate::calibrate::CalibrateError;

@@ -1,4 +1,4 @@
-//! From a joint adjustment to the result: residuals, covariance, what is determined badly, held-out frames, warnings.
+//! Result of a bundle adjustment: residuals, covariance, poorly determined combinations, held-out frames, warnings.
 
 use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;

@@ -1,4 +1,4 @@
-//! New frames, with what earlier solutions know: the images of those are not needed any more.
+//! Sequential update: new frames are solved with the earlier solutions as a prior; the star images of those are not needed any more.
 //!
 //! 1. The attitudes of the new frames, by consensus through the camera as it is known.
 //! 2. The new frames nearly alone (what is known is widened a hundredfold): weights and noise that do not depend on whether the camera

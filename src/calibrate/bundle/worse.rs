@@ -1,8 +1,8 @@
-//! Why a frame is worse than the others.
+//! Diagnosis of a frame whose positions scatter more than those of the others.
 //!
-//! A frame whose positions scatter more than those of the others is weighted down, and the user wants to know why. Three reasons can be told
-//! apart: the model lacks k2 and k3, and this frame is the one with stars in the corners; the frame has another focal length than the others
-//! (another camera, zoom or focus); or its star images themselves are worse. The first is looked for first, since it makes the second.
+//! Such a frame is weighted down, and the user wants to know why. Three reasons are distinguished: the model lacks k2 and k3, and this frame is the
+//! one with stars in the corners; the frame has another focal length than the others (another camera, zoom or focus); or its star images themselves
+//! are worse. The first is tested first, since it causes the second.
 
 use nalgebra::{SMatrix, SVector};
 

@@ -1,8 +1,8 @@
-//! The sequential mode: a calibration goes on with new frames, and what is kept of the old ones does not grow.
+//! Sequential calibration: a solution is updated with new frames, and what is kept of the old ones does not grow.
 //!
 //! Kept are a Gaussian for the parameters (value and information matrix, the attitudes eliminated) and sums over the star images by stated
-//! variance, from which the noise is found. New frames are solved with that Gaussian as what is known beforehand; it is linearised anew at
-//! every estimate. Before they count, they are asked whether the camera is still the same: a sudden change is reported and not averaged in.
+//! variance, from which the noise is found. New frames are solved with that Gaussian as the prior; it is linearised anew at
+//! every estimate. Before they count, they are tested for being of the same camera: a sudden change is reported and not averaged in.
 //!
 //! What differs from all frames solved at once: the Gaussian is good to the second order of the mapping (a few hundredths of a standard
 //! error, least if the first calibration is of eight frames or more), old star images keep the probability of being right that they had when they came, and

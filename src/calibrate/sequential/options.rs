@@ -1,4 +1,4 @@
-//! How an update is done, what it reports, and why it cannot be done.
+//! Options, report and errors of a sequential update.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

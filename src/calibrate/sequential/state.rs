@@ -1,4 +1,4 @@
-//! What is kept between updates, and whether a file holds it.
+//! State of a sequential calibration between updates, and its check when it is read from a file.
 
 use nalgebra::DMatrix;
 use schemars::JsonSchema;

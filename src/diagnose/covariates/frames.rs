@@ -1,5 +1,5 @@
-//! What belongs to a frame: its time, its temperature, its rate, every number of its telemetry. It multiplies what the frame's attitude leaves
-//! of simple fields.
+//! Covariates of a frame: time, temperature, rate and every number of its telemetry. Each multiplies simple fields, less what the frame's attitude
+//! takes up of them.
 
 use super::{BINS, Carrier, Covariate, Fields, bins, varies};
 use crate::calibrate::{BundleSolution, Column};

@@ -1,4 +1,4 @@
-//! What a mismatch may follow: covariates of star images, and the patterns by which residuals are held against each.
+//! Covariates of star images, and the patterns of residuals that are tested for each.
 //!
 //! A covariate that belongs to a star image (its colour, its place) multiplies simple vector fields over the frame (a shift, and the four
 //! linear fields); one that belongs to a frame (its temperature) multiplies what the frame's attitude leaves of them. Each is tried twice,

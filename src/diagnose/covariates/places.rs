@@ -1,4 +1,4 @@
-//! The place on the frame: rows and columns, radius and azimuth, edges, halves, phases within a pixel, and maps.
+//! Covariates of position: rows and columns, radius and azimuth, edges, halves, phases within a pixel, and maps.
 
 use super::patterns::{LINEAR, binned, legendre, times};
 use super::{BINS, Carrier, Covariate, Fields, SHIFT};

@@ -1,4 +1,4 @@
-//! What belongs to a star image: its colour, its brightness, the slope of the background about it, the star itself, and the directions in which
+//! Covariates of a star image: its colour, its brightness, the slope of the background about it, the star itself, and the directions in which
 //! effects of known geometry would displace it.
 
 use super::patterns::{LINEAR, binned, legendre, times};

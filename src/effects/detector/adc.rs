@@ -1,20 +1,34 @@
 //! # Full well and analogue-to-digital converter
 //!
-//! **What it is.** A pixel holds no more than its full well; the converter turns electrons into whole counts and stops at its top.
+//! ## What it does
 //!
-//! **Equation.** counts = ⌊min(electrons, full well)/gain + bias + ½⌋, held within 0 … top, top = min(`saturation_dn`, 2^bits − 1).
+//! A pixel holds no more than its full well; the converter turns electrons into whole counts and stops at its top.
 //!
-//! **Parameters.** `gain_e_per_dn`: electrons per count; `bias_dn`: the count of an empty pixel; `full_well_e`: electrons that a pixel holds;
+//! ## Equation
+//!
+//! counts = ⌊min(electrons, full well)/gain + bias + ½⌋, held within 0 … top, top = min(`saturation_dn`, 2^bits − 1).
+//!
+//! ## Parameters
+//!
+//! `gain_e_per_dn`: electrons per count; `bias_dn`: the count of an empty pixel; `full_well_e`: electrons that a pixel holds;
 //! `bits`: of the converter, 8 to 16, which end at 2^bits − 1; `saturation_dn`: its highest count, where that lies below the end of the bits.
 //!
-//! **What it leaves when left out.** Cut-off tops of bright stars move centroids and lose flux; rounding adds 1/12 count² of variance.
+//! ## Signature
 //!
-//! **Confused with.** Another gain (the slope of variance against mean), a non-linear response near the top.
+//! Cut-off tops of bright stars move centroids and lose flux; rounding adds 1/12 count² of variance.
 //!
-//! **Neglected.** Blooming of what the full well does not hold; unequal steps of the converter. The read noise of a full pixel is cut with it, so
+//! ## Confused with
+//!
+//! Another gain (the slope of variance against mean), a non-linear response near the top.
+//!
+//! ## Neglected
+//!
+//! Blooming of what the full well does not hold; unequal steps of the converter. The read noise of a full pixel is cut with it, so
 //! that every saturated pixel has the same count.
 //!
-//! **Source.** J. R. Janesick, Photon Transfer (SPIE, 2007), chapters 2 and 5.
+//! ## Source
+//!
+//! J. R. Janesick, Photon Transfer (SPIE, 2007), chapters 2 and 5.
 
 use bytemuck::{Pod, Zeroable};
 

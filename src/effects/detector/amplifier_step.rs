@@ -1,30 +1,46 @@
 //! # Two halves with an amplifier each
 //!
-//! **What it is.** The upper and the lower half of the sensor are read to opposite sides, each through an amplifier of its own. Lag of charge
+//! ## What it does
+//!
+//! The upper and the lower half of the sensor are read to opposite sides, each through an amplifier of its own. Lag of charge
 //! and non-linearity then move faint stars one way in one half, and another way in the other.
 //!
-//! **Equation.** Δy = b·(m − 5)·H(y), H = 0 in the upper half and 1 in the lower one, smoothed over about one pixel as in `sensor-step`:
+//! ## Equation
+//!
+//! Δy = b·(m − 5)·H(y), H = 0 in the upper half and 1 in the lower one, smoothed over about one pixel as in `sensor-step`:
 //! H = 1/(1 + e^(−u/w)), u the MEASURED row less (height − 1)/2, w = 0.25 px. m is the star's magnitude, the measured one where the image has
 //! one, else V of the catalogue. The ideal point is the measured one minus Δ. What both halves share is a magnitude equation. A star of
 //! unknown magnitude is not moved.
 //!
-//! **In the pixels.** electrons = N·(1 + g) + o in the rows below the middle, N above. The lag of charge and the non-linearity are effects of
+//! ### In the pixels
+//!
+//! electrons = N·(1 + g) + o in the rows below the middle, N above. The lag of charge and the non-linearity are effects of
 //! their own: rendered, a gain alone moves only stars whose light lies on both sides of the line.
 //!
-//! **Parameter.** `px_per_mag` (b): displacement along the columns of a star one magnitude fainter in the lower half against the upper one, px.
+//! ## Parameters
+//!
+//! `px_per_mag` (b): displacement along the columns of a star one magnitude fainter in the lower half against the upper one, px.
 //! In the pixels: `gain_relative` (g) and `offset_e` (o), gain and offset of the lower half against the upper one, of the order of 0.01 and of a
 //! few electrons.
 //!
-//! **What it leaves when left out.** Residuals along y that jump at the middle row and grow with the magnitude: of the order of 0.01 px per
+//! ## Signature
+//!
+//! Residuals along y that jump at the middle row and grow with the magnitude: of the order of 0.01 px per
 //! magnitude. 55 frames show that much.
 //!
-//! **Confused with.** The magnitude equation (cosine 0.70), losses in the transfer of charge (0.67): the jump tells them apart, if stars stand
+//! ## Confused with
+//!
+//! The magnitude equation (cosine 0.70), losses in the transfer of charge (0.67): the jump tells them apart, if stars stand
 //! near it on both sides. A step of background and flux at the same row points to this one.
 //!
-//! **Neglected.** The displacement grows with the way to the register, and is not the same over a half; halves to the left and right; four
+//! ## Neglected
+//!
+//! The displacement grows with the way to the register, and is not the same over a half; halves to the left and right; four
 //! amplifiers; displacement along x.
 //!
-//! **Source.** J. R. Janesick, Scientific Charge-Coupled Devices (2001), for split readout; R. Massey et al., MNRAS 401, 371 (2010), for
+//! ## Source
+//!
+//! J. R. Janesick, Scientific Charge-Coupled Devices (2001), for split readout; R. Massey et al., MNRAS 401, 371 (2010), for
 //! the lag.
 
 use bytemuck::{Pod, Zeroable};

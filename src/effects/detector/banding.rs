@@ -1,20 +1,34 @@
 //! # Banding of rows and columns
 //!
-//! **What it is.** The reference of a row, and the amplifier of a column, are not the same for all: whole rows are brighter or darker, anew in every
+//! ## What it does
+//!
+//! The reference of a row, and the amplifier of a column, are not the same for all: whole rows are brighter or darker, anew in every
 //! frame, and whole columns by an offset that stays.
 //!
-//! **Equation.** electrons += r·u(row, frame) + c·v(column), u and v standard normal.
+//! ## Equation
 //!
-//! **Parameters.** `row_sigma_e` (r): standard deviation of the rows, electrons, 0.1 to 5; `column_sigma_e` (c): that of the columns.
+//! electrons += r·u(row, frame) + c·v(column), u and v standard normal.
 //!
-//! **What it leaves when left out.** Centres of faint stars that scatter more along y than along x; means of rows that vary more than their
+//! ## Parameters
+//!
+//! `row_sigma_e` (r): standard deviation of the rows, electrons, 0.1 to 5; `column_sigma_e` (c): that of the columns.
+//!
+//! ## Signature
+//!
+//! Centres of faint stars that scatter more along y than along x; means of rows that vary more than their
 //! pixels' noise allows.
 //!
-//! **Confused with.** Read noise, from whose variance it cannot be told pixel by pixel; clouds and gradients are smooth.
+//! ## Confused with
 //!
-//! **Neglected.** Correlation from row to row (1/f noise), bands that run through the columns of one amplifier only, tones of a power supply.
+//! Read noise, from whose variance it cannot be told pixel by pixel; clouds and gradients are smooth.
 //!
-//! **Source.** EMVA Standard 1288, release 4.0, section 4.7 (row and column noise); B. Pain et al., for column-parallel CMOS readout.
+//! ## Neglected
+//!
+//! Correlation from row to row (1/f noise), bands that run through the columns of one amplifier only, tones of a power supply.
+//!
+//! ## Source
+//!
+//! EMVA Standard 1288, release 4.0 (2021), section 4.7 (row and column noise); B. Pain et al., for column-parallel CMOS readout.
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,28 +1,44 @@
 //! # Bayer pattern
 //!
-//! **What it is.** Over the pixels of a colour sensor lie filters in red, green and blue, two by two. Measured in the raw frame, a red star
+//! ## What it does
+//!
+//! Over the pixels of a colour sensor lie filters in red, green and blue, two by two. Measured in the raw frame, a red star
 //! is bright on the red pixels, and its centre is drawn towards them.
 //!
-//! **Equation.** With c = B − V − 0.6 and ε = q·c a pixel of even column and even row (red) counts 1 + ε, one of odd column and odd row (blue)
+//! ## Equation
+//!
+//! With c = B − V − 0.6 and ε = q·c a pixel of even column and even row (red) counts 1 + ε, one of odd column and odd row (blue)
 //! 1 − ε, the others (green) 1. That is a ripple of ε/2 along each axis, so Δ = −½·A₂·ε·(sin πx, sin πy), x and y the MEASURED column and
 //! row, A₂ = 0.211 as in `even-odd`; the ideal point is the measured one minus Δ. A star of unknown colour counts as one with c = 0.
 //!
-//! **In the pixels.** electrons ·= r at even columns of even rows, b at odd columns of odd rows, whatever the light's colour.
+//! ### In the pixels
 //!
-//! **Parameter.** `relative_per_mag` (q): by how much more than green ones red pixels count, per magnitude of B − V. Negative where the blue
+//! electrons ·= r at even columns of even rows, b at odd columns of odd rows, whatever the light's colour.
+//!
+//! ## Parameters
+//!
+//! `relative_per_mag` (q): by how much more than green ones red pixels count, per magnitude of B − V. Negative where the blue
 //! pixels stand at even columns and rows. In the pixels: `red_relative` (r) and `blue_relative` (b), response of these pixels to the light of
 //! the sky, stars and background alike, against green ones; 0.3 to 1.
 //!
-//! **What it leaves when left out.** Residuals that follow column and row modulo 2 in proportion to the colour: 0.03 px along each axis for
+//! ## Signature
+//!
+//! Residuals that follow column and row modulo 2 in proportion to the colour: 0.03 px along each axis for
 //! ε = 0.3 with the centre of mass at σ = 0.7 px, three to four times that with an unweighted fit.
 //!
-//! **Confused with.** Even and odd columns: the same for stars of all colours. Lateral colour and a wedge go with the colour, but are smooth.
+//! ## Confused with
 //!
-//! **Neglected.** The part that stars of all colours share (a filter of another transmission for the Sun's colour too), which is `even-odd`
+//! Even and odd columns: the same for stars of all colours. Lateral colour and a wedge go with the colour, but are smooth.
+//!
+//! ## Neglected
+//!
+//! The part that stars of all colours share (a filter of another transmission for the Sun's colour too), which is `even-odd`
 //! along the columns; patterns with green at even columns and rows; the dependence of A₂ on the image's width and the estimator; terms in ε²
 //! and in c²; in the pixels, that stars of different colours share their light differently among the filters, for which there is `colour-filters`; mirrored images of an even number of columns, where the pattern begins with another filter.
 //!
-//! **Source.** B. E. Bayer, US patent 3,971,065 (1976), for the pattern. A₂ is Poisson's sum of the image's moments at the frequency of the
+//! ## Source
+//!
+//! B. E. Bayer, US patent 3,971,065 (1976), for the pattern. A₂ is Poisson's sum of the image's moments at the frequency of the
 //! pattern.
 
 use bytemuck::{Pod, Zeroable};

@@ -1,23 +1,37 @@
 //! # Blooming
 //!
-//! **What it is.** What a pixel cannot hold spills over the barriers of its column into the pixels above and below, until these are full too:
+//! ## What it does
+//!
+//! What a pixel cannot hold spills over the barriers of its column into the pixels above and below, until these are full too:
 //! a bright star draws a line along its column. Drains beside the pixels (anti-blooming) take a part of it away.
 //!
-//! **Equation.** A pixel with N > W electrons keeps W. Of the excess the share d is drained; one half of the rest flows up, the other down,
+//! ## Equation
+//!
+//! A pixel with N > W electrons keeps W. Of the excess the share d is drained; one half of the rest flows up, the other down,
 //! each filling the pixels that it meets up to W. What reaches the end of the column has left the frame.
 //!
-//! **Parameters.** `full_well_e` (W): electrons that a pixel holds, 10⁴ to 10⁶; `drained` (d): share of the excess that anti-blooming takes
+//! ## Parameters
+//!
+//! `full_well_e` (W): electrons that a pixel holds, 10⁴ to 10⁶; `drained` (d): share of the excess that anti-blooming takes
 //! away, 0 to 1.
 //!
-//! **What it leaves when left out.** Full stars without their lines: centres biased along the columns, neighbours in the same column lost.
+//! ## Signature
 //!
-//! **Confused with.** Smear of a frame transfer without a shutter, which draws lines of all stars over the whole column, and faint ones.
+//! Full stars without their lines: centres biased along the columns, neighbours in the same column lost.
 //!
-//! **Neglected.** Full wells that differ from pixel to pixel; barriers that differ above and below; spilling over channel stops into the next
+//! ## Confused with
+//!
+//! Smear of a frame transfer without a shutter, which draws lines of all stars over the whole column, and faint ones.
+//!
+//! ## Neglected
+//!
+//! Full wells that differ from pixel to pixel; barriers that differ above and below; spilling over channel stops into the next
 //! column; that a pixel close to its full well spills with a probability. Where two lines meet, the one from above fills the pixels between them
 //! first, so that the excess then reaches further up.
 //!
-//! **Source.** J. R. Janesick, Scientific Charge-Coupled Devices (SPIE, 2001), chapter 4; the halves up and down are also those of the bleed
+//! ## Source
+//!
+//! J. R. Janesick, Scientific Charge-Coupled Devices (SPIE, 2001), chapter 4; the halves up and down are also those of the bleed
 //! trails of LSST's imSim.
 
 use bytemuck::{Pod, Zeroable};

@@ -1,29 +1,45 @@
 //! # Brighter and fatter
 //!
-//! **What it is.** Charge already collected repels what still comes: the boundary between two pixels moves towards the one that holds more, and the
+//! ## What it does
+//!
+//! Charge already collected repels what still comes: the boundary between two pixels moves towards the one that holds more, and the
 //! image of a bright star gets wider than that of a faint one.
 //!
-//! **Equation.** Over the boundary between neighbours 0 and 1 flows ½(N₀ + N₁)·δ, δ = ½·s·Σ wᵢⱼ·(Nᵢⱼ − N′ᵢⱼ), from 0 to 1 where δ > 0. The sum goes over
+//! ## Equation
+//!
+//! Over the boundary between neighbours 0 and 1 flows ½(N₀ + N₁)·δ, δ = ½·s·Σ wᵢⱼ·(Nᵢⱼ − N′ᵢⱼ), from 0 to 1 where δ > 0. The sum goes over
 //! pixels i columns behind the boundary and j beside it (0 ≤ i ≤ 2, |j| ≤ 2) and their mirror images N′ beyond it, the same along rows;
 //! w = d·(d² + j² + h²)^(−3/2), d = i + ½, as a part of its value for i = j = 0. The factor ½ of δ is the mean over an exposure in which all charge
 //! grows in proportion. That is the lateral field of a charge and its image in the gates, integrated over the way down of the electrons that
 //! come. No charge is lost, none crosses the edge of the frame. |δ| stays below ¼ px.
 //!
-//! **Parameters.** `shift_px_per_e` (s): displacement of a pixel's own boundary per electron that it holds, px, 10⁻⁷ to 10⁻⁶; `range_px` (h): height, in pixels,
+//! ## Parameters
+//!
+//! `shift_px_per_e` (s): displacement of a pixel's own boundary per electron that it holds, px, 10⁻⁷ to 10⁻⁶; `range_px` (h): height, in pixels,
 //! above which the field acts; a small one makes the effect short, 0.3 to 2.
 //!
-//! **What it leaves when left out.** Widths that grow with the flux, by up to 2 % at full well; flats whose variance falls below the mean by the part
+//! ## Signature
+//!
+//! Widths that grow with the flux, by up to 2 % at full well; flats whose variance falls below the mean by the part
 //! 4·s·N, which is missing from a gain measured by photon transfer. Hardly any displacement.
 //!
-//! **Rendered.** An image of σ² = 0.9 px² with a peak of N electrons: σ² grows by the part 1.03·s·N by its moments, 1.09·s·N by the program's fit, in
+//! ### Rendered
+//!
+//! An image of σ² = 0.9 px² with a peak of N electrons: σ² grows by the part 1.03·s·N by its moments, 1.09·s·N by the program's fit, in
 //! proportion to the flux (cosine 0.9999); its centre moves by less than 10⁻⁵ px.
 //!
-//! **Confused with.** Non-linear response (which makes cores flat too, but loses flux); charge diffusion, which does not follow the flux.
+//! ## Confused with
 //!
-//! **Neglected.** Charge more than 2 pixels away; the difference between the barriers along and across the columns; second order in s (the field is
+//! Non-linear response (which makes cores flat too, but loses flux); charge diffusion, which does not follow the flux.
+//!
+//! ## Neglected
+//!
+//! Charge more than 2 pixels away; the difference between the barriers along and across the columns; second order in s (the field is
 //! that of the final charge); dependence on the colour by the depth of conversion.
 //!
-//! **Source.** P. Antilogus et al., JINST 9, C03048 (2014), for boundaries that follow the charge; A. Guyonnet et al., A&A 575, A41 (2015), eq. 11 to 16.
+//! ## Source
+//!
+//! P. Antilogus et al., JINST 9, C03048 (2014), for boundaries that follow the charge; A. Guyonnet et al., A&A 575, A41 (2015), eq. 11 to 16.
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,20 +1,28 @@
 //! # Losses in the transfer of charge
 //!
-//! **What it is.** On its way to the register of a CCD a star's charge crosses every row between; traps in the silicon hold some of it and let
+//! ## What it does
+//!
+//! On its way to the register of a CCD a star's charge crosses every row between; traps in the silicon hold some of it and let
 //! it go into the rows that follow. The image gets a tail away from the register, and its centre moves there, the more the longer the way
 //! and the fainter the star.
 //!
-//! **Equation.** Δy = κ·n·(F/10 000)^(−½), n = (y + ½)/height the MEASURED row's way to a register before row 0, as a share of the frame, F the
+//! ## Equation
+//!
+//! Δy = κ·n·(F/10 000)^(−½), n = (y + ½)/height the MEASURED row's way to a register before row 0, as a share of the frame, F the
 //! electrons of the star, measured where the image has them, else as many as a magnitude of 5 stands for 10 000; the ideal point is the
 //! measured one minus Δ. A star of unknown brightness is not moved.
 //!
-//! **In the pixels.** The charge distortion model CDM: the packet N of row y goes through y + 1 transfers and meets on its way
+//! ### In the pixels
+//!
+//! The charge distortion model CDM: the packet N of row y goes through y + 1 transfers and meets on its way
 //! t = ρ·(y + 1)·(N/W)^β traps, of which n still hold charge of the packets before it. It loses
 //! c = max((t − n)/(t/N + 1)·(1 − e^(−a·(N/W)^(1−β))), 0) to them, n becomes n + c; then the part 1 − e^(−1/τ) of n is let go into it. The
 //! same along the rows, with the register's own traps and the column for the row. Every electron taken is given back, but for what is still
 //! trapped when the last row (the last column) has gone by. Two kinds of traps act one after the other.
 //!
-//! **Parameter.** `px_at_far_row_10000e` (κ): displacement at the row farthest from the register of a star of 10 000 electrons, px. Positive
+//! ## Parameters
+//!
+//! `px_at_far_row_10000e` (κ): displacement at the row farthest from the register of a star of 10 000 electrons, px. Positive
 //! for a register before row 0. With a register behind the last row images move to lower rows by κ·(1 − n): κ then comes out negative, and a
 //! magnitude equation along y takes the part that does not depend on the row.
 //! In the pixels: `traps_per_px` and `second_traps_per_px` (ρ), traps of a kind in a pixel filled to the full well, 0 to 10 after years of
@@ -23,21 +31,31 @@
 //! `cloud_exponent` (β), how the cloud of charge grows with its charge, 0 to 1; `capture_per_transfer` (a), captures that a full pixel's
 //! density allows a trap during one transfer: large means that every empty trap within the cloud is filled.
 //!
-//! **What it leaves when left out.** Residuals along y in proportion to the row, larger for faint stars: 0.01 to 0.1 px after years of
+//! ## Signature
+//!
+//! Residuals along y in proportion to the row, larger for faint stars: 0.01 to 0.1 px after years of
 //! radiation.
 //!
-//! **Rendered.** Stars of one brightness are moved in proportion to the row (cosine 0.995 and more). With β = ½ on a dark sky, over 10³ to 10⁵ electrons,
+//! ### Rendered
+//!
+//! Stars of one brightness are moved in proportion to the row (cosine 0.995 and more). With β = ½ on a dark sky, over 10³ to 10⁵ electrons,
 //! the exponent is 0.46 by the centre of mass and 0.39 by the fit, 0.33 and 0.31 under a sky of 50 electrons, which fills traps; the cosine with the
 //! formula's ½ is 0.994 and more, and 0.975. A diagnosis of frames has both columns, the rendered one and the formula.
 //!
-//! **Confused with.** The aspect of the pixels (cosine 0.75), a step between amplifiers (0.67), the magnitude equation (0.56). Bright and faint
+//! ## Confused with
+//!
+//! The aspect of the pixels (cosine 0.75), a step between amplifiers (0.67), the magnitude equation (0.56). Bright and faint
 //! stars at the same rows tell them apart, and the tails of the images.
 //!
-//! **Neglected.** The exponent depends on the image's size and on the traps (0.3 to 0.6); a background fills traps, by e^(−B/B₀); losses along
+//! ## Neglected
+//!
+//! The exponent depends on the image's size and on the traps (0.3 to 0.6); a background fills traps, by e^(−B/B₀); losses along
 //! the register; stars that went before along the column. In the pixels: chance in capture and release; traps lie evenly over the column and
 //! are empty when the readout begins; readout to two sides; the phases of a pixel.
 //!
-//! **Source.** R. Massey et al., MNRAS 401, 371 (2010); A. Short et al., MNRAS 430, 3078 (2013), whose equations 22 to 25 are CDM.
+//! ## Source
+//!
+//! R. Massey et al., MNRAS 401, 371 (2010); A. Short et al., MNRAS 430, 3078 (2013), whose equations 22 to 25 are CDM.
 
 use bytemuck::{Pod, Zeroable};
 

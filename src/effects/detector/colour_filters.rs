@@ -1,26 +1,40 @@
 //! # Colour filters of a mosaic
 //!
-//! **What it is.** The red, green and blue filters over the pixels of a colour sensor let a red star's light through in other shares than a white one's. In the
+//! ## What it does
+//!
+//! The red, green and blue filters over the pixels of a colour sensor let a red star's light through in other shares than a white one's. In the
 //! raw frame a star is a mosaic of its own: how bright it is on red pixels beside green ones depends on its colour.
 //!
-//! **Equation.** Of a star of B − V = c the pixels of filter k (red at even columns of even rows, blue at odd columns of odd rows, green elsewhere) count
+//! ## Equation
+//!
+//! Of a star of B − V = c the pixels of filter k (red at even columns of even rows, blue at odd columns of odd rows, green elsewhere) count
 //! electrons · w_k, w_k = F_k(T)/F_k(T₀), F_k(T) = ∫ Q(λ) τ(λ) f_k(λ) N(λ, T) dλ / ∫ V(λ) N(λ, T)/λ dλ as on the page of `quantum-efficiency`, f_k the
 //! filter's transmission, T₀ the temperature of B − V = 0.6. What a filter does to all light alike is the effect `bayer`: r = F_R(T₀)/F_G(T₀) on red and b =
 //! F_B(T₀)/F_G(T₀) on blue pixels; a scene with curves has it without being told. With one number instead: w_R = 1 + q·(c − 0.6), w_G = 1, w_B = 1 − q·(c −
 //! 0.6), the law of the displacement `bayer`.
 //!
-//! **Parameters.** In a scene, `[detector.colour_filters]`: `wavelengths_nm` with `red`, `green` and `blue` (f_k), straight lines between the points; the zero
+//! ## Parameters
+//!
+//! In a scene, `[detector.colour_filters]`: `wavelengths_nm` with `red`, `green` and `blue` (f_k), straight lines between the points; the zero
 //! point is that of the green pixels and a star like the Sun. Or `relative_per_mag` (q), 0.1 to 0.5.
 //!
-//! **What it leaves when left out.** Shifts of the centre towards red or blue pixels in proportion to the colour, 0.03 px for 30 % between them; fluxes that
+//! ## Signature
+//!
+//! Shifts of the centre towards red or blue pixels in proportion to the colour, 0.03 px for 30 % between them; fluxes that
 //! follow the phase within the pattern.
 //!
-//! **Confused with.** `even-odd` and `bayer` without colour, which do the same to all stars; lateral colour, which is smooth over the field.
+//! ## Confused with
 //!
-//! **Neglected.** As on the page of `quantum-efficiency`; light that goes through a neighbour's filter; other patterns; that the charge of cosmic rays passes
+//! `even-odd` and `bayer` without colour, which do the same to all stars; lateral colour, which is smooth over the field.
+//!
+//! ## Neglected
+//!
+//! As on the page of `quantum-efficiency`; light that goes through a neighbour's filter; other patterns; that the charge of cosmic rays passes
 //! no filter (the effect `bayer` weakens it as if it did), and that the sky's light has the colour of B − V = 0.6.
 //!
-//! **Source.** B. E. Bayer, US patent 3,971,065 (1976), for the pattern; else those of `quantum-efficiency`.
+//! ## Source
+//!
+//! B. E. Bayer, US patent 3,971,065 (1976), for the pattern; else those of `quantum-efficiency`.
 
 use super::quantum_efficiency::{ColourResponse, ResponseCurve};
 use crate::effects::{ParameterSpec, StarState};

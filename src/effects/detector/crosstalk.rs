@@ -1,19 +1,33 @@
 //! # Crosstalk between two outputs
 //!
-//! **What it is.** The left and the right half of the frame are read to their own sides at the same time; a bright pixel in one half leaves a faint copy in the
+//! ## What it does
+//!
+//! The left and the right half of the frame are read to their own sides at the same time; a bright pixel in one half leaves a faint copy in the
 //! pixel that the other amplifier reads at that moment, its mirror image.
 //!
-//! **Equation.** electrons(x, y) = N(x, y) + c·N(width − 1 − x, y). A column in the very middle has no partner.
+//! ## Equation
 //!
-//! **Parameter.** `relative` (c): brightness of the copy, 10⁻⁴ to 10⁻³, of either sign.
+//! electrons(x, y) = N(x, y) + c·N(width − 1 − x, y). A column in the very middle has no partner.
 //!
-//! **What it leaves when left out.** Detections without a star at the mirror images of bright ones, holes where c is negative.
+//! ## Parameters
 //!
-//! **Confused with.** A ghost of the optics, which is reflected at the axis (x and y both) and out of focus.
+//! `relative` (c): brightness of the copy, 10⁻⁴ to 10⁻³, of either sign.
 //!
-//! **Neglected.** More than two outputs; c that depends on the level or on the direction; delays of the copy by a pixel.
+//! ## Signature
 //!
-//! **Source.** P. O'Connor, JINST 10, C05010 (2015), crosstalk in multi-output CCDs; Freyhammer et al., Exp. Astron. 12, 147 (2001).
+//! Detections without a star at the mirror images of bright ones, holes where c is negative.
+//!
+//! ## Confused with
+//!
+//! A ghost of the optics, which is reflected at the axis (x and y both) and out of focus.
+//!
+//! ## Neglected
+//!
+//! More than two outputs; c that depends on the level or on the direction; delays of the copy by a pixel.
+//!
+//! ## Source
+//!
+//! P. O'Connor, JINST 10, C05010 (2015), crosstalk in multi-output CCDs; Freyhammer et al., Exp. Astron. 12, 147 (2001).
 
 use bytemuck::{Pod, Zeroable};
 

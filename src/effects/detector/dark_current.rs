@@ -1,22 +1,36 @@
 //! # Dark current
 //!
-//! **What it is.** Heat frees electrons in the silicon; they fill the pixels as light does, and vary from pixel to pixel (DSNU).
+//! ## What it does
 //!
-//! **Equation.** electrons += D·t·2^((T − T₀)/K)·e^(s·w − s²/2), t the exposure time, T the temperature told for the frame (T₀ where none is), w
+//! Heat frees electrons in the silicon; they fill the pixels as light does, and vary from pixel to pixel (DSNU).
+//!
+//! ## Equation
+//!
+//! electrons += D·t·2^((T − T₀)/K)·e^(s·w − s²/2), t the exposure time, T the temperature told for the frame (T₀ where none is), w
 //! standard normal, one number a pixel, the same in every frame of a seed. The pattern's mean is 1. Photon noise acts on the sum.
 //!
-//! **Parameters.** `dark_e_per_px_s` (D): mean rate at T₀, electrons per pixel and second, 10⁻³ (cooled) to 100; `reference_temperature_c` (T₀);
+//! ## Parameters
+//!
+//! `dark_e_per_px_s` (D): mean rate at T₀, electrons per pixel and second, 10⁻³ (cooled) to 100; `reference_temperature_c` (T₀);
 //! `doubling_k` (K): rise of temperature that doubles the rate, 5 to 10 K; `dsnu_relative` (s): standard deviation of the rate's logarithm from
 //! pixel to pixel, 0 to 1.
 //!
-//! **What it leaves when left out.** A background that rises with exposure time and temperature, and a grain in it that does not change.
+//! ## Signature
 //!
-//! **Confused with.** The sky background: exposures with a closed shutter, or at two temperatures, tell them apart.
+//! A background that rises with exposure time and temperature, and a grain in it that does not change.
 //!
-//! **Neglected.** The curve of the Arrhenius law (its doubling grows by a quarter from −20 to 20 °C); glow of the amplifier; hot pixels, which are an
+//! ## Confused with
+//!
+//! The sky background: exposures with a closed shutter, or at two temperatures, tell them apart.
+//!
+//! ## Neglected
+//!
+//! The curve of the Arrhenius law (its doubling grows by a quarter from −20 to 20 °C); glow of the amplifier; hot pixels, which are an
 //! effect of their own; that a frame's rows wait for their readout for different times.
 //!
-//! **Source.** J. R. Janesick, Scientific Charge-Coupled Devices (SPIE, 2001), chapter 7; EMVA Standard 1288, release 4.0, section 7.
+//! ## Source
+//!
+//! J. R. Janesick, Scientific Charge-Coupled Devices (SPIE, 2001), chapter 7; EMVA Standard 1288, release 4.0, section 7.
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,23 +1,37 @@
 //! # Tilt of the detector
 //!
-//! **What it is.** The detector is not perpendicular to the optical axis, so one side of it lies farther from the exit pupil than the other
+//! ## What it does
+//!
+//! The detector is not perpendicular to the optical axis, so one side of it lies farther from the exit pupil than the other
 //! and is magnified more.
 //!
-//! **Equation.** At the MEASURED point (x̄, ȳ) relative to the principal point: Δ = (x̄, ȳ)·(x̄·τ_y − ȳ·τ_x)/f, the homography between the
+//! ## Equation
+//!
+//! At the MEASURED point (x̄, ȳ) relative to the principal point: Δ = (x̄, ȳ)·(x̄·τ_y − ȳ·τ_x)/f, the homography between the
 //! two planes to first order in τ; the ideal point is (x̄, ȳ) − Δ.
 //!
-//! **Parameters.** `tilt_x_rad`, `tilt_y_rad`: angles about the x and the y axis. With τ_y > 0 the side of +x, with τ_x < 0 that of +y is
+//! ## Parameters
+//!
+//! `tilt_x_rad`, `tilt_y_rad`: angles about the x and the y axis. With τ_y > 0 the side of +x, with τ_x < 0 that of +y is
 //! the larger one. To first order they are OpenCV's −tauX and −tauY. 0.1° displaces a star at 512 px by 0.16 px with f = 2900 px.
 //!
-//! **What it leaves when left out.** In positions nothing at all: the homography is a rotation of the camera together with a shift of the
+//! ## Signature
+//!
+//! In positions nothing at all: the homography is a rotation of the camera together with a shift of the
 //! principal point. In the widths of the images a gradient of focus across the field.
 //!
-//! **Confused with.** The frames' attitudes and the principal point, entirely. An attitude from elsewhere breaks this, or a distortion
+//! ## Confused with
+//!
+//! The frames' attitudes and the principal point, entirely. An attitude from elsewhere breaks this, or a distortion
 //! whose centre is known.
 //!
-//! **Neglected.** The second order in τ: it turns the image by τ_x·τ_y, which is a roll, and scales it by τ²/2, which is a focal length.
+//! ## Neglected
 //!
-//! **Source.** OpenCV, calib3d, computeTiltProjectionMatrix; S. Wang, Y. Geng, R. Jin, Sensors 15, 31428 (2015), for its place in the error
+//! The second order in τ: it turns the image by τ_x·τ_y, which is a roll, and scales it by τ²/2, which is a focal length.
+//!
+//! ## Source
+//!
+//! OpenCV, calib3d, computeTiltProjectionMatrix; S. Wang, Y. Geng, R. Jin, Sensors 15, 31428 (2015), for its place in the error
 //! model of a star tracker.
 
 use crate::dual::Real;

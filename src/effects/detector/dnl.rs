@@ -1,23 +1,37 @@
 //! # Unequal steps of the converter (DNL)
 //!
-//! **What it is.** The levels at which an analogue-to-digital converter goes from one count to the next are not evenly spaced: some counts are rare, some
+//! ## What it does
+//!
+//! The levels at which an analogue-to-digital converter goes from one count to the next are not evenly spaced: some counts are rare, some
 //! frequent. The pattern is the converter's own and stays.
 //!
-//! **Equation.** v = electrons/gain + bias. The edge between the counts k − 1 and k lies at k − ½ + e_k, e_k normal with the standard deviation D/√2 and
+//! ## Equation
+//!
+//! v = electrons/gain + bias. The edge between the counts k − 1 and k lies at k − ½ + e_k, e_k normal with the standard deviation D/√2 and
 //! held within ±0.45, so that the width of a count has the standard deviation D. What is handed to the converter is (k − bias)·gain, which it turns
 //! into k.
 //!
-//! **Parameters.** `dnl_dn` (D): standard deviation of the width of a count, 0.05 to 0.5; `gain_e_per_dn` and `bias_dn`: those of the
+//! ## Parameters
+//!
+//! `dnl_dn` (D): standard deviation of the width of a count, 0.05 to 0.5; `gain_e_per_dn` and `bias_dn`: those of the
 //! converter.
 //!
-//! **What it leaves when left out.** A histogram of the background that is not smooth; up to 1/√12 DN of noise more. No displacement that can be
+//! ## Signature
+//!
+//! A histogram of the background that is not smooth; up to 1/√12 DN of noise more. No displacement that can be
 //! seen where the noise is larger than a count.
 //!
-//! **Confused with.** Compression, whose gaps in the histogram are periodic.
+//! ## Confused with
 //!
-//! **Neglected.** The larger errors at carries of a binary converter (every 2ᵏ counts); several converters that take turns; the integral of the errors.
+//! Compression, whose gaps in the histogram are periodic.
 //!
-//! **Source.** IEEE Standard 1241-2010, for the definition.
+//! ## Neglected
+//!
+//! The larger errors at carries of a binary converter (every 2ᵏ counts); several converters that take turns; the integral of the errors.
+//!
+//! ## Source
+//!
+//! IEEE Standard 1241-2010, for the definition.
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,24 +1,38 @@
 //! # Bending of the field at the edges of the sensor
 //!
-//! **What it is.** The electric field near the edge of a thick sensor is not perpendicular to its surface, so the charge of the last rows and
+//! ## What it does
+//!
+//! The electric field near the edge of a thick sensor is not perpendicular to its surface, so the charge of the last rows and
 //! columns is collected by pixels other than those it was set free above.
 //!
-//! **Equation.** For each of the four edges Δ = −A·e^(−d/ℓ)·n̂, d the MEASURED pixel's distance from the edge of the frame, n̂ the edge's normal
+//! ## Equation
+//!
+//! For each of the four edges Δ = −A·e^(−d/ℓ)·n̂, d the MEASURED pixel's distance from the edge of the frame, n̂ the edge's normal
 //! outwards; the ideal point is the measured one minus the sum of the four. Positive A: images are drawn inwards. Outside the frame, where
 //! nothing is measured, d counts as zero.
 //!
-//! **Parameters.** `amplitude_px` (A): displacement at the edge, px. `length_px` (ℓ): the distance in which it falls to 1/e, px. Asked for by
+//! ## Parameters
+//!
+//! `amplitude_px` (A): displacement at the edge, px. `length_px` (ℓ): the distance in which it falls to 1/e, px. Asked for by
 //! its id alone the effect fits the amplitude with ℓ = 15 px.
 //!
-//! **What it leaves when left out.** Residuals across the edge in the last 20 to 40 px, the same in all frames, 0.1 to 1 px, together with a
+//! ## Signature
+//!
+//! Residuals across the edge in the last 20 to 40 px, the same in all frames, 0.1 to 1 px, together with a
 //! change of the flux, since the pixels there collect from another area.
 //!
-//! **Confused with.** The aspect of the pixels (cosine 0.40): if the stars within 40 px of the edges are left out, this effect goes and that
+//! ## Confused with
+//!
+//! The aspect of the pixels (cosine 0.40): if the stars within 40 px of the edges are left out, this effect goes and that
 //! one stays.
 //!
-//! **Neglected.** The change of flux; a different strength of each edge; the corners, where the two edges simply add.
+//! ## Neglected
 //!
-//! **Source.** A. Bradshaw et al., arXiv:1507.02683 (2015); A. A. Plazas, G. M. Bernstein, E. S. Sheldon, PASP 126, 750
+//! The change of flux; a different strength of each edge; the corners, where the two edges simply add.
+//!
+//! ## Source
+//!
+//! A. Bradshaw et al., arXiv:1507.02683 (2015); A. A. Plazas, G. M. Bernstein, E. S. Sheldon, PASP 126, 750
 //! (2014).
 
 use crate::dual::Real;

@@ -1,29 +1,45 @@
 //! # Even and odd columns
 //!
-//! **What it is.** Even and odd columns are read through amplifiers of different gain (or are two fields of an interlaced sensor): every second
+//! ## What it does
+//!
+//! Even and odd columns are read through amplifiers of different gain (or are two fields of an interlaced sensor): every second
 //! column counts too much, and the centre of a star's image is drawn towards the columns that do.
 //!
-//! **Equation.** Columns 0, 2, 4 … count 1 + ε times what they hold, columns 1, 3, 5 … 1 − ε. For the centre of mass of a Gaussian image of
+//! ## Equation
+//!
+//! Columns 0, 2, 4 … count 1 + ε times what they hold, columns 1, 3, 5 … 1 − ε. For the centre of mass of a Gaussian image of
 //! σ = 0.7 px Δx = −A₂·ε·sin πx, x the MEASURED column, A₂ = 4·e^(−π²σ²/2)·(σ² + 1/π²) = 0.211; the ideal point is the measured one minus
 //! Δ. Halfway from column 0 to column 1 a positive ε draws the image back to column 0.
 //!
-//! **In the pixels.** electrons ·= 1 + ε in columns 0, 2, 4 …, 1 − ε in columns 1, 3, 5 …
+//! ### In the pixels
 //!
-//! **Parameter.** `relative` (ε): half the difference of the gains of even and odd columns, relative to their mean. In the pixels:
+//! electrons ·= 1 + ε in columns 0, 2, 4 …, 1 − ε in columns 1, 3, 5 …
+//!
+//! ## Parameters
+//!
+//! `relative` (ε): half the difference of the gains of even and odd columns, relative to their mean. In the pixels:
 //! `gain_relative`, the same number.
 //!
-//! **What it leaves when left out.** Residuals along x that follow the column modulo 2: 0.006 px for ε = 3 % with the centre of mass at
+//! ## Signature
+//!
+//! Residuals along x that follow the column modulo 2: 0.006 px for ε = 3 % with the centre of mass at
 //! σ = 0.7 px, 0.02 px with an unweighted fit, whose A₂ is about 0.8.
 //!
-//! **Confused with.** The S-curve has half the period: no confusion, if the stars stand on even and odd columns alike. A filter pattern
+//! ## Confused with
+//!
+//! The S-curve has half the period: no confusion, if the stars stand on even and odd columns alike. A filter pattern
 //! (Bayer) has this form times the colour. The background's spectrum has a line at two pixels if this is the cause.
 //!
-//! **Neglected.** The dependence of A₂ on the width of the image and on the estimator, so that ε is no more than an order of magnitude where
+//! ## Neglected
+//!
+//! The dependence of A₂ on the width of the image and on the estimator, so that ε is no more than an order of magnitude where
 //! these are others (an adjustment takes the predicted point for the measured one, so that noise does not make ε smaller); a term
 //! in ε²; offsets, which the background takes; rows. In an image stored mirrored, of an even number of columns, ε
 //! has the other sign, since columns are counted from the other side.
 //!
-//! **Source.** J. R. Janesick, Scientific Charge-Coupled Devices (2001), for readouts with several amplifiers. A₂ is Poisson's sum of the
+//! ## Source
+//!
+//! J. R. Janesick, Scientific Charge-Coupled Devices (2001), for readouts with several amplifiers. A₂ is Poisson's sum of the
 //! image's moments at the frequency of the columns.
 
 use bytemuck::{Pod, Zeroable};

@@ -1,24 +1,38 @@
 //! # Hot, blinking and dead pixels
 //!
-//! **What it is.** Defects of the crystal give some pixels a dark current far above the others'; in some of these it is there in one frame and
+//! ## What it does
+//!
+//! Defects of the crystal give some pixels a dark current far above the others'; in some of these it is there in one frame and
 //! gone in the next (random telegraph signal). Dead pixels answer to nothing.
 //!
-//! **Equation.** A pixel is hot with probability h, and then electrons += E·t·2^((T − T₀)/K), E drawn from an exponential law of mean L; a part b of the hot
+//! ## Equation
+//!
+//! A pixel is hot with probability h, and then electrons += E·t·2^((T − T₀)/K), E drawn from an exponential law of mean L; a part b of the hot
 //! pixels does so in every frame with probability ½ only. A pixel is dead with probability d, and then holds nothing. Which pixels are which,
 //! and E, stay from frame to frame of a seed.
 //!
-//! **Parameters.** `hot_per_million` (h) and `dead_per_million` (d): share of the pixels, parts per million, 0 to 10⁴ after years in orbit;
+//! ## Parameters
+//!
+//! `hot_per_million` (h) and `dead_per_million` (d): share of the pixels, parts per million, 0 to 10⁴ after years in orbit;
 //! `level_e_per_px_s` (L): mean rate of a hot pixel at T₀, electrons per second, 10 to 10⁴; `blinking_share` (b): 0 to 1;
 //! `reference_temperature_c` (T₀) and `doubling_k` (K) as for the dark current.
 //!
-//! **What it leaves when left out.** False stars that stay on their pixel; centres drawn by h·δ/F px where a star meets one: 0.05 to 0.1 px for 50 e- beside
+//! ## Signature
+//!
+//! False stars that stay on their pixel; centres drawn by h·δ/F px where a star meets one: 0.05 to 0.1 px for 50 e- beside
 //! a star of 1000 e-.
 //!
-//! **Confused with.** Faint stars, in one frame; cosmic rays, which do not come back.
+//! ## Confused with
 //!
-//! **Neglected.** States that last from frame to frame, for which there is `random-telegraph`; levels with more than two states and switching within an exposure; clusters and columns of defects; annealing.
+//! Faint stars, in one frame; cosmic rays, which do not come back.
 //!
-//! **Source.** G. R. Hopkinson, V. Goiffon, A. Mohammadzadeh, IEEE TNS 55, 2197 (2008), for telegraph signals; EMVA Standard 1288 for the rest.
+//! ## Neglected
+//!
+//! States that last from frame to frame, for which there is `random-telegraph`; levels with more than two states and switching within an exposure; clusters and columns of defects; annealing.
+//!
+//! ## Source
+//!
+//! G. R. Hopkinson, V. Goiffon, A. Mohammadzadeh, IEEE TNS 55, 2197 (2008), for telegraph signals; EMVA Standard 1288 for the rest.
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,23 +1,37 @@
 //! # Lossy compression
 //!
-//! **What it is.** The camera keeps its frames as JPEG does: blocks of 8 × 8 pixels are turned into frequencies, and these are rounded, the
+//! ## What it does
+//!
+//! The camera keeps its frames as JPEG does: blocks of 8 × 8 pixels are turned into frequencies, and these are rounded, the
 //! high ones more coarsely. Faint stars and the grain of the noise go, edges of blocks come.
 //!
-//! **Equation.** c = orthonormal cosine transform of the counts of a block; c ← q·K·⌊c/(q·K) + ½⌋, K the standard's table of luminance; the transform back is
+//! ## Equation
+//!
+//! c = orthonormal cosine transform of the counts of a block; c ← q·K·⌊c/(q·K) + ½⌋, K the standard's table of luminance; the transform back is
 //! rounded to counts and held within 0 … 65535. Blocks are counted from the frame's first pixel; the last ones, cut by its edge, are transformed at their
 //! own size with the table's first rows and columns.
 //!
-//! **Parameter.** `table_scale_dn` (q): counts per unit of the table. 1 is quality 50 for 8 bits (2: quality 25; 0.2: quality 90); a converter of more bits
+//! ## Parameters
+//!
+//! `table_scale_dn` (q): counts per unit of the table. 1 is quality 50 for 8 bits (2: quality 25; 0.2: quality 90); a converter of more bits
 //! that is stretched to 8 has as many times more.
 //!
-//! **What it leaves when left out.** Noise that is too smooth and correlated within blocks, a comb in the histogram of the frequencies, positions that
+//! ## Signature
+//!
+//! Noise that is too smooth and correlated within blocks, a comb in the histogram of the frequencies, positions that
 //! follow the phase in a block of 8 px, no faint stars.
 //!
-//! **Confused with.** Noise that is smaller than said; a detection limit.
+//! ## Confused with
 //!
-//! **Neglected.** Colour and its coarser sampling; the curve (gamma) that 8-bit pictures go through; quantisation chosen block by block, as in video.
+//! Noise that is smaller than said; a detection limit.
 //!
-//! **Source.** ITU-T T.81 (1992), annex A.3.3 (transform) and table K.1; G. K. Wallace, Comm. ACM 34, 30 (1991).
+//! ## Neglected
+//!
+//! Colour and its coarser sampling; the curve (gamma) that 8-bit pictures go through; quantisation chosen block by block, as in video.
+//!
+//! ## Source
+//!
+//! ITU-T T.81 (1992), annex A.3.3 (transform) and table K.1; G. K. Wallace, Comm. ACM 34, 30 (1991).
 
 use bytemuck::{Pod, Zeroable};
 

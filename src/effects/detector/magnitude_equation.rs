@@ -1,23 +1,37 @@
 //! # Magnitude equation
 //!
-//! **What it is.** The measured centre of a star's image depends on how bright the star is, by whatever cause: an image that is not symmetric
+//! ## What it does
+//!
+//! The measured centre of a star's image depends on how bright the star is, by whatever cause: an image that is not symmetric
 //! and cut off at a threshold, charge that lags behind, guiding. The name is that of the photographic plates on which it was first seen.
 //!
-//! **Equation.** Δ = (m − 5)·(a, b), m the star's magnitude, the measured one where the image has one, else V of the catalogue; the ideal
+//! ## Equation
+//!
+//! Δ = (m − 5)·(a, b), m the star's magnitude, the measured one where the image has one, else V of the catalogue; the ideal
 //! point is the measured one minus Δ. Which magnitude counts as zero is of no account, since a shift of all stars goes into the attitude; 5
 //! keeps the two nearly apart. A star of unknown magnitude is not moved.
 //!
-//! **Parameters.** `x_px_per_mag` (a), `y_px_per_mag` (b): displacement of a star one magnitude fainter, px.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Residuals in one direction, the same all over the frame, in proportion to the magnitude: of the order of
+//! `x_px_per_mag` (a), `y_px_per_mag` (b): displacement of a star one magnitude fainter, px.
+//!
+//! ## Signature
+//!
+//! Residuals in one direction, the same all over the frame, in proportion to the magnitude: of the order of
 //! 0.01 px per magnitude. Hardly any of it is taken up by other parameters (0.93 survives).
 //!
-//! **Confused with.** All that has a cause of its own: stray light (cosine 0.92), a step between amplifiers (0.70), overshoot (0.70), losses
+//! ## Confused with
+//!
+//! All that has a cause of its own: stray light (cosine 0.92), a step between amplifiers (0.70), overshoot (0.70), losses
 //! in the transfer of charge (0.56). Unless the gradient of the background, the row or the form of the images decides, the cause is open.
 //!
-//! **Neglected.** Terms in (m − 5)²; the dependence on place (see coma) and colour; variable stars, where the magnitude is the catalogue's.
+//! ## Neglected
 //!
-//! **Source.** H. Eichhorn, Astronomy of Star Positions (1974), for plates; J. Anderson et al., A&A 454, 1029 (2006), for CCDs.
+//! Terms in (m − 5)²; the dependence on place (see coma) and colour; variable stars, where the magnitude is the catalogue's.
+//!
+//! ## Source
+//!
+//! H. Eichhorn, Astronomy of Star Positions (1974), for plates; J. Anderson et al., A&A 454, 1029 (2006), for CCDs.
 
 use crate::dual::Real;
 use crate::effects::{CentroidShift, Context, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, StarState};

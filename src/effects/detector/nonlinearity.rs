@@ -1,20 +1,34 @@
 //! # Non-linear response
 //!
-//! **What it is.** The amplifier at the pixel gives less voltage for the last electrons than for the first: the capacity that it charges, and its own
+//! ## What it does
+//!
+//! The amplifier at the pixel gives less voltage for the last electrons than for the first: the capacity that it charges, and its own
 //! gain, change with the level.
 //!
-//! **Equation.** electrons = N·(1 − α·min(max(N/W, 0), 1)).
+//! ## Equation
 //!
-//! **Parameters.** `relative_at_full` (α): part of the signal that a full pixel lacks, 0.005 to 0.05; negative where the response rises;
+//! electrons = N·(1 − α·min(max(N/W, 0), 1)).
+//!
+//! ## Parameters
+//!
+//! `relative_at_full` (α): part of the signal that a full pixel lacks, 0.005 to 0.05; negative where the response rises;
 //! `full_well_e` (W): electrons of a full pixel.
 //!
-//! **What it leaves when left out.** Fluxes of bright stars too small, images of bright stars too flat in their core; variance against mean bends.
+//! ## Signature
 //!
-//! **Confused with.** Brighter-fatter, which widens images but keeps their flux; a term of colour in the catalogue's magnitudes.
+//! Fluxes of bright stars too small, images of bright stars too flat in their core; variance against mean bends.
 //!
-//! **Neglected.** Higher orders, and a dependence on the pixel; the response below some ten electrons (deferred charge).
+//! ## Confused with
 //!
-//! **Source.** J. R. Janesick, Photon Transfer (SPIE, 2007), chapter 7.
+//! Brighter-fatter, which widens images but keeps their flux; a term of colour in the catalogue's magnitudes.
+//!
+//! ## Neglected
+//!
+//! Higher orders, and a dependence on the pixel; the response below some ten electrons (deferred charge).
+//!
+//! ## Source
+//!
+//! J. R. Janesick, Photon Transfer (SPIE, 2007), chapter 7.
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,31 +1,47 @@
 //! # Settling of the video signal
 //!
-//! **What it is.** The amplifier's signal has not settled when a pixel is sampled: a part of a bright pixel is found in the next one of the
+//! ## What it does
+//!
+//! The amplifier's signal has not settled when a pixel is sampled: a part of a bright pixel is found in the next one of the
 //! row, and the images of bright stars are drawn along the direction of readout, or back, where the signal overshoots.
 //!
-//! **Equation.** Δx = a·F/10 000, F the electrons of the star, measured where the image has them, else as many as a magnitude of 5 stands for
+//! ## Equation
+//!
+//! Δx = a·F/10 000, F the electrons of the star, measured where the image has them, else as many as a magnitude of 5 stands for
 //! 10 000; the ideal point is the measured one minus Δ. A star of unknown brightness is not moved.
 //!
-//! **In the pixels.** Along every row electrons = (1 − k)·N + k·m, m the memory of the pixels before: m becomes m + (N − m)·(1 − e^(−1/τ)) with every
+//! ### In the pixels
+//!
+//! Along every row electrons = (1 − k)·N + k·m, m the memory of the pixels before: m becomes m + (N − m)·(1 − e^(−1/τ)) with every
 //! pixel and begins with the first pixel's own value, so that an even field stays even. k < 0 is an overshoot.
 //! Such a tail moves stars of every brightness by the same, k/(1 − e^(−1/τ)) px by the centre of mass, of which the
 //! program's fit sees 0.58 to 0.81 for 10³ to 10⁵ electrons: beside the equation above its cosine is 1 at one brightness and 0.64 for all of these
 //! stars, 0.72 by the fit. What grows with the flux is settling that depends on the signal.
 //!
-//! **Parameter.** `x_px` (a): displacement along the row of a star of 10 000 electrons (of magnitude 5 where electrons are not measured), px.
+//! ## Parameters
+//!
+//! `x_px` (a): displacement along the row of a star of 10 000 electrons (of magnitude 5 where electrons are not measured), px.
 //! Positive: a tail to the right. In the pixels: `tail_relative` (k), part of a pixel that is found after it, ±0.01; `tail_px` (τ), length of the
 //! memory in pixels, 0.1 to 100.
 //!
-//! **What it leaves when left out.** Residuals along the rows that grow with the flux, the same all over the frame: 0.003 to 0.03 px for bright
+//! ## Signature
+//!
+//! Residuals along the rows that grow with the flux, the same all over the frame: 0.003 to 0.03 px for bright
 //! stars. The attitude takes up the mean.
 //!
-//! **Confused with.** The magnitude equation (cosine 0.70), which goes with the logarithm: stars over several magnitudes tell them apart, and
+//! ## Confused with
+//!
+//! The magnitude equation (cosine 0.70), which goes with the logarithm: stars over several magnitudes tell them apart, and
 //! the tail on one side of the images tells the cause.
 //!
-//! **Neglected.** A part of constant share, which would move all stars by the same and goes into the attitude; saturation of the effect, so
+//! ## Neglected
+//!
+//! A part of constant share, which would move all stars by the same and goes into the attitude; saturation of the effect, so
 //! that a few very bright stars may say more than they know; dependence on the peak rather than on the flux, and so on the image's width.
 //!
-//! **Source.** J. R. Janesick, Scientific Charge-Coupled Devices (2001), on the bandwidth of the video chain. The proportion to the flux is an
+//! ## Source
+//!
+//! J. R. Janesick, Scientific Charge-Coupled Devices (2001), on the bandwidth of the video chain. The proportion to the flux is an
 //! engineer's approximation.
 
 use bytemuck::{Pod, Zeroable};

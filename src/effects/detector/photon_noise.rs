@@ -1,25 +1,39 @@
 //! # Photon noise
 //!
-//! **What it is.** Light comes in quanta: a pixel that expects λ electrons collects a Poisson number of them.
+//! ## What it does
 //!
-//! **Equation.** P(k) = λᵏ e^(−λ) / k!, by inversion: k is the quantile of the Poisson law at Φ(w), w standard normal. Below λ = 12 it is found
+//! Light comes in quanta: a pixel that expects λ electrons collects a Poisson number of them.
+//!
+//! ## Equation
+//!
+//! P(k) = λᵏ e^(−λ) / k!, by inversion: k is the quantile of the Poisson law at Φ(w), w standard normal. Below λ = 12 it is found
 //! from the survival P(K > 0) on, term by term, until that falls below 1 − Φ(w). From 12 on, m is the whole number nearest to the quantile's
 //! expansion λ + √λ w + (2 + w²)/6 − w(2 + w²)/(72 √λ), and k = m where w ≥ −z, else m − 1; Φ(z) = P(K ≥ m), and with N = λ + m,
 //! t = (λ − m)/N: z = √N t a(t) + c₁(t)/√N + c₂(t)/N^(3/2) + c₃(t)/N^(5/2). t a(t) = √(2t − 2(1 − t) artanh t) is the signed root of the
 //! likelihood, c₁ = ln(√2/(a √(1 − t)))/(t a) its correction; c₂ and c₃ were fitted to z of the incomplete gamma function.
 //!
-//! **Parameter.** None; it is there or not.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Centroids that are too good: the noise of a bright star's place is σ/√(electrons).
+//! None; it is there or not.
 //!
-//! **Confused with.** Another gain: the slope of variance against mean is 1/gain.
+//! ## Signature
 //!
-//! **Neglected.** Fano noise and pair production below 1 µm (one electron a photon). The law is kept exactly but for f32: computed, not drawn, the
+//! Centroids that are too good: the noise of a bright star's place is σ/√(electrons).
+//!
+//! ## Confused with
+//!
+//! Another gain: the slope of variance against mean is 1/gain.
+//!
+//! ## Neglected
+//!
+//! Fano noise and pair production below 1 µm (one electron a photon). The law is kept exactly but for f32: computed, not drawn, the
 //! total variation distance to it (half of the sum of all errors of probabilities) is below 1e-5 at every λ up to 1e5, and below 2e-6 up to 1000;
 //! the mean is right to 1e-5 of σ, the variance to 2e-5 of itself, the skewness to 1e-4 (moments of what lies within 6.6 σ). The tails end at 6.7 σ, that of λ < 12 at a probability of 1e-7. Above 2²⁴ electrons the numbers
 //! are rounded to f32.
 //!
-//! **Source.** O. E. Barndorff-Nielsen, Biometrika 73, 307 (1986), for the corrected root; N. M. Temme, "Asymptotic inversion of incomplete gamma
+//! ## Source
+//!
+//! O. E. Barndorff-Nielsen, Biometrika 73, 307 (1986), for the corrected root; N. M. Temme, "Asymptotic inversion of incomplete gamma
 //! functions", Math. Comp. 58, 755 (1992); M. B. Giles, "Algorithm 955", ACM TOMS 42, 7 (2016), for the quantile's expansion; L. Devroye,
 //! Non-Uniform Random Variate Generation (1986), chapter X.3 (inversion).
 

@@ -1,21 +1,35 @@
 //! # Aspect of the pixels
 //!
-//! **What it is.** The image has two scales: pixels that are not square, or optics that magnify differently along x and y.
+//! ## What it does
 //!
-//! **Equation.** At the MEASURED point (x̄, ȳ) relative to the principal point: Δ = ½ε·(x̄, −ȳ), and the ideal point is (x̄, ȳ) − Δ. The focal
+//! The image has two scales: pixels that are not square, or optics that magnify differently along x and y.
+//!
+//! ## Equation
+//!
+//! At the MEASURED point (x̄, ȳ) relative to the principal point: Δ = ½ε·(x̄, −ȳ), and the ideal point is (x̄, ȳ) − Δ. The focal
 //! length of the model stays the geometric mean of f_x and f_y.
 //!
-//! **Parameter.** `epsilon` = f_x/f_y − 1, a pure number. 1e-4 displaces a star by 0.026 px at 512 px from the axis.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Residuals in x in proportion to x and in y to −y, the same in all frames. Lithography leaves 1e-5, optics
+//! `epsilon` = f_x/f_y − 1, a pure number. 1e-4 displaces a star by 0.026 px at 512 px from the axis.
+//!
+//! ## Signature
+//!
+//! Residuals in x in proportion to x and in y to −y, the same in all frames. Lithography leaves 1e-5, optics
 //! that are not rotationally symmetric up to 1e-3. Attitudes and focal length cannot take it up.
 //!
-//! **Confused with.** The step at a seam of the sensor (cosine 0.78 of what is left of them), losses in the transfer of charge (0.75), the
+//! ## Confused with
+//!
+//! The step at a seam of the sensor (cosine 0.78 of what is left of them), losses in the transfer of charge (0.75), the
 //! bending of the field at the sensor's edges (0.40). The dependence on flux tells the second, stars on both sides of the seam the first.
 //!
-//! **Neglected.** The second order, 3ε²/8 of x̄ and ε²/8 of ȳ: 2e-4 px at 512 px for ε = 1e-3.
+//! ## Neglected
 //!
-//! **Source.** J. Weng, P. Cohen, M. Herniou, IEEE Trans. PAMI 14(10), 965 (1992).
+//! The second order, 3ε²/8 of x̄ and ε²/8 of ȳ: 2e-4 px at 512 px for ε = 1e-3.
+//!
+//! ## Source
+//!
+//! J. Weng, P. Cohen, M. Herniou, IEEE Trans. PAMI 14(10), 965 (1992).
 
 use crate::dual::Real;
 use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};

@@ -1,19 +1,33 @@
 //! # Unequal response of the pixels (PRNU)
 //!
-//! **What it is.** Pixels answer to the same light with slightly different numbers of electrons: their areas and coatings differ. The pattern stays.
+//! ## What it does
 //!
-//! **Equation.** electrons ·= max(1 + ν·w, 0), w standard normal, one number a pixel, the same in every frame of a seed.
+//! Pixels answer to the same light with slightly different numbers of electrons: their areas and coatings differ. The pattern stays.
 //!
-//! **Parameter.** `relative` (ν): standard deviation of the response, 0.002 to 0.02 for CCD and CMOS sensors.
+//! ## Equation
 //!
-//! **What it leaves when left out.** Fluxes that scatter by about ν/√(4π)/σ, and centres that scatter by 0.002 px for 1 %, the same whenever a star
+//! electrons ·= max(1 + ν·w, 0), w standard normal, one number a pixel, the same in every frame of a seed.
+//!
+//! ## Parameters
+//!
+//! `relative` (ν): standard deviation of the response, 0.002 to 0.02 for CCD and CMOS sensors.
+//!
+//! ## Signature
+//!
+//! Fluxes that scatter by about ν/√(4π)/σ, and centres that scatter by 0.002 px for 1 %, the same whenever a star
 //! returns to the same pixel.
 //!
-//! **Confused with.** Photon noise, unless the same pixel is seen again or a flat field is taken.
+//! ## Confused with
 //!
-//! **Neglected.** Structure on larger scales (dust, tree rings, stitching), dependence on colour, and the response within a pixel.
+//! Photon noise, unless the same pixel is seen again or a flat field is taken.
 //!
-//! **Source.** J. R. Janesick, Photon Transfer (SPIE, 2007), chapter 5; EMVA Standard 1288, release 4.0.
+//! ## Neglected
+//!
+//! Structure on larger scales (dust, tree rings, stitching), dependence on colour, and the response within a pixel.
+//!
+//! ## Source
+//!
+//! J. R. Janesick, Photon Transfer (SPIE, 2007), chapter 5; EMVA Standard 1288, release 4.0.
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,26 +1,40 @@
 //! # Quantum efficiency by colour
 //!
-//! **What it is.** A camera does not see stars through the V band: a detector that is sensitive to 1000 nm counts more electrons of a red star
+//! ## What it does
+//!
+//! A camera does not see stars through the V band: a detector that is sensitive to 1000 nm counts more electrons of a red star
 //! than of a white one of the same V magnitude.
 //!
-//! **Equation.** electrons = zero point · 10^(−0.4 V) · t · F(T)/F(T₀), F(T) = ∫ Q(λ) τ(λ) N(λ, T) dλ / ∫ V(λ) N(λ, T)/λ dλ, where N(λ, T) ∝
+//! ## Equation
+//!
+//! electrons = zero point · 10^(−0.4 V) · t · F(T)/F(T₀), F(T) = ∫ Q(λ) τ(λ) N(λ, T) dλ / ∫ V(λ) N(λ, T)/λ dλ, where N(λ, T) ∝
 //! λ⁻⁴/(exp(c₂/λT) − 1) are the photons of a black body, Q is the quantum efficiency, τ the optics' transmission and V(λ) the V band as a response
 //! to energy. T = 4600 K·(1/(0.92 c + 1.7) + 1/(0.92 c + 0.62)), c = B − V, held within −0.4 … 2; T₀ that of B − V = 0.6 (5968 K): the zero point is that of
 //! a star like the Sun, and a star of unknown colour counts as one. With one number instead: F(T)/F(T₀) = 10^(−0.4 k (B − V − 0.6)).
 //!
-//! **Parameters.** In a scene, `[detector.quantum_efficiency]`: `wavelengths_nm`, `values` (Q) and, if wanted, `transmission` (τ) at the same
+//! ## Parameters
+//!
+//! In a scene, `[detector.quantum_efficiency]`: `wavelengths_nm`, `values` (Q) and, if wanted, `transmission` (τ) at the same
 //! wavelengths, straight lines between them; their scale is of no account, the zero point has it. Or `colour_term_mag_per_mag` (k) of `[detector]`:
 //! −0.5 to 0 without a filter, 0 in the V band.
 //!
-//! **What it leaves when left out.** Magnitudes that follow the colour, by 0.35 mag from B − V = 0.6 to 1.5 for a silicon detector without a filter; weights
+//! ## Signature
+//!
+//! Magnitudes that follow the colour, by 0.35 mag from B − V = 0.6 to 1.5 for a silicon detector without a filter; weights
 //! of stars that are too small or too large. No displacement by itself.
 //!
-//! **Confused with.** Extinction in the air, which also depends on the altitude; the magnitude equation, which follows the brightness.
+//! ## Confused with
 //!
-//! **Neglected.** Lines and jumps of spectra (such as Balmer's below 365 nm), reddening by dust, giants and dwarfs of one colour;
+//! Extinction in the air, which also depends on the altitude; the magnitude equation, which follows the brightness.
+//!
+//! ## Neglected
+//!
+//! Lines and jumps of spectra (such as Balmer's below 365 nm), reddening by dust, giants and dwarfs of one colour;
 //! whether V(λ) answers to energy or to photons, which is 1 % at B − V = 1.5.
 //!
-//! **Source.** F. J. Ballesteros, EPL 97, 34008 (2012), equation 14, for the temperature; M. S. Bessell, PASP 102, 1181 (1990), table 2, for V(λ).
+//! ## Source
+//!
+//! F. J. Ballesteros, EPL 97, 34008 (2012), equation 14, for the temperature; M. S. Bessell, PASP 102, 1181 (1990), table 2, for V(λ).
 
 use crate::effects::{ParameterSpec, StarState};
 

@@ -1,27 +1,41 @@
 //! # Telegraph pixels (RTS)
 //!
-//! **What it is.** A defect in the depletion region has two states, and in one of them it makes more charge: the dark current of such a pixel jumps
+//! ## What it does
+//!
+//! A defect in the depletion region has two states, and in one of them it makes more charge: the dark current of such a pixel jumps
 //! to and fro between two levels, after times that are drawn by chance (random telegraph signal). It is hot in some frames and like any other in the next.
 //!
-//! **Equation.** A pixel has such a defect with probability r. While that is high, electrons += E·t·2^((T − T₀)/K), E drawn from an exponential law of
+//! ## Equation
+//!
+//! A pixel has such a defect with probability r. While that is high, electrons += E·t·2^((T − T₀)/K), E drawn from an exponential law of
 //! mean L. It stays low and high for times of exponential laws, of means τ_l·s and τ_h·s frames, ln s even within ±½·D·ln 10. That is: events come at the
 //! rate λ = (1/τ_l + 1/τ_h)/s, and at each the state is drawn anew, high with probability τ_h/(τ_l + τ_h); the state in a frame is that of the last event,
 //! and in frames k apart it is correlated by e^(−λk). Events are found by halving: whether 2²⁴ frames hold any, which half of them, and so on, each a number
 //! of its own; so any frame can be made alone, and 2²⁴ frames later all begins anew.
 //!
-//! **Parameters.** `rts_per_million` (r): 1 in a new detector to 10⁴ after years in orbit; `level_e_per_px_s` (L): mean step of the dark current at T₀, 10 to
+//! ## Parameters
+//!
+//! `rts_per_million` (r): 1 in a new detector to 10⁴ after years in orbit; `level_e_per_px_s` (L): mean step of the dark current at T₀, 10 to
 //! 10³; `low_dwell_frames` (τ_l) and `high_dwell_frames` (τ_h): times from jump to jump over the time from frame to frame, 1 to 10⁴; `dwell_decades` (D): over
 //! how many powers of ten they differ from pixel to pixel, 0 to 4; `reference_temperature_c` (T₀) and `doubling_k` (K) as for the dark current.
 //!
-//! **What it leaves when left out.** False stars that come and go on their pixel; a star that passes it is drawn towards it in some frames and not in others;
+//! ## Signature
+//!
+//! False stars that come and go on their pixel; a star that passes it is drawn towards it in some frames and not in others;
 //! dark frames that do not take it away.
 //!
-//! **Confused with.** Cosmic rays, which come once; variable stars, which move with the sky.
+//! ## Confused with
 //!
-//! **Neglected.** Jumps during an exposure; times between frames that are not all the same; more than two levels; jumps that are faster when it is warm;
+//! Cosmic rays, which come once; variable stars, which move with the sky.
+//!
+//! ## Neglected
+//!
+//! Jumps during an exposure; times between frames that are not all the same; more than two levels; jumps that are faster when it is warm;
 //! telegraph noise of the transistor, which does not grow with the exposure.
 //!
-//! **Source.** S. Machlup, J. Appl. Phys. 25, 341 (1954), for the law; G. R. Hopkinson, V. Goiffon, A. Mohammadzadeh, IEEE TNS 55, 2197 (2008), for detectors.
+//! ## Source
+//!
+//! S. Machlup, J. Appl. Phys. 25, 341 (1954), for the law; G. R. Hopkinson, V. Goiffon, A. Mohammadzadeh, IEEE TNS 55, 2197 (2008), for detectors.
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,19 +1,33 @@
 //! # Read noise
 //!
-//! **What it is.** The amplifier adds a normal error to every pixel that is read.
+//! ## What it does
 //!
-//! **Equation.** electrons += σ · w, w standard normal and independent from pixel to pixel.
+//! The amplifier adds a normal error to every pixel that is read.
 //!
-//! **Parameter.** `read_noise_e`: σ in electrons.
+//! ## Equation
 //!
-//! **What it leaves when left out.** Faint stars that are measured too well: it is the noise floor of short exposures.
+//! electrons += σ · w, w standard normal and independent from pixel to pixel.
 //!
-//! **Confused with.** A wrong gain and the noise of the background; the intercept of variance against mean tells it.
+//! ## Parameters
 //!
-//! **Neglected.** The random telegraph signal of CMOS pixels, noise of whole rows or columns, and the spread of σ from pixel to pixel.
+//! `read_noise_e`: σ in electrons.
+//!
+//! ## Signature
+//!
+//! Faint stars that are measured too well: it is the noise floor of short exposures.
+//!
+//! ## Confused with
+//!
+//! A wrong gain and the noise of the background; the intercept of variance against mean tells it.
+//!
+//! ## Neglected
+//!
+//! The random telegraph signal of CMOS pixels, noise of whole rows or columns, and the spread of σ from pixel to pixel.
 //! Draws end at 6.7 σ.
 //!
-//! **Source.** J. R. Janesick, Photon Transfer (SPIE, 2007), chapter 3; G. E. P. Box, M. E. Muller, Ann. Math. Stat. 29, 610 (1958).
+//! ## Source
+//!
+//! J. R. Janesick, Photon Transfer (SPIE, 2007), chapter 3; G. E. P. Box, M. E. Muller, Ann. Math. Stat. 29, 610 (1958).
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,29 +1,45 @@
 //! # S-curve of the measured centre
 //!
-//! **What it is.** A star's centre computed from a few pixels is drawn towards the middle of its pixel, or pushed away from it, depending on
+//! ## What it does
+//!
+//! A star's centre computed from a few pixels is drawn towards the middle of its pixel, or pushed away from it, depending on
 //! where within the pixel the star stands: the estimator does not know how the light is spread over the pixels.
 //!
-//! **Equation.** Δ = (a·sin 2πx, b·sin 2πy), x and y the MEASURED column and row (a pixel's middle has a whole number); the ideal point is the
+//! ## Equation
+//!
+//! Δ = (a·sin 2πx, b·sin 2πy), x and y the MEASURED column and row (a pixel's middle has a whole number); the ideal point is the
 //! measured one minus Δ. For the centre of mass of a whole Gaussian image a = b = −(1/π)·e^(−2π²σ²); a window or a threshold makes it
 //! larger and positive or negative.
 //!
-//! **Parameters.** `x_px` (a), `y_px` (b): amplitude along the columns and along the rows, px. Positive: images are pushed away from the middle
+//! ## Parameters
+//!
+//! `x_px` (a), `y_px` (b): amplitude along the columns and along the rows, px. Positive: images are pushed away from the middle
 //! of the pixel that they stand on.
 //!
-//! **What it leaves when left out.** Residuals that follow the fraction of the pixel and nothing else: 0.028 px for σ = 0.35 px, 0.0023 px for
+//! ## Signature
+//!
+//! Residuals that follow the fraction of the pixel and nothing else: 0.028 px for σ = 0.35 px, 0.0023 px for
 //! 0.5 px, 0.12 px at most for the centre of mass of a window of 3 px with σ = 0.7 px. Nothing of it is taken up by other parameters (0.98
 //! survives).
 //!
-//! **Rendered.** A response 1 + a·cos 2πu within the pixel gives this form (cosine 0.997) with the amplitude (a/π)·e^(−2π²σ²)·(1/4 − 2π²σ²) by the
+//! ### Rendered
+//!
+//! A response 1 + a·cos 2πu within the pixel gives this form (cosine 0.997) with the amplitude (a/π)·e^(−2π²σ²)·(1/4 − 2π²σ²) by the
 //! centre of mass, and by the program's fit: −0.0107·a px for σ = 0.5 px by both; −1.9·10⁻⁴·a and −5·10⁻⁵·a for σ = 0.7 px.
 //!
-//! **Confused with.** The response within a pixel, which has the same form: flux that follows the fraction of the pixel tells them apart.
+//! ## Confused with
 //!
-//! **Neglected.** Higher harmonics (sin 4πx); the dependence on the image's width, and so on place and colour. The argument is the measured
+//! The response within a pixel, which has the same form: flux that follows the fraction of the pixel tells them apart.
+//!
+//! ## Neglected
+//!
+//! Higher harmonics (sin 4πx); the dependence on the image's width, and so on place and colour. The argument is the measured
 //! point where it should be the true one: a difference of πa² at most, 0.0013 px for a = 0.02 px. An adjustment takes the predicted point for
 //! it: with noise of s px in the measured one the amplitude would be found too small by the factor e^(−2π²s²), 5 % at s = 0.05 px.
 //!
-//! **Source.** B. F. Alexander, K. C. Ng, Optical Engineering 30, 1320 (1991); J. Anderson, I. R. King, PASP 112, 1360 (2000).
+//! ## Source
+//!
+//! B. F. Alexander, K. C. Ng, Optical Engineering 30, 1320 (1991); J. Anderson, I. R. King, PASP 112, 1360 (2000).
 
 use std::f64::consts::TAU;
 

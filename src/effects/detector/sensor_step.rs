@@ -1,26 +1,40 @@
 //! # Step at a seam of the sensor
 //!
-//! **What it is.** A sensor is put together from two chips, or exposed in two fields by the lithograph, or a mirror folds half of the field:
+//! ## What it does
+//!
+//! A sensor is put together from two chips, or exposed in two fields by the lithograph, or a mirror folds half of the field:
 //! one part of the frame is displaced against the other.
 //!
-//! **Equation.** Δ = (a_x, a_y)·H(column), H = 0 left of the seam and 1 from column `line_px` on; the ideal point is the measured one minus
+//! ## Equation
+//!
+//! Δ = (a_x, a_y)·H(column), H = 0 left of the seam and 1 from column `line_px` on; the ideal point is the measured one minus
 //! Δ. A step has no derivative with respect to its place, so it is smoothed over about one pixel: with u = x − (line_px − ½), the measured
 //! pixel's distance from the border between the two columns, H = 1/(1 + e^(−u/w)) = ½ + ½·tanh(u/2w), w = 0.25 px. H grows from 0.1 to
 //! 0.9 within 1.1 px, which is also what a star's image does that lies on both chips.
 //!
-//! **Parameters.** `x_px`, `y_px`: displacement of the columns from `line_px` on, px. `line_px`: the first of them. Asked for by its id alone
+//! ## Parameters
+//!
+//! `x_px`, `y_px`: displacement of the columns from `line_px` on, px. `line_px`: the first of them. Asked for by its id alone
 //! the effect fits the displacement; the line keeps its value, and is fitted only if it is asked for and known to about a pixel.
 //!
-//! **What it leaves when left out.** Residuals that jump at a line, the same in all frames: 0.01 to 1 px. Attitude and the other parameters
+//! ## Signature
+//!
+//! Residuals that jump at a line, the same in all frames: 0.01 to 1 px. Attitude and the other parameters
 //! take up what is common, so both halves keep part of it with opposite signs and slopes.
 //!
-//! **Confused with.** The aspect of the pixels (cosine 0.78), shear (0.77), losses in the transfer of charge (0.58). Stars on both sides of the
+//! ## Confused with
+//!
+//! The aspect of the pixels (cosine 0.78), shear (0.77), losses in the transfer of charge (0.58). Stars on both sides of the
 //! seam, and a search over the place of the line, tell them apart.
 //!
-//! **Neglected.** Rotation and scale of one chip against the other; a seam along the rows; more than one seam. A step of more than 1 px along
+//! ## Neglected
+//!
+//! Rotation and scale of one chip against the other; a seam along the rows; more than one seam. A step of more than 1 px along
 //! x folds at the seam: stars within a pixel of it then have no unique place.
 //!
-//! **Source.** G. M. Bernstein et al., PASP 129, 074503 (2017): the chips of DECam move by up to 10 µm; J. Anderson, I. R. King, PASP 115,
+//! ## Source
+//!
+//! G. M. Bernstein et al., PASP 129, 074503 (2017): the chips of DECam move by up to 10 µm; J. Anderson, I. R. King, PASP 115,
 //! 113 (2003), for seams of one chip.
 
 use crate::dual::Real;

@@ -1,22 +1,36 @@
 //! # Shear: axes that are not perpendicular
 //!
-//! **What it is.** Rows and columns of the image do not meet at a right angle: skew optics, or rows that are exposed one after another while
+//! ## What it does
+//!
+//! Rows and columns of the image do not meet at a right angle: skew optics, or rows that are exposed one after another while
 //! the camera turns.
 //!
-//! **Equation.** At the MEASURED point (x̄, ȳ) relative to the principal point: Δ = ½ε·(ȳ, x̄), and the ideal point is (x̄, ȳ) − Δ.
+//! ## Equation
 //!
-//! **Parameter.** `shear_rad` (ε): the angle between the axes of x and y minus 90°, shared evenly by both. 1e-4 displaces a star by 0.026 px
+//! At the MEASURED point (x̄, ȳ) relative to the principal point: Δ = ½ε·(ȳ, x̄), and the ideal point is (x̄, ȳ) − Δ.
+//!
+//! ## Parameters
+//!
+//! `shear_rad` (ε): the angle between the axes of x and y minus 90°, shared evenly by both. 1e-4 displaces a star by 0.026 px
 //! at 512 px from the axis.
 //!
-//! **What it leaves when left out.** Residuals in x in proportion to y and in y to x, the same in all frames; at most some 1e-4 rad.
+//! ## Signature
+//!
+//! Residuals in x in proportion to y and in y to x, the same in all frames; at most some 1e-4 rad.
 //! Attitudes and focal length cannot take it up.
 //!
-//! **Confused with.** A rolling shutter while the camera turns at a constant rate: entirely if every frame has the same rate, little (cosine
+//! ## Confused with
+//!
+//! A rolling shutter while the camera turns at a constant rate: entirely if every frame has the same rate, little (cosine
 //! 0.26) if the rates differ. The step at a seam of the sensor (0.77).
 //!
-//! **Neglected.** The second order, ε²/8 of the radius: below 1e-6 px at 512 px for ε = 1e-4.
+//! ## Neglected
 //!
-//! **Source.** J. Weng, P. Cohen, M. Herniou, IEEE Trans. PAMI 14(10), 965 (1992); the skew of a camera matrix: R. Hartley, A. Zisserman,
+//! The second order, ε²/8 of the radius: below 1e-6 px at 512 px for ε = 1e-4.
+//!
+//! ## Source
+//!
+//! J. Weng, P. Cohen, M. Herniou, IEEE Trans. PAMI 14(10), 965 (1992); the skew of a camera matrix: R. Hartley, A. Zisserman,
 //! Multiple View Geometry (2004), section 6.2.4.
 
 use crate::dual::Real;

@@ -1,34 +1,50 @@
 //! # Stray light under the images
 //!
-//! **What it is.** The background rises from one side of a star's image to the other: Moon, Sun, Earth or twilight shine into the lens. An
+//! ## What it does
+//!
+//! The background rises from one side of a star's image to the other: Moon, Sun, Earth or twilight shine into the lens. An
 //! estimator that takes the background for level moves the centre up the slope.
 //!
-//! **Equation.** Δ = g·(∇B/G)·K/F: ∇B the gradient of the background measured under this image, G the root mean square of its size over the
+//! ## Equation
+//!
+//! Δ = g·(∇B/G)·K/F: ∇B the gradient of the background measured under this image, G the root mean square of its size over the
 //! recording's images, F the star's measured electrons; the ideal point is the measured one minus Δ. K = 8π·(σ² + 1/12)² is that of an
 //! unweighted fit of a Gaussian of width σ that is integrated over pixels: the slope projected on the image's derivative. σ is the
 //! measured width, 0.7 px where there is none. Where G is not known the size of ∇B itself stands in its place.
 //!
-//! **In the pixels.** electrons = max(N + t·(a·(x − x_m) + b·(y − y_m)), 0), t the exposure time, (x_m, y_m) the middle of the frame: a background that
+//! ### In the pixels
+//!
+//! electrons = max(N + t·(a·(x − x_m) + b·(y − y_m)), 0), t the exposure time, (x_m, y_m) the middle of the frame: a background that
 //! rises evenly. Its level is the sky background's.
 //!
-//! **Parameter.** `gradient_e_per_px` (g): the slope that the estimator leaves in, electrons per pixel per pixel, as the root mean square over
+//! ## Parameters
+//!
+//! `gradient_e_per_px` (g): the slope that the estimator leaves in, electrons per pixel per pixel, as the root mean square over
 //! the images. It is G for an estimator that knows of no slope, and zero for one that takes all of it away, whatever the slopes are; where
 //! the slope is the same everywhere, it is that slope. In the pixels: `slope_x_e_per_px_s` (a) and `slope_y_e_per_px_s` (b), rise of the
 //! background's rate from a pixel to the next, electrons per pixel and second.
 //!
-//! **What it leaves when left out.** Residuals along the measured gradient, in proportion to 1/F: 0.013 px for g = 0.5, F = 1000 and
+//! ## Signature
+//!
+//! Residuals along the measured gradient, in proportion to 1/F: 0.013 px for g = 0.5, F = 1000 and
 //! σ = 1 px; 0.025 px for a centre of mass over 5 × 5 px, whose K is 50.
 //!
-//! **Confused with.** The magnitude equation (cosine 0.92) if the gradient has the same direction in all images: frames at other angles to the
+//! ## Confused with
+//!
+//! The magnitude equation (cosine 0.92) if the gradient has the same direction in all images: frames at other angles to the
 //! Moon tell them apart.
 //!
-//! **Neglected.** Estimators other than the unweighted fit: they change K, and so g, by a factor that is the same for all images of one width
+//! ## Neglected
+//!
+//! Estimators other than the unweighted fit: they change K, and so g, by a factor that is the same for all images of one width
 //! (centre of mass over (2w + 1)² px: K = (2w + 1)²·w·(w + 1)/3). K is 4 % too small for σ = 0.7 px and 0.3 % for 1 px. The
 //! program's own fit trusts bright pixels less and looks more at an image's edges: rendered with σ = 0.9 px on a sky of 50 electrons, its shift is
 //! 1.7 times for 3000, 3.2 times for 30 000 and 6 times for 300 000 electrons that of this K. The
 //! error of the measured ∇B makes g too small where it is not small beside the gradient. Structure of the background on the scale of an image.
 //!
-//! **Source.** The projection is that of linear least squares; for the centre of mass see R. C. Stone, AJ 97, 1227 (1989).
+//! ## Source
+//!
+//! The projection is that of linear least squares; for the centre of mass see R. C. Stone, AJ 97, 1227 (1989).
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,22 +1,36 @@
 //! # Drift of the boresight
 //!
-//! **What it is.** The detector moves behind the lens as the camera warms or ages, so that the whole image shifts by a few hundredths of a
+//! ## What it does
+//!
+//! The detector moves behind the lens as the camera warms or ages, so that the whole image shifts by a few hundredths of a
 //! pixel to a pixel.
 //!
-//! **Equation.** Δ = b·(T − T̄) + h·(t − t̄), the same for all stars of a frame; the point before it = measured − Δ. T̄, t̄ = means over
+//! ## Equation
+//!
+//! Δ = b·(T − T̄) + h·(t − t̄), the same for all stars of a frame; the point before it = measured − Δ. T̄, t̄ = means over
 //! the recording's frames.
 //!
-//! **Parameters.** `x_px_per_kelvin`, `y_px_per_kelvin`: b. `x_px_per_hour`, `y_px_per_hour`: h. Where temperatures are known the effect's
+//! ## Parameters
+//!
+//! `x_px_per_kelvin`, `y_px_per_kelvin`: b. `x_px_per_hour`, `y_px_per_hour`: h. Where temperatures are known the effect's
 //! name stands for b, elsewhere for h.
 //!
-//! **What it leaves when left out.** About 1 % of its size: a shift of the image is a turn of the camera but for terms quadratic in the
+//! ## Signature
+//!
+//! About 1 % of its size: a shift of the image is a turn of the camera but for terms quadratic in the
 //! field. It shows where the attitude is known from elsewhere or is one for all frames.
 //!
-//! **Confused with.** The attitude, nearly completely; b with h where the temperature follows the time.
+//! ## Confused with
 //!
-//! **Neglected.** Anything but a linear law.
+//! The attitude, nearly completely; b with h where the temperature follows the time.
 //!
-//! **Source.** ECSS-E-ST-60-20C (2008), "bias" of a star sensor; the law is linear by definition.
+//! ## Neglected
+//!
+//! Anything but a linear law.
+//!
+//! ## Source
+//!
+//! ECSS-E-ST-60-20C (2008), "bias" of a star sensor; the law is linear by definition.
 
 use crate::dual::Real;
 use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};

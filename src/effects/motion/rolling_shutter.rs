@@ -1,23 +1,37 @@
 //! # Rolling shutter
 //!
-//! **What it is.** Rows are exposed one after the other. While the camera turns, each row sees the sky with another attitude.
+//! ## What it does
 //!
-//! **Equation.** A star's direction in camera axes moves as ḋ = −ω × d. A row y is exposed τ = s·t·(y − y_mid) after the middle row, y_mid
+//! Rows are exposed one after the other. While the camera turns, each row sees the sky with another attitude.
+//!
+//! ## Equation
+//!
+//! A star's direction in camera axes moves as ḋ = −ω × d. A row y is exposed τ = s·t·(y − y_mid) after the middle row, y_mid
 //! = (height − 1)/2; the direction at the time of the middle row is that seen at the measured pixel turned by |ω|·τ about ω.
 //!
-//! **Parameter.** `line_time_us`: t, the time from one row to the next, µs, positive as in the manifest. The sign s of the direction of
+//! ## Parameters
+//!
+//! `line_time_us`: t, the time from one row to the next, µs, positive as in the manifest. The sign s of the direction of
 //! reading is the manifest's too (`first_row`): +1 if row 0 is read first or nothing is known, −1 if the last row is. A negative t says
 //! that the rows are read the other way round.
 //!
-//! **What it leaves when left out.** Shear and change of height with the rate across the boresight, a twist with the roll rate: 0.1°/s
+//! ## Signature
+//!
+//! Shear and change of height with the rate across the boresight, a twist with the roll rate: 0.1°/s
 //! over 1024 rows of 12 µs at f = 2900 px is 0.06 px. More than half of it hides in the attitude.
 //!
-//! **Confused with.** Shear and pixel aspect, if the rate is the same in all frames; rates of both signs tell them apart.
+//! ## Confused with
 //!
-//! **Neglected.** Changes of the rate within a frame. The blur of each row is motion smear, not this. The renderer follows the motion itself
+//! Shear and pixel aspect, if the rate is the same in all frames; rates of both signs tell them apart.
+//!
+//! ## Neglected
+//!
+//! Changes of the rate within a frame. The blur of each row is motion smear, not this. The renderer follows the motion itself
 //! row by row, with rates that change; at an even rate it puts the middle of each image where this does.
 //!
-//! **Source.** J. Enright and T. Dzamba, Rolling Shutter Compensation for Star Trackers, AIAA (2012); Rodrigues' formula for the turn.
+//! ## Source
+//!
+//! J. Enright and T. Dzamba, Rolling Shutter Compensation for Star Trackers, AIAA (2012); Rodrigues' formula for the turn.
 
 use crate::dual::{Real, constant, dot, normalize, rotate};
 use crate::effects::{

@@ -1,22 +1,36 @@
 //! # Airy point spread
 //!
-//! **What it is.** Diffraction by a round pupil, with a round obstruction in its middle or without: a core and rings.
+//! ## What it does
 //!
-//! **Equation.** Density p(r) = π/(4(λN)²(1 − ε²))·(2J₁(v)/v − ε²·2J₁(εv)/(εv))², v = πr/λN, ε = the obstruction's diameter over the pupil's, J₁ =
+//! Diffraction by a round pupil, with a round obstruction in its middle or without: a core and rings.
+//!
+//! ## Equation
+//!
+//! Density p(r) = π/(4(λN)²(1 − ε²))·(2J₁(v)/v − ε²·2J₁(εv)/(εv))², v = πr/λN, ε = the obstruction's diameter over the pupil's, J₁ =
 //! Bessel's function. The pixel collects it over its square.
 //!
-//! **Parameters.** `lambda_n_px`: λN, the wavelength times the focal ratio, px (0.55 µm at f/2 on 5.5 µm pixels: 0.2; the first dark ring is at
+//! ## Parameters
+//!
+//! `lambda_n_px`: λN, the wavelength times the focal ratio, px (0.55 µm at f/2 on 5.5 µm pixels: 0.2; the first dark ring is at
 //! 1.22 λN). `obstruction`: ε.
 //!
-//! **What it leaves when left out.** Rings in the stamps of bright stars; their distance follows the colour.
+//! ## Signature
 //!
-//! **Confused with.** Defocus and spherical aberration, which change the rings' strength.
+//! Rings in the stamps of bright stars; their distance follows the colour.
 //!
-//! **Neglected.** Vanes of a spider; the width of the passband. Light beyond the reach, about 0.2·λN/r of it without obstruction. The truth's
+//! ## Confused with
+//!
+//! Defocus and spherical aberration, which change the rings' strength.
+//!
+//! ## Neglected
+//!
+//! Vanes of a spider; the width of the passband. Light beyond the reach, about 0.2·λN/r of it without obstruction. The truth's
 //! landed electrons lack it. Where λN is below 1 px the image has light at a whole cycle a pixel, and pixels show it with a centre that follows
 //! the phase, as real ones do: the sum over pixels is right to 1e-5 px against Poisson's formula for the image that is left of it.
 //!
-//! **Source.** G. B. Airy, Trans. Camb. Phil. Soc. 5, 283 (1835); M. Born, E. Wolf, Principles of Optics, 8.5 and 8.6.2.
+//! ## Source
+//!
+//! G. B. Airy, Trans. Camb. Phil. Soc. 5, 283 (1835); M. Born, E. Wolf, Principles of Optics, 8.5 and 8.6.2.
 
 use nalgebra::Complex;
 

@@ -1,23 +1,37 @@
 //! # Point spread from tables
 //!
-//! **What it is.** What way of spreading light has no closed form (a Moffat function, diffraction, a wavefront, a measured image) is worked out
+//! ## What it does
+//!
+//! What way of spreading light has no closed form (a Moffat function, diffraction, a wavefront, a measured image) is worked out
 //! once, with the pixel's own response in it, on a grid finer than the pixels; stars read it there. Several tables serve images that change over
 //! the field and with colour: each star mixes those nearest to it.
 //!
-//! **Equation.** T(d) = ∫ p(u)·R(d − u) d²u, p = the density of light around the star, R = the response of the pixel, d = the pixel's
+//! ## Equation
+//!
+//! T(d) = ∫ p(u)·R(d − u) d²u, p = the density of light around the star, R = the response of the pixel, d = the pixel's
 //! centre minus the star. The tables hold the coefficients of the cubic B-spline that takes the values T at the grid's points; a star's
 //! share is the spline at d, and with several tables their weighted sum.
 //!
-//! **Parameters.** None of its own: those of the kind of image that fills the tables.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** See the kinds of image.
+//! None of its own: those of the kind of image that fills the tables.
 //!
-//! **Confused with.** See there.
+//! ## Signature
 //!
-//! **Neglected.** Between the grid's points the spline is off by about 0.013·T⁗/K⁴, K = points a pixel: K is chosen so that this stays below 3e-6
+//! See the kinds of image.
+//!
+//! ## Confused with
+//!
+//! See there.
+//!
+//! ## Neglected
+//!
+//! Between the grid's points the spline is off by about 0.013·T⁗/K⁴, K = points a pixel: K is chosen so that this stays below 3e-6
 //! of the light. Light is followed to `reach_px` of the scene; over the last fifth of it the image fades to nothing.
 //!
-//! **Source.** M. Unser, IEEE Signal Processing Magazine 16(6), 22 (1999) for the spline; J. Anderson, I. King, PASP 112, 1360 (2000) for tables
+//! ## Source
+//!
+//! M. Unser, IEEE Signal Processing Magazine 16(6), 22 (1999) for the spline; J. Anderson, I. King, PASP 112, 1360 (2000) for tables
 //! that have the pixel in them.
 
 use crate::effects::ParameterSpec;

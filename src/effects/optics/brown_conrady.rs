@@ -1,23 +1,37 @@
 //! # Distortion: radial k1, decentring p1, p2
 //!
-//! **What it is.** A lens images straight lines as curves: magnification changes with the distance from the axis (k1), and elements
+//! ## What it does
+//!
+//! A lens images straight lines as curves: magnification changes with the distance from the axis (k1), and elements
 //! that are not centred on one axis add a tangential part (p1, p2).
 //!
-//! **Equation.** At the MEASURED point (x̄, ȳ) relative to the principal point, r² = x̄² + ȳ²:
+//! ## Equation
+//!
+//! At the MEASURED point (x̄, ȳ) relative to the principal point, r² = x̄² + ȳ²:
 //! Δx = k1·x̄·r² + p1·(3x̄² + ȳ²) + 2·p2·x̄·ȳ, Δy = k1·ȳ·r² + p2·(3ȳ² + x̄²) + 2·p1·x̄·ȳ, and the ideal point is (x̄ − Δx, ȳ − Δy).
 //! The renderer inverts this.
 //!
-//! **Parameters.** `k1` (px⁻²), `p1`, `p2` (px⁻¹). To first order k1 = k1_cv/f², p1 = p2_cv/f, p2 = p1_cv/f of OpenCV's convention,
+//! ## Parameters
+//!
+//! `k1` (px⁻²), `p1`, `p2` (px⁻¹). To first order k1 = k1_cv/f², p1 = p2_cv/f, p2 = p1_cv/f of OpenCV's convention,
 //! which adds the distortion to the ideal point.
 //!
-//! **What it leaves when left out.** k1: residuals along the radius that grow as r³ (1 px at 512 px for k1 = 7.5e-9 px⁻²). p1, p2: a
+//! ## Signature
+//!
+//! k1: residuals along the radius that grow as r³ (1 px at 512 px for k1 = 7.5e-9 px⁻²). p1, p2: a
 //! quadratic field.
 //!
-//! **Confused with.** k1 with the focal length in a narrow field; p1, p2 with the principal point.
+//! ## Confused with
 //!
-//! **Neglected.** k2 and higher.
+//! k1 with the focal length in a narrow field; p1, p2 with the principal point.
 //!
-//! **Source.** D. C. Brown, Photogrammetric Engineering 32(3), 444 (1966); A. Conrady, MNRAS 79, 384 (1919); in this form: Wang, Cheng et
+//! ## Neglected
+//!
+//! k2 and higher.
+//!
+//! ## Source
+//!
+//! D. C. Brown, Photogrammetric Engineering 32(3), 444 (1966); A. Conrady, MNRAS 79, 384 (1919); in this form: Wang, Cheng et
 //! al., Applied Optics 54(21), 6425 (2015).
 
 use crate::dual::Real;

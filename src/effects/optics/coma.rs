@@ -1,29 +1,45 @@
 //! # Coma and the magnitude
 //!
-//! **What it is.** Coma draws the image of a star away from the axis into a tail along the radius. How much of the tail lies above the threshold
+//! ## What it does
+//!
+//! Coma draws the image of a star away from the axis into a tail along the radius. How much of the tail lies above the threshold
 //! of the measurement depends on the star's brightness, and so does the measured centre.
 //!
-//! **Equation.** Δ = a·(m − 5)·r·(x̄, ȳ)/R², (x̄, ȳ) the MEASURED point relative to the principal point, r its length, R half the frame's
+//! ## Equation
+//!
+//! Δ = a·(m − 5)·r·(x̄, ȳ)/R², (x̄, ȳ) the MEASURED point relative to the principal point, r its length, R half the frame's
 //! diagonal, m the star's magnitude, the measured one where the image has one, else V of the catalogue; the ideal point is the measured
 //! one minus Δ. What stars of all magnitudes share is a distortion. A star of unknown magnitude is not moved.
 //!
-//! **Parameter.** `coma_px_at_corner` (a): displacement outwards, at the distance of the frame's corner, of a star one magnitude fainter, px.
+//! ## Parameters
+//!
+//! `coma_px_at_corner` (a): displacement outwards, at the distance of the frame's corner, of a star one magnitude fainter, px.
 //! Negative for a tail that points outwards: of bright stars more of it is measured.
 //!
-//! **What it leaves when left out.** Residuals along the radius in proportion to the square of the radius and to the magnitude: 0.01 to 0.1 px per
+//! ## Signature
+//!
+//! Residuals along the radius in proportion to the square of the radius and to the magnitude: 0.01 to 0.1 px per
 //! magnitude near the edge. Hardly any of it is taken up by other parameters (0.94 survives).
 //!
-//! **Rendered.** Coma of the third order grows with r itself, and so does the shift by the program's fit (cosine 0.999 with r, 0.976 with r²). It follows the
+//! ### Rendered
+//!
+//! Coma of the third order grows with r itself, and so does the shift by the program's fit (cosine 0.999 with r, 0.976 with r²). It follows the
 //! brightness only where the star outshines the sky: 8.3 px per rms wave of coma for 10³ and 10⁴ electrons over a sky of 50 a pixel, 7.3 for 10⁵, 4.9 for
 //! 10⁶. What depends on the brightness has a cosine of 0.87 with this formula: it finds that there is coma, and its size is that of a mean slope.
 //!
-//! **Confused with.** The magnitude equation and losses in the transfer of charge (cosine at most 0.23). Images whose tails point along the
+//! ## Confused with
+//!
+//! The magnitude equation and losses in the transfer of charge (cosine at most 0.23). Images whose tails point along the
 //! radius tell the cause.
 //!
-//! **Neglected.** The dependence on threshold and window, which is not linear in the magnitude; astigmatism, which draws images out to both
+//! ## Neglected
+//!
+//! The dependence on threshold and window, which is not linear in the magnitude; astigmatism, which draws images out to both
 //! sides; a growth with the radius other than its square; a centre of the coma beside the principal point (a decentred lens).
 //!
-//! **Source.** V. N. Mahajan, Optical Imaging and Aberrations (1998), for the form of the image.
+//! ## Source
+//!
+//! V. N. Mahajan, Optical Imaging and Aberrations (1998), for the form of the image.
 
 use crate::dual::Real;
 use crate::effects::{

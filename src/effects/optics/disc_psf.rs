@@ -1,22 +1,36 @@
 //! # Ghosts: defocused images of bright stars
 //!
-//! **What it is.** Light that is reflected twice between surfaces of the optics comes to its focus elsewhere: a disc, often with the hole of the
+//! ## What it does
+//!
+//! Light that is reflected twice between surfaces of the optics comes to its focus elsewhere: a disc, often with the hole of the
 //! central obstruction, on the other side of the field.
 //!
-//! **Equation.** A star at x sends the share `fraction` of its light to the disc around c + `scale`·(x − c), c = the principal point: `scale` below 0
+//! ## Equation
+//!
+//! A star at x sends the share `fraction` of its light to the disc around c + `scale`·(x − c), c = the principal point: `scale` below 0
 //! is a reflection in the point c. The disc has even light between the radii `obstruction`·`radius_px` and `radius_px`. The share of a pixel is
 //! exact along x, and along y a Gauss–Legendre sum of sixteen nodes.
 //!
-//! **Parameters.** `scale`, `fraction`, `radius_px`, `obstruction`, in `[[ghosts]]` of a scene, one table for each pair of surfaces.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Faint discs that no star of the catalogue explains, at a fixed map of the bright ones.
+//! `scale`, `fraction`, `radius_px`, `obstruction`, in `[[ghosts]]` of a scene, one table for each pair of surfaces.
 //!
-//! **Confused with.** Nebulae and stray light, which do not follow the stars when the camera turns; crosstalk, which is sharp.
+//! ## Signature
 //!
-//! **Neglected.** Changes of radius and brightness over the field, vignetting of the disc, rings of diffraction at its edges, its own smear; stars
+//! Faint discs that no star of the catalogue explains, at a fixed map of the bright ones.
+//!
+//! ## Confused with
+//!
+//! Nebulae and stray light, which do not follow the stars when the camera turns; crosstalk, which is sharp.
+//!
+//! ## Neglected
+//!
+//! Changes of radius and brightness over the field, vignetting of the disc, rings of diffraction at its edges, its own smear; stars
 //! outside the frame.
 //!
-//! **Source.** Ray tracing of a pair of surfaces to first order: W. T. Welford, Aberrations of Optical Systems (1986).
+//! ## Source
+//!
+//! Ray tracing of a pair of surfaces to first order: W. T. Welford, Aberrations of Optical Systems (1986).
 
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::{Atlas, Psf2d, Psf2dStar, Rows};

@@ -1,22 +1,36 @@
 //! # Elliptic Gaussian point spread, integrated over the pixel
 //!
-//! **What it is.** The image of a star is a Gaussian that is wider along one axis than along the other: astigmatism, or trembling about one
+//! ## What it does
+//!
+//! The image of a star is a Gaussian that is wider along one axis than along the other: astigmatism, or trembling about one
 //! axis. A pixel collects the light that falls on its square.
 //!
-//! **Equation.** With the covariance C of the image, the share of the light in the pixel whose centre lies (dx, dy) from the star is
+//! ## Equation
+//!
+//! With the covariance C of the image, the share of the light in the pixel whose centre lies (dx, dy) from the star is
 //! ∫ φ(v/s_y)/s_y · E(dx − m·v, s) dv over v = dy − ½ … dy + ½, s_y² = C_yy, m = C_xy/C_yy, s² = C_xx − C_xy²/C_yy, φ = the normal density and
 //! E(d, s) = Φ((d + ½)/s) − Φ((d − ½)/s): exact along x, and along y a Gauss–Legendre sum of eight nodes. C has the eigenvalues `sigma_major_px`²
 //! and `sigma_minor_px`²; the major axis stands `angle_deg` from the x axis towards y.
 //!
-//! **Parameters.** `sigma_major_px`, `sigma_minor_px`: widths σ along the two axes, px. `angle_deg`: direction of the major axis.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Stamps whose residuals have a plus or a cross; ellipticities that follow the field. Centres stay.
+//! `sigma_major_px`, `sigma_minor_px`: widths σ along the two axes, px. `angle_deg`: direction of the major axis.
 //!
-//! **Confused with.** Motion smear, which turns with the rate; coma, which is one-sided.
+//! ## Signature
 //!
-//! **Neglected.** Wings beyond the Gaussian's. The sum over y is right within 1e-6 of the light for σ ≥ 0.3 px.
+//! Stamps whose residuals have a plus or a cross; ellipticities that follow the field. Centres stay.
 //!
-//! **Source.** The conditional distribution of two normal variables; the same image in SExtractor (E. Bertin, S. Arnouts, A&AS 117, 393
+//! ## Confused with
+//!
+//! Motion smear, which turns with the rate; coma, which is one-sided.
+//!
+//! ## Neglected
+//!
+//! Wings beyond the Gaussian's. The sum over y is right within 1e-6 of the light for σ ≥ 0.3 px.
+//!
+//! ## Source
+//!
+//! The conditional distribution of two normal variables; the same image in SExtractor (E. Bertin, S. Arnouts, A&AS 117, 393
 //! (1996)) without the pixel.
 
 use super::gaussian_psf::{DENSITY_AT_CENTRE, pixel_share};

@@ -1,21 +1,35 @@
 //! # Equidistant projection
 //!
-//! **What it is.** A fisheye whose distances from the centre are proportional to the angle from the boresight (zenithal equidistant,
+//! ## What it does
+//!
+//! A fisheye whose distances from the centre are proportional to the angle from the boresight (zenithal equidistant,
 //! f-theta).
 //!
-//! **Equation.** r = f·θ, θ = angle from the boresight; (x, y) = (x0, y0) + r·(X, Y)/√(X² + Y²). Directions up to θ < 180° have an image.
+//! ## Equation
 //!
-//! **Parameters.** `x0`, `y0`: the principal point, the pixel that the boresight falls on; `f`: focal length over pixel pitch, the scale at
+//! r = f·θ, θ = angle from the boresight; (x, y) = (x0, y0) + r·(X, Y)/√(X² + Y²). Directions up to θ < 180° have an image.
+//!
+//! ## Parameters
+//!
+//! `x0`, `y0`: the principal point, the pixel that the boresight falls on; `f`: focal length over pixel pitch, the scale at
 //! the centre. All in px.
 //!
-//! **What it leaves when left out.** As a pinhole, a fisheye misses the stars by a cubic that k1 absorbs in a narrow field:
+//! ## Signature
+//!
+//! As a pinhole, a fisheye misses the stars by a cubic that k1 absorbs in a narrow field:
 //! θ²/3 = 1.0 % of the distance from the centre at 10°, more than k1 can take from 20° on. A pinhole has no image at 90° at all.
 //!
-//! **Confused with.** The equisolid and stereographic projections and k1, by f·θ³, in fields below about 40°.
+//! ## Confused with
 //!
-//! **Neglected.** Departures of a real lens from the ideal law: those are the terms of `kannala-brandt`.
+//! The equisolid and stereographic projections and k1, by f·θ³, in fields below about 40°.
 //!
-//! **Source.** M. R. Calabretta and E. W. Greisen, A&A 395, 1077 (2002), section 5.1 (ARC).
+//! ## Neglected
+//!
+//! Departures of a real lens from the ideal law: those are the terms of `kannala-brandt`.
+//!
+//! ## Source
+//!
+//! M. R. Calabretta and E. W. Greisen, A&A 395, 1077 (2002), section 5.1 (ARC).
 
 use super::field_angle::{angle_over_sine, sine_over_angle_and_cosine};
 use crate::dual::Real;

@@ -1,22 +1,36 @@
 //! # Equisolid projection
 //!
-//! **What it is.** A fisheye that shows equal solid angles as equal areas (zenithal equal-area, Lambert); the most common law of fisheyes
+//! ## What it does
+//!
+//! A fisheye that shows equal solid angles as equal areas (zenithal equal-area, Lambert); the most common law of fisheyes
 //! for photography.
 //!
-//! **Equation.** r = 2·f·sin(θ/2), θ = angle from the boresight; (x, y) = (x0, y0) + f·(X, Y)·√(2/(1 + Z)). The whole sky lies within r <
+//! ## Equation
+//!
+//! r = 2·f·sin(θ/2), θ = angle from the boresight; (x, y) = (x0, y0) + f·(X, Y)·√(2/(1 + Z)). The whole sky lies within r <
 //! 2f.
 //!
-//! **Parameters.** `x0`, `y0`: the principal point, the pixel that the boresight falls on; `f`: focal length over pixel pitch, the scale at
+//! ## Parameters
+//!
+//! `x0`, `y0`: the principal point, the pixel that the boresight falls on; `f`: focal length over pixel pitch, the scale at
 //! the centre. All in px.
 //!
-//! **What it leaves when left out.** As a pinhole, a fisheye misses the stars by a cubic that k1 absorbs in a narrow field:
+//! ## Signature
+//!
+//! As a pinhole, a fisheye misses the stars by a cubic that k1 absorbs in a narrow field:
 //! 3θ²/8 = 1.1 % of the distance from the centre at 10°, more than k1 can take from 20° on. A pinhole has no image at 90° at all.
 //!
-//! **Confused with.** The equidistant and stereographic projections and k1, by f·θ³, in fields below about 40°.
+//! ## Confused with
 //!
-//! **Neglected.** Departures of a real lens from the ideal law: those are the terms of `kannala-brandt`.
+//! The equidistant and stereographic projections and k1, by f·θ³, in fields below about 40°.
 //!
-//! **Source.** M. R. Calabretta and E. W. Greisen, A&A 395, 1077 (2002), section 5.1 (ZEA).
+//! ## Neglected
+//!
+//! Departures of a real lens from the ideal law: those are the terms of `kannala-brandt`.
+//!
+//! ## Source
+//!
+//! M. R. Calabretta and E. W. Greisen, A&A 395, 1077 (2002), section 5.1 (ZEA).
 
 use crate::dual::Real;
 use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};

@@ -1,21 +1,35 @@
 //! # Field stop
 //!
-//! **What it is.** A round opening near an image of the sky (the edge of an image intensifier, an eyepiece, a fisheye's image circle) ends the
+//! ## What it does
+//!
+//! A round opening near an image of the sky (the edge of an image intensifier, an eyepiece, a fisheye's image circle) ends the
 //! field: outside of it no light arrives.
 //!
-//! **Equation.** electrons ·= min(max((R − r)/w + ½, 0), 1), r the distance from the stop's centre: a blurred edge of width w.
+//! ## Equation
 //!
-//! **Parameters.** `radius_px` (R): radius of the stop's image, px; `edge_px` (w): width over which the light falls from all to nothing, px, 0.01
+//! electrons ·= min(max((R − r)/w + ½, 0), 1), r the distance from the stop's centre: a blurred edge of width w.
+//!
+//! ## Parameters
+//!
+//! `radius_px` (R): radius of the stop's image, px; `edge_px` (w): width over which the light falls from all to nothing, px, 0.01
 //! to 10⁴; `centre_x_px`, `centre_y_px`: the centre's offset from the middle of the frame, to the right and downwards, px.
 //!
-//! **What it leaves when left out.** Stars predicted where none can be seen; cut images at the edge with centres drawn inwards.
+//! ## Signature
 //!
-//! **Confused with.** Vignetting, which falls slowly; a wrong limit of brightness, if only bright stars are looked for.
+//! Stars predicted where none can be seen; cut images at the edge with centres drawn inwards.
 //!
-//! **Neglected.** Light scattered at the edge; a stop that is no circle; that the edge's blur is the convolution of the stop with the pupil's
+//! ## Confused with
+//!
+//! Vignetting, which falls slowly; a wrong limit of brightness, if only bright stars are looked for.
+//!
+//! ## Neglected
+//!
+//! Light scattered at the edge; a stop that is no circle; that the edge's blur is the convolution of the stop with the pupil's
 //! defocused image, not a straight ramp.
 //!
-//! **Source.** W. J. Smith, Modern Optical Engineering (2008), chapter 9.
+//! ## Source
+//!
+//! W. J. Smith, Modern Optical Engineering (2008), chapter 9.
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,21 +1,36 @@
 //! # Drift of the focal length
 //!
-//! **What it is.** Mounts creep, glue cures and moisture leaves a structure in vacuum: the scale of the image changes with time.
+//! ## What it does
 //!
-//! **Equation.** f → f·(1 + a·(t − t̄) + b·(n − n̄)); the point before it = measured / (that factor), relative to the principal point. t̄,
+//! Mounts creep, glue cures and moisture leaves a structure in vacuum: the scale of the image changes with time.
+//!
+//! ## Equation
+//!
+//! f → f·(1 + a·(t − t̄) + b·(n − n̄)); the point before it = measured / (that factor), relative to the principal point. t̄,
 //! n̄ = means of time and frame number over the recording.
 //!
-//! **Parameters.** `relative_per_hour`: a. `relative_per_frame`: b, per frame number. Where the frames' times are known the effect's name
+//! ## Parameters
+//!
+//! `relative_per_hour`: a. `relative_per_frame`: b, per frame number. Where the frames' times are known the effect's name
 //! stands for a, elsewhere for b.
 //!
-//! **What it leaves when left out.** Residuals along the radius in proportion to it, of one sign in the first frames and the other in the
+//! ## Signature
+//!
+//! Residuals along the radius in proportion to it, of one sign in the first frames and the other in the
 //! last: 1e-4 is 0.05 px at 512 px.
 //!
-//! **Confused with.** The thermal focal length where the temperature follows the time; aberration with an unknown velocity.
+//! ## Confused with
 //!
-//! **Neglected.** Steps, and anything that is not linear in time.
+//! The thermal focal length where the temperature follows the time; aberration with an unknown velocity.
 //!
-//! **Source.** A linear law, by definition.
+//! ## Neglected
+//!
+//! Steps, and anything that is not linear in time.
+//!
+//! ## Source
+//!
+//! A linear law, by definition. J. Enright, I. Jovanovic, B. Vaz, "On-orbit star tracker recalibration: a case study", IEEE Aerospace
+//! Conference (2015), for calibrations that have changed since they were made.
 
 use crate::dual::Real;
 use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};

@@ -1,20 +1,34 @@
 //! # Gaussian image in tables
 //!
-//! **What it is.** A round Gaussian image seen by pixels whose response is not even: the same light as that of the Gaussian point spread, where
+//! ## What it does
+//!
+//! A round Gaussian image seen by pixels whose response is not even: the same light as that of the Gaussian point spread, where
 //! the pixel has to be worked out in tables.
 //!
-//! **Equation.** The transform of its light is exp(−2π²σ²f²), f in cycles per px.
+//! ## Equation
 //!
-//! **Parameter.** `sigma_px`: σ in px.
+//! The transform of its light is exp(−2π²σ²f²), f in cycles per px.
 //!
-//! **What it leaves when left out.** See the Gaussian point spread; what the pixel's response leaves is a centroid and a flux that follow the
+//! ## Parameters
+//!
+//! `sigma_px`: σ in px.
+//!
+//! ## Signature
+//!
+//! See the Gaussian point spread; what the pixel's response leaves is a centroid and a flux that follow the
 //! place of the star within its pixel.
 //!
-//! **Confused with.** The S-curve of an estimator, which leaves the flux alone.
+//! ## Confused with
 //!
-//! **Neglected.** Rings and wings.
+//! The S-curve of an estimator, which leaves the flux alone.
 //!
-//! **Source.** Textbook transform; for pixels T. R. Lauer, PASP 111, 1434 (1999).
+//! ## Neglected
+//!
+//! Rings and wings.
+//!
+//! ## Source
+//!
+//! Textbook transform; for pixels T. R. Lauer, PASP 111, 1434 (1999).
 
 use nalgebra::Complex;
 

@@ -1,23 +1,37 @@
 //! # Gaussian point spread, integrated over the pixel
 //!
-//! **What it is.** The image of a star is a round Gaussian, and a pixel collects the light that falls on its square.
+//! ## What it does
 //!
-//! **Equation.** Share of the light in the pixel whose centre lies (dx, dy) from the star: E(dx)·E(dy),
+//! The image of a star is a round Gaussian, and a pixel collects the light that falls on its square.
+//!
+//! ## Equation
+//!
+//! Share of the light in the pixel whose centre lies (dx, dy) from the star: E(dx)·E(dy),
 //! E(d) = Φ((d + ½)/σ) − Φ((d − ½)/σ), Φ = the normal distribution function, d and σ in px. Computed from upper tails of |d|, so that the
 //! wings keep their relative accuracy, which a difference of erf loses to cancellation. Where σ > 2.5 px that difference loses digits too, and
 //! E = hφ(z)·(1 + h²He₂(z)/24 + h⁴He₄(z)/1920 + h⁶He₆(z)/322560), h = 1/σ, z = dh, He = Hermite polynomials, is right to 3e-6 of itself.
 //!
-//! **Parameter.** `sigma_px`: σ in px; FWHM = 2.3548 σ. Each star carries its own.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Without a point spread there are no stars.
+//! `sigma_px`: σ in px; FWHM = 2.3548 σ. Each star carries its own.
 //!
-//! **Confused with.** Jitter and defocus, which widen it; a wrong σ is seen in the shape and in the residuals of the stamps.
+//! ## Signature
 //!
-//! **Neglected.** Diffraction rings and scattered wings. Light beyond a square of ±reach px: reach = ⌈xσ + ½⌉ with
+//! Without a point spread there are no stars.
+//!
+//! ## Confused with
+//!
+//! Jitter and defocus, which widen it; a wrong σ is seen in the shape and in the residuals of the stamps.
+//!
+//! ## Neglected
+//!
+//! Diffraction rings and scattered wings. Light beyond a square of ±reach px: reach = ⌈xσ + ½⌉ with
 //! x = √(2 ln(electrons/0.01)), at least 5.5 and at most 8, which loses less than 8e-8 of the light, and less than 0.01 electrons per pixel
 //! of the brightest star that a detector holds. f32: the sum of a stamp holds to 1e-6 of the light, its centroid to 2e-6 px.
 //!
-//! **Source.** M. V. Newberry, PASP 103, 122 (1991); the same in SExtractor, DAOPHOT (P. B. Stetson, PASP 99, 191 (1987)).
+//! ## Source
+//!
+//! M. V. Newberry, PASP 103, 122 (1991); the same in SExtractor, DAOPHOT (P. B. Stetson, PASP 99, 191 (1987)).
 
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::lanes::vectorised;

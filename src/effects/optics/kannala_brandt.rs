@@ -1,23 +1,37 @@
 //! # Kannala–Brandt projection
 //!
-//! **What it is.** A fisheye as it is built: the equidistant law with four further odd terms, which fit every law of fisheyes and the
+//! ## What it does
+//!
+//! A fisheye as it is built: the equidistant law with four further odd terms, which fit every law of fisheyes and the
 //! lens's departures from it. OpenCV calls it `fisheye`.
 //!
-//! **Equation.** r = f·(θ + k1·θ³ + k2·θ⁵ + k3·θ⁷ + k4·θ⁹), θ = angle from the boresight, rad; (x, y) = (x0, y0) + r·(X, Y)/√(X² + Y²).
+//! ## Equation
+//!
+//! r = f·(θ + k1·θ³ + k2·θ⁵ + k3·θ⁷ + k4·θ⁹), θ = angle from the boresight, rad; (x, y) = (x0, y0) + r·(X, Y)/√(X² + Y²).
 //! The inverse is found by Newton's method on r², as a function of θ² smooth at the centre, and ends where r no longer grows.
 //!
-//! **Parameters.** `x0`, `y0`: the principal point, px; `f`: focal length over pixel pitch, the scale at the centre, px; `k1_theta` …
+//! ## Parameters
+//!
+//! `x0`, `y0`: the principal point, px; `f`: focal length over pixel pitch, the scale at the centre, px; `k1_theta` …
 //! `k4_theta`: the coefficients, pure numbers, those of OpenCV's `fisheye`. The equisolid law is k1 = −1/24, k2 = 1/1920.
 //!
-//! **What it leaves when left out.** As a pinhole, a fisheye misses the stars by a cubic that k1 absorbs in a narrow field: about 1 % of
+//! ## Signature
+//!
+//! As a pinhole, a fisheye misses the stars by a cubic that k1 absorbs in a narrow field: about 1 % of
 //! the distance from the centre at 10°, more than k1 can take from 20° on. Rings, if only the k's are wrong.
 //!
-//! **Confused with.** The k's with one another and with f, the more the smaller the field: below 40° only f and k1 can be told apart.
+//! ## Confused with
+//!
+//! The k's with one another and with f, the more the smaller the field: below 40° only f and k1 can be told apart.
 //! k1_theta with the distortion k1, which should then be held at zero.
 //!
-//! **Neglected.** Tangential terms: those are p1, p2 of the distortion. The pupil's walk with the angle, which stars cannot show.
+//! ## Neglected
 //!
-//! **Source.** J. Kannala and S. S. Brandt, IEEE TPAMI 28(8), 1335 (2006); the same in OpenCV, `fisheye`.
+//! Tangential terms: those are p1, p2 of the distortion. The pupil's walk with the angle, which stars cannot show.
+//!
+//! ## Source
+//!
+//! J. Kannala and S. S. Brandt, IEEE TPAMI 28(8), 1335 (2006); the same in OpenCV, `fisheye`.
 
 use super::field_angle::{angle_over_sine, sine_over_angle_and_cosine};
 use crate::dual::Real;

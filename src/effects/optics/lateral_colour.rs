@@ -1,23 +1,37 @@
 //! # Lateral colour
 //!
-//! **What it is.** The focal length of a lens depends on the wavelength, so red and blue stars are imaged at different scales.
+//! ## What it does
 //!
-//! **Equation.** With c = B − V − 0.6, at the MEASURED point (x̄, ȳ) relative to the principal point: Δ = c·q·(x̄, ȳ), and the ideal point is
+//! The focal length of a lens depends on the wavelength, so red and blue stars are imaged at different scales.
+//!
+//! ## Equation
+//!
+//! With c = B − V − 0.6, at the MEASURED point (x̄, ȳ) relative to the principal point: Δ = c·q·(x̄, ȳ), and the ideal point is
 //! (x̄, ȳ) − Δ. A star of unknown colour counts as one with c = 0.
 //!
-//! **Parameter.** `relative_scale_per_mag` (q): relative change of the scale per magnitude of B − V; positive: red stars lie further out.
+//! ## Parameters
+//!
+//! `relative_scale_per_mag` (q): relative change of the scale per magnitude of B − V; positive: red stars lie further out.
 //! 1e-4 displaces a star one magnitude redder than the Sun by 0.05 px at 512 px from the axis.
 //!
-//! **What it leaves when left out.** Residuals along the radius in proportion to radius and colour: 0.02 to 0.1 px per magnitude at the edge
+//! ## Signature
+//!
+//! Residuals along the radius in proportion to radius and colour: 0.02 to 0.1 px per magnitude at the edge
 //! for a star tracker, 0.2 to 1 px for a consumer camera. Hardly any of it is taken up by other parameters (0.98 survives).
 //!
-//! **Confused with.** Its own cubic member, c·r³ (cosine 0.92); chromatic refraction a little (0.26). Stars of both extremes of colour at all
+//! ## Confused with
+//!
+//! Its own cubic member, c·r³ (cosine 0.92); chromatic refraction a little (0.26). Stars of both extremes of colour at all
 //! radii tell them apart.
 //!
-//! **Neglected.** The cubic member and terms in c²: an effective wavelength is not linear in B − V, and red giants and reddened blue stars of
+//! ## Neglected
+//!
+//! The cubic member and terms in c²: an effective wavelength is not linear in B − V, and red giants and reddened blue stars of
 //! one colour differ.
 //!
-//! **Source.** Characterization of chromatic effects in small star trackers, 30th AIAA/USU Conference on Small Satellites (2016): a focal
+//! ## Source
+//!
+//! Characterization of chromatic effects in small star trackers, 30th AIAA/USU Conference on Small Satellites (2016): a focal
 //! length for every star improved the separations of stars by 3 to 15 % on six trackers in flight.
 
 use crate::dual::Real;

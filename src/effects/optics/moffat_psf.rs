@@ -1,18 +1,32 @@
 //! # Moffat point spread
 //!
-//! **What it is.** The image of a star through the turbulent air, or scattered by optics: a core with wings that fall as a power of the distance.
+//! ## What it does
 //!
-//! **Equation.** Density p(r) = (β − 1)/(πα²)·(1 + r²/α²)^−β, FWHM = 2α√(2^(1/β) − 1). The pixel collects it over its square.
+//! The image of a star through the turbulent air, or scattered by optics: a core with wings that fall as a power of the distance.
 //!
-//! **Parameters.** `fwhm_px`: full width at half maximum before the pixel, px. `beta`: β; 2.5 to 4.8 for air, the more the steeper.
+//! ## Equation
 //!
-//! **What it leaves when left out.** Light in the wings: aperture fluxes that are too low, and a background too high beside bright stars.
+//! Density p(r) = (β − 1)/(πα²)·(1 + r²/α²)^−β, FWHM = 2α√(2^(1/β) − 1). The pixel collects it over its square.
 //!
-//! **Confused with.** Scattered light, a diffuse background, the tails of charge transfer.
+//! ## Parameters
 //!
-//! **Neglected.** Light beyond the reach: (1 + r²/α²)^(1 − β) of it lies farther out than r; the truth's landed electrons lack it.
+//! `fwhm_px`: full width at half maximum before the pixel, px. `beta`: β; 2.5 to 4.8 for air, the more the steeper.
 //!
-//! **Source.** A. F. J. Moffat, A&A 3, 455 (1969).
+//! ## Signature
+//!
+//! Light in the wings: aperture fluxes that are too low, and a background too high beside bright stars.
+//!
+//! ## Confused with
+//!
+//! Scattered light, a diffuse background, the tails of charge transfer.
+//!
+//! ## Neglected
+//!
+//! Light beyond the reach: (1 + r²/α²)^(1 − β) of it lies farther out than r; the truth's landed electrons lack it.
+//!
+//! ## Source
+//!
+//! A. F. J. Moffat, A&A 3, 455 (1969).
 
 use nalgebra::Complex;
 

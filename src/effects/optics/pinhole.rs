@@ -1,21 +1,35 @@
 //! # Pinhole projection
 //!
-//! **What it is.** The ideal camera: a direction (X, Y, Z) in camera axes falls on x = x0 + f·X/Z, y = y0 + f·Y/Z. Every
+//! ## What it does
+//!
+//! The ideal camera: a direction (X, Y, Z) in camera axes falls on x = x0 + f·X/Z, y = y0 + f·Y/Z. Every
 //! other effect of the optics is a departure from it.
 //!
-//! **Equation.** As above; its inverse is direction ∝ (x − x0, y − y0, f).
+//! ## Equation
 //!
-//! **Parameters.** `x0`, `y0`: the principal point, the pixel that the boresight falls on; `f`: focal length over pixel pitch. All in px.
+//! As above; its inverse is direction ∝ (x − x0, y − y0, f).
 //!
-//! **What it leaves when wrong.** A wrong f: a radial pattern, residuals ∝ radius (0.4 % of f is 2 px at 512 px from the centre). A wrong
+//! ## Parameters
+//!
+//! `x0`, `y0`: the principal point, the pixel that the boresight falls on; `f`: focal length over pixel pitch. All in px.
+//!
+//! ## Signature
+//!
+//! A wrong f: a radial pattern, residuals ∝ radius (0.4 % of f is 2 px at 512 px from the centre). A wrong
 //! principal point is nearly a rotation of the camera; what is left is quadratic in the field, (x0 error)·tan² of the field angle.
 //!
-//! **Confused with.** Principal point with attitude, and with p1, p2 of the distortion in narrow fields; f with velocity along the
+//! ## Confused with
+//!
+//! Principal point with attitude, and with p1, p2 of the distortion in narrow fields; f with velocity along the
 //! boresight (aberration).
 //!
-//! **Neglected.** Nothing: it is the definition.
+//! ## Neglected
 //!
-//! **Source.** Hartley and Zisserman, Multiple View Geometry, 2nd ed. (2004), section 6.1.
+//! Nothing: it is the definition.
+//!
+//! ## Source
+//!
+//! Hartley and Zisserman, Multiple View Geometry, 2nd ed. (2004), section 6.1.
 
 use crate::dual::Real;
 use crate::effects::{Context, Displacement, Facts, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};

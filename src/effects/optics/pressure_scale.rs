@@ -1,22 +1,36 @@
 //! # Scale that follows the air pressure
 //!
-//! **What it is.** A lens is designed against air. As the pressure falls (a balloon, a launch) the index of the air between and before the
+//! ## What it does
+//!
+//! A lens is designed against air. As the pressure falls (a balloon, a launch) the index of the air between and before the
 //! lenses falls with it, and the focal length changes.
 //!
-//! **Equation.** f → f·(1 + κ·(P − P̄)); the point before it = measured / (1 + κ·(P − P̄)), relative to the principal point. P̄ = mean over
+//! ## Equation
+//!
+//! f → f·(1 + κ·(P − P̄)); the point before it = measured / (1 + κ·(P − P̄)), relative to the principal point. P̄ = mean over
 //! the recording's frames.
 //!
-//! **Parameter.** `relative_per_hpa`: κ. Air's index minus one is 2.7e-7 per hPa; κ is of that size, with the sign and factor of the lens.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Residuals along the radius in proportion to it, with the pressure: up to 0.14 px at 512 px between
+//! `relative_per_hpa`: κ. Air's index minus one is 2.7e-7 per hPa; κ is of that size, with the sign and factor of the lens.
+//!
+//! ## Signature
+//!
+//! Residuals along the radius in proportion to it, with the pressure: up to 0.14 px at 512 px between
 //! ground and vacuum.
 //!
-//! **Confused with.** The focal length, completely, if the pressure is the same in all frames; thermal focal length and drift where
+//! ## Confused with
+//!
+//! The focal length, completely, if the pressure is the same in all frames; thermal focal length and drift where
 //! pressure follows temperature or time.
 //!
-//! **Neglected.** The change of the distortion; the temperature's share of the air's density.
+//! ## Neglected
 //!
-//! **Source.** B. Edlén, Metrologia 2, 71 (1966) for the index of air; the law is linear by definition.
+//! The change of the distortion; the temperature's share of the air's density.
+//!
+//! ## Source
+//!
+//! B. Edlén, Metrologia 2, 71 (1966) for the index of air; the law is linear by definition.
 
 use crate::dual::Real;
 use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};

@@ -1,24 +1,38 @@
 //! # A projection that is not quite the model's
 //!
-//! **What it is.** Wide-angle lenses compress the field on purpose: f·θ, 2f·sin(θ/2) and 2f·tan(θ/2) instead of f·tan θ. Taken for a pinhole
+//! ## What it does
+//!
+//! Wide-angle lenses compress the field on purpose: f·θ, 2f·sin(θ/2) and 2f·tan(θ/2) instead of f·tan θ. Taken for a pinhole
 //! such a camera shows a strong radial distortion that follows the angle θ, which no polynomial in the radius does for long.
 //!
-//! **Equation.** The measured radius is f·(tan θ + t·θ³), with θ = atan(r̄/f) evaluated from the MEASURED point (x̄, ȳ) relative to the
+//! ## Equation
+//!
+//! The measured radius is f·(tan θ + t·θ³), with θ = atan(r̄/f) evaluated from the MEASURED point (x̄, ȳ) relative to the
 //! principal point, r̄² = x̄² + ȳ²: Δ = f·t·θ³·(x̄, ȳ)/r̄, and the ideal point is (x̄, ȳ) − Δ.
 //!
-//! **Parameter.** `theta3_norm` (t), a pure number: to third order −1/3 for f·θ, −3/8 for 2f·sin(θ/2), −1/4 for 2f·tan(θ/2), 0 for a
+//! ## Parameters
+//!
+//! `theta3_norm` (t), a pure number: to third order −1/3 for f·θ, −3/8 for 2f·sin(θ/2), −1/4 for 2f·tan(θ/2), 0 for a
 //! pinhole. −1/3 displaces a star 10° from the axis by −5.2 px with f = 2900 px.
 //!
-//! **What it leaves when left out.** Residuals along the radius. With t = −1/3 and the edge at 512 px from the axis, f and k1 leave 0.006 px
+//! ## Signature
+//!
+//! Residuals along the radius. With t = −1/3 and the edge at 512 px from the axis, f and k1 leave 0.006 px
 //! rms of it if that edge is at 10°, 0.1 px at 20°, 0.5 px at 30°.
 //!
-//! **Confused with.** k1, and what k1 leaves with higher radial distortion: with k2 and k3 free as well, 5e-6 px at 14°, 0.002 px at 30° and
+//! ## Confused with
+//!
+//! k1, and what k1 leaves with higher radial distortion: with k2 and k3 free as well, 5e-6 px at 14°, 0.002 px at 30° and
 //! 0.06 px at 45° are left (least squares on the equation above), so only wide fields tell them apart.
 //!
-//! **Neglected.** θ⁵ and beyond, and the difference between the angle of the measured point and the true one, together 7θ⁵/15 of f for f·θ:
+//! ## Neglected
+//!
+//! θ⁵ and beyond, and the difference between the angle of the measured point and the true one, together 7θ⁵/15 of f for f·θ:
 //! 0.2 px at 10° with f = 2900 px. A camera that truly has one of the other projections is better modelled by that projection.
 //!
-//! **Source.** J. Kannala, S. Brandt, IEEE Trans. PAMI 28(8), 1335 (2006).
+//! ## Source
+//!
+//! J. Kannala, S. Brandt, IEEE Trans. PAMI 28(8), 1335 (2006).
 
 use super::field_angle::angle_over_sine;
 use crate::dual::{Real, normalize};

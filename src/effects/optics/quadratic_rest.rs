@@ -1,21 +1,35 @@
 //! # The rest of the quadratic distortions
 //!
-//! **What it is.** A stress or a mounting of threefold symmetry bends an element into a trefoil. Of the six quadratic vector fields on a
+//! ## What it does
+//!
+//! A stress or a mounting of threefold symmetry bends an element into a trefoil. Of the six quadratic vector fields on a
 //! plane a rotation of the camera takes two, the decentring terms p1 and p2 take two, and these are the last two.
 //!
-//! **Equation.** With ξ = x̄/h, η = ȳ/h, (x̄, ȳ) the MEASURED point relative to the principal point and h half the frame's width:
+//! ## Equation
+//!
+//! With ξ = x̄/h, η = ȳ/h, (x̄, ȳ) the MEASURED point relative to the principal point and h half the frame's width:
 //! Δ = a·(ξ² − η², −2ξη) + b·(2ξη, ξ² − η²), that is (a + ib)·(ξ − iη)² in complex numbers; the ideal point is (x̄, ȳ) − Δ.
 //!
-//! **Parameters.** `a_px`, `b_px`: the displacement at half the frame's width from the principal point, px.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** A static field that turns against the radius three times while the azimuth turns once, without
+//! `a_px`, `b_px`: the displacement at half the frame's width from the principal point, px.
+//!
+//! ## Signature
+//!
+//! A static field that turns against the radius three times while the azimuth turns once, without
 //! divergence and without curl, 0.01 to 0.1 px. Hardly any of it is taken up by the other parameters (0.87 survives).
 //!
-//! **Confused with.** Nearly nothing; the rotation of one half of a sensor against the other comes nearest (cosine 0.32).
+//! ## Confused with
 //!
-//! **Neglected.** Its change with temperature; fields of higher order that a stress brings with it.
+//! Nearly nothing; the rotation of one half of a sensor against the other comes nearest (cosine 0.32).
 //!
-//! **Source.** J. Weng, P. Cohen, M. Herniou, IEEE Trans. PAMI 14(10), 965 (1992), for distortions beyond Brown's. The count of fields: a
+//! ## Neglected
+//!
+//! Its change with temperature; fields of higher order that a stress brings with it.
+//!
+//! ## Source
+//!
+//! J. Weng, P. Cohen, M. Herniou, IEEE Trans. PAMI 14(10), 965 (1992), for distortions beyond Brown's. The count of fields: a
 //! polynomial of second order has 2 · 3 coefficients.
 
 use crate::dual::Real;

@@ -1,26 +1,40 @@
 //! # Higher radial distortion: k2, k3
 //!
-//! **What it is.** The magnification of a lens changes with the distance from the axis. The cubic term k1 of the reference model is the
+//! ## What it does
+//!
+//! The magnification of a lens changes with the distance from the axis. The cubic term k1 of the reference model is the
 //! first member of a series in odd powers of the radius; strong or fast lenses need the fifth (k2) and the seventh (k3) as well.
 //!
-//! **Equation.** At the MEASURED point (x̄, ȳ) relative to the principal point, R² = (x̄² + ȳ²)/f²:
+//! ## Equation
+//!
+//! At the MEASURED point (x̄, ȳ) relative to the principal point, R² = (x̄² + ȳ²)/f²:
 //! Δ = (k2·R⁴ + k3·R⁶)·(x̄, ȳ), and the ideal point is (x̄, ȳ) − Δ.
 //!
-//! **Parameters.** `k2_norm`, `k3_norm`: pure numbers, since the radius counts in focal lengths. To first order they are OpenCV's k2 and
+//! ## Parameters
+//!
+//! `k2_norm`, `k3_norm`: pure numbers, since the radius counts in focal lengths. To first order they are OpenCV's k2 and
 //! k3, which are added to the ideal point instead; a strong k1 of that convention brings −3·k1² to k2 of this one. k2 = 0.1 or k3 = 3
 //! displaces a star by 0.05 px at 512 px from the axis with f = 2900 px.
 //!
-//! **What it leaves when left out.** Rings: residuals along the radius, the same in all frames and all around, that change sign between
+//! ## Signature
+//!
+//! Rings: residuals along the radius, the same in all frames and all around, that change sign between
 //! the axis and the corner. 0.01 to 0.1 px at the edge are usual for a star tracker, up to 1 px for a consumer camera. f and k1 take
 //! up 85 % of k2 and 71 % of k3 in a field of 20°.
 //!
-//! **Confused with.** k2 and k3 with each other (the cosine of what is left of them is 0.988): naming one of the two needs stars in the
+//! ## Confused with
+//!
+//! k2 and k3 with each other (the cosine of what is left of them is 0.988): naming one of the two needs stars in the
 //! corners and a total signal of some 30 sigma, and without that only the class is known. In a narrow field also a plane plate in the
 //! converging beam, whose remainder is the same as that of k2, and a wrong projection.
 //!
-//! **Neglected.** R⁸ and beyond: with f = 2900 px it would have to be 30 times k3 to move a star at 512 px as much.
+//! ## Neglected
 //!
-//! **Source.** D. C. Brown, Photogrammetric Engineering 37(8), 855 (1971); A. Conrady, MNRAS 79, 384 (1919).
+//! R⁸ and beyond: with f = 2900 px it would have to be 30 times k3 to move a star at 512 px as much.
+//!
+//! ## Source
+//!
+//! D. C. Brown, Photogrammetric Engineering 37(8), 855 (1971); A. Conrady, MNRAS 79, 384 (1919).
 
 use crate::dual::Real;
 use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};

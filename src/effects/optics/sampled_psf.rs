@@ -1,21 +1,35 @@
 //! # Point spread from an image
 //!
-//! **What it is.** The image of a star as an optical design program or a measurement gives it: densities of light at points finer than the
+//! ## What it does
+//!
+//! The image of a star as an optical design program or a measurement gives it: densities of light at points finer than the
 //! pixels.
 //!
-//! **Equation.** The image's transform, continued with nothing beyond half a cycle a point, times that of the pixel unless the image has the pixel
+//! ## Equation
+//!
+//! The image's transform, continued with nothing beyond half a cycle a point, times that of the pixel unless the image has the pixel
 //! in it. The image's sum is brought to 1; the star's place is the centre of its light.
 //!
-//! **Parameters.** `image`: the file (FITS, TIFF or PNG). `image_points_per_px`: its points along the side of a pixel. `image_has_pixel`: whether the
+//! ## Parameters
+//!
+//! `image`: the file (FITS, TIFF or PNG). `image_points_per_px`: its points along the side of a pixel. `image_has_pixel`: whether the
 //! pixel's square is in it already, as in an effective point spread measured from stars.
 //!
-//! **What it leaves when left out.** Residuals of the stamps that have the shape of the difference.
+//! ## Signature
 //!
-//! **Confused with.** What made the image: diffraction, aberrations, jitter.
+//! Residuals of the stamps that have the shape of the difference.
 //!
-//! **Neglected.** Light beyond the image's edges; details finer than its points.
+//! ## Confused with
 //!
-//! **Source.** The sampling theorem; J. Anderson, I. King, PASP 112, 1360 (2000) for images with the pixel in them.
+//! What made the image: diffraction, aberrations, jitter.
+//!
+//! ## Neglected
+//!
+//! Light beyond the image's edges; details finer than its points.
+//!
+//! ## Source
+//!
+//! The sampling theorem; J. Anderson, I. King, PASP 112, 1360 (2000) for images with the pixel in them.
 
 use nalgebra::Complex;
 

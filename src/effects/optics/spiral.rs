@@ -1,22 +1,36 @@
 //! # Spiral distortion
 //!
-//! **What it is.** A tangential displacement that grows with the radius: fibre-optic tapers and image intensifiers twist the image, and so
+//! ## What it does
+//!
+//! A tangential displacement that grows with the radius: fibre-optic tapers and image intensifiers twist the image, and so
 //! does an assembly that is not mirror-symmetric. A lens of centred surfaces cannot do it.
 //!
-//! **Equation.** At the MEASURED point (x̄, ȳ) relative to the principal point, R² = (x̄² + ȳ²)/f²: Δ = k_t·R²·(−ȳ, x̄), and the ideal point
+//! ## Equation
+//!
+//! At the MEASURED point (x̄, ȳ) relative to the principal point, R² = (x̄² + ȳ²)/f²: Δ = k_t·R²·(−ȳ, x̄), and the ideal point
 //! is (x̄, ȳ) − Δ.
 //!
-//! **Parameter.** `spiral_norm` (k_t): a pure number, since the radius counts in focal lengths. 0.003 displaces a star by 0.05 px at 512 px
+//! ## Parameters
+//!
+//! `spiral_norm` (k_t): a pure number, since the radius counts in focal lengths. 0.003 displaces a star by 0.05 px at 512 px
 //! from the axis with f = 2900 px. Positive: from +x towards +y, clockwise as the frame is seen with y down.
 //!
-//! **What it leaves when left out.** Residuals across the radius, the same all around and in all frames, that change sign between the axis
+//! ## Signature
+//!
+//! Residuals across the radius, the same all around and in all frames, that change sign between the axis
 //! and the corner: a field of pure curl. 0 to 0.1 px. The rolls of the frames take up its mean rotation.
 //!
-//! **Confused with.** The roll of every frame, and nothing else: no other static field looks the same all around and has a curl.
+//! ## Confused with
 //!
-//! **Neglected.** The fifth power of the radius.
+//! The roll of every frame, and nothing else: no other static field looks the same all around and has a curl.
 //!
-//! **Source.** J. Weng, P. Cohen, M. Herniou, IEEE Trans. PAMI 14(10), 965 (1992), for tangential distortions; the equation is the lowest
+//! ## Neglected
+//!
+//! The fifth power of the radius.
+//!
+//! ## Source
+//!
+//! J. Weng, P. Cohen, M. Herniou, IEEE Trans. PAMI 14(10), 965 (1992), for tangential distortions; the equation is the lowest
 //! rotationally symmetric field without divergence that is not a rotation.
 
 use crate::dual::Real;

@@ -1,22 +1,36 @@
 //! # Stereographic projection
 //!
-//! **What it is.** A wide-angle projection that shows small circles on the sky as circles: it stretches towards the edge and keeps every
+//! ## What it does
+//!
+//! A wide-angle projection that shows small circles on the sky as circles: it stretches towards the edge and keeps every
 //! angle.
 //!
-//! **Equation.** r = 2·f·tan(θ/2), θ = angle from the boresight; (x, y) = (x0, y0) + 2·f·(X, Y)/(1 + Z). Only the point straight behind has
+//! ## Equation
+//!
+//! r = 2·f·tan(θ/2), θ = angle from the boresight; (x, y) = (x0, y0) + 2·f·(X, Y)/(1 + Z). Only the point straight behind has
 //! no image.
 //!
-//! **Parameters.** `x0`, `y0`: the principal point, the pixel that the boresight falls on; `f`: focal length over pixel pitch, the scale at
+//! ## Parameters
+//!
+//! `x0`, `y0`: the principal point, the pixel that the boresight falls on; `f`: focal length over pixel pitch, the scale at
 //! the centre. All in px.
 //!
-//! **What it leaves when left out.** As a pinhole, a fisheye misses the stars by a cubic that k1 absorbs in a narrow field:
+//! ## Signature
+//!
+//! As a pinhole, a fisheye misses the stars by a cubic that k1 absorbs in a narrow field:
 //! θ²/4 = 0.8 % of the distance from the centre at 10°, more than k1 can take from 20° on. A pinhole has no image at 90° at all.
 //!
-//! **Confused with.** The equidistant and equisolid projections and k1, by f·θ³, in fields below about 40°.
+//! ## Confused with
 //!
-//! **Neglected.** Departures of a real lens from the ideal law.
+//! The equidistant and equisolid projections and k1, by f·θ³, in fields below about 40°.
 //!
-//! **Source.** M. R. Calabretta and E. W. Greisen, A&A 395, 1077 (2002), section 5.1 (STG).
+//! ## Neglected
+//!
+//! Departures of a real lens from the ideal law.
+//!
+//! ## Source
+//!
+//! M. R. Calabretta and E. W. Greisen, A&A 395, 1077 (2002), section 5.1 (STG).
 
 use crate::dual::Real;
 use crate::effects::{Context, Displacement, Light, Observation, ParameterSpec, ReferenceValue, Segment, StarState};

@@ -1,20 +1,34 @@
 //! # Distortion that follows the temperature
 //!
-//! **What it is.** When the distances between the lenses of an objective change with the temperature, its distortion changes too.
+//! ## What it does
 //!
-//! **Equation.** Δ = κ·(T − T̄)·(r/f)²·(x̄, ȳ) at the measured point; the point before it = measured − Δ. r = distance from the principal
+//! When the distances between the lenses of an objective change with the temperature, its distortion changes too.
+//!
+//! ## Equation
+//!
+//! Δ = κ·(T − T̄)·(r/f)²·(x̄, ȳ) at the measured point; the point before it = measured − Δ. r = distance from the principal
 //! point, T̄ = mean over the recording's frames.
 //!
-//! **Parameter.** `k1_norm_per_kelvin`: κ, the change per kelvin of k1 for a radius in units of f (k1 in px⁻² times f²).
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Residuals along the radius that grow as its cube, of one sign in warm frames and the other in cold
+//! `k1_norm_per_kelvin`: κ, the change per kelvin of k1 for a radius in units of f (k1 in px⁻² times f²).
+//!
+//! ## Signature
+//!
+//! Residuals along the radius that grow as its cube, of one sign in warm frames and the other in cold
 //! ones: 0.5 to 2 % of the distortion, 0.004 px/K at the edge.
 //!
-//! **Confused with.** The thermal focal length (cosine 0.92; stars in the corners tell them apart); a drift of k1 with time.
+//! ## Confused with
 //!
-//! **Neglected.** Higher terms in the radius and in the temperature.
+//! The thermal focal length (cosine 0.92; stars in the corners tell them apart); a drift of k1 with time.
 //!
-//! **Source.** The radial term of D. C. Brown, Photogrammetric Engineering 32(3), 444 (1966), with a coefficient linear in the temperature.
+//! ## Neglected
+//!
+//! Higher terms in the radius and in the temperature.
+//!
+//! ## Source
+//!
+//! The radial term of D. C. Brown, Photogrammetric Engineering 32(3), 444 (1966), with a coefficient linear in the temperature.
 
 use crate::dual::Real;
 use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};

@@ -1,21 +1,36 @@
 //! # Focal length that follows the temperature
 //!
-//! **What it is.** Mount and glass expand, and the glass changes its index: the scale of the image follows the temperature.
+//! ## What it does
 //!
-//! **Equation.** f → f·(1 + α·(T − T̄)); the point before it = measured / (1 + α·(T − T̄)), relative to the principal point. T̄ = mean over
+//! Mount and glass expand, and the glass changes its index: the scale of the image follows the temperature.
+//!
+//! ## Equation
+//!
+//! f → f·(1 + α·(T − T̄)); the point before it = measured / (1 + α·(T − T̄)), relative to the principal point. T̄ = mean over
 //! the recording's frames.
 //!
-//! **Parameter.** `relative_per_kelvin`: α = expansion of the mount minus that of the lens, 1e-6 to 3e-5 per kelvin.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Residuals along the radius in proportion to it, of one sign in warm frames and the other in cold ones:
+//! `relative_per_kelvin`: α = expansion of the mount minus that of the lens, 1e-6 to 3e-5 per kelvin.
+//!
+//! ## Signature
+//!
+//! Residuals along the radius in proportion to it, of one sign in warm frames and the other in cold ones:
 //! 2e-5/K and 5 K are 0.05 px at 512 px.
 //!
-//! **Confused with.** A drift of the focal length with time where the temperature follows the time; thermal distortion (cosine 0.92);
+//! ## Confused with
+//!
+//! A drift of the focal length with time where the temperature follows the time; thermal distortion (cosine 0.92);
 //! aberration with an unknown velocity.
 //!
-//! **Neglected.** Terms quadratic in the temperature; the lag of the glass behind the sensor of temperature.
+//! ## Neglected
 //!
-//! **Source.** Linear expansion, by definition; as in the camera models of NASA's GIANT (focal length as a polynomial of temperature).
+//! Terms quadratic in the temperature; the lag of the glass behind the sensor of temperature.
+//!
+//! ## Source
+//!
+//! Linear expansion, by definition; as in the camera models of NASA's GIANT (focal length as a polynomial of temperature);
+//! S. Wang, Y. Geng, R. Jin, Sensors 15, 31428 (2015), for star sensors in orbit.
 
 use crate::dual::Real;
 use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};

@@ -1,23 +1,37 @@
 //! # Thin prism
 //!
-//! **What it is.** A lens element that is tilted, or a plate that is not plane-parallel, near the image: the displacement has one direction
+//! ## What it does
+//!
+//! A lens element that is tilted, or a plate that is not plane-parallel, near the image: the displacement has one direction
 //! everywhere and grows with the square of the distance from the axis.
 //!
-//! **Equation.** With ρ² = (x̄² + ȳ²)/h², (x̄, ȳ) the MEASURED point relative to the principal point and h half the frame's width:
+//! ## Equation
+//!
+//! With ρ² = (x̄² + ȳ²)/h², (x̄, ȳ) the MEASURED point relative to the principal point and h half the frame's width:
 //! Δ = (s1·ρ², s2·ρ²), and the ideal point is (x̄, ȳ) − Δ.
 //!
-//! **Parameters.** `s1_px`, `s2_px`: the displacement at half the frame's width from the principal point, px. OpenCV's s1 and s3, which are
+//! ## Parameters
+//!
+//! `s1_px`, `s2_px`: the displacement at half the frame's width from the principal point, px. OpenCV's s1 and s3, which are
 //! added to the ideal point, are s1_px·f/h² and s2_px·f/h² to first order.
 //!
-//! **What it leaves when left out.** Nothing: p1 and p2 together with the frames' attitudes reproduce it, exactly in the second order.
+//! ## Signature
+//!
+//! Nothing: p1 and p2 together with the frames' attitudes reproduce it, exactly in the second order.
 //! 0.01 to 0.3 px before that.
 //!
-//! **Confused with.** p1, p2 and the attitude, entirely. Only an attitude from elsewhere tells them apart, or a prism that disperses, which
+//! ## Confused with
+//!
+//! p1, p2 and the attitude, entirely. Only an attitude from elsewhere tells them apart, or a prism that disperses, which
 //! then is a colour effect.
 //!
-//! **Neglected.** Terms in ρ⁴; the dispersion of the prism.
+//! ## Neglected
 //!
-//! **Source.** D. C. Brown, Photogrammetric Engineering 32(3), 444 (1966); J. Weng, P. Cohen, M. Herniou, IEEE Trans. PAMI 14(10), 965
+//! Terms in ρ⁴; the dispersion of the prism.
+//!
+//! ## Source
+//!
+//! D. C. Brown, Photogrammetric Engineering 32(3), 444 (1966); J. Weng, P. Cohen, M. Herniou, IEEE Trans. PAMI 14(10), 965
 //! (1992).
 
 use crate::dual::Real;

@@ -1,19 +1,33 @@
 //! # Veiling glare
 //!
-//! **What it is.** Light that is scattered by lens surfaces, edges and the detector itself lies as an even veil over the frame.
+//! ## What it does
 //!
-//! **Equation.** electrons = (1 − v)·electrons + v·S/(columns · rows), S the light of all stars that reach the frame. It acts before the background is
+//! Light that is scattered by lens surfaces, edges and the detector itself lies as an even veil over the frame.
+//!
+//! ## Equation
+//!
+//! electrons = (1 − v)·electrons + v·S/(columns · rows), S the light of all stars that reach the frame. It acts before the background is
 //! added: of an even background the veil gives back what it takes.
 //!
-//! **Parameter.** `share` (v): the part of the light that goes into the veil, 0.005 (coated lens) to 0.1.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Stars too bright by v, and a background that follows the brightness of the stars in the field.
+//! `share` (v): the part of the light that goes into the veil, 0.005 (coated lens) to 0.1.
 //!
-//! **Confused with.** The zero point and the sky background, if all frames hold the same light; a frame with a very bright star tells them apart.
+//! ## Signature
 //!
-//! **Neglected.** The veil's shape (brighter around the source, ghosts); light of sources outside the frame, which is stray light.
+//! Stars too bright by v, and a background that follows the brightness of the stars in the field.
 //!
-//! **Source.** ISO 9358:1994, veiling glare of image-forming systems, whose index this is for a field of stars.
+//! ## Confused with
+//!
+//! The zero point and the sky background, if all frames hold the same light; a frame with a very bright star tells them apart.
+//!
+//! ## Neglected
+//!
+//! The veil's shape (brighter around the source, ghosts); light of sources outside the frame, which is stray light.
+//!
+//! ## Source
+//!
+//! ISO 9358:1994, veiling glare of image-forming systems, whose index this is for a field of stars.
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,21 +1,35 @@
 //! # Vignetting
 //!
-//! **What it is.** Less light reaches the corners: the cosine law of an image plane that the light meets at an angle, and mounts and stops that cut
+//! ## What it does
+//!
+//! Less light reaches the corners: the cosine law of an image plane that the light meets at an angle, and mounts and stops that cut
 //! the beam of oblique directions.
 //!
-//! **Equation.** electrons ·= max(1 − a·ρ² − b·ρ⁴, 0) / (1 + ρ²·tan²θ)², ρ the distance from the middle of the frame as a part of that to the
+//! ## Equation
+//!
+//! electrons ·= max(1 − a·ρ² − b·ρ⁴, 0) / (1 + ρ²·tan²θ)², ρ the distance from the middle of the frame as a part of that to the
 //! corner. The denominator is cos⁴ of the field angle of a lens without distortion.
 //!
-//! **Parameters.** `cos4_corner_deg` (θ): field angle of the corner, degrees, 0 to 85 (0: no cosine law); `loss_at_corner` (a): part of the light
+//! ## Parameters
+//!
+//! `cos4_corner_deg` (θ): field angle of the corner, degrees, 0 to 85 (0: no cosine law); `loss_at_corner` (a): part of the light
 //! lost at the corner in proportion to ρ², 0 to 1; `loss_fourth_order` (b): the same in proportion to ρ⁴, −1 to 1.
 //!
-//! **What it leaves when left out.** Fluxes that fall with the radius: 6 % at 10°, 12 % at 14° from the axis by the cosine law alone. No displacement.
+//! ## Signature
 //!
-//! **Confused with.** The flat field, extinction in one frame (a roll of the camera tells), a background that is brighter in the middle.
+//! Fluxes that fall with the radius: 6 % at 10°, 12 % at 14° from the axis by the cosine law alone. No displacement.
 //!
-//! **Neglected.** That a cut beam changes the shape of the images; a vignetting centre away from the middle of the frame; colour.
+//! ## Confused with
 //!
-//! **Source.** M. Born, E. Wolf, Principles of Optics (1999), 4.8, for the law; P. Asada et al., ICPR 1996 (paraxial vignetting polynomials).
+//! The flat field, extinction in one frame (a roll of the camera tells), a background that is brighter in the middle.
+//!
+//! ## Neglected
+//!
+//! That a cut beam changes the shape of the images; a vignetting centre away from the middle of the frame; colour.
+//!
+//! ## Source
+//!
+//! M. Born, E. Wolf, Principles of Optics (1999), 4.8, for the law; P. Asada et al., ICPR 1996 (paraxial vignetting polynomials).
 
 use bytemuck::{Pod, Zeroable};
 

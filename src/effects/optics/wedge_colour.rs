@@ -1,22 +1,36 @@
 //! # Dispersion of a wedge
 //!
-//! **What it is.** A window or filter whose faces are not parallel is a prism: it deflects all light by (n − 1) times its angle, and since n
+//! ## What it does
+//!
+//! A window or filter whose faces are not parallel is a prism: it deflects all light by (n − 1) times its angle, and since n
 //! depends on the wavelength, red stars less than blue ones.
 //!
-//! **Equation.** With c = B − V − 0.6: Δ = c·(w_x, w_y), the same all over the field; the ideal point is the measured one minus Δ. The
+//! ## Equation
+//!
+//! With c = B − V − 0.6: Δ = c·(w_x, w_y), the same all over the field; the ideal point is the measured one minus Δ. The
 //! deflection at c = 0 is part of the attitude. A star of unknown colour counts as one with c = 0.
 //!
-//! **Parameters.** `x_px_per_mag`, `y_px_per_mag` (w): displacement per magnitude of B − V, px. For a wedge of angle α: f·α·dn/d(B − V).
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Residuals in proportion to the colour, in one direction of the camera, the same all over the field and
+//! `x_px_per_mag`, `y_px_per_mag` (w): displacement per magnitude of B − V, px. For a wedge of angle α: f·α·dn/d(B − V).
+//!
+//! ## Signature
+//!
+//! Residuals in proportion to the colour, in one direction of the camera, the same all over the field and
 //! in all frames: 0.002 to 0.05 px per magnitude.
 //!
-//! **Confused with.** Chromatic refraction in air, which points to the zenith instead: frames at several parallactic angles or two rolls of
+//! ## Confused with
+//!
+//! Chromatic refraction in air, which points to the zenith instead: frames at several parallactic angles or two rolls of
 //! the camera tell them apart.
 //!
-//! **Neglected.** Terms in c²; the increase of the deflection with the angle of incidence, 3 % at the edge of a field of 20°.
+//! ## Neglected
 //!
-//! **Source.** The deviation of a thin prism, δ = (n − 1)·α: M. Born, E. Wolf, Principles of Optics, section 4.7.
+//! Terms in c²; the increase of the deflection with the angle of incidence, 3 % at the edge of a field of 20°.
+//!
+//! ## Source
+//!
+//! The deviation of a thin prism, δ = (n − 1)·α: M. Born, E. Wolf, Principles of Optics (1999), section 4.7.
 
 use crate::dual::Real;
 use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};

@@ -1,26 +1,40 @@
 //! # Point spread of an aberrated wavefront
 //!
-//! **What it is.** Diffraction by a round pupil, obstructed or not, whose wavefront is bent: defocus, astigmatism, coma, trefoil, spherical
+//! ## What it does
+//!
+//! Diffraction by a round pupil, obstructed or not, whose wavefront is bent: defocus, astigmatism, coma, trefoil, spherical
 //! aberration and higher terms.
 //!
-//! **Equation.** p(x) ∝ |∫ P(u)·exp(2πi[W(u) − x·u/λN]) d²u|², P = the pupil (diameter 1), W = Σ zⱼ·Zⱼ(2u) in waves, Zⱼ = Zernike's polynomials in
+//! ## Equation
+//!
+//! p(x) ∝ |∫ P(u)·exp(2πi[W(u) − x·u/λN]) d²u|², P = the pupil (diameter 1), W = Σ zⱼ·Zⱼ(2u) in waves, Zⱼ = Zernike's polynomials in
 //! Noll's order, of variance 1 over the full disc: Z₄ defocus, Z₅ and Z₆ astigmatism, Z₇ and Z₈ coma along y and x, Z₉ and Z₁₀ trefoil, Z₁₁
 //! spherical aberration, and on to Z₂₂. Axes of the pupil are those of the frame, x right and y down. The star's place is the centre of its
 //! light, so that coma changes the shape and not the place.
 //!
-//! **Parameters.** `lambda_n_px`: λN, wavelength times focal ratio, px. `obstruction`: diameter of the obstruction over the pupil's.
+//! ## Parameters
+//!
+//! `lambda_n_px`: λN, wavelength times focal ratio, px. `obstruction`: diameter of the obstruction over the pupil's.
 //! `z4_waves`, `z5_waves`, `z6_waves`, `z7_waves`, `z8_waves`, `z9_waves`, `z10_waves`, `z11_waves`, `z12_waves`, `z13_waves`, `z14_waves`,
 //! `z15_waves`, `z16_waves`, `z17_waves`, `z18_waves`, `z19_waves`, `z20_waves`, `z21_waves`, `z22_waves`: z₄ … z₂₂, rms waves.
 //!
-//! **What it leaves when left out.** Residuals of the stamps that follow the field and the focus; through windows, thresholds and weights also
+//! ## Signature
+//!
+//! Residuals of the stamps that follow the field and the focus; through windows, thresholds and weights also
 //! shifts of the measured centres.
 //!
-//! **Confused with.** Motion smear (astigmatism), charge transfer (coma along one axis), a wider Gaussian (defocus).
+//! ## Confused with
 //!
-//! **Neglected.** The pupil is a grid of 85 cells or more across, with cells of the edge in part. Polarisation, width of the passband, changes of
+//! Motion smear (astigmatism), charge transfer (coma along one axis), a wider Gaussian (defocus).
+//!
+//! ## Neglected
+//!
+//! The pupil is a grid of 85 cells or more across, with cells of the edge in part. Polarisation, width of the passband, changes of
 //! the pupil over the field. Light beyond the reach.
 //!
-//! **Source.** R. J. Noll, J. Opt. Soc. Am. 66, 207 (1976); J. W. Goodman, Introduction to Fourier Optics, ch. 6.
+//! ## Source
+//!
+//! R. J. Noll, J. Opt. Soc. Am. 66, 207 (1976); J. W. Goodman, Introduction to Fourier Optics, ch. 6.
 
 use nalgebra::Complex;
 use rayon::prelude::*;

@@ -1,21 +1,35 @@
 //! # Airglow
 //!
-//! **What it is.** The dark sky over a site on the ground: the glow of the upper air, and what else its zenith has that is not modelled apart (lights of
+//! ## What it does
+//!
+//! The dark sky over a site on the ground: the glow of the upper air, and what else its zenith has that is not modelled apart (lights of
 //! towns, for want of their places).
 //!
-//! **Equation.** B(Z) = B_zenith·X·10^(−0.4·k·(X − 1)), X = (1 − 0.96·sin²Z)^(−1/2), Z the zenith distance, k the extinction: a glowing shell is seen
+//! ## Equation
+//!
+//! B(Z) = B_zenith·X·10^(−0.4·k·(X − 1)), X = (1 − 0.96·sin²Z)^(−1/2), Z the zenith distance, k the extinction: a glowing shell is seen
 //! at a slant towards the horizon (van Rhijn), through more air.
 //!
-//! **Parameter.** `zenith_mag_arcsec2`: V magnitude of a square arcsecond at the zenith; about 22 under a dark sky, where zodiacal light and faint
+//! ## Parameters
+//!
+//! `zenith_mag_arcsec2`: V magnitude of a square arcsecond at the zenith; about 22 under a dark sky, where zodiacal light and faint
 //! stars give another third, 18 in a town.
 //!
-//! **What it leaves when left out.** Nothing in the places of the stars; photon noise, and in wide fields a background that rises towards the horizon.
+//! ## Signature
 //!
-//! **Confused with.** Zodiacal light and starlight, which turn with the sky; a flat field.
+//! Nothing in the places of the stars; photon noise, and in wide fields a background that rises towards the horizon.
 //!
-//! **Neglected.** Its waves and its changes with hours and with the activity of the Sun (a factor of two), the colour, the side on which a town lies.
+//! ## Confused with
 //!
-//! **Source.** K. Krisciunas, B. E. Schaefer, PASP 103, 1033 (1991), equations 2 and 3; R. H. Garstang, PASP 101, 306 (1989).
+//! Zodiacal light and starlight, which turn with the sky; a flat field.
+//!
+//! ## Neglected
+//!
+//! Its waves and its changes with hours and with the activity of the Sun (a factor of two), the colour, the side on which a town lies.
+//!
+//! ## Source
+//!
+//! K. Krisciunas, B. E. Schaefer, PASP 103, 1033 (1991), equations 2 and 3; R. H. Garstang, PASP 101, 306 (1989).
 
 use super::glow::{Circumstances, Needs, SkyGlow, scattering_air_mass};
 use crate::effects::ParameterSpec;

@@ -1,18 +1,32 @@
 //! # Sky background
 //!
-//! **What it is.** The light of the sky between the stars (airglow, zodiacal light, unresolved stars, scattered light), even over the frame.
+//! ## What it does
 //!
-//! **Equation.** electrons += rate · exposure time.
+//! The light of the sky between the stars (airglow, zodiacal light, unresolved stars, scattered light), even over the frame.
 //!
-//! **Parameter.** `background_e_per_px_s`: electrons per pixel and second.
+//! ## Equation
 //!
-//! **What it leaves when left out.** Nothing in the places of the stars; its photon noise is the noise floor of long exposures.
+//! electrons += rate · exposure time.
 //!
-//! **Confused with.** The bias and the dark current, from which only exposures of several lengths tell it.
+//! ## Parameters
 //!
-//! **Neglected.** Gradients and structure (stray light, the Milky Way, vignetting), which are effects of their own.
+//! `background_e_per_px_s`: electrons per pixel and second.
 //!
-//! **Source.** Ch. Leinert et al., "The 1997 reference of diffuse night sky brightness", A&AS 127, 1 (1998).
+//! ## Signature
+//!
+//! Nothing in the places of the stars; its photon noise is the noise floor of long exposures.
+//!
+//! ## Confused with
+//!
+//! The bias and the dark current, from which only exposures of several lengths tell it.
+//!
+//! ## Neglected
+//!
+//! Gradients and structure (stray light, the Milky Way, vignetting), which are effects of their own.
+//!
+//! ## Source
+//!
+//! Ch. Leinert et al., "The 1997 reference of diffuse night sky brightness", A&AS 127, 1 (1998).
 
 use bytemuck::{Pod, Zeroable};
 

@@ -1,21 +1,35 @@
 //! # Chromatic refraction
 //!
-//! **What it is.** Air bends blue light more than red: of two stars at the same place the blue one is lifted higher, and the camera, which
+//! ## What it does
+//!
+//! Air bends blue light more than red: of two stars at the same place the blue one is lifted higher, and the camera, which
 //! sees all colours at once, puts them apart by a few tenths of an arcsecond.
 //!
-//! **Equation.** R → R − ρ·c·tan z, c = (B − V) − 0.6, z = zenith distance; refraction itself is that of a star with c = 0.
+//! ## Equation
 //!
-//! **Parameter.** `arcsec_per_mag_at_45deg`: ρ, arcsec per magnitude of B − V at z = 45°. It depends on the passband (0.2 to 0.6 without
+//! R → R − ρ·c·tan z, c = (B − V) − 0.6, z = zenith distance; refraction itself is that of a star with c = 0.
+//!
+//! ## Parameters
+//!
+//! `arcsec_per_mag_at_45deg`: ρ, arcsec per magnitude of B − V at z = 45°. It depends on the passband (0.2 to 0.6 without
 //! a filter) and must be fitted.
 //!
-//! **What it leaves when left out.** Red stars stand too low and blue ones too high, by ρ·c·tan z along the vertical.
+//! ## Signature
 //!
-//! **Confused with.** The dispersion of a wedge in front of the lens, if the camera is always held the same way; lateral colour.
+//! Red stars stand too low and blue ones too high, by ρ·c·tan z along the vertical.
 //!
-//! **Neglected.** Stars whose colour is not known count as c = 0. Below 3° altitude tan z is held at its value there. What is quadratic in
+//! ## Confused with
+//!
+//! The dispersion of a wedge in front of the lens, if the camera is always held the same way; lateral colour.
+//!
+//! ## Neglected
+//!
+//! Stars whose colour is not known count as c = 0. Below 3° altitude tan z is held at its value there. What is quadratic in
 //! the colour.
 //!
-//! **Source.** A. V. Filippenko, PASP 94, 715 (1982); the linear law in B − V as in astrometric practice for broad bands.
+//! ## Source
+//!
+//! A. V. Filippenko, PASP 94, 715 (1982); the linear law in B − V as in astrometric practice for broad bands.
 
 use crate::dual::{Real, add, constant, dot, normalize, scale};
 use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};

@@ -1,21 +1,35 @@
 //! # Rotation of the frame of reference
 //!
-//! **What it is.** Attitudes from elsewhere (a second head, a mount) may stand in other axes than the ICRS: those of the equinox of date
+//! ## What it does
+//!
+//! Attitudes from elsewhere (a second head, a mount) may stand in other axes than the ICRS: those of the equinox of date
 //! turn by 50″ a year against it (precession). To the camera the whole sky then seems turned.
 //!
-//! **Equation.** The direction is turned by ρ about the pole of the ecliptic of J2000, towards growing ecliptic longitude.
+//! ## Equation
 //!
-//! **Parameter.** `rotation_arcsec`: ρ, the ecliptic longitude of a star in the recording's axes minus that in the ICRS. Axes of the
+//! The direction is turned by ρ about the pole of the ecliptic of J2000, towards growing ecliptic longitude.
+//!
+//! ## Parameters
+//!
+//! `rotation_arcsec`: ρ, the ecliptic longitude of a star in the recording's axes minus that in the ICRS. Axes of the
 //! equinox of the year t give 50.3″·(t − 2000).
 //!
-//! **What it leaves when left out.** Nothing in the stars alone: a rigid rotation of the sky is a rotation of the attitudes. It shows
+//! ## Signature
+//!
+//! Nothing in the stars alone: a rigid rotation of the sky is a rotation of the attitudes. It shows
 //! where attitudes are known from elsewhere or one attitude to the ground holds for all frames.
 //!
-//! **Confused with.** The attitude, completely, as long as every frame has an attitude of its own.
+//! ## Confused with
 //!
-//! **Neglected.** Nutation (17″), the motion of the ecliptic (0.5″ a year), the bias of the FK5 (0.02″).
+//! The attitude, completely, as long as every frame has an attitude of its own.
 //!
-//! **Source.** N. Capitaine et al., A&A 412, 567 (2003); the pole is that of SOFA's `ecm06` at J2000.
+//! ## Neglected
+//!
+//! Nutation (17″), the motion of the ecliptic (0.5″ a year), the bias of the FK5 (0.02″).
+//!
+//! ## Source
+//!
+//! N. Capitaine et al., A&A 412, 567 (2003); the pole is that of SOFA's `ecm06` at J2000.
 
 use crate::dual::{Real, constant, normalize, rotate};
 use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};

@@ -1,22 +1,36 @@
 //! # Light deflection by the Sun
 //!
-//! **What it is.** The Sun's gravity bends light that passes it: every star stands a little further from the Sun than it would without,
+//! ## What it does
+//!
+//! The Sun's gravity bends light that passes it: every star stands a little further from the Sun than it would without,
 //! 1.75″ at the Sun's edge, 10 mas at 45° from it.
 //!
-//! **Equation.** u′ = u + a·(2GM/c²)/E · (ê − u(u·ê)) / (1 + u·ê), normalised; ê = unit vector from the Sun to the camera, E = distance in
+//! ## Equation
+//!
+//! u′ = u + a·(2GM/c²)/E · (ê − u(u·ê)) / (1 + u·ê), normalised; ê = unit vector from the Sun to the camera, E = distance in
 //! au. The displacement is a·4.07 mas/E·√((1 + cos ψ)/(1 − cos ψ)), ψ = angle between star and Sun. It acts before aberration.
 //!
-//! **Parameter.** `amplitude`: 1 = the full effect (general relativity; ½ would be Newton's light).
+//! ## Parameters
 //!
-//! **What it leaves when left out.** A few milliarcseconds away from the Sun: far below the noise of any star camera that does not look
+//! `amplitude`: 1 = the full effect (general relativity; ½ would be Newton's light).
+//!
+//! ## Signature
+//!
+//! A few milliarcseconds away from the Sun: far below the noise of any star camera that does not look
 //! beside the Sun.
 //!
-//! **Confused with.** Parallax in its direction (both act along the line to the Sun), but it does not depend on the star's distance.
+//! ## Confused with
 //!
-//! **Neglected.** Planets (16 mas at Jupiter's edge, 0.6 mas at the Earth's horizon), the Sun's quadrupole. Within 4.9′ of the Sun's middle
+//! Parallax in its direction (both act along the line to the Sun), but it does not depend on the star's distance.
+//!
+//! ## Neglected
+//!
+//! Planets (16 mas at Jupiter's edge, 0.6 mas at the Earth's horizon), the Sun's quadrupole. Within 4.9′ of the Sun's middle
 //! the denominator is held, as in SOFA.
 //!
-//! **Source.** Explanatory Supplement to the Astronomical Almanac, 3rd ed. (2013), section 7.2.4; SOFA routines `ld` and `ldsun`.
+//! ## Source
+//!
+//! Explanatory Supplement to the Astronomical Almanac, 3rd ed. (2013), section 7.2.4; SOFA routines `ld` and `ldsun`.
 
 use crate::dual::{Real, add, constant, dot, normalize, scale};
 use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};

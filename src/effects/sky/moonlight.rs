@@ -1,22 +1,36 @@
 //! # Moonlight
 //!
-//! **What it is.** Moonlight scattered by the air: of a clear night with a full Moon it makes one that is twenty to a hundred times as bright.
+//! ## What it does
 //!
-//! **Equation.** B = f(ρ)·I·10^(−0.4·k·X(Z_moon))·(1 − 10^(−0.4·k·X(Z))) nanolamberts, I = 10^(−0.4·(3.84 + 0.026·α + 4e-9·α⁴)), f(ρ) =
+//! Moonlight scattered by the air: of a clear night with a full Moon it makes one that is twenty to a hundred times as bright.
+//!
+//! ## Equation
+//!
+//! B = f(ρ)·I·10^(−0.4·k·X(Z_moon))·(1 − 10^(−0.4·k·X(Z))) nanolamberts, I = 10^(−0.4·(3.84 + 0.026·α + 4e-9·α⁴)), f(ρ) =
 //! 10^5.36·(1.06 + cos²ρ) + 10^(6.15 − ρ/40°), near the Moon 6.2e7·ρ⁻² in the place of the last term. ρ is the angle from the Moon, α its phase
 //! angle, both in degrees; Z are zenith distances, k the extinction, X = (1 − 0.96·sin²Z)^(−1/2).
 //!
-//! **Parameter.** `relative`: the brightness over that of the model.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Nothing in the places of the stars; photon noise, and a gradient towards the Moon.
+//! `relative`: the brightness over that of the model.
 //!
-//! **Confused with.** Stray light of the Moon in the lens, which follows the angle from the camera's axis.
+//! ## Signature
 //!
-//! **Neglected.** The Moon's disc itself (within 0.5° of its middle the brightness is that at 0.5°), its distance, its light below the horizon, clouds,
+//! Nothing in the places of the stars; photon noise, and a gradient towards the Moon.
+//!
+//! ## Confused with
+//!
+//! Stray light of the Moon in the lens, which follows the angle from the camera's axis.
+//!
+//! ## Neglected
+//!
+//! The Moon's disc itself (within 0.5° of its middle the brightness is that at 0.5°), its distance, its light below the horizon, clouds,
 //! the colour. The model is good to 8 … 23 % (the paper's section 4). The change between the laws of the small-angle term is made
 //! where they meet, at 8.4°, in the place of the paper's 10°: there is no step.
 //!
-//! **Source.** K. Krisciunas, B. E. Schaefer, "A model of the brightness of moonlight", PASP 103, 1033 (1991), equations 3, 15, 20 and 21.
+//! ## Source
+//!
+//! K. Krisciunas, B. E. Schaefer, "A model of the brightness of moonlight", PASP 103, 1033 (1991), equations 3, 15, 20 and 21.
 
 use super::glow::{Circumstances, NANOLAMBERT, Needs, RELATIVE, SkyGlow, scattering_air_mass};
 use crate::dual::dot;

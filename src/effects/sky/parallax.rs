@@ -1,19 +1,33 @@
 //! # Parallax
 //!
-//! **What it is.** The camera is not at the barycentre of the solar system, so near stars stand elsewhere.
+//! ## What it does
 //!
-//! **Equation.** u′ = u − a·ϖ·r, normalised; ϖ = parallax (rad), r = barycentric position of the camera in au, a = amplitude.
+//! The camera is not at the barycentre of the solar system, so near stars stand elsewhere.
 //!
-//! **Parameter.** `amplitude`: 1 = the full effect.
+//! ## Equation
 //!
-//! **What it leaves when left out.** At most 0.75″ (α Centauri), below 0.1″ for nearly all stars: an ellipse within the year, one
+//! u′ = u − a·ϖ·r, normalised; ϖ = parallax (rad), r = barycentric position of the camera in au, a = amplitude.
+//!
+//! ## Parameters
+//!
+//! `amplitude`: 1 = the full effect.
+//!
+//! ## Signature
+//!
+//! At most 0.75″ (α Centauri), below 0.1″ for nearly all stars: an ellipse within the year, one
 //! constant displacement within a night.
 //!
-//! **Confused with.** Proper motion, in a single night.
+//! ## Confused with
 //!
-//! **Neglected.** Nothing at the level of 1 µas; the position of the camera is that of the Earth's centre where no site is known (4e-5 au).
+//! Proper motion, in a single night.
 //!
-//! **Source.** ESA SP-1200 (1997), vol. 1, section 1.2.8; SOFA routine `pmpx`.
+//! ## Neglected
+//!
+//! Nothing at the level of 1 µas; the position of the camera is that of the Earth's centre where no site is known (4e-5 au).
+//!
+//! ## Source
+//!
+//! ESA SP-1200 (1997), vol. 1, section 1.2.8; SOFA routine `pmpx`.
 
 use crate::dual::{Real, add, constant, normalize, scale};
 use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};

@@ -1,22 +1,36 @@
 //! # Proper motion
 //!
-//! **What it is.** Stars move; a catalogue gives their directions at its own epoch.
+//! ## What it does
 //!
-//! **Equation.** Straight motion through space, seen from the barycentre:
+//! Stars move; a catalogue gives their directions at its own epoch.
+//!
+//! ## Equation
+//!
+//! Straight motion through space, seen from the barycentre:
 //! u(t) = u₀ + (μ_α* ê + μ_δ n̂)·(t + offset − t₀), normalised; ê, n̂ = east and north at u₀.
 //!
-//! **Parameter.** `epoch_offset_yr` (Julian years): the recording's epoch minus the one its time tags say; 0 for a true clock.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** A displacement that differs from star to star and grows with the years since the catalogue's
+//! `epoch_offset_yr` (Julian years): the recording's epoch minus the one its time tags say; 0 for a true clock.
+//!
+//! ## Signature
+//!
+//! A displacement that differs from star to star and grows with the years since the catalogue's
 //! epoch: for V ≤ 6 a median of 42 mas/yr, 1.5″ since J1991.25. It hides in the tails, not in the core, of the residuals.
 //!
-//! **Confused with.** A wrong epoch (it is one); parallax in a single night.
+//! ## Confused with
 //!
-//! **Neglected.** Radial velocity (perspective acceleration: below 1 mas in 50 years except for a handful of nearby stars), and the
+//! A wrong epoch (it is one); parallax in a single night.
+//!
+//! ## Neglected
+//!
+//! Radial velocity (perspective acceleration: below 1 mas in 50 years except for a handful of nearby stars), and the
 //! light-travel time across the solar system (below 0.2 mas). Stars whose proper motion is not known stay where the catalogue has
 //! them; their position error says so ([`crate::catalog::Catalog`]).
 //!
-//! **Source.** The Hipparcos and Tycho Catalogues, ESA SP-1200 (1997), vol. 1, section 1.5.5, "standard model of stellar motion";
+//! ## Source
+//!
+//! The Hipparcos and Tycho Catalogues, ESA SP-1200 (1997), vol. 1, section 1.5.5, "standard model of stellar motion";
 //! SOFA routines `pmpx` and `starpm`.
 
 use crate::dual::{Real, add, constant, normalize, scale};

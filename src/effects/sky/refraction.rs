@@ -1,11 +1,17 @@
 //! # Atmospheric refraction
 //!
-//! **What it is.** The air lifts every star towards the zenith: 57″ at 45° at sea level.
+//! ## What it does
 //!
-//! **Equation.** R = A·tan z + B·tan³ z, z = observed zenith distance; applied to the true direction with one Newton step as in
+//! The air lifts every star towards the zenith: 57″ at 45° at sea level.
+//!
+//! ## Equation
+//!
+//! R = A·tan z + B·tan³ z, z = observed zenith distance; applied to the true direction with one Newton step as in
 //! SOFA's `atioq`: with ζ the true zenith distance, t = tan ζ, w = B·t²: R = (A + w)·t / (1 + (A + 3w)/cos² ζ).
 //!
-//! **Parameters.** `refraction_at_45deg_arcsec` = A + B, the refraction at an observed zenith distance of 45°; the ratio B/A is that of
+//! ## Parameters
+//!
+//! `refraction_at_45deg_arcsec` = A + B, the refraction at an observed zenith distance of 45°; the ratio B/A is that of
 //! the site's air, or of standard air (1013.25 hPa, 15 °C) where no site is known. At its known size the value follows from pressure,
 //! temperature and humidity (SOFA's `refco` at 0.55 µm).
 //! `zenith_east_rad`, `zenith_north_rad`: the zenith's offset from where the recording puts it, in the plane that touches the sphere there:
@@ -13,15 +19,23 @@
 //! pair holds for a night; elsewhere they are those of the ICRS. They are fitted only where the zenith was no more than guessed; without times
 //! the one to the east is each frame's own, since the Earth turns between the frames.
 //!
-//! **What it leaves when left out.** A displacement towards the zenith that grows downwards. Within a frame the attitude absorbs the
+//! ## Signature
+//!
+//! A displacement towards the zenith that grows downwards. Within a frame the attitude absorbs the
 //! mean; left are a vertical compression (1 + R₄₅·tan² z, 2.8e-4·sec² z in scale) and higher terms.
 //!
-//! **Confused with.** The offsets of the zenith with each other if all frames look one way. Pixel aspect (if the camera is always held
+//! ## Confused with
+//!
+//! The offsets of the zenith with each other if all frames look one way. Pixel aspect (if the camera is always held
 //! upright), focal length; frames at different altitudes separate them.
 //!
-//! **Neglected.** Below 3° altitude the formula is held at its value there. Dispersion with the star's colour; anomalous refraction.
+//! ## Neglected
 //!
-//! **Source.** SOFA routines `refco` and `atioq` (A. T. Young, Applied Optics 43, 1108 (2004), for the law); tested against `atioq`.
+//! Below 3° altitude the formula is held at its value there. Dispersion with the star's colour; anomalous refraction.
+//!
+//! ## Source
+//!
+//! SOFA routines `refco` and `atioq` (A. T. Young, Applied Optics 43, 1108 (2004), for the law); tested against `atioq`.
 
 use super::proper_motion::east_north;
 use crate::dual::{Real, add, constant, dot, normalize, scale};

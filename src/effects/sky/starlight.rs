@@ -1,8 +1,12 @@
 //! # Starlight of unseen stars
 //!
-//! **What it is.** The light of all stars that are too faint to be rendered one by one: the Milky Way and what lies beside it.
+//! ## What it does
 //!
-//! **Equation.** ∫ 10^(−0.4·m) dN(m) from the scene's faintest magnitude on; N(m, l, b), the stars per square degree brighter than V = m in galactic
+//! The light of all stars that are too faint to be rendered one by one: the Milky Way and what lies beside it.
+//!
+//! ## Equation
+//!
+//! ∫ 10^(−0.4·m) dN(m) from the scene's faintest magnitude on; N(m, l, b), the stars per square degree brighter than V = m in galactic
 //! longitude and latitude, is the sum of a disc and a spheroid:
 //!
 //! ```text
@@ -11,17 +15,27 @@
 //! ```
 //! µ goes from 0.03 (m ≤ 12) to 0.09 (m ≥ 20), γ from 0.36 to 0.04; σ = 1.45 − 0.20·cos b·cos l. From the ground it is weakened by the extinction.
 //!
-//! **Parameter.** `relative`: the brightness over that of the model.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Nothing in the places of the stars; photon noise, and the Milky Way.
+//! `relative`: the brightness over that of the model.
 //!
-//! **Confused with.** Zodiacal light, which moves with the Sun.
+//! ## Signature
 //!
-//! **Neglected.** Dust clouds and all structure; starlight scattered by dust (a fifth more); faint stars that make the background
+//! Nothing in the places of the stars; photon noise, and the Milky Way.
+//!
+//! ## Confused with
+//!
+//! Zodiacal light, which moves with the Sun.
+//!
+//! ## Neglected
+//!
+//! Dust clouds and all structure; starlight scattered by dust (a fifth more); faint stars that make the background
 //! uneven. The law is fitted for |b| ≥ 20° (counts to 15 %). Nearer to the galactic equator the light at |b| = 12° stands in its place, which
 //! is right to a factor of two. Stars brighter than V = 5 are never in it.
 //!
-//! **Source.** J. N. Bahcall, R. M. Soneira, ApJS 44, 73 (1980), appendix B.
+//! ## Source
+//!
+//! J. N. Bahcall, R. M. Soneira, ApJS 44, 73 (1980), appendix B.
 
 use super::glow::{Circumstances, Needs, RELATIVE, S10, SkyGlow};
 use crate::dual::dot;

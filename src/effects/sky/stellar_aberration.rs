@@ -1,27 +1,43 @@
 //! # Stellar aberration
 //!
-//! **What it is.** The camera moves, so light comes in from a direction tilted towards its velocity: 20.5″ from the Earth's orbit,
+//! ## What it does
+//!
+//! The camera moves, so light comes in from a direction tilted towards its velocity: 20.5″ from the Earth's orbit,
 //! 5″ more in a low orbit, 0.3″ from the Earth's rotation.
 //!
-//! **Equation.** β = (a·v + w)/c, γ⁻¹ = √(1 − β²): u′ = γ⁻¹·u + (1 + u·β/(1 + γ⁻¹))·β, normalised (exact in special relativity).
+//! ## Equation
 //!
-//! **Parameters.** `amplitude`: a, 1 = the velocity v that is known (from the recording, or of the Earth at the recording's time).
+//! β = (a·v + w)/c, γ⁻¹ = √(1 − β²): u′ = γ⁻¹·u + (1 + u·β/(1 + γ⁻¹))·β, normalised (exact in special relativity).
+//!
+//! ## Parameters
+//!
+//! `amplitude`: a, 1 = the velocity v that is known (from the recording, or of the Earth at the recording's time).
 //! `velocity_x_km_s`, `velocity_y_km_s`, `velocity_z_km_s`: w, a velocity that is added, barycentric, ICRS axes. Where v is known the
 //! effect's name stands for the amplitude, elsewhere for the three components; one velocity then holds for all frames.
 //!
-//! **What it leaves when left out.** Common to a whole frame it is absorbed by the attitude; what is left is a change of scale by
-//! (v/c)·cos θ (1e-4, θ = angle between boresight and velocity) and a quadratic field: 12 % of it.
+//! ### Sizes
 //!
-//! **Confused with.** The amplitude with the component of w along v. A focal length that changes from frame to frame, as long as pointings
-//! lie close together.
-//!
-//! **Sizes.** Where no velocity is known the camera is at the Earth: 30.29 km/s of the Earth at its perihelion (NASA Earth Fact Sheet; the
+//! Where no velocity is known the camera is at the Earth: 30.29 km/s of the Earth at its perihelion (NASA Earth Fact Sheet; the
 //! Sun's own about the barycentre is 0.02 km/s), 7.8 km/s of a low orbit, and as the margin 11.2 km/s in its place, beyond which nothing stays
 //! at the Earth. A velocity above 42 km/s is no aberration.
 //!
-//! **Neglected.** The potential of the Sun (0.4 µas).
+//! ## Signature
 //!
-//! **Source.** Explanatory Supplement to the Astronomical Almanac, 3rd ed. (2013), equation 7.40; SOFA routine `ab`.
+//! Common to a whole frame it is absorbed by the attitude; what is left is a change of scale by
+//! (v/c)·cos θ (1e-4, θ = angle between boresight and velocity) and a quadratic field: 12 % of it.
+//!
+//! ## Confused with
+//!
+//! The amplitude with the component of w along v. A focal length that changes from frame to frame, as long as pointings
+//! lie close together.
+//!
+//! ## Neglected
+//!
+//! The potential of the Sun (0.4 µas).
+//!
+//! ## Source
+//!
+//! Explanatory Supplement to the Astronomical Almanac, 3rd ed. (2013), equation 7.40; SOFA routine `ab`.
 
 use crate::dual::{Real, add, constant, dot, normalize, scale};
 use crate::effects::{

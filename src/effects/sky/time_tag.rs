@@ -1,22 +1,36 @@
 //! # Error of the time tags
 //!
-//! **What it is.** A clock that is wrong: the frames were taken earlier or later than they say, and the Earth has turned on by 15″ for each
+//! ## What it does
+//!
+//! A clock that is wrong: the frames were taken earlier or later than they say, and the Earth has turned on by 15″ for each
 //! second of it.
 //!
-//! **Equation.** In the axes that hold at the time that the tag says, the direction is turned by −ω·τ about the Earth's axis,
+//! ## Equation
+//!
+//! In the axes that hold at the time that the tag says, the direction is turned by −ω·τ about the Earth's axis,
 //! ω = 15.041067″/s: the sky moves to the west.
 //!
-//! **Parameter.** `offset_s`: τ, the true time of the exposure minus the one its time tag says (the sense of proper motion's
+//! ## Parameters
+//!
+//! `offset_s`: τ, the true time of the exposure minus the one its time tag says (the sense of proper motion's
 //! `epoch_offset_yr`). Positive: the frames were taken LATER than their tags say, as with a clock that is slow.
 //!
-//! **What it leaves when left out.** Nothing in the stars alone where every frame has an attitude of its own. With one attitude to the
+//! ## Signature
+//!
+//! Nothing in the stars alone where every frame has an attitude of its own. With one attitude to the
 //! ground for all frames, or attitudes from elsewhere: a shift to the west of 15″·cos δ per second.
 //!
-//! **Confused with.** The attitude; the longitude of the site, completely.
+//! ## Confused with
 //!
-//! **Neglected.** What else changes with time (aberration: below 0.1″ in an hour; the zenith, which stays the one that the tag gives).
+//! The attitude; the longitude of the site, completely.
 //!
-//! **Source.** The Earth rotation angle of IAU 2000 Resolution B1.8; SOFA routine `era00`.
+//! ## Neglected
+//!
+//! What else changes with time (aberration: below 0.1″ in an hour; the zenith, which stays the one that the tag gives).
+//!
+//! ## Source
+//!
+//! The Earth rotation angle of IAU 2000 Resolution B1.8; SOFA routine `era00`.
 
 use crate::dual::{Real, constant, normalize, rotate};
 use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};

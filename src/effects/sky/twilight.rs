@@ -1,22 +1,36 @@
 //! # Twilight
 //!
-//! **What it is.** Sunlight scattered by the air: in twilight from a Sun below the horizon, brightest on its side of the sky, and by day.
+//! ## What it does
 //!
-//! **Equation.** The smaller of two: twilight, 10^(−0.4·(m_sun − m_0 + 32.5 − h − Z/(360°·k)))·(100°/ρ)·(1 − 10^(−0.4·k·X(Z))), and daylight,
+//! Sunlight scattered by the air: in twilight from a Sun below the horizon, brightest on its side of the sky, and by day.
+//!
+//! ## Equation
+//!
+//! The smaller of two: twilight, 10^(−0.4·(m_sun − m_0 + 32.5 − h − Z/(360°·k)))·(100°/ρ)·(1 − 10^(−0.4·k·X(Z))), and daylight,
 //! 10^(−0.4·(m_sun − m_0 + 43.27))·(f(ρ)·c + 440000·(1 − c))·(1 − 10^(−0.4·k·X(Z))), c = 10^(−0.4·k·X(Z_sun)), f(ρ) = 6.2e7·ρ⁻² + 10^(6.15 − ρ/40°) +
 //! 10^5.36·(1.06 + cos²ρ), both over 1.11e-15 in nanolamberts. h is the Sun's altitude, ρ the angle from it, in degrees; m_sun = −26.74,
 //! m_0 = −11.05; Z the zenith distance, k the extinction, X = 1/(cos Z + 0.025·exp(−11·cos Z)), 40 below the horizon.
 //!
-//! **Parameter.** `relative`: the brightness over that of the model.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Nothing in the places of the stars; photon noise, and a gradient towards the azimuth of the Sun.
+//! `relative`: the brightness over that of the model.
 //!
-//! **Confused with.** Stray light of the Earth's limb, moonlight (it does not fade within the hour).
+//! ## Signature
 //!
-//! **Neglected.** Colour, the Earth's shadow rising in the east, clouds, dust in the high air. Below −18° of the Sun's altitude it goes on to fall,
+//! Nothing in the places of the stars; photon noise, and a gradient towards the azimuth of the Sun.
+//!
+//! ## Confused with
+//!
+//! Stray light of the Earth's limb, moonlight (it does not fade within the hour).
+//!
+//! ## Neglected
+//!
+//! Colour, the Earth's shadow rising in the east, clouds, dust in the high air. Below −18° of the Sun's altitude it goes on to fall,
 //! by a magnitude each degree, to nothing.
 //!
-//! **Source.** B. E. Schaefer, "Astronomy and the limits of vision", Vistas in Astronomy 36, 311 (1993), and "To the visual limits", Sky & Telescope 95 (5),
+//! ## Source
+//!
+//! B. E. Schaefer, "Astronomy and the limits of vision", Vistas in Astronomy 36, 311 (1993), and "To the visual limits", Sky & Telescope 95 (5),
 //! 57 (1998), lines 2210 to 2350 of its programme.
 
 use super::glow::{Circumstances, NANOLAMBERT, Needs, RELATIVE, SkyGlow};

@@ -1,22 +1,36 @@
 //! # Zodiacal light
 //!
-//! **What it is.** Sunlight scattered by dust between the planets: brightest towards the Sun, along the ecliptic, with a weak counterglow opposite the Sun.
+//! ## What it does
 //!
-//! **Equation.** A table of the brightness at 0.5 µm over the difference of ecliptic longitude from the Sun's and the ecliptic latitude, 1e-8 W m⁻² sr⁻¹ µm⁻¹,
+//! Sunlight scattered by dust between the planets: brightest towards the Sun, along the ecliptic, with a weak counterglow opposite the Sun.
+//!
+//! ## Equation
+//!
+//! A table of the brightness at 0.5 µm over the difference of ecliptic longitude from the Sun's and the ecliptic latitude, 1e-8 W m⁻² sr⁻¹ µm⁻¹,
 //! whose logarithm is interpolated evenly between its nodes; 1.28 of these are one star like the Sun of V = 10 per square degree. From the
 //! ground it is weakened by the extinction of the air.
 //!
-//! **Parameter.** `relative`: the brightness over that of the table.
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Nothing in the places of the stars; photon noise, and a gradient under wide fields near the ecliptic.
+//! `relative`: the brightness over that of the table.
 //!
-//! **Confused with.** Airglow, whose brightness follows the zenith; the Milky Way, which stays with the stars.
+//! ## Signature
 //!
-//! **Neglected.** Its colour (redder than the Sun within 30° of it), the Earth's distance from the Sun (±4 %), the tilt of the dust's plane against the
+//! Nothing in the places of the stars; photon noise, and a gradient under wide fields near the ecliptic.
+//!
+//! ## Confused with
+//!
+//! Airglow, whose brightness follows the zenith; the Milky Way, which stays with the stars.
+//!
+//! ## Neglected
+//!
+//! Its colour (redder than the Sun within 30° of it), the Earth's distance from the Sun (±4 %), the tilt of the dust's plane against the
 //! ecliptic (10 % in the course of a year), light that the air scatters back into the view. Within 15° of the Sun, where the table ends, it holds
 //! the value at the table's edge: there it is fainter than the truth.
 //!
-//! **Source.** Ch. Leinert et al., "The 1997 reference of diffuse night sky brightness", A&AS 127, 1 (1998), table 17 and section 8.
+//! ## Source
+//!
+//! Ch. Leinert et al., "The 1997 reference of diffuse night sky brightness", A&AS 127, 1 (1998), table 17 and section 8.
 
 use super::glow::{Circumstances, Needs, RELATIVE, S10, SkyGlow};
 use crate::dual::dot;

@@ -1,4 +1,4 @@
-//! Output that is there whole or not at all: files and folders are made under another name and renamed at the end.
+//! Atomic output: files and folders are made under another name and renamed at the end, so that they are whole or absent.
 
 mod partial;
 mod results;

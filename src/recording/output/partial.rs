@@ -1,5 +1,5 @@
-//! What is in the making: under a name that says so, locked by the process that makes it. A process that is told to stop takes its own away
-//! ([`abandon`]); what one left that was killed has a free lock, and the next that writes beside it takes it away.
+//! Partial output: a name that says so, and a lock of the process that writes. An interrupted process removes its own ([`abandon`]); what a killed
+//! one left has a free lock, and the next process that writes beside it removes it.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -27,7 +27,7 @@ fn live() -> MutexGuard<'static, Live> {
     LIVE.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Makes a folder and those above it, but not in a process that has been told to stop.
+/// Makes a folder and those above it, but not in a process that a signal has stopped.
 pub(super) fn make(folder: &Path) -> io::Result<()> {
     let _live = live();
     fs::create_dir_all(folder)

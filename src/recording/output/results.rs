@@ -1,5 +1,5 @@
-//! Folders of results, into which several verbs may write beside what is the user's own: each lists the files that it wrote, so that the same
-//! verb can replace them, and them alone.
+//! Result folders, into which several verbs may write beside the user's own files: each verb lists the files that it wrote, so that it can replace
+//! them, and them alone.
 //!
 //! The list is the hidden file `.boresight`: a first line that says who wrote it, then a line for each file, verb and path, the path with `%XX` for
 //! what is no plain character.

@@ -1,23 +1,37 @@
 //! # Cosmic rays
 //!
-//! **What it is.** Particles cross the detector and leave charge along their way, without the optics.
+//! ## What it does
 //!
-//! **Equation.** They cross the depth h of the detector in straight lines whose directions come evenly from all sides (cos²θ is even between 0 and 1); over a path
+//! Particles cross the detector and leave charge along their way, without the optics.
+//!
+//! ## Equation
+//!
+//! They cross the depth h of the detector in straight lines whose directions come evenly from all sides (cos²θ is even between 0 and 1); over a path
 //! of h/cos θ a particle leaves q·h/cos θ·(1 + 0.15·λ) electrons, λ by Moyal's law, the approximation of Landau's, spread along its track on the pixels and
 //! diffused by a Gaussian.
 //!
-//! **Parameters.** In a scene, `[cosmic_rays]`: `expected_per_s`: particles that cross the whole frame in a second; in low orbit about one for each cm² (1.7 in a
+//! ## Parameters
+//!
+//! In a scene, `[cosmic_rays]`: `expected_per_s`: particles that cross the whole frame in a second; in low orbit about one for each cm² (1.7 in a
 //! CCD of the first wide-field camera of the Space Telescope), up to 1100 in the South Atlantic anomaly; `thickness_um` (h); `pitch_um`: from pixel to pixel; `electrons_per_um` (q): most probable charge per length, about 80 in
 //! silicon; `diffusion_px`: width σ to which the charge diffuses.
 //!
-//! **What it leaves when left out.** False stars, sharper than real ones, or short lines, in one frame only; stars that are drawn towards them.
+//! ## Signature
 //!
-//! **Confused with.** Hot pixels, which come back; faint stars, which are as wide as the optics make them.
+//! False stars, sharper than real ones, or short lines, in one frame only; stars that are drawn towards them.
 //!
-//! **Neglected.** Secondary particles, charge that diffuses more from greater depth, and that the charge's scatter is smaller than that of photons, with whose
+//! ## Confused with
+//!
+//! Hot pixels, which come back; faint stars, which are as wide as the optics make them.
+//!
+//! ## Neglected
+//!
+//! Secondary particles, charge that diffuses more from greater depth, and that the charge's scatter is smaller than that of photons, with whose
 //! noise it is drawn.
 //!
-//! **Source.** J. E. Moyal, Phil. Mag. 46, 263 (1955), for the law of the charge; N. D. Miles et al., arXiv:2006.00909, and the HST Data Handbook for
+//! ## Source
+//!
+//! J. E. Moyal, Phil. Mag. 46, 263 (1955), for the law of the charge; N. D. Miles et al., arXiv:2006.00909, and the HST Data Handbook for
 //! rates.
 
 use rand::RngExt;

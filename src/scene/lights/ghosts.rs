@@ -1,21 +1,35 @@
 //! # Ghosts
 //!
-//! **What it is.** Light of a bright star that goes to and fro between two surfaces of the lens, or the detector and a filter, before it arrives: a disc,
+//! ## What it does
+//!
+//! Light of a bright star that goes to and fro between two surfaces of the lens, or the detector and a filter, before it arrives: a disc,
 //! with the shadow of a secondary mirror if there is one, on the other side of the axis or beside the star.
 //!
-//! **Equation.** Of a star at x a ghost stands at c + s·(x − c), c the principal point, as a disc of radius R of even light, electrons = f · those of the
+//! ## Equation
+//!
+//! Of a star at x a ghost stands at c + s·(x − c), c the principal point, as a disc of radius R of even light, electrons = f · those of the
 //! star; within h·R there is none. How light falls on the pixels at its edge is on the page of `disc-psf`.
 //!
-//! **Parameters.** In a scene, `[[ghosts]]`, one for each pair of surfaces: `scale` (s), `fraction` (f), `radius_px` (R), `obstruction` (h).
+//! ## Parameters
 //!
-//! **What it leaves when left out.** Discs that no star sends; a background that is brighter, and slopes, under stars within them.
+//! In a scene, `[[ghosts]]`, one for each pair of surfaces: `scale` (s), `fraction` (f), `radius_px` (R), `obstruction` (h).
 //!
-//! **Confused with.** Nebulae and the Moon's glow, which stay on the sky; stray light, which has no edge.
+//! ## Signature
 //!
-//! **Neglected.** Ghosts that change their shape over the field, cut at the pupil's edge; colour (a coating reflects some colours more); discs with less than a
+//! Discs that no star sends; a background that is brighter, and slopes, under stars within them.
+//!
+//! ## Confused with
+//!
+//! Nebulae and the Moon's glow, which stay on the sky; stray light, which has no edge.
+//!
+//! ## Neglected
+//!
+//! Ghosts that change their shape over the field, cut at the pupil's edge; colour (a coating reflects some colours more); discs with less than a
 //! thousandth of an electron in a pixel are left out.
 //!
-//! **Source.** W. J. Smith, Modern Optical Engineering (2008), chapter 9.
+//! ## Source
+//!
+//! W. J. Smith, Modern Optical Engineering (2008), chapter 9.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

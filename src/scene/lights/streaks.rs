@@ -1,22 +1,37 @@
 //! # Trails of satellites and meteors
 //!
-//! **What it is.** Something bright crosses the frame while it is exposed and leaves a line.
+//! ## What it does
 //!
-//! **Equation.** It goes from start to end along a straight line; at the share s of the way it gives light in proportion to sᵃ·(1 − s)ᵇ, `electrons` in all,
+//! Something bright crosses the frame while it is exposed and leaves a line.
+//!
+//! ## Equation
+//!
+//! It goes from start to end along a straight line; at the share s of the way it gives light in proportion to sᵃ·(1 − s)ᵇ, `electrons` in all,
 //! and the optics image each point of the line as a star there.
 //!
-//! **Parameters.** In a scene, `[[streaks]]`: `kind` (satellite or meteor: what the truth calls it), `electrons`, `light_curve` ([a, b]; [0, 0] is even, [2, 1] a
+//! ## Parameters
+//!
+//! In a scene, `[[streaks]]`: `kind` (satellite or meteor: what the truth calls it), `electrons`, `light_curve` ([a, b]; [0, 0] is even, [2, 1] a
 //! meteor that flares up late); with `frame` (the exposure's number) `start_px` and `end_px`, or `expected_per_frame` alone: that many by chance in each
 //! exposure (Poisson), through places and in directions by chance, all across the frame.
 //!
-//! **What it leaves when left out.** Lines of false stars; stars under them that are drawn along.
+//! ## Signature
 //!
-//! **Confused with.** A row of hot pixels or a bleeding column, which follow the detector's axes and stay; tracks of cosmic rays, which are not as wide as the
+//! Lines of false stars; stars under them that are drawn along.
+//!
+//! ## Confused with
+//!
+//! A row of hot pixels or a bleeding column, which follow the detector's axes and stay; tracks of cosmic rays, which are not as wide as the
 //! images of stars.
 //!
-//! **Neglected.** The size of the object, its own turning and flashes, a curved way, and the rolling of a shutter.
+//! ## Neglected
 //!
-//! **Source.** The sum along the way is that of smeared stars; the light curve is a form of its own that rises and falls.
+//! The size of the object, its own turning and flashes, a curved way, and the rolling of a shutter.
+//!
+//! ## Source
+//!
+//! G. Nir, B. Zackay, E. O. Ofek, AJ 156, 229 (2018), for a streak as a line that the point spread broadens: the sum along the way is that of
+//! smeared stars. The light curve is a form of its own that rises and falls.
 
 use rand::RngExt;
 use schemars::JsonSchema;

@@ -1,4 +1,4 @@
-//! Scenes of real cameras, each with its numbers and where they come from in the comments at its head.
+//! Presets: scenes of real cameras, with their numbers and sources in the comments at the head of each file.
 
 mod result;
 
