@@ -1,8 +1,8 @@
 //! Noise model, robust location and scale, weights, tests: one place for all of them.
 
-pub mod cholesky;
+pub(crate) mod cholesky;
 pub mod crowding;
-pub mod levenberg_marquardt;
+pub(crate) mod levenberg_marquardt;
 pub mod robust;
 pub mod significance;
 
