@@ -22,8 +22,7 @@ fn factor<const N: usize>(matrix: &[[f64; N]; N], count: usize, damping: f64) ->
 
 /// Solves for the leading `count` unknowns, the diagonal raised by the share `damping`; of the matrix the lower triangle is read. `None` where it
 /// is not positive definite, or the solution not finite.
-#[must_use]
-pub fn solve<const N: usize>(matrix: &[[f64; N]; N], vector: &[f64; N], count: usize, damping: f64) -> Option<[f64; N]> {
+pub(crate) fn solve<const N: usize>(matrix: &[[f64; N]; N], vector: &[f64; N], count: usize, damping: f64) -> Option<[f64; N]> {
     let l = factor(matrix, count, damping)?;
     let mut x = *vector;
     for i in 0..count {
@@ -38,8 +37,7 @@ pub fn solve<const N: usize>(matrix: &[[f64; N]; N], vector: &[f64; N], count: u
 }
 
 /// The inverse of the leading block, `None` as above.
-#[must_use]
-pub fn inverse<const N: usize>(matrix: &[[f64; N]; N], count: usize) -> Option<[[f64; N]; N]> {
+pub(crate) fn inverse<const N: usize>(matrix: &[[f64; N]; N], count: usize) -> Option<[[f64; N]; N]> {
     let mut out = [[0.0; N]; N];
     for column in 0..count {
         let mut unit = [0.0; N];
@@ -50,4 +48,33 @@ pub fn inverse<const N: usize>(matrix: &[[f64; N]; N], count: usize) -> Option<[
         }
     }
     Some(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of the leading block alone, and of its lower triangle.
+    const MATRIX: [[f64; 3]; 3] = [[4.0, f64::NAN, f64::NAN], [2.0, 5.0, f64::NAN], [f64::NAN, f64::NAN, f64::NAN]];
+
+    #[test]
+    fn the_leading_block_is_solved_and_inverted() {
+        let x = solve(&MATRIX, &[10.0, 13.0, f64::NAN], 2, 0.0).unwrap();
+        assert!((x[0] - 1.5).abs() < 1e-14 && (x[1] - 2.0).abs() < 1e-14, "{x:?}");
+        let of = inverse(&MATRIX, 2).unwrap();
+        for (i, row) in [[5.0, -2.0], [-2.0, 4.0]].iter().enumerate() {
+            assert!((0..2).all(|j| (of[i][j] - row[j] / 16.0).abs() < 1e-15), "{of:?}");
+        }
+        // the diagonal raised by a half: 6 and 7.5
+        let x = solve(&MATRIX, &[8.0, 9.5, 0.0], 2, 0.5).unwrap();
+        assert!((x[0] - 1.0).abs() < 1e-14 && (x[1] - 1.0).abs() < 1e-14, "{x:?}");
+    }
+
+    #[test]
+    fn what_is_not_positive_definite_has_no_solution() {
+        for matrix in [[[1.0, 0.0], [2.0, 4.0]], [[-1.0, 0.0], [0.0, 1.0]], [[f64::NAN, 0.0], [0.0, 1.0]]] {
+            assert_eq!(solve(&matrix, &[1.0, 1.0], 2, 0.0), None);
+        }
+        assert!(solve(&[[1.0, 0.0], [2.0, 4.0]], &[1.0, 1.0], 2, 0.1).is_some());
+    }
 }

@@ -4,7 +4,7 @@
 //! enough, the problem knows. Nothing is allocated here. Source: Marquardt, J. Soc. Indust. Appl. Math. 11, 431 (1963).
 
 /// A sum of squares that steps make less. It stands somewhere, and moves.
-pub trait LeastSquares {
+pub(crate) trait LeastSquares {
     /// A step.
     type Step;
 
@@ -20,37 +20,37 @@ pub trait LeastSquares {
 
 /// What came of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Attempt {
+pub(crate) struct Attempt {
     /// Whether the sum is less, and the step taken.
-    pub is_better: bool,
+    pub(crate) is_better: bool,
     /// Whether the step was so small, or won so little, that it is the last.
-    pub is_last: bool,
+    pub(crate) is_last: bool,
 }
 
 /// How the damping goes, and what ends the search besides a small step.
 #[derive(Clone, Copy, Debug)]
-pub struct Rules {
+pub(crate) struct Rules {
     /// The damping of the first step.
-    pub first_damping: f64,
+    pub(crate) first_damping: f64,
     /// The damping after a step that was taken.
-    pub smaller: fn(f64) -> f64,
+    pub(crate) smaller: fn(f64) -> f64,
     /// The damping after a step that was not.
-    pub larger: fn(f64) -> f64,
+    pub(crate) larger: fn(f64) -> f64,
     /// There is no way down where only a damping above this would be left,
-    pub most_damping: f64,
+    pub(crate) most_damping: f64,
     /// or after so many steps in a row that were not taken.
-    pub most_rejected: usize,
+    pub(crate) most_rejected: usize,
     /// The most linearisations.
-    pub linearisations: usize,
+    pub(crate) linearisations: usize,
     /// The most steps, taken or not.
-    pub steps: usize,
+    pub(crate) steps: usize,
     /// Whether a linear problem without a solution is the end; else it is damped more.
-    pub ends_without_step: bool,
+    pub(crate) ends_without_step: bool,
 }
 
 /// How the search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
+pub(crate) enum End {
     /// With a last step.
     Settled,
     /// No step makes the sum less.
@@ -62,7 +62,7 @@ pub enum End {
 }
 
 /// Goes down from where the problem stands. It stands at the least sum that was found.
-pub fn minimise<P: LeastSquares>(problem: &mut P, rules: &Rules) -> End {
+pub(crate) fn minimise<P: LeastSquares>(problem: &mut P, rules: &Rules) -> End {
     let (mut damping, mut steps) = (rules.first_damping, 0);
     for _ in 0..rules.linearisations {
         problem.linearise();

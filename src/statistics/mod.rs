@@ -1,8 +1,8 @@
 //! Statistics used by several modules: robust location and scale, significance, crowding.
 
-pub mod cholesky;
+pub(crate) mod cholesky;
 pub mod crowding;
-pub mod levenberg_marquardt;
+pub(crate) mod levenberg_marquardt;
 pub mod robust;
 pub mod significance;
 pub(crate) mod student_t;
