@@ -48,6 +48,7 @@ mod step;
 mod stepwise;
 mod unexplained;
 mod untimed;
+mod verdict;
 mod wild_bootstrap;
 mod wording;
 mod zenith;
@@ -57,6 +58,7 @@ pub use diagnosis::*;
 pub use profile::PREDICTED;
 pub use result::{AnsweredDiagnosis, DiagnoseResult, UnaskedDiagnosis};
 pub use step::Step;
+pub use verdict::{Bound, Verdict};
 
 use std::collections::BTreeMap;
 

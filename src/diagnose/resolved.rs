@@ -1,7 +1,8 @@
 //! Lower limits of stated p-values: what the null simulations resolve. The tail is extrapolated to a thousandth of the last simulated p-value at
 //! most; below one in a million no distribution of errors is known well enough.
 
-use super::diagnosis::{Bound, Diagnosis};
+use super::diagnosis::Diagnosis;
+use super::verdict::Bound;
 
 /// No p-value is stated below this.
 const MIN_P: f64 = 1e-6;

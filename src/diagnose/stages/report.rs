@@ -3,7 +3,7 @@
 use super::Judged;
 use crate::diagnose::channels::{ChannelReport, ChannelVerdict, Channels, Detectable};
 use crate::diagnose::cross_validation::Withheld;
-use crate::diagnose::diagnosis::{Diagnosis, EffectState, FORMAT, Finding, Fit, Verdict};
+use crate::diagnose::diagnosis::{Diagnosis, EffectState, FORMAT, Finding, Fit};
 use crate::diagnose::final_fit::FinalFit;
 use crate::diagnose::findings;
 use crate::diagnose::fit_state::{FitState, SelectedEffect};
@@ -16,6 +16,7 @@ use crate::diagnose::resimulate::DIFFERS;
 use crate::diagnose::resolved::{bound, least_p, told};
 use crate::diagnose::scan::Scan;
 use crate::diagnose::split_half::half_nights;
+use crate::diagnose::verdict::Verdict;
 use crate::diagnose::{DiagnoseError, Step, unexplained, wording};
 
 /// A covariate is named of a channel below this probability.

@@ -112,7 +112,9 @@ fn add_inputs(at: &Path, made: &mut Made) {
         made.results.push(Said { name, object: serde_json::to_value(table).unwrap() });
     };
     add("scene", boresight::scene::DEMO_TOML);
-    boresight::scene::PRESETS.iter().for_each(|preset| add("scene", preset.toml));
+    for preset in boresight::scene::PRESETS {
+        add("scene", preset.toml);
+    }
     add("recording", &std::fs::read_to_string(at.join("night/recording.toml")).unwrap());
     add(
         "recording",

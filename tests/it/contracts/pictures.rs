@@ -131,12 +131,15 @@ fn pictures_are_as_accepted() {
     check("profile", |path| profile(path, 1.0));
 }
 
+/// Draws a picture of things so many times as large.
+type Draw = fn(&Path, f64);
+
 /// Arrows the other way round, or a line that falls, are another picture; so is one of another size.
 #[test]
 fn pictures_of_something_else_are_told_apart() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("flipped.png");
-    let draws: [(&str, fn(&Path, f64)); 3] = [("residual_vectors", vectors), ("field_map", map), ("profile", profile)];
+    let draws: [(&str, Draw); 3] = [("residual_vectors", vectors), ("field_map", map), ("profile", profile)];
     for (name, draw) in draws {
         draw(&path, -1.0);
         let (expected, flipped) = (opened(&golden(name)), opened(&path));
