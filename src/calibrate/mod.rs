@@ -32,6 +32,7 @@ mod solve;
 mod star_level;
 mod summary;
 mod systematics;
+#[cfg(feature = "bench")]
 pub mod trial;
 mod uncertainty;
 mod variable_weights;
@@ -45,17 +46,16 @@ pub use error::CalibrateError;
 pub use files::{
     CalibrateResult, CompareResult, DifferenceLimit, MapResult, MisidentifiedPoint, SolvedCamera, UnsolvedCamera, UpdateResult,
 };
-pub use joint::{BundleImage, BundleSolution, Column, FixedNoise, MAX_FRAME_PARAMETERS};
 pub use lit::LitCircle;
-pub use map::{
-    FORMAT as MAP_FORMAT, Map, MapPoint, MappingError, map, map_difference, map_sigma, mapping_error_of_models_px, mapping_error_px,
-};
+pub use map::{FORMAT as MAP_FORMAT, Map, MapPoint, MappingError, map, map_sigma};
 pub use options::{AttitudeModel, CalibrateOptions, Method, ParameterPrior};
-pub use reidentify::{MeasuredStarImage, calibrate_identifying_anew};
-pub use residuals::residuals_px;
 pub use select::LeftOutReason;
 pub use sequential::{Drift, OnChange, ParameterChange, SEQUENTIAL_FORMAT, Sequential, SequentialError, UpdateOptions, UpdateReport};
 pub use solve::{calibrate, check_parameter_name};
 pub use systematics::Surroundings;
+inner!(joint::{BundleImage, BundleSolution, Column, FixedNoise, MAX_FRAME_PARAMETERS});
+inner!(map::{map_difference, mapping_error_of_models_px, mapping_error_px});
+inner!(reidentify::{MeasuredStarImage, calibrate_identifying_anew});
+inner!(residuals::residuals_px);
 
 pub(crate) use bundle::optimal_rotation;

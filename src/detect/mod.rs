@@ -51,12 +51,13 @@ mod windowed;
 mod work;
 
 pub use epsf::{EmpiricalPsf, PsfReport};
-pub use epsf_build::{PsfStar, learn};
-pub use forced_fit::{FixedBackground, ForcedFit, fit_forced};
-pub use measure::{Aids, detect, detect_aided};
+pub use measure::detect;
 pub use moments::Moments;
 pub use result::{DetectResult, DetectedFrame, FORMAT};
-pub use windowed::detect_windowed;
+inner!(epsf_build::{PsfStar, learn});
+inner!(forced_fit::{FixedBackground, ForcedFit, fit_forced});
+inner!(measure::{Aids, detect_aided});
+inner!(windowed::detect_windowed);
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

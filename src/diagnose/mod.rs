@@ -55,10 +55,10 @@ mod zenith;
 
 pub use channels::{ByChannel, Channel, ChannelMeasure, ChannelReport, ChannelVerdict, Channels, Detectable};
 pub use diagnosis::*;
-pub use profile::PREDICTED;
 pub use result::{AnsweredDiagnosis, DiagnoseResult, UnaskedDiagnosis};
 pub use step::Step;
 pub use verdict::{Bound, Verdict};
+inner!(profile::PREDICTED);
 
 use std::collections::BTreeMap;
 

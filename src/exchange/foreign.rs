@@ -50,6 +50,7 @@ pub const IMPORT_FORMAT: &str = "boresight-import/1";
 
 /// A foreign camera in our model.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Imported {
     /// [`IMPORT_FORMAT`].
     pub format: &'static str,

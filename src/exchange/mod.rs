@@ -180,6 +180,7 @@ impl From<&Calibration> for Subject {
 
 /// A file to be written.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct File {
     /// Its name in its folder.
     pub name: String,
@@ -192,6 +193,7 @@ pub const EXPORT_FORMAT: &str = "boresight-export/1";
 
 /// A camera in a foreign format.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Exported {
     /// [`EXPORT_FORMAT`].
     pub format: &'static str,

@@ -41,6 +41,7 @@ mod spreads;
 mod stages;
 mod star_images;
 mod summary;
+mod surface;
 mod thresholds;
 mod told;
 mod trails;
