@@ -305,7 +305,7 @@ fn ids_of_effects_are_quoted_in_their_files_alone() {
         ("src/cli/diagnose_files.rs", "proper-motion"),
         ("src/cli/diagnose_files.rs", "parallax"),
         ("src/cli/update.rs", "projection"),
-        ("src/calibrate/mod.rs", "projection"),
+        ("src/calibrate/solve.rs", "projection"),
         ("src/diagnose/channels.rs", "background"),
         ("src/diagnose/profile.rs", "proper-motion"),
         ("src/exchange/forward.rs", "equidistant"),
