@@ -8,7 +8,7 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test interop readme check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind held-out peers catalog fuzz zoo runtime
+.PHONY: help demo test interop readme surface check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind held-out peers catalog fuzz zoo runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
@@ -16,6 +16,7 @@ help:
 	@echo "make interop  our files in other programs: astropy, OpenCV, tetra3rs, mrcal, DS9's regions (takes PyPI, and Debian for mrcal; 20 minutes at most)"
 	@echo "make readme   rewrite the figures of README.md and docs/*.md; READMEARGS=--check compares them"
 	@echo "make check    format, lint, test, doc, deny: what a change has to pass"
+	@echo "make surface  counts the public items of the library without features, and looks what it depends on; SURFACE=--time compares build times"
 	@echo "make bench    benchmarks"
 	@echo "make bench-render  what a frame costs, beside numpy, photutils and GalSim (takes PyPI): docs/studies/render.txt"
 	@echo "make bench-identify  identification under stress, beside tetra3rs (takes PyPI and an hour): docs/studies/identify.txt and identify-odds.txt"
@@ -47,6 +48,10 @@ interop: runtime
 readme: runtime
 	$(if $(filter file,$(origin PROGRAM)),$(CARGO) build --locked --bin boresight)
 	.ci/readme $(PROGRAM) $(READMEARGS)
+
+# Quick, but for --time, which builds the library twice from nothing.
+surface:
+	.ci/surface $(SURFACE)
 
 check: format lint test doc deny
 

@@ -4,8 +4,7 @@
 use std::path::Path;
 
 use boresight::catalog::Catalog;
-use boresight::imaging::Backend;
-use boresight::render::Renderer;
+use boresight::render::{Backend, Renderer};
 use boresight::scene::Scene;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {

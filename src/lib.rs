@@ -27,8 +27,7 @@
 //! use boresight::detect::{DetectOptions, detect};
 //! use boresight::frame::Frame;
 //! use boresight::identify::{Identification, IdentifyOptions, Index, identify};
-//! use boresight::imaging::Backend;
-//! use boresight::render::Renderer;
+//! use boresight::render::{Backend, Renderer};
 //! use boresight::scene::Scene;
 //!
 //! let scene = Scene::parse(
@@ -59,30 +58,99 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
+//! # Features
+//!
+//! | feature | brings | without it |
+//! |---|---|---|
+//! | `cli` | the program `boresight`, with what it needs of `bench` | the library alone |
+//! | `gpu` | wgpu: frames rendered on a GPU | the CPU does the same; `Backend::Gpu` says that there is none |
+//! | `plots` | pictures (PNG) of results | they are left out, with a warning |
+//! | `parquet` | Parquet beside the CSV tables | CSV alone |
+//! | `bench` | the benchmark of concealed recordings; inner rooms become public for the project's own tests and studies | a small interface |
+//!
+//! All are on by default. A library that identifies and calibrates needs none of them: `boresight = { version = "0.1", default-features = false }`. What is
+//! public with `bench` alone may change in any version.
+//!
+//! Results and errors may get more fields and variants, so those that only the library makes are `#[non_exhaustive]`; options and inputs are not, since they
+//! are built as `Options { a, ..Options::default() }`.
+//!
 //! `examples/{simulate,identify,calibrate,diagnose}.rs` do the same with files. Conventions (pixel origin, axes, rotations, units) are those of
 //! CONVENTIONS.md in the repository, the rooms those of ARCHITECTURE.md.
 
-pub mod blind;
+#![cfg_attr(
+    not(feature = "bench"),
+    allow(
+        dead_code,
+        unreachable_pub,
+        unused_imports,
+        rustdoc::private_intra_doc_links,
+        reason = "the inner rooms and what only the program, the tests and the studies call are closed in this build; the build with them has these lints"
+    )
+)]
+
+/// Re-exports what is no part of the interface: public for the project's own program, tests and studies (feature `bench`), inside the crate otherwise.
+#[cfg(feature = "bench")]
+macro_rules! inner {
+    ($($path:tt)*) => {
+        pub use $($path)*;
+    };
+}
+#[cfg(not(feature = "bench"))]
+macro_rules! inner {
+    ($($path:tt)*) => {
+        pub(crate) use $($path)*;
+    };
+}
+
 pub mod calibrate;
 pub mod camera;
 pub mod catalog;
 pub mod coordinates;
 pub mod detect;
 pub mod diagnose;
-pub mod dual;
 pub mod effects;
 pub mod exchange;
 pub mod frame;
-pub mod gpu;
-pub mod guard;
 pub mod identify;
-pub mod imaging;
 pub mod pipeline;
 pub mod provenance;
 pub mod recording;
 pub mod render;
-pub mod report;
-pub mod rng;
 pub mod scene;
+
+// The inner rooms. Each is declared twice and not by a macro, in which rustfmt would not find the files.
+#[cfg(feature = "bench")]
+pub mod blind;
+#[cfg(feature = "bench")]
+pub mod dual;
+#[cfg(feature = "bench")]
+pub mod gpu;
+#[cfg(feature = "bench")]
+pub mod guard;
+#[cfg(feature = "bench")]
+pub mod imaging;
+#[cfg(feature = "bench")]
+pub mod report;
+#[cfg(feature = "bench")]
+pub mod rng;
+#[cfg(feature = "bench")]
 pub mod statistics;
+#[cfg(feature = "bench")]
 pub mod units;
+
+#[cfg(not(feature = "bench"))]
+mod dual;
+#[cfg(not(feature = "bench"))]
+mod gpu;
+#[cfg(not(feature = "bench"))]
+mod guard;
+#[cfg(not(feature = "bench"))]
+mod imaging;
+#[cfg(not(feature = "bench"))]
+mod report;
+#[cfg(not(feature = "bench"))]
+mod rng;
+#[cfg(not(feature = "bench"))]
+mod statistics;
+#[cfg(not(feature = "bench"))]
+mod units;

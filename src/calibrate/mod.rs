@@ -24,6 +24,7 @@ mod sequential;
 mod star_level;
 mod summary;
 mod systematics;
+#[cfg(feature = "bench")]
 pub mod trial;
 mod uncertainty;
 mod variable_weights;
@@ -35,14 +36,15 @@ pub use calibration::{
     ModelSelection, NoiseFound, ParameterEstimate, PointResult, Reidentified, Status,
 };
 pub use compare::{Comparison, MapChange, ParameterDifference, compare, map_change};
-pub use joint::{BundleImage, BundleSolution, Column, FixedNoise, MAX_FRAME_PARAMETERS};
 pub use lit::LitCircle;
-pub use map::{Map, MapPoint, MappingError, map, map_difference, map_sigma, mapping_error_of_models_px, mapping_error_px};
-pub use reidentify::{MeasuredStarImage, calibrate_identifying_anew};
-pub use residuals::residuals_px;
+pub use map::{Map, MapPoint, MappingError, map, map_sigma};
 pub use select::LeftOutReason;
 pub use sequential::{Drift, OnChange, ParameterChange, SEQUENTIAL_FORMAT, Sequential, SequentialError, UpdateOptions, UpdateReport};
 pub use systematics::{Surroundings, Systematic};
+inner!(joint::{BundleImage, BundleSolution, Column, FixedNoise, MAX_FRAME_PARAMETERS});
+inner!(map::{map_difference, mapping_error_of_models_px, mapping_error_px});
+inner!(reidentify::{MeasuredStarImage, calibrate_identifying_anew});
+inner!(residuals::residuals_px);
 
 pub(crate) use bundle::optimal_rotation;
 

@@ -25,9 +25,11 @@ mod sky_bodies;
 
 pub use chain::{Physics, PhysicsError, SkyChain};
 pub use model::{Model, ModelError, ModelParameter, PixelRay, Term};
-pub use observer::{GroundSite, ObserverError, observation};
-pub use orbit::{EARTH_RADIUS_KM, Orbit, OrbitError, OrbitState};
-pub use sky_bodies::circumstances;
+pub use observer::{GroundSite, ObserverError};
+pub use orbit::OrbitError;
+inner!(observer::observation);
+inner!(orbit::{EARTH_RADIUS_KM, Orbit, OrbitState});
+inner!(sky_bodies::circumstances);
 
 /// The number of parameters of the reference model.
 pub const PARAMETER_COUNT: usize = 6;

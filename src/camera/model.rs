@@ -94,6 +94,7 @@ impl Link {
 
 /// A parameter of a model.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct ModelParameter {
     /// x0, …, p2, or `effect-id.parameter`.
     pub name: String,
@@ -131,6 +132,7 @@ impl Number for Jet {
 
 /// A measured pixel as a direction in camera axes, with its derivatives.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct PixelRay {
     /// Unit vector.
     pub direction: [f64; 3],

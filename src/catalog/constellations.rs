@@ -4,6 +4,7 @@ use std::sync::LazyLock;
 
 /// A line of a constellation's figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct ConstellationLine {
     /// The constellation's Latin name.
     pub name: &'static str,

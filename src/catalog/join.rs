@@ -31,6 +31,7 @@ const ORDER: i32 = 3;
 
 /// What an import found.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[non_exhaustive]
 pub struct ImportReport {
     /// What was read, for people.
     pub kind: String,

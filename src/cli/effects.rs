@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use boresight::effects::detector::{colour_filters, quantum_efficiency};
 use boresight::effects::optics::sampled_psf;
 use boresight::effects::optics::tables::IMAGE_KINDS;
@@ -90,6 +90,9 @@ pub(crate) fn effects(args: &EffectsArgs) -> Result<Answer> {
         let _folder = args.output.as_deref().map(|folder| ResultFolder::open(folder, "signature", args.force)).transpose()?;
         signature::print(id, args.parameter.as_deref(), args.scene.as_deref(), (args.json, args.output.as_deref()))?;
     } else if let Some(directory) = &args.pictures {
+        if !boresight::report::DRAWS {
+            bail!("this build draws no pictures: it was compiled without the feature `plots`; compile it with that feature");
+        }
         let wanted = |line: &&Known| args.id.as_ref().is_none_or(|id| *id == line.id);
         let wanted: Vec<_> = known.iter().filter(wanted).cloned().collect();
         if wanted.is_empty() {

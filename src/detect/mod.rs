@@ -46,11 +46,12 @@ mod windowed;
 mod work;
 
 pub use epsf::{EmpiricalPsf, PsfReport};
-pub use epsf_build::{PsfStar, learn};
-pub use forced_fit::{FixedBackground, ForcedFit, fit_forced};
-pub use measure::{Aids, detect, detect_aided};
+pub use measure::detect;
 pub use moments::Moments;
-pub use windowed::detect_windowed;
+inner!(epsf_build::{PsfStar, learn});
+inner!(forced_fit::{FixedBackground, ForcedFit, fit_forced});
+inner!(measure::{Aids, detect_aided});
+inner!(windowed::detect_windowed);
 
 use serde::{Deserialize, Serialize};
 

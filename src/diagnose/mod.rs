@@ -47,8 +47,8 @@ mod wording;
 
 pub use channels::{ByChannel, Channel, ChannelMeasure, ChannelReport, ChannelVerdict, Channels, Detectable};
 pub use diagnosis::*;
-pub use profile::PREDICTED;
 pub use step::Step;
+inner!(profile::PREDICTED);
 
 use std::collections::BTreeMap;
 

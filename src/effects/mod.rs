@@ -9,12 +9,30 @@
 //! The folder says where the light meets the effect: [`sky`], [`optics`], [`motion`] or [`detector`].
 //! The documentation of an effect's module is its page.
 
+#[cfg(feature = "bench")]
 pub mod detector;
+#[cfg(not(feature = "bench"))]
+pub(crate) mod detector;
+#[cfg(feature = "bench")]
 pub mod ids;
+#[cfg(not(feature = "bench"))]
+pub(crate) mod ids;
+#[cfg(feature = "bench")]
 pub mod motion;
+#[cfg(not(feature = "bench"))]
+pub(crate) mod motion;
+#[cfg(feature = "bench")]
 pub mod optics;
+#[cfg(not(feature = "bench"))]
+pub(crate) mod optics;
+#[cfg(feature = "bench")]
 pub mod pixel;
+#[cfg(not(feature = "bench"))]
+pub(crate) mod pixel;
+#[cfg(feature = "bench")]
 pub mod sky;
+#[cfg(not(feature = "bench"))]
+pub(crate) mod sky;
 
 mod centroid;
 mod displacement;
@@ -26,9 +44,14 @@ mod star_image;
 pub use centroid::CentroidShift;
 pub use displacement::{
     AnyDisplacement, Context, Displacement, Light, Natural, Observation, ParameterSpec, ReferenceValue, RefractionConstants, Searched,
-    Segment, Sensor, StarState, invert, page_of,
+    Segment, Sensor, StarState,
 };
-pub use facts::{Facts, OrdinarySize, UsualSize, id_of, stem_of};
+pub use facts::{Facts, OrdinarySize, UsualSize};
 pub use registry::{DISPLACEMENTS, displacement};
 pub use rendering::Rendering;
-pub use star_image::{MAX_SHIFTS, MAX_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE, Signature, Signatures, StarImage};
+pub use star_image::{Signature, Signatures, StarImage};
+inner!(displacement::{invert, page_of});
+inner!(facts::{id_of, stem_of});
+inner!(star_image::{MAX_SHIFTS, MAX_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE});
+
+pub use crate::dual::{Dual, Jet, Real};

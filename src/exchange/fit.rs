@@ -28,6 +28,7 @@ pub(super) struct Pair {
 
 /// How far one camera's points lie from another's at the same directions, px of the frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Residual {
     /// 2-D rms over the frame, from edge to edge.
     pub rms_px: f64,

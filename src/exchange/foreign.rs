@@ -46,6 +46,7 @@ impl Foreign {
 
 /// A foreign camera in our model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Imported {
     /// `boresight-import/1`.
     pub format: &'static str,

@@ -177,6 +177,7 @@ impl From<&Calibration> for Subject {
 
 /// A file to be written.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct File {
     /// Its name in its folder.
     pub name: String,
@@ -186,6 +187,7 @@ pub struct File {
 
 /// A camera in a foreign format.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Exported {
     /// `boresight-export/1`.
     pub format: &'static str,

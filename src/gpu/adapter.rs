@@ -1,30 +1,9 @@
-//! Which adapters there are, and in what words a result says on which it was made.
+//! Which adapters there are.
 
-use std::fmt;
 use std::sync::OnceLock;
 
+use super::AdapterReport;
 use super::quiet::quietly;
-
-/// An adapter in words.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct AdapterReport {
-    /// Its name, such as `llvmpipe (LLVM 15.0.6, 256 bits)`.
-    pub name: String,
-    /// Driver and its version, such as `llvmpipe, Mesa 22.3.6 (LLVM 15.0.6)`.
-    pub driver: String,
-    /// The interface: `Vulkan`.
-    pub interface: String,
-    /// Whether it computes on the CPU.
-    pub is_software: bool,
-}
-
-impl fmt::Display for AdapterReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let parts = [&self.name, &self.driver, &self.interface];
-        let words: Vec<&str> = parts.into_iter().map(String::as_str).filter(|part| !part.is_empty()).collect();
-        f.write_str(&words.join(" / "))
-    }
-}
 
 impl AdapterReport {
     fn of(adapter: &wgpu::Adapter) -> Self {

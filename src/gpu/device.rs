@@ -2,18 +2,9 @@
 
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
-use super::adapter::{AdapterReport, found};
-use super::kernel::{Binding, Buffer, Dispatch, Kernel};
-use super::{GpuError, WORKGROUPS_PER_AXIS};
-
-/// What kind of adapter will do.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Need {
-    /// Any, also one in software.
-    Any,
-    /// Hardware only.
-    Hardware,
-}
+use super::adapter::found;
+use super::kernel::{Buffer, Kernel};
+use super::{AdapterReport, Binding, Dispatch, GpuError, Need};
 
 /// An open device on an adapter.
 #[derive(Debug)]
@@ -201,12 +192,5 @@ impl Gpu {
         staged.0.unmap();
         *staging = Some(staged);
         Ok(taken)
-    }
-
-    /// Workgroups along two axes that are together at least `count`, a row at a time.
-    #[must_use]
-    pub fn workgroups_for(count: u64) -> [u32; 2] {
-        let rows = count.div_ceil(u64::from(WORKGROUPS_PER_AXIS)).max(1);
-        [count.div_ceil(rows) as u32, rows as u32]
     }
 }

@@ -1,5 +1,7 @@
 //! What a program on the GPU consists of.
 
+use super::Binding;
+
 /// A compiled entry point.
 #[derive(Debug)]
 pub struct Kernel {
@@ -10,17 +12,6 @@ pub struct Kernel {
 /// Memory on the device.
 #[derive(Debug)]
 pub struct Buffer(pub(super) wgpu::Buffer);
-
-/// How a kernel uses a buffer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Binding {
-    /// `var<uniform>`
-    Uniform,
-    /// `var<storage, read>`
-    Read,
-    /// `var<storage, read_write>`
-    ReadWrite,
-}
 
 impl Binding {
     pub(super) fn layout(self, binding: u32) -> wgpu::BindGroupLayoutEntry {
@@ -36,15 +27,4 @@ impl Binding {
             count: None,
         }
     }
-}
-
-/// One run of a kernel.
-#[derive(Debug)]
-pub struct Dispatch<'a> {
-    /// What runs.
-    pub kernel: &'a Kernel,
-    /// Its buffers, in the order of its bindings.
-    pub buffers: &'a [&'a Buffer],
-    /// Workgroups along x and y.
-    pub workgroups: [u32; 2],
 }

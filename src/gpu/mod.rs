@@ -2,16 +2,30 @@
 //!
 //! An [`Adapter`](adapters) is chosen, a [`Gpu`] opened on it, and compute [`Kernel`]s made from WGSL run over buffers. Only what every WebGPU
 //! implementation grants is asked for (`Limits::default()`, no optional feature), so Mesa's lavapipe runs the same programs as a graphics card.
-//! An error of the driver or of a shader is an `Err`, never a panic.
+//! An error of the driver or of a shader is an `Err`, never a panic. Without the feature `gpu` no device opens (`src/gpu/absent.rs`), and all who ask for
+//! one stay as they are.
 
+#[cfg(not(feature = "gpu"))]
+mod absent;
+#[cfg(feature = "gpu")]
 mod adapter;
+#[cfg(feature = "gpu")]
 mod device;
+#[cfg(feature = "gpu")]
 mod kernel;
+#[cfg(feature = "gpu")]
 mod quiet;
+mod words;
 
-pub use adapter::{AdapterReport, adapters};
-pub use device::{Gpu, Need};
-pub use kernel::{Binding, Buffer, Dispatch, Kernel};
+#[cfg(not(feature = "gpu"))]
+pub use absent::{NoBuffer as Buffer, NoGpu as Gpu, NoKernel as Kernel, adapters};
+#[cfg(feature = "gpu")]
+pub use adapter::adapters;
+#[cfg(feature = "gpu")]
+pub use device::Gpu;
+#[cfg(feature = "gpu")]
+pub use kernel::{Buffer, Kernel};
+pub use words::{AdapterReport, Binding, Dispatch, Need};
 
 /// The most bytes one storage binding may hold with the limits that every implementation grants.
 pub const BINDING_BYTES: u64 = 128 << 20;
@@ -91,6 +105,11 @@ pub enum GpuError {
         /// What the driver said.
         reason: String,
     },
+    /// The program was compiled without wgpu.
+    #[error(
+        "this build has no GPU backend: it was compiled without the feature `gpu`; compile it with that feature, or use the CPU with --backend cpu"
+    )]
+    NotBuilt,
     /// A word that names no backend.
     #[error("{given:?} is no backend: use auto, gpu or cpu")]
     UnknownBackend {

@@ -16,6 +16,7 @@ const LEVELS: usize = 12;
 
 /// What an index holds, for people.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct IndexSize {
     /// Levels built so far.
     pub levels: usize,

@@ -28,6 +28,7 @@ pub enum MisidentificationKind {
 
 /// A control point that was given a wrong star.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Misidentification {
     /// Index into [`ControlPoints::points`].
     pub point: usize,

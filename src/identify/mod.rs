@@ -46,15 +46,16 @@ use crate::detect::Detections;
 use crate::effects::{Observation, StarImage, StarState};
 use crate::units::DEG_RAD;
 
-pub use control::{FrameIdentification, common_projection, control_points, image_state};
+pub use control::{FrameIdentification, control_points};
 pub use index::{Index, IndexSize};
-pub use misidentify::{Misidentification, MisidentificationKind, misidentify};
-pub use preidentified::{
-    ASSUMED_EPOCH_YR, PreidentifiedError, add_listed_points, handedness, listed_control_points, listed_covariance_px2,
-};
+pub use misidentify::{Misidentification, MisidentificationKind};
+pub use preidentified::PreidentifiedError;
 pub use prior_attitude::AttitudePrior;
 pub use projection::Projection;
-pub use solution::catalog_directions;
+inner!(control::{common_projection, image_state});
+inner!(misidentify::misidentify);
+inner!(preidentified::{ASSUMED_EPOCH_YR, add_listed_points, handedness, listed_control_points, listed_covariance_px2});
+inner!(solution::catalog_directions);
 
 /// A detection with its catalogue star.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,6 +84,7 @@ pub enum Identification {
 
 /// An identified frame.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Solution {
     /// How the camera is turned.
     pub attitude: Attitude,

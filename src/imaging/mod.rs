@@ -31,19 +31,18 @@ mod stamp;
 mod tiles;
 mod twin_check;
 
-pub use binning::{BinnedImager, BinnedNoiseFree, Binning, BinningPlace};
-pub use compose::{
-    Output, PassProgram, chain_program, collect_plane_program, collect_program, join_program, mosaic_program, pass_programs, uniforms_name,
-};
-pub use mosaic::FilterLight;
-pub use noise_free::{NoiseFree, StampLight};
+pub use binning::{Binning, BinningPlace};
 pub use plan::EffectSetting;
-pub use plane::{PlaneLight, PointSource};
-pub use stamp::Stamp;
-pub use twin_check::{TwinReport, compare_counts, twin_check};
 
-pub use crate::effects::pixel::Stage;
+inner!(crate::effects::pixel::Stage);
 pub use crate::gpu::{Backend, GpuError};
+inner!(binning::{BinnedImager, BinnedNoiseFree});
+inner!(compose::{Output, PassProgram, chain_program, collect_plane_program, collect_program, join_program, mosaic_program, pass_programs, uniforms_name});
+inner!(mosaic::FilterLight);
+inner!(noise_free::{NoiseFree, StampLight});
+inner!(plane::{PlaneLight, PointSource});
+inner!(stamp::Stamp);
+inner!(twin_check::{TwinReport, compare_counts, twin_check});
 
 use crate::gpu::{BINDING_BYTES, Gpu, LOOP_BUDGET, Need};
 use binning::Joining;
@@ -270,7 +269,7 @@ impl Imager {
             Backend::Gpu => Some(Gpu::open(Need::Any)?),
             Backend::Auto => match Gpu::open(Need::Hardware) {
                 Ok(gpu) => Some(gpu),
-                Err(GpuError::NoAdapter { .. }) => None,
+                Err(GpuError::NoAdapter { .. } | GpuError::NotBuilt) => None,
                 Err(error) => {
                     tracing::warn!("{error}; the CPU is used");
                     None

@@ -32,6 +32,7 @@ const WIDE: f64 = 0.36;
 
 /// A frame whose identification was tried.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct IdentifiedFrame {
     /// The answer.
     pub identification: Identification,
@@ -73,6 +74,7 @@ pub struct MeasureOptions {
 
 /// What is taken for a star's place.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Centroid {
     /// Maximum likelihood under a Gaussian integrated over the pixels.
     #[default]

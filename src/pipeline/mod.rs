@@ -18,15 +18,11 @@ use crate::recording::{Mount, Recording, RecordingError, SkippedFrame};
 use crate::statistics::median_in_place;
 
 pub use dark::{Dark, DarkError};
-pub use frames::{
-    Centroid, IdentifiedFrame, MeasureOptions, circumstances, identify_frames, measure, measure_frames, physics_in_force,
-    take_identifications,
-};
-pub use one_camera::{check_focal_lengths, check_sizes};
-pub use prepare::{
-    DiagnosisInput, DiagnosisRequest, PreparedPoints, control_points, diagnosis_request, known_behind_the_lens, star_images, telemetry,
-    with_name,
-};
+pub use frames::{Centroid, IdentifiedFrame, MeasureOptions, identify_frames, measure, measure_frames};
+pub use prepare::{DiagnosisInput, DiagnosisRequest, PreparedPoints, control_points, diagnosis_request, telemetry};
+inner!(frames::{circumstances, physics_in_force, take_identifications});
+inner!(one_camera::{check_focal_lengths, check_sizes});
+inner!(prepare::{known_behind_the_lens, star_images, with_name});
 
 /// Why a recording does not lead to control points.
 #[derive(Debug, thiserror::Error)]

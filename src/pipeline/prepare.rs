@@ -18,6 +18,7 @@ use crate::units::ARCSEC_RAD;
 
 /// Control points with what is to be minded of them.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct PreparedPoints {
     /// The points, in the un-mirrored image.
     pub points: ControlPoints,

@@ -137,6 +137,7 @@ impl fmt::Display for FrameSize {
 
 /// A key in a manifest.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct ManifestKey {
     /// The manifest.
     pub path: PathBuf,

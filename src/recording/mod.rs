@@ -43,13 +43,12 @@ use crate::frame::{Frame, MaskedFrame};
 pub(crate) use circumstances::Offsets;
 pub use error::{FrameProblem, FrameSize, ManifestKey, RecordingError};
 pub use image_file::load as load_image;
-pub use output::{OutputDirectory, OutputError, ResultFolder, abandon, check_file, write_file};
+pub use output::{OutputError, write_file};
 pub use star_list::{ListedStar, StarList};
 pub use told::{GivenCircumstances, ToldError};
-pub use write::{
-    FitsHeaders, manifest_text, star_list_text, write_fits_f32, write_fits_u8, write_fits_u16, write_fits_with, write_manifest,
-    write_manifest_of, write_png_u16,
-};
+pub use write::{FitsHeaders, write_fits_u16, write_manifest, write_png_u16};
+inner!(output::{OutputDirectory, ResultFolder, abandon, check_file});
+inner!(write::{manifest_text, write_fits_f32, star_list_text, write_fits_with, write_manifest_of, write_fits_u8});
 
 /// What a real camera left behind, or the simulator in its place.
 #[derive(Clone, Debug, PartialEq)]
@@ -85,6 +84,7 @@ pub struct Recording {
 /// The form in which a recording came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
 pub enum Form {
     /// A folder with `recording.toml`.
     Manifest,
@@ -223,6 +223,7 @@ pub struct FrameEntry {
 
 /// A frame that was left out.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct SkippedFrame {
     /// Its file, or its number.
     pub file: String,

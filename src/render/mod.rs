@@ -7,9 +7,10 @@ mod pixel_shift;
 mod signature;
 mod truth;
 
+pub use crate::imaging::{Backend, GpuError, Image16, ImagingError};
 pub use mask::MaskFlag;
-pub use signature::{MeasuredStar, StampRenderer, TestStar, signature};
 pub use truth::{TrueLight, TrueStar};
+inner!(signature::{MeasuredStar, StampRenderer, TestStar, signature});
 
 use std::collections::HashMap;
 
@@ -17,7 +18,7 @@ use rayon::prelude::*;
 
 use crate::catalog::Catalog;
 use crate::effects::optics::tables::PixelResponse;
-use crate::imaging::{Backend, BinnedImager, FrameExposure, Image16, Imager, ImagingConfig, ImagingError, PlaneLight, Stage};
+use crate::imaging::{BinnedImager, FrameExposure, Imager, ImagingConfig, PlaneLight, Stage};
 use crate::scene::{OtherLight, Psf, Scene, StarTrack};
 use light::{FrameLight, Spreader, StarLight};
 use mask::{joined_mask, mask};
@@ -27,6 +28,7 @@ use truth::{Landed, true_stars};
 
 /// A rendered exposure.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Rendered {
     /// Counts, row by row, the first row on top.
     pub pixels_dn: Vec<u16>,
@@ -122,8 +124,7 @@ impl<'a> Renderer<'a> {
     ///
     /// ```
     /// use boresight::catalog::Catalog;
-    /// use boresight::imaging::Backend;
-    /// use boresight::render::Renderer;
+    /// use boresight::render::{Backend, Renderer};
     /// use boresight::scene::Scene;
     ///
     /// let scene = Scene::parse(

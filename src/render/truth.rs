@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 /// One star in one frame; a row of `truth/stars.csv`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct TrueStar {
     /// Index of the frame.
     pub frame: usize,
@@ -65,6 +66,7 @@ pub struct TrueStar {
 
 /// What shines or leaves charge and is no star; a row of `truth/lights.csv`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct TrueLight {
     /// Index of the frame.
     pub frame: usize,

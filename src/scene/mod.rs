@@ -6,6 +6,7 @@
 mod binning;
 mod check;
 mod detector;
+#[cfg(feature = "bench")]
 pub mod effect_demo;
 mod effects;
 mod exposures;
@@ -31,16 +32,20 @@ pub use binning::{BinningMethod, BinningSite, BinningTable};
 pub use detector::{ColourFiltersTable, DetectorTable, QuantumEfficiencyTable};
 pub use effects::EffectTable;
 pub use exposures::Exposures;
-pub use file::{DEMO_TOML, FrameTable, MountTable, NominalTable, SceneFile, SeriesTable, SiteTable, SkyTable, TrueCameraTable};
-pub use lights::{CosmicRayTable, GhostTable, LIGHT_PAGES, LightForm, LightKind, LightPage, OtherLight, StreakKind, StreakTable};
-pub use motion::{BandTable, EARTH_RATE_RAD_S, JitterTable, LineTable, Motion};
+pub use file::{FrameTable, MountTable, NominalTable, SceneFile, SeriesTable, SiteTable, SkyTable, TrueCameraTable};
+pub use lights::{CosmicRayTable, GhostTable, StreakKind, StreakTable};
+pub use motion::{BandTable, JitterTable, LineTable};
 pub use orbit::OrbitTable;
-pub use presets::{PRESETS, Preset, preset};
-pub use psf::{Psf, PsfKind, PsfNodes, Spot, Third};
+pub use psf::PsfKind;
 pub use psf_table::{PixelTable, PsfTable, VaryTable};
 pub use schema::schema;
-pub use spline::RotationSpline;
-pub use track::{Sample, StarTrack};
+inner!(file::DEMO_TOML);
+inner!(lights::{LIGHT_PAGES, LightForm, LightKind, LightPage, OtherLight});
+inner!(motion::{EARTH_RATE_RAD_S, Motion});
+inner!(presets::{PRESETS, Preset, preset});
+inner!(psf::{Psf, PsfNodes, Spot, Third});
+inner!(spline::RotationSpline);
+inner!(track::{Sample, StarTrack});
 
 use sky_light::SkyLight;
 
@@ -49,7 +54,7 @@ use crate::coordinates::{Attitude, PixelPoint};
 use crate::effects::detector::colour_filters::FilterResponse;
 use crate::effects::detector::quantum_efficiency::ColourResponse;
 use crate::effects::ids;
-use crate::imaging::{Binning, EffectSetting};
+pub use crate::imaging::{Binning, BinningPlace, EffectSetting};
 use crate::recording::{CameraInfo, FirstRow, FrameEntry, Mount, Recording, Shutter, Site};
 use crate::units::DEG_RAD;
 
@@ -163,6 +168,7 @@ pub struct Scene {
 
 /// One exposure of a scene.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Exposure {
     /// Middle of the exposure.
     pub time: Option<Epoch>,
@@ -182,6 +188,7 @@ pub struct Exposure {
 
 /// What is measured beside the image.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct ExposureTelemetry {
     /// Camera velocity, barycentric, ICRS axes.
     pub velocity_km_s: Option<[f64; 3]>,
@@ -195,6 +202,7 @@ pub struct ExposureTelemetry {
 
 /// Where and how bright a star is imaged: the truth of one star in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct TrueStarImage {
     /// Catalogue number.
     pub hip: u32,

@@ -40,6 +40,7 @@ mod spreads;
 mod stages;
 mod star_images;
 mod summary;
+mod surface;
 mod told;
 mod trails;
 mod truth;

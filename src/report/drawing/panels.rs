@@ -5,10 +5,9 @@ use std::path::Path;
 use plotters::style::text_anchor::{HPos, VPos};
 use plotters::style::{Color, RGBColor};
 
-use super::canvas::{
-    BLUE, Canvas, Drawn, GREEN, INK, ORANGE, PALE, PAPER, PURPLE, Place, ReportError, SKY, VERMILION, picture, short, tick_step,
-};
+use super::canvas::{BLUE, Canvas, Drawn, GREEN, INK, ORANGE, PALE, PAPER, PURPLE, Place, SKY, VERMILION, picture, short, tick_step};
 use super::plot::{Series, SeriesStyle};
+use crate::report::ReportError;
 
 /// One of the small plots.
 #[derive(Clone, Debug, Default, PartialEq)]

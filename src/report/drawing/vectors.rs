@@ -5,44 +5,8 @@ use std::path::Path;
 use plotters::style::RGBColor;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::canvas::{BLUE, Canvas, Drawn, FrameBox, INK, PAPER, ReportError, VERMILION, nice_above, picture, short};
-
-/// A residual: measured minus model.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Vector {
-    /// Column of the measured point.
-    pub x_px: f64,
-    /// Row of the measured point.
-    pub y_px: f64,
-    /// Residual along x.
-    pub dx_px: f64,
-    /// Residual along y.
-    pub dy_px: f64,
-    /// Whether the point was rejected.
-    pub rejected: bool,
-}
-
-/// The residuals of one calibration.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct VectorPanel {
-    /// What they are residuals of.
-    pub title: String,
-    /// The residuals; those that are not finite are left out and counted.
-    pub vectors: Vec<Vector>,
-    /// What the result itself says of them: a picture and a page that differ in a digit are two answers.
-    pub told: Option<FitNumbers>,
-}
-
-/// Numbers of a result that stand above its residuals.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FitNumbers {
-    /// 2-D rms.
-    pub rms_px: f64,
-    /// Star images used.
-    pub stars: usize,
-    /// Star images rejected, those without a finite residual too.
-    pub rejected: usize,
-}
+use super::canvas::{BLUE, Canvas, Drawn, FrameBox, INK, PAPER, VERMILION, nice_above, picture, short};
+use crate::report::{ReportError, Vector, VectorPanel};
 
 /// Longer arrows (share of the frame's larger side) are cut and drawn broken off.
 const LONGEST: f64 = 0.12;

@@ -5,35 +5,10 @@ use std::path::Path;
 use plotters::style::Color;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::canvas::{Canvas, Drawn, FrameBox, INK, PAPER, Place, ReportError, nice_above, picture, short};
+use super::canvas::{Canvas, Drawn, FrameBox, INK, PAPER, Place, nice_above, picture, short};
 use super::colours::{Scale, colour};
 use super::contours::Grid;
-use super::vectors::Vector;
-
-/// A field over the frame.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct FieldMap {
-    /// What it shows.
-    pub title: String,
-    /// The numbers that matter, below the title.
-    pub summary: String,
-    /// The values on `side` × `side` pixels, evenly from the centre of the first pixel to that of the last, row by row.
-    pub values: Vec<f64>,
-    /// Points along each side; at least two.
-    pub side: usize,
-    /// Values that the colours reach in any case.
-    pub reach: Vec<f64>,
-    /// What stands above the bar: the unit of the values.
-    pub unit: String,
-    /// A second unit on the other side of the bar, and how much of it one of the first is.
-    pub second_unit: Option<(String, f64)>,
-    /// Points to be marked, column and row.
-    pub dots: Vec<[f64; 2]>,
-    /// Arrows, each centred on its point, all enlarged by one round factor that is written below.
-    pub arrows: Vec<Vector>,
-    /// What is written below.
-    pub note: String,
-}
+use crate::report::{FieldMap, ReportError};
 
 const MAP_WIDTH: f64 = 640.0;
 const MARGIN_LEFT: f64 = 76.0;
@@ -225,6 +200,7 @@ fn haloed_arrow(sheet: &Canvas, from: Place, to: Place) -> Drawn {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::Vector;
 
     fn cone() -> FieldMap {
         let values = (0..25).map(|k| f64::from(k % 5 - 2).hypot(f64::from(k / 5 - 2))).collect();

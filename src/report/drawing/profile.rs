@@ -5,37 +5,8 @@ use std::path::Path;
 use plotters::style::RGBColor;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::canvas::{BLUE, Canvas, Drawn, INK, PALE, PAPER, Place, ReportError, VERMILION, picture, short, tick_step};
-
-/// One bin.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ProfilePoint {
-    /// Mean of what the residuals are held against.
-    pub at: f64,
-    /// Mean of the data.
-    pub mean: f64,
-    /// Standard error of that mean.
-    pub sigma: f64,
-    /// The model's mean.
-    pub model: f64,
-    /// Star images in it.
-    pub stars: usize,
-}
-
-/// Residuals in bins and a model.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct ProfilePlot {
-    /// What it shows.
-    pub title: String,
-    /// The numbers that matter, below the title.
-    pub summary: String,
-    /// Name and unit of the horizontal axis.
-    pub x_label: String,
-    /// Name and unit of the vertical axis.
-    pub y_label: String,
-    /// The bins; those that are not finite are left out.
-    pub bins: Vec<ProfilePoint>,
-}
+use super::canvas::{BLUE, Canvas, Drawn, INK, PALE, PAPER, Place, VERMILION, picture, short, tick_step};
+use crate::report::{ProfilePlot, ProfilePoint, ReportError};
 
 const SIZE: (usize, usize) = (900, 560);
 const LEFT: f64 = 100.0;

@@ -5,44 +5,8 @@ use std::path::Path;
 use plotters::style::RGBColor;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::canvas::{BLUE, Canvas, Drawn, INK, ORANGE, PALE, PAPER, PURPLE, ReportError, VERMILION, picture};
-
-/// What became of a hypothesis.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RankKind {
-    /// It is a finding.
-    Found,
-    /// It cannot be told apart from a finding.
-    InSet,
-    /// It stands out, but its name does not stand.
-    Withheld,
-    /// It was tested and is no finding.
-    Tested,
-}
-
-/// A hypothesis.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Rank {
-    /// Its name.
-    pub label: String,
-    /// How far it stands out: the standard deviations of a normal number that chance makes as rarely.
-    pub deviations: f64,
-    /// What became of it.
-    pub kind: RankKind,
-}
-
-/// Hypotheses by significance.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Ranking {
-    /// What it shows.
-    pub title: String,
-    /// What stands below the title.
-    pub summary: String,
-    /// The hypotheses in any order; those without a number are left out.
-    pub ranks: Vec<Rank>,
-    /// A finding needs so many standard deviations.
-    pub threshold: Option<f64>,
-}
+use super::canvas::{BLUE, Canvas, Drawn, INK, ORANGE, PALE, PAPER, PURPLE, VERMILION, picture};
+use crate::report::{Rank, RankKind, Ranking, ReportError};
 
 const WIDTH: f64 = 900.0;
 const RIGHT: f64 = 96.0;

@@ -1,7 +1,7 @@
 //! What the pictures share: the sheet, its letters, ticks, and the way into a file.
 
 use std::io::Cursor;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use plotters::backend::BitMapBackend;
@@ -12,32 +12,8 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{Color, FontDesc, FontTransform, RGBColor, TextStyle};
 
 use super::letters::Lettered;
-use crate::recording::{OutputError, write_file};
-
-/// Why a picture could not be made.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum ReportError {
-    /// The drawing library refused.
-    #[error("the picture {} cannot be drawn ({reason}): report this with the data at hand", path.display())]
-    Draw {
-        /// The picture.
-        path: PathBuf,
-        /// What the library says.
-        reason: String,
-    },
-    /// The file system refused.
-    #[error(transparent)]
-    Write(#[from] OutputError),
-    /// There is nothing finite to draw.
-    #[error("the picture {} would show nothing: {what}", path.display())]
-    Empty {
-        /// The picture.
-        path: PathBuf,
-        /// What is missing.
-        what: &'static str,
-    },
-}
+use crate::recording::write_file;
+use crate::report::ReportError;
 
 /// What drawing code returns; the sheet puts the path to it.
 pub(super) type Drawn = Result<(), Box<dyn std::error::Error>>;

@@ -2,9 +2,7 @@
 
 use std::path::Path;
 
-use super::canvas::ReportError;
-use super::field_map::FieldMap;
-use super::vectors::Vector;
+use crate::report::{FieldMap, ReportError, Vector};
 
 /// Points along each side of the picture's background.
 const SIDE: usize = 41;

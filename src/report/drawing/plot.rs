@@ -8,7 +8,8 @@ use plotters::element::{Circle, PathElement};
 use plotters::style::text_anchor::{HPos, VPos};
 use plotters::style::{Color, RGBColor, TextStyle};
 
-use super::canvas::{BLUE, Canvas, Drawn, FONT, GREEN, INK, ORANGE, PALE, PAPER, PURPLE, ReportError, SKY, VERMILION, picture, short};
+use super::canvas::{BLUE, Canvas, Drawn, FONT, GREEN, INK, ORANGE, PALE, PAPER, PURPLE, SKY, VERMILION, picture, short};
+use crate::report::ReportError;
 
 /// How a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,22 +5,8 @@ use std::path::Path;
 use plotters::style::RGBColor;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::canvas::{Canvas, Drawn, FrameBox, INK, PAPER, ReportError, nice_above, picture, short};
-
-/// Two frames of the same size.
-#[derive(Clone, Debug, PartialEq)]
-pub struct OffOn {
-    /// What is switched on.
-    pub title: String,
-    /// Its parameters, below the title.
-    pub summary: String,
-    /// Columns and rows.
-    pub frame_px: (usize, usize),
-    /// Counts without it, row by row.
-    pub off_dn: Vec<f32>,
-    /// Counts with it.
-    pub on_dn: Vec<f32>,
-}
+use super::canvas::{Canvas, Drawn, FrameBox, INK, PAPER, nice_above, picture, short};
+use crate::report::{OffOn, ReportError};
 
 /// Pixels of the sheet along a frame.
 const SIDE: f64 = 320.0;
@@ -43,12 +29,6 @@ struct Part {
 }
 
 impl OffOn {
-    /// The largest change of a pixel, DN.
-    #[must_use]
-    pub fn largest_dn(&self) -> f32 {
-        self.on_dn.iter().zip(&self.off_dn).map(|(on, off)| (on - off).abs()).fold(0.0, f32::max)
-    }
-
     /// Writes the picture as PNG. Frames that are the same all over are refused: their picture would show nothing.
     pub fn write(&self, path: &Path) -> Result<(), ReportError> {
         let (columns, rows) = self.frame_px;

@@ -5,42 +5,10 @@ use std::path::Path;
 use plotters::style::RGBColor;
 use plotters::style::text_anchor::{HPos, VPos};
 
-use super::canvas::{Canvas, Drawn, FrameBox, ORANGE, Place, ReportError, picture};
+use super::canvas::{Canvas, Drawn, FrameBox, ORANGE, Place, picture};
 use crate::frame::Frame;
+use crate::report::{Figure, Mark, MarkKind, ReportError};
 use crate::statistics::mad_sigma;
-
-/// What a mark says of its star image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MarkKind {
-    /// Detected, and no catalogue star is known for it.
-    Detected,
-    /// Identified.
-    Identified,
-    /// Identified, and rejected by the calibration or known to be wrong.
-    Rejected,
-}
-
-/// A mark on a frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Mark {
-    /// Column.
-    pub x_px: f64,
-    /// Row.
-    pub y_px: f64,
-    /// Name of the star.
-    pub label: Option<String>,
-    /// What to draw.
-    pub kind: MarkKind,
-}
-
-/// Lines that belong together under one name, as a constellation's do; on the frame.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Figure {
-    /// Its name.
-    pub name: String,
-    /// Its lines, each a chain of places so near each other that a straight piece joins them: (column, row).
-    pub chains: Vec<Vec<[f64; 2]>>,
-}
 
 /// Width and height of the frame on the sheet are kept below this.
 const LARGEST: usize = 1440;
