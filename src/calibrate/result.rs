@@ -14,7 +14,7 @@ pub enum CalibrateResult<'a> {
     /// A camera.
     Solved(Box<SolvedCamera<'a>>),
     /// The stars lead to none.
-    Unsolved(UnsolvedCamera),
+    Unsolved(Box<UnsolvedCamera>),
 }
 
 /// The calibration, and what was done to its input.

@@ -146,13 +146,13 @@ impl Checker<'_> {
                 }
             }
             "minItems" if (items.len() as u64) < rule.as_u64().unwrap() => {
-                found.push(format!("{place}: has {} items, fewer than {rule}", items.len()))
+                found.push(format!("{place}: has {} items, fewer than {rule}", items.len()));
             }
             "maxItems" if (items.len() as u64) > rule.as_u64().unwrap() => {
-                found.push(format!("{place}: has {} items, more than {rule}", items.len()))
+                found.push(format!("{place}: has {} items, more than {rule}", items.len()));
             }
             "uniqueItems" if items.iter().enumerate().any(|(index, item)| items[..index].contains(item)) => {
-                found.push(format!("{place}: an item is there twice"))
+                found.push(format!("{place}: an item is there twice"));
             }
             _ => {}
         }

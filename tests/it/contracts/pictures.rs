@@ -5,6 +5,9 @@ use std::path::{Path, PathBuf};
 use boresight::report::{FieldMap, ProfilePlot, ProfilePoint, Vector, VectorPanel, residual_vectors};
 use image::{Rgb, RgbImage};
 
+/// Draws a picture into a file; of the sign −1, something else.
+type Draw = fn(&Path, f64);
+
 /// The variable that accepts the pictures as they are drawn now.
 const ACCEPT: &str = "BORESIGHT_ACCEPT_PICTURES";
 /// Mean absolute difference of a channel, of 255: a letter that is set a little elsewhere stays below it.
@@ -136,7 +139,7 @@ fn pictures_are_as_accepted() {
 fn pictures_of_something_else_are_told_apart() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("flipped.png");
-    let draws: [(&str, fn(&Path, f64)); 3] = [("residual_vectors", vectors), ("field_map", map), ("profile", profile)];
+    let draws: [(&str, Draw); 3] = [("residual_vectors", vectors), ("field_map", map), ("profile", profile)];
     for (name, draw) in draws {
         draw(&path, -1.0);
         let (expected, flipped) = (opened(&golden(name)), opened(&path));
