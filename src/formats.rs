@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 
+#[cfg(feature = "bench")]
 use crate::blind::{BlindResult, SCORE_FORMAT};
 use crate::calibrate::{
     COMPARE_FORMAT, CalibrateResult, CompareResult, FORMAT as CALIBRATE_FORMAT, MAP_FORMAT, MapResult, SEQUENTIAL_FORMAT, UpdateResult,
@@ -96,6 +97,7 @@ pub static FORMATS: &[FileFormat] = &[
     FileFormat::of_result::<RunResult>("run", RUN_FORMAT, "a simulated night against its truth"),
     FileFormat::of_result::<RunResult>("demo", RUN_FORMAT, "the same of the built-in scene"),
     FileFormat::of_result::<catalog::ImportResult>("catalog-import", catalog::IMPORT_FORMAT, "a catalogue that was made"),
+    #[cfg(feature = "bench")]
     FileFormat::of_result::<BlindResult>("blind", SCORE_FORMAT, "the steps of the benchmark"),
     FileFormat::of_result::<EffectList>("effects", LIST_FORMAT, "the effects of this build"),
     FileFormat::of_result::<SignatureResult>("signature", SIGNATURE_FORMAT, "effects --signature: what an effect on pixels does to stars"),

@@ -10,12 +10,11 @@ use crate::recording::SkippedFrame;
 /// What `boresight calibrate` writes.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 #[serde(untagged)]
-#[allow(clippy::large_enum_variant, reason = "one of it is made, to be written")]
 pub enum CalibrateResult<'a> {
     /// A camera.
     Solved(Box<SolvedCamera<'a>>),
     /// The stars lead to none.
-    Unsolved(UnsolvedCamera),
+    Unsolved(Box<UnsolvedCamera>),
 }
 
 /// The calibration, and what was done to its input.

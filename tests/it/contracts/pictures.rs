@@ -5,6 +5,9 @@ use std::path::{Path, PathBuf};
 use boresight::report::{FieldMap, ProfilePlot, ProfilePoint, Vector, VectorPanel, residual_vectors};
 use image::{Rgb, RgbImage};
 
+/// Draws a picture into a file; of the sign −1, something else.
+type Draw = fn(&Path, f64);
+
 /// The variable that accepts the pictures as they are drawn now.
 const ACCEPT: &str = "BORESIGHT_ACCEPT_PICTURES";
 /// Mean absolute difference of a channel, of 255: a letter that is set a little elsewhere stays below it.
@@ -130,9 +133,6 @@ fn pictures_are_as_accepted() {
     check("field_map", |path| map(path, 1.0));
     check("profile", |path| profile(path, 1.0));
 }
-
-/// Draws a picture of things so many times as large.
-type Draw = fn(&Path, f64);
 
 /// Arrows the other way round, or a line that falls, are another picture; so is one of another size.
 #[test]
