@@ -114,7 +114,7 @@ fn agreement(finding: &Finding, looks_alike: bool) -> String {
         None => format!("too few {} for a sign-flip test (effective number {:.0})", signs.units, signs.effective),
     }];
     let [times, turns] = finding.chosen_again;
-    parts.push(format!("selected again in {times} of {turns} folds without {}", finding.left_out));
+    parts.push(format!("selected again in {times} of {turns} folds, {} left out", finding.left_out));
     if let Some(p) = finding.resimulated_p_value.filter(|_| looks_alike) {
         parts.push(format!("resimulation with it agrees with the recording (p = {})", probability(p)));
     }
