@@ -15,7 +15,7 @@ use checker::faults;
 use made::MADE;
 
 /// Keys that stand in a result only if there is something to say.
-const OPTIONAL: [&str; 8] = ["p_value_is", "psf", "limit", "image", "frame_names", "zeniths", "family_p_value_is", "toml"];
+const OPTIONAL: [&str; 7] = ["p_value_is", "family_p_value_is", "limit", "image", "frame_names", "zeniths", "saturation_dn"];
 
 #[test]
 fn every_result_keeps_its_schema() {
@@ -59,6 +59,20 @@ fn places(value: &Value, at: &str, found: &mut Vec<String>) {
     }
 }
 
+/// Keeps the first table of every list of tables: the others have the same keys.
+fn shorten(value: &mut Value) {
+    match value {
+        Value::Object(object) => object.values_mut().for_each(shorten),
+        Value::Array(items) => {
+            if items.iter().any(Value::is_object) {
+                items.truncate(1);
+            }
+            items.iter_mut().for_each(shorten);
+        }
+        _ => {}
+    }
+}
+
 fn parent<'v>(value: &'v mut Value, place: &str) -> (&'v mut Value, String) {
     let (above, key) = place.rsplit_once('/').unwrap();
     (value.pointer_mut(above).unwrap(), key.replace("~1", "/").replace("~0", "~"))
@@ -67,26 +81,24 @@ fn parent<'v>(value: &'v mut Value, place: &str) -> (&'v mut Value, String) {
 /// Without a key, or with another type in its place, no result keeps its schema: what is promised is checked.
 #[test]
 fn a_key_that_is_gone_or_changed_is_a_fault() {
-    for (name, at_least) in [("identify", 50), ("calibrate", 190), ("diagnose", 200), ("compare", 25), ("truth", 50)] {
+    for (name, at_least) in [("identify", 50), ("calibrate", 150), ("diagnose", 150), ("compare", 25), ("truth", 50)] {
         let schema = file_format(name).unwrap().schema();
-        let result = MADE.of(name).next().unwrap();
+        let mut short = MADE.of(name).next().unwrap().clone();
+        shorten(&mut short);
+        let result = &short;
+        assert_eq!(faults(&schema, result, true), Vec::<String>::new(), "{name}");
         let mut all = Vec::new();
         places(result, "", &mut all);
         let mut removed = 0;
         for place in &all {
             let mut without = result.clone();
             let (above, key) = parent(&mut without, place);
-            // Tables by name have no keys of their own.
-            let is_by_name = place.contains("/parameters/") && above.as_object().is_some_and(|table| table.values().all(Value::is_f64))
-                || place.contains("/largest/");
+            // Tables by name promise no name.
+            let by_name = place.contains("/parameters/") && above.as_object().unwrap().values().all(Value::is_f64)
+                || place.starts_with("/findings/0/channels/") && above.as_object().unwrap().contains_key("astrometry")
+                || place.starts_with("/half_nights/largest/");
             above.as_object_mut().unwrap().remove(&key);
-            if !is_by_name
-                && !OPTIONAL.contains(&key.as_str())
-                && !place.contains("/image/")
-                && !place.contains("/detector/")
-                && !place.contains("/sky/")
-                && !place.contains("/site/")
-            {
+            if !by_name && !OPTIONAL.contains(&key.as_str()) {
                 assert!(!faults(&schema, &without, false).is_empty(), "{name}: {place} may go without a fault");
                 removed += 1;
             }

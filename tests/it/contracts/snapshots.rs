@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 use super::made::{MADE, run_in};
 
 const DIGITS: usize = 4;
-/// Smaller numbers are what rounding leaves of zero, where they are no coefficient of the lens.
+/// Smaller numbers are what rounding leaves of zero, or probabilities and covariances whose digits say nothing.
 const ZERO: f64 = 1e-12;
 /// Items that are kept of lists of tables, and of lists of anything else.
 const TABLES_KEPT: usize = 2;
@@ -76,6 +76,13 @@ fn what_is_compared_tells_results_apart() {
     assert_ne!(shown(&serde_json::json!({"a": 1.234})), shown(&serde_json::json!({"a": 1.235})));
 }
 
+/// A word of a page; what rounding leaves of zero is zero.
+fn without_remains(word: &str) -> String {
+    let number = word.trim_end_matches([' ', ',', '\n']);
+    let is_remains = number.parse::<f64>().is_ok_and(|value| value != 0.0 && value.abs() < ZERO);
+    if is_remains { word.replacen(number, "0", 1) } else { word.to_owned() }
+}
+
 #[test]
 fn pages_are_as_accepted() {
     for (name, page) in &MADE.pages {
@@ -87,6 +94,9 @@ fn pages_are_as_accepted() {
             _ => None,
         };
         text = text.lines().map(|line| ends(line).unwrap_or_else(|| line.to_owned()) + "\n").collect();
+        if *name == "diagnose" {
+            text = text.split_inclusive(' ').map(without_remains).collect();
+        }
         check(&format!("page_{name}"), &text);
     }
 }
