@@ -7,9 +7,9 @@ use super::covariates::{Covariate, covariates};
 use super::hypotheses::{Hypothesis, hypotheses};
 use super::linear_system::{Whitened, WhitenedSystem};
 use super::noise::{self, NoiseModel, whitened};
+use super::options::{DiagnoseOptions, Telemetry};
 use super::rendered_columns::Rendered;
 use super::star_images::StarImages;
-use super::{DiagnoseOptions, Telemetry};
 use crate::calibrate::{BundleSolution, Column};
 use crate::identify::ControlPoints;
 

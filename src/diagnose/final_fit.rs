@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::diagnosis::{FoundParameter, FoundZenith, Rival};
+use super::error::DiagnoseError;
 use super::evidence::Evidence;
 use super::fit_state::{FitState, SelectedEffect, amplitude};
 use super::hypotheses::{Hypothesis, Variant};
@@ -10,11 +11,11 @@ use super::linear_system::Whitened;
 use super::noise::NoiseModel;
 use super::omitted_nature::is_needed;
 use super::omnibus::{Omnibus, omnibus};
+use super::options::{DiagnoseOptions, Telemetry};
 use super::scan::Scan;
 use super::star_images::StarImages;
 use super::stepwise::{self, candidates};
 use super::zenith::supposed;
-use super::{DiagnoseError, DiagnoseOptions, Telemetry};
 use crate::calibrate::{BundleSolution, Column, FixedNoise};
 use crate::camera::{Model, Term};
 use crate::coordinates::{Direction, Icrs};

@@ -4,7 +4,7 @@
 //! parameter that its columns depend on in a way that no tangent shows (the place of a seam, a length, an unknown zenith) is
 //! searched over: one variant for each of its values; the p-value accounts for the search, since it is that of the largest statistic.
 
-use super::DiagnoseOptions;
+use super::options::DiagnoseOptions;
 use super::rendered_columns::{Rendered, Shifts};
 use super::star_images::StarImages;
 use super::zenith::{supposed, unknown_zeniths, with_zenith};

@@ -9,6 +9,7 @@ mod cross_validation;
 mod crossfit;
 mod descent;
 mod diagnosis;
+mod error;
 mod evidence;
 mod final_fit;
 mod findings;
@@ -24,6 +25,7 @@ mod noise;
 mod null_distribution;
 mod omitted_nature;
 mod omnibus;
+mod options;
 mod ordinary;
 mod patterns;
 mod permutation;
@@ -55,102 +57,10 @@ mod zenith;
 
 pub use channels::{ByChannel, Channel, ChannelMeasure, ChannelReport, ChannelVerdict, Channels, Detectable};
 pub use diagnosis::*;
+pub use error::DiagnoseError;
+pub use options::{DiagnoseOptions, ImageConditions, Telemetry};
 pub use result::{AnsweredDiagnosis, DiagnoseResult, UnaskedDiagnosis};
+pub use run::{diagnose, diagnose_with_progress};
 pub use step::Step;
 pub use verdict::{Bound, Verdict};
 inner!(profile::PREDICTED);
-
-use std::collections::BTreeMap;
-
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-use crate::calibrate::CalibrateError;
-use crate::identify::ControlPoints;
-
-/// How to diagnose.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(default, deny_unknown_fields)]
-pub struct DiagnoseOptions {
-    /// Simulated recordings without any effect for the omnibus test, at least; more are drawn where the decision is near.
-    pub nulls: usize,
-    /// Family-wise probability of a false finding in a recording.
-    pub alpha: f64,
-    /// Random half-splits of the frames for the split-half validation of the p-values; none unless asked for.
-    pub half_nights: usize,
-    /// Seed of nulls and permutations.
-    pub seed: u64,
-    /// Ids of the effects that the model contains; those of the sky are in the points' directions.
-    pub physics: Vec<String>,
-    /// Terms behind the lens that the model contains, with their parameters.
-    pub terms: Vec<crate::camera::Term>,
-    /// Parameters of the camera that are free in the baseline.
-    pub solve: Vec<String>,
-    /// Leave out stars without known proper motion.
-    pub proper_motion_only: bool,
-    /// Image conditions of the recording, where it has pixels: the columns of effects on pixels are then rendered and measured.
-    pub looks: Option<ImageConditions>,
-}
-
-/// Image conditions: what has to be known to render the stars of a recording as they are.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct ImageConditions {
-    /// Width of the typical image (Gaussian σ before the pixel integrates it), px.
-    pub psf_sigma_px: f64,
-    /// Level of the sky, electrons per pixel.
-    pub background_e: f64,
-    /// Noise of a pixel of the sky (standard deviation), electrons.
-    pub noise_e: f64,
-}
-
-impl Default for DiagnoseOptions {
-    fn default() -> Self {
-        Self {
-            nulls: 1000,
-            alpha: 3e-4,
-            half_nights: 0,
-            seed: 0,
-            physics: Vec::new(),
-            terms: Vec::new(),
-            solve: crate::camera::PARAMETER_NAMES.map(str::to_owned).to_vec(),
-            proper_motion_only: false,
-            looks: None,
-        }
-    }
-}
-
-/// Why there is no diagnosis.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum DiagnoseError {
-    /// The baseline cannot be fitted.
-    #[error("the camera that the recording is held against cannot be fitted: {0}")]
-    Baseline(#[from] CalibrateError),
-    /// Too little to judge.
-    #[error("{images} star images in {frames} frames are too few to judge anything beside attitudes and camera: give more frames")]
-    TooFew {
-        /// Star images.
-        images: usize,
-        /// Frames.
-        frames: usize,
-    },
-}
-
-/// Numbers of a frame that a mismatch may follow, by name: `temperature`, and every extra number of the manifest under its own name.
-pub type Telemetry = Vec<BTreeMap<String, f64>>;
-
-/// Diagnoses the control points of a recording. `telemetry` by frame; may be empty.
-pub fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &DiagnoseOptions) -> Result<Diagnosis, DiagnoseError> {
-    run::diagnose(points, telemetry, options, &|_| ())
-}
-
-/// The same, telling `tell` each step as it begins.
-pub fn diagnose_with_progress(
-    points: &ControlPoints,
-    telemetry: &Telemetry,
-    options: &DiagnoseOptions,
-    tell: &dyn Fn(Step),
-) -> Result<Diagnosis, DiagnoseError> {
-    run::diagnose(points, telemetry, options, tell)
-}

@@ -1,9 +1,9 @@
 //! Omnibus test: the most significant hypothesis and the most significant covariate, against their null distributions.
 
-use super::DiagnoseOptions;
 use super::evidence::Evidence;
 use super::fit_state::FitState;
 use super::null_distribution::{NullDistribution, family_p, family_p_error};
+use super::options::DiagnoseOptions;
 use super::scan::{Asks, Scan};
 
 /// Where the decision is near, up to this many times the simulations asked for are added.

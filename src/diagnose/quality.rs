@@ -1,12 +1,12 @@
 //! Quality of fit of a model, and which star images took part.
 
-use super::DiagnoseOptions;
 use super::crossfit::CrossFit;
 use super::diagnosis::{FitQuality, MeasuredNoise, NoiseState, ResidualRow, StarsUsed, Unused};
 use super::evidence::Evidence;
 use super::fit_state::{FitState, SelectedEffect};
 use super::linear_system::{Whitened, dot};
 use super::noise::NoiseModel;
+use super::options::DiagnoseOptions;
 use crate::identify::ControlPoints;
 use crate::statistics::student_t::{psi_of, weight};
 

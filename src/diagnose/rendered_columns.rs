@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::ImageConditions;
+use super::options::ImageConditions;
 use super::star_images::{StarImages, WITHIN_REACH_PX};
 use crate::calibrate::BundleSolution;
 use crate::detect::{FixedBackground, fit_forced};

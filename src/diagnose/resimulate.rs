@@ -1,13 +1,13 @@
 //! Resimulation of the recording with the findings: every star is sent through camera and sky as a renderer sends it, without linearisation, and
 //! the result is fitted by the same model as the real recording. If the findings are what was missing, the two differ by errors alone.
 
-use super::DiagnoseOptions;
 use super::evidence::Evidence;
 use super::final_fit::FinalFit;
 use super::fit_state::{FitState, SelectedEffect};
 use super::linear_fit::Fit;
 use super::linear_system::{Whitened, WhitenedSystem};
 use super::null_distribution::{NullDistribution, family_p};
+use super::options::DiagnoseOptions;
 use super::scan::{Asks, Scan};
 use super::star_images::StarImages;
 use crate::calibrate::{BundleSolution, Column, FixedNoise};

@@ -2,12 +2,20 @@
 
 use std::time::Instant;
 
+use super::diagnosis::Diagnosis;
+use super::error::DiagnoseError;
+use super::options::{DiagnoseOptions, Telemetry};
 use super::stages::{Baseline, Judged, Reported, Screened, Selected, Solved, Validated};
-use super::{DiagnoseError, DiagnoseOptions, Diagnosis, Step, Telemetry};
+use super::step::Step;
 use crate::identify::ControlPoints;
 
-/// See [`super::diagnose`].
-pub(super) fn diagnose(
+/// Diagnoses the control points of a recording. `telemetry` by frame; may be empty.
+pub fn diagnose(points: &ControlPoints, telemetry: &Telemetry, options: &DiagnoseOptions) -> Result<Diagnosis, DiagnoseError> {
+    diagnose_with_progress(points, telemetry, options, &|_| ())
+}
+
+/// The same, calling `on_step` as each step begins.
+pub fn diagnose_with_progress(
     points: &ControlPoints,
     telemetry: &Telemetry,
     options: &DiagnoseOptions,

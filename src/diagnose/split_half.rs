@@ -13,10 +13,10 @@ use rand::{SeedableRng, seq::SliceRandom};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
-use super::DiagnoseOptions;
 use super::diagnosis::HalfNights;
 use super::final_fit::FinalFit;
 use super::null_distribution::family_p;
+use super::options::DiagnoseOptions;
 use super::scan::{Asks, Scan};
 
 /// Simulations of each split.

@@ -49,6 +49,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("exchange", &["calibrate"]),
     ("pipeline", &["diagnose", "calibrate", "identify", "detect"]),
     ("blind", &["pipeline", "diagnose", "calibrate", "identify", "detect"]),
+    ("error", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose", "exchange", "pipeline"]),
     ("formats", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose", "pipeline", "blind", "exchange"]),
     ("report", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose"]),
     (

@@ -1,7 +1,7 @@
 //! Covariates of a frame: time, temperature, rate and every number of its telemetry. Each multiplies simple fields, less what the frame's attitude
 //! takes up of them.
 
-use super::{BINS, Carrier, Covariate, Fields, bins, varies};
+use super::covariate::{BINS, Carrier, Covariate, Fields, Separated, bins, varies};
 use crate::calibrate::{BundleSolution, Column};
 use crate::diagnose::star_images::StarImages;
 
@@ -17,29 +17,6 @@ const OF_FRAMES: [Carrier; 6] = [
     |[x, y]| [x * x - y * y, -2.0 * x * y],
     |[x, y]| [2.0 * x * y, x * x - y * y],
 ];
-
-/// A pattern whose columns are fields over the frame, each times a number of the frame.
-#[derive(Clone, Debug)]
-pub(in crate::diagnose) struct Separated {
-    /// The fields.
-    pub(in crate::diagnose) carriers: Vec<Column>,
-    /// Of each column: which field, and the number of every frame.
-    pub(in crate::diagnose) columns: Vec<(usize, Vec<f64>)>,
-}
-
-impl Separated {
-    fn new(fields: &Fields, carriers: &[Carrier], columns: Vec<(usize, Vec<f64>)>) -> Self {
-        Self { carriers: carriers.iter().map(|carrier| fields.each(|_, place| carrier(place))).collect(), columns }
-    }
-
-    /// The columns of the pattern, each image's frame being `place`.
-    fn pattern(&self, place: &[usize]) -> Vec<Column> {
-        let of = |(carrier, number): &(usize, Vec<f64>)| {
-            self.carriers[*carrier].iter().zip(place).map(|(field, place)| field.map(|value| value * number[*place])).collect()
-        };
-        self.columns.iter().map(of).collect()
-    }
-}
 
 /// The number of each image's frame.
 fn by_image(numbers: &[f64], stars: &StarImages) -> Vec<f64> {

@@ -4,53 +4,20 @@
 //! linear fields); one that belongs to a frame (its temperature) multiplies what the frame's attitude leaves of them. Each is tried twice,
 //! in proportion to the covariate and in bins of equal counts, so that laws of any shape are seen.
 
+mod covariate;
 mod frames;
 mod patterns;
 mod places;
 mod stars;
 
-pub(super) use frames::Separated;
+pub(super) use covariate::{Covariate, Separated};
 
-use super::Telemetry;
+use self::covariate::Fields;
+use super::options::Telemetry;
 use super::star_images::{REACH_PX, StarImages, WITHIN_REACH_PX};
-use crate::calibrate::{BundleSolution, Column};
+use crate::calibrate::BundleSolution;
 use crate::effects::DISPLACEMENTS;
 use crate::identify::ControlPoints;
-
-/// Bins of equal counts.
-const BINS: usize = 8;
-
-/// A covariate with its patterns.
-#[derive(Clone, Debug)]
-pub(super) struct Covariate {
-    /// Its name in files.
-    pub(super) name: String,
-    /// Its value for every star image, NaN where it is not known.
-    pub(super) values: Vec<f64>,
-    /// The direction in which it displaces, where it has one of its own (toward the zenith).
-    pub(super) direction: Option<Column>,
-    /// Patterns of residuals, each a set of columns that are tried together.
-    pub(super) patterns: Vec<Vec<Column>>,
-    /// For a covariate that belongs to the frames: its first patterns once more, the frames' numbers apart from the fields that they multiply.
-    pub(super) by_frame: Vec<Separated>,
-}
-
-/// A vector field over the frame, of (ξ, η).
-type Carrier = fn([f64; 2]) -> [f64; 2];
-
-const SHIFT: [Carrier; 2] = [|_| [1.0, 0.0], |_| [0.0, 1.0]];
-
-/// The frame's geometry for patterns.
-struct Fields {
-    /// ξ, η: from the middle of the frame, in half its width.
-    place: Vec<[f64; 2]>,
-}
-
-impl Fields {
-    fn each(&self, field: impl Fn(usize, [f64; 2]) -> [f64; 2]) -> Column {
-        self.place.iter().enumerate().map(|(k, place)| field(k, *place)).collect()
-    }
-}
 
 /// All that the recording has.
 pub(super) fn covariates(joint: &BundleSolution, stars: &StarImages, points: &ControlPoints, telemetry: &Telemetry) -> Vec<Covariate> {
@@ -105,23 +72,4 @@ pub(super) fn covariates(joint: &BundleSolution, stars: &StarImages, points: &Co
     all.extend(stars::stars(stars));
     all.retain(|covariate| !covariate.patterns.is_empty());
     all
-}
-
-/// Bins of equal counts: for each image its bin.
-fn bins(values: &[f64], count: usize) -> Vec<Option<usize>> {
-    let mut known: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
-    known.sort_by(f64::total_cmp);
-    if known.is_empty() {
-        return vec![None; values.len()];
-    }
-    let mut edges: Vec<f64> = (1..count).map(|k| known[k * known.len() / count]).collect();
-    edges.dedup();
-    let of = |value: &f64| value.is_finite().then(|| edges.partition_point(|edge| edge <= value));
-    values.iter().map(of).collect()
-}
-
-fn varies(values: &[f64]) -> bool {
-    let known: Vec<f64> = values.iter().copied().filter(|value| value.is_finite()).collect();
-    let (least, most) = known.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
-    known.len() * 2 > values.len() && most - least > 1e-9 * most.abs().max(least.abs())
 }

@@ -1,6 +1,6 @@
 //! The patterns over the field by which residuals are held against a covariate: bins, products and maps.
 
-use super::{Carrier, Fields, bins};
+use super::covariate::{Carrier, Fields, bins};
 use crate::calibrate::Column;
 
 /// Shifts, and fields linear in x and y.

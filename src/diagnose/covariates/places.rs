@@ -1,7 +1,7 @@
 //! Covariates of position: rows and columns, radius and azimuth, edges, halves, phases within a pixel, and maps.
 
+use super::covariate::{BINS, Carrier, Covariate, Fields, SHIFT};
 use super::patterns::{LINEAR, binned, legendre, times};
-use super::{BINS, Carrier, Covariate, Fields, SHIFT};
 use crate::calibrate::Column;
 use crate::diagnose::star_images::StarImages;
 

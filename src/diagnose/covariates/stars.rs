@@ -1,8 +1,8 @@
 //! Covariates of a star image: its colour, its brightness, the slope of the background about it, the star itself, and the directions in which
 //! effects of known geometry would displace it.
 
+use super::covariate::{BINS, Carrier, Covariate, Fields, bins, varies};
 use super::patterns::{LINEAR, binned, legendre, times};
-use super::{BINS, Carrier, Covariate, Fields, bins, varies};
 use crate::calibrate::{BundleSolution, Column};
 use crate::diagnose::star_images::StarImages;
 use crate::identify::ControlPoints;

@@ -4,13 +4,14 @@ use std::sync::Arc;
 
 use crate::calibrate::{BundleSolution, CalibrateOptions};
 use crate::camera::Term;
+use crate::diagnose::error::DiagnoseError;
 use crate::diagnose::evidence::Evidence;
 use crate::diagnose::final_fit::solve_again;
 use crate::diagnose::fit_state::FitState;
 use crate::diagnose::noise::NoiseModel;
+use crate::diagnose::options::{DiagnoseOptions, Telemetry};
 use crate::diagnose::rendered_columns::{self, Rendered};
 use crate::diagnose::star_images::StarImages;
-use crate::diagnose::{DiagnoseError, DiagnoseOptions, Telemetry};
 use crate::identify::ControlPoints;
 
 /// Fewer numbers beyond the parameters say nothing.

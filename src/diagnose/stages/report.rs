@@ -4,6 +4,7 @@ use super::Judged;
 use crate::diagnose::channels::{ChannelReport, ChannelVerdict, Channels, Detectable};
 use crate::diagnose::cross_validation::Withheld;
 use crate::diagnose::diagnosis::{Diagnosis, EffectState, FORMAT, Finding, Fit};
+use crate::diagnose::error::DiagnoseError;
 use crate::diagnose::final_fit::FinalFit;
 use crate::diagnose::findings;
 use crate::diagnose::fit_state::{FitState, SelectedEffect};
@@ -17,7 +18,7 @@ use crate::diagnose::resolved::{bound, least_p, told};
 use crate::diagnose::scan::Scan;
 use crate::diagnose::split_half::half_nights;
 use crate::diagnose::verdict::Verdict;
-use crate::diagnose::{DiagnoseError, Step, unexplained, wording};
+use crate::diagnose::{Step, unexplained, wording};
 
 /// A covariate is named of a channel below this probability.
 const LOCATES_P: f64 = 0.01;

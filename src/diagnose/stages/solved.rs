@@ -2,7 +2,7 @@
 
 use super::Validated;
 use crate::camera::Model;
-use crate::diagnose::DiagnoseError;
+use crate::diagnose::error::DiagnoseError;
 use crate::diagnose::final_fit::FinalFit;
 use crate::diagnose::fit_state::SelectedEffect;
 use crate::diagnose::omnibus::Omnibus;

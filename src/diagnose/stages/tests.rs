@@ -3,9 +3,11 @@
 use super::{Baseline, Judged, Reported, Screened, Selected, Solved, Validated};
 use crate::calibrate::trial::Trial;
 use crate::catalog::Catalog;
+use crate::diagnose::Verdict;
 use crate::diagnose::cross_validation::Confirmed;
+use crate::diagnose::error::DiagnoseError;
 use crate::diagnose::fit_state::SelectedEffect;
-use crate::diagnose::{DiagnoseError, DiagnoseOptions, Telemetry, Verdict};
+use crate::diagnose::options::{DiagnoseOptions, Telemetry};
 use crate::effects::ids;
 use crate::identify::ControlPoints;
 

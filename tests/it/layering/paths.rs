@@ -6,6 +6,9 @@ use syn::buffer::Cursor;
 use syn::parse::ParseStream;
 use syn::visit::{self, Visit};
 
+/// The macro that re-exports what is public with a feature alone.
+const REEXPORT: &str = "inner";
+
 /// One path of a file.
 pub(super) struct Named {
     /// As written; one that a `use` takes everything from ends in `*`.
@@ -48,6 +51,7 @@ pub(super) fn read(below_src: &Path, text: &str) -> Source {
     reader.visit_file(&file);
     let is_code = |item: &syn::Item| match item {
         syn::Item::Mod(module) => module.content.is_some() && !is_for_tests(&module.attrs),
+        syn::Item::Macro(called) => !called.mac.path.is_ident(REEXPORT),
         item => !matches!(item, syn::Item::Use(_)),
     };
     Source { named: reader.named, has_code: file.items.iter().any(is_code) }
@@ -142,6 +146,12 @@ impl<'ast> Visit<'ast> for Reader {
 
     fn visit_macro(&mut self, called: &'ast syn::Macro) {
         self.visit_path(&called.path);
+        // The macro of the crate that re-exports: what it is given is the tree of a `use`.
+        if called.path.is_ident(REEXPORT) {
+            let tree = called.parse_body::<syn::UseTree>().expect("`inner!` is given the tree of a `use`");
+            self.imported(&tree, &[], true);
+            return;
+        }
         let read = |input: ParseStream<'_>| {
             input.step(|cursor| {
                 self.tokens(*cursor);
