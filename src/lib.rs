@@ -110,7 +110,6 @@ pub mod detect;
 pub mod diagnose;
 pub mod effects;
 pub mod exchange;
-pub mod formats;
 pub mod frame;
 pub mod identify;
 pub mod pipeline;
@@ -124,6 +123,8 @@ pub mod scene;
 pub mod blind;
 #[cfg(feature = "bench")]
 pub mod dual;
+#[cfg(feature = "bench")]
+pub mod formats;
 #[cfg(feature = "bench")]
 pub mod gpu;
 #[cfg(feature = "bench")]
@@ -141,6 +142,8 @@ pub mod units;
 
 #[cfg(not(feature = "bench"))]
 mod dual;
+#[cfg(not(feature = "bench"))]
+mod formats;
 #[cfg(not(feature = "bench"))]
 mod gpu;
 #[cfg(not(feature = "bench"))]

@@ -41,18 +41,20 @@ pub use calibration::{
     AttitudeSigma, Calibration, Candidate, Combination, FORMAT, FrameResult, Iteration, LeftOpen, LeftOutCount, MapSigma, ModelSelection,
     NoiseFound, ParameterEstimate, PointResult, Reidentified, Status, Systematic,
 };
-pub use compare::{Comparison, FORMAT as COMPARE_FORMAT, MapChange, ParameterDifference, compare, map_change};
+pub use compare::{Comparison, MapChange, ParameterDifference, compare, map_change};
 pub use error::CalibrateError;
-pub use files::{
-    CalibrateResult, CompareResult, DifferenceLimit, MapResult, MisidentifiedPoint, SolvedCamera, UnsolvedCamera, UpdateResult,
-};
 pub use lit::LitCircle;
-pub use map::{FORMAT as MAP_FORMAT, Map, MapPoint, MappingError, map, map_sigma};
+pub use map::{Map, MapPoint, MappingError, map, map_sigma};
 pub use options::{AttitudeModel, CalibrateOptions, Method, ParameterPrior};
 pub use select::LeftOutReason;
 pub use sequential::{Drift, OnChange, ParameterChange, SEQUENTIAL_FORMAT, Sequential, SequentialError, UpdateOptions, UpdateReport};
 pub use solve::{calibrate, check_parameter_name};
 pub use systematics::Surroundings;
+inner!(files::{
+    CalibrateResult, CompareResult, DifferenceLimit, MapResult, MisidentifiedPoint, SolvedCamera, UnsolvedCamera, UpdateResult,
+});
+inner!(compare::FORMAT as COMPARE_FORMAT);
+inner!(map::FORMAT as MAP_FORMAT);
 inner!(joint::{BundleImage, BundleSolution, Column, FixedNoise, MAX_FRAME_PARAMETERS});
 inner!(map::{map_difference, mapping_error_of_models_px, mapping_error_px});
 inner!(reidentify::{MeasuredStarImage, calibrate_identifying_anew});

@@ -53,7 +53,7 @@ mod work;
 pub use epsf::{EmpiricalPsf, PsfReport};
 pub use measure::detect;
 pub use moments::Moments;
-pub use result::{DetectResult, DetectedFrame, FORMAT};
+inner!(result::{DetectResult, DetectedFrame, FORMAT});
 inner!(epsf_build::{PsfStar, learn});
 inner!(forced_fit::{FixedBackground, ForcedFit, fit_forced});
 inner!(measure::{Aids, detect_aided});

@@ -59,8 +59,8 @@ pub use channels::{ByChannel, Channel, ChannelMeasure, ChannelReport, ChannelVer
 pub use diagnosis::*;
 pub use error::DiagnoseError;
 pub use options::{DiagnoseOptions, ImageConditions, Telemetry};
-pub use result::{AnsweredDiagnosis, DiagnoseResult, UnaskedDiagnosis};
 pub use run::{diagnose, diagnose_with_progress};
 pub use step::Step;
 pub use verdict::{Bound, Verdict};
+inner!(result::{AnsweredDiagnosis, DiagnoseResult, UnaskedDiagnosis});
 inner!(profile::PREDICTED);

@@ -51,7 +51,6 @@ pub use displacement::{
 pub use facts::{Facts, OrdinarySize, UsualSize};
 pub use registry::{DISPLACEMENTS, Effect, displacement, effect, effects};
 pub use rendering::Rendering;
-pub use result::{EffectList, LIST_FORMAT, ListedEffect, ListedParameter};
 pub use star_image::{Signature, Signatures, StarImage};
 inner!(displacement::invert);
 inner!(facts::{id_of, stem_of});
@@ -59,3 +58,4 @@ inner!(page::{PAGE_HEADINGS, page_as_text, page_of});
 inner!(star_image::{MAX_SHIFTS, MAX_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE});
 
 pub use crate::dual::{Dual, Jet, Real};
+inner!(result::{EffectList, LIST_FORMAT, ListedEffect, ListedParameter});

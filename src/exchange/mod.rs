@@ -32,7 +32,7 @@ use serde::{Deserialize, Serialize};
 pub use error::ExchangeError;
 pub use fit::Residual;
 pub use foreign::{IMPORT_FORMAT, Imported, detect, import};
-pub use result::{ExportResult, ImportResult};
+inner!(result::{ExportResult, ImportResult});
 
 use crate::calibrate::{Calibration, FrameResult};
 use crate::camera::{Model, SkyChain};

@@ -56,7 +56,7 @@ pub use preidentified::PreidentifiedError;
 pub use prior_attitude::AttitudePrior;
 pub use projection::Projection;
 pub use refusal::{NoMatch, Refusal};
-pub use result::{FORMAT, FrameResult, FrameStatus, IdentifyResult, MisnamedMatch, NamedStar};
+inner!(result::{FORMAT, IdentifyFrameResult, FrameStatus, IdentifyResult, MisnamedMatch, NamedStar});
 inner!(control::{common_projection, image_state});
 inner!(misidentify::misidentify);
 inner!(preidentified::{ASSUMED_EPOCH_YR, add_listed_points, handedness, listed_control_points, listed_covariance_px2});

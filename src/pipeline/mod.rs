@@ -21,7 +21,7 @@ use crate::statistics::median_in_place;
 pub use dark::{Dark, DarkError};
 pub use frames::{Centroid, IdentifiedFrame, MeasureOptions, identify_frames, measure, measure_frames};
 pub use prepare::{DiagnosisInput, DiagnosisRequest, PreparedPoints, control_points, diagnosis_request, telemetry};
-pub use result::{CameraRow, ParameterRow, RUN_FORMAT, RunResult};
+inner!(result::{CameraRow, ParameterRow, RUN_FORMAT, RunResult});
 inner!(frames::{circumstances, physics_in_force, take_identifications});
 inner!(one_camera::{check_focal_lengths, check_sizes});
 inner!(prepare::{known_behind_the_lens, star_images, with_name});

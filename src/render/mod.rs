@@ -10,11 +10,11 @@ mod truth;
 
 pub use crate::imaging::{Backend, GpuError, Image16, ImagingError};
 pub use mask::MaskFlag;
-pub use result::{
+pub use truth::{TrueLight, TrueStar};
+inner!(result::{
     SIGNATURE_FORMAT, SIMULATE_FORMAT, SignatureResult, SignatureStar, SignatureSummary, SimulateResult, SimulatedTruth, TRUTH_FORMAT,
     TrueEffect, TrueFrame,
-};
-pub use truth::{TrueLight, TrueStar};
+});
 inner!(signature::{MeasuredStar, StampRenderer, TestStar, signature});
 
 use std::collections::HashMap;

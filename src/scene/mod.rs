@@ -36,14 +36,14 @@ pub use file::{FrameTable, MountTable, NominalTable, SceneFile, SeriesTable, Sit
 pub use lights::{CosmicRayTable, GhostTable, StreakKind, StreakTable};
 pub use motion::{BandTable, JitterTable, LineTable};
 pub use orbit::OrbitTable;
-pub use presets::{ListedPreset, PRESET_FORMAT, PresetList};
 pub use psf::PsfKind;
 pub use psf_table::{PixelTable, PsfTable, VaryTable};
-pub use schema::{FORMAT, schema};
+pub use schema::schema;
+inner!(schema::FORMAT);
 inner!(file::DEMO_TOML);
 inner!(lights::{LIGHT_PAGES, LightForm, LightKind, LightPage, OtherLight});
 inner!(motion::{EARTH_RATE_RAD_S, Motion});
-inner!(presets::{PRESETS, Preset, preset});
+inner!(presets::{ListedPreset, PRESET_FORMAT, PRESETS, Preset, PresetList, preset});
 inner!(psf::{Psf, PsfNodes, Spot, Third});
 inner!(spline::RotationSpline);
 inner!(track::{Sample, StarTrack});
