@@ -13,7 +13,7 @@ pub use mask::MaskFlag;
 pub use truth::{TrueLight, TrueStar};
 inner!(result::{
     SIGNATURE_FORMAT, SIMULATE_FORMAT, SignatureResult, SignatureStar, SignatureSummary, SimulateResult, SimulatedTruth, TRUTH_FORMAT,
-    TrueEffect, TrueFrame,
+    TruthEffect, TrueFrame,
 });
 inner!(signature::{MeasuredStar, StampRenderer, TestStar, signature});
 
