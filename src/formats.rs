@@ -95,7 +95,7 @@ pub static FORMATS: &[FileFormat] = &[
     FileFormat::of_result::<ImportResult>("import", IMPORT_FORMAT, "the camera of another program"),
     FileFormat::of_result::<RunResult>("run", RUN_FORMAT, "a simulated night against its truth"),
     FileFormat::of_result::<RunResult>("demo", RUN_FORMAT, "the same of the built-in scene"),
-    FileFormat::of_result::<catalog::ImportResult>("catalog-import", catalog::IMPORT_FORMAT, "a catalogue that was made"),
+    FileFormat::of_result::<catalog::CatalogImportResult>("catalog-import", catalog::IMPORT_FORMAT, "a catalogue that was made"),
     FileFormat::of_result::<BlindResult>("blind", SCORE_FORMAT, "the steps of the benchmark"),
     FileFormat::of_result::<EffectList>("effects", LIST_FORMAT, "the effects of this build"),
     FileFormat::of_result::<SignatureResult>("signature", SIGNATURE_FORMAT, "effects --signature: what an effect on pixels does to stars"),

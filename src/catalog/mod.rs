@@ -24,7 +24,7 @@ pub use error::CatalogError;
 pub use join::{ImportReport, import_catalog};
 pub use names::star_name;
 pub use position_error::{KNOWN_PROPER_MOTION_SIGMA_RAD_YR, POSITION_SIGMA_RAD, expected_proper_motion_sigma_rad_yr};
-pub use result::{IMPORT_FORMAT, ImportResult};
+pub use result::{CatalogImportResult, IMPORT_FORMAT};
 
 /// A catalogue star.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -11,7 +11,7 @@ pub const IMPORT_FORMAT: &str = "boresight-catalog-import/1";
 
 /// A catalogue that was made.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
-pub struct ImportResult {
+pub struct CatalogImportResult {
     /// [`IMPORT_FORMAT`].
     pub format: &'static str,
     /// What was read and joined.

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use boresight::catalog::{IMPORT_FORMAT, ImportReport, ImportResult, import_catalog};
+use boresight::catalog::{CatalogImportResult, IMPORT_FORMAT, ImportReport, import_catalog};
 use boresight::guard::guarded;
 use boresight::recording::{check_file, write_file};
 use clap::{Args, Subcommand};
@@ -51,7 +51,8 @@ pub(crate) fn catalog(command: &CatalogCommand) -> Result<Answer> {
     let bytes = catalog.to_bytes()?;
     write_file(&args.output, &bytes)?;
     let file = args.output.display().to_string();
-    let object = ImportResult { format: IMPORT_FORMAT, report, file, bytes: bytes.len(), sha256: catalog.sha256.clone(), provenance };
+    let object =
+        CatalogImportResult { format: IMPORT_FORMAT, report, file, bytes: bytes.len(), sha256: catalog.sha256.clone(), provenance };
     if args.json {
         output::print(&output::json_text(&object)?)?;
     } else {
@@ -60,7 +61,7 @@ pub(crate) fn catalog(command: &CatalogCommand) -> Result<Answer> {
     Ok(Answer::Yes)
 }
 
-fn text(object: &ImportResult) -> String {
+fn text(object: &CatalogImportResult) -> String {
     let ImportReport { kind, stars_read, stars, in_hipparcos, motions_from_places, added_from_hipparcos, v_scatter_mag, epoch_yr, .. } =
         &object.report;
     let without = match object.report.without_magnitude {

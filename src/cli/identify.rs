@@ -10,7 +10,7 @@ use boresight::effects::ids;
 use boresight::effects::{StarImage, StarState};
 use boresight::exchange::Places;
 use boresight::identify::{
-    AttitudePrior, ControlPoint, ControlPoints, FORMAT, FrameResult, FrameStatus, Identification, IdentifyOptions, IdentifyResult,
+    AttitudePrior, ControlPoint, ControlPoints, FORMAT, FrameAnswer, FrameStatus, Identification, IdentifyOptions, IdentifyResult,
     MisnamedMatch, NamedStar, Solution, misidentify,
 };
 use boresight::report;
@@ -127,8 +127,8 @@ impl SearchArgs {
 }
 
 /// A frame as the result has it.
-fn shown_frame(frame: &pipeline::MeasuredFrame, identified: &IdentifiedFrame, catalog: &Catalog, time_known: bool) -> FrameResult {
-    let mut object = FrameResult {
+fn shown_frame(frame: &pipeline::MeasuredFrame, identified: &IdentifiedFrame, catalog: &Catalog, time_known: bool) -> FrameAnswer {
+    let mut object = FrameAnswer {
         file: frame.name.clone(),
         status: FrameStatus::NotIdentified,
         reason: None,
@@ -158,7 +158,7 @@ fn shown_frame(frame: &pipeline::MeasuredFrame, identified: &IdentifiedFrame, ca
 }
 
 /// Adds what its solution says.
-fn fill(object: &mut FrameResult, frame: &pipeline::MeasuredFrame, identified: &IdentifiedFrame, solution: &Solution, catalog: &Catalog) {
+fn fill(object: &mut FrameAnswer, frame: &pipeline::MeasuredFrame, identified: &IdentifiedFrame, solution: &Solution, catalog: &Catalog) {
     let (ra, dec) = identified.sky.icrs_from_apparent(&solution.centre()).radec_rad();
     object.status = FrameStatus::Identified;
     object.centre_radec_deg = Some([ra / DEG_RAD, dec / DEG_RAD]);
@@ -195,7 +195,7 @@ fn fill(object: &mut FrameResult, frame: &pipeline::MeasuredFrame, identified: &
 }
 
 /// The rows of a frame's matches.
-fn rows<'a>(shown: &'a FrameResult, frame: usize, catalog: &'a Catalog, sky: &'a SkyChain) -> impl Iterator<Item = MatchRow<'a>> {
+fn rows<'a>(shown: &'a FrameAnswer, frame: usize, catalog: &'a Catalog, sky: &'a SkyChain) -> impl Iterator<Item = MatchRow<'a>> {
     shown.matches.iter().map(move |named| {
         let star = catalog.by_hip(named.hip);
         let place = star.map(|star| sky.place(star, catalog.epoch_yr));
@@ -229,7 +229,7 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
     let measured = pipeline::measure_as(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
     let options = args.search.options(&measured);
     let identified = pipeline::identify_frames(&measured, &catalog, &args.sky.choice(), &options)?;
-    let mut frames: Vec<FrameResult> = measured
+    let mut frames: Vec<FrameAnswer> = measured
         .frames
         .iter()
         .zip(&identified)
@@ -298,7 +298,7 @@ fn write_files(
 /// Gives a share of the matches a wrong star. A match that gets a direction without a star is taken out. The second value is a sentence if
 /// they are fewer than asked for.
 fn misname(
-    frames: &mut [FrameResult],
+    frames: &mut [FrameAnswer],
     identified: &[IdentifiedFrame],
     catalog: &Catalog,
     share: f64,
@@ -355,7 +355,7 @@ fn misname(
     (listed, too_few)
 }
 
-fn text(frames: &[FrameResult]) -> String {
+fn text(frames: &[FrameAnswer]) -> String {
     let number = |value: Option<f64>, digits: usize| value.map_or_else(String::new, |value| format!("{value:.digits$}"));
     let rows: Vec<Vec<String>> = frames
         .iter()

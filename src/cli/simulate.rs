@@ -15,7 +15,7 @@ use boresight::recording::{
     CameraInfo, FitsHeaders, Form, FrameEntry, FrameSize, Mount, OutputDirectory, Recording, Shutter, Site, write_file, write_fits_f32,
     write_fits_u8, write_fits_u16, write_manifest_of,
 };
-use boresight::render::{MaskFlag, Renderer, SIMULATE_FORMAT, SimulateResult, SimulatedTruth, TRUTH_FORMAT, TrueEffect, TrueFrame};
+use boresight::render::{MaskFlag, Renderer, SIMULATE_FORMAT, SimulateResult, SimulatedTruth, TRUTH_FORMAT, TrueDisplacement, TrueFrame};
 use boresight::scene::{Exposure, Scene};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -252,7 +252,7 @@ fn mask_file(frame: usize) -> String {
 }
 
 fn true_frame(frame: usize, scene: &Scene, exposure: &Exposure, wanted: TruthArgs) -> TrueFrame {
-    let term = |(id, parameters): (&'static str, &[f64])| TrueEffect { id, parameters: by_name(id, parameters) };
+    let term = |(id, parameters): (&'static str, &[f64])| TrueDisplacement { id, parameters: by_name(id, parameters) };
     let turned = |seconds: f64| exposure.motion.attitude(&exposure.course, seconds);
     TrueFrame {
         frame,

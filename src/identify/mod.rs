@@ -56,7 +56,7 @@ pub use preidentified::{
 };
 pub use prior_attitude::AttitudePrior;
 pub use projection::Projection;
-pub use result::{FORMAT, FrameResult, FrameStatus, IdentifyResult, MisnamedMatch, NamedStar};
+pub use result::{FORMAT, FrameAnswer, FrameStatus, IdentifyResult, MisnamedMatch, NamedStar};
 pub use solution::catalog_directions;
 
 /// A detection with its catalogue star.

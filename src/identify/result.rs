@@ -16,7 +16,7 @@ pub struct IdentifyResult<'a> {
     /// [`FORMAT`].
     pub format: &'static str,
     /// The frames that were measured.
-    pub frames: Vec<FrameResult>,
+    pub frames: Vec<FrameAnswer>,
     /// Ids of the effects that the star directions contain, in every frame.
     pub physics: Vec<&'static str>,
     /// Frames that could not be read.
@@ -54,7 +54,7 @@ impl FrameStatus {
 
 /// One frame of the result. What is absent is not known of a frame that is not identified.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
-pub struct FrameResult {
+pub struct FrameAnswer {
     /// The frame's file, or its number.
     pub file: String,
     /// Whether it is identified.

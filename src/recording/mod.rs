@@ -47,7 +47,9 @@ pub use error::{FrameProblem, FrameSize, ManifestKey, RecordingError};
 pub use image_file::load as load_image;
 pub use manifest::FORMAT;
 pub use output::{OutputDirectory, OutputError, ResultFolder, abandon, check_file, write_file};
-pub use schema::{CameraTable, FrameTable, MountTable, RecordingFile, STAR_LIST_FORMAT, SiteTable, StarListRow};
+pub use schema::{
+    RecordingCameraTable, RecordingFile, RecordingFrameTable, RecordingMountTable, RecordingSiteTable, STAR_LIST_FORMAT, StarListRow,
+};
 pub use star_list::{ListedStar, StarList};
 pub use told::{GivenCircumstances, ToldError};
 pub use write::{

@@ -21,22 +21,22 @@ pub struct RecordingFile {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stars: Option<String>,
     /// The camera as its maker or the ground knows it.
-    pub camera: CameraTable,
+    pub camera: RecordingCameraTable,
     /// How it stands.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub mount: Option<MountTable>,
+    pub mount: Option<RecordingMountTable>,
     /// Where on the ground it stands.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub site: Option<SiteTable>,
+    pub site: Option<RecordingSiteTable>,
     /// The frames, in order.
     #[serde(default)]
-    pub frames: Vec<FrameTable>,
+    pub frames: Vec<RecordingFrameTable>,
 }
 
 /// `[camera]`.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
-pub struct CameraTable {
+pub struct RecordingCameraTable {
     /// Columns of a frame.
     #[schemars(range(min = 1, max = 1_048_576))]
     pub width_px: usize,
@@ -103,7 +103,7 @@ pub struct CameraTable {
 /// `[mount]`.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
-pub struct MountTable {
+pub struct RecordingMountTable {
     /// Free, or fixed to the turning Earth.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kind: Option<Mount>,
@@ -112,7 +112,7 @@ pub struct MountTable {
 /// `[site]`.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 #[schemars(deny_unknown_fields)]
-pub struct SiteTable {
+pub struct RecordingSiteTable {
     /// Latitude, north positive.
     #[schemars(range(min = -90, max = 90))]
     pub latitude_deg: f64,
@@ -139,7 +139,7 @@ pub struct SiteTable {
 
 /// `[[frames]]`.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
-pub struct FrameTable {
+pub struct RecordingFrameTable {
     /// The image, relative to the folder; absent where the recording has a star list, required else.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub file: Option<String>,
@@ -247,9 +247,12 @@ mod tests {
         let of = |names: &[&'static str]| names.iter().copied().collect::<BTreeSet<_>>();
         assert_eq!(keys(&schema), of(TOP_KEYS));
         assert_eq!(required(&schema), of(&["format", "camera"]));
-        for (table, known) in
-            [("CameraTable", CAMERA_KEYS), ("MountTable", MOUNT_KEYS), ("SiteTable", SITE_KEYS), ("FrameTable", FRAME_KEYS)]
-        {
+        for (table, known) in [
+            ("RecordingCameraTable", CAMERA_KEYS),
+            ("RecordingMountTable", MOUNT_KEYS),
+            ("RecordingSiteTable", SITE_KEYS),
+            ("RecordingFrameTable", FRAME_KEYS),
+        ] {
             assert_eq!(keys(&schema["$defs"][table]), of(known), "{table}");
         }
         let row = schemars::schema_for!(StarListRow).to_value();

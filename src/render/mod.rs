@@ -11,7 +11,7 @@ mod truth;
 pub use mask::MaskFlag;
 pub use result::{
     SIGNATURE_FORMAT, SIMULATE_FORMAT, SignatureResult, SignatureStar, SignatureSummary, SimulateResult, SimulatedTruth, TRUTH_FORMAT,
-    TrueEffect, TrueFrame,
+    TrueDisplacement, TrueFrame,
 };
 pub use signature::{MeasuredStar, StampRenderer, TestStar, signature};
 pub use truth::{TrueLight, TrueStar};

@@ -104,7 +104,7 @@ pub struct TrueFrame {
     /// Length of the exposure.
     pub exposure_s: f64,
     /// The displacements in force.
-    pub effects: Vec<TrueEffect>,
+    pub effects: Vec<TrueDisplacement>,
     /// Attitude when the exposure begins.
     pub camera_from_icrs_start: Attitude,
     /// Attitude in its middle.
@@ -119,7 +119,7 @@ pub struct TrueFrame {
 
 /// A displacement in force.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
-pub struct TrueEffect {
+pub struct TrueDisplacement {
     /// Its id.
     pub id: &'static str,
     /// Its parameters, by name.
