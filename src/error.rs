@@ -3,10 +3,12 @@
 /// What went wrong, by stage.
 ///
 /// ```
-/// fn width(path: &str) -> boresight::Result<usize> {
+/// use std::path::Path;
+///
+/// fn width(path: &Path) -> boresight::Result<usize> {
 ///     Ok(boresight::scene::Scene::open(path)?.camera.width_px)
 /// }
-/// assert!(matches!(width("nowhere.toml"), Err(boresight::Error::Scene(_))));
+/// assert!(matches!(width(Path::new("nowhere.toml")), Err(boresight::Error::Scene(_))));
 /// ```
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
