@@ -132,6 +132,8 @@ pub mod guard;
 #[cfg(feature = "bench")]
 pub mod imaging;
 #[cfg(feature = "bench")]
+pub mod pixel_statistics;
+#[cfg(feature = "bench")]
 pub mod report;
 #[cfg(feature = "bench")]
 pub mod rng;
@@ -150,6 +152,8 @@ mod gpu;
 mod guard;
 #[cfg(not(feature = "bench"))]
 mod imaging;
+#[cfg(not(feature = "bench"))]
+mod pixel_statistics;
 #[cfg(not(feature = "bench"))]
 mod report;
 #[cfg(not(feature = "bench"))]

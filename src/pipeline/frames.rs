@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use rayon::prelude::*;
 
 use super::dark::{Dark, drop_fixed};
+use super::pixels::{Counts, frame_statistics, pixel_statistics};
 use super::{Measured, MeasuredFrame, PipelineError, SkyChoice, star_list};
 use crate::camera::SkyChain;
 use crate::catalog::Catalog;
@@ -16,6 +17,7 @@ use crate::frame::MaskedFrame;
 use crate::identify::{
     ASSUMED_EPOCH_YR, AttitudePrior, Identification, IdentifyOptions, Index, Projection, Refusal, Solution, common_projection, identify,
 };
+use crate::pixel_statistics::FrameStatistics;
 use crate::recording::{Recording, RecordingError, SkippedFrame};
 use crate::statistics::median;
 use crate::units::DEG_RAD;
@@ -70,6 +72,8 @@ pub struct MeasureOptions {
     pub detection_threshold: Option<f64>,
     /// What measuring and identifying a frame may take together; measuring comes to an end at half of it.
     pub time_limit: Option<Duration>,
+    /// Whether the pixels between the stars are looked at too.
+    pub pixels: bool,
 }
 
 /// What is taken for a star's place.
@@ -101,14 +105,22 @@ pub fn measure_frames<F: Into<MaskedFrame>>(
     const KEPT: usize = 300;
     let learns = options.centroid == Centroid::Empirical && recording.stars.is_none();
     let load = |recording: &Recording, index| load(recording, index).map(|loaded| loaded.map(Into::into));
-    let pass = Pass { recording: &recording, load: &load, options, psf: None, keep: if learns { KEPT } else { 0 } };
+    let counts = Counts::default();
+    let pass = Pass {
+        recording: &recording,
+        load: &load,
+        options,
+        counts: options.pixels.then_some(&counts),
+        psf: None,
+        keep: if learns { KEPT } else { 0 },
+    };
     let mut measured = pass.all(&done)?;
     let mut psf = None;
     if learns {
         let kept: Vec<PsfStar> = measured.iter_mut().flatten().flat_map(|one| std::mem::take(&mut one.kept)).collect();
         let (found, report) = learn(&kept);
         if let Some(found) = found {
-            measured = Pass { psf: Some(&found), keep: 0, ..pass }.all(&|| ())?;
+            measured = Pass { psf: Some(&found), keep: 0, counts: None, ..pass }.all(&|| ())?;
         }
         psf = Some(report);
     }
@@ -117,12 +129,14 @@ pub fn measure_frames<F: Into<MaskedFrame>>(
     let mut frames = Vec::new();
     let mut undefined = Undefined::default();
     let mut unfinished = Vec::new();
+    let mut statistics = Vec::new();
     for result in measured {
         match result {
             Ok(one) => {
                 undefined.add(&one);
                 unfinished.extend(one.is_unfinished.then(|| one.frame.name.clone()));
                 frames.push(one.frame);
+                statistics.extend(one.statistics);
             }
             Err(frame) => skipped.push(frame),
         }
@@ -141,7 +155,8 @@ pub fn measure_frames<F: Into<MaskedFrame>>(
     if recording.stars.is_none() {
         recording.notes.extend(drop_fixed(&mut frames));
     }
-    Ok(Measured { recording, frames, skipped, psf })
+    let pixels = pixel_statistics(&recording, &frames, statistics, counts.take());
+    Ok(Measured { recording, frames, skipped, psf, pixels })
 }
 
 /// A frame as measured, or why it is left out.
@@ -151,6 +166,8 @@ type OneMeasured = Result<One, SkippedFrame>;
 struct One {
     frame: MeasuredFrame,
     kept: Vec<PsfStar>,
+    /// What its sky tells, where that is asked for.
+    statistics: Option<FrameStatistics>,
     /// Pixels without a value.
     undefined: usize,
     /// Whether more looks like stars than was measured.
@@ -201,6 +218,8 @@ struct Pass<'a, L> {
     recording: &'a Recording,
     load: &'a L,
     options: &'a MeasureOptions,
+    /// Where the histograms of the counts are gathered, where they are asked for.
+    counts: Option<&'a Counts>,
     psf: Option<&'a EmpiricalPsf>,
     keep: usize,
 }
@@ -219,7 +238,7 @@ where
         if let Some(stars) = self.recording.stars.as_ref().and_then(|list| list.frames.get(index)) {
             let detections = star_list::detections(self.recording, stars);
             let frame = MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() };
-            return Ok(Ok(One { frame, kept: Vec::new(), undefined: 0, is_unfinished: false }));
+            return Ok(Ok(One { frame, kept: Vec::new(), statistics: None, undefined: 0, is_unfinished: false }));
         }
         let masked = match (self.load)(self.recording, index)? {
             Ok(frame) => frame,
@@ -227,6 +246,11 @@ where
         };
         let undefined = masked.count_undefined();
         let MaskedFrame { mut frame, undefined: mut bad } = masked;
+        if let Some(counts) = self.counts {
+            // As read: what a dark takes off is no code.
+            let first = || (self.load)(self.recording, 0).ok()?.ok().map(|first| first.frame);
+            counts.add(&frame, bad.as_deref(), first);
+        }
         let failed = |source| PipelineError::Detect { frame: name.clone(), source };
         if let Some(dark) = &self.options.dark {
             dark.subtract(&mut frame).map_err(|source| PipelineError::Dark { frame: name.clone(), source })?;
@@ -259,9 +283,10 @@ where
                 (detections, kept)
             }
         };
+        let statistics = self.options.pixels.then(|| frame_statistics(self.recording, (index, &frame), &detections, bad)).flatten();
         done();
         let frame = MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() };
-        Ok(Ok(One { frame, kept, undefined, is_unfinished: is_unfinished.into_inner() }))
+        Ok(Ok(One { frame, kept, statistics, undefined, is_unfinished: is_unfinished.into_inner() }))
     }
 }
 

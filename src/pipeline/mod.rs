@@ -7,14 +7,17 @@ mod dark;
 mod frames;
 mod one_camera;
 mod overfull;
+mod pixels;
 mod prepare;
 mod result;
 mod star_list;
+mod star_measurements;
 
 use crate::calibrate::{CalibrateError, Surroundings};
 use crate::camera::{ObserverError, Physics, PhysicsError};
 use crate::detect::{DetectError, Detection, Detections, PsfReport};
 use crate::diagnose::{DiagnoseError, ImageConditions, MeasuredNoise};
+use crate::pixel_statistics::PixelStatistics;
 use crate::recording::{Mount, Recording, RecordingError, SkippedFrame};
 use crate::statistics::median_in_place;
 
@@ -24,6 +27,7 @@ pub use prepare::{DiagnosisInput, DiagnosisRequest, PreparedPoints, control_poin
 inner!(result::{CameraRow, ParameterRow, RUN_FORMAT, RunResult});
 inner!(frames::{circumstances, physics_in_force, take_identifications});
 inner!(one_camera::{check_focal_lengths, check_sizes});
+inner!(star_measurements::star_measurements);
 inner!(prepare::{known_behind_the_lens, star_images, with_name});
 
 /// Why a recording does not lead to control points.
@@ -125,6 +129,8 @@ pub struct Measured {
     pub skipped: Vec<SkippedFrame>,
     /// Which image the stars were fitted with, where an empirical one was asked for.
     pub psf: Option<PsfReport>,
+    /// What the pixels between the stars tell of the detector, where that was asked for and there are pixels.
+    pub pixels: Option<PixelStatistics>,
 }
 
 /// A frame whose stars are measured.

@@ -24,7 +24,7 @@ fn measured(lists: &[List]) -> Measured {
         detections: list.detections.clone(),
         seconds: 0.0,
     };
-    Measured { recording, frames: lists.iter().enumerate().map(frame).collect(), skipped: Vec::new(), psf: None }
+    Measured { recording, frames: lists.iter().enumerate().map(frame).collect(), skipped: Vec::new(), psf: None, pixels: None }
 }
 
 /// Six frames of the camera, in the last two of which there are thousands of blobs too, fainter than the stars.

@@ -38,7 +38,8 @@ fn identified(frames: &[&Detections], options: &IdentifyOptions) -> Vec<Identifi
         detections: (*detections).clone(),
         seconds: 0.0,
     };
-    let measured = Measured { recording, frames: frames.iter().enumerate().map(frame).collect(), skipped: Vec::new(), psf: None };
+    let measured =
+        Measured { recording, frames: frames.iter().enumerate().map(frame).collect(), skipped: Vec::new(), psf: None, pixels: None };
     let choice = SkyChoice { physics: Physics::None, assumes_time: false };
     identify_frames(&measured, Catalog::embedded(), &choice, options, || {}).unwrap()
 }

@@ -1,0 +1,250 @@
+//! Frames → pixel statistics: what the sky between the stars tells of the detector.
+//!
+//! One pass over all pixels of all frames, made when the frames are measured. `sky_pixels` takes the stars and the local level out, and the rest
+//! of every pixel serves all others: `photon_transfer` (gain), `lines` (banding, columns of two amplifiers, halves), `fixed_pattern` (unequal pixels,
+//! hot, dead and jumping ones), `neighbours` (correlated noise), `events` (cosmic rays). Frames are independent; a few of them, spread over the recording,
+//! are kept whole in eight bits for the comparison from frame to frame, so that memory does not grow with their number.
+
+mod code_widths;
+mod codes;
+mod compression;
+mod compression_combs;
+mod events;
+mod fixed_pattern;
+mod lines;
+mod neighbours;
+mod photon_transfer;
+mod sky_pixels;
+#[cfg(test)]
+mod tests;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+pub use code_widths::{Dnl, MissingCodes};
+pub use codes::{CodeHistogram, CodeStatistics, EndPile};
+pub use compression::{BlockDct, CompressionStatistics};
+pub use compression_combs::CoefficientComb;
+pub use events::CosmicRays;
+pub use fixed_pattern::{FixedPattern, PatternPair};
+pub use lines::{Estimate, FrameNoise, LineStatistics};
+pub use neighbours::NeighbourCorrelation;
+pub use photon_transfer::{PhotonTransfer, TransferPoint};
+
+use crate::frame::Frame;
+use crate::statistics::median;
+use fixed_pattern::{BRIGHT_STARS, PatternFrame};
+use lines::FrameLines;
+use sky_pixels::SkyPixels;
+
+/// Frames that are compared pixel by pixel, at most, and the bytes that they may take together.
+const MAX_PATTERN_FRAMES: usize = 32;
+const MAX_PATTERN_BYTES: usize = 256 << 20;
+
+/// A disc that holds a star's light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StarDisc {
+    /// Column of the middle.
+    pub x_px: f64,
+    /// Row of the middle.
+    pub y_px: f64,
+    /// Light reaches so far.
+    pub radius_px: f64,
+}
+
+/// A frame and what is known of it.
+#[derive(Clone, Copy, Debug)]
+pub struct SkyFrame<'a> {
+    /// Number in the recording.
+    pub number: usize,
+    /// The pixels.
+    pub frame: &'a Frame,
+    /// Its stars, the brightest first.
+    pub stars: &'a [StarDisc],
+    /// Pixels that say nothing, row by row.
+    pub bad: Option<&'a [bool]>,
+    /// Exposure, where known.
+    pub exposure_s: Option<f64>,
+    /// Whether it is one of those that are compared pixel by pixel.
+    pub is_compared: bool,
+}
+
+/// What one frame tells.
+#[derive(Clone, Debug)]
+pub struct FrameStatistics {
+    noise: FrameNoise,
+    points: Vec<TransferPoint>,
+    lines: FrameLines,
+    neighbours: Option<NeighbourCorrelation>,
+    compared: Option<(PatternFrame, Vec<usize>)>,
+}
+
+/// Whether a frame is one of those that are compared pixel by pixel: as many as memory allows, spread evenly.
+#[must_use]
+pub fn is_compared(number: usize, frames: usize, pixels: usize) -> bool {
+    let most = (MAX_PATTERN_BYTES / pixels.max(1)).min(MAX_PATTERN_FRAMES);
+    // Of the frames k·frames/most, whole parts.
+    frames <= most || (most > 0 && (number * most).div_ceil(frames) < ((number + 1) * most).div_ceil(frames))
+}
+
+impl FrameStatistics {
+    /// Of a frame; nothing where hardly any sky is seen.
+    #[must_use]
+    pub fn of(sky_frame: &SkyFrame<'_>) -> Option<Self> {
+        let sky = SkyPixels::new(sky_frame.frame, &sky_mask(sky_frame));
+        if sky.blocks.is_empty() {
+            return None;
+        }
+        let mut lines = FrameLines::new(&sky);
+        let levels: Vec<f64> = sky.blocks.iter().map(|block| block.level_dn).collect();
+        let noise = FrameNoise {
+            frame: sky_frame.number,
+            level_dn: median(&levels)?,
+            sigma_dn: sky.sigma_dn()?,
+            row_variance_dn2: lines.rows,
+            column_variance_dn2: lines.columns,
+            parity_dn: lines.parity,
+            middle_step_dn: lines.step,
+        };
+        let bright = sky_frame.stars.iter().take(BRIGHT_STARS).map(|star| [star.x_px as f32, star.y_px as f32]).collect();
+        let compared =
+            sky_frame.is_compared.then(|| PatternFrame::new(sky_frame.number, &sky, &lines, sky_frame.exposure_s, bright)).flatten();
+        let points = photon_transfer::points(sky_frame.number, &sky.blocks, sky.shape);
+        let neighbours = NeighbourCorrelation::of_frame(&sky);
+        if compared.is_none() {
+            (lines.row_means, lines.column_means) = (Vec::new(), Vec::new());
+        }
+        Some(Self { noise, points, lines, neighbours, compared: compared.map(|pattern| (pattern, sky.events)) })
+    }
+}
+
+/// Which pixels are sky: lit by no star, neither full nor at zero light, nor bad.
+fn sky_mask(sky_frame: &SkyFrame<'_>) -> Vec<bool> {
+    let frame = sky_frame.frame;
+    let full = frame.saturation_dn;
+    let mut is_sky: Vec<bool> = match sky_frame.bad {
+        Some(bad) => frame.pixels_dn.iter().zip(bad).map(|(value, bad)| *value < full && !bad).collect(),
+        None => frame.pixels_dn.iter().map(|value| *value < full).collect(),
+    };
+    for star in sky_frame.stars {
+        let rows = covered(star.y_px, star.radius_px, frame.height_px);
+        for y in rows {
+            let half = (star.radius_px.powi(2) - (y as f64 - star.y_px).powi(2)).max(0.0).sqrt();
+            let columns = covered(star.x_px, half, frame.width_px);
+            is_sky[y * frame.width_px..][columns].fill(false);
+        }
+    }
+    is_sky
+}
+
+/// The pixels of a line that lie within `reach` of a place.
+fn covered(at: f64, reach: f64, length: usize) -> std::ops::Range<usize> {
+    let from = (at - reach).ceil().max(0.0) as usize;
+    let to = ((at + reach).floor() + 1.0).max(0.0) as usize;
+    from.min(length)..to.min(length).max(from.min(length))
+}
+
+/// Histograms of the counts of all frames: of whole numbers, so that the order in which frames come makes no difference.
+#[derive(Clone, Debug)]
+pub struct CountStatistics {
+    codes: CodeHistogram,
+    blocks: BlockDct,
+}
+
+impl CountStatistics {
+    /// For counts that come in steps of `unit_dn`.
+    #[must_use]
+    pub fn new(unit_dn: f64) -> Self {
+        Self { codes: CodeHistogram::new(), blocks: BlockDct::new(unit_dn) }
+    }
+
+    /// With a frame as it was read; `bad` pixels say nothing.
+    pub fn add(&mut self, frame: &Frame, bad: Option<&[bool]>) {
+        let is_used = |index: usize| bad.is_none_or(|bad| !bad[index]);
+        self.codes.add_frame(&frame.pixels_dn, is_used);
+        let is_below_full = |index: usize| is_used(index) && frame.pixels_dn[index] < frame.saturation_dn;
+        self.blocks.add_frame(&frame.pixels_dn, frame.width_px, frame.height_px, is_below_full);
+    }
+
+    /// With those of other frames.
+    pub fn merge(&mut self, other: &Self) {
+        self.codes.merge(&other.codes);
+        self.blocks.merge(&other.blocks);
+    }
+
+    /// Step of the counts of a frame, 1 where it is not told.
+    #[must_use]
+    pub fn step_dn(frame: &Frame) -> f64 {
+        let mut codes = CodeHistogram::new();
+        codes.add_frame(&frame.pixels_dn, |_| true);
+        codes.statistics(1.0).step_dn.map_or(1.0, f64::from)
+    }
+}
+
+/// What is known of the camera beforehand.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct KnownCamera {
+    /// The count of no light.
+    pub bias_dn: Option<f64>,
+    /// Width (Gaussian σ) of a star's image.
+    pub psf_sigma_px: Option<f64>,
+}
+
+/// What the pixels of a recording tell of its detector.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct PixelStatistics {
+    /// The frames that took part.
+    pub by_frame: Vec<FrameNoise>,
+    /// Variance against level.
+    pub photon_transfer: Option<PhotonTransfer>,
+    /// The points of that line, for its picture.
+    pub transfer_points: Vec<TransferPoint>,
+    /// Rows, columns and halves.
+    pub lines: LineStatistics,
+    /// Correlation between neighbours.
+    pub neighbours: Option<NeighbourCorrelation>,
+    /// What stays with the pixels.
+    pub fixed_pattern: FixedPattern,
+    /// Cosmic rays; nothing where star images are as sharp as they.
+    pub cosmic_rays: Option<CosmicRays>,
+    /// What the converter did to the counts.
+    pub codes: Option<CodeStatistics>,
+    /// Traces of a compression in blocks.
+    pub compression: Option<CompressionStatistics>,
+}
+
+impl PixelStatistics {
+    /// Points that a picture shows, at most.
+    const MAX_POINTS: usize = 2000;
+
+    /// Of all frames, in their order.
+    #[must_use]
+    pub fn of(frames: Vec<FrameStatistics>, counts: Option<CountStatistics>, known: &KnownCamera) -> Self {
+        let codes = counts.as_ref().map(|counts| counts.codes.statistics(1.0));
+        let step_dn = codes.as_ref().and_then(|codes| codes.step_dn).map_or(0.0, f64::from);
+        let compression = counts.map(|counts| counts.blocks.statistics(step_dn));
+        let by_frame = frames.iter().map(|frame| frame.noise).collect();
+        let mut points: Vec<TransferPoint> = frames.iter().flat_map(|frame| frame.points.iter().copied()).collect();
+        let photon_transfer = PhotonTransfer::fitted(&points, step_dn);
+        let neighbours = NeighbourCorrelation::pooled(&frames.iter().filter_map(|frame| frame.neighbours).collect::<Vec<_>>());
+        let step = points.len().div_ceil(Self::MAX_POINTS).max(1);
+        points = points.into_iter().step_by(step).collect();
+        let (lines, compared): (Vec<FrameLines>, Vec<_>) = frames.into_iter().map(|frame| (frame.lines, frame.compared)).unzip();
+        // Pixels are compared with themselves: frames of another size than the first are left out.
+        let mut compared: Vec<(PatternFrame, Vec<usize>)> = compared.into_iter().flatten().collect();
+        let size_px = compared.first().map(|(first, _)| first.size_px());
+        compared.retain(|(own, _)| Some(own.size_px()) == size_px);
+        let (patterns, events): (Vec<PatternFrame>, Vec<Vec<usize>>) = compared.into_iter().unzip();
+        Self {
+            by_frame,
+            photon_transfer,
+            transfer_points: points,
+            lines: LineStatistics::of(&lines),
+            neighbours,
+            fixed_pattern: FixedPattern::of(&patterns, known.bias_dn),
+            cosmic_rays: events::cosmic_rays(&patterns, &events, known.psf_sigma_px),
+            codes,
+            compression,
+        }
+    }
+}

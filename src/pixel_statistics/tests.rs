@@ -1,0 +1,202 @@
+//! Pixel statistics against frames drawn by the textbook's equations, with a generator of their own.
+
+use super::*;
+
+/// Numbers by chance: xorshift* and Box–Muller.
+struct Chance(u64);
+
+impl Chance {
+    fn uniform(&mut self) -> f64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn normal(&mut self) -> f64 {
+        (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+/// A camera, and what is wrong with it.
+#[derive(Clone)]
+struct Camera {
+    side: usize,
+    gain: f64,
+    bias: f64,
+    read_noise: f64,
+    row_sigma: f64,
+    prnu: f64,
+    dsnu: f64,
+    parity: f64,
+    hot: usize,
+    jumping: usize,
+    rays: usize,
+}
+
+impl Default for Camera {
+    fn default() -> Self {
+        Self {
+            side: 256,
+            gain: 0.5,
+            bias: 100.0,
+            read_noise: 4.0,
+            row_sigma: 0.0,
+            prnu: 0.0,
+            dsnu: 0.0,
+            parity: 0.0,
+            hot: 0,
+            jumping: 0,
+            rays: 0,
+        }
+    }
+}
+
+/// Sky of frames, electrons.
+fn frames(camera: &Camera, skies: &[f64], seed: u64) -> Vec<(Frame, Vec<StarDisc>)> {
+    let mut chance = Chance(0x9E37_79B9_7F4A_7C15 ^ seed.wrapping_mul(0xD134_2543_DE82_EF95) | 1);
+    let pixels = camera.side * camera.side;
+    let response: Vec<f64> = (0..pixels).map(|_| 1.0 + camera.prnu * chance.normal()).collect();
+    let dark: Vec<f64> = (0..pixels).map(|_| camera.dsnu * chance.normal()).collect();
+    let pick =
+        |count: usize, chance: &mut Chance| -> Vec<usize> { (0..count).map(|_| (chance.uniform() * pixels as f64) as usize).collect() };
+    let hot = pick(camera.hot, &mut chance);
+    let jumping = pick(camera.jumping, &mut chance);
+    let draw = |(_, sky): (usize, &f64)| {
+        let rows: Vec<f64> = (0..camera.side).map(|_| camera.row_sigma * chance.normal()).collect();
+        let mut electrons: Vec<f64> = (0..pixels)
+            .map(|index| {
+                let (x, y) = (index % camera.side, index / camera.side);
+                // brighter at the right, by a third
+                let light = sky * (0.85 + 0.3 * x as f64 / camera.side as f64) * response[index];
+                let parity = if x % 2 == 0 { camera.parity } else { -camera.parity };
+                light + light.sqrt() * chance.normal() + dark[index] + parity + rows[y] + camera.read_noise * chance.normal()
+            })
+            .collect();
+        hot.iter().for_each(|index| electrons[*index] += 25.0 * sky.sqrt());
+        for index in &jumping {
+            electrons[*index] += if chance.uniform() < 0.4 { 12.0 * sky.sqrt() } else { 0.0 };
+        }
+        for index in pick(camera.rays, &mut chance) {
+            electrons[index] += 40.0 * sky.sqrt();
+        }
+        let pixels_dn = electrons.iter().map(|e| (e / camera.gain + camera.bias).round() as f32).collect();
+        let stars: Vec<StarDisc> = (0..20)
+            .map(|_| StarDisc { x_px: chance.uniform() * camera.side as f64, y_px: chance.uniform() * camera.side as f64, radius_px: 6.0 })
+            .collect();
+        (Frame { width_px: camera.side, height_px: camera.side, pixels_dn, saturation_dn: 65_535.0 }, stars)
+    };
+    skies.iter().enumerate().map(draw).collect()
+}
+
+fn statistics(camera: &Camera, skies: &[f64], seed: u64) -> PixelStatistics {
+    let frames = frames(camera, skies, seed);
+    let of = |(number, (frame, stars)): (usize, &(Frame, Vec<StarDisc>))| {
+        FrameStatistics::of(&SkyFrame { number, frame, stars, bad: None, exposure_s: Some(1.0), is_compared: true })
+    };
+    let all = frames.iter().enumerate().filter_map(of).collect();
+    let mut counts = CountStatistics::new(1.0);
+    frames.iter().for_each(|(frame, _)| counts.add(frame, None));
+    PixelStatistics::of(all, Some(counts), &KnownCamera { bias_dn: Some(camera.bias), psf_sigma_px: Some(1.0) })
+}
+
+const SKIES: [f64; 8] = [300.0, 340.0, 420.0, 500.0, 560.0, 640.0, 700.0, 800.0];
+
+#[test]
+fn without_anything_wrong_nothing_shows() {
+    let mut deviations: Vec<(&str, Vec<f64>)> = Vec::new();
+    let mut note = |name: &'static str, value: f64| match deviations.iter_mut().find(|(known, _)| *known == name) {
+        Some((_, all)) => all.push(value),
+        None => deviations.push((name, vec![value])),
+    };
+    for seed in 0..40 {
+        let found = statistics(&Camera::default(), &SKIES, seed);
+        let transfer = found.photon_transfer.unwrap();
+        note("gain", (transfer.slope_dn - 2.0) / transfer.slope_sigma_dn);
+        let expected = 16.0 / 0.25 - 100.0 * 2.0 + 1.0 / 12.0;
+        note("intercept", (transfer.intercept_dn2 - expected) / transfer.intercept_sigma_dn2);
+        note("curvature", transfer.curvature / transfer.curvature_sigma);
+        let (read_noise, sigma) = transfer.read_noise_e(100.0).unwrap();
+        note("read noise", (read_noise - 4.0) / sigma);
+        let (bias, sigma) = transfer.bias_dn(4.0).unwrap();
+        note("bias", (bias - 100.0) / sigma);
+        let lines = &found.lines;
+        for (name, estimate) in [
+            ("rows", lines.row_variance_dn2),
+            ("columns", lines.column_variance_dn2),
+            ("column parity", lines.column_parity_dn),
+            ("row parity", lines.row_parity_dn),
+            ("diagonal parity", lines.diagonal_parity_dn),
+            ("step", lines.middle_step_dn),
+            ("row persistence", lines.row_persistence),
+            ("share", found.fixed_pattern.share),
+            ("by light", found.fixed_pattern.by_light),
+            ("by exposure", found.fixed_pattern.by_exposure),
+        ] {
+            note(name, estimate.unwrap().deviation());
+        }
+        for (name, estimate) in
+            ["column", "row", "diagonal", "antidiagonal", "two columns", "two rows"].iter().zip(found.neighbours.unwrap().all())
+        {
+            note(name, estimate.deviation());
+        }
+        assert_eq!((found.fixed_pattern.hot, found.fixed_pattern.dead, found.fixed_pattern.jumping), (0, 0, Some(0)));
+        assert_eq!(found.cosmic_rays.unwrap().count, 0);
+    }
+    for (name, all) in deviations {
+        let n = all.len() as f64;
+        let mean = all.iter().sum::<f64>() / n;
+        let sd = (all.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
+        println!("{name:20} mean {mean:6.2} sd {sd:5.2}");
+        assert!(mean.abs() < 0.7, "{name}: mean deviation {mean}");
+        assert!((0.65..1.35).contains(&sd), "{name}: scatter of deviations {sd}");
+    }
+}
+
+#[test]
+fn what_is_there_is_measured() {
+    let pulls = |name: &str, truth: f64, find: &dyn Fn(u64) -> Estimate| {
+        let found: Vec<Estimate> = (100..112).map(find).collect();
+        let mean = found.iter().map(|one| one.value).sum::<f64>() / found.len() as f64;
+        println!("{name}: {mean} for {truth}, lowest deviation {}", found.iter().map(Estimate::deviation).fold(f64::INFINITY, f64::min));
+        assert!((mean / truth - 1.0).abs() < 0.1, "{name}: {mean} for {truth}");
+        assert!(found.iter().all(|one| one.deviation() > 4.0), "{name}");
+    };
+    let lines = |camera: Camera| move |seed: u64| statistics(&camera, &SKIES, seed).lines;
+    let banded = lines(Camera { row_sigma: 2.0, ..Camera::default() });
+    pulls("rows", 16.0, &|seed| banded(seed).row_variance_dn2.unwrap());
+    let odd = lines(Camera { parity: 0.5, ..Camera::default() });
+    pulls("parity", 1.0, &|seed| {
+        let found = odd(seed).column_parity_dn.unwrap();
+        Estimate { value: -found.value, ..found }
+    });
+    let unequal = Camera { prnu: 0.01, ..Camera::default() };
+    pulls("prnu", 1e-4, &|seed| statistics(&unequal, &SKIES, seed).fixed_pattern.by_light.unwrap());
+    let dark = Camera { dsnu: 5.0, ..Camera::default() };
+    pulls("dsnu", 100.0, &|seed| statistics(&dark, &SKIES, seed).fixed_pattern.by_exposure.unwrap());
+    // each is not taken for the other
+    let other = statistics(&dark, &SKIES, 7).fixed_pattern.by_light.unwrap();
+    assert!(other.deviation() < 4.0, "{other:?}");
+}
+
+#[test]
+fn defects_and_rays_are_counted() {
+    let camera = Camera { hot: 30, jumping: 30, rays: 5, ..Camera::default() };
+    let skies: Vec<f64> = SKIES.iter().chain(&SKIES).copied().collect();
+    let found = statistics(&camera, &skies, 3);
+    let pattern = &found.fixed_pattern;
+    let rays = found.cosmic_rays.unwrap();
+    println!("{} hot, {} dead, {:?} jumping, {rays:?}", pattern.hot, pattern.dead, pattern.jumping);
+    assert_eq!(pattern.hot, 30, "{pattern:?}");
+    assert!((28..=30).contains(&pattern.jumping.unwrap()), "{pattern:?}");
+    assert!((75..=80).contains(&rays.count), "{rays:?}");
+}
+
+#[test]
+fn frames_are_kept_evenly() {
+    for (frames, pixels) in [(10, 1 << 20), (40, 1 << 20), (1000, 1 << 18), (100_000, 1 << 20), (50, 1 << 26)] {
+        let kept: Vec<usize> = (0..frames).filter(|number| is_compared(*number, frames, pixels)).collect();
+        let most = (MAX_PATTERN_BYTES / pixels).min(MAX_PATTERN_FRAMES).min(frames);
+        assert_eq!(kept.len(), most, "{frames} frames of {pixels} pixels");
+    }
+}
