@@ -4,11 +4,13 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use boresight::diagnose::{
-    AnsweredDiagnosis, DiagnoseError, DiagnoseOptions, Diagnosis, FORMAT, MeasuredNoise, Step, UnaskedDiagnosis, Verdict,
+    AnsweredDiagnosis, DeclaredDetector, DiagnoseError, DiagnoseOptions, Diagnosis, FORMAT, ImageMeasurements, MeasuredNoise, Step,
+    UnaskedDiagnosis, Verdict, diagnose_recording,
 };
 use boresight::guard::guarded;
 use boresight::pipeline::{
     DiagnosisInput, DiagnosisRequest, PipelineError, PreparedPoints, SkyChoice, check_sizes, diagnosis_request, measured_noise,
+    star_measurements,
 };
 use boresight::provenance::Provenance;
 use boresight::recording::check_file;
@@ -141,7 +143,7 @@ fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answe
     let recording = pipeline::open(&args.input)?;
     check_sizes(&recording)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
-    let measured = pipeline::measure_as(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
+    let measured = pipeline::measure_with_pixels(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
     let mut options = args.options()?;
     provenance.seed = Some(options.seed);
     of_input.clone_from(&provenance);
@@ -170,7 +172,11 @@ fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answe
         output::listed(&options.physics)
     );
     let (bar, clock) = (output::steps(Step::COUNT), output::Clock::new());
-    let result = boresight::diagnose::diagnose_with_progress(&points, &telemetry, &options, &|step| {
+    let stars = star_measurements(&measured, &points, prepared.parity);
+    let camera = &measured.recording.camera;
+    let detector = DeclaredDetector { gain_e_per_dn: camera.gain_e_per_dn, bias_dn: camera.bias_dn, read_noise_e: camera.read_noise_e };
+    let images = ImageMeasurements { stars: &stars, pixels: measured.pixels.as_ref(), detector };
+    let result = diagnose_recording(&points, &telemetry, &images, &options, &|step| {
         bar.set_position(step.number() as u64);
         bar.set_message(step.words());
         tracing::info!("{} (after {clock})", step.words());

@@ -43,12 +43,25 @@ pub(crate) fn measure(recording: Recording, detection_threshold: Option<f64>) ->
 
 /// The same as asked for; darks go into the provenance.
 pub(crate) fn measure_as(
-    mut recording: Recording,
+    recording: Recording,
     args: &MeasureArgs,
     time_limit: Option<Duration>,
     provenance: &mut Provenance,
 ) -> Result<Measured> {
-    let options = args.options(time_limit)?;
+    measure_told(recording, &args.options(time_limit)?, provenance)
+}
+
+/// The same with the pixels between the stars.
+pub(crate) fn measure_with_pixels(
+    recording: Recording,
+    args: &MeasureArgs,
+    time_limit: Option<Duration>,
+    provenance: &mut Provenance,
+) -> Result<Measured> {
+    measure_told(recording, &MeasureOptions { pixels: true, ..args.options(time_limit)? }, provenance)
+}
+
+fn measure_told(mut recording: Recording, options: &MeasureOptions, provenance: &mut Provenance) -> Result<Measured> {
     if let Some(dark) = &options.dark {
         for file in dark.files() {
             provenance.add_input(file)?;
@@ -56,7 +69,7 @@ pub(crate) fn measure_as(
         recording.notes.push(dark.sentence());
     }
     let before = recording.notes.len();
-    let measured = measure_by(recording, &options)?;
+    let measured = measure_by(recording, options)?;
     for note in measured.recording.notes.iter().skip(before) {
         tracing::info!("{note}");
     }

@@ -153,6 +153,18 @@ impl Channels {
         }
     }
 
+    /// One of them, to be set.
+    pub(super) fn of_mut(&mut self, channel: Channel) -> &mut ChannelReport {
+        match channel {
+            Channel::Astrometry => &mut self.astrometry,
+            Channel::Flux => &mut self.flux,
+            Channel::Shape => &mut self.shape,
+            Channel::Stamp => &mut self.stamp,
+            Channel::Noise => &mut self.noise,
+            Channel::Background => &mut self.background,
+        }
+    }
+
     /// Those that were looked at.
     #[must_use]
     pub fn scope(&self) -> Vec<Channel> {

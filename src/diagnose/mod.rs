@@ -2,6 +2,7 @@
 //! held-out images confirm it, and what remains.
 
 mod adequacy;
+mod causes;
 mod channels;
 mod clusters;
 mod covariates;
@@ -18,6 +19,7 @@ mod folds;
 mod frame_nuisance;
 mod holdout;
 mod hypotheses;
+mod images;
 mod linear_fit;
 mod linear_system;
 mod located;
@@ -62,5 +64,7 @@ pub use options::{DiagnoseOptions, ImageConditions, Telemetry};
 pub use run::{diagnose, diagnose_with_progress};
 pub use step::Step;
 pub use verdict::{Bound, Verdict};
+inner!(images::{DeclaredDetector, ImageMeasurements, StarMeasurement});
+inner!(run::diagnose_recording);
 inner!(result::{AnsweredDiagnosis, DiagnoseResult, UnaskedDiagnosis});
 inner!(profile::PREDICTED);

@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use super::diagnosis::Diagnosis;
 use super::error::DiagnoseError;
+use super::images::{ImageMeasurements, add_images};
 use super::options::{DiagnoseOptions, Telemetry};
 use super::stages::{Baseline, Judged, Reported, Screened, Selected, Solved, Validated};
 use super::step::Step;
@@ -40,6 +41,21 @@ pub fn diagnose_with_progress(
     let judged = Judged::new(&solved);
     on_step(Step::Findings);
     let mut diagnosis = Reported::new(&judged)?.diagnosis(on_step);
+    diagnosis.seconds = started.elapsed().as_secs_f64();
+    Ok(diagnosis)
+}
+
+/// The same with what was measured of the images beside the stars' places: brightness, shape and noise are held against the model too.
+pub fn diagnose_recording(
+    points: &ControlPoints,
+    telemetry: &Telemetry,
+    images: &ImageMeasurements<'_>,
+    options: &DiagnoseOptions,
+    on_step: &dyn Fn(Step),
+) -> Result<Diagnosis, DiagnoseError> {
+    let started = Instant::now();
+    let mut diagnosis = diagnose_with_progress(points, telemetry, options, on_step)?;
+    add_images(&mut diagnosis, images, options);
     diagnosis.seconds = started.elapsed().as_secs_f64();
     Ok(diagnosis)
 }

@@ -67,6 +67,27 @@ pub(super) fn finding(finding: &Finding, effect: &dyn AnyDisplacement, in_force:
     format!("{located}{what}: {}{known}. Modelling it lowers χ² by {:.0}. {held}{rendered}{set}", sizes.join(", "), finding.delta_chi2)
 }
 
+/// A finding of brightness and shape in one or two sentences.
+pub(super) fn image_finding(finding: &Finding) -> String {
+    let sizes: Vec<String> = finding.parameters.iter().map(quantity).collect();
+    let decided: Vec<String> = finding
+        .channels
+        .iter()
+        .filter_map(|(channel, own)| Some(format!("{} Δχ² {:.0}", channel.words(), own.as_ref()?.delta_chi2)))
+        .collect();
+    let [times, turns] = finding.chosen_again;
+    format!(
+        "{} was left out: {}. Modelling it lowers χ² by {:.0} ({}). Chosen and sized anew in turns that leave {} out (chosen again in {times} of {turns}) it \
+         lowers χ² there by {:.0}.",
+        finding.id,
+        sizes.join(", "),
+        finding.delta_chi2,
+        decided.join(", "),
+        finding.left_out,
+        finding.held_out_delta_chi2
+    )
+}
+
 /// What a channel's verdict rests on.
 pub(super) fn reason(verdict: ChannelVerdict, largest: &str, detectable: &[Detectable]) -> String {
     let seen = detectable.iter().filter(|own| own.would_show).count();

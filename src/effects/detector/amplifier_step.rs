@@ -49,6 +49,7 @@ use super::sensor_step::logistic;
 use crate::dual::Real;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, by_rows, uniform_fields};
 use crate::effects::{CentroidShift, Context, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, StarState};
+use crate::effects::{ImageContext, ImageEffect, ImageResponse};
 use crate::rng::StageKey;
 
 /// A shift along the columns in proportion to the magnitude, in the lower half of the frame.
@@ -143,6 +144,28 @@ impl PixelEffect for AmplifierHalves {
     }
     fn identity() -> Option<Vec<f64>> {
         Some(vec![0.0; 2])
+    }
+}
+
+impl ImageEffect for AmplifierStep {
+    fn id(&self) -> &'static str {
+        <Self as CentroidShift>::ID
+    }
+    fn parameters(&self) -> &'static [(&'static str, &'static str)] {
+        &[("gain_relative", "")]
+    }
+    fn follows(&self) -> &'static str {
+        "row"
+    }
+    fn needs(&self) -> &'static str {
+        "stars in both halves"
+    }
+    fn ordinary(&self) -> (f64, &'static str) {
+        (0.01, "gains of amplifiers differ by of the order of a percent (Janesick 2001)")
+    }
+    /// The lower half has more counts.
+    fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
+        Some(vec![ImageResponse::loss(if image.at[1] > 0.0 { -1.0 } else { 0.0 })])
     }
 }
 

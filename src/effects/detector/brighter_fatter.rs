@@ -46,6 +46,7 @@ use bytemuck::{Pod, Zeroable};
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::pass::{NeighbourPass, PassHead, Source};
 use crate::effects::pixel::{ExposureContext, Stage, uniform_fields};
+use crate::effects::{ImageContext, ImageEffect, ImageResponse};
 
 /// Boundaries of pixels that follow the charge.
 #[derive(Clone, Copy, Debug)]
@@ -162,6 +163,31 @@ impl NeighbourPass for BrighterFatter {
         for (x, electrons) in row.iter_mut().enumerate() {
             *electrons = rows[3][x + MARGIN_PX] + (across[x] - across[x + 1]) + (into[x] - out[x]);
         }
+    }
+}
+
+impl ImageEffect for BrighterFatter {
+    fn id(&self) -> &'static str {
+        <Self as PassHead>::ID
+    }
+    fn parameters(&self) -> &'static [(&'static str, &'static str)] {
+        &[("relative_width_at_full", "")]
+    }
+    fn follows(&self) -> &'static str {
+        "flux"
+    }
+    fn sign(&self) -> Option<f64> {
+        Some(1.0)
+    }
+    fn needs(&self) -> &'static str {
+        "the peaks of the stars, and the counts at which a pixel is full"
+    }
+    fn ordinary(&self) -> (f64, &'static str) {
+        (0.01, "widths grow by up to 2 % at full well (Antilogus et al. 2014)")
+    }
+    /// σ grows in proportion to the peak.
+    fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
+        Some(vec![ImageResponse::width(image.sigma_px, image.sigma_px * image.fullness?)])
     }
 }
 

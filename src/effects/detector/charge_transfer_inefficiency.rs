@@ -66,6 +66,7 @@ use crate::effects::pixel::{ExposureContext, Stage, uniform_fields};
 use crate::effects::{
     CentroidShift, Context, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Rendering, StarImage, StarState,
 };
+use crate::effects::{ImageContext, ImageEffect, ImageResponse};
 
 /// A shift along the columns in proportion to the row, larger for faint stars.
 #[derive(Clone, Copy, Debug)]
@@ -223,6 +224,32 @@ impl LinePass for TrappedCharge {
         let [first, second, ..] = carry;
         let electrons = charge_transfer_inefficiency(uniforms, uniforms.traps_per_px * way, uniforms.released, electrons, first);
         charge_transfer_inefficiency(uniforms, uniforms.second_traps_per_px * way, uniforms.second_released, electrons, second)
+    }
+}
+
+impl ImageEffect for ChargeTransferInefficiency {
+    fn id(&self) -> &'static str {
+        <Self as CentroidShift>::ID
+    }
+    fn parameters(&self) -> &'static [(&'static str, &'static str)] {
+        &[("loss_at_far_row_10000e", "")]
+    }
+    fn follows(&self) -> &'static str {
+        "row"
+    }
+    fn name_rank(&self) -> u8 {
+        2
+    }
+    fn needs(&self) -> &'static str {
+        "the brightness of the stars"
+    }
+    fn ordinary(&self) -> (f64, &'static str) {
+        (0.02, "0.01 to 0.1 after years of radiation (Massey et al. 2014)")
+    }
+    /// The tail is light that the image lacks: a share in proportion to the way and to F^(−1/2).
+    fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
+        let flux = image.relative_flux.filter(|flux| *flux > 0.0)?;
+        Some(vec![ImageResponse::loss(image.rows_moved / flux.sqrt())])
     }
 }
 

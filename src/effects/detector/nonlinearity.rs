@@ -34,6 +34,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
+use crate::effects::{ImageContext, ImageEffect, ImageResponse};
 use crate::rng::StageKey;
 
 /// A response that bends.
@@ -79,6 +80,31 @@ impl PixelEffect for Nonlinearity {
     }
     fn identity() -> Option<Vec<f64>> {
         Some(vec![0.0, 1e5])
+    }
+}
+
+impl ImageEffect for Nonlinearity {
+    fn id(&self) -> &'static str {
+        <Self as PixelEffect>::ID
+    }
+    fn parameters(&self) -> &'static [(&'static str, &'static str)] {
+        &[("relative_at_full", "")]
+    }
+    fn follows(&self) -> &'static str {
+        "flux"
+    }
+    fn needs(&self) -> &'static str {
+        "the peaks of the stars, and the counts at which a pixel is full"
+    }
+    fn ordinary(&self) -> (f64, &'static str) {
+        (0.02, "0.5 to 5 % (Janesick 2007, chapter 7)")
+    }
+    /// Of S(1 − α(S + 2B)/W): a Gaussian of peak P loses α(P/2 + 2B)/W of its light, and the square that is taken off has half its variance.
+    fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
+        let peak = image.fullness?;
+        let square = 0.25 * peak * image.sigma_px * image.sigma_px;
+        let wider = ImageResponse { second_px2: [square, 0.0, square], ..ImageResponse::default() };
+        Some(vec![ImageResponse::loss(0.5 * peak + 2.0 * image.background_fullness).and(wider)])
     }
 }
 

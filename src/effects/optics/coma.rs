@@ -45,6 +45,7 @@ use crate::dual::Real;
 use crate::effects::{
     CentroidShift, Context, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Rendering, StarState,
 };
+use crate::effects::{ImageContext, ImageEffect, ImageResponse};
 
 /// A shift along the radius in proportion to its square and to the magnitude.
 #[derive(Clone, Copy, Debug)]
@@ -93,5 +94,27 @@ impl CentroidShift for Coma {
 
     fn source() -> &'static str {
         include_str!("coma.rs")
+    }
+}
+
+impl ImageEffect for Coma {
+    fn id(&self) -> &'static str {
+        <Self as CentroidShift>::ID
+    }
+    fn parameters(&self) -> &'static [(&'static str, &'static str)] {
+        &[("skewness_at_corner", "")]
+    }
+    fn follows(&self) -> &'static str {
+        "field-radius"
+    }
+    fn needs(&self) -> &'static str {
+        "third moments of the images"
+    }
+    fn ordinary(&self) -> (f64, &'static str) {
+        (0.1, "commercial lenses at full aperture")
+    }
+    /// Tails along the radius, in proportion to it.
+    fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
+        Some(vec![ImageResponse { skewness: image.at, ..ImageResponse::default() }])
     }
 }

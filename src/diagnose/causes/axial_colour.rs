@@ -1,0 +1,29 @@
+//! The focus of a lens differs with the colour: images of red stars are wider, or narrower, than those of blue ones.
+//!
+//! σ = σ₀ + a·(B − V − reference), in px per magnitude.
+
+use crate::effects::{ImageContext, ImageEffect, ImageResponse};
+
+/// A width that goes with the colour.
+pub(super) struct AxialColour;
+
+impl ImageEffect for AxialColour {
+    fn id(&self) -> &'static str {
+        "axial-colour"
+    }
+    fn parameters(&self) -> &'static [(&'static str, &'static str)] {
+        &[("sigma_px_per_mag", "px/mag")]
+    }
+    fn follows(&self) -> &'static str {
+        "colour"
+    }
+    fn needs(&self) -> &'static str {
+        "second moments of the images, and the colours of the stars"
+    }
+    fn ordinary(&self) -> (f64, &'static str) {
+        (0.03, "commercial lenses without a filter")
+    }
+    fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
+        Some(vec![ImageResponse::width(image.sigma_px, image.colour_offset?)])
+    }
+}

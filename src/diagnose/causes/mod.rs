@@ -1,0 +1,26 @@
+//! Causes that are no effect of the registry: a declared number that is wrong, an image that is not the declared one. One file each.
+
+mod axial_colour;
+mod extinction;
+mod focus_drift;
+mod passband;
+mod psf_shape;
+
+use crate::effects::ImageEffect;
+
+/// Those with columns in brightness or shape.
+pub(super) static IMAGE_CAUSES: &[&dyn ImageEffect] = &[
+    &passband::Passband,
+    &extinction::Extinction,
+    &psf_shape::FieldOfFocus,
+    &axial_colour::AxialColour,
+    &focus_drift::FocusWithTemperature,
+    &focus_drift::FocusWithTime,
+];
+
+/// A declared gain, read noise or bias that is wrong.
+pub(super) const GAIN_NOISE: &str = "gain-noise";
+/// Rounding of blocks by the file format; the registry renders it as `jpeg`.
+pub(super) const COMPRESSION: &str = "compression";
+/// Tracks of charged particles.
+pub(super) const COSMIC_RAYS: &str = "cosmic-rays";

@@ -1,0 +1,194 @@
+//! Findings of the noise that are counted and not fitted: defects, cosmic rays, what the converter and a compression did to the counts.
+
+use std::collections::BTreeMap;
+
+use crate::diagnose::causes::{COMPRESSION, COSMIC_RAYS};
+use crate::diagnose::channels::{ByChannel, Channel, ChannelMeasure};
+use crate::diagnose::diagnosis::{ColumnSource, EffectState, EffectStatus, Finding, FoundParameter, Signs};
+use crate::effects::ids;
+use crate::pixel_statistics::PixelStatistics;
+use crate::statistics::significance::deviations;
+
+/// Defects expected by chance in a recording, at most.
+const EXPECTED_DEFECTS: f64 = 1e-2;
+/// −ln of the probability that a finding needs.
+const SURPRISE: f64 = 12.0;
+/// Cosmic rays by chance in a frame, at most.
+const EXPECTED_RAYS: f64 = 1e-2;
+/// Probabilities are not followed further.
+const MAX_SURPRISE: f64 = 700.0;
+
+/// One of them.
+#[derive(Clone, Debug)]
+pub(in crate::diagnose) struct Counted {
+    id: &'static str,
+    /// Name, value, standard error, unit.
+    parameters: Vec<(&'static str, f64, f64, &'static str)>,
+    /// −ln of the probability by chance; 0 of what is not there.
+    surprise: f64,
+    follows: &'static str,
+    sentence: String,
+}
+
+/// −ln of the probability of so many where few are expected (Poisson).
+fn poisson_surprise(count: usize, expected: f64) -> f64 {
+    let n = count as f64;
+    if n <= expected { 0.0 } else { (n * (n / expected).ln() - n + expected).min(MAX_SURPRISE) }
+}
+
+/// All that the pixels show.
+pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
+    let mut all = Vec::new();
+    let pattern = &pixels.fixed_pattern;
+    if pattern.pixels > 0 {
+        all.push(Counted {
+            id: ids::HOT_PIXELS,
+            parameters: vec![
+                ("count", pattern.hot as f64, (pattern.hot as f64).sqrt(), ""),
+                ("dead_count", pattern.dead as f64, (pattern.dead as f64).sqrt(), ""),
+            ],
+            surprise: poisson_surprise(pattern.hot + pattern.dead, EXPECTED_DEFECTS),
+            follows: "pixel",
+            sentence: format!(
+                "{} pixels stay far above their neighbours in frames of different pointings, {} far below.",
+                pattern.hot, pattern.dead
+            ),
+        });
+    }
+    if let Some(jumping) = pattern.jumping {
+        all.push(Counted {
+            id: ids::RANDOM_TELEGRAPH,
+            parameters: vec![("count", jumping as f64, (jumping as f64).sqrt(), "")],
+            surprise: poisson_surprise(jumping, EXPECTED_DEFECTS),
+            follows: "pixel",
+            sentence: format!("{jumping} pixels jump from frame to frame by more than their noise."),
+        });
+    }
+    if let Some(rays) = &pixels.cosmic_rays {
+        let sigma = (rays.count.max(1) as f64).sqrt() / rays.count.max(1) as f64;
+        let mut parameters = vec![("per_frame", rays.per_frame, rays.per_frame * sigma, "")];
+        parameters.extend(rays.per_s.map(|per_s| ("per_s", per_s, per_s * sigma, "1/s")));
+        all.push(Counted {
+            id: COSMIC_RAYS,
+            parameters,
+            surprise: poisson_surprise(rays.count, EXPECTED_RAYS * rays.frames as f64),
+            follows: "frame",
+            sentence: format!("{} events sharper than any star show in one of {} frames alone.", rays.count, rays.frames),
+        });
+    }
+    all.extend(converter(pixels));
+    if let Some(found) = &pixels.compression {
+        let mut parameters: Vec<_> = found.block_px.map(|block| ("block_px", f64::from(block), 0.0, "px")).into_iter().collect();
+        parameters.extend(found.quantiser_dn.map(|step| ("quantiser_dn", step, 0.0, "DN")));
+        all.push(Counted {
+            id: COMPRESSION,
+            parameters,
+            surprise: (-found.p_value.max(f64::MIN_POSITIVE).ln()).min(MAX_SURPRISE),
+            follows: "block",
+            sentence: "The cosine transform of blocks of 8 × 8 pixels is rounded: the frames have been compressed as JPEG does.".to_owned(),
+        });
+    }
+    all
+}
+
+/// Lost bits, missing and unequal codes.
+fn converter(pixels: &PixelStatistics) -> Option<Counted> {
+    let codes = pixels.codes.as_ref()?;
+    let mut parameters = Vec::new();
+    let mut surprise = 0.0_f64;
+    let mut said = Vec::new();
+    if let Some(dnl) = &codes.dnl {
+        parameters.push(("dnl_dn", dnl.dnl_dn, dnl.dnl_error_dn, "DN"));
+        let own = (-dnl.p_value.max(f64::MIN_POSITIVE).ln()).min(MAX_SURPRISE);
+        if own > SURPRISE {
+            said.push(format!("codes are of unequal width, by {:.3} DN rms", dnl.dnl_dn));
+        }
+        surprise = surprise.max(own);
+    }
+    if let Some(lost) = codes.lost_bits.filter(|lost| *lost > 0) {
+        parameters.push(("lost_bits", f64::from(lost), 0.0, ""));
+        said.push(format!("the counts come in steps of {}: the lowest {lost} bits are always the same", 1_u32 << lost));
+        surprise = MAX_SURPRISE;
+    }
+    if let Some(missing) = codes.missing.as_ref().filter(|missing| missing.number > 0) {
+        parameters.push(("missing_codes", missing.number as f64, 0.0, ""));
+        said.push(format!("{} codes never come", missing.number));
+        surprise = MAX_SURPRISE;
+    }
+    let mut sentence = said.join("; ");
+    if let Some(first) = sentence.get(..1).map(str::to_uppercase) {
+        sentence.replace_range(..1, &first);
+        sentence.push('.');
+    }
+    (!parameters.is_empty()).then_some(Counted { id: ids::ADC, parameters, surprise, follows: "code", sentence })
+}
+
+impl Counted {
+    /// Whether it is there.
+    pub(in crate::diagnose) fn is_found(&self) -> bool {
+        self.surprise > SURPRISE
+    }
+
+    /// Its status, and the finding if it is one.
+    pub(in crate::diagnose) fn reported(self) -> (EffectStatus, Option<Finding>) {
+        let is_found = self.is_found();
+        let parameters: Vec<FoundParameter> = self
+            .parameters
+            .iter()
+            .map(|(name, value, sigma, unit)| FoundParameter {
+                name: (*name).to_owned(),
+                value: *value,
+                sigma: *sigma,
+                unit: (*unit).to_owned(),
+            })
+            .collect();
+        let p_value = (-self.surprise).exp();
+        let status = EffectStatus {
+            id: self.id.to_owned(),
+            status: if is_found { EffectState::Found } else { EffectState::NotFound },
+            p_value: Some(p_value),
+            p_value_is: None,
+            score_sigma: Some(deviations(self.surprise)),
+            survival: None,
+            parameters: parameters.clone(),
+            upper_limit_95: None,
+            held_out_delta_chi2: None,
+            reason: String::new(),
+        };
+        if !is_found {
+            return (status, None);
+        }
+        let first = self.parameters.first().copied().unwrap_or_default();
+        let measure = ChannelMeasure { delta_chi2: 2.0 * self.surprise, held_out_delta_chi2: None, amplitude: first.1, sigma: first.2 };
+        let channels: ByChannel =
+            Channel::ALL.into_iter().map(|channel| (channel, (channel == Channel::Noise).then_some(measure))).collect::<BTreeMap<_, _>>();
+        let finding = Finding {
+            id: self.id.to_owned(),
+            parameters,
+            columns: ColumnSource::Formula,
+            located_by: vec![self.follows.to_owned()],
+            delta_chi2: 2.0 * self.surprise,
+            p_value,
+            p_value_is: None,
+            family_p_value: p_value,
+            family_p_value_is: None,
+            held_out_delta_chi2: 0.0,
+            held_out_expected: 0.0,
+            held_out_score: 0.0,
+            held_out_remark: Some("counted in all frames: nothing was held out".to_owned()),
+            chosen_again: [0, 0],
+            left_out: "nothing".to_owned(),
+            signs: Signs::default(),
+            resimulated_p_value: None,
+            score_sigma: deviations(self.surprise),
+            snr: if first.2 > 0.0 { first.1 / first.2 } else { 0.0 },
+            channels,
+            indistinguishable_from: Vec::new(),
+            rivals: Vec::new(),
+            decided_by: String::new(),
+            known_amplitude: None,
+            sentence: self.sentence,
+        };
+        (status, Some(finding))
+    }
+}

@@ -1,0 +1,321 @@
+//! What brightness and shape say, as it stands in the result: findings, statuses, channels.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::counted::{Counted, counted};
+use super::judge::{Asked, ChannelState, Judged, Proposed, judge};
+use super::noise::DeclaredDetector;
+use super::rows::Parameter;
+use super::stars::StarMeasurement;
+use crate::diagnose::causes::IMAGE_CAUSES;
+use crate::diagnose::channels::{ByChannel, Channel, ChannelReport, ChannelVerdict, Detectable};
+use crate::diagnose::diagnosis::{
+    ColumnSource, Diagnosis, EffectState, EffectStatus, Finding, FoundParameter, Limit, RemainderMap, Signs, Unknown,
+};
+use crate::diagnose::options::DiagnoseOptions;
+use crate::diagnose::wording;
+use crate::effects::{IMAGE_EFFECTS, ImageEffect};
+use crate::pixel_statistics::PixelStatistics;
+use crate::statistics::significance::deviations;
+
+/// Fewer frames and stars than this tell nothing of a channel.
+const MIN_STARS: usize = 30;
+/// What is found in 95 of 100 recordings lies so many standard errors above the threshold.
+const NINETY_FIVE: f64 = 1.645;
+/// Of an effect whose score has a smaller probability by chance it is not said that it was not found.
+const SIGNIFICANT: f64 = 1e-4;
+
+/// What was measured of a recording's images beside the places of stars.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ImageMeasurements<'a> {
+    /// The stars.
+    pub stars: &'a [StarMeasurement],
+    /// The pixels between them.
+    pub pixels: Option<&'a PixelStatistics>,
+    /// The detector as declared.
+    pub detector: DeclaredDetector,
+}
+
+/// Adds what the images say to a diagnosis of the places.
+pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageMeasurements<'_>, options: &DiagnoseOptions) {
+    let of_pixels = images.pixels.iter().flat_map(|pixels| &pixels.by_frame).map(|frame| frame.frame);
+    let numbers: BTreeSet<usize> = images.stars.iter().map(|star| star.frame).chain(of_pixels).collect();
+    let places: BTreeMap<usize, usize> = numbers.into_iter().zip(0..).collect();
+    let place = |star: &StarMeasurement| StarMeasurement { frame: places.get(&star.frame).copied().unwrap_or(0), ..*star };
+    let stars: Vec<StarMeasurement> = images.stars.iter().map(place).collect();
+    let frames = places.len();
+    let asked = Asked {
+        nulls: options.nulls,
+        alpha: options.alpha,
+        seed: options.seed ^ 0x1a6e_5000,
+        other_questions: diagnosis.effective_hypotheses,
+    };
+    let is_enough = stars.len() >= MIN_STARS;
+    let noise = images.pixels.map(|pixels| (pixels, &images.detector, &places));
+    let judged = judge(if is_enough { &stars } else { &[] }, noise, frames, &asked);
+    if !is_enough {
+        let reason = if stars.is_empty() {
+            "there are no images: a list of stars tells places alone".to_owned()
+        } else {
+            format!("{} clean star images are too few (at least {MIN_STARS})", stars.len())
+        };
+        for channel in [&mut diagnosis.channels.flux, &mut diagnosis.channels.shape] {
+            *channel = ChannelReport::not_looked_at(&reason);
+        }
+    }
+    let Some(judged) = judged else { return };
+    for proposed in &judged.proposed {
+        add_proposed(diagnosis, &judged, proposed);
+    }
+    add_others(diagnosis, &judged);
+    let counted = images.pixels.map_or_else(Vec::new, counted);
+    for (channel, state) in &judged.channels {
+        let report = channel_report(diagnosis, &judged, *channel, state, options.alpha);
+        if report.verdict == ChannelVerdict::Unexplained && state.left_p_value < options.alpha {
+            diagnosis.unknown.push(unknown(*channel, state));
+        }
+        *diagnosis.channels.of_mut(*channel) = report;
+    }
+    add_counted(diagnosis, counted);
+    diagnosis.effective_hypotheses += judged.questions;
+    diagnosis.scope = diagnosis.channels.scope();
+    diagnosis.verdict = diagnosis.channels.verdict();
+    diagnosis.summary = wording::summary(diagnosis, diagnosis.left_p_value.unwrap_or(1.0));
+    crate::diagnose::resolved::bound(diagnosis);
+}
+
+/// Findings that are counted: each is beyond any chance by itself.
+fn add_counted(diagnosis: &mut Diagnosis, counted: Vec<Counted>) {
+    for own in counted {
+        if own.is_found() && diagnosis.channels.noise.verdict != ChannelVerdict::Unexplained {
+            diagnosis.channels.noise.verdict = ChannelVerdict::Explained;
+        }
+        let (status, finding) = own.reported();
+        set_status(diagnosis, status);
+        diagnosis.findings.extend(finding);
+    }
+}
+
+fn effect_of(id: &str) -> Option<&'static dyn ImageEffect> {
+    IMAGE_EFFECTS.iter().chain(IMAGE_CAUSES).copied().find(|effect| effect.id() == id)
+}
+
+fn parameter(spec: &Parameter, size: [f64; 2]) -> FoundParameter {
+    let [value, sigma] = spec.told(size);
+    FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() }
+}
+
+/// A finding, or the status of what is withheld.
+fn add_proposed(diagnosis: &mut Diagnosis, judged: &Judged, proposed: &Proposed) {
+    let question = &judged.rows.questions[proposed.question];
+    let parameters: Vec<FoundParameter> = question
+        .parameters
+        .iter()
+        .zip(&proposed.sizes)
+        .map(|(spec, [value, sigma])| FoundParameter {
+            name: spec.name.to_owned(),
+            value: *value,
+            sigma: *sigma,
+            unit: spec.unit.to_owned(),
+        })
+        .collect();
+    let p_value = (-proposed.surprise).exp();
+    let mut status = EffectStatus {
+        id: question.id.to_owned(),
+        status: EffectState::Found,
+        p_value: Some(p_value),
+        p_value_is: None,
+        score_sigma: Some(deviations(proposed.surprise)),
+        survival: None,
+        parameters: parameters.clone(),
+        upper_limit_95: None,
+        held_out_delta_chi2: None,
+        reason: String::new(),
+    };
+    if !proposed.against.is_empty() {
+        status.status = EffectState::Withheld;
+        status.held_out_delta_chi2 = Some(proposed.held_out.delta_chi2);
+        status.reason = proposed.against.join("; ");
+        set_status(diagnosis, status);
+        return;
+    }
+    set_status(diagnosis, status);
+    let channels: ByChannel = Channel::ALL.into_iter().map(|channel| (channel, proposed.channels.get(&channel).copied())).collect();
+    if let Some(known) = diagnosis.findings.iter_mut().find(|finding| finding.id == question.id) {
+        // Found by places already: what the images say stands beside it.
+        for (channel, measure) in channels {
+            if measure.is_some() {
+                known.channels.insert(channel, measure);
+            }
+        }
+        return;
+    }
+    let mut finding = Finding {
+        id: question.id.to_owned(),
+        parameters,
+        columns: ColumnSource::Formula,
+        located_by: vec![question.follows.to_owned()],
+        delta_chi2: proposed.statistic,
+        p_value,
+        p_value_is: None,
+        family_p_value: proposed.family_p,
+        family_p_value_is: None,
+        held_out_delta_chi2: proposed.held_out.delta_chi2,
+        held_out_expected: (proposed.statistic - 2.0 * proposed.rank as f64).max(0.0),
+        held_out_score: proposed.held_out.score(),
+        held_out_remark: None,
+        chosen_again: proposed.held_out.chosen,
+        left_out: "blocks of frames and half of the stars".to_owned(),
+        signs: Signs::default(),
+        resimulated_p_value: None,
+        score_sigma: deviations(proposed.surprise),
+        snr: proposed.sizes.iter().map(|[value, sigma]| (value / sigma).abs()).fold(0.0, f64::max),
+        channels,
+        indistinguishable_from: Vec::new(),
+        rivals: Vec::new(),
+        decided_by: String::new(),
+        known_amplitude: None,
+        sentence: String::new(),
+    };
+    finding.sentence = wording::image_finding(&finding);
+    diagnosis.findings.push(finding);
+}
+
+/// Sets the status of an effect; what places found stands.
+fn set_status(diagnosis: &mut Diagnosis, status: EffectStatus) {
+    match diagnosis.effects.iter_mut().find(|own| own.id == status.id) {
+        Some(own) if own.status == EffectState::Found => {}
+        Some(own) => *own = status,
+        None => diagnosis.effects.push(status),
+    }
+}
+
+/// The statuses of effects that were not proposed, or not asked.
+fn add_others(diagnosis: &mut Diagnosis, judged: &Judged) {
+    let is_listed = |diagnosis: &Diagnosis, id: &str| diagnosis.effects.iter().any(|own| own.id == id);
+    for other in &judged.others {
+        if is_listed(diagnosis, other.id) {
+            continue;
+        }
+        let spec = judged.rows.questions[other.question].parameters.first();
+        let parameters: Vec<FoundParameter> = spec.zip(other.size).map(|(spec, size)| parameter(spec, size)).into_iter().collect();
+        let is_significant = other.p_value < SIGNIFICANT;
+        let upper_limit_95 = parameters.first().filter(|_| !is_significant).map(|own| Limit {
+            name: own.name.clone(),
+            value: own.value.abs() + NINETY_FIVE * own.sigma,
+            unit: own.unit.clone(),
+        });
+        diagnosis.effects.push(EffectStatus {
+            id: other.id.to_owned(),
+            status: if is_significant { EffectState::Withheld } else { EffectState::NotFound },
+            p_value: Some(other.p_value),
+            p_value_is: None,
+            score_sigma: None,
+            survival: None,
+            parameters,
+            upper_limit_95,
+            held_out_delta_chi2: None,
+            reason: if is_significant { "the choice among all effects did not take it".to_owned() } else { String::new() },
+        });
+    }
+    for (id, reason) in &judged.unasked {
+        if !is_listed(diagnosis, id) {
+            diagnosis.effects.push(EffectStatus {
+                id: (*id).to_owned(),
+                status: EffectState::NotApplicable,
+                p_value: None,
+                p_value_is: None,
+                score_sigma: None,
+                survival: None,
+                parameters: Vec::new(),
+                upper_limit_95: None,
+                held_out_delta_chi2: None,
+                reason: reason.clone(),
+            });
+        }
+    }
+}
+
+/// How large the effects with columns in a channel would have to be to be found.
+fn detectable(judged: &Judged, channel: Channel) -> Vec<Detectable> {
+    let ranges = judged.rows.ranges();
+    let in_channel = |question: &super::rows::Question| {
+        judged
+            .rows
+            .kinds
+            .iter()
+            .zip(&ranges)
+            .any(|(kind, range)| kind.channel == channel && question.columns[0][range.clone()].iter().any(|value| *value != 0.0))
+    };
+    let mut all: Vec<Detectable> = judged
+        .rows
+        .questions
+        .iter()
+        .filter(|question| in_channel(question))
+        .filter_map(|question| {
+            let (ordinary, source) = effect_of(question.id)?.ordinary();
+            let sigma = judged.fit.amplitude(&judged.rows, &question.columns[0], |_| true).map(|[_, sigma]| sigma);
+            let size_95 = sigma.map(|sigma| ((2.0 * judged.threshold).sqrt() + NINETY_FIVE) * sigma);
+            let spec = question.parameters.first()?;
+            Some(Detectable {
+                id: question.id.to_owned(),
+                name: spec.name.to_owned(),
+                unit: spec.unit.to_owned(),
+                size_95,
+                ordinary,
+                source: source.to_owned(),
+                would_show: size_95.is_some_and(|size| size <= ordinary),
+            })
+        })
+        .collect();
+    let relative = |own: &Detectable| own.size_95.map_or(f64::INFINITY, |size| size / own.ordinary);
+    all.sort_by(|a, b| relative(a).total_cmp(&relative(b)));
+    all
+}
+
+fn channel_report(diagnosis: &Diagnosis, judged: &Judged, channel: Channel, state: &ChannelState, alpha: f64) -> ChannelReport {
+    let detectable = detectable(judged, channel);
+    let is_of = |finding: &&Finding| finding.channels.get(&channel).is_some_and(Option::is_some);
+    let has_findings = diagnosis
+        .findings
+        .iter()
+        .any(|finding| is_of(&finding) && judged.proposed.iter().any(|own| judged.rows.questions[own.question].id == finding.id));
+    let verdict = if state.left_p_value < alpha {
+        ChannelVerdict::Unexplained
+    } else if has_findings {
+        ChannelVerdict::Explained
+    } else if detectable.iter().any(|own| own.would_show) {
+        ChannelVerdict::Consistent
+    } else {
+        ChannelVerdict::Undecided
+    };
+    let largest = state.located_by.first().map_or("", String::as_str);
+    ChannelReport {
+        looked_at: true,
+        verdict,
+        p_value: Some(state.p_value),
+        p_value_is: None,
+        located_by: state.located_by.clone(),
+        reason: wording::reason(verdict, largest, &detectable),
+        detectable,
+    }
+}
+
+/// What is left of a channel and has no name.
+fn unknown(channel: Channel, state: &ChannelState) -> Unknown {
+    Unknown {
+        channel,
+        located_by: state.left_located_by.clone(),
+        p_value: state.left_p_value,
+        p_value_is: None,
+        resembles: Vec::new(),
+        vetoes: Vec::new(),
+        map: None,
+        field: RemainderMap::default(),
+        sentence: format!(
+            "In the {} of the stars something is left that no effect of the registry explains: it goes with {}.",
+            channel.words(),
+            state.left_located_by.join(", ")
+        ),
+    }
+}

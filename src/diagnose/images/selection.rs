@@ -1,0 +1,168 @@
+//! Which effects the rows ask for: each by the score of its columns, the largest first, until none is beyond chance.
+
+use nalgebra::{DMatrix, DVector};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
+
+use super::row_fit::RowFit;
+use super::rows::{Question, Rows};
+use crate::statistics::significance::neg_ln_chi2_sf;
+
+/// Effects at most.
+const MAX_EFFECTS: usize = 8;
+/// A column of which what is fitted leaves a smaller share is no question.
+const MIN_SHARE: f64 = 0.02;
+/// Columns more alike than this are one class; the more usual name is taken,
+const SAME: f64 = 0.98;
+/// if it is about as good: odds of 100 : 1.
+const AS_GOOD: f64 = 4.6;
+/// So many standard errors on the wrong side of zero are no size of an effect that has a sign.
+const WRONG_SIDE: f64 = 1.0;
+
+/// The answer to a question.
+#[derive(Clone, Debug)]
+pub(in crate::diagnose) struct Answer {
+    pub(in crate::diagnose) question: usize,
+    /// What the columns explain of ψ.
+    pub(in crate::diagnose) statistic: f64,
+    /// Independent columns.
+    pub(in crate::diagnose) rank: usize,
+    /// −ln of its probability by chance.
+    pub(in crate::diagnose) surprise: f64,
+}
+
+/// What a question's columns add to ψ, orthonormal; none where too little is left of them.
+pub(in crate::diagnose) fn directions(rows: &Rows, fit: &RowFit, columns: &[Vec<f64>]) -> Vec<DVector<f64>> {
+    let mut found: Vec<DVector<f64>> = Vec::new();
+    for column in columns {
+        let mut own = fit.response(rows, column);
+        let raw = fit.whole(rows, column);
+        for _ in 0..2 {
+            for known in &found {
+                let along = known.dot(&own);
+                own.axpy(-along, known, 1.0);
+            }
+        }
+        let length = own.norm();
+        if length > MIN_SHARE * raw && length > 0.0 {
+            found.push(own / length);
+        }
+    }
+    found
+}
+
+/// The score of a question beside what is fitted; nothing where too little is left of its columns.
+pub(in crate::diagnose) fn answer(rows: &Rows, fit: &RowFit, index: usize) -> Option<Answer> {
+    let question = &rows.questions[index];
+    let directions = directions(rows, fit, &question.columns);
+    if directions.len() < question.columns.len().min(1) || directions.is_empty() {
+        return None;
+    }
+    let psi = DVector::from_column_slice(&fit.psi);
+    let statistic = directions.iter().map(|direction| direction.dot(&psi).powi(2)).sum::<f64>();
+    let rank = directions.len();
+    let is_wrong = question.sign.is_some_and(|sign| {
+        let own = fit.amplitude(rows, &question.columns[0], |_| true);
+        own.is_some_and(|[size, sigma]| sign * size < WRONG_SIDE * sigma)
+    });
+    let surprise = if is_wrong { 0.0 } else { neg_ln_chi2_sf(rank as f64, statistic) };
+    Some(Answer { question: index, statistic, rank, surprise })
+}
+
+/// The answers to all questions that are not yet accepted.
+pub(in crate::diagnose) fn answers(rows: &Rows, fit: &RowFit, accepted: &[usize]) -> Vec<Answer> {
+    let free: Vec<usize> = (0..rows.questions.len()).filter(|index| !accepted.contains(index)).collect();
+    free.into_par_iter().filter_map(|index| answer(rows, fit, index)).collect()
+}
+
+/// Columns of accepted questions.
+pub(in crate::diagnose) fn columns<'a>(rows: &'a Rows, accepted: &[usize]) -> Vec<&'a Vec<f64>> {
+    accepted.iter().flat_map(|index| &rows.questions[*index].columns).collect()
+}
+
+/// A fit with questions accepted.
+pub(in crate::diagnose) fn fitted(rows: &Rows, allowed: &[bool], accepted: &[usize], begin: Option<&RowFit>) -> RowFit {
+    RowFit::new(rows, allowed, &columns(rows, accepted), begin)
+}
+
+/// Effects enter while one is beyond `threshold`; whoever is not beyond it beside the others leaves.
+pub(in crate::diagnose) fn select(rows: &Rows, allowed: &[bool], threshold: f64) -> (Vec<usize>, RowFit) {
+    let mut accepted: Vec<usize> = Vec::new();
+    let mut fit = fitted(rows, allowed, &accepted, None);
+    for _ in 0..MAX_EFFECTS {
+        let mut found = answers(rows, &fit, &accepted);
+        found.retain(|answer| answer.surprise > threshold);
+        let Some(chosen) = choose(rows, &fit, &found) else { break };
+        accepted.push(chosen);
+        fit = fitted(rows, allowed, &accepted, None);
+        let mut k = 0;
+        while accepted.len() > 1 && k + 1 < accepted.len() {
+            let mut rest = accepted.clone();
+            let tried = rest.remove(k);
+            let without = fitted(rows, allowed, &rest, None);
+            if answer(rows, &without, tried).is_none_or(|answer| answer.surprise < threshold) {
+                (accepted, fit) = (rest, without);
+            } else {
+                k += 1;
+            }
+        }
+    }
+    (accepted, fit)
+}
+
+/// The most surprising; of its class that are about as good the more usual one.
+fn choose(rows: &Rows, fit: &RowFit, found: &[Answer]) -> Option<usize> {
+    let best = found.iter().max_by(|a, b| a.surprise.total_cmp(&b.surprise).then(a.statistic.total_cmp(&b.statistic)))?;
+    // Where both are beyond all numbers (a difference that is none) the statistics decide alone.
+    let near = |other: &&Answer| {
+        other.question == best.question
+            || (best.surprise - other.surprise < AS_GOOD && cosine(rows, fit, best.question, other.question) > SAME)
+    };
+    found.iter().filter(near).min_by_key(|answer| rows.questions[answer.question].rank).map(|answer| answer.question)
+}
+
+/// How alike what two questions add to ψ is: the cosine of the smallest angle between them.
+pub(in crate::diagnose) fn cosine(rows: &Rows, fit: &RowFit, one: usize, other: usize) -> f64 {
+    let of = |index: usize| directions(rows, fit, &rows.questions[index].columns);
+    let (a, b) = (of(one), of(other));
+    if a.is_empty() || b.is_empty() {
+        return 0.0;
+    }
+    DMatrix::from_fn(a.len(), b.len(), |i, j| a[i].dot(&b[j])).singular_values().max().min(1.0)
+}
+
+/// The largest surprise over some questions of each of so many recordings in which nothing is missing: the same rows, ψ dealt out anew within
+/// each kind with signs by chance, the kinds of a star's rows together.
+pub(in crate::diagnose) fn chance(rows: &Rows, fit: &RowFit, questions: &[&Question], nulls: usize, seed: u64) -> Vec<f64> {
+    let bases: Vec<Vec<DVector<f64>>> = questions.iter().map(|question| directions(rows, fit, &question.columns)).collect();
+    let width: usize = bases.iter().map(Vec::len).sum();
+    let n = rows.len();
+    let matrix = DMatrix::from_iterator(n, width, bases.iter().flatten().flat_map(|direction| direction.iter().copied()));
+    let ranges = rows.ranges();
+    let simulate = |null: usize| {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed ^ (null as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let mut psi = DVector::zeros(n);
+        for range in &ranges {
+            let taken: Vec<usize> = range.clone().filter(|k| fit.take[*k]).collect();
+            for k in &taken {
+                let size = fit.psi[taken[rng.random_range(0..taken.len())]];
+                psi[*k] = if rng.random::<bool>() { size } else { -size };
+            }
+        }
+        let along = matrix.tr_mul(&psi);
+        let mut first = 0;
+        let mut most = 0.0_f64;
+        for basis in &bases {
+            let square: f64 = along.rows(first, basis.len()).norm_squared();
+            first += basis.len();
+            if !basis.is_empty() {
+                most = most.max(neg_ln_chi2_sf(basis.len() as f64, square));
+            }
+        }
+        most
+    };
+    let mut all: Vec<f64> = (0..nulls).into_par_iter().map(simulate).collect();
+    all.sort_by(|a, b| b.total_cmp(a));
+    all
+}

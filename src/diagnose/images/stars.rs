@@ -1,0 +1,220 @@
+//! Rows of stars: magnitude less the catalogue's, second moments, skewness; and the columns that effects and causes have there.
+
+use std::collections::BTreeMap;
+
+use super::rows::{Kind, Parameter, Question, Row, Rows, Shared, Shown};
+use crate::detect::Moments;
+use crate::diagnose::causes::IMAGE_CAUSES;
+use crate::diagnose::channels::Channel;
+use crate::effects::{IMAGE_EFFECTS, ImageContext, ImageEffect, ImageResponse, MAGNITUDES};
+use crate::statistics::median;
+
+/// Name of the rows that tell the size of images.
+pub(super) const SIZE: &str = "size of the image";
+/// Stars that are expected to be fainter than this are found where noise has made them brighter, and tell that.
+const MIN_SNR: f64 = 10.0;
+/// Fewer bright stars tell no zero point of a frame.
+const MIN_ZERO: usize = 5;
+/// Fewer rows of a kind are no kind.
+const MIN_ROWS: usize = 30;
+/// An effect is asked for where so large a part of the stars has what it depends on.
+const MIN_KNOWN: f64 = 0.75;
+
+/// What was measured of one star image beside its place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StarMeasurement {
+    /// The control point that it belongs to.
+    pub point: usize,
+    /// Number of its frame in the recording.
+    pub frame: usize,
+    /// Number of its star.
+    pub star: usize,
+    /// V of the catalogue.
+    pub magnitude: f64,
+    /// Light above the background, DN.
+    pub flux_dn: f64,
+    /// Its standard error.
+    pub flux_sigma_dn: f64,
+    /// Moments, where they were measured.
+    pub moments: Option<Moments>,
+    /// What brightness and shape may depend on.
+    pub image: ImageContext,
+}
+
+/// The kinds in which a star has rows, in this order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum StarKind {
+    Magnitude,
+    Size,
+    Elongation,
+    Diagonal,
+    SkewX,
+    SkewY,
+}
+
+impl StarKind {
+    const ALL: [Self; 6] = [Self::Magnitude, Self::Size, Self::Elongation, Self::Diagonal, Self::SkewX, Self::SkewY];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Magnitude => "magnitude less the catalogue's",
+            Self::Size => SIZE,
+            Self::Elongation => "elongation along x",
+            Self::Diagonal => "elongation along the diagonal",
+            Self::SkewX => "skewness along x",
+            Self::SkewY => "skewness along y",
+        }
+    }
+
+    fn channel(self) -> Channel {
+        if self == Self::Magnitude { Channel::Flux } else { Channel::Shape }
+    }
+
+    /// Value and standard error.
+    fn measured(self, star: &StarMeasurement) -> Option<[f64; 2]> {
+        if self == Self::Magnitude {
+            let is_told = star.magnitude.is_finite() && star.magnitude < 90.0;
+            return is_told.then(|| [-2.5 * star.flux_dn.log10() - star.magnitude, MAGNITUDES * star.flux_sigma_dn / star.flux_dn]);
+        }
+        let moments = star.moments?;
+        let ([xx, xy, yy], [sxx, sxy, syy]) = (moments.second_px2, moments.second_sigma_px2);
+        let half = 0.5 * sxx.hypot(syy);
+        let [value, sigma] = match self {
+            Self::Size => [0.5 * (xx + yy), half],
+            Self::Elongation => [0.5 * (xx - yy), half],
+            Self::Diagonal => [xy, sxy],
+            Self::SkewX => [moments.skewness[0], moments.skewness_sigma[0]],
+            Self::SkewY | Self::Magnitude => [moments.skewness[1], moments.skewness_sigma[1]],
+        };
+        (value.is_finite() && sigma > 0.0 && sigma.is_finite()).then_some([value, sigma])
+    }
+
+    fn of(self, response: &ImageResponse) -> f64 {
+        let [xx, xy, yy] = response.second_px2;
+        match self {
+            Self::Magnitude => response.magnitude,
+            Self::Size => 0.5 * (xx + yy),
+            Self::Elongation => 0.5 * (xx - yy),
+            Self::Diagonal => xy,
+            Self::SkewX => response.skewness[0],
+            Self::SkewY => response.skewness[1],
+        }
+    }
+}
+
+/// A star's row of a kind.
+struct Told<'a> {
+    kind: usize,
+    of: StarKind,
+    star: &'a StarMeasurement,
+}
+
+/// Rows of the stars with the questions of all effects and causes; what was not asked and why; and the stars that have rows, what depends on their
+/// brightness at the expected one.
+pub(super) fn rows_of_stars(stars: &[StarMeasurement], frames: usize) -> (Rows, BTreeMap<&'static str, String>, Vec<StarMeasurement>) {
+    let mut rows = Rows { frames, ..Rows::default() };
+    let stars = expected_bright(stars);
+    let mut told: Vec<Told<'_>> = Vec::new();
+    for of in StarKind::ALL {
+        let own: Vec<(&StarMeasurement, [f64; 2], f64)> =
+            stars.iter().filter_map(|(star, snr)| Some((star, of.measured(star)?, *snr))).collect();
+        if own.len() < MIN_ROWS {
+            continue;
+        }
+        let kind = rows.kinds.len();
+        told.extend(own.iter().map(|(star, ..)| Told { kind, of, star }));
+        let row = |(star, [value, sigma], _): &(&StarMeasurement, [f64; 2], f64)| Row {
+            value: *value,
+            sigma: *sigma,
+            frame: star.frame,
+            star: star.star,
+            point: Some(star.point),
+        };
+        let one = vec![1.0; own.len()];
+        // A fit to noise is biased in proportion to the inverse square of the signal-to-noise ratio (Box 1971, J. R. Stat. Soc. B 33, 171).
+        let bias: Vec<f64> = own.iter().map(|(_, _, snr)| snr.powi(-2)).collect();
+        let is_flux = of == StarKind::Magnitude;
+        rows.kinds.push(Kind {
+            channel: of.channel(),
+            name: of.name(),
+            rows: own.iter().map(row).collect(),
+            per_frame: if is_flux { vec![one.clone()] } else { Vec::new() },
+            common: if is_flux { vec![bias] } else { vec![one, bias] },
+            shared: if is_flux { Shared::Star } else { Shared::Frame },
+            is_scaled: true,
+        });
+    }
+    let mut unasked = BTreeMap::new();
+    for effect in IMAGE_EFFECTS.iter().chain(IMAGE_CAUSES) {
+        match question(*effect, &told) {
+            Ok(question) => rows.questions.push(question),
+            Err(reason) => {
+                unasked.entry(effect.id()).or_insert(reason);
+            }
+        }
+    }
+    (rows, unasked, stars.iter().map(|(star, _)| *star).collect())
+}
+
+/// The stars that are bright enough by the catalogue, whatever was measured of them, each with its expected signal-to-noise ratio. A choice by the
+/// measured flux would prefer what noise has made brighter, and a column that holds it would follow the errors of the fluxes: what depends on
+/// brightness is taken at the expected one. The zero point is that of the frame's bright stars.
+fn expected_bright(stars: &[StarMeasurement]) -> Vec<(StarMeasurement, f64)> {
+    let is_bright = |star: &&StarMeasurement| star.flux_dn > 3.0 * MIN_SNR * star.flux_sigma_dn && star.magnitude.is_finite();
+    let zero_point = |star: &StarMeasurement| -2.5 * star.flux_dn.log10() - star.magnitude;
+    let all: Vec<f64> = stars.iter().filter(is_bright).map(zero_point).collect();
+    // The error of a flux hardly hangs on the flux of a faint star: that of the typical faint one stands for all.
+    let faint: Vec<f64> = stars.iter().filter(|star| !is_bright(star)).map(|star| star.flux_sigma_dn).collect();
+    let (Some(common), Some(sigma_dn)) =
+        (median(&all), median(&faint).or_else(|| median(&stars.iter().map(|star| star.flux_sigma_dn).collect::<Vec<_>>())))
+    else {
+        return Vec::new();
+    };
+    let mut by_frame: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
+    for star in stars.iter().filter(is_bright) {
+        by_frame.entry(star.frame).or_default().push(zero_point(star));
+    }
+    let by_frame: BTreeMap<usize, f64> =
+        by_frame.into_iter().filter(|(_, own)| own.len() >= MIN_ZERO).filter_map(|(frame, own)| Some((frame, median(&own)?))).collect();
+    let expected = |star: &StarMeasurement| {
+        let zero_point = by_frame.get(&star.frame).copied().unwrap_or(common);
+        let flux_dn = 10.0_f64.powf(-0.4 * (star.magnitude + zero_point));
+        let ratio = flux_dn / star.flux_dn;
+        let mut own = *star;
+        own.image.fullness = own.image.fullness.map(|fullness| fullness * ratio);
+        own.image.relative_flux = own.image.relative_flux.map(|flux| flux * ratio);
+        (own, flux_dn / sigma_dn)
+    };
+    stars.iter().filter(|star| star.flux_dn > 0.0).map(expected).filter(|(_, snr)| *snr > MIN_SNR).collect()
+}
+
+/// Columns of an effect over the rows of stars; or why there are none.
+fn question(effect: &'static dyn ImageEffect, told: &[Told<'_>]) -> Result<Question, String> {
+    let count = effect.parameters().len();
+    let mut columns = vec![vec![0.0; told.len()]; count];
+    let mut known = 0;
+    for (k, own) in told.iter().enumerate() {
+        let Some(responses) = effect.responses(&own.star.image) else { continue };
+        known += 1;
+        for (column, response) in columns.iter_mut().zip(&responses) {
+            column[k] = own.of.of(response);
+        }
+    }
+    if (known as f64) < MIN_KNOWN * told.len() as f64 || told.is_empty() {
+        return Err(format!("it needs {}", effect.needs()));
+    }
+    // A column that is zero or the same everywhere in every kind tells nothing.
+    let varies = |column: &Vec<f64>| {
+        let kinds = told.iter().map(|own| own.kind).max().unwrap_or(0);
+        (0..=kinds).any(|kind| {
+            let of: Vec<f64> = told.iter().zip(column).filter(|(own, _)| own.kind == kind).map(|(_, value)| *value).collect();
+            let [low, high] = [of.iter().copied().fold(f64::INFINITY, f64::min), of.iter().copied().fold(f64::NEG_INFINITY, f64::max)];
+            high - low > 1e-9 * high.abs().max(low.abs())
+        })
+    };
+    if !columns.iter().any(varies) {
+        return Err("what it depends on does not vary".to_owned());
+    }
+    let parameters = effect.parameters().iter().map(|(name, unit)| Parameter { name, unit, shown: Shown::Same }).collect();
+    Ok(Question { id: effect.id(), parameters, follows: effect.follows(), columns, rank: effect.name_rank(), sign: effect.sign() })
+}

@@ -1,0 +1,116 @@
+//! Proof on what took no part: effects are chosen and sized without some of the frames and half of the stars, and scored on these.
+
+use rayon::prelude::*;
+
+use super::row_fit::RowFit;
+use super::rows::Rows;
+use super::selection::{cosine, select};
+
+/// Blocks of frames, at most.
+const BLOCKS: usize = 4;
+/// Fewer frames are not left out: parts of the stars are.
+const MIN_FRAMES: usize = 4;
+/// What leaves the same trace is credited alike.
+const SAME_TRACE: f64 = 0.95;
+/// The fall must stand so many standard deviations above that without the effect.
+const MIN_SCORE: f64 = 2.0;
+/// An effect is chosen again in this share of the turns at least.
+const MIN_TURNS: f64 = 0.5;
+
+/// What held-out rows say of an effect.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(in crate::diagnose) struct HeldOut {
+    /// Fall of χ² with the sizes of the turns.
+    pub(in crate::diagnose) delta_chi2: f64,
+    /// Sum of the squares of what the effect adds.
+    pub(in crate::diagnose) square: f64,
+    /// By kind: fall of χ².
+    pub(in crate::diagnose) by_kind: Vec<f64>,
+    /// Turns that chose it, of how many.
+    pub(in crate::diagnose) chosen: [usize; 2],
+}
+
+impl HeldOut {
+    /// Standard deviations above the mean without the effect: mean −|x|², variance 4·|x|².
+    pub(in crate::diagnose) fn score(&self) -> f64 {
+        if self.square > 0.0 { (self.delta_chi2 + self.square) / (2.0 * self.square.sqrt()) } else { 0.0 }
+    }
+
+    /// Why the effect is not confirmed; nothing where it is.
+    pub(in crate::diagnose) fn fails(&self) -> Option<String> {
+        let [times, turns] = self.chosen;
+        if times == 0 || (times as f64) < MIN_TURNS * turns as f64 {
+            return Some(format!("it is chosen again in {times} of {turns} turns that leave frames and stars out"));
+        }
+        (self.delta_chi2 <= 0.0 || self.score() < MIN_SCORE)
+            .then(|| format!("it does not improve frames and stars that took no part: Δχ² {:.1}", self.delta_chi2))
+    }
+}
+
+/// The turns: rows to choose and size by, and rows to score on.
+pub(in crate::diagnose) fn turns(rows: &Rows) -> Vec<[Vec<bool>; 2]> {
+    let blocks = if rows.frames >= MIN_FRAMES { BLOCKS.min(rows.frames) } else { 1 };
+    let mut all = Vec::new();
+    for block in 0..blocks {
+        for half in 0..2 {
+            let is_block = |frame: usize| blocks == 1 || frame * blocks / rows.frames.max(1) == block;
+            // A star's number says nothing of the star; rows of no star follow their frame alone.
+            let is_half = |point: Option<usize>, star: usize| point.is_none() || star.wrapping_mul(0x9e37_79b9) >> 7 & 1 == half;
+            let held: Vec<bool> = rows.rows().map(|row| is_block(row.frame) && is_half(row.point, row.star)).collect();
+            let train: Vec<bool> = rows
+                .rows()
+                .map(|row| (blocks == 1 || !is_block(row.frame)) && (row.point.is_none() || !is_half(row.point, row.star)))
+                .collect();
+            let train = train.iter().zip(&held).map(|(train, held)| *train && !held).collect();
+            all.push([train, held]);
+        }
+    }
+    all
+}
+
+/// What the turns say of each of the effects found by all rows.
+pub(in crate::diagnose) fn held_out(rows: &Rows, all: &RowFit, found: &[usize], threshold: f64) -> Vec<HeldOut> {
+    let turns = turns(rows);
+    let of_turn = |[train, held]: &[Vec<bool>; 2]| -> Vec<Option<HeldOut>> {
+        let (chosen, fit) = select(rows, train, threshold);
+        let on_held = RowFit::new(rows, held, &[], Some(&fit.clone().on(held)));
+        let mut credited = vec![None; found.len()];
+        let mut first = 0;
+        for question in chosen {
+            let columns = &rows.questions[question].columns;
+            let sizes: Vec<f64> = (0..columns.len()).map(|k| fit.size[first + k]).collect();
+            first += columns.len();
+            let owner = found.iter().position(|own| *own == question || cosine(rows, all, *own, question) > SAME_TRACE);
+            if let Some(owner) = owner.filter(|owner| credited[*owner].is_none()) {
+                credited[owner] = Some(gain(rows, &on_held, columns, &sizes));
+            }
+        }
+        credited
+    };
+    let by_turn: Vec<Vec<Option<HeldOut>>> = turns.par_iter().map(of_turn).collect();
+    (0..found.len())
+        .map(|k| {
+            let mut sum = HeldOut { by_kind: vec![0.0; rows.kinds.len()], chosen: [0, turns.len()], ..HeldOut::default() };
+            for own in by_turn.iter().filter_map(|turn| turn[k].as_ref()) {
+                sum.delta_chi2 += own.delta_chi2;
+                sum.square += own.square;
+                sum.chosen[0] += 1;
+                for (sum, own) in sum.by_kind.iter_mut().zip(&own.by_kind) {
+                    *sum += own;
+                }
+            }
+            sum
+        })
+        .collect()
+}
+
+/// Fall of χ² on the rows of a fit with columns of given sizes.
+fn gain(rows: &Rows, fit: &RowFit, columns: &[Vec<f64>], sizes: &[f64]) -> HeldOut {
+    let mut moved = nalgebra::DVector::zeros(rows.len());
+    for (column, size) in columns.iter().zip(sizes) {
+        moved += fit.response(rows, column) * *size;
+    }
+    let by_kind: Vec<f64> =
+        rows.ranges().into_iter().map(|range| range.map(|k| 2.0 * moved[k] * fit.psi[k] - moved[k] * moved[k]).sum()).collect();
+    HeldOut { delta_chi2: by_kind.iter().sum(), square: moved.norm_squared(), by_kind, chosen: [1, 1] }
+}
