@@ -54,11 +54,11 @@ pub struct CameraInfo {
     #[serde(default, deserialize_with = "values::positive", skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub focal_length_mm: Option<f64>,
-    /// Principal distance.
+    /// Principal distance; it goes before the focal length in millimetres.
     #[serde(default, deserialize_with = "values::positive", skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub focal_length_px: Option<f64>,
-    /// Where the optical axis meets the frame.
+    /// Where the optical axis meets the frame; its middle if absent.
     #[serde(default, deserialize_with = "values::point_px", skip_serializing_if = "Option::is_none")]
     pub principal_point_px: Option<[f64; 2]>,
     /// Radial distortion, px⁻².
@@ -99,7 +99,7 @@ pub struct CameraInfo {
     /// The row that a rolling shutter reads first.
     #[serde(default, deserialize_with = "values::choice", skip_serializing_if = "Option::is_none")]
     pub first_row: Option<FirstRow>,
-    /// The passband of magnitudes.
+    /// The passband of magnitudes, free text.
     #[serde(default, deserialize_with = "values::text", skip_serializing_if = "Option::is_none")]
     pub passband: Option<String>,
 }
