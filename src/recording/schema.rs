@@ -30,7 +30,7 @@ pub struct RecordingFile {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub site: Option<RecordingSiteTable>,
     /// The frames, in order.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(default)]
     pub frames: Vec<RecordingFrameTable>,
 }
 

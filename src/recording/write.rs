@@ -334,11 +334,13 @@ fn push_table(text: &mut String, table: &impl Serialize) {
     // of these types only a width beyond what TOML can write is refused; what is then missing is seen on reading back
     let table = toml::Table::try_from(table).unwrap_or_default();
     for (key, value) in &table {
-        if let toml::Value::Table(inner) = value {
-            let _ = writeln!(text, "\n[{key}]"); // writing to a String cannot fail
-            push_table(text, inner);
-        } else {
-            push_value(text, key, value);
+        match value {
+            toml::Value::Table(inner) => {
+                let _ = writeln!(text, "\n[{key}]"); // writing to a String cannot fail
+                push_table(text, inner);
+            }
+            toml::Value::Array(items) if items.is_empty() => {} // the frames, which follow one by one
+            _ => push_value(text, key, value),
         }
     }
 }
