@@ -184,7 +184,7 @@ fn the_texts_that_are_written() {
     let bare = ListedStar { x_px: 0.1, y_px: 2.0, flux_e: None, magnitude: None, covariance_px2: None, hip: None, radec_deg: None };
     let full = ListedStar { magnitude: Some(1e-7), covariance_px2: Some([0.25, -0.125, 1.0]), radec_deg: Some([10.0, -60.5]), ..bare };
     let list = |frames: Vec<Vec<ListedStar>>| star_list_text(&StarList { frames });
-    assert_eq!(list(vec![vec![bare], vec![]]), "frame,x_px,y_px\n0,0.1,2.0\n");
+    assert_eq!(list(vec![vec![bare.clone()], vec![]]), "frame,x_px,y_px\n0,0.1,2.0\n");
     assert_eq!(
         list(vec![vec![bare], vec![full]]),
         "frame,x_px,y_px,magnitude,sigma_x_px,sigma_y_px,cov_xy_px2,ra_deg,dec_deg\n\
