@@ -164,5 +164,6 @@ mod statistics;
 mod units;
 
 mod error;
+mod toml_file;
 
 pub use error::{Error, Result};

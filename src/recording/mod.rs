@@ -21,6 +21,7 @@ mod image_file;
 mod manifest;
 mod open;
 mod output;
+mod places;
 mod pnm;
 mod schema;
 mod star_list;
@@ -28,7 +29,7 @@ mod tags;
 mod tiff;
 mod time;
 mod told;
-mod toml_table;
+mod values;
 mod write;
 
 use std::collections::BTreeMap;
@@ -47,10 +48,11 @@ pub use error::{FrameProblem, FrameSize, ManifestKey, RecordingError};
 pub use image_file::load as load_image;
 pub use manifest::FORMAT;
 pub use output::{OutputError, write_file};
+pub use schema::CameraInfo;
 pub use star_list::{ListedStar, StarList};
 pub use told::{GivenCircumstances, ToldError};
 pub use write::{FitsHeaders, write_fits_u16, write_manifest, write_png_u16};
-inner!(schema::{CameraTable, RecordingFrameTable, RecordingMountTable, RecordingFile, STAR_LIST_FORMAT, RecordingSiteTable, StarListRow});
+inner!(schema::{RecordingFrameTable, RecordingMountTable, RecordingFile, STAR_LIST_FORMAT, RecordingSiteTable, StarListRow});
 inner!(output::{OutputDirectory, ResultFolder, abandon, check_file});
 inner!(write::{manifest_text, write_fits_f32, star_list_text, write_fits_with, write_manifest_of, write_fits_u8});
 
@@ -98,47 +100,6 @@ pub enum Form {
     Images,
     /// A manifest with a star list.
     StarList,
-}
-
-/// What the maker or the ground calibration said of the camera; it may be wrong.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct CameraInfo {
-    /// Columns.
-    pub width_px: usize,
-    /// Rows.
-    pub height_px: usize,
-    /// Distance from pixel to pixel in x and y.
-    pub pixel_pitch_um: Option<[f64; 2]>,
-    /// Focal length.
-    pub focal_length_mm: Option<f64>,
-    /// Focal length in pixels; goes before the one in millimetres.
-    pub focal_length_px: Option<f64>,
-    /// Principal point; the middle of the frame if absent.
-    pub principal_point_px: Option<[f64; 2]>,
-    /// Radial distortion, px⁻².
-    pub k1: Option<f64>,
-    /// Decentring distortion, px⁻¹.
-    pub p1: Option<f64>,
-    /// Decentring distortion, px⁻¹.
-    pub p2: Option<f64>,
-    /// Photo-electrons per count.
-    pub gain_e_per_dn: Option<f64>,
-    /// Counts without light.
-    pub bias_dn: Option<f64>,
-    /// Read noise, one standard deviation.
-    pub read_noise_e: Option<f64>,
-    /// Counts at which a pixel is full.
-    pub saturation_dn: Option<f64>,
-    /// Electrons per second of a star of V = 0.
-    pub zero_point_e_per_s: Option<f64>,
-    /// How the rows are exposed.
-    pub shutter: Option<Shutter>,
-    /// Time from row to row with a rolling shutter.
-    pub line_time_us: Option<f64>,
-    /// The row read first.
-    pub first_row: Option<FirstRow>,
-    /// Free text.
-    pub passband: Option<String>,
 }
 
 /// How the rows are exposed.

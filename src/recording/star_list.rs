@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use super::error::{FrameSize, RecordingError};
-use super::toml_table::suggestion;
 use crate::guard::{Panicked, guarded};
+use crate::toml_file::suggestion;
 
 pub(super) const COLUMNS: [&str; 11] =
     ["frame", "x_px", "y_px", "flux_e", "magnitude", "sigma_x_px", "sigma_y_px", "cov_xy_px2", "hip", "ra_deg", "dec_deg"];

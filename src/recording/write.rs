@@ -1,6 +1,7 @@
 //! Writing recordings with a manifest, in the form that the readers beside it read.
 
-use std::fmt::Write as _;
+use std::collections::BTreeMap;
+use std::fmt::{Debug, Write as _};
 use std::fs::File;
 use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
@@ -10,9 +11,11 @@ use fitsio_pure::header::{Card, serialize_header};
 use fitsio_pure::value::Value;
 use hifitime::{Duration, Epoch};
 use image::{ExtendedColorType, ImageEncoder};
+use serde::Serialize;
 
 use super::output::{OutputError, write_file};
-use super::{CameraInfo, FirstRow, FrameEntry, Mount, Recording, Shutter, Site, StarList, manifest, time};
+use super::schema::{RecordingFile, RecordingFrameTable, RecordingMountTable, RecordingSiteTable};
+use super::{CameraInfo, FrameEntry, ListedStar, Recording, Site, StarList, manifest, time};
 use crate::frame::Frame;
 
 /// Bytes of a card of a FITS header.
@@ -223,13 +226,13 @@ pub fn write_manifest_of(
     file.write_all(head.as_bytes()).map_err(error)?;
     let mut frames = frames.peekable();
     while frames.peek().is_some() {
-        let mut piece = Lines::default();
-        frames.by_ref().take(PIECE).for_each(|frame| piece.frame(&frame));
-        let read_back = manifest::parse(&path, &format!("{head}{}", piece.0)).map_err(Box::new)?;
+        let mut piece = String::new();
+        frames.by_ref().take(PIECE).for_each(|frame| push_frame(&mut piece, &frame));
+        let read_back = manifest::parse(&path, &format!("{head}{piece}")).map_err(Box::new)?;
         for frame in read_back.frames {
             frame.entry.map_err(Box::new)?;
         }
-        file.write_all(piece.0.as_bytes()).map_err(error)?;
+        file.write_all(piece.as_bytes()).map_err(error)?;
     }
     file.flush().map_err(error)?;
     Ok(path)
@@ -238,45 +241,43 @@ pub fn write_manifest_of(
 /// The text of `recording.toml`.
 #[must_use]
 pub fn manifest_text(recording: &Recording) -> String {
-    let mut text = Lines::default();
-    text.quoted("format", Some(manifest::FORMAT));
-    text.quoted("stars", recording.stars.as_ref().map(|_| STAR_FILE));
-    text.head("[camera]");
-    let camera = &recording.camera;
-    text.raw("width_px", Some(camera.width_px));
-    text.raw("height_px", Some(camera.height_px));
-    text.numbers("pixel_pitch_um", camera.pixel_pitch_um);
-    text.number("focal_length_mm", camera.focal_length_mm);
-    text.number("focal_length_px", camera.focal_length_px);
-    text.numbers("principal_point_px", camera.principal_point_px);
-    text.number("k1", camera.k1);
-    text.number("p1", camera.p1);
-    text.number("p2", camera.p2);
-    text.number("gain_e_per_dn", camera.gain_e_per_dn);
-    text.number("bias_dn", camera.bias_dn);
-    text.number("read_noise_e", camera.read_noise_e);
-    text.number("saturation_dn", camera.saturation_dn);
-    text.number("zero_point_e_per_s", camera.zero_point_e_per_s);
-    let shutter = |shutter| if shutter == Shutter::Global { "global" } else { "rolling" };
-    text.quoted("shutter", camera.shutter.map(shutter));
-    text.number("line_time_us", camera.line_time_us);
-    text.quoted("first_row", camera.first_row.map(|row| if row == FirstRow::Top { "top" } else { "bottom" }));
-    text.quoted("passband", camera.passband.as_deref());
-    if let Some(mount) = recording.mount {
-        text.head("[mount]");
-        text.quoted("kind", Some(if mount == Mount::Free { "free" } else { "fixed" }));
+    let head = RecordingFile {
+        format: manifest::FORMAT.to_owned(),
+        stars: recording.stars.as_ref().map(|_| STAR_FILE.to_owned()),
+        camera: recording.camera.clone(),
+        mount: recording.mount.map(|mount| RecordingMountTable { kind: Some(mount) }),
+        site: recording.site.map(RecordingSiteTable::from),
+        frames: Vec::new(), // below, one by one
+    };
+    let mut text = String::new();
+    push_table(&mut text, &head);
+    recording.frames.iter().for_each(|frame| push_frame(&mut text, frame));
+    text
+}
+
+impl From<Site> for RecordingSiteTable {
+    fn from(site: Site) -> Self {
+        let Site { latitude_deg, longitude_deg, height_m, pressure_hpa, temperature_c, relative_humidity } = site;
+        Self { latitude_deg, longitude_deg, height_m, pressure_hpa, temperature_c, relative_humidity }
     }
-    if let Some(site) = recording.site {
-        text.head("[site]");
-        text.number("latitude_deg", Some(site.latitude_deg));
-        text.number("longitude_deg", Some(site.longitude_deg));
-        text.number("height_m", Some(site.height_m));
-        text.number("pressure_hpa", site.pressure_hpa);
-        text.number("temperature_c", site.temperature_c);
-        text.number("relative_humidity", site.relative_humidity);
+}
+
+impl From<&FrameEntry> for RecordingFrameTable {
+    fn from(frame: &FrameEntry) -> Self {
+        Self {
+            file: frame.file.as_ref().map(|file| file.to_string_lossy().into_owned()),
+            time_utc: frame.time_utc.map(|epoch| format!("{}Z", time::format_utc(epoch))),
+            exposure_s: frame.exposure_s,
+            temperature_c: frame.temperature_c,
+            velocity_km_s: frame.velocity_km_s,
+            rate_deg_s: frame.rate_deg_s,
+            camera_from_icrs: frame.camera_from_icrs.map(<[f64; 4]>::from),
+            attitude_sigma_arcsec: frame.attitude_sigma_arcsec,
+            boresight_radec_deg: frame.boresight_radec_deg,
+            altitude_azimuth_deg: frame.altitude_azimuth_deg,
+            telemetry: BTreeMap::new(), // written apart: a name that is a known key must not take its place unseen
+        }
     }
-    recording.frames.iter().for_each(|frame| text.frame(frame));
-    text.0
 }
 
 /// The text of a star list: the columns that any star uses.
@@ -288,89 +289,71 @@ pub fn star_list_text(stars: &StarList) -> String {
     let covariance = all().any(|star| star.covariance_px2.is_some());
     let hip = all().any(|star| star.hip.is_some());
     let radec = all().any(|star| star.radec_deg.is_some());
-    let mut text = "frame,x_px,y_px".to_owned();
-    for (used, columns) in [
-        (flux, ",flux_e"),
-        (magnitude, ",magnitude"),
-        (covariance, ",sigma_x_px,sigma_y_px,cov_xy_px2"),
-        (hip, ",hip"),
-        (radec, ",ra_deg,dec_deg"),
-    ] {
-        text.push_str(if used { columns } else { "" });
-    }
-    text.push('\n');
+    let columns: [Column; 11] = [
+        ("frame", true, |frame, _| frame.to_string()),
+        ("x_px", true, |_, star| field(Some(star.x_px))),
+        ("y_px", true, |_, star| field(Some(star.y_px))),
+        ("flux_e", flux, |_, star| field(star.flux_e)),
+        ("magnitude", magnitude, |_, star| field(star.magnitude)),
+        ("sigma_x_px", covariance, |_, star| field(star.covariance_px2.map(|[xx, ..]| xx.sqrt()))),
+        ("sigma_y_px", covariance, |_, star| field(star.covariance_px2.map(|[.., yy]| yy.sqrt()))),
+        ("cov_xy_px2", covariance, |_, star| field(star.covariance_px2.map(|[_, xy, _]| xy))),
+        ("hip", hip, |_, star| field(star.hip)),
+        ("ra_deg", radec, |_, star| field(star.radec_deg.map(|[ra, _]| ra))),
+        ("dec_deg", radec, |_, star| field(star.radec_deg.map(|[_, dec]| dec))),
+    ];
+    let used = || columns.iter().filter(|(_, used, _)| *used);
+    let mut table = csv::Writer::from_writer(Vec::new());
+    // writing to memory cannot fail, and every record has as many fields as the header
+    let _ = table.write_record(used().map(|(name, ..)| *name));
     for (frame, list) in stars.frames.iter().enumerate() {
         for star in list {
-            let mut fields = vec![frame.to_string(), format!("{:?}", star.x_px), format!("{:?}", star.y_px)];
-            let mut field = |used: bool, value: Option<f64>| {
-                if used {
-                    fields.push(value.map_or_else(String::new, |value| format!("{value:?}")));
-                }
-            };
-            field(flux, star.flux_e);
-            field(magnitude, star.magnitude);
-            field(covariance, star.covariance_px2.map(|[xx, ..]| xx.sqrt()));
-            field(covariance, star.covariance_px2.map(|[.., yy]| yy.sqrt()));
-            field(covariance, star.covariance_px2.map(|[_, xy, _]| xy));
-            if hip {
-                fields.push(star.hip.map_or_else(String::new, |hip| hip.to_string()));
-            }
-            let mut field = |value: Option<f64>| {
-                if radec {
-                    fields.push(value.map_or_else(String::new, |value| format!("{value:?}")));
-                }
-            };
-            field(star.radec_deg.map(|[ra, _]| ra));
-            field(star.radec_deg.map(|[_, dec]| dec));
-            text.push_str(&fields.join(","));
-            text.push('\n');
+            let _ = table.write_record(used().map(|(.., read)| read(frame, star)));
         }
     }
-    text
+    table.into_inner().ok().and_then(|bytes| String::from_utf8(bytes).ok()).unwrap_or_default()
 }
 
-/// A TOML text, line by line.
-#[derive(Default)]
-struct Lines(String);
+/// A column of a star list: its name, whether any star uses it, and its field for a star of a frame.
+type Column = (&'static str, bool, fn(usize, &ListedStar) -> String);
 
-impl Lines {
-    fn head(&mut self, head: &str) {
-        let _ = writeln!(self.0, "\n{head}"); // writing to a String cannot fail
-    }
+/// What is absent is empty.
+fn field(value: Option<impl Debug>) -> String {
+    value.map_or_else(String::new, |value| format!("{value:?}"))
+}
 
-    fn frame(&mut self, frame: &FrameEntry) {
-        self.head("[[frames]]");
-        self.quoted("file", frame.file.as_ref().map(|file| file.to_string_lossy()).as_deref());
-        self.quoted("time_utc", frame.time_utc.map(|epoch| format!("{}Z", time::format_utc(epoch))).as_deref());
-        self.number("exposure_s", frame.exposure_s);
-        self.number("temperature_c", frame.temperature_c);
-        self.numbers("velocity_km_s", frame.velocity_km_s);
-        self.numbers("rate_deg_s", frame.rate_deg_s);
-        self.numbers("camera_from_icrs", frame.camera_from_icrs.map(<[f64; 4]>::from));
-        self.number("attitude_sigma_arcsec", frame.attitude_sigma_arcsec);
-        self.numbers("boresight_radec_deg", frame.boresight_radec_deg);
-        self.numbers("altitude_azimuth_deg", frame.altitude_azimuth_deg);
-        for (name, value) in &frame.covariates {
-            self.number(&key(name), Some(*value));
+fn push_frame(text: &mut String, frame: &FrameEntry) {
+    text.push_str("\n[[frames]]\n");
+    push_table(text, &RecordingFrameTable::from(frame));
+    frame.covariates.iter().for_each(|(name, value)| push_value(text, name, &toml::Value::Float(*value)));
+}
+
+/// Writes the keys of a table, and its tables after them. The toml crate lays them out; only its numbers are not taken, since it writes 1e-9 as
+/// 0.000000001.
+fn push_table(text: &mut String, table: &impl Serialize) {
+    // of these types only a width beyond what TOML can write is refused; what is then missing is seen on reading back
+    let table = toml::Table::try_from(table).unwrap_or_default();
+    for (key, value) in &table {
+        match value {
+            toml::Value::Table(inner) => {
+                let _ = writeln!(text, "\n[{key}]"); // writing to a String cannot fail
+                push_table(text, inner);
+            }
+            toml::Value::Array(items) if items.is_empty() => {} // the frames, which follow one by one
+            _ => push_value(text, key, value),
         }
     }
+}
 
-    fn raw(&mut self, key: &str, value: Option<impl std::fmt::Display>) {
-        if let Some(value) = value {
-            let _ = writeln!(self.0, "{key} = {value}");
-        }
-    }
+fn push_value(text: &mut String, name: &str, value: &toml::Value) {
+    let _ = writeln!(text, "{} = {}", key(name), shown(value));
+}
 
-    fn number(&mut self, key: &str, value: Option<f64>) {
-        self.raw(key, value.map(digits));
-    }
-
-    fn numbers<const N: usize>(&mut self, key: &str, values: Option<[f64; N]>) {
-        self.raw(key, values.map(|values| format!("[{}]", values.map(digits).join(", "))));
-    }
-
-    fn quoted(&mut self, key: &str, value: Option<&str>) {
-        self.raw(key, value.map(quote));
+fn shown(value: &toml::Value) -> String {
+    match value {
+        toml::Value::Float(number) => digits(*number),
+        toml::Value::Array(items) => format!("[{}]", items.iter().map(shown).collect::<Vec<_>>().join(", ")),
+        other => other.to_string(),
     }
 }
 
@@ -379,12 +362,8 @@ fn digits(number: f64) -> String {
     format!("{number:?}").to_lowercase()
 }
 
-fn quote(text: &str) -> String {
-    toml::Value::String(text.to_owned()).to_string()
-}
-
 /// A key, in quotes where it must be.
 fn key(name: &str) -> String {
     let bare = !name.is_empty() && name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-');
-    if bare { name.to_owned() } else { quote(name) }
+    if bare { name.to_owned() } else { toml::Value::String(name.to_owned()).to_string() }
 }

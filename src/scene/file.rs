@@ -11,6 +11,7 @@ use crate::coordinates::{Direction, Icrs};
 use crate::effects::Observation;
 use crate::guard::{Panicked, guarded};
 use crate::recording::{FirstRow, Mount};
+use crate::toml_file::{Lines, suggestion, unknown_field};
 use crate::units::DEG_RAD;
 
 /// The scene that `boresight demo` renders.
@@ -298,7 +299,7 @@ impl NominalTable {
 pub(super) fn parse(path: &str, text: &str) -> Result<SceneFile, SceneError> {
     let unreadable = |panicked: Panicked| SceneError::Parse { path: path.to_owned(), message: panicked.to_string() };
     guarded(|| toml::from_str(text)).map_err(unreadable)?.map_err(|error: toml::de::Error| {
-        let line = error.span().map_or(1, |span| text[..span.start.min(text.len())].matches('\n').count() + 1);
+        let line = Lines::new(text).line(error.span().map_or(0, |span| span.start));
         let message = format!("line {line}: {}", with_suggestion(error.message()));
         SceneError::Parse { path: path.to_owned(), message }
     })
@@ -306,13 +307,9 @@ pub(super) fn parse(path: &str, text: &str) -> Result<SceneFile, SceneError> {
 
 /// Turns serde's "unknown field `x`, expected one of `a`, `b`" into a sentence with a suggestion.
 fn with_suggestion(message: &str) -> String {
-    let mut quoted = message.split('`').skip(1).step_by(2);
-    let Some(given) = quoted.next().filter(|_| message.starts_with("unknown field")) else {
-        return message.replace('\n', " ");
-    };
-    let nearest = quoted.min_by_key(|known| strsim::damerau_levenshtein(given, known));
-    match nearest {
-        Some(known) if strsim::damerau_levenshtein(given, known) <= 3 => format!("unknown key {given}; did you mean {known}?"),
-        _ => message.replacen("unknown field", "unknown key", 1),
+    let Some((given, known)) = unknown_field(message) else { return message.replace('\n', " ") };
+    match suggestion(given, &known) {
+        Some(known) => format!("unknown key {given}; did you mean {known}?"),
+        None => message.replacen("unknown field", "unknown key", 1),
     }
 }

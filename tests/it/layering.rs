@@ -34,6 +34,7 @@ const BASEMENT: &[&str] = &[
     "recording",
     "rng",
     "statistics",
+    "toml_file",
     "units",
 ];
 

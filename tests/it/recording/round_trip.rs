@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use boresight::camera::Camera;
 use boresight::coordinates::Attitude;
 use boresight::recording::{
-    CameraInfo, FirstRow, FitsHeaders, Form, FrameEntry, ListedStar, Mount, Recording, Shutter, Site, StarList, write_fits_u8,
-    write_fits_u16, write_manifest, write_png_u16,
+    CameraInfo, FirstRow, FitsHeaders, Form, FrameEntry, ListedStar, Mount, Recording, Shutter, Site, StarList, manifest_text,
+    star_list_text, write_fits_u8, write_fits_u16, write_manifest, write_png_u16,
 };
 use hifitime::{Duration, Epoch};
 
@@ -163,6 +163,34 @@ fn a_star_list() {
     written.stars = Some(StarList { frames: vec![vec![star(0.1, None), star(23.5, Some(32349))], Vec::new(), vec![star(7.0, None)]] });
     write_manifest(folder.path(), &written).unwrap();
     assert_eq!(as_written(Recording::open(&[folder.path()]).unwrap()), written);
+}
+
+/// Letter by letter: people read these files, and numbers in them have as few digits as bring them back.
+#[test]
+fn the_texts_that_are_written() {
+    let mut written = recording();
+    written.camera = CameraInfo { width_px: 24, height_px: 16, k1: Some(-3.8e-9), shutter: Some(Shutter::Global), ..CameraInfo::default() };
+    written.frames.truncate(1);
+    let frame = &mut written.frames[0];
+    *frame = FrameEntry { file: frame.file.take(), rate_deg_s: Some([0.0, 1.0 / 3.0, -1e-17]), ..FrameEntry::default() };
+    frame.covariates.insert("heater current [A]".to_owned(), 2.0e22);
+    frame.covariates.insert("wheel_speed_rpm".to_owned(), -1200.0);
+    let text = "format = \"star-recording/1\"\n\n[camera]\nwidth_px = 24\nheight_px = 16\nk1 = -3.8e-9\nshutter = \"global\"\n\n\
+                [mount]\nkind = \"free\"\n\n[site]\nlatitude_deg = -52.2\nlongitude_deg = 4.4\nheight_m = 5.0\npressure_hpa = 1013.25\n\
+                relative_humidity = 0.5\n\n[[frames]]\nfile = \"frames/0000.fits\"\nrate_deg_s = [0.0, 0.3333333333333333, -1e-17]\n\
+                \"heater current [A]\" = 2e22\nwheel_speed_rpm = -1200.0\n";
+    assert_eq!(manifest_text(&written), text);
+
+    let bare = ListedStar { x_px: 0.1, y_px: 2.0, flux_e: None, magnitude: None, covariance_px2: None, hip: None, radec_deg: None };
+    let full = ListedStar { magnitude: Some(1e-7), covariance_px2: Some([0.25, -0.125, 1.0]), radec_deg: Some([10.0, -60.5]), ..bare };
+    let list = |frames: Vec<Vec<ListedStar>>| star_list_text(&StarList { frames });
+    assert_eq!(list(vec![vec![bare.clone()], vec![]]), "frame,x_px,y_px\n0,0.1,2.0\n");
+    assert_eq!(
+        list(vec![vec![bare], vec![full]]),
+        "frame,x_px,y_px,magnitude,sigma_x_px,sigma_y_px,cov_xy_px2,ra_deg,dec_deg\n\
+         0,0.1,2.0,,,,,,\n1,0.1,2.0,1e-7,0.5,1.0,-0.125,10.0,-60.5\n"
+    );
+    assert_eq!(list(Vec::new()), "frame,x_px,y_px\n");
 }
 
 #[test]

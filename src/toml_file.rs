@@ -1,0 +1,81 @@
+//! TOML files that serde reads: the line of a place, and the key that was meant.
+
+/// Where the lines of a text end: places are asked for thousands of times, and the text is read once.
+pub(crate) struct Lines {
+    ends: Vec<usize>,
+}
+
+impl Lines {
+    pub(crate) fn new(text: &str) -> Self {
+        Self { ends: text.bytes().enumerate().filter(|(_, byte)| *byte == b'\n').map(|(at, _)| at).collect() }
+    }
+
+    /// The line of a byte, from 1.
+    pub(crate) fn line(&self, at: usize) -> usize {
+        1 + self.ends.partition_point(|end| *end < at)
+    }
+}
+
+/// The key that serde refused, and those that it knows: serde writes "unknown field `x`, expected one of `a`, `b`".
+pub(crate) fn unknown_field(message: &str) -> Option<(&str, Vec<&str>)> {
+    let mut quoted = message.strip_prefix("unknown field ")?.split('`').skip(1).step_by(2);
+    Some((quoted.next()?, quoted.collect()))
+}
+
+/// The key that serde misses: it writes "missing field `x`".
+pub(crate) fn missing_field(message: &str) -> Option<&str> {
+    message.strip_prefix("missing field `")?.strip_suffix('`')
+}
+
+/// The known word nearest to `word`, if any is near.
+pub(crate) fn suggestion<'k>(word: &str, known: &[&'k str]) -> Option<&'k str> {
+    let word = word.to_lowercase();
+    let likeness = |candidate: &str| {
+        let head = word.len() >= 4 && (candidate.starts_with(&word) || word.starts_with(candidate));
+        strsim::normalized_damerau_levenshtein(&word, candidate).max(if head { 0.9 } else { 0.0 })
+    };
+    let best = known.iter().map(|candidate| (likeness(candidate), *candidate)).fold(None, |best: Option<(f64, &str)>, next| match best {
+        Some(best) if best.0 >= next.0 => Some(best),
+        _ => Some(next),
+    });
+    best.filter(|(likeness, _)| *likeness >= 0.6).map(|(_, candidate)| candidate)
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Deserialize;
+
+    use super::*;
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[allow(dead_code, reason = "its errors are looked at")]
+    struct Two {
+        focal_length_mm: f64,
+        gain: f64,
+    }
+
+    /// The sentences are serde's: a version of it that words them in another way is caught here.
+    #[test]
+    fn the_keys_are_found_in_the_sentences_of_serde() {
+        let fault = |text| toml::from_str::<Two>(text).unwrap_err().message().to_owned();
+        let unknown = fault("focal_length_mm = 1.0\ngian = 2.0");
+        let (key, known) = unknown_field(&unknown).unwrap();
+        assert_eq!((key, known.as_slice()), ("gian", &["focal_length_mm", "gain"][..]));
+        assert_eq!(suggestion(key, &known), Some("gain"));
+        assert_eq!((missing_field(&unknown), missing_field(&fault("gain = 1.0"))), (None, Some("focal_length_mm")));
+        assert_eq!(unknown_field(&fault("gain = true")), None);
+    }
+
+    #[test]
+    fn a_word_far_from_all_is_no_typing_error() {
+        assert_eq!(suggestion("focal_length", &["gain", "focal_length_mm"]), Some("focal_length_mm"));
+        assert_eq!(suggestion("wheels", &["gain", "focal_length_mm"]), None);
+    }
+
+    #[test]
+    fn lines_count_from_one() {
+        let lines = Lines::new("a\n\nb");
+        assert_eq!([0, 1, 2, 3, 9].map(|at| lines.line(at)), [1, 1, 2, 3, 3]);
+    }
+}
