@@ -53,7 +53,7 @@ pub use registry::{DISPLACEMENTS, Effect, displacement, effect, effects};
 pub use rendering::Rendering;
 pub use star_image::{Signature, Signatures, StarImage};
 inner!(displacement::invert);
-inner!(facts::{id_of, stem_of});
+inner!(facts::{ModelGroup, id_of, stem_of});
 inner!(page::{PAGE_HEADINGS, page_as_text, page_of});
 inner!(star_image::{MAX_SHIFTS, MAX_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE});
 
