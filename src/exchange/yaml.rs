@@ -22,7 +22,7 @@ const TEXTS: &[&str] = &["image_width", "image_height", "distortion_model"];
 const MATRICES: &[&str] = &["camera_matrix", "distortion_coefficients"];
 
 /// Names, numbers and lists of a file together: far more than a camera has, few enough that a wrong file ends in a sentence.
-const MAX_NODES: usize = 10 << 20;
+const MAX_NODES: usize = 2 << 20;
 /// Lists within lists. A matrix of a camera is two deep.
 const MAX_DEPTH: usize = 64;
 
@@ -131,6 +131,7 @@ fn told(file: &str, error: &Error, key: &str) -> ExchangeError {
     let problem = match error {
         Error::DuplicateMappingKey { key, .. } => format!("{:?} stands there twice; keep one", key.as_deref().unwrap_or("a key")),
         Error::Budget { .. } => too_much(message),
+        Error::MultipleDocuments { .. } => "begins another document after ---; keep one of them".to_owned(),
         _ if matches!(kind(error), Some(ErrorKind::RecursionLimitExceeded)) => too_much(message),
         Error::Unexpected { .. } if !key.is_empty() => {
             format!("{key:?} must be a number, a text or a matrix of rows, cols and data ({message})")
@@ -281,7 +282,8 @@ mod tests {
             assert!(refusal(text).contains("line 1"), "{text:?}");
         }
         assert!(refusal(&format!("a: [{}]\n", "1,".repeat(MAX_NODES))).contains("too large"));
-        assert!(refusal("a: 1\n---\na: 2\n").contains("line 2"));
+        let message = refusal("a: 1\n---\na: 2\n");
+        assert!(message.contains("line 3") && message.contains("another document"), "{message}");
     }
 
     #[test]
