@@ -26,6 +26,7 @@ pub enum Status {
 
 /// What an effect that is not modelled may have done to a parameter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Systematic {
     /// The effect's id.
     pub cause: String,
@@ -39,6 +40,7 @@ pub struct Systematic {
 
 /// A solved parameter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct ParameterEstimate {
     /// Its name: of the reference model, or `effect.parameter`.
     pub name: String,
@@ -54,6 +56,7 @@ pub struct ParameterEstimate {
 
 /// One solution of the normal equations.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Iteration {
     /// Length of the step, px of mapping over the frame.
     pub step_px: f64,
@@ -111,6 +114,7 @@ pub struct ModelSelection {
 
 /// Parameters that the star images do not support, and which may be there all the same: with them the covariance of the solved ones.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct LeftOpen {
     /// The solved parameters, in their order, and those left out.
     pub parameters: Vec<String>,
@@ -120,6 +124,7 @@ pub struct LeftOpen {
 
 /// What identifying anew has changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Reidentified {
     /// Rounds.
     pub rounds: usize,
@@ -133,6 +138,7 @@ pub struct Reidentified {
 
 /// What the joint method found of the noise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct NoiseFound {
     /// Error per axis that all star images have beyond what their measurement states, px.
     pub floor_px: f64,
@@ -146,6 +152,7 @@ pub struct NoiseFound {
 
 /// What became of one control point.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct PointResult {
     /// Index of the frame in its recording.
     pub frame: usize,
@@ -167,6 +174,7 @@ pub struct PointResult {
 
 /// One frame at the solution.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct FrameResult {
     /// Index of the frame in its recording.
     pub frame: usize,
@@ -189,6 +197,7 @@ fn one() -> f64 {
 
 /// Standard error of a frame's attitude, camera held.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct AttitudeSigma {
     /// Of the boresight's direction, per axis, arcsec; median over the frames.
     pub across: f64,
@@ -207,6 +216,7 @@ pub struct MapSigma {
 
 /// A number of control points left out for one reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct LeftOutCount {
     /// The reason.
     pub reason: LeftOutReason,

@@ -56,6 +56,7 @@ impl<'a> Solved<'a> {
 
 /// The difference of one parameter, in the columns of the images as stored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct ParameterDifference {
     /// Its name.
     pub name: String,
@@ -92,6 +93,7 @@ impl MapChange {
 
 /// Two calibrations side by side.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Comparison {
     /// [`FORMAT`].
     pub format: String,

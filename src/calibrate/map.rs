@@ -18,6 +18,7 @@ pub(super) const COMPARISON_GRID: usize = 33;
 
 /// The pixel → direction map on a grid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Map {
     /// [`FORMAT`].
     pub format: String,
@@ -27,6 +28,7 @@ pub struct Map {
 
 /// A pixel and its direction.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct MapPoint {
     /// Column.
     pub x_px: f64,
@@ -89,6 +91,7 @@ pub(super) fn as_stored<T>(calibration: &Calibration, grid: &mut [T], row: impl 
 
 /// How far two maps differ over the frame after the best rotation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct MappingError {
     /// 2-D rms over the frame.
     pub rms_px: f64,

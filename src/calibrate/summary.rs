@@ -18,7 +18,7 @@ use super::uncertainty::{covariances, map_sigma_px};
 use super::variable_weights::PairSolution;
 use super::{CalibrateError, CalibrateOptions, held_out};
 use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES, PARAMETER_UNITS};
-use crate::identify::ControlPoints;
+use crate::identify::{ControlPoint, ControlPoints};
 use crate::units::ARCSEC_RAD;
 
 /// Makes the result.
@@ -53,17 +53,7 @@ pub(super) fn summarise(
     let joint = scaling.covariance_in_units(&covariances.joint);
     let map_sigma_px = map_sigma_px(camera, scaling, &covariances.pairs).map(map_sigma);
 
-    let mut warnings = Vec::new();
-    if by_quartile > 0 {
-        warnings.push(format!(
-            "in {by_quartile} frames the median of the pairs' weights keeps fewer than three stars, so their upper quartile decides there: more than half of the identifications may be wrong"
-        ));
-    }
-    if solution.in_stages {
-        warnings.push(
-            "the iteration as published ran away, so f and k1 were solved first and all parameters from there: the rest is determined weakly".to_owned(),
-        );
-    }
+    let mut warnings = of_the_iteration(by_quartile, solution);
     let held_out_rms_px = if options.held_out {
         held_out::rms_px(frames, &used, &control_points.nominal, scaling, options).unwrap_or_else(|error| {
             warnings.push(format!("no held-out rms: without one part of the frames, {error}"));
@@ -83,20 +73,9 @@ pub(super) fn summarise(
             frame.stars.iter().zip(used).filter(|(_, used)| **used).map(|(star, _)| &control_points.points[star.point])
         })
     };
-    // A star of a list that gives directions and no numbers is known by its direction.
-    let distinct: BTreeSet<(u32, [u64; 3])> =
-        used_points().map(|point| (point.hip, if point.hip == 0 { point.direction.xyz.map(f64::to_bits) } else { [0; 3] })).collect();
+    let distinct = distinct(used_points());
     let predicted: f64 = used_points().map(|point| predicted_sigma_px(point, camera.focal_length_px).powi(2)).sum();
-    let parameters = places
-        .iter()
-        .map(|&k| ParameterEstimate {
-            name: PARAMETER_NAMES[k].to_owned(),
-            value: camera.parameters()[k],
-            sigma: full[k][k].max(0.0).sqrt(),
-            sigma_joint: joint[k][k].max(0.0).sqrt(),
-            unit: PARAMETER_UNITS[k].to_owned(),
-        })
-        .collect();
+    let parameters = places.iter().map(|&k| estimate(k, camera, full[k][k], joint[k][k])).collect();
     let result = Calibration {
         status: solution.status,
         camera: *camera,
@@ -104,7 +83,7 @@ pub(super) fn summarise(
         rms_arcsec: rms_arcsec(camera, frames, &fits, &used),
         held_out_rms_px,
         stars: sums.stars,
-        distinct_stars: distinct.len(),
+        distinct_stars: distinct,
         frames: frames.len(),
         pairs: pairs.count(),
         interstar_angle_rms_arcsec: interstar_angle_rms_arcsec(&pairs, &used),
@@ -122,6 +101,39 @@ pub(super) fn summarise(
     warnings.extend(general_warnings(&result, lost, coverage.warning("the frame", "rms over the frame")));
     warnings.extend(degeneracy_warnings(&result));
     Ok(Calibration { warnings, ..result })
+}
+
+/// A parameter with its variances, for itself and with all of them.
+fn estimate(k: usize, camera: &Camera, variance: f64, joint: f64) -> ParameterEstimate {
+    ParameterEstimate {
+        name: PARAMETER_NAMES[k].to_owned(),
+        value: camera.parameters()[k],
+        sigma: variance.max(0.0).sqrt(),
+        sigma_joint: joint.max(0.0).sqrt(),
+        unit: PARAMETER_UNITS[k].to_owned(),
+    }
+}
+
+/// How many stars the points are of. A star of a list that gives directions and no numbers is known by its direction.
+fn distinct<'a>(points: impl Iterator<Item = &'a ControlPoint>) -> usize {
+    let name = |point: &ControlPoint| (point.hip, if point.hip == 0 { point.direction.xyz.map(f64::to_bits) } else { [0; 3] });
+    points.map(name).collect::<BTreeSet<(u32, [u64; 3])>>().len()
+}
+
+/// What to mind of the iteration. `by_quartile`: in so many frames the upper quartile of the pairs' weights decided.
+fn of_the_iteration(by_quartile: usize, solution: &PairSolution) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if by_quartile > 0 {
+        warnings.push(format!(
+            "in {by_quartile} frames the median of the pairs' weights keeps fewer than three stars, so their upper quartile decides there: more than half of the identifications may be wrong"
+        ));
+    }
+    if solution.in_stages {
+        warnings.push(
+            "the iteration as published ran away, so f and k1 were solved first and all parameters from there: the rest is determined weakly".to_owned(),
+        );
+    }
+    warnings
 }
 
 /// The weights of one frame's stars from the weights of their pairs: the median. Where more than half of a frame's stars are

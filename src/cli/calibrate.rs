@@ -13,7 +13,7 @@ use boresight::effects::ids;
 use boresight::guard::guarded;
 use boresight::identify::{Misidentification, MisidentificationKind, misidentify};
 use boresight::pipeline::{
-    PipelineError, PreparedPoints, check_focal_lengths, check_sizes, known_behind_the_lens, star_images, surroundings, with_name,
+    PipelineError, PreparedPoints, SkyChoice, check_focal_lengths, check_sizes, known_behind_the_lens, star_images, surroundings, with_name,
 };
 use boresight::provenance::Provenance;
 use boresight::units::ARCSEC_RAD;
@@ -299,25 +299,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
         let new = NewFrames { points: &points.points, parity: points.parity, skipped: &measured.skipped, notes };
         return update::update(path, &args.update, new, provenance, &args.output);
     }
-    let moved = measured.times_are_known() && identified.iter().all(|frame| frame.sky.ids().contains(&ids::PROPER_MOTION));
-    let (physics, uneven) = pipeline::physics_in_force(&identified);
-    let mut options = args.solve.options(&physics, moved)?;
-    options.method = args.method.map_or(options.method, Method::from);
-    // What is not asked for is what the data support; who names the parameters, or reads them from a file, has them so.
-    let names_none = args.solve.solve.is_none() && args.solve.options.is_none();
-    options.extend_model |= names_none && options.method == Method::Bundle;
-    if args.solve.projection.is_none() && args.solve.options.is_none() {
-        points.points.projection.id().clone_into(&mut options.projection);
-    }
-    if options.method == Method::Bundle {
-        let known = known_behind_the_lens(&measured, &points, &choice)?;
-        options.physics.extend(known.iter().map(|term| term.effect.clone()));
-        let given: Vec<String> = options.terms.iter().map(|term| term.effect.clone()).collect();
-        options.terms.extend(known.into_iter().filter(|term| !given.contains(&term.effect)));
-        if points.parity < 0 {
-            unmirror_priors(&mut options, points.points.nominal.width_px);
-        }
-    }
+    let (options, uneven) = options(args, &measured, &identified, &points, &choice)?;
     tracing::info!(
         "solving by {} for {} from {} star images of {} frames",
         options.method.name(),
@@ -343,19 +325,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
         }
         Err(error) => return Err(error.into()),
     };
-    calibration.parity = points.parity;
-    calibration.systematics = calibration.unmodelled(surroundings(&measured.recording));
-    calibration.warnings.extend(calibration.systematics.iter().map(|systematic| systematic.sentence.clone()).collect::<Vec<_>>());
-    for warning in &mut calibration.warnings {
-        *warning = with_name(warning, &measured.recording);
-    }
-    calibration.warnings.extend(uneven);
-    calibration.warnings.extend(points.notes.iter().cloned());
-    if !measured.times_are_known() {
-        calibration.warnings.push(
-            "the time of the frames is not known: stars are taken where they stood at J2000.0 (with --physics none, at the catalogue's epoch), and those that moved since are off".to_owned(),
-        );
-    }
+    tell(&mut calibration, &measured, &points, uneven);
     calibration.provenance = Some(provenance);
     if let Some(directory) = &args.output.output {
         pictures::residuals(&directory.join("residuals.png"), &calibration)?;
@@ -369,6 +339,53 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     };
     output::deliver("calibrate", &object, args.output.json, args.output.output.as_deref(), || calibrate_text::text(&object.calibration))?;
     Ok(if calibration.status == Status::Converged { Answer::Yes } else { Answer::No })
+}
+
+/// How to solve, and what to mind of it.
+fn options(
+    args: &CalibrateArgs,
+    measured: &Measured,
+    identified: &[IdentifiedFrame],
+    points: &PreparedPoints,
+    choice: &SkyChoice,
+) -> Result<(CalibrateOptions, Option<String>)> {
+    let moved = measured.times_are_known() && identified.iter().all(|frame| frame.sky.ids().contains(&ids::PROPER_MOTION));
+    let (physics, uneven) = pipeline::physics_in_force(identified);
+    let mut options = args.solve.options(&physics, moved)?;
+    options.method = args.method.map_or(options.method, Method::from);
+    // What is not asked for is what the data support; who names the parameters, or reads them from a file, has them so.
+    let names_none = args.solve.solve.is_none() && args.solve.options.is_none();
+    options.extend_model |= names_none && options.method == Method::Bundle;
+    if args.solve.projection.is_none() && args.solve.options.is_none() {
+        points.points.projection.id().clone_into(&mut options.projection);
+    }
+    if options.method == Method::Bundle {
+        let known = known_behind_the_lens(measured, points, choice)?;
+        options.physics.extend(known.iter().map(|term| term.effect.clone()));
+        let given: Vec<String> = options.terms.iter().map(|term| term.effect.clone()).collect();
+        options.terms.extend(known.into_iter().filter(|term| !given.contains(&term.effect)));
+        if points.parity < 0 {
+            unmirror_priors(&mut options, points.points.nominal.width_px);
+        }
+    }
+    Ok((options, uneven))
+}
+
+/// Adds to a calibration what follows from its recording: parity, what is not modelled, names of frames, what to mind.
+fn tell(calibration: &mut Calibration, measured: &Measured, points: &PreparedPoints, uneven: Option<String>) {
+    calibration.parity = points.parity;
+    calibration.systematics = calibration.unmodelled(surroundings(&measured.recording));
+    calibration.warnings.extend(calibration.systematics.iter().map(|systematic| systematic.sentence.clone()).collect::<Vec<_>>());
+    for warning in &mut calibration.warnings {
+        *warning = with_name(warning, &measured.recording);
+    }
+    calibration.warnings.extend(uneven);
+    calibration.warnings.extend(points.notes.iter().cloned());
+    if !measured.times_are_known() {
+        calibration.warnings.push(
+            "the time of the frames is not known: stars are taken where they stood at J2000.0 (with --physics none, at the catalogue's epoch), and those that moved since are off".to_owned(),
+        );
+    }
 }
 
 fn misidentified(wrong: &Misidentification, points: &PreparedPoints, calibration: &Calibration) -> MisidentifiedPoint {

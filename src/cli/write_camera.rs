@@ -38,7 +38,6 @@ pub(crate) fn write(
     let model = model(diagnosis, points)?;
     let known = |frame: usize| observation(diagnosis, points, frame);
     let attitudes = attitudes(diagnosis, points, &model, &known);
-    let matched = matched(points, measured);
     let (mut frames, mut missing) = (Vec::new(), Vec::new());
     for frame in &measured.frames {
         match attitudes.get(&frame.index) {
@@ -52,9 +51,42 @@ pub(crate) fn write(
     if frames.is_empty() {
         bail!("--write-camera: no frame has an attitude");
     }
+    let file = scene_file(&model, points, measured, catalog, seed, frames);
+    let name = path.display().to_string();
+    let text =
+        "# The camera, its attitudes and every effect in force as `boresight diagnose` found them. Render it with `boresight simulate`.\n"
+            .to_owned()
+            + &toml::to_string(&file).context("writing the scene as TOML")?;
+    // What cannot be rendered is said now, and not when somebody tries.
+    let scene = Scene::parse(&name, &text).context("--write-camera: the camera found cannot be rendered")?;
+    let mut notes = Vec::new();
+    let order: Vec<usize> = measured.frames.iter().map(|frame| frame.index).filter(|index| attitudes.contains_key(index)).collect();
+    if let Some((frame, off_px)) = farthest(&scene, &model, diagnosis, points, (&attitudes, &order), &known)
+        && off_px > SAME_PX
+    {
+        let off = off(&name, measured, frame, off_px);
+        if order.len() == measured.recording.frames.len() {
+            bail!("--write-camera: {off}: it cannot hold what was found, and is not written");
+        }
+        notes.push(format!("{off}: telemetry counts from its mean over the frames, and some are left out"));
+    }
+    write_file(path, text.as_bytes())?;
+    notes.extend(lacking(&name, diagnosis, measured, &missing));
+    Ok(notes)
+}
+
+/// The scene's tables.
+fn scene_file(
+    model: &Model,
+    points: &ControlPoints,
+    measured: &Measured,
+    catalog: &Catalog,
+    seed: u64,
+    frames: Vec<FrameTable>,
+) -> SceneFile {
     let camera = *model.camera();
     let nominal = points.nominal;
-    let file = SceneFile {
+    SceneFile {
         format: "boresight-scene/1".to_owned(),
         seed,
         camera: TrueCameraTable {
@@ -79,7 +111,7 @@ pub(crate) fn write(
             p2: Some(nominal.p2),
             line_time_us: measured.recording.camera.line_time_us,
         },
-        detector: detector(measured, &matched),
+        detector: detector(measured, &matched(points, measured)),
         sky: SkyTable {
             background_e_per_px_s: Some(background_e_per_px_s(measured)),
             faintest_magnitude: faintest(points),
@@ -94,30 +126,21 @@ pub(crate) fn write(
         cosmic_rays: None,
         mount: None,
         jitter: None,
-        effects: effects(&model, points, catalog),
+        effects: effects(model, points, catalog),
         series: None,
         frames,
-    };
-    let name = path.display().to_string();
-    let text =
-        "# The camera, its attitudes and every effect in force as `boresight diagnose` found them. Render it with `boresight simulate`.\n"
-            .to_owned()
-            + &toml::to_string(&file).context("writing the scene as TOML")?;
-    // What cannot be rendered is said now, and not when somebody tries.
-    let scene = Scene::parse(&name, &text).context("--write-camera: the camera found cannot be rendered")?;
-    let order: Vec<usize> = measured.frames.iter().map(|frame| frame.index).filter(|index| attitudes.contains_key(index)).collect();
-    let mut notes = Vec::new();
-    if let Some((frame, off_px)) = farthest(&scene, &model, diagnosis, points, (&attitudes, &order), &known)
-        && off_px > SAME_PX
-    {
-        let named = measured.frames.iter().find(|other| other.index == frame).map_or_else(String::new, |frame| frame.name.clone());
-        let off = format!("the scene {name} puts stars up to {off_px:.3} px from where the fit has them (in {named})");
-        if order.len() == measured.recording.frames.len() {
-            bail!("--write-camera: {off}: it cannot hold what was found, and is not written");
-        }
-        notes.push(format!("{off}: telemetry counts from its mean over the frames, and some are left out"));
     }
-    write_file(path, text.as_bytes())?;
+}
+
+/// How far off the scene is, in words.
+fn off(name: &str, measured: &Measured, frame: usize, off_px: f64) -> String {
+    let named = measured.frames.iter().find(|other| other.index == frame).map_or_else(String::new, |frame| frame.name.clone());
+    format!("the scene {name} puts stars up to {off_px:.3} px from where the fit has them (in {named})")
+}
+
+/// What the scene lacks of what was found, one sentence each.
+fn lacking(name: &str, diagnosis: &Diagnosis, measured: &Measured, missing: &[String]) -> Vec<String> {
+    let mut notes = Vec::new();
     if !missing.is_empty() {
         notes.push(format!("the scene {name} lacks the frames without a known attitude: {}", missing.join(", ")));
     }
@@ -131,7 +154,7 @@ pub(crate) fn write(
             id = finding.id
         )
     }));
-    Ok(notes)
+    notes
 }
 
 /// What is known of a frame, and the zenith that was found.

@@ -68,19 +68,13 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
         return Err(DetectError::MaskSize { mask: bad.len(), frame: frame.pixels_dn.len() });
     }
     let work = Work::on(frame.pixels_dn.len(), aids.deadline);
-    let saturation_dn = defects::saturation_dn(frame);
-    let full: Vec<bool> = frame.pixels_dn.iter().map(|&v| v >= saturation_dn).collect();
+    let full = full(frame);
     let around = image_circle::surround(frame);
     let no_sky: Vec<bool> =
         (0..full.len()).map(|i| full[i] || around.as_ref().is_some_and(|around| around[i]) || aids.bad.is_some_and(|bad| bad[i])).collect();
     let mut background = Background::measure(frame, &no_sky);
     let (mut residual, mut normalised) = residuals(frame, &background);
-    let mut hot = defects::hot_pixels(&normalised, frame.width_px);
-    for bad in [aids.bad, around.as_deref()].into_iter().flatten() {
-        for (hot, bad) in hot.iter_mut().zip(bad) {
-            *hot |= bad;
-        }
-    }
+    let hot = unusable(&normalised, frame.width_px, [aids.bad, around.as_deref()]);
     darken(&mut residual, &mut normalised, &hot);
     let masked: Vec<bool> = hot.iter().zip(&full).map(|(h, f)| *h || *f).collect();
     // a first look shows where stars are, so that their light can be kept out of background and noise
@@ -140,32 +134,43 @@ pub fn detect_aided(frame: &Frame, options: &DetectOptions, aids: &Aids<'_>) -> 
     }
     let kept = learnable(&scene, &stars, &search, aids.keep);
 
+    let chosen = chosen(&scene, &stars, &search, options.max_stars);
+    found.stars = described(&scene, &stars, &search, chosen);
+    if let Some(told) = aids.is_unfinished.filter(|_| work.is_unfinished()) {
+        told.store(true, Ordering::Relaxed);
+    }
+    Ok((found, kept))
+}
+
+/// The fits that are of stars, each star once, with the indices of their candidates; the brightest first, and at most so many.
+fn chosen(scene: &Scene<'_>, stars: &FieldFit, search: &Search, most: usize) -> Vec<(usize, Detection)> {
     let mut chosen: Vec<(usize, Detection)> = Vec::with_capacity(stars.candidates.len());
     for (i, (candidate, fit)) in stars.candidates.iter().zip(&stars.fits).enumerate() {
-        let Some(fit) = fit.as_ref().filter(|f| is_star(candidate, f, &search, (scene.frame.width_px, scene.frame.height_px))) else {
+        let Some(fit) = fit.as_ref().filter(|f| is_star(candidate, f, search, (scene.frame.width_px, scene.frame.height_px))) else {
             continue;
         };
         let own = search.shape_at(fit.model.x, fit.model.y);
         let duplicate = |s: &Detection| own.radius_in_sigma(s.x_px - fit.model.x, s.y_px - fit.model.y) < 1.0;
         if !chosen.iter().any(|(_, star)| duplicate(star)) {
             let wider = stars.wider[i].unwrap_or_default();
-            chosen.push((i, detection(&scene, fit, candidate, stars.is_blended(i), search.scatter).wider_by(wider)));
+            chosen.push((i, detection(scene, fit, candidate, stars.is_blended(i), search.scatter).wider_by(wider)));
         }
     }
     chosen.sort_by(|(_, a), (_, b)| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
-    chosen.truncate(options.max_stars);
+    chosen.truncate(most);
+    chosen
+}
+
+/// The stars chosen, with the moments of their images.
+fn described(scene: &Scene<'_>, stars: &FieldFit, search: &Search, chosen: Vec<(usize, Detection)>) -> Vec<Detection> {
     let moments = |(i, star): &(usize, Detection)| {
         let moments = stars.fits[*i].as_ref().and_then(|fit| scene.moments(fit, &stars.around(&[*i])));
         // they are of the image as it is, whatever the fit takes it for: of what enlarges errors only the noise's going together counts
-        let factor = correlated(&scene, star.peak_dn, star.x_px, star.y_px, search.scatter).sqrt();
+        let factor = correlated(scene, star.peak_dn, star.x_px, star.y_px, search.scatter).sqrt();
         moments.map(|m| m.with_errors_times(factor))
     };
-    let moments = work.each(&chosen, DESCRIBED, moments);
-    found.stars = chosen.into_iter().zip(moments).map(|((_, star), moments)| Detection { moments: moments.flatten(), ..star }).collect();
-    if let Some(told) = aids.is_unfinished.filter(|_| work.is_unfinished()) {
-        told.store(true, Ordering::Relaxed);
-    }
-    Ok((found, kept))
+    let moments = scene.work.each(&chosen, DESCRIBED, moments);
+    chosen.into_iter().zip(moments).map(|((_, star), moments)| Detection { moments: moments.flatten(), ..star }).collect()
 }
 
 /// Clean stars with their pixels, the brightest first.
@@ -228,6 +233,23 @@ pub(super) fn check(frame: &Frame, options: &DetectOptions) -> Result<(), Detect
     positive("detection_threshold", options.detection_threshold, "from 2 to 1000", |v| (2.0..=1000.0).contains(&v))?;
     positive("gain_e_per_dn", options.gain_e_per_dn, "above 0 and finite", |v| v > 0.0 && v.is_finite())?;
     positive("read_noise_e", options.read_noise_e, "0 or above and finite", |v| v >= 0.0 && v.is_finite())
+}
+
+/// Which pixels are full.
+fn full(frame: &Frame) -> Vec<bool> {
+    let saturation_dn = defects::saturation_dn(frame);
+    frame.pixels_dn.iter().map(|&v| v >= saturation_dn).collect()
+}
+
+/// Hot pixels, and those of masks that say nothing either.
+fn unusable(normalised: &[f32], width_px: usize, masks: [Option<&[bool]>; 2]) -> Vec<bool> {
+    let mut hot = defects::hot_pixels(normalised, width_px);
+    for bad in masks.into_iter().flatten() {
+        for (hot, bad) in hot.iter_mut().zip(bad) {
+            *hot |= bad;
+        }
+    }
+    hot
 }
 
 /// Takes hot pixels out.

@@ -77,6 +77,7 @@ impl ChannelVerdict {
 
 /// How large an effect has to be for this recording to show it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Detectable {
     /// The effect.
     pub id: String,
@@ -96,6 +97,7 @@ pub struct Detectable {
 
 /// One channel.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct ChannelReport {
     /// Whether the recording was held against the model in it.
     pub looked_at: bool,
@@ -124,6 +126,7 @@ impl ChannelReport {
 
 /// All channels.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Channels {
     /// Places.
     pub astrometry: ChannelReport,
@@ -205,6 +208,7 @@ impl Channels {
 
 /// A finding as one channel alone measures it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct ChannelMeasure {
     /// Fall of χ² of this channel.
     pub delta_chi2: f64,

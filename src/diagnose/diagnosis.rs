@@ -43,6 +43,7 @@ pub struct FoundParameter {
 
 /// An effect that a finding cannot be told apart from, or resembles.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Resemblance {
     /// The effect.
     pub id: String,
@@ -52,6 +53,7 @@ pub struct Resemblance {
 
 /// A member of a finding's set, with the odds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Rival {
     /// The effect.
     pub id: String,
@@ -68,6 +70,7 @@ pub struct Rival {
 /// Cluster-robust test (wild bootstrap of the score): the share of all Rademacher sign patterns over frames (or stars) that explain as much. It
 /// supposes nothing of the correlation of errors within a unit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Signs {
     /// The units: frames, parts of frames where frames are few, or stars.
     pub units: String,
@@ -79,6 +82,7 @@ pub struct Signs {
 
 /// An effect that was left out (or is there at another size than the model has it).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Finding {
     /// The effect.
     pub id: String,
@@ -150,6 +154,7 @@ pub enum ColumnSource {
 
 /// What is left and has no name.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Unknown {
     /// In which channel it shows.
     pub channel: Channel,
@@ -174,6 +179,7 @@ pub struct Unknown {
 
 /// A vector map of what is left, on a grid of points over the frame.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct RemainderMap {
     /// Scale over which it changes, px.
     pub length_px: f64,
@@ -230,6 +236,7 @@ pub struct EffectStatus {
 
 /// How well a model describes the star images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct FitQuality {
     /// 2-D rms of the star images used, px.
     pub rms_px: f64,
@@ -246,6 +253,7 @@ pub struct FitQuality {
 
 /// Before and after.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Fit {
     /// The model that the recording was held against.
     pub baseline: FitQuality,
@@ -256,6 +264,7 @@ pub struct Fit {
 
 /// The p-values of random halves of the frames held against one another.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct HalfNights {
     /// p-values, the smallest first.
     pub p_values: Vec<f64>,
@@ -270,6 +279,7 @@ pub struct HalfNights {
 
 /// Star images that took part.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct StarsUsed {
     /// Of stars whose proper motion is known.
     pub with_proper_motion: usize,
@@ -281,6 +291,7 @@ pub struct StarsUsed {
 
 /// Star images that took no part.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Unused {
     /// How many.
     pub images: usize,
@@ -290,6 +301,7 @@ pub struct Unused {
 
 /// A covariate that residuals were held against.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Located {
     /// The covariate.
     pub covariate: String,
@@ -310,6 +322,7 @@ pub struct Located {
 
 /// The noise of the star positions as the residuals show it, once everything found is modelled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct NoiseState {
     /// Added to every star image's stated error in quadrature, px per axis.
     pub floor_px: f64,
@@ -325,6 +338,7 @@ pub struct NoiseState {
 
 /// The noise as the frames' pixels show it; nothing where a list of stars stands in their place.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct MeasuredNoise {
     /// χ² per degree of freedom of the star images' stamps, the median: above one where images are not as the fit has them.
     pub stamp_chi2_per_dof: Option<f64>,
@@ -334,6 +348,7 @@ pub struct MeasuredNoise {
 
 /// What was left out, turn by turn.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct LeftOut {
     /// In words.
     pub what: String,
@@ -348,6 +363,7 @@ pub struct LeftOut {
 /// An effect that was proposed, by all star images or by the rest of a turn, and what the held-out ones say. Where nothing is missing the
 /// held-out falls of all proposals have a mean below zero; those of the ones named alone have not, since these have passed the test of it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Proposed {
     /// The effect.
     pub id: String,
@@ -373,6 +389,7 @@ pub struct Proposed {
 
 /// One star image's residuals, for tables and pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct ResidualRow {
     /// Index of the control point.
     pub point: usize,
@@ -396,6 +413,7 @@ pub struct ResidualRow {
 
 /// A bin of a profile: displacements and the model in px, both as attitudes, camera and all other effects leave them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct ProfileBin {
     /// Mean of what the residuals are held against.
     pub at: f64,
@@ -411,6 +429,7 @@ pub struct ProfileBin {
 
 /// A zenith that was found.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct FoundZenith {
     /// The frame.
     pub frame: usize,
@@ -421,6 +440,7 @@ pub struct FoundZenith {
 /// A covariate's picture: displacements in bins, and the model through them. The slope of the one on the other, weighted by their errors, has
 /// the standard error of the parameter over its value.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Profile {
     /// The effect whose finding it shows.
     pub id: String,
@@ -436,6 +456,7 @@ pub struct Profile {
 
 /// The result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct Diagnosis {
     /// [`FORMAT`].
     pub format: String,

@@ -32,6 +32,17 @@ impl OrdinarySize {
     }
 }
 
+/// Parameters that a calibration lets free together where it asks the star images which of them they support.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ModelGroup {
+    /// Their names, as a calibration is asked for them.
+    pub names: &'static [&'static str],
+    /// Of groups that are equally good the one with the least is taken; the groups of the reference model come before all.
+    pub preference: u8,
+    /// Whether they are the next term of the radial distortion. Such terms are also tried several together, and beside a model that is given.
+    pub is_radial_term: bool,
+}
+
 /// The facts of a displacement. An effect states those that differ from [`Facts::NONE`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[allow(clippy::struct_excessive_bools, reason = "facts that have nothing to do with each other")]
@@ -62,6 +73,8 @@ pub struct Facts {
     pub demo_sizes: &'static [(&'static str, f64)],
     /// Why no scene of its own shows it, if none does.
     pub not_shown: Option<&'static str>,
+    /// What of it belongs to a camera that is selected by the data: each group is let free or left out as one.
+    pub model_groups: &'static [ModelGroup],
 }
 
 impl Facts {
@@ -80,6 +93,7 @@ impl Facts {
         unknown_size: "its size must be fitted",
         demo_sizes: &[],
         not_shown: None,
+        model_groups: &[],
     };
 
     /// The covariate that the profile of a parameter is drawn against.

@@ -54,7 +54,7 @@ pub use registry::{DISPLACEMENTS, Effect, displacement, effect, effects};
 pub use rendering::Rendering;
 pub use star_image::{Signature, Signatures, StarImage};
 inner!(displacement::invert);
-inner!(facts::{id_of, stem_of});
+inner!(facts::{ModelGroup, id_of, stem_of});
 inner!(image_response::{IMAGE_EFFECTS, ImageContext, ImageEffect, ImageResponse, MAGNITUDES});
 inner!(page::{PAGE_HEADINGS, page_as_text, page_of});
 inner!(star_image::{MAX_SHIFTS, MAX_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE});

@@ -1,27 +1,54 @@
-//! Strict reader of the part of YAML that camera calibrations use: maps, numbers, texts, and lists of numbers. It refuses everything else, with the
-//! line.
+//! Reader of the YAML files of camera calibrations: texts and matrices of a few names. The crate `serde-saphyr` takes the YAML apart.
+//!
+//! What stands under other names is passed over, but a name that stands twice is refused wherever it is. Numbers are read as texts and turned
+//! into numbers here, so each has the bits that the standard library gives it. Anchors and aliases are refused: no camera has any, and
+//! with them a short file can stand for a long one.
 
-use std::collections::HashSet;
+use std::borrow::Cow;
+use std::cell::RefCell;
+use std::fmt;
+
+use serde::de::{Deserializer as _, IgnoredAny, MapAccess, Visitor};
+use serde::{Deserialize, de};
+use serde_saphyr::granit_parser::ErrorKind;
+use serde_saphyr::{Error, ExternalMessageSource, MergeKeyPolicy, Options, Spanned};
 
 use super::ExchangeError;
+use crate::guard::guarded;
 
-/// What a key may hold.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Value {
+/// Names that hold a number or a text.
+const TEXTS: &[&str] = &["image_width", "image_height", "distortion_model"];
+/// Names that hold a matrix.
+const MATRICES: &[&str] = &["camera_matrix", "distortion_coefficients"];
+
+/// Names, numbers and lists of a file together: far more than a camera has, few enough that a wrong file ends in a sentence.
+const MAX_NODES: usize = 2 << 20;
+/// Lists within lists. A matrix of a camera is two deep.
+const MAX_DEPTH: usize = 64;
+
+/// What a name holds.
+#[derive(Clone, Debug)]
+enum Value {
     /// A number, a word or a quoted text, as it stands there.
     Text(String),
-    /// `[1, 2, 3]`, or one number a line after a dash.
-    Numbers(Vec<f64>),
-    /// Keys one step further to the right.
-    Map(Vec<Entry>),
+    /// Rows, columns and numbers.
+    Matrix(Matrix),
 }
 
-/// A key with its line and what it holds.
-#[derive(Clone, Debug, PartialEq)]
+/// A matrix as OpenCV and ROS write it; what is `None` is not there.
+#[derive(Clone, Debug, Deserialize)]
+struct Matrix {
+    rows: Option<String>,
+    cols: Option<String>,
+    data: Option<Spanned<Vec<Spanned<String>>>>,
+}
+
+/// A name with its line and what it holds.
+#[derive(Clone, Debug)]
 pub(super) struct Entry {
-    pub(super) key: String,
+    key: String,
     pub(super) line: usize,
-    pub(super) value: Value,
+    value: Value,
 }
 
 /// A file taken apart.
@@ -30,35 +57,110 @@ pub(super) struct Document<'a> {
     entries: Vec<Entry>,
 }
 
-/// A line with something on it, comments taken off; a list that goes on is one line.
-struct Line {
-    number: usize,
-    indent: usize,
-    text: String,
+/// Collects the entries of a file. The name that is being read is kept outside, for what is said of a fault.
+struct Names<'a>(&'a RefCell<String>);
+
+impl<'de> Visitor<'de> for Names<'_> {
+    type Value = Vec<Entry>;
+
+    fn expecting(&self, to: &mut fmt::Formatter) -> fmt::Result {
+        to.write_str("lines of the form `key: value`")
+    }
+
+    fn visit_unit<E: de::Error>(self) -> Result<Vec<Entry>, E> {
+        Ok(Vec::new())
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Vec<Entry>, A::Error> {
+        let mut entries = Vec::new();
+        while let Some(name) = map.next_key::<Spanned<String>>()? {
+            let (key, line) = (name.value, usize::try_from(name.referenced.line()).unwrap_or(usize::MAX));
+            self.0.borrow_mut().clone_from(&key);
+            let value = if TEXTS.contains(&key.as_str()) {
+                Value::Text(map.next_value::<Option<String>>()?.unwrap_or_default())
+            } else if MATRICES.contains(&key.as_str()) {
+                Value::Matrix(map.next_value()?)
+            } else {
+                map.next_value::<IgnoredAny>()?;
+                continue;
+            };
+            entries.push(Entry { key, line, value });
+        }
+        Ok(entries)
+    }
 }
 
-/// The matrix tag of OpenCV's FileStorage.
-const MATRIX_TAG: &str = "!!opencv-matrix";
+/// What is allowed of a file.
+fn options() -> Options {
+    serde_saphyr::options! {
+        with_snippet: false,
+        merge_keys: MergeKeyPolicy::Error,
+        budget: serde_saphyr::budget! {
+            max_nodes: MAX_NODES,
+            max_events: 2 * MAX_NODES,
+            max_depth: MAX_DEPTH,
+            max_anchors: 0,
+            max_aliases: 0,
+        },
+    }
+}
+
+/// OpenCV begins with `%YAML:1.0`, which is no directive of YAML, and old versions of it go on without `---`: made a comment.
+fn without_header(text: &str) -> Cow<'_, str> {
+    let text = text.trim_start_matches('\u{feff}');
+    text.strip_prefix("%YAML").map_or(Cow::Borrowed(text), |rest| Cow::Owned(format!("#YAML{rest}")))
+}
+
+/// What the parser stumbled over, where it was the parser.
+fn kind(error: &Error) -> Option<&ErrorKind> {
+    let Error::ExternalMessage { source, .. } = error else { return None };
+    match source.as_ref() {
+        ExternalMessageSource::Parser(error) => Some(error.kind()),
+        _ => None,
+    }
+}
+
+fn too_much(message: &str) -> String {
+    format!("is no camera as other programs write it: it is too large or too deep, or has anchors ({message})")
+}
+
+/// A fault of the file in our words.
+fn told(file: &str, error: &Error, key: &str) -> ExchangeError {
+    let whole = error.to_string().replace('\n', " ");
+    let message = whole.rsplit_once(" at line ").map_or(whole.as_str(), |(message, _)| message);
+    let problem = match error {
+        Error::DuplicateMappingKey { key, .. } => format!("{:?} stands there twice; keep one", key.as_deref().unwrap_or("a key")),
+        Error::Budget { .. } => too_much(message),
+        Error::MultipleDocuments { .. } => "begins another document after ---; keep one of them".to_owned(),
+        _ if matches!(kind(error), Some(ErrorKind::RecursionLimitExceeded)) => too_much(message),
+        Error::Unexpected { .. } if !key.is_empty() => {
+            format!("{key:?} must be a number, a text or a matrix of rows, cols and data ({message})")
+        }
+        // A list that goes on over the next name is met at the colon of that.
+        _ if matches!(kind(error), Some(ErrorKind::UnclosedFlowCollection { .. } | ErrorKind::InvalidColonPlacement)) => {
+            format!("a list that begins here or before is never closed with ] ({message})")
+        }
+        _ => format!("is no YAML that is read here: {message}"),
+    };
+    match error.location() {
+        Some(place) => ExchangeError::at(file, usize::try_from(place.line()).unwrap_or(usize::MAX), problem),
+        None => ExchangeError::of(file, problem),
+    }
+}
 
 impl<'a> Document<'a> {
     /// Takes a file apart.
     pub(super) fn parse(file: &'a str, text: &str) -> Result<Self, ExchangeError> {
-        let lines = lines(file, text)?;
-        let mut rest = lines.as_slice();
-        let entries = match rest.first() {
-            Some(first) => block(file, &mut rest, first.indent)?,
-            None => Vec::new(),
-        };
-        match rest.first() {
-            None => Ok(Self { file, entries }),
-            Some(line) => {
-                Err(ExchangeError::at(file, line.number, format!("{:?} stands further left than the lines before it", line.text)))
-            }
+        let (text, reading) = (without_header(text), RefCell::default());
+        let read = || serde_saphyr::with_deserializer_from_str_with_options(&text, options(), |from| from.deserialize_any(Names(&reading)));
+        match guarded(read) {
+            Ok(Ok(entries)) => Ok(Self { file, entries }),
+            Ok(Err(error)) => Err(told(file, &error, &reading.borrow())),
+            Err(panicked) => Err(ExchangeError::of(file, panicked.to_string())),
         }
     }
 
-    /// The entry of a key at the top of the file.
-    pub(super) fn find(&self, key: &str) -> Option<&Entry> {
+    fn find(&self, key: &str) -> Option<&Entry> {
         self.entries.iter().find(|entry| entry.key == key)
     }
 
@@ -89,140 +191,39 @@ impl<'a> Document<'a> {
         side.ok_or_else(|| self.fault(entry, &format!("must be a whole number of pixels from 1 to {}, but it is {text:?}", 1 << 20)))
     }
 
-    /// A matrix as `rows`, `cols`, `data`; with `rows` = `None` of any shape.
+    /// A matrix as `rows`, `cols`, `data`; with `shape` = `None` of any shape.
     pub(super) fn matrix(&self, key: &str, shape: Option<(usize, usize)>) -> Result<(&Entry, Vec<f64>), ExchangeError> {
         let entry = self.required(key)?;
-        let Value::Map(fields) = &entry.value else {
+        let Value::Matrix(matrix) = &entry.value else {
             return Err(self.fault(entry, "must be a matrix: rows, cols and data, each on a line of its own"));
         };
-        let field = |name: &str| fields.iter().find(|field| field.key == name);
-        let side = |name: &str| match field(name).map(|field| &field.value) {
-            Some(Value::Text(text)) => text.parse::<usize>().ok(),
-            _ => None,
-        };
-        let (Some(rows), Some(cols)) = (side("rows"), side("cols")) else {
+        let side = |text: &Option<String>| text.as_ref().and_then(|text| text.parse::<usize>().ok());
+        let (Some(rows), Some(cols)) = (side(&matrix.rows), side(&matrix.cols)) else {
             return Err(self.fault(entry, "must have rows and cols, whole numbers"));
         };
-        let Some(Entry { value: Value::Numbers(data), line, .. }) = field("data") else {
+        let Some(list) = &matrix.data else {
             return Err(self.fault(entry, "must have data, a list of numbers"));
         };
+        let data = list.value.iter().map(|item| number(self.file, item)).collect::<Result<Vec<f64>, _>>()?;
+        let line = usize::try_from(list.referenced.line()).unwrap_or(usize::MAX);
         if rows.checked_mul(cols) != Some(data.len()) {
             let problem =
                 format!("the data of {key:?} are {} numbers, but {rows} rows × {cols} cols need {}", data.len(), rows.saturating_mul(cols));
-            return Err(ExchangeError::at(self.file, *line, problem));
+            return Err(ExchangeError::at(self.file, line, problem));
         }
         if let Some((r, c)) = shape.filter(|shape| *shape != (rows, cols)) {
             return Err(self.fault(entry, &format!("must have {r} rows and {c} cols, but has {rows} and {cols}")));
         }
         if let Some(value) = data.iter().find(|value| !value.is_finite()) {
-            return Err(ExchangeError::at(self.file, *line, format!("{key:?} holds {value}, which is no finite number")));
+            return Err(ExchangeError::at(self.file, line, format!("{key:?} holds {value}, which is no finite number")));
         }
-        Ok((entry, data.clone()))
+        Ok((entry, data))
     }
 }
 
-/// The lines with something on them.
-fn lines(file: &str, text: &str) -> Result<Vec<Line>, ExchangeError> {
-    let mut found: Vec<Line> = Vec::new();
-    let mut open_list = false;
-    for (index, raw) in text.trim_start_matches('\u{feff}').lines().enumerate() {
-        let number = index + 1;
-        let text = without_comment(raw);
-        if text.trim().is_empty() || text.starts_with("%YAML") || text == "---" || text == "..." {
-            continue;
-        }
-        let indent = text.len() - text.trim_start_matches(' ').len();
-        if text[indent..].starts_with('\t') {
-            return Err(ExchangeError::at(file, number, "begins with a tab; YAML is indented with spaces"));
-        }
-        let text = text.trim();
-        // Only the new piece is looked at: a list of many lines is not to be read again with each of them.
-        if let Some(last) = found.last_mut().filter(|_| open_list) {
-            last.text.push(' ');
-            last.text.push_str(text);
-        } else {
-            found.push(Line { number, indent, text: text.to_owned() });
-            open_list = text.contains(": [");
-        }
-        open_list &= !text.ends_with(']');
-    }
-    match found.last().filter(|_| open_list) {
-        Some(line) => Err(ExchangeError::at(file, line.number, "the list that begins here is never closed with ]")),
-        None => Ok(found),
-    }
-}
-
-/// A line without its comment and the space at its end.
-fn without_comment(line: &str) -> &str {
-    let mut quote = None;
-    let mut before = ' ';
-    for (at, c) in line.char_indices() {
-        match (quote, c) {
-            (None, '#') if before.is_whitespace() => return line[..at].trim_end(),
-            (None, '"' | '\'') if before.is_whitespace() => quote = Some(c),
-            (Some(open), c) if c == open => quote = None,
-            _ => {}
-        }
-        before = c;
-    }
-    line.trim_end()
-}
-
-/// The keys at one indent.
-fn block<'l>(file: &str, rest: &mut &'l [Line], indent: usize) -> Result<Vec<Entry>, ExchangeError> {
-    let mut entries: Vec<Entry> = Vec::new();
-    let mut known: HashSet<&'l str> = HashSet::new();
-    while let Some((line, after)) = rest.split_first() {
-        if line.indent < indent {
-            break;
-        }
-        if line.indent > indent {
-            return Err(ExchangeError::at(file, line.number, format!("{:?} stands further right than the lines before it", line.text)));
-        }
-        let colon = line.text.find(": ").or_else(|| line.text.len().checked_sub(1).filter(|at| line.text[*at..] == *":"));
-        let Some((key, held)) = colon.map(|at| (line.text[..at].trim().trim_matches('"'), line.text[at + 1..].trim())) else {
-            return Err(ExchangeError::at(file, line.number, format!("{:?} is no line of the form `key: value`", line.text)));
-        };
-        if !known.insert(key) {
-            return Err(ExchangeError::at(file, line.number, format!("{key:?} stands there twice; keep one")));
-        }
-        *rest = after;
-        let value = if held.is_empty() || held == MATRIX_TAG {
-            nested(file, rest, indent)?
-        } else if let Some(list) = held.strip_prefix('[').and_then(|list| list.strip_suffix(']')) {
-            let items = list.split(',').map(str::trim).filter(|item| !item.is_empty());
-            Value::Numbers(items.map(|item| number(file, line.number, item)).collect::<Result<_, _>>()?)
-        } else if held.starts_with(['[', '{', '!', '&', '*', '|', '>']) {
-            return Err(ExchangeError::at(
-                file,
-                line.number,
-                format!("{held:?} is YAML that is not read here; write {key:?} as a number, a text, a list of numbers or a matrix"),
-            ));
-        } else {
-            let quoted = ['"', '\''].into_iter().find_map(|q| held.strip_prefix(q)?.strip_suffix(q));
-            Value::Text(quoted.unwrap_or(held).to_owned())
-        };
-        entries.push(Entry { key: key.to_owned(), line: line.number, value });
-    }
-    Ok(entries)
-}
-
-/// What stands below a key: keys further to the right, or one number a line after a dash.
-fn nested(file: &str, rest: &mut &[Line], indent: usize) -> Result<Value, ExchangeError> {
-    let mut numbers = Vec::new();
-    while let Some((line, after)) = rest.split_first() {
-        let Some(item) = line.text.strip_prefix("- ").filter(|_| line.indent >= indent) else { break };
-        numbers.push(number(file, line.number, item.trim())?);
-        *rest = after;
-    }
-    match rest.first() {
-        _ if !numbers.is_empty() => Ok(Value::Numbers(numbers)),
-        Some(line) if line.indent > indent => Ok(Value::Map(block(file, rest, line.indent)?)),
-        _ => Ok(Value::Text(String::new())),
-    }
-}
-
-fn number(file: &str, line: usize, text: &str) -> Result<f64, ExchangeError> {
+fn number(file: &str, item: &Spanned<String>) -> Result<f64, ExchangeError> {
+    let line = usize::try_from(item.referenced.line()).unwrap_or(usize::MAX);
+    let text = &item.value;
     text.parse().map_err(|_| ExchangeError::at(file, line, format!("{text:?} is no number; only numbers may stand in this list")))
 }
 
@@ -257,5 +258,61 @@ mod tests {
         let twice = format!("{}key7: 1\n", keys(100));
         let error = Document::parse("twice.yml", &twice).err().unwrap().to_string();
         assert!(error.contains("line 101") && error.contains("\"key7\" stands there twice"), "{error}");
+    }
+
+    /// What is said of a text that is refused.
+    fn refusal(text: &str) -> String {
+        Document::parse("odd.yml", text).err().unwrap().to_string()
+    }
+
+    #[test]
+    fn a_file_as_large_as_none_is_read_to_its_end() {
+        let keys = (0..300_000).map(|k| format!("key{k}: {k}\n")).collect::<Vec<_>>().concat();
+        let document = format!("{keys}image_width: 640\n");
+        assert_eq!(Document::parse("big.yml", &document).unwrap().side_px("image_width").unwrap(), 640);
+    }
+
+    #[test]
+    fn what_is_deep_large_or_refers_to_itself_is_refused() {
+        for open in ["[", "{a: ", "- ", "? "] {
+            let message = refusal(&format!("a:\n  {}", open.repeat(1_000_000)));
+            assert!(message.contains("line 2") && message.contains("too deep"), "{open:?}: {message}");
+        }
+        for text in ["a: &b 1\n", "a: &b [1]\nc: [*b, *b]\n", "<<: {a: 1}\n"] {
+            assert!(refusal(text).contains("line 1"), "{text:?}");
+        }
+        assert!(refusal(&format!("a: [{}]\n", "1,".repeat(MAX_NODES))).contains("too large"));
+        let message = refusal("a: 1\n---\na: 2\n");
+        assert!(message.contains("line 3") && message.contains("another document"), "{message}");
+    }
+
+    #[test]
+    fn a_name_that_stands_twice_is_refused_wherever_it_is() {
+        for (text, line) in [("a: 1\na: 2\n", 2), ("b:\n  a: 1\n  a: 2\n", 3), ("camera_matrix:\n  dt: d\n  dt: d\n", 3)] {
+            let message = refusal(text);
+            assert!(message.contains(&format!("line {line}:")) && message.contains("stands there twice"), "{message}");
+        }
+    }
+
+    #[test]
+    fn lines_are_those_of_the_names_whatever_stands_before_them() {
+        let matrix = "camera_matrix: !!opencv-matrix\n   rows: 1\n   cols: 2\n   dt: d\n   data: [ 1210., .5 ]\n";
+        // Old versions of OpenCV leave `---` out; lists of texts are of no concern.
+        for (before, line) in
+            [("%YAML:1.0\n", 2), ("%YAML:1.0\n---\n", 3), ("\u{feff}%YAML:1.0\r\n---\r\n# a\r\n", 4), ("i:\n- \"a.jpg\"\n- b\n", 4)]
+        {
+            let text = format!("{before}{matrix}");
+            let document = Document::parse("camera.yml", &text).unwrap();
+            let (entry, data) = document.matrix("camera_matrix", None).unwrap();
+            assert_eq!((entry.line, data.as_slice()), (line, &[1210.0, 0.5][..]));
+        }
+        for (text, words) in [
+            ("image_width: [640]\n", ["line 1: \"image_width\"", "number"]),
+            ("a: 1\ncamera_matrix: 3\n", ["line 2: \"camera_matrix\"", "matrix"]),
+            ("a: [1,\n", ["line 1:", "never closed"]),
+        ] {
+            let message = refusal(text);
+            assert!(words.iter().all(|word| message.contains(word)), "{message}");
+        }
     }
 }

@@ -5,47 +5,8 @@
 //! pixel (`[psf.pixel]`) and every effect on pixels in `[[effects]]` are of the detector's own pixels, n × n of them in each binned one; what
 //! follows the amplifier, where charge is joined before it, sees binned ones.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-use super::{DetectorTable, SceneError, TrueCameraTable};
+use super::{BinningMethod, BinningSite, BinningTable, DetectorTable, SceneError, TrueCameraTable};
 use crate::imaging::{Binning, BinningPlace};
-
-/// `[camera.binning]`: the detector's own pixels are joined, `factor` × `factor` into each pixel of the frame that this scene describes.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct BinningTable {
-    /// Pixels along each side of a joined one, 2 to 4.
-    pub factor: usize,
-    /// Whether a joined pixel holds the sum or the mean.
-    #[serde(default)]
-    pub method: BinningMethod,
-    /// Where they are joined.
-    #[serde(default)]
-    pub place: BinningSite,
-}
-
-/// What a joined pixel holds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum BinningMethod {
-    /// All of what its pixels hold.
-    #[default]
-    Sum,
-    /// Their mean.
-    Mean,
-}
-
-/// Where pixels are joined.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum BinningSite {
-    /// As charge, before read noise and converter.
-    #[default]
-    OnChip,
-    /// As counts, behind the converter.
-    Digital,
-}
 
 impl BinningTable {
     /// As the imager takes it.

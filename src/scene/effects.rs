@@ -1,13 +1,8 @@
 //! `[[effects]]` of a scene: any displacement, any pixel effect and any light of the sky of the registries with parameters of its own, beside what
 //! `sky.physics` has at its known size and what `[detector]` and `[sky]` say of the everyday ones.
 
-use std::collections::BTreeMap;
-
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::sky_light::GlowSetting;
-use super::{DetectorTable, Exposures, SceneError, SkyTable};
+use super::{DetectorTable, EffectTable, Exposures, SceneError, SkyTable};
 use crate::camera::{Model, SkyChain, Term};
 use crate::effects::detector::adc::full_scale_dn;
 use crate::effects::ids;
@@ -15,18 +10,6 @@ use crate::effects::pixel::{AnyPixelEffect, pixel_effect};
 use crate::effects::sky::glow::{SKY_GLOWS, SkyGlow, sky_glow};
 use crate::effects::{Context, Effect, Observation, ParameterSpec, Segment, StarState, displacement, effects, id_of};
 use crate::imaging::EffectSetting;
-
-/// `[[effects]]`: an effect in force.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct EffectTable {
-    /// Its id; `boresight effects` lists them.
-    pub id: String,
-    /// Its parameters by name; those that are left out have the value at which they do nothing. (A pixel effect takes those that `[detector]`
-    /// has under the same name from there; a light of the sky has its typical value.)
-    #[serde(default)]
-    pub parameters: BTreeMap<String, f64>,
-}
 
 /// What the tables put in force.
 #[derive(Debug, Default)]

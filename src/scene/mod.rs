@@ -22,23 +22,21 @@ mod quadrature;
 mod schema;
 mod sky_light;
 mod spline;
+mod tables;
 mod track;
 mod work;
 
 use hifitime::Epoch;
 use thiserror::Error;
 
-pub use binning::{BinningMethod, BinningSite, BinningTable};
-pub use detector::{ColourFiltersTable, DetectorTable, QuantumEfficiencyTable};
-pub use effects::EffectTable;
 pub use exposures::Exposures;
-pub use file::{FrameTable, MountTable, NominalTable, SceneFile, SeriesTable, SiteTable, SkyTable, TrueCameraTable};
-pub use lights::{CosmicRayTable, GhostTable, StreakKind, StreakTable};
-pub use motion::{BandTable, JitterTable, LineTable};
-pub use orbit::OrbitTable;
 pub use psf::PsfKind;
-pub use psf_table::{PixelTable, PsfTable, VaryTable};
 pub use schema::schema;
+pub use tables::{
+    BandTable, BinningMethod, BinningSite, BinningTable, ColourFiltersTable, CosmicRayTable, DetectorTable, EffectTable, FrameTable,
+    GhostTable, JitterTable, LineTable, MountTable, NominalTable, OrbitTable, PixelTable, PsfTable, QuantumEfficiencyTable, SceneFile,
+    SeriesTable, SiteTable, SkyTable, StreakKind, StreakTable, TrueCameraTable, VaryTable,
+};
 inner!(schema::FORMAT);
 inner!(file::DEMO_TOML);
 inner!(lights::{LIGHT_PAGES, LightForm, LightKind, LightPage, OtherLight});

@@ -6,11 +6,9 @@
 //! and is kept as a variance.
 
 use nalgebra::{Unit, UnitQuaternion, Vector3};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
-use super::SceneError;
 use super::spline::RotationSpline;
+use super::{JitterTable, SceneError};
 use crate::coordinates::Attitude;
 use crate::effects::Observation;
 use crate::rng::StageKey;
@@ -27,40 +25,6 @@ const BAND_TONES: u32 = 48;
 
 /// The key of the jitter's random numbers.
 const JITTER_STAGE: u32 = 0x4a49_5454;
-
-/// `[jitter]`: how the camera trembles, about its own axes x, y, z.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct JitterTable {
-    /// Standard deviation of what is faster than any exposure; it widens the images.
-    pub sigma_arcsec: [f64; 3],
-    /// Lines of the spectrum.
-    pub lines: Vec<LineTable>,
-    /// Bands of even spectral density.
-    pub bands: Vec<BandTable>,
-}
-
-/// A line of the jitter's spectrum.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct LineTable {
-    /// Frequency.
-    pub frequency_hz: f64,
-    /// Amplitude about each axis.
-    pub amplitude_arcsec: [f64; 3],
-}
-
-/// A band of the jitter's spectrum.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct BandTable {
-    /// Lowest frequency.
-    pub low_hz: f64,
-    /// Highest frequency.
-    pub high_hz: f64,
-    /// Standard deviation about each axis.
-    pub sigma_arcsec: [f64; 3],
-}
 
 /// A sinusoid about the three axes.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,11 +1,9 @@
 //! `[orbit]`: a camera on a satellite, whose velocity follows from the time of each exposure.
 
 use hifitime::Epoch;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::pointing::{Plan, time};
-use super::{SceneError, SceneFile};
+use super::{OrbitTable, SceneError, SceneFile};
 use crate::camera::{EARTH_RADIUS_KM, Orbit, OrbitState};
 use crate::dual::{dot, normalize};
 use crate::recording::Mount;
@@ -13,21 +11,6 @@ use crate::units::DAY_S;
 
 /// Two-line elements older than this are not what they were, days.
 const OLD_DAYS: f64 = 14.0;
-
-/// `[orbit]`: two-line elements, or a state vector at a time. It gives every exposure the velocity of the camera, that of the Earth with it; the few
-/// thousand km by which it stands beside the Earth's centre move no star by a tenth of a milliarcsecond and are left out.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct OrbitTable {
-    /// Both lines of two-line elements, followed by SGP4.
-    pub tle: Option<[String; 2]>,
-    /// Time of the state, UTC.
-    pub epoch_utc: Option<String>,
-    /// Position from the Earth's centre, axes of the GCRS.
-    pub position_km: Option<[f64; 3]>,
-    /// Velocity, axes of the GCRS; an ellipse about the Earth is followed, without what disturbs it.
-    pub velocity_km_s: Option<[f64; 3]>,
-}
 
 impl OrbitTable {
     fn orbit(&self, path: &str) -> Result<Orbit, SceneError> {

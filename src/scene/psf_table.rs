@@ -1,13 +1,9 @@
-//! `[psf]` as written, and its checks.
+//! What `[psf]` means, and its checks.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
-use super::SceneError;
 use super::psf::{Psf, PsfKind, PsfNodes, PsfTerm, Third};
+use super::{PsfTable, SceneError};
 use crate::effects::ParameterSpec;
 use crate::effects::optics::elliptic_gaussian_psf::EllipticGaussianPsf;
 use crate::effects::optics::sampled_psf::SampledImage;
@@ -18,80 +14,8 @@ use crate::recording::Recording;
 /// Tables are one buffer of a GPU; every implementation grants this much.
 pub(super) const MAX_BYTES: u64 = 128 << 20;
 
-/// `[psf]`.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct PsfTable {
-    /// `gaussian`, `elliptic-gaussian`, `moffat`, `airy`, `zernike` or `sampled`.
-    pub kind: String,
-    /// Its parameters by name, in the middle of the field and at B − V = 0.6.
-    #[serde(default)]
-    pub parameters: BTreeMap<String, f64>,
-    /// How parameters change over the field, with colour and with temperature.
-    #[serde(default)]
-    pub vary: Vec<VaryTable>,
-    /// Columns and rows of places at which tables are worked out where the image changes over the field; stars in between mix the nearest four.
-    #[serde(default = "default_field_nodes")]
-    pub field_nodes: [usize; 2],
-    /// Colours (evenly from B − V = −0.4 to 2) or temperatures (over those of the exposures) at which tables are worked out where the image
-    /// changes with one of the two.
-    #[serde(default = "default_depth_nodes")]
-    pub depth_nodes: usize,
-    /// How far a star's light is followed.
-    pub reach_px: Option<usize>,
-    /// The response within a pixel.
-    pub pixel: Option<PixelTable>,
-    /// With `sampled`: the image, relative to the scene.
-    pub image: Option<String>,
-    /// Its points along the side of a pixel.
-    pub image_points_per_px: Option<usize>,
-    /// Whether the pixel is in it already.
-    #[serde(default)]
-    pub image_has_pixel: bool,
-}
-
-fn default_field_nodes() -> [usize; 2] {
-    [5, 5]
-}
-
-fn default_depth_nodes() -> usize {
-    3
-}
-
-/// A term of a parameter: coefficient · Xⁱ·Yʲ·Cᵏ·Tˡ, X and Y = offsets from the middle of the frame in halves of its width, C = B − V − 0.6, T =
-/// temperature of the optics minus its mean over the exposures, K.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct VaryTable {
-    /// Which parameter.
-    pub parameter: String,
-    /// In the parameter's unit.
-    pub coefficient: f64,
-    /// i.
-    #[serde(default)]
-    pub x: u8,
-    /// j.
-    #[serde(default)]
-    pub y: u8,
-    /// k.
-    #[serde(default)]
-    pub colour: u8,
-    /// l.
-    #[serde(default)]
-    pub temperature: u8,
-}
-
-/// `[psf.pixel]`: the response along x and y, 1 + a·cos 2πu + b·u at u px from the pixel's centre, and diffusion of the charge.
-#[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct PixelTable {
-    /// a along x and y.
-    pub cosine: [f64; 2],
-    /// b along x and y, px⁻¹.
-    pub slope: [f64; 2],
-    /// Width σ of the diffusion.
-    pub diffusion_px: f64,
-}
+type Refuse<'a> = &'a dyn Fn(&str, String, &'static str) -> SceneError;
+type Wrong<'a> = &'a dyn Fn(String) -> SceneError;
 
 /// Reads `[psf]`, or makes the Gaussian of `detector.psf_sigma_px`.
 pub(super) fn read(
@@ -109,90 +33,23 @@ pub(super) fn read(
         remedy,
     };
     let wrong = |what: String| SceneError::Parse { path: path.to_owned(), message: format!("psf: {what}") };
-    let pixel = table.pixel.clone().unwrap_or_default();
-    let is_sampled = table.kind == "sampled";
-    if !is_sampled && (table.image.is_some() || table.image_points_per_px.is_some() || table.image_has_pixel) {
-        return Err(refuse("image", "given".into(), "belongs to kind = \"sampled\""));
-    }
-    let response =
-        PixelResponse { cosine: pixel.cosine, slope: pixel.slope, diffusion_px: pixel.diffusion_px, is_in_image: table.image_has_pixel };
-    let numbers = pixel.cosine.iter().chain(&pixel.slope);
-    if !numbers.clone().all(|number| number.abs() <= 1.0) || !(0.0..=5.0).contains(&pixel.diffusion_px) {
-        return Err(refuse("pixel", format!("{pixel:?}"), "must have cosine and slope between -1 and 1 and diffusion_px between 0 and 5"));
-    }
-    let is_even = response == PixelResponse { is_in_image: table.image_has_pixel, ..PixelResponse::default() };
-    let kind = match table.kind.as_str() {
-        "gaussian" if is_even => PsfKind::Gaussian,
-        "elliptic-gaussian" if is_even => PsfKind::Elliptic,
-        "elliptic-gaussian" => {
-            return Err(refuse("pixel", "given".into(), "is not worked out for elliptic-gaussian: use gaussian, zernike or sampled"));
-        }
-        "sampled" => PsfKind::Sampled(image(path, table, &refuse, &wrong)?),
-        other => {
-            let known = ["elliptic-gaussian", "sampled"].into_iter().chain(IMAGE_KINDS.iter().map(|kind| kind.id()));
-            let nearest = known.min_by_key(|known| strsim::damerau_levenshtein(other, known)).unwrap_or_default();
-            let unknown = || wrong(format!("there is no kind {other:?}; did you mean {nearest}?"));
-            PsfKind::Tables(image_kind(other).ok_or_else(unknown)?)
-        }
-    };
+    let pixel = response(table, &refuse)?;
+    let kind = kind(path, table, &pixel, &refuse, &wrong)?;
     let specs: &'static [ParameterSpec] = match &kind {
         PsfKind::Gaussian => image_kind("gaussian").map_or(&[], |kind| kind.parameters()),
         PsfKind::Elliptic => EllipticGaussianPsf.parameters(),
         PsfKind::Tables(kind) => kind.parameters(),
         PsfKind::Sampled(_) => &[],
     };
-    let place = |name: &str| {
-        specs.iter().position(|spec| spec.name == name).ok_or_else(|| {
-            let names: Vec<&str> = specs.iter().map(|spec| spec.name).collect();
-            wrong(format!("{} has no parameter {name}; it has {}", table.kind, names.join(", ")))
-        })
-    };
     for name in table.parameters.keys() {
-        place(name)?;
+        place(table, specs, name, &wrong)?;
     }
-    let mut parameters = Vec::with_capacity(specs.len());
-    for spec in specs {
-        let is_optional = spec.unit.is_empty() && spec.name != "beta" || spec.name == "angle_deg";
-        let value = match table.parameters.get(spec.name) {
-            Some(value) => *value,
-            None if is_optional => 0.0,
-            None => return Err(wrong(format!("{} needs the parameter {}", table.kind, spec.name))),
-        };
-        if !(spec.range.0..=spec.range.1).contains(&value) {
-            return Err(wrong(format!("{} = {value} must lie between {} and {}", spec.name, spec.range.0, spec.range.1)));
-        }
-        parameters.push(value);
-    }
-    let mut terms = Vec::new();
-    for vary in &table.vary {
-        let powers = [vary.x, vary.y, vary.colour, vary.temperature];
-        let sum: u32 = powers.iter().map(|power| u32::from(*power)).sum();
-        if !vary.coefficient.is_finite() || !(1..=8).contains(&sum) {
-            let name = &vary.parameter;
-            return Err(wrong(format!(
-                "the term of {name} must have a finite coefficient and powers of x, y, colour, temperature, 1 to 8 together"
-            )));
-        }
-        terms.push(PsfTerm { index: place(&vary.parameter)?, coefficient: vary.coefficient, powers: powers.map(i32::from) });
-    }
-    let from_tables = matches!(kind, PsfKind::Tables(_));
-    let follows = |axis: usize| from_tables && terms.iter().any(|term| term.powers[axis] > 0);
-    if !table.field_nodes.iter().chain([&table.depth_nodes]).all(|nodes| (2..=65).contains(nodes)) {
-        return Err(refuse("field_nodes", format!("{:?}", table.field_nodes), "and depth_nodes must lie between 2 and 65"));
-    }
-    let (third, range) = match (follows(2), follows(3)) {
-        (false, false) => (Third::Nothing, PsfNodes::ONE.range),
-        (true, false) => (Third::Colour, PsfNodes::COLOURS),
-        // Exposures of one temperature need no second table, but the axis needs a length.
-        (false, true) => (Third::Temperature, [temperatures_k[0], temperatures_k[1].max(temperatures_k[0] + 1e-6)]),
-        (true, true) => return Err(wrong(format!("{} can follow colour or temperature, not both", table.kind))),
-    };
-    let [columns, rows] = if follows(0) || follows(1) { table.field_nodes } else { [1, 1] };
-    let depth = if third == Third::Nothing { 1 } else { table.depth_nodes };
-    let nodes = PsfNodes { columns, rows, third, depth, range };
+    let parameters = parameters(table, specs, &wrong)?;
+    let terms = terms(table, specs, &wrong)?;
+    let nodes = nodes(table, &kind, &terms, temperatures_k, &refuse, &wrong)?;
     let mut psf = Psf {
         kind,
-        pixel: response,
+        pixel,
         smooth_px: 0.0,
         typical_px: 0.0,
         reach_px: 0,
@@ -208,10 +65,111 @@ pub(super) fn read(
     Ok(psf)
 }
 
-type Refuse<'a> = &'a dyn Fn(&str, String, &'static str) -> SceneError;
+/// The response within a pixel.
+fn response(table: &PsfTable, refuse: Refuse<'_>) -> Result<PixelResponse, SceneError> {
+    let pixel = table.pixel.clone().unwrap_or_default();
+    let is_sampled = table.kind == "sampled";
+    if !is_sampled && (table.image.is_some() || table.image_points_per_px.is_some() || table.image_has_pixel) {
+        return Err(refuse("image", "given".into(), "belongs to kind = \"sampled\""));
+    }
+    let numbers = pixel.cosine.iter().chain(&pixel.slope);
+    if !numbers.clone().all(|number| number.abs() <= 1.0) || !(0.0..=5.0).contains(&pixel.diffusion_px) {
+        return Err(refuse("pixel", format!("{pixel:?}"), "must have cosine and slope between -1 and 1 and diffusion_px between 0 and 5"));
+    }
+    Ok(PixelResponse { cosine: pixel.cosine, slope: pixel.slope, diffusion_px: pixel.diffusion_px, is_in_image: table.image_has_pixel })
+}
+
+/// What makes the images.
+fn kind(path: &str, table: &PsfTable, pixel: &PixelResponse, refuse: Refuse<'_>, wrong: Wrong<'_>) -> Result<PsfKind, SceneError> {
+    let is_even = *pixel == PixelResponse { is_in_image: table.image_has_pixel, ..PixelResponse::default() };
+    Ok(match table.kind.as_str() {
+        "gaussian" if is_even => PsfKind::Gaussian,
+        "elliptic-gaussian" if is_even => PsfKind::Elliptic,
+        "elliptic-gaussian" => {
+            return Err(refuse("pixel", "given".into(), "is not worked out for elliptic-gaussian: use gaussian, zernike or sampled"));
+        }
+        "sampled" => PsfKind::Sampled(image(path, table, refuse, wrong)?),
+        other => {
+            let known = ["elliptic-gaussian", "sampled"].into_iter().chain(IMAGE_KINDS.iter().map(|kind| kind.id()));
+            let nearest = known.min_by_key(|known| strsim::damerau_levenshtein(other, known)).unwrap_or_default();
+            let unknown = || wrong(format!("there is no kind {other:?}; did you mean {nearest}?"));
+            PsfKind::Tables(image_kind(other).ok_or_else(unknown)?)
+        }
+    })
+}
+
+/// The index of a parameter of the kind.
+fn place(table: &PsfTable, specs: &[ParameterSpec], name: &str, wrong: Wrong<'_>) -> Result<usize, SceneError> {
+    specs.iter().position(|spec| spec.name == name).ok_or_else(|| {
+        let names: Vec<&str> = specs.iter().map(|spec| spec.name).collect();
+        wrong(format!("{} has no parameter {name}; it has {}", table.kind, names.join(", ")))
+    })
+}
+
+/// The parameters in the order of the kind.
+fn parameters(table: &PsfTable, specs: &[ParameterSpec], wrong: Wrong<'_>) -> Result<Vec<f64>, SceneError> {
+    let mut parameters = Vec::with_capacity(specs.len());
+    for spec in specs {
+        let is_optional = spec.unit.is_empty() && spec.name != "beta" || spec.name == "angle_deg";
+        let value = match table.parameters.get(spec.name) {
+            Some(value) => *value,
+            None if is_optional => 0.0,
+            None => return Err(wrong(format!("{} needs the parameter {}", table.kind, spec.name))),
+        };
+        if !(spec.range.0..=spec.range.1).contains(&value) {
+            return Err(wrong(format!("{} = {value} must lie between {} and {}", spec.name, spec.range.0, spec.range.1)));
+        }
+        parameters.push(value);
+    }
+    Ok(parameters)
+}
+
+/// How the parameters change over the field, with colour and with temperature.
+fn terms(table: &PsfTable, specs: &[ParameterSpec], wrong: Wrong<'_>) -> Result<Vec<PsfTerm>, SceneError> {
+    let mut terms = Vec::new();
+    for vary in &table.vary {
+        let powers = [vary.x, vary.y, vary.colour, vary.temperature];
+        let sum: u32 = powers.iter().map(|power| u32::from(*power)).sum();
+        if !vary.coefficient.is_finite() || !(1..=8).contains(&sum) {
+            let name = &vary.parameter;
+            return Err(wrong(format!(
+                "the term of {name} must have a finite coefficient and powers of x, y, colour, temperature, 1 to 8 together"
+            )));
+        }
+        let index = place(table, specs, &vary.parameter, wrong)?;
+        terms.push(PsfTerm { index, coefficient: vary.coefficient, powers: powers.map(i32::from) });
+    }
+    Ok(terms)
+}
+
+/// Where tables are worked out.
+fn nodes(
+    table: &PsfTable,
+    kind: &PsfKind,
+    terms: &[PsfTerm],
+    temperatures_k: [f64; 2],
+    refuse: Refuse<'_>,
+    wrong: Wrong<'_>,
+) -> Result<PsfNodes, SceneError> {
+    let from_tables = matches!(kind, PsfKind::Tables(_));
+    let follows = |axis: usize| from_tables && terms.iter().any(|term| term.powers[axis] > 0);
+    if !table.field_nodes.iter().chain([&table.depth_nodes]).all(|nodes| (2..=65).contains(nodes)) {
+        return Err(refuse("field_nodes", format!("{:?}", table.field_nodes), "and depth_nodes must lie between 2 and 65"));
+    }
+    let (third, range) = match (follows(2), follows(3)) {
+        (false, false) => (Third::Nothing, PsfNodes::ONE.range),
+        (true, false) => (Third::Colour, PsfNodes::COLOURS),
+        // Exposures of one temperature need no second table, but the axis needs a length.
+        (false, true) => (Third::Temperature, [temperatures_k[0], temperatures_k[1].max(temperatures_k[0] + 1e-6)]),
+        (true, true) => return Err(wrong(format!("{} can follow colour or temperature, not both", table.kind))),
+    };
+    let [columns, rows] = if follows(0) || follows(1) { table.field_nodes } else { [1, 1] };
+    let depth = if third == Third::Nothing { 1 } else { table.depth_nodes };
+    Ok(PsfNodes { columns, rows, third, depth, range })
+}
 
 /// Reads the image of `kind = "sampled"`.
-fn image(path: &str, table: &PsfTable, refuse: Refuse<'_>, wrong: &dyn Fn(String) -> SceneError) -> Result<SampledImage, SceneError> {
+fn image(path: &str, table: &PsfTable, refuse: Refuse<'_>, wrong: Wrong<'_>) -> Result<SampledImage, SceneError> {
     let Some(name) = &table.image else {
         return Err(refuse("image", "none".into(), "must name the file of the image, relative to the scene"));
     };

@@ -1,6 +1,6 @@
 //! Work limit of a scene: a frame that would cost too much is refused before the work, with the number that is too large.
 
-use super::motion::JitterTable;
+use super::JitterTable;
 use super::{Psf, PsfKind, SceneError, SceneFile};
 use crate::units::{ARCSEC_RAD, DEG_RAD};
 

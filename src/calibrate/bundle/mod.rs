@@ -22,6 +22,7 @@
 //! | [`change`] | whether these are of the same camera |
 //! | [`profile`] | standard errors of what is hardly determined, from the cost itself |
 //! | [`held_out`] | cross-validation without solving anew |
+//! | [`groups`] | what is tried together, by the reference model and by each effect |
 //! | [`selection`] | which parameters the data support |
 //! | [`worse`] | why a frame is worse than the others |
 //! | [`determined`] | what the star images determine |
@@ -34,6 +35,7 @@ mod adjust;
 mod change;
 mod consensus;
 mod determined;
+mod groups;
 mod held_out;
 mod known;
 mod mapping;

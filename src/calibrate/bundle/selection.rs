@@ -23,6 +23,7 @@
 use nalgebra::DMatrix;
 
 use super::determined::{check_coverage, check_solved, covariance};
+use super::groups::{CENTRE, Group, all_groups, dropped, higher_radial, radial};
 use super::solved::Alternative;
 use super::start::settled;
 use super::{Adjusted, Problem, Run, Solved, State, held_out, names, pose, scales, solve};
@@ -32,22 +33,10 @@ use crate::calibrate::{CalibrateError, CalibrateOptions};
 use crate::effects::ids;
 use crate::identify::ControlPoints;
 
-/// A set of names that are let free together.
-type Group = &'static [&'static str];
-/// What is let free together, in the order of preference where two are equally good.
-const GROUPS: &[Group] = &[&["k1"], &["x0", "y0"], &["p1", "p2"], &["k2"], &["k3"], &["aspect"], &[ids::QUADRATIC_REST]];
-/// What is left out of the fullest model where the star images do not determine it, one after the other.
-const DROPPED: &[Group] = &[&[ids::QUADRATIC_REST], &["aspect"], &["k3"], &["k2"], &["p1", "p2"], &["x0", "y0"]];
-/// What is let free beside parameters that are solved in any case.
-const HIGHER: &[Group] = &[&["k2"], &["k3"]];
-/// The radial distortion, term by term.
-const RADIAL: &[Group] = &[&["k1"], &["k2"], &["k3"]];
 /// Places of k1, p1, p2 among the parameters.
 const DISTORTION: std::ops::Range<usize> = 3..6;
 /// With what it begins.
 const BEGIN: &[&str] = &["f"];
-/// The principal point.
-const CENTRE: &[&str] = &["x0", "y0"];
 /// Groups whose criteria differ by less are taken in the order of preference.
 const AS_GOOD: f64 = 2.0;
 
@@ -117,7 +106,7 @@ pub(super) fn select(
             k += 1;
         }
     }
-    let next = RADIAL.iter().copied().find(|group| groups.contains(group) && !chosen.contains(group));
+    let next = radial().find(|group| groups.contains(group) && !chosen.contains(group));
     let larger = next.map(|group| fit(&chosen.iter().copied().chain([group]).collect::<Vec<_>>())).transpose()?;
     let alternative = larger.and_then(|larger| alternative(&now, &larger, &full));
     if let Some(base) = base.filter(|_| chosen.is_empty()) {
@@ -151,8 +140,8 @@ impl Choice<'_> {
 
     /// The largest model of the camera that the star images determine, from the ground values: its groups and its solution.
     fn fullest(&self) -> Result<(Vec<Group>, Solved), CalibrateError> {
-        let mut groups: Vec<Group> = GROUPS.iter().copied().filter(|group| group.iter().all(|name| is_known(name))).collect();
-        let mut dropped = DROPPED.iter();
+        let mut groups = all_groups();
+        let mut dropped = dropped();
         loop {
             let error = match self.solve(&groups).and_then(|solved| check_solved(&solved).map(|()| solved)) {
                 Ok(solved) => return Ok((groups, solved)),
@@ -160,13 +149,13 @@ impl Choice<'_> {
                 Err(error) => return Err(error),
             };
             let next = dropped.next().ok_or(error)?;
-            groups.retain(|group| group != next);
+            groups.retain(|group| *group != next);
         }
     }
 
     /// k2 and k3 as far as the star images determine them, from the solution without.
     fn extended(&self, base: &Solved) -> Result<(Vec<Group>, Solved), CalibrateError> {
-        let mut groups: Vec<Group> = HIGHER.to_vec();
+        let mut groups: Vec<Group> = higher_radial().collect();
         while !groups.is_empty() {
             match self.from(base, &groups) {
                 Ok(solved) => return Ok((groups, solved)),
@@ -199,7 +188,7 @@ impl Choice<'_> {
 
 /// The terms of the radial distortion that are left, in their order: the first two together, the first three.
 fn radial_together(groups: &[Group], chosen: &[Group]) -> Vec<Vec<Group>> {
-    let left: Vec<Group> = RADIAL.iter().copied().filter(|group| groups.contains(group) && !chosen.contains(group)).collect();
+    let left: Vec<Group> = radial().filter(|group| groups.contains(group) && !chosen.contains(group)).collect();
     (2..=left.len()).map(|count| left[..count].to_vec()).collect()
 }
 
@@ -250,11 +239,6 @@ fn is_open(error: &CalibrateError) -> bool {
             | CalibrateError::NominalFolds
             | CalibrateError::NoDegreesOfFreedom { .. }
     )
-}
-
-/// Whether this build has the effect.
-fn is_known(name: &str) -> bool {
-    super::is_reference(name) || super::solve_for::is_solvable(name)
 }
 
 /// The state of a solution in a problem whose model may hold other terms.

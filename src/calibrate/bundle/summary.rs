@@ -23,6 +23,7 @@ use crate::units::ARCSEC_RAD;
 const FAR_PX: f64 = 10.0;
 /// With more pairs of stars than these, the angles between stars are looked at for a part of the stars.
 const MAX_PAIRS: usize = 2_000_000;
+
 /// Makes the result.
 pub(super) fn summarise(
     points: &ControlPoints,
@@ -52,9 +53,7 @@ pub(super) fn summarise(
     let own = profile::widened(&linear, &wider);
     let open = left_open(&model_names, solved.alternative.as_ref());
     let dense = open.as_ref().map_or(own.clone(), |(_, all)| all.view((0, 0), (free, free)).into_owned());
-    let rows = |matrix: &DMatrix<f64>| -> Vec<Vec<f64>> { matrix.row_iter().map(|row| row.iter().copied().collect()).collect() };
     let in_units = rows(&dense);
-    let state = &adjusted.state;
     let sigma = open.as_ref().and_then(|(names, all)| {
         let mut model = problem.model.clone();
         let free = indices(&mut model, names)?;
@@ -67,6 +66,61 @@ pub(super) fn summarise(
         of.images.iter().enumerate().map(move |(index, image)| (image.point, weights[index], residuals[index]))
     });
     let of_points = point_results(points, selection, of_images);
+    let Sums { square, stars, angles, predicted, distinct } = sums(points, solved, &residuals);
+    let typical = |sum: f64| (stars > 0).then(|| (sum / stars as f64).sqrt());
+    let estimates = estimates(solved, &in_units);
+    let mut result = Calibration {
+        status: if adjusted.converged { Status::Converged } else { Status::NotConverged },
+        camera: *problem.model.camera(),
+        chain: Some(problem.model.clone()),
+        rms_px: typical(square),
+        rms_arcsec: typical(angles).map(|rms| rms / ARCSEC_RAD),
+        held_out_rms_px: options.held_out.then(|| held_out::rms_px(solved)).flatten(),
+        stars,
+        distinct_stars: distinct,
+        frames: active,
+        interstar_angle_rms_arcsec: interstar_angle_rms_arcsec(solved),
+        attitude_sigma_arcsec: attitude_sigma(adjusted.attitude_information.iter().flatten(), unit.sqrt()),
+        map_sigma_px: Some(map_sigma(sigma.into_iter().map(|(_, sigma)| sigma).collect())),
+        lit: problem.lit,
+        unit_weight_sigma_px: (square / dof as f64).sqrt(),
+        predicted_sigma_px: typical(predicted).unwrap_or(0.0) / std::f64::consts::SQRT_2,
+        degrees_of_freedom: dof,
+        covariance: in_units,
+        left_open: open.as_ref().map(|(names, all)| LeftOpen { parameters: names.clone(), covariance: rows(all) }),
+        combinations,
+        gauge: gauge(problem.attitudes),
+        noise: Some(NoiseFound {
+            floor_px: adjusted.noise.floor_px2.sqrt(),
+            wrong_share: adjusted.noise.wrong_share,
+            unit_weight_variance: unit,
+            predicted_rms_px: (predicted / stars.max(1) as f64).sqrt(),
+        }),
+        iterations: adjusted.turns.iter().map(iteration).collect(),
+        ..result(points, options, selection, estimates, of_points, frame_results(solved, &residuals))
+    };
+    let weak = coverage.warning(&problem.lit.map_or_else(|| "the frame".to_owned(), |lit| lit.in_words()), "rms");
+    result.warnings = warnings(points, solved, &result, weak, &wider);
+    Ok(result)
+}
+
+/// Sums over the star images used.
+struct Sums {
+    /// Of squared residuals, px².
+    square: f64,
+    /// How many there are.
+    stars: usize,
+    /// Of squared residuals as angles, rad².
+    angles: f64,
+    /// Of the squared residuals that the errors let expect, px².
+    predicted: f64,
+    /// How many different stars they are of.
+    distinct: usize,
+}
+
+fn sums(points: &ControlPoints, solved: &Solved, residuals: &[Vec<Option<[f64; 2]>>]) -> Sums {
+    let (problem, adjusted) = (&solved.problem, &solved.adjusted);
+    let state = &adjusted.state;
     let (mut square, mut stars, mut angles, mut predicted) = (0.0, 0_usize, 0.0, 0.0);
     let mut distinct = Vec::new();
     for (exposure, weights) in adjusted.weights.iter().enumerate() {
@@ -88,65 +142,43 @@ pub(super) fn summarise(
     }
     distinct.par_sort_unstable();
     distinct.dedup();
-    let typical = |sum: f64| (stars > 0).then(|| (sum / stars as f64).sqrt());
+    Sums { square, stars, angles, predicted, distinct: distinct.len() }
+}
+
+/// The parameters solved, with the standard errors of a covariance in their units.
+fn estimates(solved: &Solved, covariance: &[Vec<f64>]) -> Vec<ParameterEstimate> {
+    let (problem, state) = (&solved.problem, &solved.adjusted.state);
     let parameters = problem.model.parameters();
-    let estimates: Vec<ParameterEstimate> = problem
-        .free
-        .iter()
-        .enumerate()
-        .map(|(k, index)| {
-            let sigma = in_units[k][k].max(0.0).sqrt();
-            ParameterEstimate {
-                name: parameters[*index].name.clone(),
-                value: state.values[*index],
-                sigma,
-                sigma_joint: sigma,
-                unit: parameters[*index].unit.to_owned(),
-            }
-        })
-        .collect();
-    let turn = |turn: &Turn| Iteration {
+    let estimate = |(k, index): (usize, &usize)| {
+        let sigma = covariance[k][k].max(0.0).sqrt();
+        ParameterEstimate {
+            name: parameters[*index].name.clone(),
+            value: state.values[*index],
+            sigma,
+            sigma_joint: sigma,
+            unit: parameters[*index].unit.to_owned(),
+        }
+    };
+    problem.free.iter().enumerate().map(estimate).collect()
+}
+
+fn iteration(turn: &Turn) -> Iteration {
+    Iteration {
         step_px: turn.step_px,
         pair_sigma_rad: 0.0,
         pairs_down_weighted: 0,
         star_sigma_px: turn.sigma_px,
         stars_down_weighted: turn.down_weighted,
-    };
-    let mut result = Calibration {
-        status: if adjusted.converged { Status::Converged } else { Status::NotConverged },
-        camera: *problem.model.camera(),
-        chain: Some(problem.model.clone()),
-        rms_px: typical(square),
-        rms_arcsec: typical(angles).map(|rms| rms / ARCSEC_RAD),
-        held_out_rms_px: options.held_out.then(|| held_out::rms_px(solved)).flatten(),
-        stars,
-        distinct_stars: distinct.len(),
-        frames: active,
-        interstar_angle_rms_arcsec: interstar_angle_rms_arcsec(solved),
-        attitude_sigma_arcsec: attitude_sigma(adjusted.attitude_information.iter().flatten(), unit.sqrt()),
-        map_sigma_px: Some(map_sigma(sigma.into_iter().map(|(_, sigma)| sigma).collect())),
-        lit: problem.lit,
-        unit_weight_sigma_px: (square / dof as f64).sqrt(),
-        predicted_sigma_px: typical(predicted).unwrap_or(0.0) / std::f64::consts::SQRT_2,
-        degrees_of_freedom: dof,
-        covariance: in_units,
-        left_open: open.as_ref().map(|(names, all)| LeftOpen { parameters: names.clone(), covariance: rows(all) }),
-        combinations,
-        gauge: gauge(problem.attitudes),
-        noise: Some(NoiseFound {
-            floor_px: adjusted.noise.floor_px2.sqrt(),
-            wrong_share: adjusted.noise.wrong_share,
-            unit_weight_variance: unit,
-            predicted_rms_px: (predicted / stars.max(1) as f64).sqrt(),
-        }),
-        iterations: adjusted.turns.iter().map(turn).collect(),
-        ..result(points, options, selection, estimates, of_points, frame_results(solved, &residuals))
-    };
-    let weak = coverage.warning(&problem.lit.map_or_else(|| "the frame".to_owned(), |lit| lit.in_words()), "rms");
+    }
+}
+
+/// What is to be minded of a result. `weak`: of the parts of the frame without stars.
+fn warnings(points: &ControlPoints, solved: &Solved, result: &Calibration, weak: Option<String>, wider: &[profile::Wider]) -> Vec<String> {
+    let model_names = names(&solved.problem);
     let mut warnings = solved.notes.clone();
     let without = result.per_frame.iter().filter(|frame| frame.camera_from_icrs.is_none()).count();
-    warnings.extend(general_warnings(&result, without, weak));
-    warnings.extend(degeneracy_warnings(&result));
+    warnings.extend(general_warnings(result, without, weak));
+    warnings.extend(degeneracy_warnings(result));
     warnings.extend(result.combinations.iter().filter_map(|combination| combination.sentence.clone()));
     warnings.extend(wider.iter().map(|wider| {
         format!(
@@ -156,8 +188,11 @@ pub(super) fn summarise(
         )
     }));
     warnings.extend(worse::sentences(solved, points));
-    result.warnings = warnings;
-    Ok(result)
+    warnings
+}
+
+fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
+    matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
 }
 
 /// In which sense the parameters are what they are.

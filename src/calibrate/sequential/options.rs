@@ -48,6 +48,7 @@ impl Default for UpdateOptions {
 
 /// A parameter before and after an update.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct ParameterChange {
     /// Its name.
     pub name: String,
@@ -67,6 +68,7 @@ pub struct ParameterChange {
 
 /// What an update has done.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[non_exhaustive]
 pub struct UpdateReport {
     /// Whether the new frames were taken. They are not if the camera has changed ([`OnChange::Refuse`]), or the iteration did not end.
     pub taken: bool,

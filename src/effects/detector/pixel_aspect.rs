@@ -32,7 +32,9 @@
 //! J. Weng, P. Cohen, M. Herniou, IEEE Trans. PAMI 14(10), 965 (1992).
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{
+    Context, Displacement, Facts, Light, ModelGroup, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState,
+};
 
 /// Different scales along x and y as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -43,6 +45,7 @@ impl Displacement for PixelAspect {
     const FACTS: Facts = Facts {
         ordinary_size: Some(OrdinarySize::of(1e-4, "1e-5 by lithography to 1e-3 by optics (Weng, Cohen and Herniou 1992)")),
         is_even_in_mirror: true,
+        model_groups: &[ModelGroup { names: &["aspect"], preference: 3, is_radial_term: false }],
         ..Facts::NONE
     };
     const SEGMENT: Segment = Segment::Focal;

@@ -33,7 +33,9 @@
 //! polynomial of second order has 2 · 3 coefficients.
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{
+    Context, Displacement, Facts, Light, ModelGroup, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState,
+};
 
 /// The two harmonic quadratic fields as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -41,8 +43,11 @@ pub struct QuadraticRest;
 
 impl Displacement for QuadraticRest {
     const ID: &'static str = "quadratic-rest";
-    const FACTS: Facts =
-        Facts { ordinary_size: Some(OrdinarySize::of(0.05, "0.01 to 0.1 px (Weng, Cohen and Herniou 1992)")), ..Facts::NONE };
+    const FACTS: Facts = Facts {
+        ordinary_size: Some(OrdinarySize::of(0.05, "0.01 to 0.1 px (Weng, Cohen and Herniou 1992)")),
+        model_groups: &[ModelGroup { names: &["quadratic-rest"], preference: 4, is_radial_term: false }],
+        ..Facts::NONE
+    };
     const SEGMENT: Segment = Segment::Focal;
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "a_px", unit: "px", typical: 0.05, range: (-10.0, 10.0) },

@@ -37,7 +37,9 @@
 //! D. C. Brown, Photogrammetric Engineering 37(8), 855 (1971); A. Conrady, MNRAS 79, 384 (1919).
 
 use crate::dual::Real;
-use crate::effects::{Context, Displacement, Facts, Light, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState};
+use crate::effects::{
+    Context, Displacement, Facts, Light, ModelGroup, Observation, OrdinarySize, ParameterSpec, ReferenceValue, Segment, StarState,
+};
 
 /// Radial distortion of the fifth and seventh order as a correction at the measured point.
 #[derive(Clone, Copy, Debug)]
@@ -50,6 +52,10 @@ impl Displacement for RadialHighOrder {
         profile_covariates: &[("", "field-radius")],
         name_rank: 0,
         is_even_in_mirror: true,
+        model_groups: &[
+            ModelGroup { names: &["k2"], preference: 1, is_radial_term: true },
+            ModelGroup { names: &["k3"], preference: 2, is_radial_term: true },
+        ],
         ..Facts::NONE
     };
     const SEGMENT: Segment = Segment::Focal;

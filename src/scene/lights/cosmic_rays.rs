@@ -36,13 +36,11 @@
 
 use rand::RngExt;
 use rand_distr::Distribution;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::{LightForm, LightKind, OtherLight, Refuse, draw_count};
 use crate::coordinates::PixelPoint;
 use crate::effects::ParameterSpec;
-use crate::scene::{Scene, SceneError};
+use crate::scene::{CosmicRayTable, Scene, SceneError};
 
 /// What the table has, with its ranges.
 pub(super) const PARAMETERS: &[ParameterSpec] = &[
@@ -60,39 +58,6 @@ pub(super) fn source() -> &'static str {
 
 /// The key of its random numbers.
 const COSMIC_RAY_STAGE: u32 = 0x4352_4159;
-
-/// `[cosmic_rays]`: particles that cross the detector and leave charge along straight tracks, without the optics.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct CosmicRayTable {
-    /// Particles that cross the whole frame in a second.
-    pub expected_per_s: f64,
-    /// Depth of the detector in which charge is collected.
-    #[serde(default = "default_thickness_um")]
-    pub thickness_um: f64,
-    /// Distance from pixel to pixel.
-    #[serde(default = "default_pitch_um")]
-    pub pitch_um: f64,
-    /// Most probable charge of a track per length (silicon, minimum ionising: about 80).
-    #[serde(default = "default_electrons_per_um")]
-    pub electrons_per_um: f64,
-    /// Width σ to which the charge diffuses.
-    #[serde(default = "default_diffusion_px")]
-    pub diffusion_px: f64,
-}
-
-fn default_thickness_um() -> f64 {
-    15.0
-}
-fn default_pitch_um() -> f64 {
-    5.5
-}
-fn default_electrons_per_um() -> f64 {
-    80.0
-}
-fn default_diffusion_px() -> f64 {
-    0.3
-}
 
 impl Scene {
     /// Directions come evenly from all sides; the charge of a track follows Moyal's approximation of Landau's law.

@@ -31,15 +31,12 @@
 //!
 //! W. J. Smith, Modern Optical Engineering (2008), chapter 9.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::{LightForm, LightKind, OtherLight, Refuse};
 use crate::coordinates::PixelPoint;
 use crate::effects::ParameterSpec;
 use crate::effects::optics::disc_psf::DiscPsf;
 use crate::effects::pixel::Psf2d;
-use crate::scene::{Scene, SceneError, StarTrack};
+use crate::scene::{GhostTable, Scene, SceneError, StarTrack};
 
 /// What the table has, for the list of effects.
 pub(super) fn parameters() -> &'static [ParameterSpec] {
@@ -49,21 +46,6 @@ pub(super) fn parameters() -> &'static [ParameterSpec] {
 /// The page's text.
 pub(super) fn source() -> &'static str {
     include_str!("ghosts.rs")
-}
-
-/// `[[ghosts]]`: a pair of reflecting surfaces; the page of `disc-psf` has the equation.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct GhostTable {
-    /// How far from the principal point the ghost stands, in distances of its star; below 0 on the other side.
-    pub scale: f64,
-    /// Share of the star's light.
-    pub fraction: f64,
-    /// Radius of the disc.
-    pub radius_px: f64,
-    /// Radius of its hole over its radius.
-    #[serde(default)]
-    pub obstruction: f64,
 }
 
 impl Scene {

@@ -5,10 +5,6 @@ mod cosmic_rays;
 mod ghosts;
 mod streaks;
 
-pub use cosmic_rays::CosmicRayTable;
-pub use ghosts::GhostTable;
-pub use streaks::{StreakKind, StreakTable};
-
 use rand::SeedableRng;
 use rand_distr::{Distribution, Poisson};
 use rand_pcg::Pcg64;
@@ -16,7 +12,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::track::StarTrack;
-use super::{Scene, SceneError};
+use super::{CosmicRayTable, GhostTable, Scene, SceneError, StreakTable};
 use crate::coordinates::PixelPoint;
 use crate::effects::ParameterSpec;
 use crate::rng::StageKey;

@@ -34,14 +34,12 @@
 //! smeared stars. The light curve is a form of its own that rises and falls.
 
 use rand::RngExt;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::{LightForm, LightKind, OtherLight, Refuse, draw_count};
 use crate::coordinates::PixelPoint;
 use crate::effects::ParameterSpec;
 use crate::scene::track::{Sample, nodes_along};
-use crate::scene::{Scene, SceneError, StarTrack};
+use crate::scene::{Scene, SceneError, StarTrack, StreakKind, StreakTable};
 
 /// What the table has, for the list of effects.
 pub(super) const PARAMETERS: &[ParameterSpec] = &[
@@ -60,37 +58,6 @@ pub(super) fn source() -> &'static str {
 
 /// The key of its random numbers.
 const STREAK_STAGE: u32 = 0x5354_524b;
-
-/// `[[streaks]]`: a satellite or a meteor. It moves evenly from start to end and is imaged by the optics like a star.
-#[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct StreakTable {
-    /// `satellite` or `meteor`: what the truth calls it.
-    pub kind: StreakKind,
-    /// The exposure in which it is seen.
-    pub frame: Option<usize>,
-    /// Instead: the number expected in an exposure, by chance; each crosses the frame through a point by chance, in any direction.
-    pub expected_per_frame: Option<f64>,
-    /// Where it is when it is first seen (with `frame`).
-    pub start_px: Option<[f64; 2]>,
-    /// Where it is last seen.
-    pub end_px: Option<[f64; 2]>,
-    /// Electrons of the whole trail.
-    pub electrons: f64,
-    /// The light curve along the trail is sᵃ·(1 − s)ᵇ, s = 0 … 1: `[0, 0]` is even, `[2, 1]` a meteor that flares up late.
-    #[serde(default)]
-    pub light_curve: [f64; 2],
-}
-
-/// What leaves a trail.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum StreakKind {
-    /// A satellite.
-    Satellite,
-    /// A meteor.
-    Meteor,
-}
 
 impl Scene {
     pub(super) fn streaks_in(&self, index: usize) -> Vec<OtherLight> {
