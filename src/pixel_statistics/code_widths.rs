@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 /// Differential nonlinearity: the s.d. of the widths of the codes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
-pub struct Dnl {
+pub struct CodeWidths {
     /// S.d. of the code widths in units of the step of the codes; 0 where the widths vary less than chance alone would have it.
     pub dnl_steps: f64,
     /// Its standard error (of the upper side, where the value is small), steps.
@@ -195,7 +195,7 @@ fn covariance(left: &Width, right: &Width) -> (f64, f64) {
     (poisson, edges)
 }
 
-pub(super) fn dnl(widths: &[Width], sigma: f64, over_dispersion: f64, step_dn: f64) -> Option<Dnl> {
+pub(super) fn dnl(widths: &[Width], sigma: f64, over_dispersion: f64, step_dn: f64) -> Option<CodeWidths> {
     if widths.len() < MIN_TESTED {
         return None;
     }
@@ -240,5 +240,5 @@ pub(super) fn dnl(widths: &[Width], sigma: f64, over_dispersion: f64, step_dn: f
     let effective_degrees = codes * codes / correlation;
     let p_value = (-neg_ln_chi2_sf(effective_degrees, chi2 * codes / correlation)).exp();
     let (dnl_dn, dnl_error_dn) = (dnl_steps * step_dn, dnl_error_steps * step_dn);
-    Some(Dnl { dnl_steps, dnl_error_steps, dnl_dn, dnl_error_dn, chi2, codes: widths.len(), effective_degrees, p_value })
+    Some(CodeWidths { dnl_steps, dnl_error_steps, dnl_dn, dnl_error_dn, chi2, codes: widths.len(), effective_degrees, p_value })
 }

@@ -14,7 +14,7 @@
 //! back in every frame, and φ must say so. Electrons in whole numbers with less than 0.5 e of read noise make a true comb in the
 //! histogram; it is reported as unequal widths.
 
-use super::code_widths::{Dnl, MissingCodes, dnl, local_fit, missing, widths};
+use super::code_widths::{CodeWidths, MissingCodes, dnl, local_fit, missing, widths};
 use crate::statistics::significance::normal_cdf;
 use serde::{Deserialize, Serialize};
 
@@ -62,7 +62,7 @@ pub struct CodeStatistics {
     /// Codes without counts amid populated ones.
     pub missing: Option<MissingCodes>,
     /// Differential nonlinearity. `None` where it cannot be told.
-    pub dnl: Option<Dnl>,
+    pub dnl: Option<CodeWidths>,
 }
 
 /// More counts at the last code than its neighbours lead to expect: clipping.

@@ -21,7 +21,7 @@ mod tests;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use code_widths::{Dnl, MissingCodes};
+pub use code_widths::{CodeWidths, MissingCodes};
 pub use codes::{CodeHistogram, CodeStatistics, EndPile};
 pub use compression::{BlockDct, CompressionStatistics};
 pub use compression_combs::CoefficientComb;

@@ -6,7 +6,7 @@ use super::noise::{DeclaredDetector, add_noise};
 use super::patterns::patterns;
 use super::row_fit::RowFit;
 use super::rows::{Question, Row, Rows};
-use super::selection::{answer, answers, chance, directions, fitted, select};
+use super::selection::{answer, answers, chance, columns, directions, fitted, select};
 use super::stars::{StarMeasurement, rows_of_stars};
 use super::turns::{HeldOut, held_out};
 use crate::diagnose::channels::{Channel, ChannelMeasure};
@@ -18,8 +18,8 @@ use crate::statistics::significance::neg_ln_chi2_sf;
 const MAX_NULLS: usize = 1000;
 /// A covariate locates what is left below this probability among all.
 const LOCATES_P: f64 = 0.01;
-/// In the turns an effect is chosen at this probability already: what is asked for there is that it is there again.
-const TURN_P: f64 = 1e-3;
+/// In the turns an effect is chosen at this probability already: what is asked for there is that it is there again, in less than half of the rows.
+const TURN_P: f64 = 1e-2;
 /// Effects whose columns in the size of images are taken for the cause of a loss of light too, from this surprise on.
 const SIZE_SURPRISE: f64 = 6.9;
 /// Magnitudes that the fit of the flux may lose where the variance of the image doubles: a Gaussian's free width follows its core, and the wings
@@ -121,7 +121,7 @@ pub(in crate::diagnose) fn judge(
     let proposed: Vec<Proposed> = accepted
         .iter()
         .enumerate()
-        .filter_map(|(k, question)| proposal(&rows, &all, &accepted, k, *question, &fit, held[k].clone(), &by_chance))
+        .filter_map(|(k, question)| proposal(&rows, &accepted, k, *question, &fit, held[k].clone(), &by_chance))
         .collect();
     let others = answers(&rows, &fit, &accepted)
         .into_iter()
@@ -197,7 +197,6 @@ fn add_leak(rows: &mut Rows, flux: usize, leak: &[f64], sigma_px: f64) {
 #[allow(clippy::too_many_arguments, reason = "one proposal of a selection, with what it was selected from")]
 fn proposal(
     rows: &Rows,
-    all: &[bool],
     accepted: &[usize],
     k: usize,
     question: usize,
@@ -206,7 +205,7 @@ fn proposal(
     by_chance: &[f64],
 ) -> Option<Proposed> {
     let others: Vec<usize> = accepted.iter().copied().filter(|other| *other != question).collect();
-    let without = fitted(rows, all, &others, Some(fit));
+    let without = RowFit::under(rows, &fit.take, &columns(rows, &others), fit);
     let answer = answer(rows, &without, question)?;
     let first: usize = accepted[..k].iter().map(|index| rows.questions[*index].columns.len()).sum();
     let own = &rows.questions[question];

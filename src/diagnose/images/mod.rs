@@ -9,6 +9,8 @@ mod row_fit;
 mod rows;
 mod selection;
 mod stars;
+#[cfg(test)]
+mod tests;
 mod turns;
 
 pub use noise::DeclaredDetector;

@@ -106,7 +106,7 @@ const EFFECTS: &[Effect] = &[
     ),
     (<prnu::Prnu as PixelEffect>::ID, &[parameter("relative", "", Shown::Root)], "fixed-pattern", Some(1.0)),
     (<dark_current::DarkCurrent as PixelEffect>::ID, &[parameter("unequal_dn_per_s", "DN/s", Shown::Root)], "fixed-pattern", Some(1.0)),
-    (GAIN_NOISE, &[parameter("gain_ratio", "", Shown::OneMore), parameter("variance_beside_dn2", "DN2", Shown::Same)], "background", None),
+    (GAIN_NOISE, &[parameter("gain_ratio", "", Shown::OneMore), parameter("variance_beside_dn2", "DN2", Shown::Same)], "level", None),
 ];
 
 /// Numbers of the frames that have them.

@@ -165,7 +165,7 @@ fn add_proposed(diagnosis: &mut Diagnosis, judged: &Judged, proposed: &Proposed)
         held_out_score: proposed.held_out.score(),
         held_out_remark: None,
         chosen_again: proposed.held_out.chosen,
-        left_out: "blocks of frames and half of the stars".to_owned(),
+        left_out: "thirds of the frames and of the stars".to_owned(),
         signs: Signs::default(),
         resimulated_p_value: None,
         score_sigma: deviations(proposed.surprise),

@@ -34,6 +34,8 @@ pub(in crate::diagnose) struct RowFit {
     /// Sizes of the accepted columns, their covariance.
     pub(in crate::diagnose) size: DVector<f64>,
     pub(in crate::diagnose) covariance: DMatrix<f64>,
+    /// Root of the variance of ψ before it was put in its units, by kind.
+    scatter: Vec<f64>,
     /// Mean slope of ψ over the root of its variance, by kind: what a unit of a whitened column adds to ψ.
     gain: Vec<f64>,
     basis: DMatrix<f64>,
@@ -48,7 +50,7 @@ impl RowFit {
         let mut take = begin.map_or_else(|| allowed.to_vec(), |fit| fit.take.iter().zip(allowed).map(|(a, b)| *a && *b).collect());
         let mut turn = 0;
         loop {
-            let fit = Self::with_noise(rows, &take, accepted.len(), &columns, &noise);
+            let fit = Self::with_noise(rows, &take, accepted.len(), &columns, (&noise, None));
             turn += 1;
             if turn > TURNS {
                 return fit;
@@ -71,10 +73,23 @@ impl RowFit {
         }
     }
 
+    /// Under the noise of another fit, on the rows allowed that are not far off there: a model that lacks an effect has no noise of its own to be
+    /// judged by.
+    pub(in crate::diagnose) fn under(rows: &Rows, allowed: &[bool], accepted: &[&Vec<f64>], other: &Self) -> Self {
+        Self::with_noise(rows, allowed, accepted.len(), &design(rows, accepted), (&other.noise, Some(&other.scatter)))
+    }
+
     /// With the noise as it is.
-    fn with_noise(rows: &Rows, take: &[bool], accepted: usize, columns: &[Vec<f64>], noise: &[KindNoise]) -> Self {
-        let whiteners: Vec<_> = rows.kinds.iter().zip(noise).map(|(kind, noise)| kind.whitener(noise)).collect();
+    fn with_noise(
+        rows: &Rows,
+        take: &[bool],
+        accepted: usize,
+        columns: &[Vec<f64>],
+        (noise, scatter): (&[KindNoise], Option<&[f64]>),
+    ) -> Self {
         let ranges = rows.ranges();
+        let whitener = |((kind, noise), range): ((&Kind, &KindNoise), &std::ops::Range<usize>)| kind.whitener(noise, &take[range.clone()]);
+        let whiteners: Vec<_> = rows.kinds.iter().zip(noise).zip(&ranges).map(whitener).collect();
         let white = |column: &[f64]| -> Vec<f64> {
             let mut all: Vec<f64> =
                 whiteners.iter().zip(&ranges).flat_map(|(whitener, range)| whitener.apply(&column[range.clone()])).collect();
@@ -91,7 +106,7 @@ impl RowFit {
         let (all, weight, inverse) = robust(&y, &x, take, &is_normal);
         let residual = &y - &x * &all;
         let mut psi: Vec<f64> = residual.iter().zip(&weight).map(|(r, w)| r * w).collect();
-        let mut gain = Vec::with_capacity(ranges.len());
+        let (mut gain, mut scatters) = (Vec::with_capacity(ranges.len()), Vec::with_capacity(ranges.len()));
         let mut scale = vec![1.0; n];
         for range in &ranges {
             let taken: Vec<usize> = range.clone().filter(|k| take[*k]).collect();
@@ -100,9 +115,11 @@ impl RowFit {
             let lost = 1.0 - (k as f64 / n.max(1) as f64).min(0.5);
             let variance = (taken.iter().map(|k| psi[*k] * psi[*k]).sum::<f64>() / (count * lost)).max(1e-12);
             // Errors that are taken at their word are normal, and ψ is the residual.
-            let own = if rows.kinds[gain.len()].is_scaled { variance.sqrt() } else { 1.0 };
+            let found = if rows.kinds[gain.len()].is_scaled { variance.sqrt() } else { 1.0 };
+            let own = scatter.map_or(found, |scatter| scatter[gain.len()]);
             range.clone().for_each(|k| scale[k] = own);
             gain.push(slope / own);
+            scatters.push(own);
         }
         for (psi, scale) in psi.iter_mut().zip(&scale) {
             *psi /= scale;
@@ -119,6 +136,7 @@ impl RowFit {
             rest: unwhitened,
             size: all.rows(from, accepted).into_owned(),
             covariance: covariance.view((from, from), (accepted, accepted)).into_owned(),
+            scatter: scatters,
             gain,
             basis: orthonormal(&x),
             whiteners: std::sync::Arc::new(whiteners),
@@ -138,11 +156,6 @@ impl RowFit {
             rest -= &self.basis * along;
         }
         rest
-    }
-
-    /// The same noise with other rows allowed.
-    pub(in crate::diagnose) fn on(self, allowed: &[bool]) -> Self {
-        Self { take: allowed.to_vec(), ..self }
     }
 
     /// Length of what a unit of a column would add to ψ if nothing were fitted.
@@ -356,6 +369,9 @@ fn within(pairs: &[(f64, &Row)], dof: f64) -> KindNoise {
 
 /// Variance of what groups share, from their means and the variances of these.
 fn between(means: &[(f64, f64)]) -> f64 {
+    // What all groups have in common the zero points take up, or leave: it is no scatter.
+    let middle = crate::statistics::median(&means.iter().map(|(mean, _)| *mean).collect::<Vec<_>>()).unwrap_or(0.0);
+    let means: Vec<(f64, f64)> = means.iter().map(|(mean, variance)| (mean - middle, *variance)).collect();
     let typical = |shared: f64| {
         let mut squares: Vec<f64> = means.iter().map(|(mean, variance)| mean * mean / (variance + shared)).collect();
         // Few means: their mean square, the largest cut, scatters less than their median.

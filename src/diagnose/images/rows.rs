@@ -91,8 +91,8 @@ impl Kind {
         all.into_values().collect()
     }
 
-    /// What whitens columns under a noise.
-    pub(in crate::diagnose) fn whitener(&self, noise: &KindNoise) -> Whitener {
+    /// What whitens columns on the rows taken, under a noise. Rows that are not taken have no part in the means of groups.
+    pub(in crate::diagnose) fn whitener(&self, noise: &KindNoise, take: &[bool]) -> Whitener {
         let scale: Vec<f64> = self.rows.iter().map(|row| noise.variance(row).sqrt().recip()).collect();
         let groups = if self.shared == Shared::No || noise.shared <= 0.0 {
             Vec::new()
@@ -100,6 +100,8 @@ impl Kind {
             let weight = |group: &Vec<usize>| group.iter().map(|index| scale[*index] * scale[*index]).sum::<f64>();
             self.groups()
                 .into_iter()
+                .map(|group| group.into_iter().filter(|index| take[*index]).collect::<Vec<usize>>())
+                .filter(|group| !group.is_empty())
                 .map(|group| {
                     let total = weight(&group);
                     (1.0 - (1.0 + noise.shared * total).sqrt().recip(), total, group)
@@ -239,7 +241,7 @@ mod tests {
             own + if kind.rows[i].star == kind.rows[j].star { noise.shared } else { 0.0 }
         });
         let inverse = covariance.try_inverse().unwrap();
-        let whitener = kind.whitener(&noise);
+        let whitener = kind.whitener(&noise, &[true; 5]);
         let unit = |i: usize| (0..n).map(|k| if k == i { 1.0 } else { 0.0 }).collect::<Vec<f64>>();
         for i in 0..n {
             for j in 0..n {

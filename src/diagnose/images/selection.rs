@@ -2,6 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 
@@ -143,8 +144,13 @@ pub(in crate::diagnose) fn chance(rows: &Rows, fit: &RowFit, questions: &[&Quest
     let simulate = |null: usize| {
         let mut rng = Pcg64Mcg::seed_from_u64(seed ^ (null as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15));
         let mut psi = DVector::zeros(n);
-        for range in &ranges {
+        for (kind, range) in rows.kinds.iter().zip(&ranges) {
             let taken: Vec<usize> = range.clone().filter(|k| fit.take[*k]).collect();
+            if !kind.is_scaled {
+                // The errors are known; what is there may be many times larger.
+                taken.iter().for_each(|k| psi[*k] = StandardNormal.sample(&mut rng));
+                continue;
+            }
             for k in &taken {
                 let size = fit.psi[taken[rng.random_range(0..taken.len())]];
                 psi[*k] = if rng.random::<bool>() { size } else { -size };

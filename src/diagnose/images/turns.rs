@@ -1,4 +1,5 @@
-//! Proof on what took no part: effects are chosen and sized without some of the frames and half of the stars, and scored on these.
+//! Proof on what took no part: effects are chosen and sized without a third of the frames and a third of the stars, and scored on those stars in
+//! those frames.
 
 use rayon::prelude::*;
 
@@ -7,7 +8,9 @@ use super::rows::Rows;
 use super::selection::{cosine, select};
 
 /// Blocks of frames, at most.
-const BLOCKS: usize = 4;
+const BLOCKS: usize = 3;
+/// Parts of the stars.
+const PARTS: usize = 3;
 /// Fewer frames are not left out: parts of the stars are.
 const MIN_FRAMES: usize = 4;
 /// What leaves the same trace is credited alike.
@@ -52,14 +55,14 @@ pub(in crate::diagnose) fn turns(rows: &Rows) -> Vec<[Vec<bool>; 2]> {
     let blocks = if rows.frames >= MIN_FRAMES { BLOCKS.min(rows.frames) } else { 1 };
     let mut all = Vec::new();
     for block in 0..blocks {
-        for half in 0..2 {
+        for part in 0..PARTS {
             let is_block = |frame: usize| blocks == 1 || frame * blocks / rows.frames.max(1) == block;
             // A star's number says nothing of the star; rows of no star follow their frame alone.
-            let is_half = |point: Option<usize>, star: usize| point.is_none() || star.wrapping_mul(0x9e37_79b9) >> 7 & 1 == half;
-            let held: Vec<bool> = rows.rows().map(|row| is_block(row.frame) && is_half(row.point, row.star)).collect();
+            let is_part = |point: Option<usize>, star: usize| point.is_none() || (star.wrapping_mul(0x9e37_79b9) >> 7) % PARTS == part;
+            let held: Vec<bool> = rows.rows().map(|row| is_block(row.frame) && is_part(row.point, row.star)).collect();
             let train: Vec<bool> = rows
                 .rows()
-                .map(|row| (blocks == 1 || !is_block(row.frame)) && (row.point.is_none() || !is_half(row.point, row.star)))
+                .map(|row| (blocks == 1 || !is_block(row.frame)) && (row.point.is_none() || !is_part(row.point, row.star)))
                 .collect();
             let train = train.iter().zip(&held).map(|(train, held)| *train && !held).collect();
             all.push([train, held]);
@@ -73,7 +76,7 @@ pub(in crate::diagnose) fn held_out(rows: &Rows, all: &RowFit, found: &[usize], 
     let turns = turns(rows);
     let of_turn = |[train, held]: &[Vec<bool>; 2]| -> Vec<Option<HeldOut>> {
         let (chosen, fit) = select(rows, train, threshold);
-        let on_held = RowFit::new(rows, held, &[], Some(&fit.clone().on(held)));
+        let on_held = RowFit::under(rows, held, &[], &fit);
         let mut credited = vec![None; found.len()];
         let mut first = 0;
         for question in chosen {

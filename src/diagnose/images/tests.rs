@@ -1,0 +1,169 @@
+//! The channels beside places, on stars and noise drawn by chance: nothing where nothing is, and what is there with its size.
+
+use rand::{RngExt, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
+
+use super::judge::{Asked, Judged, judge};
+use super::noise::DeclaredDetector;
+use super::stars::StarMeasurement;
+use crate::detect::Moments;
+use crate::effects::ImageContext;
+use crate::pixel_statistics::{Estimate, FrameNoise, PixelStatistics};
+
+const FRAMES: usize = 12;
+const STARS: usize = 60;
+
+/// What is added to magnitude and second moments of a star.
+type Added = fn(&ImageContext) -> (f64, [f64; 3]);
+
+fn nothing(_: &ImageContext) -> (f64, [f64; 3]) {
+    (0.0, [0.0; 3])
+}
+
+/// Stars of a field seen at other places in every frame: each with an error of the catalogue that all its images share.
+fn stars(seed: u64, added: Added) -> Vec<StarMeasurement> {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    let sky: Vec<(f64, f64, f64)> = (0..STARS)
+        .map(|_| {
+            let off: f64 = StandardNormal.sample(&mut rng);
+            (3.0 + 4.0 * rng.random::<f64>(), 1.6 * rng.random::<f64>() - 0.6, 0.05 * off)
+        })
+        .collect();
+    let mut all = Vec::new();
+    for frame in 0..FRAMES {
+        let shake: f64 = StandardNormal.sample(&mut rng);
+        for (star, (magnitude, colour, off)) in sky.iter().enumerate() {
+            let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+            let errors: [f64; 8] = std::array::from_fn(|_| normal());
+            let image = ImageContext {
+                at: [1.4 * rng.random::<f64>() - 0.7, 1.4 * rng.random::<f64>() - 0.7],
+                phase_px: [rng.random::<f64>() - 0.5, rng.random::<f64>() - 0.5],
+                colour_offset: Some(*colour),
+                fullness: Some(10.0_f64.powf(-0.4 * (magnitude - 3.0))),
+                background_fullness: 0.01,
+                relative_flux: Some(10.0_f64.powf(-0.4 * (magnitude - 5.0))),
+                rows_moved: rng.random::<f64>(),
+                airmass: None,
+                temperature_offset_k: None,
+                time_offset_h: Some(frame as f64 / 2.0 - 2.75),
+                sigma_px: 1.0,
+            };
+            let (fainter, moments) = added(&image);
+            let flux_dn = 10.0_f64.powf(-0.4 * (magnitude - 12.5));
+            let flux_sigma_dn = (flux_dn + 300.0).sqrt();
+            let measured_dn = flux_dn * 10.0_f64.powf(-0.4 * (fainter + off)) + flux_sigma_dn * errors[0];
+            // The peak is measured with the light.
+            let image = ImageContext {
+                fullness: image.fullness.map(|fullness| fullness * measured_dn / flux_dn),
+                relative_flux: image.relative_flux.map(|flux| flux * measured_dn / flux_dn),
+                ..image
+            };
+            let sigma = 2.0 * flux_sigma_dn / flux_dn;
+            let second = [1.0 + 0.01 * shake, 0.0, 1.0 + 0.01 * shake];
+            all.push(StarMeasurement {
+                point: all.len(),
+                frame,
+                star,
+                magnitude: *magnitude,
+                flux_dn: measured_dn,
+                flux_sigma_dn,
+                moments: Some(Moments {
+                    second_px2: std::array::from_fn(|k| second[k] + moments[k] + sigma * errors[1 + k]),
+                    second_sigma_px2: [sigma; 3],
+                    skewness: [sigma * errors[4], sigma * errors[5]],
+                    skewness_sigma: [sigma; 2],
+                }),
+                image,
+            });
+        }
+    }
+    all
+}
+
+fn asked(alpha: f64) -> Asked {
+    Asked { nulls: 200, alpha, seed: 1, other_questions: 0.0 }
+}
+
+fn found(judged: &Judged) -> Vec<&'static str> {
+    let stands = judged.proposed.iter().filter(|own| own.against.is_empty());
+    stands.map(|own| judged.rows.questions[own.question].id).collect()
+}
+
+/// Size of the first parameter of an effect that stands, with its standard error.
+fn size(judged: &Judged, id: &str) -> Option<[f64; 2]> {
+    let is_own = |own: &&super::judge::Proposed| own.against.is_empty() && judged.rows.questions[own.question].id == id;
+    judged.proposed.iter().find(is_own).map(|own| own.sizes[0])
+}
+
+#[test]
+fn nothing_is_found_where_nothing_is() {
+    const SEEDS: u64 = 24;
+    let (mut proposed, mut left) = (0, 0);
+    for seed in 0..SEEDS {
+        let judged = judge(&stars(seed, nothing), None, FRAMES, &asked(0.05)).unwrap();
+        proposed += usize::from(!judged.proposed.is_empty());
+        left += judged.channels.values().filter(|state| state.left_p_value < 0.025).count();
+        assert!(found(&judged).is_empty() || !judged.proposed.is_empty());
+    }
+    // One of 24 is due at α = 0.05; 6 or more come by chance once in a thousand.
+    assert!(proposed < 6, "{proposed} of {SEEDS} nulls proposed something");
+    assert!(left < 7, "{left} channels of {SEEDS} nulls were left with something");
+}
+
+#[test]
+fn what_is_there_is_named_with_its_size() {
+    let cases: [(&str, f64, Added); 4] = [
+        ("vignetting", 0.15, |image| (1.0857 * 0.15 * (image.at[0].powi(2) + image.at[1].powi(2)), [0.0; 3])),
+        ("passband", -0.2, |image| (-0.2 * image.colour_offset.unwrap(), [0.0; 3])),
+        ("axial-colour", 0.05, |image| (0.0, [0.1 * image.colour_offset.unwrap(), 0.0, 0.1 * image.colour_offset.unwrap()])),
+        ("brighter-fatter", 0.03, |image| (0.0, [0.06 * image.fullness.unwrap(), 0.0, 0.06 * image.fullness.unwrap()])),
+    ];
+    for (id, truth, added) in cases {
+        let mut pulls = Vec::new();
+        for seed in 100..104 {
+            let judged = judge(&stars(seed, added), None, FRAMES, &asked(1e-3)).unwrap();
+            assert_eq!(found(&judged), [id], "seed {seed}: {:?}", judged.proposed);
+            let [value, sigma] = size(&judged, id).unwrap();
+            pulls.push((value - truth) / sigma);
+        }
+        let rms = (pulls.iter().map(|pull| pull * pull).sum::<f64>() / pulls.len() as f64).sqrt();
+        assert!((0.2..2.0).contains(&rms), "{id}: pulls {pulls:?}");
+    }
+}
+
+/// An image that widens towards the corner loses light of the fit there: that is no vignetting.
+#[test]
+fn a_width_that_follows_the_field_is_no_vignetting() {
+    let widening: Added = |image| {
+        let radius2 = image.at[0].powi(2) + image.at[1].powi(2);
+        (0.03 * radius2, [0.2 * radius2, 0.0, 0.2 * radius2])
+    };
+    for seed in 200..206 {
+        let judged = judge(&stars(seed, widening), None, FRAMES, &asked(1e-3)).unwrap();
+        assert_eq!(found(&judged), ["psf-shape"], "seed {seed}");
+    }
+}
+
+/// Rows that stand out by a hundred standard errors are found as those that stand out by ten.
+#[test]
+fn rows_that_are_offset_are_banding_however_much() {
+    for variance in [0.01, 0.5] {
+        let frame = |frame: usize| FrameNoise {
+            frame,
+            level_dn: 200.0,
+            sigma_dn: 2.6,
+            row_variance_dn2: Some(Estimate { value: variance + 0.001 * (frame as f64 - 5.5) / 3.0, sigma: 0.001 }),
+            column_variance_dn2: Some(Estimate { value: 0.0005, sigma: 0.001 }),
+            parity_dn: Some([Estimate { value: 0.001, sigma: 0.002 }; 3]),
+            middle_step_dn: None,
+        };
+        let pixels = PixelStatistics { by_frame: (0..FRAMES).map(frame).collect(), ..PixelStatistics::default() };
+        let places = (0..FRAMES).map(|frame| (frame, frame)).collect();
+        let noise = Some((&pixels, &DeclaredDetector::default(), &places));
+        let judged = judge(&stars(3, nothing), noise, FRAMES, &asked(1e-3)).unwrap();
+        assert_eq!(found(&judged), ["banding"], "{:?}", judged.proposed);
+        let [value, _] = size(&judged, "banding").unwrap();
+        assert!((value / variance - 1.0).abs() < 0.05, "{value} for {variance}");
+    }
+}
