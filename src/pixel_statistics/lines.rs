@@ -11,7 +11,7 @@ use super::sky_pixels::{BLOCK_PX, SkyPixels};
 /// A row (or column) half with fewer sky pixels says nothing.
 const MIN_HALF_PX: usize = 24;
 /// Of the variance of row offsets, the plane that was taken out of every block leaves this share.
-const KEPT_BY_PLANE: f64 = 1.0 - 2.0 / BLOCK_PX as f64;
+pub(super) const KEPT_BY_PLANE: f64 = 1.0 - 2.0 / BLOCK_PX as f64;
 
 /// Of alternating columns a block's plane takes this share: its slope follows them a little.
 const TAKEN_FROM_PARITY: f64 = 64.0 / (340.0 * BLOCK_PX as f64);
@@ -83,14 +83,15 @@ impl FrameLines {
     pub(super) fn new(sky: &SkyPixels) -> Self {
         let Some(sigma_dn) = sky.sigma_dn() else { return Self::default() };
         let [rows, columns] = half_means(sky);
-        Self {
-            rows: covariance(&rows),
-            columns: covariance(&columns),
-            parity: parity(sky, sigma_dn),
-            step: step(sky),
-            row_means: means(&rows),
-            column_means: means(&columns),
-        }
+        let (of_rows, of_columns) = (covariance(&rows), covariance(&columns));
+        // Offsets of the lines by chance make a difference of odd and even ones.
+        let by_chance =
+            |variance: Option<Estimate>, lines: usize| variance.map_or(0.0, |own| own.value.max(0.0) / lines.max(1) as f64).sqrt();
+        let parity = parity(sky, sigma_dn).map(|[x, y, diagonal]| {
+            let wider = |own: Estimate, by: f64| Estimate { sigma: own.sigma.hypot(by), ..own };
+            [wider(x, by_chance(of_columns, sky.width_px)), wider(y, by_chance(of_rows, sky.height_px)), diagonal]
+        });
+        Self { rows: of_rows, columns: of_columns, parity, step: step(sky), row_means: means(&rows), column_means: means(&columns) }
     }
 }
 
@@ -198,7 +199,7 @@ fn step(sky: &SkyPixels) -> Option<Estimate> {
         (steps.len() * 2 > sky.shape[1]).then(|| crate::statistics::median(&steps)).flatten()
     };
     // Only where a border of blocks is the middle of the frame.
-    if sky.width_px % (2 * BLOCK_PX) != 0 {
+    if !sky.width_px.is_multiple_of(2 * BLOCK_PX) {
         return None;
     }
     let middle = along / 2;

@@ -237,7 +237,8 @@ impl Line {
         let mut normal = nalgebra::DMatrix::zeros(count, count);
         let mut right = nalgebra::DVector::zeros(count);
         let row = |point: &TransferPoint| {
-            nalgebra::DVector::from_iterator(count, (0..count).map(|power| (point.level_dn - middle_dn).powi(power as i32)))
+            let off = point.level_dn - middle_dn;
+            nalgebra::DVector::from_iterator(count, std::iter::successors(Some(1.0), |power| Some(power * off)).take(count))
         };
         for point in points {
             let weight = sigma(point).powi(-2);

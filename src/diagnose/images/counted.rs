@@ -28,6 +28,8 @@ pub(in crate::diagnose) struct Counted {
     surprise: f64,
     follows: &'static str,
     sentence: String,
+    /// Why nothing can be told, where that is so.
+    reason: Option<String>,
 }
 
 /// −ln of the probability of so many where few are expected (Poisson).
@@ -49,6 +51,7 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
             ],
             surprise: poisson_surprise(pattern.hot + pattern.dead, EXPECTED_DEFECTS),
             follows: "pixel",
+            reason: None,
             sentence: format!(
                 "{} pixels stay far above their neighbours in frames of different pointings, {} far below.",
                 pattern.hot, pattern.dead
@@ -61,6 +64,7 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
             parameters: vec![("count", jumping as f64, (jumping as f64).sqrt(), "")],
             surprise: poisson_surprise(jumping, EXPECTED_DEFECTS),
             follows: "pixel",
+            reason: None,
             sentence: format!("{jumping} pixels jump from frame to frame by more than their noise."),
         });
     }
@@ -73,10 +77,19 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
             parameters,
             surprise: poisson_surprise(rays.count, EXPECTED_RAYS * rays.frames as f64),
             follows: "frame",
+            reason: None,
             sentence: format!("{} events sharper than any star show in one of {} frames alone.", rays.count, rays.frames),
         });
     }
     all.extend(converter(pixels));
+    let is_compressed = pixels.compression.as_ref().is_some_and(|found| -found.p_value.max(f64::MIN_POSITIVE).ln() > SURPRISE);
+    if is_compressed {
+        // Rounded blocks have codes of their own and sharp corners: what is counted there is their shadow.
+        for own in all.iter_mut().filter(|own| own.id == COSMIC_RAYS || own.id == ids::ADC) {
+            own.surprise = 0.0;
+            own.reason = Some("the frames are compressed, which does the same".to_owned());
+        }
+    }
     if let Some(found) = &pixels.compression {
         let mut parameters: Vec<_> = found.block_px.map(|block| ("block_px", f64::from(block), 0.0, "px")).into_iter().collect();
         parameters.extend(found.quantiser_dn.map(|step| ("quantiser_dn", step, 0.0, "DN")));
@@ -85,6 +98,7 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
             parameters,
             surprise: (-found.p_value.max(f64::MIN_POSITIVE).ln()).min(MAX_SURPRISE),
             follows: "block",
+            reason: None,
             sentence: "The cosine transform of blocks of 8 × 8 pixels is rounded: the frames have been compressed as JPEG does.".to_owned(),
         });
     }
@@ -120,7 +134,7 @@ fn converter(pixels: &PixelStatistics) -> Option<Counted> {
         sentence.replace_range(..1, &first);
         sentence.push('.');
     }
-    (!parameters.is_empty()).then_some(Counted { id: ids::ADC, parameters, surprise, follows: "code", sentence })
+    (!parameters.is_empty()).then_some(Counted { id: ids::ADC, parameters, surprise, follows: "code", sentence, reason: None })
 }
 
 impl Counted {
@@ -145,7 +159,11 @@ impl Counted {
         let p_value = (-self.surprise).exp();
         let status = EffectStatus {
             id: self.id.to_owned(),
-            status: if is_found { EffectState::Found } else { EffectState::NotFound },
+            status: match (is_found, &self.reason) {
+                (true, _) => EffectState::Found,
+                (false, Some(_)) => EffectState::NotApplicable,
+                (false, None) => EffectState::NotFound,
+            },
             p_value: Some(p_value),
             p_value_is: None,
             score_sigma: Some(deviations(self.surprise)),
@@ -153,7 +171,7 @@ impl Counted {
             parameters: parameters.clone(),
             upper_limit_95: None,
             held_out_delta_chi2: None,
-            reason: String::new(),
+            reason: self.reason.clone().unwrap_or_default(),
         };
         if !is_found {
             return (status, None);

@@ -6,7 +6,7 @@ use super::noise::{DeclaredDetector, add_noise};
 use super::patterns::patterns;
 use super::row_fit::RowFit;
 use super::rows::{Question, Row, Rows};
-use super::selection::{answer, answers, chance, columns, directions, fitted, select};
+use super::selection::{answer, answers, chance, columns, cosine, directions, fitted, select};
 use super::stars::{StarMeasurement, rows_of_stars};
 use super::turns::{HeldOut, held_out};
 use crate::diagnose::channels::{Channel, ChannelMeasure};
@@ -25,6 +25,8 @@ const SIZE_SURPRISE: f64 = 6.9;
 /// Magnitudes that the fit of the flux may lose where the variance of the image doubles: a Gaussian's free width follows its core, and the wings
 /// that it misses are a part of the light.
 const LEAK_SIGMA: f64 = 0.3;
+/// What is as alike as this to an effect that is known to be there may be what its formula leaves.
+const SHADOW: f64 = 0.3;
 /// Amplitudes of two channels that differ by more (in standard errors: p of a thousandth) are not this effect alone.
 const DISAGREES: f64 = 3.3;
 
@@ -91,12 +93,14 @@ pub(in crate::diagnose) struct Judged {
     pub(in crate::diagnose) threshold: f64,
 }
 
-/// Judges the stars and the noise of a recording, their frames numbered by their place among all; nothing where there are no numbers.
+/// Judges the stars and the noise of a recording, their frames numbered by their place among all; nothing where there are no numbers. `found`: the
+/// effects that the places have shown, which are there whatever is asked here.
 pub(in crate::diagnose) fn judge(
     stars: &[StarMeasurement],
     noise: Option<(&PixelStatistics, &DeclaredDetector, &BTreeMap<usize, usize>)>,
     frames: usize,
     asked: &Asked,
+    found: &[String],
 ) -> Option<Judged> {
     let (mut rows, unasked, stars) = rows_of_stars(stars, frames);
     if let Some(star) = stars.first() {
@@ -109,6 +113,7 @@ pub(in crate::diagnose) fn judge(
         return None;
     }
     let all = vec![true; rows.len()];
+    let given: Vec<usize> = (0..rows.questions.len()).filter(|index| found.iter().any(|id| id == rows.questions[*index].id)).collect();
     let nothing = fitted(&rows, &all, &[], None);
     let nulls = asked.nulls.min(MAX_NULLS);
     let every: Vec<&Question> = rows.questions.iter().collect();
@@ -116,12 +121,14 @@ pub(in crate::diagnose) fn judge(
     let questions = independent(&by_chance);
     // −ln of the probability that a single question may have for the family of all to have α.
     let threshold = -(-(-asked.alpha).ln_1p() / (questions + asked.other_questions)).ln();
-    let (accepted, fit) = select(&rows, &all, threshold);
-    let held = held_out(&rows, &fit, &accepted, -TURN_P.ln());
+    let (accepted, fit) = select(&rows, &all, &given, threshold);
+    let held = held_out(&rows, &fit, (&accepted, &given), -TURN_P.ln());
     let proposed: Vec<Proposed> = accepted
         .iter()
         .enumerate()
+        .skip(given.len())
         .filter_map(|(k, question)| proposal(&rows, &accepted, k, *question, &fit, held[k].clone(), &by_chance))
+        .map(|own| beside(&rows, &nothing, &given, own))
         .collect();
     let others = answers(&rows, &fit, &accepted)
         .into_iter()
@@ -133,7 +140,7 @@ pub(in crate::diagnose) fn judge(
         })
         .collect();
     let channels = channel_states(&rows, &stars, [&nothing, &fit], nulls, asked.seed);
-    Some(Judged { fit, proposed, others, unasked, channels, questions, threshold, rows })
+    Some(Judged { rows, fit, proposed, others, unasked, channels, questions, threshold })
 }
 
 /// Where images widen the fit of the flux loses light: what the images' sizes follow beyond chance is a nuisance parameter of the magnitudes, with
@@ -158,7 +165,7 @@ fn take_size_out_of_flux(rows: &mut Rows, sigma_px: f64) {
         }
     }
     alone.questions.retain(in_size);
-    let (accepted, fit) = select(&alone, all, SIZE_SURPRISE);
+    let (accepted, fit) = select(&alone, all, &[], SIZE_SURPRISE);
     if accepted.is_empty() {
         return;
     }
@@ -225,6 +232,20 @@ fn proposal(
         channels,
         against,
     })
+}
+
+/// Of what the places have found the columns here are a formula: what is left of it is not to be named after another effect.
+fn beside(rows: &Rows, nothing: &RowFit, given: &[usize], mut own: Proposed) -> Proposed {
+    for known in given {
+        let cosine = cosine(rows, nothing, *known, own.question);
+        if cosine > SHADOW {
+            own.against.push(format!(
+                "it may be what the formula of {} leaves, which the positions show (cosine {cosine:.2})",
+                rows.questions[*known].id
+            ));
+        }
+    }
+    own
 }
 
 /// The first parameter by the rows of each channel alone.

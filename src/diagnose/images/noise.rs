@@ -23,6 +23,9 @@ pub struct DeclaredDetector {
 /// Stars that are not found add to the scatter of the sky by this share of it.
 const CONFUSION: f64 = 0.01;
 
+/// Of the variance of the offsets of rows (or columns) so much is seen in the pixels of a block: its plane takes an eighth.
+const LINES_IN_BLOCK: f64 = 0.9;
+
 /// One kind of numbers with the columns of what may make them.
 struct NoiseKind {
     name: &'static str,
@@ -84,6 +87,18 @@ const fn parameter(name: &'static str, unit: &'static str, shown: Shown) -> Para
 
 /// Id, parameters, what it follows, sign.
 type Effect = (&'static str, &'static [Parameter], &'static str, Option<f64>);
+
+/// Sizes that real detectors have, of the first column (a variance where the root is told), and where they are from.
+const ORDINARY: &[(&str, f64, &str)] = &[
+    (<even_odd::EvenOdd as CentroidShift>::ID, 0.005, "gains of two readout channels that differ by a percent (Janesick 2001)"),
+    (<prnu::Prnu as PixelEffect>::ID, 1e-4, "0.2 to 2 % for CCD and CMOS sensors (EMVA 1288)"),
+    (GAIN_NOISE, 0.05, "gains are declared to some percent"),
+];
+
+/// The size that real detectors have.
+pub(super) fn ordinary(id: &str) -> Option<(f64, &'static str)> {
+    ORDINARY.iter().find(|(own, ..)| *own == id).map(|(_, size, source)| (*size, *source))
+}
 
 /// The effects that have columns here. Variances are asked for, and their roots are told.
 const EFFECTS: &[Effect] = &[
@@ -180,12 +195,17 @@ fn transfer(pixels: &PixelStatistics, detector: &DeclaredDetector) -> Option<Noi
     let one = with(0.0, &|_| 1.0);
     // A gain larger by a share makes so much less of the photons.
     let by_gain = with(0.0, &|point| -(point.level_dn - bias) / gain);
-    let mut columns = vec![(GAIN_NOISE, 0, by_gain)];
+    let by_lines = with(0.0, &|_| LINES_IN_BLOCK);
+    let banding = <banding::Banding as PixelEffect>::ID;
+    let mut columns = vec![(GAIN_NOISE, 0, by_gain), (banding, 0, by_lines.clone()), (banding, 1, by_lines)];
+    if detector.bias_dn.is_some() {
+        columns.push((<prnu::Prnu as PixelEffect>::ID, 0, with(0.0, &|point| (point.level_dn - bias).powi(2))));
+    }
     let mut common = vec![with(1.0, &|point| point.variance_dn2)];
     if is_told {
         columns.push((GAIN_NOISE, 1, one));
     } else {
         common.push(one);
     }
-    (points.len() > 2).then(|| NoiseKind { name: "variance against level", numbers, common, columns })
+    (points.len() > 2).then_some(NoiseKind { name: "variance against level", numbers, common, columns })
 }

@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::counted::{Counted, counted};
 use super::judge::{Asked, ChannelState, Judged, Proposed, judge};
-use super::noise::DeclaredDetector;
-use super::rows::Parameter;
+use super::noise::{DeclaredDetector, ordinary};
+use super::rows::{Parameter, Shown};
 use super::stars::StarMeasurement;
 use crate::diagnose::causes::IMAGE_CAUSES;
 use crate::diagnose::channels::{ByChannel, Channel, ChannelReport, ChannelVerdict, Detectable};
@@ -52,7 +52,8 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     };
     let is_enough = stars.len() >= MIN_STARS;
     let noise = images.pixels.map(|pixels| (pixels, &images.detector, &places));
-    let judged = judge(if is_enough { &stars } else { &[] }, noise, frames, &asked);
+    let found: Vec<String> = diagnosis.findings.iter().map(|finding| finding.id.clone()).collect();
+    let judged = judge(if is_enough { &stars } else { &[] }, noise, frames, &asked, &found);
     if !is_enough {
         let reason = if stars.is_empty() {
             "there are no images: a list of stars tells places alone".to_owned()
@@ -108,17 +109,8 @@ fn parameter(spec: &Parameter, size: [f64; 2]) -> FoundParameter {
 /// A finding, or the status of what is withheld.
 fn add_proposed(diagnosis: &mut Diagnosis, judged: &Judged, proposed: &Proposed) {
     let question = &judged.rows.questions[proposed.question];
-    let parameters: Vec<FoundParameter> = question
-        .parameters
-        .iter()
-        .zip(&proposed.sizes)
-        .map(|(spec, [value, sigma])| FoundParameter {
-            name: spec.name.to_owned(),
-            value: *value,
-            sigma: *sigma,
-            unit: spec.unit.to_owned(),
-        })
-        .collect();
+    let parameters: Vec<FoundParameter> =
+        question.parameters.iter().zip(&proposed.sizes).map(|(spec, size)| parameter(spec, *size)).collect();
     let p_value = (-proposed.surprise).exp();
     let mut status = EffectStatus {
         id: question.id.to_owned(),
@@ -253,16 +245,19 @@ fn detectable(judged: &Judged, channel: Channel) -> Vec<Detectable> {
         .iter()
         .filter(|question| in_channel(question))
         .filter_map(|question| {
-            let (ordinary, source) = effect_of(question.id)?.ordinary();
+            let of_stars = || effect_of(question.id).map(ImageEffect::ordinary);
+            let (ordinary, source) = if channel == Channel::Noise { ordinary(question.id) } else { of_stars() }?;
             let sigma = judged.fit.amplitude(&judged.rows, &question.columns[0], |_| true).map(|[_, sigma]| sigma);
             let size_95 = sigma.map(|sigma| ((2.0 * judged.threshold).sqrt() + NINETY_FIVE) * sigma);
             let spec = question.parameters.first()?;
+            // A gain is told as a ratio, and its size is how far from one.
+            let told = |size: f64| if spec.shown == Shown::Root { size.sqrt() } else { size };
             Some(Detectable {
                 id: question.id.to_owned(),
                 name: spec.name.to_owned(),
                 unit: spec.unit.to_owned(),
-                size_95,
-                ordinary,
+                size_95: size_95.map(told),
+                ordinary: told(ordinary),
                 source: source.to_owned(),
                 would_show: size_95.is_some_and(|size| size <= ordinary),
             })

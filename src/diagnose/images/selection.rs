@@ -87,9 +87,9 @@ pub(in crate::diagnose) fn fitted(rows: &Rows, allowed: &[bool], accepted: &[usi
     RowFit::new(rows, allowed, &columns(rows, accepted), begin)
 }
 
-/// Effects enter while one is beyond `threshold`; whoever is not beyond it beside the others leaves.
-pub(in crate::diagnose) fn select(rows: &Rows, allowed: &[bool], threshold: f64) -> (Vec<usize>, RowFit) {
-    let mut accepted: Vec<usize> = Vec::new();
+/// Effects enter beside those given while one is beyond `threshold`; whoever is not beyond it beside the others leaves.
+pub(in crate::diagnose) fn select(rows: &Rows, allowed: &[bool], given: &[usize], threshold: f64) -> (Vec<usize>, RowFit) {
+    let mut accepted: Vec<usize> = given.to_vec();
     let mut fit = fitted(rows, allowed, &accepted, None);
     for _ in 0..MAX_EFFECTS {
         let mut found = answers(rows, &fit, &accepted);
@@ -97,7 +97,7 @@ pub(in crate::diagnose) fn select(rows: &Rows, allowed: &[bool], threshold: f64)
         let Some(chosen) = choose(rows, &fit, &found) else { break };
         accepted.push(chosen);
         fit = fitted(rows, allowed, &accepted, None);
-        let mut k = 0;
+        let mut k = given.len();
         while accepted.len() > 1 && k + 1 < accepted.len() {
             let mut rest = accepted.clone();
             let tried = rest.remove(k);
@@ -148,7 +148,9 @@ pub(in crate::diagnose) fn chance(rows: &Rows, fit: &RowFit, questions: &[&Quest
             let taken: Vec<usize> = range.clone().filter(|k| fit.take[*k]).collect();
             if !kind.is_scaled {
                 // The errors are known; what is there may be many times larger.
-                taken.iter().for_each(|k| psi[*k] = StandardNormal.sample(&mut rng));
+                for k in taken {
+                    psi[k] = StandardNormal.sample(&mut rng);
+                }
                 continue;
             }
             for k in &taken {

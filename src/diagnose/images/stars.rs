@@ -192,7 +192,7 @@ fn expected_bright(stars: &[StarMeasurement]) -> Vec<(StarMeasurement, f64)> {
 fn question(effect: &'static dyn ImageEffect, told: &[Told<'_>]) -> Result<Question, String> {
     let count = effect.parameters().len();
     let mut columns = vec![vec![0.0; told.len()]; count];
-    let mut known = 0;
+    let mut known = 0_usize;
     for (k, own) in told.iter().enumerate() {
         let Some(responses) = effect.responses(&own.star.image) else { continue };
         known += 1;

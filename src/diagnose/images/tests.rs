@@ -101,7 +101,7 @@ fn nothing_is_found_where_nothing_is() {
     const SEEDS: u64 = 24;
     let (mut proposed, mut left) = (0, 0);
     for seed in 0..SEEDS {
-        let judged = judge(&stars(seed, nothing), None, FRAMES, &asked(0.05)).unwrap();
+        let judged = judge(&stars(seed, nothing), None, FRAMES, &asked(0.05), &[]).unwrap();
         proposed += usize::from(!judged.proposed.is_empty());
         left += judged.channels.values().filter(|state| state.left_p_value < 0.025).count();
         assert!(found(&judged).is_empty() || !judged.proposed.is_empty());
@@ -122,7 +122,7 @@ fn what_is_there_is_named_with_its_size() {
     for (id, truth, added) in cases {
         let mut pulls = Vec::new();
         for seed in 100..104 {
-            let judged = judge(&stars(seed, added), None, FRAMES, &asked(1e-3)).unwrap();
+            let judged = judge(&stars(seed, added), None, FRAMES, &asked(1e-3), &[]).unwrap();
             assert_eq!(found(&judged), [id], "seed {seed}: {:?}", judged.proposed);
             let [value, sigma] = size(&judged, id).unwrap();
             pulls.push((value - truth) / sigma);
@@ -140,7 +140,7 @@ fn a_width_that_follows_the_field_is_no_vignetting() {
         (0.03 * radius2, [0.2 * radius2, 0.0, 0.2 * radius2])
     };
     for seed in 200..206 {
-        let judged = judge(&stars(seed, widening), None, FRAMES, &asked(1e-3)).unwrap();
+        let judged = judge(&stars(seed, widening), None, FRAMES, &asked(1e-3), &[]).unwrap();
         assert_eq!(found(&judged), ["psf-shape"], "seed {seed}");
     }
 }
@@ -161,7 +161,7 @@ fn rows_that_are_offset_are_banding_however_much() {
         let pixels = PixelStatistics { by_frame: (0..FRAMES).map(frame).collect(), ..PixelStatistics::default() };
         let places = (0..FRAMES).map(|frame| (frame, frame)).collect();
         let noise = Some((&pixels, &DeclaredDetector::default(), &places));
-        let judged = judge(&stars(3, nothing), noise, FRAMES, &asked(1e-3)).unwrap();
+        let judged = judge(&stars(3, nothing), noise, FRAMES, &asked(1e-3), &[]).unwrap();
         assert_eq!(found(&judged), ["banding"], "{:?}", judged.proposed);
         let [value, _] = size(&judged, "banding").unwrap();
         assert!((value / variance - 1.0).abs() < 0.05, "{value} for {variance}");

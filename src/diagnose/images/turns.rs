@@ -58,7 +58,11 @@ pub(in crate::diagnose) fn turns(rows: &Rows) -> Vec<[Vec<bool>; 2]> {
         for part in 0..PARTS {
             let is_block = |frame: usize| blocks == 1 || frame * blocks / rows.frames.max(1) == block;
             // A star's number says nothing of the star; rows of no star follow their frame alone.
-            let is_part = |point: Option<usize>, star: usize| point.is_none() || (star.wrapping_mul(0x9e37_79b9) >> 7) % PARTS == part;
+            let is_part = |point: Option<usize>, star: usize| match point {
+                Some(_) => (star.wrapping_mul(0x9e37_79b9) >> 7) % PARTS == part,
+                // Each frame's own rows are scored once.
+                None => part == 0,
+            };
             let held: Vec<bool> = rows.rows().map(|row| is_block(row.frame) && is_part(row.point, row.star)).collect();
             let train: Vec<bool> = rows
                 .rows()
@@ -71,11 +75,11 @@ pub(in crate::diagnose) fn turns(rows: &Rows) -> Vec<[Vec<bool>; 2]> {
     all
 }
 
-/// What the turns say of each of the effects found by all rows.
-pub(in crate::diagnose) fn held_out(rows: &Rows, all: &RowFit, found: &[usize], threshold: f64) -> Vec<HeldOut> {
+/// What the turns say of each of the effects found by all rows; those given are in every turn.
+pub(in crate::diagnose) fn held_out(rows: &Rows, all: &RowFit, (found, given): (&[usize], &[usize]), threshold: f64) -> Vec<HeldOut> {
     let turns = turns(rows);
     let of_turn = |[train, held]: &[Vec<bool>; 2]| -> Vec<Option<HeldOut>> {
-        let (chosen, fit) = select(rows, train, threshold);
+        let (chosen, fit) = select(rows, train, given, threshold);
         let on_held = RowFit::under(rows, held, &[], &fit);
         let mut credited = vec![None; found.len()];
         let mut first = 0;

@@ -232,7 +232,7 @@ impl ImageEffect for ChargeTransferInefficiency {
         <Self as CentroidShift>::ID
     }
     fn parameters(&self) -> &'static [(&'static str, &'static str)] {
-        &[("loss_at_far_row_10000e", "")]
+        &[("loss_at_far_row_10000e", ""), ("tail_px2_at_far_row_10000e", "px2"), ("tail_skewness_at_far_row_10000e", "")]
     }
     fn follows(&self) -> &'static str {
         "row"
@@ -246,10 +246,13 @@ impl ImageEffect for ChargeTransferInefficiency {
     fn ordinary(&self) -> (f64, &'static str) {
         (0.02, "0.01 to 0.1 after years of radiation (Massey et al. 2014)")
     }
-    /// The tail is light that the image lacks: a share in proportion to the way and to F^(−1/2).
+    /// The tail is light that the image lacks: a share in proportion to the way and to F^(−1/2); along the columns it widens the image, on one side.
     fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
         let flux = image.relative_flux.filter(|flux| *flux > 0.0)?;
-        Some(vec![ImageResponse::loss(image.rows_moved / flux.sqrt())])
+        let trail = image.rows_moved / flux.sqrt();
+        let wider = ImageResponse { second_px2: [0.0, 0.0, trail], ..ImageResponse::default() };
+        let skew = ImageResponse { skewness: [0.0, trail], ..ImageResponse::default() };
+        Some(vec![ImageResponse::loss(trail), wider, skew])
     }
 }
 
