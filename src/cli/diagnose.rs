@@ -9,7 +9,7 @@ use boresight::diagnose::{
 };
 use boresight::guard::guarded;
 use boresight::pipeline::{
-    DiagnosisInput, DiagnosisRequest, PipelineError, PreparedPoints, SkyChoice, check_sizes, diagnosis_request, measured_noise,
+    DiagnosisInput, DiagnosisRequest, PipelineError, PreparedPoints, SkyChoice, check_sizes, diagnosis_request, measured_noise, sky_views,
     star_measurements,
 };
 use boresight::provenance::Provenance;
@@ -175,7 +175,8 @@ fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answe
     let stars = star_measurements(&measured, &points, prepared.parity);
     let camera = &measured.recording.camera;
     let detector = DeclaredDetector { gain_e_per_dn: camera.gain_e_per_dn, bias_dn: camera.bias_dn, read_noise_e: camera.read_noise_e };
-    let images = ImageMeasurements { stars: &stars, pixels: measured.pixels.as_ref(), detector };
+    let views = sky_views(&measured, &points, prepared.parity);
+    let images = ImageMeasurements { stars: &stars, pixels: measured.pixels.as_ref(), detector, views: &views };
     let result = diagnose_recording(&points, &telemetry, &images, &options, &|step| {
         bar.set_position(step.number() as u64);
         bar.set_message(step.words());

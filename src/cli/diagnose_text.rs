@@ -76,17 +76,18 @@ fn found(finding: &Finding, is_said: bool, looks_alike: bool) -> String {
     if !finding.located_by.is_empty() {
         line("  follows", &format!("the residuals follow {}", finding.located_by.join(", ")));
     }
-    line(
-        "  evidence",
-        &format!(
-            "{} standard deviations on all frames ({}; {} family-wise), {} on held-out images",
-            significant(finding.snr),
-            chance(finding.p_value, finding.p_value_is),
-            chance(finding.family_p_value, finding.family_p_value_is),
-            significant(finding.held_out_score)
-        ),
-    );
-    line("  agreed", &agreement(finding, looks_alike));
+    let [p_value, family] = [chance(finding.p_value, finding.p_value_is), chance(finding.family_p_value, finding.family_p_value_is)];
+    if finding.chosen_again[1] == 0 {
+        // What is counted has no size that could be tried elsewhere.
+        line("  evidence", &format!("counted in all frames ({p_value}); nothing was held out"));
+    } else {
+        let (snr, held_out) = (significant(finding.snr), significant(finding.held_out_score));
+        line(
+            "  evidence",
+            &format!("{snr} standard deviations on all frames ({p_value}; {family} family-wise), {held_out} on held-out images"),
+        );
+        line("  agreed", &agreement(finding, looks_alike));
+    }
     let odds = |rival: &Rival| {
         let held = rival.held_out_delta_chi2.map_or_else(String::new, |held| format!(", held-out χ² falls by {held:.0}"));
         format!("{} (cosine {:.2}, ΔBIC {}{held})", rival.id, rival.cos, significant(rival.delta_bic))
@@ -109,10 +110,12 @@ fn found(finding: &Finding, is_said: bool, looks_alike: bool) -> String {
 /// Robustness of a finding: sign-flip test, selection again in the folds, resimulation.
 fn agreement(finding: &Finding, looks_alike: bool) -> String {
     let signs = &finding.signs;
-    let mut parts = vec![match signs.p_value {
-        Some(p) => format!("sign-flip test over {}: p = {}", signs.units, probability(p)),
-        None => format!("too few {} for a sign-flip test (effective number {:.0})", signs.units, signs.effective),
-    }];
+    let mut parts = match signs.p_value {
+        Some(p) => vec![format!("sign-flip test over {}: p = {}", signs.units, probability(p))],
+        // Brightness, shape and noise are not put to it.
+        None if signs.units.is_empty() => Vec::new(),
+        None => vec![format!("too few {} for a sign-flip test (effective number {:.0})", signs.units, signs.effective)],
+    };
     let [times, turns] = finding.chosen_again;
     parts.push(format!("selected again in {times} of {turns} folds, {} left out", finding.left_out));
     if let Some(p) = finding.resimulated_p_value.filter(|_| looks_alike) {

@@ -67,10 +67,32 @@ pub(super) fn mask(column: &mut [f64], take: &[bool]) {
 /// aᵀ·b. The library's own product with a transposed matrix is a loop of single products, many times slower.
 pub(super) fn products(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     const FEW: usize = 5;
-    if a.ncols() <= FEW || b.ncols() <= FEW {
+    // Of few rows the library takes another way, which reads beyond the end of a view with strides.
+    if a.ncols() <= FEW || b.ncols() <= FEW || a.nrows() <= FEW {
         let columns = |matrix: &DMatrix<f64>, k: usize| matrix.nrows() * k..matrix.nrows() * (k + 1);
         return DMatrix::from_fn(a.ncols(), b.ncols(), |i, j| dot(&a.as_slice()[columns(a, i)], &b.as_slice()[columns(b, j)]));
     }
     let turned = DMatrixView::from_slice_with_strides(a.as_slice(), a.ncols(), a.nrows(), a.nrows(), 1);
     turned * b
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Of any shape, those with few rows too.
+    #[test]
+    fn products_are_those_of_the_columns() {
+        for (rows, columns) in [(3, 8), (0, 7), (40, 9), (12, 2)] {
+            let a = DMatrix::from_fn(rows, columns, |i, j| (i * 7 + j * 3) as f64 % 5.0 - 1.5);
+            let b = DMatrix::from_fn(rows, columns + 1, |i, j| (i * 2 + j * 5) as f64 % 7.0 - 2.0);
+            let found = products(&a, &b);
+            for i in 0..columns {
+                for j in 0..=columns {
+                    let sum: f64 = (0..rows).map(|k| a[(k, i)] * b[(k, j)]).sum();
+                    assert!((found[(i, j)] - sum).abs() < 1e-12, "{rows} × {columns} at {i}, {j}");
+                }
+            }
+        }
+    }
 }

@@ -64,7 +64,7 @@ pub use options::{DiagnoseOptions, ImageConditions, Telemetry};
 pub use run::{diagnose, diagnose_with_progress};
 pub use step::Step;
 pub use verdict::{Bound, Verdict};
-inner!(images::{DeclaredDetector, ImageMeasurements, StarMeasurement});
+inner!(images::{DeclaredDetector, ImageMeasurements, SkyView, StarMeasurement});
 inner!(run::diagnose_recording);
 inner!(result::{AnsweredDiagnosis, DiagnoseResult, UnaskedDiagnosis});
 inner!(profile::PREDICTED);

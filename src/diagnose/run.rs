@@ -45,7 +45,7 @@ pub fn diagnose_with_progress(
     Ok(diagnosis)
 }
 
-/// The same with what was measured of the images beside the stars' places: brightness, shape and noise are held against the model too.
+/// The same with what was measured of the images beside the stars' places: brightness, shape, noise and background are held against the model too.
 pub fn diagnose_recording(
     points: &ControlPoints,
     telemetry: &Telemetry,

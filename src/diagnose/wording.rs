@@ -134,6 +134,7 @@ pub(super) fn summary(diagnosis: &Diagnosis, left_p: f64) -> Vec<String> {
     // First of what is spoken at all.
     lines.push(diagnosis.channels.in_words());
     lines.push(match places.verdict {
+        ChannelVerdict::Consistent if diagnosis.scope.len() > 1 => format!("The star positions are as the model has them ({p})."),
         ChannelVerdict::Consistent => format!("The star positions are as the model has them ({p}); of anything else nothing is said."),
         ChannelVerdict::Explained => format!(
             "In the star positions something was missing ({p}), and is explained by what follows; nothing more shows in them ({}).",

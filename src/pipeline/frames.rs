@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use rayon::prelude::*;
 
 use super::dark::{Dark, drop_fixed};
-use super::pixels::{Counts, frame_statistics, pixel_statistics};
+use super::pixels::{Counts, frame_statistics, pixel_statistics, star_images};
 use super::{Measured, MeasuredFrame, PipelineError, SkyChoice, star_list};
 use crate::camera::SkyChain;
 use crate::catalog::Catalog;
@@ -237,7 +237,7 @@ where
         let name = self.recording.frame_name(index);
         if let Some(stars) = self.recording.stars.as_ref().and_then(|list| list.frames.get(index)) {
             let detections = star_list::detections(self.recording, stars);
-            let frame = MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() };
+            let frame = MeasuredFrame { index, name, detections, images: Vec::new(), seconds: start.elapsed().as_secs_f64() };
             return Ok(Ok(One { frame, kept: Vec::new(), statistics: None, undefined: 0, is_unfinished: false }));
         }
         let masked = match (self.load)(self.recording, index)? {
@@ -284,8 +284,9 @@ where
             }
         };
         let statistics = self.options.pixels.then(|| frame_statistics(self.recording, (index, &frame), &detections, bad)).flatten();
+        let images = if self.options.pixels { star_images(&frame, &detections, bad) } else { Vec::new() };
         done();
-        let frame = MeasuredFrame { index, name, detections, seconds: start.elapsed().as_secs_f64() };
+        let frame = MeasuredFrame { index, name, detections, images, seconds: start.elapsed().as_secs_f64() };
         Ok(Ok(One { frame, kept, statistics, undefined, is_unfinished: is_unfinished.into_inner() }))
     }
 }

@@ -10,6 +10,7 @@ mod overfull;
 mod pixels;
 mod prepare;
 mod result;
+mod sky_views;
 mod star_list;
 mod star_measurements;
 
@@ -17,7 +18,7 @@ use crate::calibrate::{CalibrateError, Surroundings};
 use crate::camera::{ObserverError, Physics, PhysicsError};
 use crate::detect::{DetectError, Detection, Detections, PsfReport};
 use crate::diagnose::{DiagnoseError, ImageConditions, MeasuredNoise};
-use crate::pixel_statistics::PixelStatistics;
+use crate::pixel_statistics::{PixelStatistics, SummedImage};
 use crate::recording::{Mount, Recording, RecordingError, SkippedFrame};
 use crate::statistics::median_in_place;
 
@@ -27,6 +28,7 @@ pub use prepare::{DiagnosisInput, DiagnosisRequest, PreparedPoints, control_poin
 inner!(result::{CameraRow, ParameterRow, RUN_FORMAT, RunResult});
 inner!(frames::{circumstances, physics_in_force, take_identifications});
 inner!(one_camera::{check_focal_lengths, check_sizes});
+inner!(sky_views::sky_views);
 inner!(star_measurements::star_measurements);
 inner!(prepare::{known_behind_the_lens, star_images, with_name});
 
@@ -142,6 +144,8 @@ pub struct MeasuredFrame {
     pub name: String,
     /// Its stars.
     pub detections: Detections,
+    /// Light and shape of its star images by sums, where the pixels are looked at.
+    pub images: Vec<SummedImage>,
     /// How long it took to measure, wall time, s.
     pub seconds: f64,
 }

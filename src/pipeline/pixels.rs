@@ -5,7 +5,9 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use super::MeasuredFrame;
 use crate::detect::{Detection, Detections};
 use crate::frame::Frame;
-use crate::pixel_statistics::{CountStatistics, FrameStatistics, KnownCamera, PixelStatistics, SkyFrame, StarDisc, is_compared};
+use crate::pixel_statistics::{
+    CountStatistics, FrameStatistics, ImageFrame, KnownCamera, PixelStatistics, SkyFrame, StarDisc, SummedImage, is_compared,
+};
 use crate::recording::Recording;
 use crate::statistics::median_in_place;
 
@@ -35,6 +37,16 @@ pub(super) fn frame_statistics(
         exposure_s: recording.frames[index].exposure_s,
         is_compared: is_compared(index, recording.frames.len(), frame.pixels_dn.len()),
     })
+}
+
+/// Light and shape of a frame's star images by sums, under a weight of their typical width.
+pub(super) fn star_images(frame: &Frame, detections: &Detections, bad: Option<&[bool]>) -> Vec<SummedImage> {
+    let is_clean = |star: &&Detection| !star.flags.saturated && !star.flags.edge && !star.flags.blended && star.width_px > 0.0;
+    let mut widths: Vec<f64> = detections.stars.iter().filter(is_clean).map(|star| star.width_px).collect();
+    let Some(sigma_px) = median_in_place(&mut widths) else { return Vec::new() };
+    let stars = discs(detections);
+    let frame = ImageFrame { frame, stars: &stars, bad, sigma_px, noise_dn: detections.noise_dn };
+    frame.star_images().into_iter().flatten().collect()
 }
 
 /// Of all frames measured.

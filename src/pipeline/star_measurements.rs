@@ -2,10 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use super::Measured;
+use super::{Measured, MeasuredFrame};
+use crate::detect::{Detection, Moments};
 use crate::diagnose::StarMeasurement;
 use crate::effects::{ImageContext, REFERENCE_FLUX_E};
 use crate::identify::{ControlPoint, ControlPoints};
+use crate::pixel_statistics::SummedImage;
 use crate::recording::FirstRow;
 use crate::statistics::median;
 
@@ -23,6 +25,13 @@ pub fn star_measurements(measured: &Measured, points: &ControlPoints, parity: i8
     }
     let width_px = points.nominal.width_px as f64;
     let detections: BTreeMap<usize, _> = measured.frames.iter().map(|frame| (frame.index, &frame.detections)).collect();
+    let has_images = measured.frames.iter().any(|frame| !frame.images.is_empty());
+    let of_frame =
+        |frame: &MeasuredFrame| -> Places { frame.images.iter().map(|image| (image.found_px.map(f64::to_bits), *image)).collect() };
+    let images: BTreeMap<usize, Places> =
+        if has_images { measured.frames.iter().map(|frame| (frame.index, of_frame(frame))).collect() } else { BTreeMap::new() };
+    let variance_per_dn = variance_per_dn(measured);
+    let all_light = all_light(images.values().flat_map(BTreeMap::values), variance_per_dn);
     let mut stars: BTreeMap<[u64; 3], usize> = BTreeMap::new();
     let mut all = Vec::with_capacity(points.points.len());
     // Full is where the recording says, else at the highest peak of all stars.
@@ -32,19 +41,21 @@ pub fn star_measurements(measured: &Measured, points: &ControlPoints, parity: i8
         let next = stars.len();
         let star = *stars.entry(point.star.direction.map(f64::to_bits)).or_insert(next);
         let x_px = if parity < 0 { width_px - 1.0 - point.x_px } else { point.x_px };
-        let is_same = |own: &&crate::detect::Detection| (own.x_px - x_px).abs() < SAME_PX && (own.y_px - point.y_px).abs() < SAME_PX;
+        let is_same = |own: &&Detection| (own.x_px - x_px).abs() < SAME_PX && (own.y_px - point.y_px).abs() < SAME_PX;
         let Some(own) = detections.get(&point.frame).and_then(|found| found.stars.iter().find(is_same)) else { continue };
         if own.flags.saturated || own.flags.edge || own.flags.blended || own.flux_dn <= 0.0 {
             continue;
         }
+        let images = has_images.then(|| images.get(&point.frame)).flatten();
+        let Some((flux_dn, flux_sigma_dn, moments)) = light(images, own, variance_per_dn) else { continue };
         all.push(StarMeasurement {
             point: index,
             frame: point.frame,
             star,
             magnitude: point.magnitude,
-            flux_dn: own.flux_dn,
-            flux_sigma_dn: own.flux_sigma_dn,
-            moments: own.moments,
+            flux_dn: flux_dn * all_light,
+            flux_sigma_dn: flux_sigma_dn * all_light,
+            moments,
             image: context(measured, points, point, own, [x_px, full_dn]),
         });
     }
@@ -59,14 +70,40 @@ pub fn star_measurements(measured: &Measured, points: &ControlPoints, parity: i8
     all
 }
 
+/// The images of a frame by where their stars were found.
+type Places = BTreeMap<[u64; 2], SummedImage>;
+
+/// Variance of the counts per count of light: by the gain as declared, else as the noise of the sky tells it; 0 where neither does.
+fn variance_per_dn(measured: &Measured) -> f64 {
+    let by_noise = || measured.pixels.as_ref()?.photon_transfer.as_ref()?.gain_e_per_dn;
+    measured.recording.camera.gain_e_per_dn.or_else(by_noise).filter(|gain| *gain > 0.0).map_or(0.0, f64::recip)
+}
+
+/// What all the light of an image is over the light under the weight: the same for all stars, so that it changes no comparison between them, but the
+/// zero point, which says how bright the sky's own light is.
+fn all_light<'a>(images: impl Iterator<Item = &'a SummedImage>, variance_per_dn: f64) -> f64 {
+    /// Fainter stars tell little of their wings.
+    const MIN_SNR: f64 = 50.0;
+    let is_bright = |image: &&SummedImage| image.flux_dn > MIN_SNR * image.flux_variance.sigma(variance_per_dn);
+    let ratios: Vec<f64> = images.filter(is_bright).map(|image| image.within_ring_dn / image.flux_dn).collect();
+    median(&ratios).filter(|ratio| ratio.is_finite() && *ratio > 0.0).unwrap_or(1.0)
+}
+
+/// Light with its standard error, and moments: by sums where they were made, else as fitted; nothing where the sums tell nothing.
+fn light(images: Option<&Places>, own: &Detection, variance_per_dn: f64) -> Option<(f64, f64, Option<Moments>)> {
+    let Some(images) = images else { return Some((own.flux_dn, own.flux_sigma_dn, own.moments)) };
+    let image = images.get(&[own.x_px, own.y_px].map(f64::to_bits))?;
+    let moments = Moments {
+        second_px2: image.second_px2,
+        second_sigma_px2: image.second_variance.map(|variance| variance.sigma(variance_per_dn)),
+        skewness: image.skewness,
+        skewness_sigma: image.skewness_variance.map(|variance| variance.sigma(variance_per_dn)),
+    };
+    Some((image.flux_dn, image.flux_variance.sigma(variance_per_dn), Some(moments)))
+}
+
 /// What brightness and shape of an image may depend on, in the columns of the images as stored.
-fn context(
-    measured: &Measured,
-    points: &ControlPoints,
-    point: &ControlPoint,
-    own: &crate::detect::Detection,
-    [x_px, full_dn]: [f64; 2],
-) -> ImageContext {
+fn context(measured: &Measured, points: &ControlPoints, point: &ControlPoint, own: &Detection, [x_px, full_dn]: [f64; 2]) -> ImageContext {
     let camera = &measured.recording.camera;
     let size = [points.nominal.width_px as f64, points.nominal.height_px as f64];
     let half_px = 0.5 * size[0].hypot(size[1]);

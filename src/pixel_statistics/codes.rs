@@ -23,6 +23,8 @@ const CODES: usize = 65_536 + 4096;
 const DIFFERENCES: usize = 4096;
 /// Narrowest noise, in steps, whose rounded histogram is smooth enough (measured: below it the mixture can imitate the widths).
 const MIN_SIGMA_STEPS: f64 = 1.2;
+/// Fewer differences do not tell the noise of a frame.
+const MIN_DIFFERENCES: u64 = 1000;
 
 /// Histogram of whole counts from −4096 to 65535 DN, over all frames. Its size does not grow.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -30,6 +32,8 @@ pub struct CodeHistogram {
     counts: Vec<u64>,
     /// Absolute differences of neighbouring pixels, DN: they tell the noise where the sky is not level.
     differences: Vec<u64>,
+    /// Those of the frame with the least noise.
+    quietest: Option<Vec<u64>>,
     not_whole: u64,
     outside: u64,
 }
@@ -80,7 +84,7 @@ pub struct EndPile {
 
 impl Default for CodeHistogram {
     fn default() -> Self {
-        Self { counts: vec![0; CODES], differences: vec![0; DIFFERENCES], not_whole: 0, outside: 0 }
+        Self { counts: vec![0; CODES], differences: vec![0; DIFFERENCES], quietest: None, not_whole: 0, outside: 0 }
     }
 }
 
@@ -94,14 +98,29 @@ impl CodeHistogram {
     /// Adds the usable pixels of a frame. Counts that are no number are left out.
     pub fn add_frame(&mut self, pixels_dn: &[f32], usable: impl Fn(usize) -> bool) {
         let mut before = None;
+        let mut own = vec![0_u64; DIFFERENCES];
         for (index, &value_dn) in pixels_dn.iter().enumerate() {
             let code = if usable(index) { self.add(value_dn) } else { None };
             if let (Some(left), Some(right)) = (before, code)
-                && let Some(number) = self.differences.get_mut(usize::abs_diff(left, right))
+                && let Some(number) = own.get_mut(usize::abs_diff(left, right))
             {
                 *number += 1;
             }
             before = code;
+        }
+        self.differences.iter_mut().zip(&own).for_each(|(all, own)| *all += own);
+        self.take_quieter(own);
+    }
+
+    /// Keeps the differences of the frame with less noise.
+    fn take_quieter(&mut self, own: Vec<u64>) {
+        if own.iter().sum::<u64>() < MIN_DIFFERENCES {
+            return;
+        }
+        let noise = |differences: &[u64]| noise_steps(differences, 1).unwrap_or(f64::INFINITY);
+        let is_quieter = self.quietest.as_ref().is_none_or(|known| noise(&own).total_cmp(&noise(known)).then(own.cmp(known)).is_lt());
+        if is_quieter {
+            self.quietest = Some(own);
         }
     }
 
@@ -129,6 +148,9 @@ impl CodeHistogram {
         }
         for (mine, theirs) in self.differences.iter_mut().zip(&other.differences) {
             *mine += theirs;
+        }
+        if let Some(own) = &other.quietest {
+            self.take_quieter(own.clone());
         }
         self.not_whole += other.not_whole;
         self.outside += other.outside;
@@ -171,37 +193,39 @@ impl CodeHistogram {
         result.black = end_pile(&counts, 8, dn(&first), over_dispersion);
         let reversed: Vec<f64> = counts.iter().rev().copied().collect();
         result.white = end_pile(&reversed, 4096, dn(&last), over_dispersion);
-        let sigma = self.noise_steps(step);
+        let sigma = noise_steps(&self.differences, step);
         result.noise_dn = sigma.map(|sigma| sigma * step as f64);
-        if let Some(sigma) = sigma.filter(|sigma| *sigma >= MIN_SIGMA_STEPS) {
+        // Frames of a darker sky have less noise: the histogram of all is as smooth as theirs is.
+        let narrowest = self.quietest.as_ref().and_then(|own| noise_steps(own, step)).or(sigma);
+        if let Some(sigma) = sigma.zip(narrowest).map(|(all, least)| all.min(least)).filter(|sigma| *sigma >= MIN_SIGMA_STEPS) {
             let widths = widths(&counts, sigma, over_dispersion);
             result.missing = missing(&widths, |place| dn(&(second + place * step - shift * step)));
             result.dnl = dnl(&widths, sigma, over_dispersion, step as f64);
         }
         result
     }
+}
 
-    /// Noise in steps from the lower three tenths of the differences of neighbours: stars and edges only have large ones.
-    fn noise_steps(&self, step: usize) -> Option<f64> {
-        let total: u64 = self.differences.iter().sum();
-        let mut below = 0;
-        for (difference, number) in self.differences.iter().enumerate() {
-            below += number;
-            let share = below as f64 / total as f64;
-            if share < 0.3 {
-                continue;
-            }
-            let (mut low, mut high) = (0.0, 9.0);
-            for _ in 0..50 {
-                let middle = f64::midpoint(low, high);
-                if 2.0 * normal_cdf(middle) - 1.0 < share { low = middle } else { high = middle }
-            }
-            let difference_sd = (difference as f64 / step as f64 + 0.5) / high;
-            // Two pixels, and the rounding of each.
-            return Some((difference_sd * difference_sd / 2.0 - 1.0 / 12.0).max(0.0).sqrt());
+/// Noise in steps from the lower three tenths of the differences of neighbours: stars and edges only have large ones.
+fn noise_steps(differences: &[u64], step: usize) -> Option<f64> {
+    let total: u64 = differences.iter().sum();
+    let mut below = 0;
+    for (difference, number) in differences.iter().enumerate() {
+        below += number;
+        let share = below as f64 / total as f64;
+        if share < 0.3 {
+            continue;
         }
-        None
+        let (mut low, mut high) = (0.0, 9.0);
+        for _ in 0..50 {
+            let middle = f64::midpoint(low, high);
+            if 2.0 * normal_cdf(middle) - 1.0 < share { low = middle } else { high = middle }
+        }
+        let difference_sd = (difference as f64 / step as f64 + 0.5) / high;
+        // Two pixels, and the rounding of each.
+        return Some((difference_sd * difference_sd / 2.0 - 1.0 / 12.0).max(0.0).sqrt());
     }
+    None
 }
 
 /// Greatest common divisor of the differences between the inner populated codes; told from 12 codes on, or from 4 neighbouring ones.

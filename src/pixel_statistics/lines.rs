@@ -48,6 +48,8 @@ impl Estimate {
 pub struct FrameNoise {
     /// Number of the frame in the recording.
     pub frame: usize,
+    /// Exposure time, s.
+    pub exposure_s: Option<f64>,
     /// Level of the sky, DN.
     pub level_dn: f64,
     /// Noise of a sky pixel, DN.

@@ -2,8 +2,10 @@
 //!
 //! One pass over all pixels of all frames, made when the frames are measured. `sky_pixels` takes the stars and the local level out, and the rest
 //! of every pixel serves all others: `photon_transfer` (gain), `lines` (banding, columns of two amplifiers, halves), `fixed_pattern` (unequal pixels,
-//! hot, dead and jumping ones), `neighbours` (correlated noise), `events` (cosmic rays). Frames are independent; a few of them, spread over the recording,
-//! are kept whole in eight bits for the comparison from frame to frame, so that memory does not grow with their number.
+//! hot, dead and jumping ones), `neighbours` (correlated noise), `events` (cosmic rays), `sky_mesh` (glow, stray light). Frames are independent; a few of
+//! them, spread over the recording, are kept whole in eight bits for the comparison from frame to frame, so that memory does not grow with their
+//! number.
+//! `star_images` sums the stars themselves.
 
 mod code_widths;
 mod codes;
@@ -14,7 +16,11 @@ mod fixed_pattern;
 mod lines;
 mod neighbours;
 mod photon_transfer;
+mod sky_mesh;
+#[cfg(test)]
+mod sky_mesh_tests;
 mod sky_pixels;
+mod star_images;
 #[cfg(test)]
 mod tests;
 
@@ -30,11 +36,14 @@ pub use fixed_pattern::{FixedPattern, PatternPair};
 pub use lines::{Estimate, FrameNoise, LineStatistics};
 pub use neighbours::NeighbourCorrelation;
 pub use photon_transfer::{PhotonTransfer, TransferPoint};
+pub use sky_mesh::{SkyCell, SkyMesh};
+pub use star_images::{ImageFrame, SplitVariance, SummedImage};
 
 use crate::frame::Frame;
 use crate::statistics::median;
 use fixed_pattern::{BRIGHT_STARS, PatternFrame};
 use lines::FrameLines;
+use sky_mesh::MeshFrame;
 use sky_pixels::SkyPixels;
 
 /// Frames that are compared pixel by pixel, at most, and the bytes that they may take together.
@@ -76,6 +85,7 @@ pub struct FrameStatistics {
     points: Vec<TransferPoint>,
     lines: FrameLines,
     neighbours: Option<NeighbourCorrelation>,
+    mesh: Option<SkyMesh>,
     compared: Option<(PatternFrame, Vec<usize>)>,
 }
 
@@ -99,6 +109,7 @@ impl FrameStatistics {
         let levels: Vec<f64> = sky.blocks.iter().map(|block| block.level_dn).collect();
         let noise = FrameNoise {
             frame: sky_frame.number,
+            exposure_s: sky_frame.exposure_s,
             level_dn: median(&levels)?,
             sigma_dn: sky.sigma_dn()?,
             row_variance_dn2: lines.rows,
@@ -111,10 +122,17 @@ impl FrameStatistics {
             sky_frame.is_compared.then(|| PatternFrame::new(sky_frame.number, &sky, &lines, sky_frame.exposure_s, bright)).flatten();
         let points = photon_transfer::points(sky_frame.number, &sky.blocks, sky.shape);
         let neighbours = NeighbourCorrelation::of_frame(&sky);
+        let mesh_frame = MeshFrame {
+            number: sky_frame.number,
+            exposure_s: sky_frame.exposure_s,
+            size_px: [sky.width_px, sky.height_px],
+            noise_dn: noise.sigma_dn,
+        };
+        let mesh = SkyMesh::of(&mesh_frame, &sky.blocks, sky.shape).map(|mesh| mesh.with_lines([lines.rows, lines.columns]));
         if compared.is_none() {
             (lines.row_means, lines.column_means) = (Vec::new(), Vec::new());
         }
-        Some(Self { noise, points, lines, neighbours, compared: compared.map(|pattern| (pattern, sky.events)) })
+        Some(Self { noise, points, lines, neighbours, mesh, compared: compared.map(|pattern| (pattern, sky.events)) })
     }
 }
 
@@ -195,6 +213,9 @@ pub struct KnownCamera {
 pub struct PixelStatistics {
     /// The frames that took part.
     pub by_frame: Vec<FrameNoise>,
+    /// Level of their sky over the frame.
+    #[serde(default)]
+    pub sky: Vec<SkyMesh>,
     /// Variance against level.
     pub photon_transfer: Option<PhotonTransfer>,
     /// The points of that line, for its picture.
@@ -227,6 +248,7 @@ impl PixelStatistics {
         let mut points: Vec<TransferPoint> = frames.iter().flat_map(|frame| frame.points.iter().copied()).collect();
         let photon_transfer = PhotonTransfer::fitted(&points, step_dn);
         let neighbours = NeighbourCorrelation::pooled(&frames.iter().filter_map(|frame| frame.neighbours).collect::<Vec<_>>());
+        let sky = frames.iter().filter_map(|frame| frame.mesh.clone()).collect();
         let step = points.len().div_ceil(Self::MAX_POINTS).max(1);
         points = points.into_iter().step_by(step).collect();
         let (lines, compared): (Vec<FrameLines>, Vec<_>) = frames.into_iter().map(|frame| (frame.lines, frame.compared)).unzip();
@@ -237,6 +259,7 @@ impl PixelStatistics {
         let (patterns, events): (Vec<PatternFrame>, Vec<Vec<usize>>) = compared.into_iter().unzip();
         Self {
             by_frame,
+            sky,
             photon_transfer,
             transfer_points: points,
             lines: LineStatistics::of(&lines),

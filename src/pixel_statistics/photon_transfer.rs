@@ -53,7 +53,7 @@ pub(super) fn points(frame: usize, blocks: &[Block], shape: [usize; 2]) -> Vec<T
 }
 
 /// The level of every block on a polynomial of the third degree through all of them, stars given little weight.
-fn smooth_levels(blocks: &[Block], shape: [usize; 2]) -> Option<Vec<f64>> {
+pub(super) fn smooth_levels(blocks: &[Block], shape: [usize; 2]) -> Option<Vec<f64>> {
     const TERMS: usize = 10;
     const TURNS: usize = 6;
     let rows: Vec<[f64; TERMS]> = blocks

@@ -1,6 +1,6 @@
 //! The focus of a lens differs with the colour: images of red stars are wider, or narrower, than those of blue ones.
 //!
-//! σ = σ₀ + a·(B − V − reference), in px per magnitude.
+//! σ = σ₀ + a·c + b·c², c = B − V − reference: the blur of a defocus is a square of it, and the defocus goes with the colour.
 
 use crate::effects::{ImageContext, ImageEffect, ImageResponse};
 
@@ -12,7 +12,7 @@ impl ImageEffect for AxialColour {
         "axial-colour"
     }
     fn parameters(&self) -> &'static [(&'static str, &'static str)] {
-        &[("sigma_px_per_mag", "px/mag")]
+        &[("sigma_px_per_mag", "px/mag"), ("sigma_px_per_mag2", "px/mag2")]
     }
     fn follows(&self) -> &'static str {
         "colour"
@@ -24,6 +24,7 @@ impl ImageEffect for AxialColour {
         (0.03, "commercial lenses without a filter")
     }
     fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
-        Some(vec![ImageResponse::width(image.sigma_px, image.colour_offset?)])
+        let colour = image.colour_offset?;
+        Some(vec![ImageResponse::width(image.sigma_px, colour), ImageResponse::width(image.sigma_px, colour * colour)])
     }
 }

@@ -13,6 +13,7 @@ pub(super) static IMAGE_CAUSES: &[&dyn ImageEffect] = &[
     &passband::Passband,
     &extinction::Extinction,
     &psf_shape::FieldOfFocus,
+    &psf_shape::FieldOfFocusBeyond,
     &axial_colour::AxialColour,
     &focus_drift::FocusWithTemperature,
     &focus_drift::FocusWithTime,
@@ -22,5 +23,13 @@ pub(super) static IMAGE_CAUSES: &[&dyn ImageEffect] = &[
 pub(super) const GAIN_NOISE: &str = "gain-noise";
 /// Rounding of blocks by the file format; the registry renders it as `jpeg`.
 pub(super) const COMPRESSION: &str = "compression";
+/// A frame exposed for another time than declared.
+pub(super) const EXPOSURE_TIME: &str = "exposure-time";
+/// Light of the stars lost in some frames.
+pub(super) const CLOUDS: &str = "clouds";
+/// A frame whose stars are brighter than in the others.
+pub(super) const ZERO_POINT: &str = "zero-point";
+/// Images drawn out by a motion of the camera during the exposure.
+pub(super) const MOTION_SMEAR: &str = "motion-smear";
 /// Tracks of charged particles.
 pub(super) const COSMIC_RAYS: &str = "cosmic-rays";

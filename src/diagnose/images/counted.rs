@@ -16,12 +16,16 @@ const SURPRISE: f64 = 12.0;
 /// Cosmic rays by chance in a frame, at most.
 const EXPECTED_RAYS: f64 = 1e-2;
 /// Probabilities are not followed further.
-const MAX_SURPRISE: f64 = 700.0;
+pub(super) const MAX_SURPRISE: f64 = 700.0;
+
+/// Why what a compression imitates is not told beside it.
+pub(super) const COMPRESSED: &str = "the frames are compressed, which does the same";
 
 /// One of them.
 #[derive(Clone, Debug)]
 pub(in crate::diagnose) struct Counted {
     id: &'static str,
+    channel: Channel,
     /// Name, value, standard error, unit.
     parameters: Vec<(&'static str, f64, f64, &'static str)>,
     /// −ln of the probability by chance; 0 of what is not there.
@@ -30,6 +34,8 @@ pub(in crate::diagnose) struct Counted {
     sentence: String,
     /// Why nothing can be told, where that is so.
     reason: Option<String>,
+    /// What leaves the same trace.
+    alike: Vec<&'static str>,
 }
 
 /// −ln of the probability of so many where few are expected (Poisson).
@@ -44,6 +50,7 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
     let pattern = &pixels.fixed_pattern;
     if pattern.pixels > 0 {
         all.push(Counted {
+            channel: Channel::Noise,
             id: ids::HOT_PIXELS,
             parameters: vec![
                 ("count", pattern.hot as f64, (pattern.hot as f64).sqrt(), ""),
@@ -52,6 +59,7 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
             surprise: poisson_surprise(pattern.hot + pattern.dead, EXPECTED_DEFECTS),
             follows: "pixel",
             reason: None,
+            alike: Vec::new(),
             sentence: format!(
                 "{} pixels stay far above their neighbours in frames of different pointings, {} far below.",
                 pattern.hot, pattern.dead
@@ -60,11 +68,13 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
     }
     if let Some(jumping) = pattern.jumping {
         all.push(Counted {
+            channel: Channel::Noise,
             id: ids::RANDOM_TELEGRAPH,
             parameters: vec![("count", jumping as f64, (jumping as f64).sqrt(), "")],
             surprise: poisson_surprise(jumping, EXPECTED_DEFECTS),
             follows: "pixel",
             reason: None,
+            alike: Vec::new(),
             sentence: format!("{jumping} pixels jump from frame to frame by more than their noise."),
         });
     }
@@ -73,11 +83,13 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
         let mut parameters = vec![("per_frame", rays.per_frame, rays.per_frame * sigma, "")];
         parameters.extend(rays.per_s.map(|per_s| ("per_s", per_s, per_s * sigma, "1/s")));
         all.push(Counted {
+            channel: Channel::Noise,
             id: COSMIC_RAYS,
             parameters,
             surprise: poisson_surprise(rays.count, EXPECTED_RAYS * rays.frames as f64),
             follows: "frame",
             reason: None,
+            alike: Vec::new(),
             sentence: format!("{} events sharper than any star show in one of {} frames alone.", rays.count, rays.frames),
         });
     }
@@ -85,20 +97,22 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
     let is_compressed = pixels.compression.as_ref().is_some_and(|found| -found.p_value.max(f64::MIN_POSITIVE).ln() > SURPRISE);
     if is_compressed {
         // Rounded blocks have codes of their own and sharp corners: what is counted there is their shadow.
-        for own in all.iter_mut().filter(|own| own.id == COSMIC_RAYS || own.id == ids::ADC) {
+        for own in &mut all {
             own.surprise = 0.0;
-            own.reason = Some("the frames are compressed, which does the same".to_owned());
+            own.reason = Some(COMPRESSED.to_owned());
         }
     }
     if let Some(found) = &pixels.compression {
         let mut parameters: Vec<_> = found.block_px.map(|block| ("block_px", f64::from(block), 0.0, "px")).into_iter().collect();
         parameters.extend(found.quantiser_dn.map(|step| ("quantiser_dn", step, 0.0, "DN")));
         all.push(Counted {
+            channel: Channel::Noise,
             id: COMPRESSION,
             parameters,
             surprise: (-found.p_value.max(f64::MIN_POSITIVE).ln()).min(MAX_SURPRISE),
             follows: "block",
             reason: None,
+            alike: Vec::new(),
             sentence: "The cosine transform of blocks of 8 × 8 pixels is rounded: the frames have been compressed as JPEG does.".to_owned(),
         });
     }
@@ -111,6 +125,11 @@ fn converter(pixels: &PixelStatistics) -> Option<Counted> {
     let mut parameters = Vec::new();
     let mut surprise = 0.0_f64;
     let mut said = Vec::new();
+    if let Some(lost) = codes.lost_bits.filter(|lost| *lost > 0) {
+        parameters.push(("lost_bits", f64::from(lost), 0.0, ""));
+        said.push(format!("the counts come in steps of {}: the lowest {lost} bits are always the same", 1_u32 << lost));
+        surprise = MAX_SURPRISE;
+    }
     if let Some(dnl) = &codes.dnl {
         parameters.push(("dnl_dn", dnl.dnl_dn, dnl.dnl_error_dn, "DN"));
         let own = (-dnl.p_value.max(f64::MIN_POSITIVE).ln()).min(MAX_SURPRISE);
@@ -118,11 +137,6 @@ fn converter(pixels: &PixelStatistics) -> Option<Counted> {
             said.push(format!("codes are of unequal width, by {:.3} DN rms", dnl.dnl_dn));
         }
         surprise = surprise.max(own);
-    }
-    if let Some(lost) = codes.lost_bits.filter(|lost| *lost > 0) {
-        parameters.push(("lost_bits", f64::from(lost), 0.0, ""));
-        said.push(format!("the counts come in steps of {}: the lowest {lost} bits are always the same", 1_u32 << lost));
-        surprise = MAX_SURPRISE;
     }
     if let Some(missing) = codes.missing.as_ref().filter(|missing| missing.number > 0) {
         parameters.push(("missing_codes", missing.number as f64, 0.0, ""));
@@ -134,10 +148,52 @@ fn converter(pixels: &PixelStatistics) -> Option<Counted> {
         sentence.replace_range(..1, &first);
         sentence.push('.');
     }
-    (!parameters.is_empty()).then_some(Counted { id: ids::ADC, parameters, surprise, follows: "code", sentence, reason: None })
+    (!parameters.is_empty()).then_some(Counted {
+        channel: Channel::Noise,
+        id: ids::ADC,
+        parameters,
+        surprise,
+        follows: "code",
+        sentence,
+        reason: None,
+        alike: Vec::new(),
+    })
 }
 
 impl Counted {
+    /// What stars show frame by frame, and is counted there.
+    pub(super) fn of_stars(
+        id: &'static str,
+        channel: Channel,
+        parameters: Vec<(&'static str, f64, f64, &'static str)>,
+        surprise: f64,
+        follows: &'static str,
+        sentence: String,
+    ) -> Self {
+        Self { id, channel, parameters, surprise, follows, sentence, reason: None, alike: Vec::new() }
+    }
+
+    /// With what leaves the same trace.
+    pub(super) fn or(mut self, alike: &[&'static str]) -> Self {
+        self.alike = alike.to_vec();
+        self
+    }
+
+    /// Its id, where it is there.
+    pub(super) fn found_id(&self) -> Option<&'static str> {
+        self.is_found().then_some(self.id)
+    }
+
+    /// Whether a surprise is one.
+    pub(super) fn is_surprising(surprise: f64) -> bool {
+        surprise > SURPRISE
+    }
+
+    /// The channel that it is of.
+    pub(in crate::diagnose) fn channel(&self) -> Channel {
+        self.channel
+    }
+
     /// Whether it is there.
     pub(in crate::diagnose) fn is_found(&self) -> bool {
         self.surprise > SURPRISE
@@ -179,7 +235,7 @@ impl Counted {
         let first = self.parameters.first().copied().unwrap_or_default();
         let measure = ChannelMeasure { delta_chi2: 2.0 * self.surprise, held_out_delta_chi2: None, amplitude: first.1, sigma: first.2 };
         let channels: ByChannel =
-            Channel::ALL.into_iter().map(|channel| (channel, (channel == Channel::Noise).then_some(measure))).collect::<BTreeMap<_, _>>();
+            Channel::ALL.into_iter().map(|channel| (channel, (channel == self.channel).then_some(measure))).collect::<BTreeMap<_, _>>();
         let finding = Finding {
             id: self.id.to_owned(),
             parameters,
@@ -201,7 +257,7 @@ impl Counted {
             score_sigma: deviations(self.surprise),
             snr: if first.2 > 0.0 { first.1 / first.2 } else { 0.0 },
             channels,
-            indistinguishable_from: Vec::new(),
+            indistinguishable_from: self.alike.iter().map(|id| (*id).to_owned()).collect(),
             rivals: Vec::new(),
             decided_by: String::new(),
             known_amplitude: None,

@@ -2,16 +2,20 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::noise::{DeclaredDetector, add_noise};
+use super::background::{Background, add_background};
+use super::confirmed;
+use super::noise::add_noise;
 use super::patterns::patterns;
+pub(in crate::diagnose) use super::proposed::{ChannelState, Pixels, Proposed};
 use super::row_fit::RowFit;
-use super::rows::{Question, Row, Rows};
-use super::selection::{answer, answers, chance, columns, cosine, directions, fitted, select};
+use super::rows::{KNOWN_BEFOREHAND, Question, Row, Rows};
+use super::selection::{Answer, answer, answers, chance, columns, cosine, directions, fitted, select};
 use super::stars::{StarMeasurement, rows_of_stars};
 use super::turns::{HeldOut, held_out};
 use crate::diagnose::channels::{Channel, ChannelMeasure};
 use crate::diagnose::null_distribution::{family_p, independent};
-use crate::pixel_statistics::PixelStatistics;
+use crate::effects::CentroidShift;
+use crate::effects::detector::amplifier_step::AmplifierStep;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Simulations at most: more tell nothing that their tail does not.
@@ -22,11 +26,16 @@ const LOCATES_P: f64 = 0.01;
 const TURN_P: f64 = 1e-2;
 /// Effects whose columns in the size of images are taken for the cause of a loss of light too, from this surprise on.
 const SIZE_SURPRISE: f64 = 6.9;
-/// Magnitudes that the fit of the flux may lose where the variance of the image doubles: a Gaussian's free width follows its core, and the wings
-/// that it misses are a part of the light.
-const LEAK_SIGMA: f64 = 0.3;
+/// Magnitudes that the sum of the light may lose where the variance of the image doubles: 0.1 where a lens goes out of focus from half a depth of
+/// focus to a whole one; light in the far wings is not seen under the weight.
+const LEAK_SIGMA: f64 = 0.15;
+/// The variance of an image is larger or smaller than the typical one by at most this share of it, for its light to be told.
+const MOST_WIDER: f64 = 0.8;
 /// What is as alike as this to an effect that is known to be there may be what its formula leaves.
 const SHADOW: f64 = 0.3;
+/// What is as alike as this and better by no more than odds of 100 : 1 cannot be told apart.
+const SAME_TRACE: f64 = 0.9;
+const AS_GOOD: f64 = 4.6;
 /// Amplitudes of two channels that differ by more (in standard errors: p of a thousandth) are not this effect alone.
 const DISAGREES: f64 = 3.3;
 
@@ -40,22 +49,6 @@ pub(in crate::diagnose) struct Asked {
     pub(in crate::diagnose) other_questions: f64,
 }
 
-/// An effect that all rows propose.
-#[derive(Clone, Debug)]
-pub(in crate::diagnose) struct Proposed {
-    pub(in crate::diagnose) question: usize,
-    pub(in crate::diagnose) sizes: Vec<[f64; 2]>,
-    pub(in crate::diagnose) statistic: f64,
-    pub(in crate::diagnose) rank: usize,
-    pub(in crate::diagnose) surprise: f64,
-    pub(in crate::diagnose) family_p: f64,
-    pub(in crate::diagnose) held_out: HeldOut,
-    /// The first parameter as each channel alone measures it.
-    pub(in crate::diagnose) channels: BTreeMap<Channel, ChannelMeasure>,
-    /// Why it is withheld; none where it stands.
-    pub(in crate::diagnose) against: Vec<String>,
-}
-
 /// An effect that was not proposed.
 #[derive(Clone, Debug)]
 pub(in crate::diagnose) struct NotProposed {
@@ -64,17 +57,6 @@ pub(in crate::diagnose) struct NotProposed {
     /// Size and standard error of the first parameter.
     pub(in crate::diagnose) size: Option<[f64; 2]>,
     pub(in crate::diagnose) question: usize,
-}
-
-/// What is said of a channel.
-#[derive(Clone, Debug, Default)]
-pub(in crate::diagnose) struct ChannelState {
-    /// Probability by chance that it differs as much from the model, before anything is found.
-    pub(in crate::diagnose) p_value: f64,
-    pub(in crate::diagnose) located_by: Vec<String>,
-    /// The same with the findings.
-    pub(in crate::diagnose) left_p_value: f64,
-    pub(in crate::diagnose) left_located_by: Vec<String>,
 }
 
 /// The verdict.
@@ -87,6 +69,8 @@ pub(in crate::diagnose) struct Judged {
     /// Effects that were not asked, and why.
     pub(in crate::diagnose) unasked: BTreeMap<&'static str, String>,
     pub(in crate::diagnose) channels: BTreeMap<Channel, ChannelState>,
+    /// What the sky between the stars adds; nothing where no frame has any.
+    pub(in crate::diagnose) background: Option<Background>,
     /// Independent questions.
     pub(in crate::diagnose) questions: f64,
     /// Surprise that a finding needs.
@@ -97,17 +81,22 @@ pub(in crate::diagnose) struct Judged {
 /// effects that the places have shown, which are there whatever is asked here.
 pub(in crate::diagnose) fn judge(
     stars: &[StarMeasurement],
-    noise: Option<(&PixelStatistics, &DeclaredDetector, &BTreeMap<usize, usize>)>,
+    pixels: Option<&Pixels<'_>>,
     frames: usize,
     asked: &Asked,
     found: &[String],
 ) -> Option<Judged> {
-    let (mut rows, unasked, stars) = rows_of_stars(stars, frames);
+    let (mut rows, mut unasked, stars) = rows_of_stars(stars, frames);
     if let Some(star) = stars.first() {
         take_size_out_of_flux(&mut rows, star.image.sigma_px);
     }
-    if let Some((pixels, detector, places)) = noise {
-        add_noise(&mut rows, pixels, detector, |frame| places.get(&frame).copied().unwrap_or(0));
+    let mut background = None;
+    if let Some(pixels) = pixels {
+        add_noise(&mut rows, pixels.statistics, pixels.detector, |frame| pixels.places.get(&frame).copied().unwrap_or(0));
+        background = Some(add_background(&mut rows, pixels, &stars));
+    }
+    for (id, reason) in background.iter().flat_map(|own| &own.unasked) {
+        unasked.entry(id).or_insert_with(|| reason.clone());
     }
     if rows.kinds.is_empty() || rows.questions.is_empty() {
         return None;
@@ -123,28 +112,51 @@ pub(in crate::diagnose) fn judge(
     let threshold = -(-(-asked.alpha).ln_1p() / (questions + asked.other_questions)).ln();
     let (accepted, fit) = select(&rows, &all, &given, threshold);
     let held = held_out(&rows, &fit, (&accepted, &given), -TURN_P.ln());
-    let proposed: Vec<Proposed> = accepted
+    let mut proposed: Vec<Proposed> = accepted
         .iter()
         .enumerate()
         .skip(given.len())
         .filter_map(|(k, question)| proposal(&rows, &accepted, k, *question, &fit, held[k].clone(), &by_chance))
         .map(|own| beside(&rows, &nothing, &given, own))
         .collect();
-    let others = answers(&rows, &fit, &accepted)
+    let mut answers = answers(&rows, &fit, &accepted);
+    // Of an effect with many shapes the most surprising answers for all.
+    answers.sort_by(|a, b| rows.questions[a.question].id.cmp(rows.questions[b.question].id).then(b.surprise.total_cmp(&a.surprise)));
+    answers.dedup_by_key(|answer| rows.questions[answer.question].id);
+    answers.sort_by_key(|answer| answer.question);
+    let others = answers
         .into_iter()
         .map(|answer| NotProposed {
             id: rows.questions[answer.question].id,
-            p_value: (-neg_ln_chi2_sf(answer.rank as f64, answer.statistic)).exp(),
+            // Of a size on the wrong side of zero there is no surprise, but there may be something.
+            p_value: (-if answer.surprise > 0.0 { answer.surprise } else { neg_ln_chi2_sf(answer.rank as f64, answer.statistic) }).exp(),
             size: fit.amplitude(&rows, &rows.questions[answer.question].columns[0], |_| true),
             question: answer.question,
         })
         .collect();
-    let channels = channel_states(&rows, &stars, [&nothing, &fit], nulls, asked.seed);
-    Some(Judged { rows, fit, proposed, others, unasked, channels, questions, threshold })
+    let of_sky = background.iter().flat_map(|own| own.patterns.iter().cloned());
+    let named: Vec<Question> = patterns(&rows, &stars).into_iter().chain(of_sky).collect();
+    let looked_at = background.as_ref().filter(|own| own.why_not.is_none());
+    if let Some(own) = looked_at {
+        confirmed::withhold_what_leaves_much(&rows, own, [&nothing, &fit], &mut proposed);
+    }
+    // What is withheld explains nothing.
+    let left = confirmed::standing(&rows, (&given, &accepted), &fit, &proposed);
+    let mut channels = channel_states(&rows, &named, [&nothing, left.as_ref().unwrap_or(&fit)], nulls, asked.seed);
+    if let Some((own, state)) = looked_at.and_then(|own| Some((own, channels.remove(&Channel::Background)?))) {
+        channels.insert(Channel::Background, own.with_uneven(state, &sizes_of(&rows, &accepted, &fit)));
+    }
+    Some(Judged { rows, fit, proposed, others, unasked, channels, background, questions, threshold })
 }
 
-/// Where images widen the fit of the flux loses light: what the images' sizes follow beyond chance is a nuisance parameter of the magnitudes, with
-/// a factor that is free.
+/// Sizes of the columns of a fit, by question and parameter.
+fn sizes_of(rows: &Rows, accepted: &[usize], fit: &RowFit) -> BTreeMap<(usize, usize), f64> {
+    let places = accepted.iter().flat_map(|question| (0..rows.questions[*question].columns.len()).map(|k| (*question, k)));
+    places.zip(fit.size.iter().copied()).collect()
+}
+
+/// Where images widen some light is lost to the sum: what the images' sizes follow beyond chance, and its square, are nuisance parameters of the
+/// magnitudes.
 fn take_size_out_of_flux(rows: &mut Rows, sigma_px: f64) {
     let all = &vec![true; rows.len()];
     let ranges = rows.ranges();
@@ -181,21 +193,47 @@ fn take_size_out_of_flux(rows: &mut Rows, sigma_px: f64) {
     }
     let leak: Vec<f64> =
         rows.kinds[flux].rows.iter().map(|row| row.point.and_then(|point| by_point.get(&point)).copied().unwrap_or(0.0)).collect();
-    add_leak(rows, flux, &leak, sigma_px);
+    // In units of the image's variance: a parameter of one means that all the light that the width adds is lost.
+    let mut leak: Vec<f64> = leak.iter().map(|change| change / (sigma_px * sigma_px)).collect();
+    keep_alike(rows, flux, &mut leak);
+    let squares: Vec<f64> = leak.iter().map(|change| change * change).collect();
+    add_leak(rows, flux, &leak);
+    add_leak(rows, flux, &squares);
+}
+
+/// Leaves out the magnitudes of stars whose images differ too much from the typical one: how much of their light is seen nobody knows.
+fn keep_alike(rows: &mut Rows, flux: usize, leak: &mut Vec<f64>) {
+    let start = rows.ranges()[flux].start;
+    let keep: Vec<bool> = leak.iter().map(|change| change.abs() < MOST_WIDER).collect();
+    let kept = |column: &mut Vec<f64>, start: usize| {
+        let mut k = 0_usize;
+        column.retain(|_| {
+            k += 1;
+            (k - 1).checked_sub(start).and_then(|k| keep.get(k)).copied().unwrap_or(true)
+        });
+    };
+    rows.questions.iter_mut().flat_map(|question| &mut question.columns).for_each(|column| kept(column, start));
+    let kind = &mut rows.kinds[flux];
+    kind.per_frame.iter_mut().chain(&mut kind.common).for_each(|column| kept(column, 0));
+    let mut all = keep.iter();
+    kind.rows.retain(|_| *all.next().unwrap_or(&true));
+    kept(leak, 0);
 }
 
 /// The nuisance parameter with what is known of it: a row of its own says that it is zero within [`LEAK_SIGMA`].
-fn add_leak(rows: &mut Rows, flux: usize, leak: &[f64], sigma_px: f64) {
+fn add_leak(rows: &mut Rows, flux: usize, leak: &[f64]) {
     let at = rows.ranges()[flux].end;
-    // A parameter of one: all the light that the width adds is lost.
-    let by_square = (sigma_px * sigma_px).recip();
     let kind = &mut rows.kinds[flux];
     let star = kind.rows.iter().map(|row| row.star).max().unwrap_or(0) + 1;
-    kind.rows.push(Row { value: 0.0, sigma: LEAK_SIGMA, frame: 0, star, point: None });
+    kind.rows.push(Row { value: 0.0, sigma: LEAK_SIGMA, frame: KNOWN_BEFOREHAND, star, point: None });
     for column in kind.per_frame.iter_mut().chain(&mut kind.common) {
         column.push(0.0);
     }
-    kind.common.push(leak.iter().map(|change| change * by_square).chain([1.0]).collect());
+    let before = kind.rows.len() - 1;
+    let mut column = leak.to_vec();
+    column.resize(before, 0.0);
+    column.push(1.0);
+    kind.common.push(column);
     for column in rows.questions.iter_mut().flat_map(|question| &mut question.columns) {
         column.insert(at, 0.0);
     }
@@ -216,10 +254,14 @@ fn proposal(
     let answer = answer(rows, &without, question)?;
     let first: usize = accepted[..k].iter().map(|index| rows.questions[*index].columns.len()).sum();
     let own = &rows.questions[question];
-    let sizes = (0..own.columns.len()).map(|j| [fit.size[first + j], fit.covariance[(first + j, first + j)].max(0.0).sqrt()]).collect();
-    let channels = by_channel(rows, &without, own, &held_out);
+    let sizes: Vec<[f64; 2]> =
+        (0..own.columns.len()).map(|j| [fit.size[first + j], fit.covariance[(first + j, first + j)].max(0.0).sqrt()]).collect();
+    let channels = by_channel(rows, [fit, &without], own, (fit.size[first], &held_out));
     let mut against: Vec<String> = held_out.fails().into_iter().collect();
     against.extend(disagreement(&channels));
+    against.extend(confirmed::by_sky_alone(own, &channels));
+    against.extend(implausible(own, &sizes));
+    against.extend(confirmed::by_fields(rows, &without, own, &sizes));
     against.extend(own.sign.filter(|sign| sign * fit.size[first] < 0.0).map(|_| "its size has the wrong sign".to_owned()));
     Some(Proposed {
         question,
@@ -230,8 +272,32 @@ fn proposal(
         family_p: family_p(by_chance, answer.surprise),
         held_out,
         channels,
+        alike: alike(rows, &without, accepted, &answer),
         against,
     })
+}
+
+/// The effects that leave the same trace and explain about as much as one that was chosen.
+fn alike(rows: &Rows, without: &RowFit, accepted: &[usize], chosen: &Answer) -> Vec<&'static str> {
+    let own = rows.questions[chosen.question].id;
+    let is_alike = |other: &Answer| {
+        rows.questions[other.question].id != own
+            && other.surprise > chosen.surprise - AS_GOOD
+            && cosine(rows, without, chosen.question, other.question) > SAME_TRACE
+    };
+    let mut all: Vec<&'static str> =
+        answers(rows, without, accepted).iter().filter(|other| is_alike(other)).map(|other| rows.questions[other.question].id).collect();
+    all.sort_unstable();
+    all.dedup();
+    all
+}
+
+/// Halves of one detector do not differ by more.
+fn implausible(question: &Question, sizes: &[[f64; 2]]) -> Option<String> {
+    const MAX_GAIN_STEP: f64 = 0.2;
+    let is_step = question.id == <AmplifierStep as CentroidShift>::ID && question.parameters.first()?.name == "gain_relative";
+    let size = sizes.first()?[0];
+    (is_step && size.abs() > MAX_GAIN_STEP).then(|| format!("no two amplifiers differ by {:.0} %", 100.0 * size.abs()))
 }
 
 /// Of what the places have found the columns here are a formula: what is left of it is not to be named after another effect.
@@ -248,8 +314,14 @@ fn beside(rows: &Rows, nothing: &RowFit, given: &[usize], mut own: Proposed) -> 
     own
 }
 
-/// The first parameter by the rows of each channel alone.
-fn by_channel(rows: &Rows, without: &RowFit, question: &Question, held_out: &HeldOut) -> BTreeMap<Channel, ChannelMeasure> {
+/// The first parameter by the rows of each channel alone, the others of the effect free in them: what all rows have made of it, and what the
+/// channel's residuals add to that.
+fn by_channel(
+    rows: &Rows,
+    [fit, without]: [&RowFit; 2],
+    question: &Question,
+    (size, held_out): (f64, &HeldOut),
+) -> BTreeMap<Channel, ChannelMeasure> {
     let channels: BTreeSet<Channel> = rows.kinds.iter().map(|kind| kind.channel).collect();
     let psi = nalgebra::DVector::from_column_slice(&without.psi);
     let mut found = BTreeMap::new();
@@ -261,7 +333,9 @@ fn by_channel(rows: &Rows, without: &RowFit, question: &Question, held_out: &Hel
             .map(|column| column.iter().zip(&is_own).map(|(value, own)| if *own { *value } else { 0.0 }).collect())
             .collect();
         let delta_chi2: f64 = directions(rows, without, &columns).iter().map(|direction| direction.dot(&psi).powi(2)).sum();
-        let Some([amplitude, sigma]) = without.amplitude(rows, &columns[0], |_| true).filter(|_| delta_chi2 > 0.0) else { continue };
+        let measured = confirmed::beside_the_others(rows, [fit, without], &columns).filter(|_| delta_chi2 > 0.0);
+        let Some([more, sigma]) = measured else { continue };
+        let amplitude = size + more;
         let held: f64 = rows.kinds.iter().zip(&held_out.by_kind).filter(|(kind, _)| kind.channel == channel).map(|(_, gain)| gain).sum();
         found.insert(channel, ChannelMeasure { delta_chi2, held_out_delta_chi2: Some(held), amplitude, sigma });
     }
@@ -291,12 +365,11 @@ fn disagreement(channels: &BTreeMap<Channel, ChannelMeasure>) -> Option<String> 
 /// What is said of every channel, before and after.
 fn channel_states(
     rows: &Rows,
-    stars: &[StarMeasurement],
+    patterns: &[Question],
     [before, after]: [&RowFit; 2],
     nulls: usize,
     seed: u64,
 ) -> BTreeMap<Channel, ChannelState> {
-    let patterns = patterns(rows, stars);
     let ranges = rows.ranges();
     let channels: BTreeSet<Channel> = rows.kinds.iter().map(|kind| kind.channel).collect();
     let mut states = BTreeMap::new();

@@ -1,13 +1,23 @@
 //! What the images tell beside places: brightness, shape, noise and background, as one linear problem with one list of findings.
 
+mod background;
+mod confirmed;
 mod counted;
 mod judge;
 mod noise;
 mod patterns;
+mod proposed;
 mod report;
 mod row_fit;
+mod row_noise;
+mod row_solve;
 mod rows;
 mod selection;
+mod single_frames;
+mod sky_columns;
+mod sky_light;
+mod sky_noise;
+mod sky_view;
 mod stars;
 #[cfg(test)]
 mod tests;
@@ -16,6 +26,7 @@ mod turns;
 pub use noise::DeclaredDetector;
 pub use report::ImageMeasurements;
 pub(super) use report::add_images;
+pub use sky_view::SkyView;
 pub use stars::StarMeasurement;
 
 /// aᵀ·b; the library's own product with a transposed matrix is many times slower.

@@ -2,7 +2,7 @@
 //!
 //! Errors of these numbers are known from the noise itself, so they are taken at their word.
 
-use super::rows::{Kind, Parameter, Question, Row, Rows, Shared, Shown};
+use super::rows::{KNOWN_BEFOREHAND, Kind, Parameter, Question, Row, Rows, Shared, Shown};
 use crate::diagnose::causes::GAIN_NOISE;
 use crate::diagnose::channels::Channel;
 use crate::effects::detector::{banding, bayer, dark_current, even_odd, prnu};
@@ -23,6 +23,9 @@ pub struct DeclaredDetector {
 /// Stars that are not found add to the scatter of the sky by this share of it.
 const CONFUSION: f64 = 0.01;
 
+/// Levels that differ by less, over their mean, tell a gain and a read noise together alone.
+const MIN_SPREAD: f64 = 0.15;
+const DARK: &str = <dark_current::DarkCurrent as PixelEffect>::ID;
 /// Of the variance of the offsets of rows (or columns) so much is seen in the pixels of a block: its plane takes an eighth.
 const LINES_IN_BLOCK: f64 = 0.9;
 
@@ -67,7 +70,7 @@ pub(super) fn add_noise(rows: &mut Rows, pixels: &PixelStatistics, detector: &De
     for kind in all {
         let numbers = kind.numbers.iter().map(|(frame, value, sigma)| {
             star += 1;
-            Row { value: *value, sigma: *sigma, frame: place(*frame), star, point: None }
+            Row { value: *value, sigma: *sigma, frame: if *frame == KNOWN_BEFOREHAND { *frame } else { place(*frame) }, star, point: None }
         });
         rows.kinds.push(Kind {
             channel: Channel::Noise,
@@ -120,7 +123,7 @@ const EFFECTS: &[Effect] = &[
         None,
     ),
     (<prnu::Prnu as PixelEffect>::ID, &[parameter("relative", "", Shown::Root)], "fixed-pattern", Some(1.0)),
-    (<dark_current::DarkCurrent as PixelEffect>::ID, &[parameter("unequal_dn_per_s", "DN/s", Shown::Root)], "fixed-pattern", Some(1.0)),
+    (DARK, &[parameter("unequal_dn_per_s", "DN/s", Shown::Root)], "fixed-pattern", Some(1.0)),
     (GAIN_NOISE, &[parameter("gain_ratio", "", Shown::OneMore), parameter("variance_beside_dn2", "DN2", Shown::Same)], "level", None),
 ];
 
@@ -132,7 +135,13 @@ fn numbers(pixels: &PixelStatistics, pick: impl Fn(&FrameNoise) -> Option<Estima
 
 /// Variances of row and column offsets, one after the other.
 fn lines(pixels: &PixelStatistics) -> Option<NoiseKind> {
-    let (rows, columns) = (numbers(pixels, |frame| frame.row_variance_dn2), numbers(pixels, |frame| frame.column_variance_dn2));
+    // Lines that are high and low in turns scatter too: that is told of odd and even ones.
+    let less = |estimate: Option<Estimate>, frame: &FrameNoise, which: usize| {
+        let in_turns = frame.parity_dn.map_or(0.0, |parity| parity[which].value.powi(2));
+        estimate.map(|own| Estimate { value: own.value - in_turns, ..own })
+    };
+    let rows = numbers(pixels, |frame| less(frame.row_variance_dn2, frame, 1));
+    let columns = numbers(pixels, |frame| less(frame.column_variance_dn2, frame, 0));
     let [of_rows, of_columns] = [1.0, 0.0].map(|own| {
         let column = vec![own; rows.len()].into_iter().chain(vec![1.0 - own; columns.len()]);
         column.collect::<Vec<f64>>()
@@ -168,12 +177,18 @@ fn parities(pixels: &PixelStatistics) -> Option<NoiseKind> {
 /// Frame against frame.
 fn pattern(pairs: &[PatternPair]) -> Option<NoiseKind> {
     let numbers: Vec<_> = pairs.iter().map(|pair| (pair.frames[0], pair.covariance.value, pair.covariance.sigma)).collect();
-    let mut columns =
-        vec![(<dark_current::DarkCurrent as PixelEffect>::ID, 0, pairs.iter().map(|pair| pair.by_exposure).collect::<Vec<f64>>())];
+    let mut columns = vec![(DARK, 0, pairs.iter().map(|pair| pair.by_exposure).collect::<Vec<f64>>())];
     if let Some(by_light) = pairs.iter().map(|pair| pair.by_light).collect::<Option<Vec<f64>>>() {
         columns.push((<prnu::Prnu as PixelEffect>::ID, 0, by_light));
     }
     (!numbers.is_empty()).then(|| NoiseKind { name: "fixed pattern", numbers, common: Vec::new(), columns })
+}
+
+/// Standard deviation of levels over their mean.
+fn spread(levels: impl Iterator<Item = f64> + Clone) -> f64 {
+    let count = levels.clone().count().max(1) as f64;
+    let mean = levels.clone().sum::<f64>() / count;
+    (levels.map(|level| (level - mean).powi(2)).sum::<f64>() / count).sqrt() / mean.abs().max(f64::MIN_POSITIVE)
 }
 
 /// Variance of the sky less what gain, bias and read noise as declared make of its level. Without a bias or a read noise the intercept is free.
@@ -189,15 +204,23 @@ fn transfer(pixels: &PixelStatistics, detector: &DeclaredDetector) -> Option<Noi
         (point.frame, point.variance_dn2 - expected, point.sigma_dn2)
     };
     // The last number is no point: it says that the share of stars that were not found is zero within its error.
-    let first = points.first()?.frame;
-    let numbers = points.iter().map(number).chain([(first, 0.0, CONFUSION)]).collect();
+    let numbers = points.iter().map(number).chain([(KNOWN_BEFOREHAND, 0.0, CONFUSION)]).collect();
     let with = |last: f64, of: &dyn Fn(&TransferPoint) -> f64| -> Vec<f64> { points.iter().map(of).chain([last]).collect() };
     let one = with(0.0, &|_| 1.0);
     // A gain larger by a share makes so much less of the photons.
     let by_gain = with(0.0, &|point| -(point.level_dn - bias) / gain);
     let by_lines = with(0.0, &|_| LINES_IN_BLOCK);
     let banding = <banding::Banding as PixelEffect>::ID;
-    let mut columns = vec![(GAIN_NOISE, 0, by_gain), (banding, 0, by_lines.clone()), (banding, 1, by_lines)];
+    let exposures: std::collections::BTreeMap<usize, f64> =
+        pixels.by_frame.iter().map(|frame| (frame.frame, frame.exposure_s.unwrap_or(1.0))).collect();
+    // Unequal dark current is a part of the scatter of the pixels of a block, as it is of what two frames share.
+    let by_dark = with(0.0, &|point| exposures.get(&point.frame).map_or(1.0, |time| time * time));
+    let mut columns = vec![(banding, 0, by_lines.clone()), (banding, 1, by_lines), (DARK, 0, by_dark)];
+    // At one level alone gain, read noise and bias are one number.
+    let is_gain_told = !is_told || spread(points.iter().map(|point| point.level_dn - bias)) > MIN_SPREAD;
+    if is_gain_told {
+        columns.push((GAIN_NOISE, 0, by_gain));
+    }
     if detector.bias_dn.is_some() {
         columns.push((<prnu::Prnu as PixelEffect>::ID, 0, with(0.0, &|point| (point.level_dn - bias).powi(2))));
     }

@@ -2,24 +2,34 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::counted::{Counted, counted};
-use super::judge::{Asked, ChannelState, Judged, Proposed, judge};
+use super::counted::{COMPRESSED, Counted, counted};
+use super::judge::{Asked, ChannelState, Judged, Pixels, Proposed, judge};
 use super::noise::{DeclaredDetector, ordinary};
 use super::rows::{Parameter, Shown};
+use super::single_frames::single_frames;
+use super::sky_columns;
+use super::sky_view::SkyView;
 use super::stars::StarMeasurement;
-use crate::diagnose::causes::IMAGE_CAUSES;
+use crate::diagnose::causes::{COMPRESSION, GAIN_NOISE, IMAGE_CAUSES};
 use crate::diagnose::channels::{ByChannel, Channel, ChannelReport, ChannelVerdict, Detectable};
 use crate::diagnose::diagnosis::{
     ColumnSource, Diagnosis, EffectState, EffectStatus, Finding, FoundParameter, Limit, RemainderMap, Signs, Unknown,
 };
 use crate::diagnose::options::DiagnoseOptions;
 use crate::diagnose::wording;
-use crate::effects::{IMAGE_EFFECTS, ImageEffect};
+use crate::effects::detector::brighter_fatter::BrighterFatter;
+use crate::effects::detector::charge_transfer_inefficiency::ChargeTransferInefficiency;
+use crate::effects::detector::{even_odd, magnitude_equation, overshoot, s_curve};
+use crate::effects::pixel::pass::PassHead;
+use crate::effects::sky::glow::sky_glow;
+use crate::effects::{CentroidShift, IMAGE_EFFECTS, ImageEffect, ids};
 use crate::pixel_statistics::PixelStatistics;
 use crate::statistics::significance::deviations;
 
 /// Fewer frames and stars than this tell nothing of a channel.
 const MIN_STARS: usize = 30;
+/// Frames that are tested at most: every one has a zero point, and time grows with the cube of their number.
+const MAX_FRAMES: usize = 24;
 /// What is found in 95 of 100 recordings lies so many standard errors above the threshold.
 const NINETY_FIVE: f64 = 1.645;
 /// Of an effect whose score has a smaller probability by chance it is not said that it was not found.
@@ -34,15 +44,24 @@ pub struct ImageMeasurements<'a> {
     pub pixels: Option<&'a PixelStatistics>,
     /// The detector as declared.
     pub detector: DeclaredDetector,
+    /// Where the sky of the frames lies; none where no attitude is known.
+    pub views: &'a [SkyView],
 }
 
 /// Adds what the images say to a diagnosis of the places.
 pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageMeasurements<'_>, options: &DiagnoseOptions) {
     let of_pixels = images.pixels.iter().flat_map(|pixels| &pixels.by_frame).map(|frame| frame.frame);
     let numbers: BTreeSet<usize> = images.stars.iter().map(|star| star.frame).chain(of_pixels).collect();
-    let places: BTreeMap<usize, usize> = numbers.into_iter().zip(0..).collect();
-    let place = |star: &StarMeasurement| StarMeasurement { frame: places.get(&star.frame).copied().unwrap_or(0), ..*star };
-    let stars: Vec<StarMeasurement> = images.stars.iter().map(place).collect();
+    let all = numbers.len();
+    let places: BTreeMap<usize, usize> = spread(numbers).into_iter().zip(0..).collect();
+    if places.len() < all {
+        diagnosis
+            .warnings
+            .push(format!("brightness, shape, noise and background are tested on {} of {all} frames, spread evenly", places.len()));
+    }
+    let place = |star: &StarMeasurement| Some(StarMeasurement { frame: *places.get(&star.frame)?, ..*star });
+    let stars: Vec<StarMeasurement> = images.stars.iter().filter_map(place).collect();
+    let of_places = images.pixels.map(|pixels| of_frames(pixels, &places));
     let frames = places.len();
     let asked = Asked {
         nulls: options.nulls,
@@ -51,9 +70,10 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
         other_questions: diagnosis.effective_hypotheses,
     };
     let is_enough = stars.len() >= MIN_STARS;
-    let noise = images.pixels.map(|pixels| (pixels, &images.detector, &places));
+    let pixels =
+        of_places.as_ref().map(|statistics| Pixels { statistics, detector: &images.detector, places: &places, views: images.views });
     let found: Vec<String> = diagnosis.findings.iter().map(|finding| finding.id.clone()).collect();
-    let judged = judge(if is_enough { &stars } else { &[] }, noise, frames, &asked, &found);
+    let judged = judge(if is_enough { &stars } else { &[] }, pixels.as_ref(), frames, &asked, &found);
     if !is_enough {
         let reason = if stars.is_empty() {
             "there are no images: a list of stars tells places alone".to_owned()
@@ -65,11 +85,21 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
         }
     }
     let Some(judged) = judged else { return };
+    if let Some(reason) = judged.background.as_ref().and_then(|own| own.why_not.as_ref()) {
+        diagnosis.channels.background = ChannelReport::not_looked_at(reason);
+    }
+    let mut counted = images.pixels.map_or_else(Vec::new, counted);
+    let by_count: Vec<&'static str> = counted.iter().filter_map(Counted::found_id).collect();
+    let is_compressed = by_count.contains(&COMPRESSION);
+    if is_compressed {
+        withhold_shadows(diagnosis);
+    }
     for proposed in &judged.proposed {
-        add_proposed(diagnosis, &judged, proposed);
+        add_proposed(diagnosis, &judged, proposed, &by_count);
     }
     add_others(diagnosis, &judged);
-    let counted = images.pixels.map_or_else(Vec::new, counted);
+    let numbers: Vec<usize> = places.keys().copied().collect();
+    counted.extend(single_frames(&judged, images.pixels, images.detector.bias_dn, &numbers));
     for (channel, state) in &judged.channels {
         let report = channel_report(diagnosis, &judged, *channel, state, options.alpha);
         if report.verdict == ChannelVerdict::Unexplained && state.left_p_value < options.alpha {
@@ -85,11 +115,54 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     crate::diagnose::resolved::bound(diagnosis);
 }
 
+/// As many frames as are tested, spread evenly.
+fn spread(numbers: BTreeSet<usize>) -> Vec<usize> {
+    let all: Vec<usize> = numbers.into_iter().collect();
+    let tested = all.len().min(MAX_FRAMES);
+    (0..tested).map(|k| all[k * all.len() / tested]).collect()
+}
+
+/// The numbers of some frames alone; what is of all frames together stays.
+fn of_frames(pixels: &PixelStatistics, places: &BTreeMap<usize, usize>) -> PixelStatistics {
+    let mut own = pixels.clone();
+    own.by_frame.retain(|frame| places.contains_key(&frame.frame));
+    own.sky.retain(|mesh| places.contains_key(&mesh.frame));
+    own.transfer_points.retain(|point| places.contains_key(&point.frame));
+    own.fixed_pattern.pairs.retain(|pair| pair.frames.iter().all(|frame| places.contains_key(frame)));
+    own
+}
+
+/// What the rounding of a compression does to places of stars is not named after other causes in the pixels.
+fn withhold_shadows(diagnosis: &mut Diagnosis) {
+    const OF_PIXELS: [&str; 6] = [
+        ids::STRAY_LIGHT,
+        ids::BAYER,
+        <s_curve::SCurve as CentroidShift>::ID,
+        <even_odd::EvenOdd as CentroidShift>::ID,
+        <overshoot::Overshoot as CentroidShift>::ID,
+        <magnitude_equation::MagnitudeEquation as CentroidShift>::ID,
+    ];
+    let is_shadow = |id: &str| OF_PIXELS.contains(&id);
+    let shadows: Vec<Finding> = diagnosis.findings.extract_if(.., |finding| is_shadow(&finding.id)).collect();
+    for shadow in shadows {
+        if let Some(status) = diagnosis.effects.iter_mut().find(|own| own.id == shadow.id) {
+            status.status = EffectState::Withheld;
+            status.held_out_delta_chi2 = Some(shadow.held_out_delta_chi2);
+            status.upper_limit_95 = None;
+            COMPRESSED.clone_into(&mut status.reason);
+        }
+        if diagnosis.channels.astrometry.verdict == ChannelVerdict::Explained {
+            diagnosis.channels.astrometry.verdict = ChannelVerdict::Unexplained;
+        }
+    }
+}
+
 /// Findings that are counted: each is beyond any chance by itself.
 fn add_counted(diagnosis: &mut Diagnosis, counted: Vec<Counted>) {
     for own in counted {
-        if own.is_found() && diagnosis.channels.noise.verdict != ChannelVerdict::Unexplained {
-            diagnosis.channels.noise.verdict = ChannelVerdict::Explained;
+        let channel = diagnosis.channels.of_mut(own.channel());
+        if own.is_found() && channel.looked_at && channel.verdict != ChannelVerdict::Unexplained {
+            channel.verdict = ChannelVerdict::Explained;
         }
         let (status, finding) = own.reported();
         set_status(diagnosis, status);
@@ -106,11 +179,30 @@ fn parameter(spec: &Parameter, size: [f64; 2]) -> FoundParameter {
     FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() }
 }
 
+/// Why a proposal is withheld: by itself, and since something else that is there does the same to the noise.
+fn against(diagnosis: &Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &[&str]) -> Vec<String> {
+    const CHANGE_NOISE: [&str; 4] =
+        [ids::ADC, ids::NONLINEARITY, <BrighterFatter as PassHead>::ID, <ChargeTransferInefficiency as CentroidShift>::ID];
+    let id = |own: &Proposed| judged.rows.questions[own.question].id;
+    let is_of_noise = proposed.channels.keys().all(|channel| *channel == Channel::Noise);
+    let mut against = proposed.against.clone();
+    against.extend((by_count.contains(&COMPRESSION) && is_of_noise).then(|| COMPRESSED.to_owned()));
+    let by_images = judged.proposed.iter().filter(|own| own.against.is_empty()).map(id);
+    let mut there = diagnosis.findings.iter().map(|finding| finding.id.as_str()).chain(by_images).chain(by_count.iter().copied());
+    if id(proposed) == GAIN_NOISE
+        && let Some(other) = there.find(|id| CHANGE_NOISE.contains(id))
+    {
+        against.push(format!("{other} changes the noise of the pixels too"));
+    }
+    against
+}
+
 /// A finding, or the status of what is withheld.
-fn add_proposed(diagnosis: &mut Diagnosis, judged: &Judged, proposed: &Proposed) {
+fn add_proposed(diagnosis: &mut Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &[&str]) {
     let question = &judged.rows.questions[proposed.question];
-    let parameters: Vec<FoundParameter> =
-        question.parameters.iter().zip(&proposed.sizes).map(|(spec, size)| parameter(spec, *size)).collect();
+    // Parameters without a column stand last.
+    let sizes = proposed.sizes.iter().chain(std::iter::repeat(&[0.0; 2]));
+    let parameters: Vec<FoundParameter> = question.parameters.iter().zip(sizes).map(|(spec, size)| parameter(spec, *size)).collect();
     let p_value = (-proposed.surprise).exp();
     let mut status = EffectStatus {
         id: question.id.to_owned(),
@@ -124,16 +216,29 @@ fn add_proposed(diagnosis: &mut Diagnosis, judged: &Judged, proposed: &Proposed)
         held_out_delta_chi2: None,
         reason: String::new(),
     };
-    if !proposed.against.is_empty() {
+    let against = against(diagnosis, judged, proposed, by_count);
+    if !against.is_empty() {
         status.status = EffectState::Withheld;
         status.held_out_delta_chi2 = Some(proposed.held_out.delta_chi2);
-        status.reason = proposed.against.join("; ");
+        status.reason = against.join("; ");
         set_status(diagnosis, status);
         return;
     }
     set_status(diagnosis, status);
     let channels: ByChannel = Channel::ALL.into_iter().map(|channel| (channel, proposed.channels.get(&channel).copied())).collect();
+    let is_of_images = |own: &Proposed| own.question != proposed.question && judged.rows.questions[own.question].id == question.id;
+    let is_second =
+        judged.proposed.iter().take_while(|own| own.question != proposed.question).any(|own| own.against.is_empty() && is_of_images(own));
     if let Some(known) = diagnosis.findings.iter_mut().find(|finding| finding.id == question.id) {
+        if is_second {
+            // Another part of the same effect: both are one finding.
+            known.parameters.extend(parameters);
+            known.delta_chi2 += proposed.statistic;
+            known.held_out_delta_chi2 += proposed.held_out.delta_chi2;
+            known.held_out_expected += (proposed.statistic - 2.0 * proposed.rank as f64).max(0.0);
+            known.sentence = wording::image_finding(known);
+            return;
+        }
         // Found by places already: what the images say stands beside it.
         for (channel, measure) in channels {
             if measure.is_some() {
@@ -163,7 +268,7 @@ fn add_proposed(diagnosis: &mut Diagnosis, judged: &Judged, proposed: &Proposed)
         score_sigma: deviations(proposed.surprise),
         snr: proposed.sizes.iter().map(|[value, sigma]| (value / sigma).abs()).fold(0.0, f64::max),
         channels,
-        indistinguishable_from: Vec::new(),
+        indistinguishable_from: proposed.alike.iter().map(|id| (*id).to_owned()).collect(),
         rivals: Vec::new(),
         decided_by: String::new(),
         known_amplitude: None,
@@ -246,7 +351,13 @@ fn detectable(judged: &Judged, channel: Channel) -> Vec<Detectable> {
         .filter(|question| in_channel(question))
         .filter_map(|question| {
             let of_stars = || effect_of(question.id).map(ImageEffect::ordinary);
-            let (ordinary, source) = if channel == Channel::Noise { ordinary(question.id) } else { of_stars() }?;
+            let is_glow = || sky_glow(question.id).is_some();
+            let of_sky = || sky_columns::ordinary(question.id).or_else(|| is_glow().then_some((1.0, "the model's own brightness")));
+            let (ordinary, source) = match channel {
+                Channel::Noise => ordinary(question.id),
+                Channel::Background => of_sky().or_else(of_stars),
+                _ => of_stars(),
+            }?;
             let sigma = judged.fit.amplitude(&judged.rows, &question.columns[0], |_| true).map(|[_, sigma]| sigma);
             let size_95 = sigma.map(|sigma| ((2.0 * judged.threshold).sqrt() + NINETY_FIVE) * sigma);
             let spec = question.parameters.first()?;
@@ -265,6 +376,13 @@ fn detectable(judged: &Judged, channel: Channel) -> Vec<Detectable> {
         .collect();
     let relative = |own: &Detectable| own.size_95.map_or(f64::INFINITY, |size| size / own.ordinary);
     all.sort_by(|a, b| relative(a).total_cmp(&relative(b)));
+    if channel == Channel::Background {
+        // Of an effect with many shapes that which shows worst stands for all.
+        let mut listed = BTreeSet::new();
+        all.reverse();
+        all.retain(|own| listed.insert(own.id.clone()));
+        all.reverse();
+    }
     all
 }
 
@@ -298,6 +416,10 @@ fn channel_report(diagnosis: &Diagnosis, judged: &Judged, channel: Channel, stat
 
 /// What is left of a channel and has no name.
 fn unknown(channel: Channel, state: &ChannelState) -> Unknown {
+    let what = match channel {
+        Channel::Background => "background between the stars".to_owned(),
+        _ => format!("{} of the stars", channel.words()),
+    };
     Unknown {
         channel,
         located_by: state.left_located_by.clone(),
@@ -308,8 +430,7 @@ fn unknown(channel: Channel, state: &ChannelState) -> Unknown {
         map: None,
         field: RemainderMap::default(),
         sentence: format!(
-            "In the {} of the stars something is left that no effect of the registry explains: it goes with {}.",
-            channel.words(),
+            "In the {what} something is left that no effect of the registry explains: it goes with {}.",
             state.left_located_by.join(", ")
         ),
     }

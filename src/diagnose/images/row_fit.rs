@@ -6,19 +6,15 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::rows::{Kind, KindNoise, Row, Rows, Shared};
-use crate::statistics::median_in_place;
+use super::row_noise::{TAIL_DEGREES, found, slope, weight};
+use super::row_solve::{Basis, Block, Columns, design, robust};
+use super::rows::{Kind, KindNoise, Rows, Whitener};
 
-/// Degrees of freedom of the t distribution of the errors.
-const TAIL_DEGREES: f64 = 6.0;
-/// Median of χ² of one degree of freedom.
-const MEDIAN_CHI2: f64 = 0.454_936;
-/// Fewer groups do not tell what their rows share.
-const MIN_GROUPS: usize = 4;
-/// A row farther than this many standard deviations takes no part: another star, a variable one.
-const GROSS_SIGMAS: f64 = 12.0;
+/// A row farther than this many standard deviations takes no part: its weight is nothing, and it spoils the means of its group.
+const GROSS_SIGMAS: f64 = 40.0;
 const TURNS: usize = 4;
-const STEPS: usize = 12;
+/// Of a direction so much lies in the means of groups.
+const MOSTLY: f64 = 0.7;
 
 /// A fit of the rows.
 #[derive(Clone, Debug)]
@@ -29,8 +25,12 @@ pub(in crate::diagnose) struct RowFit {
     pub(in crate::diagnose) take: Vec<bool>,
     /// Whitened residuals times weights, in units of their scatter.
     pub(in crate::diagnose) psi: Vec<f64>,
+    /// Whitened residuals.
+    white: Vec<f64>,
     /// Residuals in the rows' units.
     pub(in crate::diagnose) rest: Vec<f64>,
+    /// Of every kind the parameters that frames have of their own: by the frame's place, with their standard errors.
+    pub(in crate::diagnose) frame_levels: Vec<std::collections::BTreeMap<usize, [f64; 2]>>,
     /// Sizes of the accepted columns, their covariance.
     pub(in crate::diagnose) size: DVector<f64>,
     pub(in crate::diagnose) covariance: DMatrix<f64>,
@@ -38,14 +38,14 @@ pub(in crate::diagnose) struct RowFit {
     scatter: Vec<f64>,
     /// Mean slope of ψ over the root of its variance, by kind: what a unit of a whitened column adds to ψ.
     gain: Vec<f64>,
-    basis: DMatrix<f64>,
-    whiteners: std::sync::Arc<Vec<super::rows::Whitener>>,
+    basis: std::sync::Arc<Basis>,
+    whiteners: std::sync::Arc<Vec<Whitener>>,
 }
 
 impl RowFit {
     /// With some columns accepted, on the rows allowed; the noise is found anew from `begin`.
     pub(in crate::diagnose) fn new(rows: &Rows, allowed: &[bool], accepted: &[&Vec<f64>], begin: Option<&Self>) -> Self {
-        let columns = design(rows, accepted);
+        let columns: Vec<Columns> = design(rows, accepted);
         let mut noise = begin.map_or_else(|| vec![KindNoise::STATED; rows.kinds.len()], |fit| fit.noise.clone());
         let mut take = begin.map_or_else(|| allowed.to_vec(), |fit| fit.take.iter().zip(allowed).map(|(a, b)| *a && *b).collect());
         let mut turn = 0;
@@ -55,12 +55,12 @@ impl RowFit {
             if turn > TURNS {
                 return fit;
             }
-            let parameters = columns.len();
             noise = rows
                 .kinds
                 .iter()
                 .zip(rows.ranges())
-                .map(|(kind, range)| found(kind, &fit.rest[range.clone()], &take[range], parameters))
+                .zip(&columns)
+                .map(|((kind, range), columns)| found(kind, &fit.rest[range.clone()], &take[range], columns.own.len() + accepted.len()))
                 .collect();
             let sigma: Vec<f64> = rows
                 .kinds
@@ -84,61 +84,59 @@ impl RowFit {
         rows: &Rows,
         take: &[bool],
         accepted: usize,
-        columns: &[Vec<f64>],
+        columns: &[Columns],
         (noise, scatter): (&[KindNoise], Option<&[f64]>),
     ) -> Self {
         let ranges = rows.ranges();
         let whitener = |((kind, noise), range): ((&Kind, &KindNoise), &std::ops::Range<usize>)| kind.whitener(noise, &take[range.clone()]);
         let whiteners: Vec<_> = rows.kinds.iter().zip(noise).zip(&ranges).map(whitener).collect();
-        let white = |column: &[f64]| -> Vec<f64> {
-            let mut all: Vec<f64> =
-                whiteners.iter().zip(&ranges).flat_map(|(whitener, range)| whitener.apply(&column[range.clone()])).collect();
-            for (value, take) in all.iter_mut().zip(take) {
-                *value = if *take { *value } else { 0.0 };
-            }
-            all
-        };
-        let value: Vec<f64> = rows.rows().map(|row| row.value).collect();
-        let (n, k) = (value.len(), columns.len());
-        let y = DVector::from_vec(white(&value));
-        let x = DMatrix::from_iterator(n, k, columns.iter().flat_map(|column| white(column)));
-        let is_normal = normal(rows);
-        let (all, weight, inverse) = robust(&y, &x, take, &is_normal);
-        let residual = &y - &x * &all;
-        let mut psi: Vec<f64> = residual.iter().zip(&weight).map(|(r, w)| r * w).collect();
+        let blocks: Vec<Block> = rows
+            .kinds
+            .iter()
+            .zip(&whiteners)
+            .zip(ranges.iter().zip(columns))
+            .map(|((kind, whitener), (range, columns))| Block::new(kind, whitener, columns, &take[range.clone()]))
+            .collect();
+        let solved = robust(&blocks, accepted);
+        let own: usize = blocks.iter().map(|block| block.own.ncols()).sum();
+        let (n, k) = (rows.len(), own + accepted);
+        let mut psi: Vec<f64> = Vec::with_capacity(n);
         let (mut gain, mut scatters) = (Vec::with_capacity(ranges.len()), Vec::with_capacity(ranges.len()));
-        let mut scale = vec![1.0; n];
-        for range in &ranges {
-            let taken: Vec<usize> = range.clone().filter(|k| take[*k]).collect();
+        for (number, (block, (residual, weight))) in blocks.iter().zip(solved.residual.iter().zip(&solved.weight)).enumerate() {
+            let taken: Vec<usize> = (0..residual.len()).filter(|k| block.take[*k]).collect();
             let count = taken.len().max(1) as f64;
-            let slope = taken.iter().map(|k| if is_normal[*k] { 1.0 } else { slope(residual[*k]) }).sum::<f64>() / count;
+            let slope = taken.iter().map(|k| if block.is_normal { 1.0 } else { slope(residual[*k]) }).sum::<f64>() / count;
             let lost = 1.0 - (k as f64 / n.max(1) as f64).min(0.5);
-            let variance = (taken.iter().map(|k| psi[*k] * psi[*k]).sum::<f64>() / (count * lost)).max(1e-12);
+            let variance = (taken.iter().map(|k| (residual[*k] * weight[*k]).powi(2)).sum::<f64>() / (count * lost)).max(1e-12);
             // Errors that are taken at their word are normal, and ψ is the residual.
-            let found = if rows.kinds[gain.len()].is_scaled { variance.sqrt() } else { 1.0 };
-            let own = scatter.map_or(found, |scatter| scatter[gain.len()]);
-            range.clone().for_each(|k| scale[k] = own);
-            gain.push(slope / own);
-            scatters.push(own);
+            let found = if block.is_normal { 1.0 } else { variance.sqrt() };
+            let scale = scatter.map_or(found, |scatter| scatter[number]);
+            psi.extend(residual.iter().zip(weight).map(|(r, w)| r * w / scale));
+            gain.push(slope / scale);
+            scatters.push(scale);
         }
-        for (psi, scale) in psi.iter_mut().zip(&scale) {
-            *psi /= scale;
+        let covariance = &solved.inverse * error_factor(&gain, &ranges, take);
+        let rest = blocks.iter().zip(rows.kinds.iter().zip(columns)).enumerate();
+        let rest = rest.flat_map(|(number, (block, (kind, columns)))| block.rest(kind, columns, &solved.sizes(&blocks, number))).collect();
+        let mut first = 0;
+        let mut frame_levels = Vec::with_capacity(blocks.len());
+        for (block, columns) in blocks.iter().zip(columns) {
+            let told = |k: usize| [solved.all[first + k], covariance[(first + k, first + k)].max(0.0).sqrt()];
+            frame_levels.push(block.frames(columns).map(|(k, frame)| (frame, told(k))).collect());
+            first += block.own.ncols();
         }
-        let factor = error_factor(&gain, &ranges, take);
-        let covariance = &inverse * factor;
-        let from = k - accepted;
-        let unwhitened: Vec<f64> =
-            (0..n).map(|row| value[row] - (0..k).map(|column| columns[column][row] * all[column]).sum::<f64>()).collect();
         Self {
             noise: noise.to_vec(),
             take: take.to_vec(),
             psi,
-            rest: unwhitened,
-            size: all.rows(from, accepted).into_owned(),
-            covariance: covariance.view((from, from), (accepted, accepted)).into_owned(),
+            white: solved.residual.iter().flat_map(|own| own.iter().copied()).collect(),
+            rest,
+            frame_levels,
+            size: solved.all.rows(own, accepted).into_owned(),
+            covariance: covariance.view((own, own), (accepted, accepted)).into_owned(),
             scatter: scatters,
             gain,
-            basis: orthonormal(&x),
+            basis: std::sync::Arc::new(Basis::of(&blocks, &ranges)),
             whiteners: std::sync::Arc::new(whiteners),
         }
     }
@@ -150,17 +148,99 @@ impl RowFit {
         for (value, take) in white.iter_mut().zip(&self.take) {
             *value = if *take { *value } else { 0.0 };
         }
-        let mut rest = DVector::from_vec(white);
-        for _ in 0..2 {
-            let along = self.basis.tr_mul(&rest);
-            rest -= &self.basis * along;
+        self.basis.take_out(&rows.ranges(), DVector::from_vec(white))
+    }
+
+    /// What share of the scatter of the means of groups that share an error some directions take, and how many groups there are; nothing where the
+    /// directions do not lie in such means for the most part.
+    pub(in crate::diagnose) fn share_of_means(&self, rows: &Rows, directions: &[DVector<f64>]) -> Option<(f64, usize)> {
+        let part = |direction: &DVector<f64>, range: &std::ops::Range<usize>, whitener: &Whitener| {
+            whitener.means(&direction.as_slice()[range.clone()])
+        };
+        let of_kind = |(whitener, range): (&Whitener, std::ops::Range<usize>)| {
+            let means: Vec<DVector<f64>> = directions.iter().map(|direction| part(direction, &range, whitener)).collect();
+            let share = means.iter().map(DVector::norm_squared).sum::<f64>() / directions.len().max(1) as f64;
+            (share, means, whitener.means(&self.psi[range]))
+        };
+        let (share, means, scatter) = self.whiteners.iter().zip(rows.ranges()).map(of_kind).max_by(|a, b| a.0.total_cmp(&b.0))?;
+        if share < MOSTLY {
+            return None;
         }
-        rest
+        let mut taken = 0.0;
+        let mut known: Vec<DVector<f64>> = Vec::new();
+        for mut own in means {
+            for other in &known {
+                let along = other.dot(&own);
+                own.axpy(-along, other, 1.0);
+            }
+            let length = own.norm();
+            if length > 1e-6 {
+                own /= length;
+                taken += own.dot(&scatter).powi(2);
+                known.push(own);
+            }
+        }
+        Some((taken / scatter.norm_squared().max(f64::MIN_POSITIVE), scatter.len()))
+    }
+
+    /// Fall of the cost of the residuals, kind by kind, to those of a fit under the same noise; and the sum of the squares of what changed. The cost is twice
+    /// the difference of the logarithms of the t densities, in units in which a small change falls by χ². The score follows from it for changes that
+    /// are small beside the errors; where they are larger the residuals have hardly any weight, and the score no meaning.
+    pub(in crate::diagnose) fn fall_to(&self, rows: &Rows, other: &Self) -> (Vec<f64>, f64) {
+        let changed = self.white.iter().zip(&other.white).map(|(before, after)| before - after);
+        let taken_off = DVector::from_iterator(self.white.len(), changed);
+        let square = rows
+            .ranges()
+            .into_iter()
+            .zip(&self.gain)
+            .map(|(range, gain)| gain * gain * taken_off.rows(range.start, range.len()).norm_squared());
+        (self.fall(rows, &taken_off), square.sum())
+    }
+
+    /// The same where whitened numbers are taken off the residuals.
+    fn fall(&self, rows: &Rows, taken_off: &DVector<f64>) -> Vec<f64> {
+        let of_kind = |((number, range), kind): ((usize, std::ops::Range<usize>), &Kind)| -> f64 {
+            let pairs = range.map(|k| (self.white[k], self.white[k] - taken_off[k]));
+            if !kind.is_scaled {
+                return pairs.map(|(before, after)| before * before - after * after).sum();
+            }
+            let fall: f64 = pairs.map(|(before, after)| ((TAIL_DEGREES + before * before) / (TAIL_DEGREES + after * after)).ln()).sum();
+            // Slope over the variance of ψ: what makes of a cost a χ².
+            (TAIL_DEGREES + 1.0) * fall * self.gain[number] / self.scatter[number]
+        };
+        rows.ranges().into_iter().enumerate().zip(&rows.kinds).map(of_kind).collect()
+    }
+
+    /// Fall of the cost with the best sizes of some columns beside what is fitted, by weights found in turn from equal ones.
+    pub(in crate::diagnose) fn best_fall(&self, rows: &Rows, columns: &[Vec<f64>]) -> f64 {
+        const STEPS: usize = 8;
+        let projected: Vec<DVector<f64>> = columns.iter().map(|column| self.project(rows, column)).collect();
+        let is_normal = normal(rows);
+        let n = self.white.len();
+        let mut weights = vec![1.0; n];
+        let mut most = 0.0_f64;
+        for _ in 0..STEPS {
+            let weighted: Vec<DVector<f64>> = projected
+                .iter()
+                .map(|column| DVector::from_iterator(n, column.iter().zip(&weights).map(|(value, weight)| value * weight)))
+                .collect();
+            let normal = DMatrix::from_fn(columns.len(), columns.len(), |i, j| weighted[i].dot(&projected[j]));
+            let white = DVector::from_column_slice(&self.white);
+            let right = DVector::from_iterator(columns.len(), weighted.iter().map(|column| column.dot(&white)));
+            let Some(sizes) = normal.lu().solve(&right) else { return most };
+            let mut moved = DVector::zeros(n);
+            projected.iter().zip(sizes.iter()).for_each(|(column, size)| moved.axpy(*size, column, 1.0));
+            most = most.max(self.fall(rows, &moved).iter().sum());
+            for (k, weight_of_row) in weights.iter_mut().enumerate() {
+                *weight_of_row = if is_normal[k] { 1.0 } else { weight(self.white[k] - moved[k]) };
+            }
+        }
+        most
     }
 
     /// Length of what a unit of a column would add to ψ if nothing were fitted.
     pub(in crate::diagnose) fn whole(&self, rows: &Rows, column: &[f64]) -> f64 {
-        let of_kind = |((whitener, range), gain): ((&super::rows::Whitener, std::ops::Range<usize>), &f64)| -> f64 {
+        let of_kind = |((whitener, range), gain): ((&Whitener, std::ops::Range<usize>), &f64)| -> f64 {
             let white = whitener.apply(&column[range.clone()]);
             white.iter().zip(&self.take[range]).filter(|(_, take)| **take).map(|(value, _)| (value * gain).powi(2)).sum()
         };
@@ -169,7 +249,12 @@ impl RowFit {
 
     /// What a unit of a column adds to ψ, row by row, beyond what is fitted.
     pub(in crate::diagnose) fn response(&self, rows: &Rows, column: &[f64]) -> DVector<f64> {
-        let mut rest = self.project(rows, column);
+        self.response_beside(self, rows, column)
+    }
+
+    /// The same beside what another fit of the same noise has fitted.
+    pub(in crate::diagnose) fn response_beside(&self, other: &Self, rows: &Rows, column: &[f64]) -> DVector<f64> {
+        let mut rest = other.project(rows, column);
         for (gain, range) in self.gain.iter().zip(rows.ranges()) {
             rest.rows_mut(range.start, range.len()).scale_mut(*gain);
         }
@@ -188,40 +273,6 @@ impl RowFit {
     }
 }
 
-/// Nuisance columns of all kinds over all rows, and the accepted ones.
-fn design(rows: &Rows, accepted: &[&Vec<f64>]) -> Vec<Vec<f64>> {
-    let n = rows.len();
-    let mut columns = Vec::new();
-    for (kind, range) in rows.kinds.iter().zip(rows.ranges()) {
-        for common in &kind.common {
-            let mut column = vec![0.0; n];
-            column[range.clone()].copy_from_slice(common);
-            columns.push(column);
-        }
-        for own in &kind.per_frame {
-            let frames: std::collections::BTreeSet<usize> = kind.rows.iter().map(|row| row.frame).collect();
-            for frame in frames {
-                let mut column = vec![0.0; n];
-                for ((value, row), own) in column[range.clone()].iter_mut().zip(&kind.rows).zip(own) {
-                    *value = if row.frame == frame { *own } else { 0.0 };
-                }
-                columns.push(column);
-            }
-        }
-    }
-    columns.extend(accepted.iter().map(|column| (*column).clone()));
-    columns
-}
-
-fn weight(residual: f64) -> f64 {
-    (TAIL_DEGREES + 1.0) / (TAIL_DEGREES + residual * residual)
-}
-
-fn slope(residual: f64) -> f64 {
-    let w = weight(residual);
-    w * (TAIL_DEGREES - residual * residual) / (TAIL_DEGREES + residual * residual)
-}
-
 /// Of every row whether its error is taken at its word, and normal.
 fn normal(rows: &Rows) -> Vec<bool> {
     rows.kinds.iter().flat_map(|kind| vec![!kind.is_scaled; kind.rows.len()]).collect()
@@ -236,157 +287,4 @@ fn error_factor(gain: &[f64], ranges: &[std::ops::Range<usize>], take: &[bool]) 
         count += taken;
     }
     if count > 0.0 { square / count } else { 1.0 }
-}
-
-/// Parameters of least t cost by weights found in turn, the weights, and the inverse of the unweighted normal matrix.
-fn robust(y: &DVector<f64>, x: &DMatrix<f64>, take: &[bool], is_normal: &[bool]) -> (DVector<f64>, Vec<f64>, DMatrix<f64>) {
-    let (n, k) = x.shape();
-    let scale: Vec<f64> = x.column_iter().map(|column| column.norm().max(1e-300)).collect();
-    let unit = DMatrix::from_fn(n, k, |i, j| x[(i, j)] / scale[j]);
-    let mut weights = vec![1.0; n];
-    let mut beta = DVector::zeros(k);
-    for _ in 0..STEPS {
-        let weighted = DMatrix::from_fn(n, k, |i, j| unit[(i, j)] * weights[i]);
-        let right = weighted.tr_mul(y);
-        let normal = super::products(&weighted, &unit);
-        let solved = pseudo_inverse(normal) * right;
-        let moved = (&solved - &beta).amax();
-        let size = solved.amax();
-        beta = solved;
-        let residual = y - &unit * &beta;
-        let of = |((r, take), is_normal): ((&f64, &bool), &bool)| match (*take, *is_normal) {
-            (false, _) => 0.0,
-            (true, true) => 1.0,
-            (true, false) => weight(*r),
-        };
-        weights = residual.iter().zip(take).zip(is_normal).map(of).collect();
-        if moved < 1e-9 * size.max(1e-9) {
-            break;
-        }
-    }
-    let inverse = pseudo_inverse(super::products(&unit, &unit));
-    let back = DMatrix::from_fn(k, k, |i, j| inverse[(i, j)] / (scale[i] * scale[j]));
-    (DVector::from_fn(k, |i, _| beta[i] / scale[i]), weights, back)
-}
-
-/// Inverse of a symmetric matrix of columns of unit length, what is dependent left out.
-fn pseudo_inverse(matrix: DMatrix<f64>) -> DMatrix<f64> {
-    let n = matrix.nrows();
-    if let Some(cholesky) = matrix.clone().cholesky()
-        && cholesky.l_dirty().diagonal().iter().all(|pivot| *pivot > 1e-5)
-    {
-        return cholesky.inverse();
-    }
-    let eigen = matrix.symmetric_eigen();
-    let largest = eigen.eigenvalues.amax();
-    let inverse = eigen.eigenvalues.map(|value| if value > 1e-10 * largest { value.recip() } else { 0.0 });
-    &eigen.eigenvectors * DMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose().columns(0, n)
-}
-
-/// Orthonormal basis of columns, dependent ones left out.
-fn orthonormal(x: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut basis: Vec<DVector<f64>> = Vec::new();
-    for column in x.column_iter() {
-        let length = column.norm();
-        let mut vector = column.into_owned();
-        for _ in 0..2 {
-            for known in &basis {
-                let along = known.dot(&vector);
-                vector.axpy(-along, known, 1.0);
-            }
-        }
-        let left = vector.norm();
-        if left > 1e-7 * length && left > 0.0 {
-            basis.push(vector / left);
-        }
-    }
-    if basis.is_empty() { DMatrix::zeros(x.nrows(), 0) } else { DMatrix::from_columns(&basis) }
-}
-
-/// The noise of a kind from its residuals.
-fn found(kind: &Kind, rest: &[f64], take: &[bool], parameters: usize) -> KindNoise {
-    if !kind.is_scaled {
-        return KindNoise::STATED;
-    }
-    let taken: Vec<usize> = (0..rest.len()).filter(|k| take[*k]).collect();
-    let dof = 1.0 - (parameters as f64 / taken.len().max(1) as f64).min(0.5);
-    let row = |k: &usize| &kind.rows[*k];
-    let groups: Vec<Vec<usize>> = if kind.shared == Shared::No {
-        Vec::new()
-    } else {
-        let is_taken = |group: Vec<usize>| group.into_iter().filter(|k| take[*k]).collect::<Vec<_>>();
-        kind.groups().into_iter().map(is_taken).filter(|group| !group.is_empty()).collect()
-    };
-    let repeated = groups.iter().filter(|group| group.len() > 1).count();
-    if repeated < MIN_GROUPS {
-        let pairs: Vec<(f64, &Row)> = taken.iter().map(|k| (rest[*k], row(k))).collect();
-        return within(&pairs, dof);
-    }
-    // Within groups first: what they share does not count there.
-    let mut noise = KindNoise::STATED;
-    for _ in 0..3 {
-        let mut pairs = Vec::with_capacity(taken.len());
-        let mut means = Vec::with_capacity(groups.len());
-        for group in &groups {
-            let weight = |k: &usize| noise.variance(row(k)).recip();
-            let total: f64 = group.iter().map(weight).sum();
-            let mean = group.iter().map(|k| rest[*k] * weight(k)).sum::<f64>() / total;
-            means.push((mean, total.recip()));
-            if group.len() > 1 {
-                // A residual about its group's mean is smaller by what it gave to the mean.
-                pairs.extend(group.iter().map(|k| ((rest[*k] - mean) / (1.0 - weight(k) / total).sqrt(), row(k))));
-            }
-        }
-        noise = within(&pairs, 1.0);
-        noise.shared = between(&means);
-    }
-    noise
-}
-
-/// Factor and floor of the variance of rows.
-fn within(pairs: &[(f64, &Row)], dof: f64) -> KindNoise {
-    let typical = |noise: &KindNoise| {
-        let mut squares: Vec<f64> = pairs.iter().map(|(rest, row)| rest * rest / noise.variance(row)).collect();
-        median_in_place(&mut squares).unwrap_or(MEDIAN_CHI2) / (MEDIAN_CHI2 * dof)
-    };
-    let stated = typical(&KindNoise::STATED);
-    if stated <= 1.0 {
-        return KindNoise { factor: stated.max(0.25), ..KindNoise::STATED };
-    }
-    let mut variances: Vec<f64> = pairs.iter().map(|(_, row)| row.sigma * row.sigma).collect();
-    let scale = median_in_place(&mut variances).unwrap_or(1.0);
-    let at = |floor: f64| KindNoise { floor, ..KindNoise::STATED };
-    let (mut low, mut high) = (0.0, scale * stated * 4.0);
-    while typical(&at(high)) > 1.0 && high < scale * 1e12 {
-        high *= 4.0;
-    }
-    for _ in 0..40 {
-        let middle = 0.5 * (low + high);
-        if typical(&at(middle)) > 1.0 { low = middle } else { high = middle }
-    }
-    at(0.5 * (low + high))
-}
-
-/// Variance of what groups share, from their means and the variances of these.
-fn between(means: &[(f64, f64)]) -> f64 {
-    // What all groups have in common the zero points take up, or leave: it is no scatter.
-    let middle = crate::statistics::median(&means.iter().map(|(mean, _)| *mean).collect::<Vec<_>>()).unwrap_or(0.0);
-    let means: Vec<(f64, f64)> = means.iter().map(|(mean, variance)| (mean - middle, *variance)).collect();
-    let typical = |shared: f64| {
-        let mut squares: Vec<f64> = means.iter().map(|(mean, variance)| mean * mean / (variance + shared)).collect();
-        // Few means: their mean square, the largest cut, scatters less than their median.
-        squares.sort_by(f64::total_cmp);
-        let kept = &squares[..squares.len() - squares.len() / 20];
-        let cut = if squares.len() >= 20 { 0.81 } else { 1.0 };
-        kept.iter().sum::<f64>() / (kept.len() as f64 * cut) * (means.len() as f64 / (means.len() as f64 - 1.0))
-    };
-    if means.len() < MIN_GROUPS || typical(0.0) <= 1.0 {
-        return 0.0;
-    }
-    let (mut low, mut high) = (0.0, means.iter().map(|(mean, _)| mean * mean).fold(0.0, f64::max));
-    for _ in 0..50 {
-        let middle = 0.5 * (low + high);
-        if typical(middle) > 1.0 { low = middle } else { high = middle }
-    }
-    0.5 * (low + high)
 }

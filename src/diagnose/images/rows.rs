@@ -24,6 +24,9 @@ pub(in crate::diagnose) enum Shared {
     Frame,
 }
 
+/// In the place of a frame's number: the row is no measurement, and says what is known beforehand, in all frames.
+pub(in crate::diagnose) const KNOWN_BEFOREHAND: usize = usize::MAX;
+
 /// One number of an image, a frame or the recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(in crate::diagnose) struct Row {
@@ -121,6 +124,14 @@ pub(in crate::diagnose) struct Whitener {
 }
 
 impl Whitener {
+    /// The means of the groups that share an error, in units of their errors, of a whitened column.
+    pub(in crate::diagnose) fn means(&self, white: &[f64]) -> nalgebra::DVector<f64> {
+        let of_group = |(_, total, group): &(f64, f64, Vec<usize>)| {
+            group.iter().map(|index| self.scale[*index] * white[*index]).sum::<f64>() / total.sqrt()
+        };
+        nalgebra::DVector::from_iterator(self.groups.len(), self.groups.iter().map(of_group))
+    }
+
     pub(in crate::diagnose) fn apply(&self, column: &[f64]) -> Vec<f64> {
         let mut white: Vec<f64> = column.iter().zip(&self.scale).map(|(value, scale)| value * scale).collect();
         for (share, total, group) in &self.groups {
@@ -167,6 +178,8 @@ pub(in crate::diagnose) enum Shown {
     Root,
     /// One more: a ratio.
     OneMore,
+    /// Nothing: the parameter has no column, and this value.
+    Given(u8),
 }
 
 impl Parameter {
@@ -174,6 +187,7 @@ impl Parameter {
     pub(in crate::diagnose) fn told(&self, [size, sigma]: [f64; 2]) -> [f64; 2] {
         match self.shown {
             Shown::Same => [size, sigma],
+            Shown::Given(value) => [f64::from(value), 0.0],
             Shown::OneMore => [1.0 + size, sigma],
             // Of nothing the root of what could be there.
             Shown::Root if size.abs() < sigma => [0.0, sigma.sqrt()],

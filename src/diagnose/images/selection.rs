@@ -1,10 +1,11 @@
 //! Which effects the rows ask for: each by the score of its columns, the largest first, until none is beyond chance.
 
 use nalgebra::{DMatrix, DVector};
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
+use statrs::function::beta::beta_reg;
 
 use super::row_fit::RowFit;
 use super::rows::{Question, Rows};
@@ -18,6 +19,10 @@ const MIN_SHARE: f64 = 0.02;
 const SAME: f64 = 0.98;
 /// if it is about as good: odds of 100 : 1.
 const AS_GOOD: f64 = 4.6;
+/// So many means tell their scatter.
+const MANY_GROUPS: usize = 60;
+/// Of the scatter of few means so much is left at least: what an effect takes of it is known no better.
+const LEAST_LEFT: f64 = 0.02;
 /// So many standard errors on the wrong side of zero are no size of an effect that has a sign.
 const WRONG_SIDE: f64 = 1.0;
 
@@ -61,14 +66,28 @@ pub(in crate::diagnose) fn answer(rows: &Rows, fit: &RowFit, index: usize) -> Op
         return None;
     }
     let psi = DVector::from_column_slice(&fit.psi);
-    let statistic = directions.iter().map(|direction| direction.dot(&psi).powi(2)).sum::<f64>();
+    let score = directions.iter().map(|direction| direction.dot(&psi).powi(2)).sum::<f64>();
+    // Where few rows tell nearly all, and are far off without the effect, they have no weight in the score.
+    let statistic = score.max(fit.best_fall(rows, &question.columns));
     let rank = directions.len();
     let is_wrong = question.sign.is_some_and(|sign| {
         let own = fit.amplitude(rows, &question.columns[0], |_| true);
         own.is_some_and(|[size, sigma]| sign * size < WRONG_SIDE * sigma)
     });
-    let surprise = if is_wrong { 0.0 } else { neg_ln_chi2_sf(rank as f64, statistic) };
+    let surprise = if is_wrong { 0.0 } else { surprise(rank, statistic, fit.share_of_means(rows, &directions)) };
     Some(Answer { question: index, statistic, rank, surprise })
+}
+
+/// −ln of the probability of a score. Where it is of the means of few groups (frames), the scatter of these is known from themselves alone, the effect's
+/// trace included, and bounds the score: the share of it that the effect takes has a Beta distribution.
+fn surprise(rank: usize, statistic: f64, means: Option<(f64, usize)>) -> f64 {
+    let by_chi2 = neg_ln_chi2_sf(rank as f64, statistic);
+    let Some((share, groups)) = means.filter(|(_, groups)| *groups > rank + 2 && *groups < MANY_GROUPS) else { return by_chi2 };
+    // One mean is that of all.
+    let total = groups as f64 - 1.0;
+    let left = (1.0 - share).max(LEAST_LEFT);
+    let tail = beta_reg(0.5 * (total - rank as f64), 0.5 * rank as f64, left);
+    if tail > 0.0 { -tail.ln() } else { by_chi2 }
 }
 
 /// The answers to all questions that are not yet accepted.
@@ -133,32 +152,20 @@ pub(in crate::diagnose) fn cosine(rows: &Rows, fit: &RowFit, one: usize, other: 
     DMatrix::from_fn(a.len(), b.len(), |i, j| a[i].dot(&b[j])).singular_values().max().min(1.0)
 }
 
-/// The largest surprise over some questions of each of so many recordings in which nothing is missing: the same rows, ψ dealt out anew within
-/// each kind with signs by chance, the kinds of a star's rows together.
+/// The largest surprise over some questions of each of so many recordings in which nothing is missing. A score is a sum over many rows of ψ, which
+/// is bounded and has the variance one: the scores of all questions are drawn together as normal numbers with the products of their directions as
+/// covariance. Where few rows decide, tails are shorter than normal ones, and the probability is an upper bound.
 pub(in crate::diagnose) fn chance(rows: &Rows, fit: &RowFit, questions: &[&Question], nulls: usize, seed: u64) -> Vec<f64> {
-    let bases: Vec<Vec<DVector<f64>>> = questions.iter().map(|question| directions(rows, fit, &question.columns)).collect();
+    let bases: Vec<Vec<DVector<f64>>> = questions.par_iter().map(|question| directions(rows, fit, &question.columns)).collect();
     let width: usize = bases.iter().map(Vec::len).sum();
-    let n = rows.len();
-    let matrix = DMatrix::from_iterator(n, width, bases.iter().flatten().flat_map(|direction| direction.iter().copied()));
-    let ranges = rows.ranges();
+    if width == 0 {
+        return vec![0.0; nulls];
+    }
+    let matrix = DMatrix::from_iterator(rows.len(), width, bases.iter().flatten().flat_map(|direction| direction.iter().copied()));
+    let root = root(super::products(&matrix, &matrix));
     let simulate = |null: usize| {
         let mut rng = Pcg64Mcg::seed_from_u64(seed ^ (null as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-        let mut psi = DVector::zeros(n);
-        for (kind, range) in rows.kinds.iter().zip(&ranges) {
-            let taken: Vec<usize> = range.clone().filter(|k| fit.take[*k]).collect();
-            if !kind.is_scaled {
-                // The errors are known; what is there may be many times larger.
-                for k in taken {
-                    psi[k] = StandardNormal.sample(&mut rng);
-                }
-                continue;
-            }
-            for k in &taken {
-                let size = fit.psi[taken[rng.random_range(0..taken.len())]];
-                psi[*k] = if rng.random::<bool>() { size } else { -size };
-            }
-        }
-        let along = matrix.tr_mul(&psi);
+        let along = &root * DVector::from_fn(width, |_, _| -> f64 { StandardNormal.sample(&mut rng) });
         let mut first = 0;
         let mut most = 0.0_f64;
         for basis in &bases {
@@ -173,4 +180,10 @@ pub(in crate::diagnose) fn chance(rows: &Rows, fit: &RowFit, questions: &[&Quest
     let mut all: Vec<f64> = (0..nulls).into_par_iter().map(simulate).collect();
     all.sort_by(|a, b| b.total_cmp(a));
     all
+}
+
+/// A root of a covariance; what is dependent has none of its own.
+fn root(covariance: DMatrix<f64>) -> DMatrix<f64> {
+    let eigen = covariance.symmetric_eigen();
+    &eigen.eigenvectors * DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| value.max(0.0).sqrt()))
 }

@@ -11,10 +11,15 @@ use crate::statistics::median;
 
 /// Name of the rows that tell the size of images.
 pub(super) const SIZE: &str = "size of the image";
+/// Of those that tell their elongation along x and along the diagonal.
+pub(super) const ELONGATION: &str = "elongation along x";
+pub(super) const DIAGONAL: &str = "elongation along the diagonal";
 /// Stars that are expected to be fainter than this are found where noise has made them brighter, and tell that.
 const MIN_SNR: f64 = 10.0;
 /// Fewer bright stars tell no zero point of a frame.
 const MIN_ZERO: usize = 5;
+/// Harmonics of the place in the pixel that are nuisance parameters, and the rows that there must be.
+const HARMONICS: &[(f64, usize)] = &[(1.0, 60), (2.0, 200)];
 /// Fewer rows of a kind are no kind.
 const MIN_ROWS: usize = 30;
 /// An effect is asked for where so large a part of the stars has what it depends on.
@@ -59,8 +64,8 @@ impl StarKind {
         match self {
             Self::Magnitude => "magnitude less the catalogue's",
             Self::Size => SIZE,
-            Self::Elongation => "elongation along x",
-            Self::Diagonal => "elongation along the diagonal",
+            Self::Elongation => ELONGATION,
+            Self::Diagonal => DIAGONAL,
             Self::SkewX => "skewness along x",
             Self::SkewY => "skewness along y",
         }
@@ -134,12 +139,14 @@ pub(super) fn rows_of_stars(stars: &[StarMeasurement], frames: usize) -> (Rows, 
         // A fit to noise is biased in proportion to the inverse square of the signal-to-noise ratio (Box 1971, J. R. Stat. Soc. B 33, 171).
         let bias: Vec<f64> = own.iter().map(|(_, _, snr)| snr.powi(-2)).collect();
         let is_flux = of == StarKind::Magnitude;
+        let mut common = if is_flux { vec![bias] } else { vec![one.clone(), bias] };
+        common.extend(phases(&own.iter().map(|(star, ..)| star.image.phase_px).collect::<Vec<_>>()));
         rows.kinds.push(Kind {
             channel: of.channel(),
             name: of.name(),
             rows: own.iter().map(row).collect(),
-            per_frame: if is_flux { vec![one.clone()] } else { Vec::new() },
-            common: if is_flux { vec![bias] } else { vec![one, bias] },
+            per_frame: if is_flux { vec![one] } else { Vec::new() },
+            common,
             shared: if is_flux { Shared::Star } else { Shared::Frame },
             is_scaled: true,
         });
@@ -154,6 +161,18 @@ pub(super) fn rows_of_stars(stars: &[StarMeasurement], frames: usize) -> (Rows, 
         }
     }
     (rows, unasked, stars.iter().map(|(star, _)| *star).collect())
+}
+
+/// What pixels make of an image that is the same everywhere goes with its place in the pixel, with a period of one; what it is nobody has declared.
+fn phases(phase_px: &[[f64; 2]]) -> Vec<Vec<f64>> {
+    let harmonics = HARMONICS.iter().take_while(|(_, rows)| phase_px.len() >= *rows).map(|(harmonic, _)| *harmonic);
+    let column = |axis: usize, harmonic: f64, of: fn(f64) -> f64| {
+        phase_px.iter().map(|phase| of(std::f64::consts::TAU * harmonic * phase[axis])).collect::<Vec<f64>>()
+    };
+    harmonics
+        .flat_map(|harmonic| [0, 1].into_iter().flat_map(move |axis| [f64::sin, f64::cos].map(|of| (axis, harmonic, of as fn(f64) -> f64))))
+        .map(|(axis, harmonic, of)| column(axis, harmonic, of))
+        .collect()
 }
 
 /// The stars that are bright enough by the catalogue, whatever was measured of them, each with its expected signal-to-noise ratio. A choice by the
@@ -176,12 +195,14 @@ fn expected_bright(stars: &[StarMeasurement]) -> Vec<(StarMeasurement, f64)> {
     }
     let by_frame: BTreeMap<usize, f64> =
         by_frame.into_iter().filter(|(_, own)| own.len() >= MIN_ZERO).filter_map(|(frame, own)| Some((frame, median(&own)?))).collect();
+    // A peak is lower where charge has moved, and by the place in the pixel: what a star of so much light has on average stands for it.
+    let per_dn = median(&stars.iter().filter(is_bright).filter_map(|star| Some(star.image.fullness? / star.flux_dn)).collect::<Vec<_>>());
     let expected = |star: &StarMeasurement| {
         let zero_point = by_frame.get(&star.frame).copied().unwrap_or(common);
         let flux_dn = 10.0_f64.powf(-0.4 * (star.magnitude + zero_point));
         let ratio = flux_dn / star.flux_dn;
         let mut own = *star;
-        own.image.fullness = own.image.fullness.map(|fullness| fullness * ratio);
+        own.image.fullness = own.image.fullness.and(per_dn).map(|per_dn| per_dn * flux_dn);
         own.image.relative_flux = own.image.relative_flux.map(|flux| flux * ratio);
         (own, flux_dn / sigma_dn)
     };

@@ -4,7 +4,7 @@
 use rayon::prelude::*;
 
 use super::row_fit::RowFit;
-use super::rows::Rows;
+use super::rows::{KNOWN_BEFOREHAND, Row, Rows};
 use super::selection::{cosine, select};
 
 /// Blocks of frames, at most.
@@ -56,19 +56,19 @@ pub(in crate::diagnose) fn turns(rows: &Rows) -> Vec<[Vec<bool>; 2]> {
     let mut all = Vec::new();
     for block in 0..blocks {
         for part in 0..PARTS {
-            let is_block = |frame: usize| blocks == 1 || frame * blocks / rows.frames.max(1) == block;
+            let is_block = |frame: usize| blocks == 1 || frame.saturating_mul(blocks) / rows.frames.max(1) == block;
             // A star's number says nothing of the star; rows of no star follow their frame alone.
             let is_part = |point: Option<usize>, star: usize| match point {
                 Some(_) => (star.wrapping_mul(0x9e37_79b9) >> 7) % PARTS == part,
                 // Each frame's own rows are scored once.
                 None => part == 0,
             };
-            let held: Vec<bool> = rows.rows().map(|row| is_block(row.frame) && is_part(row.point, row.star)).collect();
-            let train: Vec<bool> = rows
-                .rows()
-                .map(|row| (blocks == 1 || !is_block(row.frame)) && (row.point.is_none() || !is_part(row.point, row.star)))
-                .collect();
-            let train = train.iter().zip(&held).map(|(train, held)| *train && !held).collect();
+            let is_held = |row: &Row| is_block(row.frame) && is_part(row.point, row.star);
+            let is_trained = |row: &Row| (blocks == 1 || !is_block(row.frame)) && (row.point.is_none() || !is_part(row.point, row.star));
+            // What is known beforehand is known on both sides.
+            let is_known = |row: &Row| row.frame == KNOWN_BEFOREHAND;
+            let train = rows.rows().map(|row| is_known(row) || is_trained(row) && !is_held(row)).collect();
+            let held = rows.rows().map(|row| is_known(row) || is_held(row)).collect();
             all.push([train, held]);
         }
     }
@@ -89,7 +89,7 @@ pub(in crate::diagnose) fn held_out(rows: &Rows, all: &RowFit, (found, given): (
             first += columns.len();
             let owner = found.iter().position(|own| *own == question || cosine(rows, all, *own, question) > SAME_TRACE);
             if let Some(owner) = owner.filter(|owner| credited[*owner].is_none()) {
-                credited[owner] = Some(gain(rows, &on_held, columns, &sizes));
+                credited[owner] = Some(gain(rows, (held, &fit), &on_held, (columns, &sizes)));
             }
         }
         credited
@@ -111,13 +111,15 @@ pub(in crate::diagnose) fn held_out(rows: &Rows, all: &RowFit, (found, given): (
         .collect()
 }
 
-/// Fall of χ² on the rows of a fit with columns of given sizes.
-fn gain(rows: &Rows, fit: &RowFit, columns: &[Vec<f64>], sizes: &[f64]) -> HeldOut {
-    let mut moved = nalgebra::DVector::zeros(rows.len());
-    for (column, size) in columns.iter().zip(sizes) {
-        moved += fit.response(rows, column) * *size;
+/// Fall of χ² on held-out rows with columns of given sizes: their nuisance parameters are fitted with the effect taken off, and without.
+fn gain(rows: &Rows, (held, fit): (&[bool], &RowFit), before: &RowFit, (columns, sizes): (&[Vec<f64>], &[f64])) -> HeldOut {
+    let mut without = Rows { kinds: rows.kinds.clone(), questions: Vec::new(), frames: rows.frames };
+    for (kind, range) in without.kinds.iter_mut().zip(rows.ranges()) {
+        for (row, k) in kind.rows.iter_mut().zip(range) {
+            row.value -= columns.iter().zip(sizes).map(|(column, size)| column[k] * size).sum::<f64>();
+        }
     }
-    let by_kind: Vec<f64> =
-        rows.ranges().into_iter().map(|range| range.map(|k| 2.0 * moved[k] * fit.psi[k] - moved[k] * moved[k]).sum()).collect();
-    HeldOut { delta_chi2: by_kind.iter().sum(), square: moved.norm_squared(), by_kind, chosen: [1, 1] }
+    let after = RowFit::under(&without, held, &[], fit);
+    let (by_kind, square) = before.fall_to(rows, &after);
+    HeldOut { delta_chi2: by_kind.iter().sum(), square, by_kind, chosen: [1, 1] }
 }

@@ -240,6 +240,9 @@ impl ImageEffect for ChargeTransferInefficiency {
     fn name_rank(&self) -> u8 {
         2
     }
+    fn sign(&self) -> Option<f64> {
+        Some(1.0)
+    }
     fn needs(&self) -> &'static str {
         "the brightness of the stars"
     }

@@ -22,6 +22,7 @@ fn measured(lists: &[List]) -> Measured {
         index,
         name: format!("frame {index}"),
         detections: list.detections.clone(),
+        images: Vec::new(),
         seconds: 0.0,
     };
     Measured { recording, frames: lists.iter().enumerate().map(frame).collect(), skipped: Vec::new(), psf: None, pixels: None }

@@ -36,6 +36,7 @@ fn identified(frames: &[&Detections], options: &IdentifyOptions) -> Vec<Identifi
         index,
         name: format!("frame {index}"),
         detections: (*detections).clone(),
+        images: Vec::new(),
         seconds: 0.0,
     };
     let measured =

@@ -1,0 +1,339 @@
+//! The sky between the stars, drawn cell by cell: nothing where it is even, what is there with its size, and no name for what is the sky's own.
+
+use std::collections::BTreeMap;
+
+use rand::{RngExt, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
+
+use super::super::judge::{Judged, Pixels, judge};
+use super::super::noise::DeclaredDetector;
+use super::super::sky_view::SkyView;
+use super::super::stars::StarMeasurement;
+use super::super::tests::{Added, FRAMES, asked, found, nothing, size, stars};
+use crate::diagnose::channels::Channel;
+use crate::effects::sky::glow::{Circumstances, Moon, sky_glow};
+use crate::pixel_statistics::{PixelStatistics, SkyCell, SkyMesh};
+
+const SIZE_PX: [usize; 2] = [640, 480];
+const BIAS_DN: f64 = 100.0;
+const GAIN_E_PER_DN: f64 = 2.0;
+/// Standard error of a cell's level, DN.
+const CELL_DN: f64 = 0.15;
+
+/// A frame: its number, exposure and light per second, in electrons.
+struct Sky {
+    frame: usize,
+    exposure_s: f64,
+    rate_e: f64,
+}
+
+/// Counts at a place, beyond the bias.
+type Light<'a> = &'a dyn Fn(&Sky, [f64; 2]) -> f64;
+
+fn even(sky: &Sky, _: [f64; 2]) -> f64 {
+    sky.rate_e * sky.exposure_s / GAIN_E_PER_DN
+}
+
+fn mesh(sky: &Sky, rng: &mut Pcg64Mcg, light: Light) -> SkyMesh {
+    let mut mesh = SkyMesh {
+        frame: sky.frame,
+        exposure_s: Some(sky.exposure_s),
+        noise_dn: 9.0,
+        size_px: SIZE_PX,
+        shape: [8, 8],
+        ..SkyMesh::default()
+    };
+    for number in 0..64 {
+        let place = [number % 8, number / 8];
+        let at = [0, 1].map(|axis| (f64::from(place[axis]) - 3.5) / 8.0 * SIZE_PX[axis] as f64 / mesh.half_diagonal_px());
+        // Cells with bright stars have less sky, or none.
+        let share: f64 = rng.random();
+        let sigma_dn = CELL_DN / share.max(0.3).sqrt();
+        let error: f64 = StandardNormal.sample(rng);
+        let level_dn = BIAS_DN + light(sky, at) + sigma_dn * error;
+        mesh.cells.push((share > 0.03).then_some(SkyCell { at, level_dn, sigma_dn }));
+    }
+    let mut levels: Vec<f64> = mesh.cells.iter().flatten().map(|cell| cell.level_dn).collect();
+    mesh.level_dn = crate::statistics::median_in_place(&mut levels).unwrap();
+    mesh
+}
+
+/// Skies of a night with exposures of two lengths.
+fn skies(seed: u64) -> (Vec<Sky>, Pcg64Mcg) {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x5c1e_0000);
+    let sky = |frame: usize| Sky {
+        frame,
+        exposure_s: if frame.is_multiple_of(3) { 4.0 } else { 2.0 },
+        rate_e: 180.0 + 40.0 * rng.random::<f64>(),
+    };
+    let all = (0..FRAMES).map(sky).collect();
+    (all, rng)
+}
+
+/// Where the stars only have to be there, few are enough.
+const FEW: (Added, usize) = (nothing, 12);
+
+/// `added`: what the stars have, and how many there are.
+fn judged_with(seed: u64, alpha: f64, stars: (Added, usize), light: Light) -> Judged {
+    judged_under(seed, alpha, stars, light, &[])
+}
+
+fn judged_under(seed: u64, alpha: f64, (added, most): (Added, usize), light: Light, views: &[SkyView]) -> Judged {
+    let (skies, mut rng) = skies(seed);
+    let pixels = PixelStatistics { sky: skies.iter().map(|sky| mesh(sky, &mut rng, light)).collect(), ..PixelStatistics::default() };
+    let detector = DeclaredDetector { gain_e_per_dn: Some(GAIN_E_PER_DN), bias_dn: Some(BIAS_DN), read_noise_e: None };
+    let places: BTreeMap<usize, usize> = (0..FRAMES).map(|frame| (frame, frame)).collect();
+    let stars: Vec<StarMeasurement> = stars(seed, added).into_iter().filter(|star| star.star < most).collect();
+    let pixels = Pixels { statistics: &pixels, detector: &detector, places: &places, views };
+    judge(&stars, Some(&pixels), FRAMES, &asked(alpha), &[]).unwrap()
+}
+
+fn loss(share: f64) -> impl Fn([f64; 2]) -> f64 {
+    move |at| 1.0 - share * (at[0] * at[0] + at[1] * at[1])
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+#[test]
+fn an_even_sky_shows_nothing() {
+    const SEEDS: u64 = 24;
+    let (mut proposed, mut left) = (0, 0);
+    for seed in 0..SEEDS {
+        let judged = judged_with(seed, 0.05, FEW, &even);
+        proposed += usize::from(!judged.proposed.is_empty());
+        left += usize::from(judged.channels[&Channel::Background].left_p_value < 0.025);
+    }
+    println!("{proposed} of {SEEDS} even skies proposed something, {left} were left with something");
+    // One or two are due at α = 0.05; 6 or more come by chance once in a thousand.
+    assert!(proposed < 6, "{proposed} of {SEEDS} even skies proposed something");
+    assert!(left < 5, "{left} of {SEEDS} even skies were left with something");
+}
+
+/// Id, its parameters' places and true sizes, and the sky.
+type Case<'a> = (&'a str, &'a [(usize, f64)], Light<'a>);
+
+#[test]
+fn what_the_camera_adds_is_named_with_its_size() {
+    let half_px = 0.5 * (SIZE_PX[0] as f64).hypot(SIZE_PX[1] as f64);
+    let corner = SIZE_PX.map(|side| 0.5 * side as f64 / half_px);
+    let glow = |sky: &Sky, at: [f64; 2]| {
+        let distance = (at[0] - corner[0]).hypot(at[1] - corner[1]);
+        even(sky, at) + 40.0 * (-distance / 0.244).exp() * sky.exposure_s / GAIN_E_PER_DN
+    };
+    let slope = |sky: &Sky, at: [f64; 2]| {
+        let rate_e = 0.02 * at[0] * half_px - 0.03 * at[1] * half_px;
+        even(sky, at) + rate_e * sky.exposure_s / GAIN_E_PER_DN
+    };
+    let step = |sky: &Sky, at: [f64; 2]| even(sky, at) + if at[1] > 0.0 { 1.5 } else { 0.0 };
+    let cases: [Case<'_>; 3] = [
+        ("amplifier-glow", &[(0, 40.0)], &glow),
+        ("stray-light", &[(0, 0.02), (1, -0.03)], &slope),
+        ("amplifier-step", &[(1, 1.5)], &step),
+    ];
+    for (id, truths, light) in cases {
+        let mut pulls = Vec::new();
+        for seed in 100..106 {
+            let judged = judged_with(seed, 1e-3, FEW, light);
+            assert_eq!(found(&judged), [id], "seed {seed}: {:?}", judged.proposed);
+            let own = judged.proposed.iter().find(|own| judged.rows.questions[own.question].id == id).unwrap();
+            for (which, truth) in truths {
+                let [value, sigma] = own.sizes[*which];
+                assert!((value / truth - 1.0).abs() < 0.25, "{id}: {value} ± {sigma} for {truth}");
+                pulls.push((value - truth) / sigma);
+            }
+        }
+        println!("{id}: pulls {pulls:.2?}, rms {:.2}", rms(&pulls));
+        assert!((0.4..1.8).contains(&rms(&pulls)), "{id}: pulls {pulls:?}");
+    }
+}
+
+/// The corner is that of the equations, and the sky is explained.
+#[test]
+fn a_glow_has_its_corner() {
+    let edge = SIZE_PX.map(|side| side as f64 / (SIZE_PX[0] as f64).hypot(SIZE_PX[1] as f64));
+    for (corner, signs) in [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].into_iter().enumerate() {
+        let glow = |sky: &Sky, at: [f64; 2]| {
+            let distance = (at[0] - signs[0] * edge[0]).hypot(at[1] - signs[1] * edge[1]);
+            even(sky, at) + 25.0 * (-distance / 0.17).exp() * sky.exposure_s / GAIN_E_PER_DN
+        };
+        let judged = judged_with(150, 1e-3, FEW, &glow);
+        let own = judged.proposed.iter().find(|own| own.against.is_empty()).unwrap();
+        let question = &judged.rows.questions[own.question];
+        let told = question.parameters.last().map(|last| (last.name, last.told([0.0; 2])));
+        assert_eq!((question.id, told), ("amplifier-glow", Some(("corner", [corner as f64, 0.0]))));
+        let state = &judged.channels[&Channel::Background];
+        assert!(state.p_value < 1e-3 && state.left_p_value > 1e-3, "{state:?}");
+    }
+}
+
+/// Stars and sky that lose the same light are one finding, and both channels measure it.
+#[test]
+fn vignetting_is_one_finding_of_stars_and_sky() {
+    let added: Added = |image| {
+        let radius2 = image.at[0].powi(2) + image.at[1].powi(2);
+        (-2.5 * (1.0 - 0.1 * radius2).log10(), [0.0; 3])
+    };
+    let light = |sky: &Sky, at: [f64; 2]| even(sky, at) * loss(0.1)(at);
+    let (mut flux, mut sky) = (Vec::new(), Vec::new());
+    for seed in 200..206 {
+        let judged = judged_with(seed, 1e-3, (added, 60), &light);
+        assert_eq!(found(&judged), ["vignetting"], "seed {seed}: {:?}", judged.proposed);
+        let [value, sigma] = size(&judged, "vignetting").unwrap();
+        assert!((value - 0.1).abs() < 4.0 * sigma, "{value} ± {sigma}");
+        for (channel, pulls) in [(Channel::Flux, &mut flux), (Channel::Background, &mut sky)] {
+            let own = judged.proposed[0].channels[&channel];
+            pulls.push((own.amplitude - 0.1) / own.sigma);
+        }
+    }
+    println!("vignetting: flux {flux:.2?}, sky {sky:.2?}");
+    assert!((0.3..1.8).contains(&rms(&flux)) && (0.3..1.8).contains(&rms(&sky)), "flux {flux:?}, sky {sky:?}");
+}
+
+/// Light that is brighter in the middle, or stars alone that lose light: not what a lens does to both.
+#[test]
+fn a_sky_that_falls_without_the_stars_is_no_vignetting() {
+    let light = |sky: &Sky, at: [f64; 2]| even(sky, at) * loss(0.1)(at);
+    for seed in 220..224 {
+        let judged = judged_with(seed, 1e-3, FEW, &light);
+        assert!(!found(&judged).contains(&"vignetting"), "seed {seed}: {:?}", judged.proposed);
+        let state = &judged.channels[&Channel::Background];
+        assert!(state.left_p_value < 1e-3 && state.left_located_by.contains(&"field-radius".to_owned()), "seed {seed}: {state:?}");
+    }
+    let added: Added = |image| (0.3 * (image.at[0].powi(2) + image.at[1].powi(2)), [0.0; 3]);
+    for seed in 230..234 {
+        let judged = judged_with(seed, 1e-3, (added, 60), &light);
+        let vignetting = judged.proposed.iter().find(|own| judged.rows.questions[own.question].id == "vignetting").unwrap();
+        assert!(vignetting.against.iter().any(|reason| reason.contains("by the")), "seed {seed}: {vignetting:?}");
+    }
+}
+
+/// A smooth sky that is another in every field: a few waves and a cloud.
+fn own_structure(seed: u64, size: f64) -> impl Fn(&Sky, [f64; 2]) -> f64 {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0xc10d);
+    let fields: Vec<Vec<[f64; 4]>> = (0..FRAMES)
+        .map(|_| {
+            let wave = |_| {
+                let draw: [f64; 4] = std::array::from_fn(|_| StandardNormal.sample(&mut rng));
+                [size * draw[0], 2.0 * draw[1], 2.0 * draw[2], 3.0 * draw[3]]
+            };
+            (0..5).map(wave).collect()
+        })
+        .collect();
+    move |sky, at| {
+        let wave = |[height, kx, ky, phase]: &[f64; 4]| height * (kx * at[0] + ky * at[1] + phase).sin();
+        even(sky, at) * (1.0 + fields[sky.frame].iter().map(wave).sum::<f64>())
+    }
+}
+
+#[test]
+fn what_is_the_skys_own_has_no_name() {
+    const SEEDS: u64 = 40;
+    let (mut named, mut told) = (Vec::new(), 0);
+    for seed in 300..300 + SEEDS {
+        // From hardly seen to very much.
+        let height = 0.0005 * 1.1_f64.powi(i32::try_from(seed - 300).unwrap());
+        let light = own_structure(seed, height);
+        let judged = judged_with(seed, 0.05, FEW, &light);
+        let own = judged.rows.ranges().pop().unwrap();
+        let is_of_sky = |id: &&&str| {
+            let columns = |question: &&super::super::rows::Question| {
+                question.columns.iter().any(|column| column[own.clone()].iter().any(|value| *value != 0.0))
+            };
+            judged.rows.questions.iter().filter(columns).any(|question| question.id == **id)
+        };
+        named.extend(found(&judged).iter().filter(is_of_sky).map(|id| (seed, *id)));
+        told += usize::from(judged.channels[&Channel::Background].left_located_by.contains(&"frame".to_owned()));
+    }
+    println!("{named:?}: {told} of {SEEDS} told to be uneven");
+    assert!(named.is_empty(), "{named:?} for what is the sky's own in {SEEDS} recordings");
+    assert!(told > 20, "{told}");
+}
+
+/// Frames of one field hold the same sky: what it has there is not the camera's.
+#[test]
+fn one_field_tells_nothing_of_the_camera() {
+    let slope = |sky: &Sky, at: [f64; 2]| even(sky, at) * (1.0 + 0.05 * at[0]);
+    let (skies, mut rng) = skies(400);
+    let pixels = PixelStatistics { sky: skies.iter().map(|sky| mesh(sky, &mut rng, &slope)).collect(), ..PixelStatistics::default() };
+    let detector = DeclaredDetector { gain_e_per_dn: Some(GAIN_E_PER_DN), bias_dn: Some(BIAS_DN), read_noise_e: None };
+    let places: BTreeMap<usize, usize> = (0..FRAMES).map(|frame| (frame, frame)).collect();
+    let mut of_one = stars(400, nothing);
+    let first: BTreeMap<usize, [f64; 2]> = of_one.iter().filter(|star| star.frame == 0).map(|star| (star.star, star.image.at)).collect();
+    let noise = Some(&Pixels { statistics: &pixels, detector: &detector, places: &places, views: &[] });
+    let apart = judge(&of_one, noise, FRAMES, &asked(1e-3), &[]).unwrap();
+    assert_eq!(found(&apart), ["stray-light"]);
+    for star in &mut of_one {
+        star.image.at = first[&star.star];
+    }
+    let judged = judge(&of_one, noise, FRAMES, &asked(1e-3), &[]).unwrap();
+    assert!(judged.proposed.is_empty() && !judged.channels.contains_key(&Channel::Background));
+    assert!(judged.background.unwrap().why_not.unwrap().contains("fields are too few"));
+}
+
+/// Solid angle of a pixel, and counts of a star of V = 0 as [`stars`] have them.
+const PIXEL_ARCSEC2: f64 = 4e4;
+const ZERO_DN: f64 = 1e5;
+
+/// Fields here and there above the horizon, under a Moon.
+fn views(seed: u64) -> Vec<SkyView> {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x5eed);
+    let moon = Moon { direction: [0.6, 0.0, 0.8], phase_angle_rad: 0.3 };
+    let circumstances = Circumstances {
+        sun: Some([-0.8, 0.0, -0.6]),
+        moon: Some(moon),
+        zenith: Some([0.0, 0.0, 1.0]),
+        extinction_mag_per_airmass: 0.172,
+        ..Circumstances::default()
+    };
+    let view = |frame: usize| {
+        let (azimuth, zenith_distance): (f64, f64) = (std::f64::consts::TAU * rng.random::<f64>(), 0.2 + 0.6 * rng.random::<f64>());
+        let (out, right) = (
+            nalgebra::Vector3::new(zenith_distance.sin() * azimuth.cos(), zenith_distance.sin() * azimuth.sin(), zenith_distance.cos()),
+            nalgebra::Vector3::new(-azimuth.sin(), azimuth.cos(), 0.0),
+        );
+        let down = out.cross(&right);
+        let direction = |number: usize| {
+            let [x, y] = [number % 8, number / 8].map(|place| 0.06 * (place as f64 - 3.5));
+            (out + right * x + down * y).normalize().into()
+        };
+        SkyView {
+            frame,
+            directions: (0..64).map(direction).collect(),
+            pixel_arcsec2: vec![PIXEL_ARCSEC2; 64],
+            circumstances,
+            is_timed: true,
+        }
+    };
+    (0..FRAMES).map(view).collect()
+}
+
+#[test]
+fn the_light_of_the_moon_is_named_where_its_place_is_known() {
+    for seed in 500..504 {
+        let views = views(seed);
+        let moonlight = sky_glow("moonlight").unwrap();
+        let grid = |at: f64, side: usize| {
+            let half_px = 0.5 * (SIZE_PX[0] as f64).hypot(SIZE_PX[1] as f64);
+            (at * half_px / side as f64 * 8.0 + 3.5).round() as usize
+        };
+        let light = |sky: &Sky, at: [f64; 2]| {
+            let view = &views[sky.frame];
+            let number = grid(at[0], SIZE_PX[0]) + 8 * grid(at[1], SIZE_PX[1]);
+            even(sky, at) + ZERO_DN * PIXEL_ARCSEC2 * moonlight.brightness(&[1.0], view.directions[number], &view.circumstances)
+        };
+        let judged = judged_under(seed, 1e-3, (nothing, 40), &light, &views);
+        assert_eq!(found(&judged), ["moonlight"], "seed {seed}: {:?}", judged.proposed);
+        let [value, sigma] = size(&judged, "moonlight").unwrap();
+        println!("moonlight {value:.4} ± {sigma:.4}");
+        // The magnitudes of 40 stars tell the zero point to a percent.
+        assert!((value - 1.0).abs() < 0.03 + 4.0 * sigma, "{value} ± {sigma}");
+        // Without the places of the fields it is the sky's own, and has no name.
+        let unplaced = judged_with(seed, 1e-3, FEW, &light);
+        assert!(unplaced.proposed.iter().all(|own| !own.against.is_empty()), "seed {seed}: {:?}", unplaced.proposed);
+        assert!(unplaced.unasked["moonlight"].contains("attitude"), "{:?}", unplaced.unasked);
+        assert!(unplaced.channels[&Channel::Background].left_located_by.contains(&"frame".to_owned()));
+    }
+}

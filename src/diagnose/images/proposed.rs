@@ -1,0 +1,49 @@
+//! What the judgement of the rows is made of and what it comes to: the pixels that are asked, an effect that is proposed, the state of a channel.
+
+use std::collections::BTreeMap;
+
+use super::noise::DeclaredDetector;
+use super::sky_view::SkyView;
+use super::turns::HeldOut;
+use crate::diagnose::channels::{Channel, ChannelMeasure};
+use crate::pixel_statistics::PixelStatistics;
+
+/// The pixels between the stars, and what is known of them.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::diagnose) struct Pixels<'a> {
+    pub(in crate::diagnose) statistics: &'a PixelStatistics,
+    pub(in crate::diagnose) detector: &'a DeclaredDetector,
+    /// Place of every frame among those that are tested, by its number.
+    pub(in crate::diagnose) places: &'a BTreeMap<usize, usize>,
+    /// Where the sky of the frames lies.
+    pub(in crate::diagnose) views: &'a [SkyView],
+}
+
+/// An effect that all rows propose.
+#[derive(Clone, Debug)]
+pub(in crate::diagnose) struct Proposed {
+    pub(in crate::diagnose) question: usize,
+    pub(in crate::diagnose) sizes: Vec<[f64; 2]>,
+    pub(in crate::diagnose) statistic: f64,
+    pub(in crate::diagnose) rank: usize,
+    pub(in crate::diagnose) surprise: f64,
+    pub(in crate::diagnose) family_p: f64,
+    pub(in crate::diagnose) held_out: HeldOut,
+    /// The first parameter as each channel alone measures it.
+    pub(in crate::diagnose) channels: BTreeMap<Channel, ChannelMeasure>,
+    /// Effects that leave the same trace and explain about as much.
+    pub(in crate::diagnose) alike: Vec<&'static str>,
+    /// Why it is withheld; none where it stands.
+    pub(in crate::diagnose) against: Vec<String>,
+}
+
+/// What is said of a channel.
+#[derive(Clone, Debug, Default)]
+pub(in crate::diagnose) struct ChannelState {
+    /// Probability by chance that it differs as much from the model, before anything is found.
+    pub(in crate::diagnose) p_value: f64,
+    pub(in crate::diagnose) located_by: Vec<String>,
+    /// The same with the findings.
+    pub(in crate::diagnose) left_p_value: f64,
+    pub(in crate::diagnose) left_located_by: Vec<String>,
+}

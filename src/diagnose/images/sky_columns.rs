@@ -1,0 +1,104 @@
+//! What effects do to the level of the sky over the frame, per unit of their parameters.
+
+use super::rows::{Parameter, Shown};
+use super::sky_light::{SkyFrame, SkyLight};
+use crate::effects::detector::amplifier_step::AmplifierHalves;
+use crate::effects::detector::crosstalk::Crosstalk;
+use crate::effects::detector::stray_light::StrayLightSlope;
+use crate::effects::optics::{veiling_glare::VeilingGlare, vignetting::Vignetting};
+use crate::effects::pixel::PixelEffect;
+use crate::effects::pixel::pass::PassHead;
+
+/// Glow of the electronics at a corner; the registry renders none.
+pub(super) const AMPLIFIER_GLOW: &str = "amplifier-glow";
+/// Distances (in half-diagonals) over which a glow may fall by a factor of e: each is longer than the one before by a quarter.
+const GLOW_LENGTHS: [f64; 10] = [0.08, 0.1, 0.125, 0.156, 0.195, 0.244, 0.305, 0.381, 0.477, 0.596];
+/// Corners from the top left one clockwise: signs of x and y.
+const CORNERS: [[f64; 2]; 4] = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+
+/// An effect with its columns over the cells.
+#[derive(Clone, Debug)]
+pub(super) struct Asked {
+    pub(super) id: &'static str,
+    pub(super) follows: &'static str,
+    pub(super) columns: Vec<(Parameter, Vec<f64>)>,
+    pub(super) sign: Option<f64>,
+    /// Whether the stars' columns of the same effect belong to it.
+    pub(super) is_shared: bool,
+    /// The corner that it is about.
+    pub(super) corner: Option<u8>,
+}
+
+/// Sizes that real cameras have, of the first column, and where they are from.
+const ORDINARY: &[(&str, f64, &str)] = &[
+    (AMPLIFIER_GLOW, 1.0, "an electron a second at the corner, as CMOS sensors have in long exposures"),
+    (<StrayLightSlope as PixelEffect>::ID, 0.1, "the typical slope of the effect's page"),
+];
+
+/// The size that real cameras have.
+pub(super) fn ordinary(id: &str) -> Option<(f64, &'static str)> {
+    ORDINARY.iter().find(|(own, ..)| *own == id).map(|(_, size, source)| (*size, *source))
+}
+
+const fn parameter(name: &'static str, unit: &'static str) -> Parameter {
+    Parameter { name, unit, shown: Shown::Same }
+}
+
+/// The effects that can be asked for, and of the others why not.
+pub(super) fn asked(light: &SkyLight, gain_e_per_dn: Option<f64>, knows_bias: bool) -> (Vec<Asked>, Vec<(&'static str, String)>) {
+    let one = |id: &'static str, follows, columns, sign| Asked { id, follows, columns, sign, is_shared: true, corner: None };
+    let mut all = Vec::new();
+    let mut unasked = vec![
+        (<VeilingGlare as PixelEffect>::ID, "an even veil is a part of each frame's own level".to_owned()),
+        (<Crosstalk as PassHead>::ID, "copies of single stars are not looked for".to_owned()),
+    ];
+    let radius2 = |at: [f64; 2]| at[0] * at[0] + at[1] * at[1];
+    // The light itself falls; without a bias nobody knows how much of the level is light.
+    let whole = |frame: &SkyFrame| if light.is_relative { 1.0 } else { frame.light_dn };
+    if knows_bias {
+        let second = light.column(|frame, cell| -whole(frame) * radius2(cell.at));
+        let fourth = light.column(|frame, cell| -whole(frame) * radius2(cell.at).powi(2));
+        let columns = vec![(parameter("loss_at_corner", ""), second), (parameter("loss_fourth_order", ""), fourth)];
+        all.push(one(<Vignetting as PixelEffect>::ID, "field-radius", columns, Some(1.0)));
+    }
+    let is_below = |at: [f64; 2]| if at[1] > 0.0 { 1.0 } else { 0.0 };
+    let mut halves = Vec::new();
+    if knows_bias {
+        halves.push((parameter("gain_relative", ""), light.column(|frame, cell| whole(frame) * is_below(cell.at))));
+    }
+    halves.push((parameter("offset_dn", "DN"), light.added(|_, cell| is_below(cell.at))));
+    all.push(one(<AmplifierHalves as PixelEffect>::ID, "row", halves, None));
+    let rates = gain_e_per_dn.filter(|_| light.frames.iter().all(|frame| frame.exposure_s.is_some()));
+    let Some(gain) = rates else {
+        let lacks = "it needs exposure times and a gain".to_owned();
+        unasked.extend([(AMPLIFIER_GLOW, lacks.clone()), (<StrayLightSlope as PixelEffect>::ID, lacks)]);
+        return (all, unasked);
+    };
+    // What a rate of electrons adds to the number.
+    let by_rate = |shape: &dyn Fn(&SkyFrame, [f64; 2]) -> f64| {
+        light.added(|frame, cell| frame.exposure_s.unwrap_or(0.0) / gain * shape(frame, cell.at))
+    };
+    let slopes = [("slope_x_e_per_px_s", 0), ("slope_y_e_per_px_s", 1)]
+        .map(|(name, axis)| (parameter(name, "e-/px²/s"), by_rate(&|frame, at| at[axis] * frame.half_px)));
+    all.push(one(<StrayLightSlope as PixelEffect>::ID, "x", slopes.into(), None));
+    for (corner, signs) in (0..).zip(CORNERS) {
+        for length in GLOW_LENGTHS {
+            let shape = |frame: &SkyFrame, at: [f64; 2]| {
+                let [dx, dy] = [0, 1].map(|axis| at[axis] - signs[axis] * frame.edge[axis]);
+                (-dx.hypot(dy) / length).exp()
+            };
+            all.push(Asked {
+                id: AMPLIFIER_GLOW,
+                follows: "edge-distance",
+                columns: vec![(parameter("e_per_px_s", "e-/px/s"), by_rate(&shape))],
+                sign: Some(1.0),
+                is_shared: false,
+                corner: Some(corner),
+            });
+        }
+    }
+    if !knows_bias {
+        unasked.push((<Vignetting as PixelEffect>::ID, "in the sky it needs a bias".to_owned()));
+    }
+    (all, unasked)
+}

@@ -1,0 +1,350 @@
+//! Light and shape of star images by sums under one weight, the same for all stars of a frame.
+//!
+//! A fit of a model that is not quite the image gives faint stars another share of their light than bright ones, since the noise that it weighs with
+//! goes with the light. Here every number is a ratio of sums that are linear in the counts, under a weight and a background ring that know nothing
+//! of the star's brightness: two stars with the same image have the same shape and the same share of light, whatever the image is. What
+//! remains is how the pixels cut the image, which goes with the place in the pixel.
+//!
+//! With a Gaussian weight of matrix W the product with a Gaussian image of matrix C has the matrix (C⁻¹ + W⁻¹)⁻¹ and the light √(|W| / |W + C|)
+//! (Bernstein & Jarvis 2002, AJ 123, 583, section 3; windowed parameters of SExtractor, Bertin & Arnouts 1996, A&AS 117, 393). Standard errors are
+//! propagated from the noise of every pixel.
+
+use super::StarDisc;
+use crate::frame::Frame;
+
+/// Variance of a pixel along an axis, px².
+const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
+/// A narrower weight sees the places of the pixels more than the image.
+const MIN_WEIGHT_PX: f64 = 0.75;
+/// The light is summed under a wider weight, by this: the less of it the weight leaves out, the less goes with the width of the image.
+const WIDER: f64 = 1.8;
+/// The sums of the shape and of the light reach so far, and so far from the star the ring begins: in σ of the shape's weight.
+const REACH: f64 = 4.5;
+const REACH_OF_LIGHT: f64 = 3.5 * WIDER;
+const RING: f64 = REACH_OF_LIGHT + 0.2;
+/// No other star is nearer than this, in σ of the weight of the light.
+const ALONE: f64 = 2.5;
+/// Width of the ring, px, and the pixels that it has at least.
+const RING_PX: f64 = 4.0;
+const MIN_RING: usize = 40;
+/// Steps to the centre.
+const STEPS: usize = 6;
+/// Eigenvalues of the matrix under the weight, in units of the weight's (½ of an image as wide as the weight).
+const NARROWEST: f64 = 0.05;
+const WIDEST: f64 = 0.9;
+/// The centre is no farther from where the star was found, in σ of the weight.
+const FARTHEST: f64 = 1.0;
+
+/// A variance as far as it is of the sky, DN², and per DN of what a count of light adds to it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SplitVariance {
+    /// Of the sky's noise.
+    pub sky: f64,
+    /// Of the star's light, where one count of light has the variance 1 DN²: times the variance of a count.
+    pub light: f64,
+}
+
+impl SplitVariance {
+    /// The standard error where a count of light has so large a variance (DN: the inverse of the gain).
+    #[must_use]
+    pub fn sigma(&self, variance_per_dn: f64) -> f64 {
+        (self.sky + self.light * variance_per_dn).sqrt()
+    }
+}
+
+/// A star image as its pixels sum up.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SummedImage {
+    /// Where the star was found, px.
+    pub found_px: [f64; 2],
+    /// Light, DN: of a Gaussian image all of it.
+    pub flux_dn: f64,
+    /// Its variance.
+    pub flux_variance: SplitVariance,
+    /// All the light within the ring, of whatever image, DN: noisier, and with that of faint neighbours.
+    pub within_ring_dn: f64,
+    /// Second moments xx, xy, yy of the image before the pixels sum it, px².
+    pub second_px2: [f64; 3],
+    /// Their variances.
+    pub second_variance: [SplitVariance; 3],
+    /// Skewness along x and y, as in [`crate::detect::Moments`].
+    pub skewness: [f64; 2],
+    /// Their variances.
+    pub skewness_variance: [SplitVariance; 2],
+}
+
+/// A frame whose star images are summed.
+#[derive(Clone, Copy, Debug)]
+pub struct ImageFrame<'a> {
+    /// Its pixels.
+    pub frame: &'a Frame,
+    /// All stars that were found, with how far their light reaches.
+    pub stars: &'a [StarDisc],
+    /// Pixels that say nothing.
+    pub bad: Option<&'a [bool]>,
+    /// Typical width (Gaussian σ) of its images, px.
+    pub sigma_px: f64,
+    /// Noise of a sky pixel, DN.
+    pub noise_dn: f64,
+}
+
+impl ImageFrame<'_> {
+    /// The images of the stars, in their order; nothing where a bad or full pixel or the edge lies in the sums, or the sums are no image's.
+    #[must_use]
+    pub fn star_images(&self) -> Vec<Option<SummedImage>> {
+        let near = Neighbours::of(self.stars);
+        (0..self.stars.len()).map(|index| self.star_image(index, &near)).collect()
+    }
+
+    fn weight_px(&self) -> f64 {
+        (self.sigma_px * self.sigma_px + PIXEL_VARIANCE).sqrt().max(MIN_WEIGHT_PX)
+    }
+
+    fn is_usable(&self, x: usize, y: usize) -> bool {
+        let index = y * self.frame.width_px + x;
+        self.frame.pixels_dn[index] < self.frame.saturation_dn && self.bad.is_none_or(|bad| !bad[index])
+    }
+
+    /// The pixels around a place, by their distance; `None` where the frame's edge cuts them.
+    fn around(&self, [x, y]: [f64; 2], reach_px: f64) -> Option<impl Iterator<Item = (usize, usize)>> {
+        let span = |at: f64, length: usize| {
+            let (low, high) = ((at - reach_px).ceil(), (at + reach_px).floor());
+            (low >= 0.0 && high < length as f64).then_some(low as usize..=high as usize)
+        };
+        let (columns, rows) = (span(x, self.frame.width_px)?, span(y, self.frame.height_px)?);
+        Some(rows.flat_map(move |y| columns.clone().map(move |x| (x, y))))
+    }
+
+    fn star_image(&self, index: usize, near: &Neighbours) -> Option<SummedImage> {
+        let found = [self.stars[index].x_px, self.stars[index].y_px];
+        let weight_px = self.weight_px();
+        let is_near = |other: &&StarDisc| (other.x_px - found[0]).hypot(other.y_px - found[1]) < ALONE * WIDER * weight_px;
+        if near.of_star(self.stars, index, ALONE * WIDER * weight_px).iter().any(is_near) {
+            return None;
+        }
+        let (level_dn, ring) = self.ring(index, near, RING * weight_px)?;
+        let pixels: Vec<(f64, f64, f64)> = self
+            .around(found, (REACH_OF_LIGHT + FARTHEST) * weight_px)?
+            .map(|(x, y)| self.is_usable(x, y).then(|| (x as f64, y as f64, f64::from(self.frame.at(x, y)) - level_dn)))
+            .collect::<Option<Vec<_>>>()?;
+        let mut centre = found;
+        let of = |centre: [f64; 2]| Sums::of(&pixels, Weight { centre, sigma_px: weight_px, reach: REACH });
+        let mut sums = of(centre)?;
+        for _ in 0..STEPS {
+            let step = sums.to_centre();
+            centre = [centre[0] + weight_px * step[0], centre[1] + weight_px * step[1]];
+            if (centre[0] - found[0]).hypot(centre[1] - found[1]) > FARTHEST * weight_px {
+                return None;
+            }
+            sums = of(centre)?;
+        }
+        let wide = Sums::of(&pixels, Weight { centre, sigma_px: WIDER * weight_px, reach: REACH_OF_LIGHT / WIDER })?;
+        let noise = [self.noise_dn * self.noise_dn, ring];
+        let (flux_dn, flux_variance) = wide.light(&pixels, noise)?;
+        let is_within = |(x, y, _): &&(f64, f64, f64)| (x - centre[0]).hypot(y - centre[1]) < REACH_OF_LIGHT * weight_px;
+        let within_ring_dn = pixels.iter().filter(is_within).map(|(_, _, counts)| counts).sum();
+        sums.shape(&pixels, noise).map(|shape| SummedImage { found_px: found, flux_dn, flux_variance, within_ring_dn, ..shape })
+    }
+
+    /// Mean of a ring about a star, what other stars light left out; and its pixels.
+    fn ring(&self, index: usize, near: &Neighbours, from_px: f64) -> Option<(f64, f64)> {
+        let star = &self.stars[index];
+        let to_px = from_px + RING_PX;
+        let others = near.of_star(self.stars, index, to_px);
+        let (mut sum, mut count) = (0.0, 0_usize);
+        for (x, y) in self.around([star.x_px, star.y_px], to_px)? {
+            let (at_x, at_y) = (x as f64, y as f64);
+            let distance = (at_x - star.x_px).hypot(at_y - star.y_px);
+            let is_lit = |other: &&StarDisc| (at_x - other.x_px).hypot(at_y - other.y_px) < other.radius_px;
+            if distance < from_px || distance > to_px || !self.is_usable(x, y) || others.iter().any(is_lit) {
+                continue;
+            }
+            sum += f64::from(self.frame.at(x, y));
+            count += 1;
+        }
+        (count >= MIN_RING).then(|| (sum / count as f64, count as f64))
+    }
+}
+
+/// Stars by the cells of a coarse grid.
+struct Neighbours {
+    cells: std::collections::BTreeMap<[i64; 2], Vec<usize>>,
+    largest_px: f64,
+}
+
+impl Neighbours {
+    const CELL_PX: f64 = 32.0;
+
+    fn cell(at: f64) -> i64 {
+        (at / Self::CELL_PX).floor() as i64
+    }
+
+    fn of(stars: &[StarDisc]) -> Self {
+        let mut cells: std::collections::BTreeMap<[i64; 2], Vec<usize>> = std::collections::BTreeMap::new();
+        for (index, star) in stars.iter().enumerate() {
+            cells.entry([Self::cell(star.x_px), Self::cell(star.y_px)]).or_default().push(index);
+        }
+        Self { cells, largest_px: stars.iter().map(|star| star.radius_px).fold(0.0, f64::max) }
+    }
+
+    /// The other stars that light something within `reach_px` of a star.
+    fn of_star<'a>(&self, stars: &'a [StarDisc], index: usize, reach_px: f64) -> Vec<&'a StarDisc> {
+        let star = &stars[index];
+        let reach = reach_px + self.largest_px;
+        let span = |at: f64| Self::cell(at - reach)..=Self::cell(at + reach);
+        let cells = span(star.x_px).flat_map(|x| span(star.y_px).map(move |y| [x, y]));
+        let of_cell = |cell: [i64; 2]| self.cells.get(&cell).into_iter().flatten().copied();
+        cells
+            .flat_map(of_cell)
+            .filter(|other| *other != index)
+            .map(|other| &stars[other])
+            .filter(|other| (other.x_px - star.x_px).hypot(other.y_px - star.y_px) < reach_px + other.radius_px)
+            .collect()
+    }
+}
+
+/// A round Gaussian weight, and how far it reaches in its σ.
+#[derive(Clone, Copy)]
+struct Weight {
+    centre: [f64; 2],
+    sigma_px: f64,
+    reach: f64,
+}
+
+impl Weight {
+    /// Weight of a pixel and its place in σ of the weight, where it counts.
+    fn at(&self, x: f64, y: f64) -> Option<(f64, f64, f64)> {
+        let (u, v) = ((x - self.centre[0]) / self.sigma_px, (y - self.centre[1]) / self.sigma_px);
+        let square = u * u + v * v;
+        (square < self.reach * self.reach).then(|| ((-0.5 * square).exp(), u, v))
+    }
+}
+
+/// Weighted sums about a place, in units of the weight's σ.
+struct Sums {
+    weight: Weight,
+    light: f64,
+    first: [f64; 2],
+    /// Second moments over the light, xx, xy, yy.
+    second: [f64; 3],
+}
+
+impl Sums {
+    fn of(pixels: &[(f64, f64, f64)], weight: Weight) -> Option<Self> {
+        let (mut light, mut first, mut second) = (0.0, [0.0; 2], [0.0; 3]);
+        for (x, y, counts) in pixels {
+            let Some((share, u, v)) = weight.at(*x, *y) else { continue };
+            let own = share * counts;
+            light += own;
+            first = [first[0] + own * u, first[1] + own * v];
+            second = [second[0] + own * u * u, second[1] + own * u * v, second[2] + own * v * v];
+        }
+        (light > 0.0).then(|| Self { weight, light, first: first.map(|sum| sum / light), second: second.map(|sum| sum / light) })
+    }
+
+    /// (1 − Q)⁻¹, Q the matrix under the weight; nothing where it is no image's.
+    fn spread(&self) -> Option<[f64; 3]> {
+        let [xx, xy, yy] = self.second;
+        let (mean, half) = (f64::midpoint(xx, yy), (0.5 * (xx - yy)).hypot(xy));
+        let [a, b, c] = [1.0 - xx, -xy, 1.0 - yy];
+        let determinant = a * c - b * b;
+        (mean - half > NARROWEST && mean + half < WIDEST).then(|| [c / determinant, -b / determinant, a / determinant])
+    }
+
+    /// Where the centre lies from here, in σ of the weight: the shift under the weight, which is the smaller the narrower the image.
+    fn to_centre(&self) -> [f64; 2] {
+        let [xx, xy, yy] = self.spread().unwrap_or([2.0, 0.0, 2.0]);
+        let [u, v] = self.first;
+        // The weight pulls towards its own centre by the share that the image's matrix has in the sum of both.
+        [xx * u + xy * v, xy * u + yy * v]
+    }
+
+    /// What a count in a pixel adds to the light, over the light, and to the matrix under the weight.
+    fn of_count(&self, (x, y): (f64, f64)) -> Option<(f64, [f64; 3], f64, f64)> {
+        let (weight, u, v) = self.weight.at(x, y)?;
+        let share = weight / self.light;
+        let [xx, xy, yy] = self.second;
+        Some((share, [share * (u * u - xx), share * (u * v - xy), share * (v * v - yy)], u, v))
+    }
+
+    /// All the light, were the image a Gaussian, with its variance. `noise`: variance of a sky pixel, and pixels of the ring.
+    fn light(&self, pixels: &[(f64, f64, f64)], noise: [f64; 2]) -> Option<(f64, SplitVariance)> {
+        let [a, b, c] = self.spread()?;
+        let flux_dn = self.light * (a * c - b * b).sqrt();
+        let mut sums = Variances::<1>::default();
+        for (x, y, counts) in pixels {
+            let Some((share, [xx, xy, yy], ..)) = self.of_count((*x, *y)) else { continue };
+            sums.add(*counts, [flux_dn * (share + 0.5 * (a * xx + 2.0 * b * xy + c * yy))]);
+        }
+        (flux_dn.is_finite() && flux_dn > 0.0).then(|| (flux_dn, sums.of(0, noise)))
+    }
+
+    /// Second moments and skewness with their variances.
+    fn shape(&self, pixels: &[(f64, f64, f64)], noise: [f64; 2]) -> Option<SummedImage> {
+        /// ⟨u |u|²⟩ in the image's own widths from that under a weight of its width: 2^(3/2) of the widths, √2 of the light, twice more of the weight.
+        const SKEW: f64 = 8.0;
+        let [a, b, c] = self.spread()?;
+        let area = self.weight.sigma_px * self.weight.sigma_px;
+        // Q (1 − Q)⁻¹ = (1 − Q)⁻¹ − 1.
+        let second_px2 = [area * (a - 1.0) - PIXEL_VARIANCE, area * b, area * (c - 1.0) - PIXEL_VARIANCE];
+        let mut skewness = [0.0; 2];
+        let mut sums = Variances::<5>::default();
+        for (x, y, counts) in pixels {
+            let Some((share, [xx, xy, yy], u, v)) = self.of_count((*x, *y)) else { continue };
+            let radial = u * u + v * v;
+            skewness = [skewness[0] + SKEW * share * counts * u * radial, skewness[1] + SKEW * share * counts * v * radial];
+            sums.add(
+                *counts,
+                [
+                    // (1 − Q)⁻¹ (u uᵀ − Q) (1 − Q)⁻¹
+                    area * (a * (a * xx + b * xy) + b * (a * xy + b * yy)),
+                    area * (a * (b * xx + c * xy) + b * (b * xy + c * yy)),
+                    area * (b * (b * xx + c * xy) + c * (b * xy + c * yy)),
+                    SKEW * share * u * (radial - 2.0),
+                    SKEW * share * v * (radial - 2.0),
+                ],
+            );
+        }
+        let of = |k: usize| sums.of(k, noise);
+        let is_finite = second_px2.iter().chain(&skewness).all(|value| value.is_finite());
+        is_finite.then(|| SummedImage {
+            second_px2,
+            second_variance: [of(0), of(1), of(2)],
+            skewness,
+            skewness_variance: [of(3), of(4)],
+            ..SummedImage::default()
+        })
+    }
+}
+
+/// Sums that make variances of numbers to which every pixel's count adds.
+struct Variances<const N: usize> {
+    square: [f64; N],
+    lit: [f64; N],
+    total: [f64; N],
+}
+
+impl<const N: usize> Default for Variances<N> {
+    fn default() -> Self {
+        Self { square: [0.0; N], lit: [0.0; N], total: [0.0; N] }
+    }
+}
+
+impl<const N: usize> Variances<N> {
+    fn add(&mut self, counts: f64, own: [f64; N]) {
+        for (k, add) in own.into_iter().enumerate() {
+            self.square[k] += add * add;
+            self.lit[k] += add * add * counts.max(0.0);
+            self.total[k] += add;
+        }
+    }
+
+    /// Of a number: the noise of the pixels, and of the mean of the ring that is taken off them all.
+    fn of(&self, k: usize, [noise2, ring]: [f64; 2]) -> SplitVariance {
+        SplitVariance { sky: noise2 * (self.square[k] + self.total[k] * self.total[k] / ring), light: self.lit[k] }
+    }
+}
+
+#[cfg(test)]
+#[path = "star_images_tests.rs"]
+mod tests;

@@ -1,0 +1,114 @@
+//! Sums of star images against images and noise that are known.
+
+use rand::{RngExt, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
+
+use super::*;
+
+const SIDE: usize = 49;
+const SKY_DN: f64 = 300.0;
+
+/// A frame with one star: `shape` gives the image's density at a place from its centre, which every pixel sums on a fine grid.
+fn frame(centre: [f64; 2], flux_dn: f64, shape: impl Fn(f64, f64) -> f64) -> Frame {
+    const FINE: usize = 9;
+    let mut pixels = vec![0.0; SIDE * SIDE];
+    for (index, pixel) in pixels.iter_mut().enumerate() {
+        let (x, y) = ((index % SIDE) as f64, (index / SIDE) as f64);
+        for fine in 0..FINE * FINE {
+            let at = |k: usize| (k as f64 + 0.5) / FINE as f64 - 0.5;
+            *pixel += shape(x + at(fine % FINE) - centre[0], y + at(fine / FINE) - centre[1]) / (FINE * FINE) as f64;
+        }
+    }
+    let all: f64 = pixels.iter().sum();
+    let pixels_dn = pixels.iter().map(|share| (SKY_DN + flux_dn * share / all) as f32).collect();
+    Frame { width_px: SIDE, height_px: SIDE, pixels_dn, saturation_dn: 1e9 }
+}
+
+fn image(frame: &Frame, at: [f64; 2], sigma_px: f64, noise_dn: f64) -> SummedImage {
+    let stars = [StarDisc { x_px: at[0], y_px: at[1], radius_px: 5.0 }];
+    ImageFrame { frame, stars: &stars, bad: None, sigma_px, noise_dn }.star_images()[0].expect("an image")
+}
+
+fn gaussian(sxx: f64, sxy: f64, syy: f64) -> impl Fn(f64, f64) -> f64 {
+    let determinant = sxx * syy - sxy * sxy;
+    move |x, y| (-0.5 * (syy * x * x - 2.0 * sxy * x * y + sxx * y * y) / determinant).exp()
+}
+
+/// (1 + (r/α)²)^−β with the wings of real lenses.
+fn moffat(x: f64, y: f64) -> f64 {
+    (1.0 + f64::midpoint(x * x, y * y)).powf(-2.5)
+}
+
+#[test]
+fn a_gaussian_image_has_its_own_light_and_matrix_under_any_weight() {
+    for (weight_px, matrix) in [(1.0, [1.2, 0.2, 0.9]), (1.2, [0.9, 0.0, 0.9]), (0.9, [1.5, -0.3, 1.1])] {
+        let [xx, xy, yy] = matrix;
+        let found = image(&frame([24.3, 23.8], 5e4, gaussian(xx, xy, yy)), [24.4, 23.7], weight_px, 1.0);
+        assert!((found.flux_dn / 5e4 - 1.0).abs() < 3e-3, "{found:?}");
+        for (got, want) in found.second_px2.iter().zip(matrix) {
+            assert!((got - want).abs() < 0.015, "{found:?} for {matrix:?}");
+        }
+        // The places of the pixels leave two hundredths.
+        assert!(found.skewness.iter().all(|skew| skew.abs() < 0.03), "{found:?}");
+    }
+}
+
+/// Bright and faint stars with the same winged image have the same shape and the same share of light; a Gaussian fit would not.
+#[test]
+fn what_is_told_does_not_go_with_the_brightness() {
+    let of = |flux_dn: f64| image(&frame([24.2, 24.4], flux_dn, moffat), [24.2, 24.4], 0.9, 1.0);
+    let (faint, bright) = (of(300.0), of(3e6));
+    assert!((faint.flux_dn / 300.0 / (bright.flux_dn / 3e6) - 1.0).abs() < 1e-3, "{faint:?} {bright:?}");
+    for (a, b) in faint.second_px2.iter().zip(bright.second_px2) {
+        assert!((a - b).abs() < 2e-3, "{faint:?} {bright:?}");
+    }
+}
+
+/// Deviations over 400 noisy stars against the errors stated: Poisson noise of the light and normal noise of the sky.
+#[test]
+fn the_errors_are_those_of_many_stars() {
+    const STARS: u64 = 400;
+    let (gain, noise_dn) = (2.0, 4.0);
+    for flux_dn in [1.5e3, 3e4] {
+        let clean = frame([24.3, 24.1], flux_dn, gaussian(1.0, 0.0, 1.0));
+        let pulls: Vec<[f64; 4]> = (0..STARS)
+            .map(|seed| {
+                let mut rng = Pcg64Mcg::seed_from_u64(seed);
+                let mut noisy = clean.clone();
+                for pixel in &mut noisy.pixels_dn {
+                    let variance = noise_dn * noise_dn + (f64::from(*pixel) - SKY_DN).max(0.0) / gain;
+                    let step: f64 = StandardNormal.sample(&mut rng);
+                    *pixel += (step * variance.sqrt()) as f32;
+                }
+                let at = [24.3 + 0.02 * (rng.random::<f64>() - 0.5), 24.1];
+                let own = image(&noisy, at, 1.0, noise_dn);
+                let pull = |value: f64, truth: f64, variance: SplitVariance| (value - truth) / variance.sigma(1.0 / gain);
+                [
+                    pull(own.flux_dn, flux_dn, own.flux_variance),
+                    pull(own.second_px2[0], 1.0, own.second_variance[0]),
+                    pull(own.second_px2[1], 0.0, own.second_variance[1]),
+                    pull(own.skewness[0], 0.0, own.skewness_variance[0]),
+                ]
+            })
+            .collect();
+        for k in 0..4 {
+            let scatter = (pulls.iter().map(|own| own[k] * own[k]).sum::<f64>() / STARS as f64).sqrt();
+            assert!((0.85..1.18).contains(&scatter), "number {k} at {flux_dn} DN: {scatter}");
+        }
+    }
+}
+
+#[test]
+fn a_star_at_the_edge_or_with_a_bad_pixel_is_left_out() {
+    let frame = frame([24.0, 24.0], 1e4, moffat);
+    let at = |x_px: f64, y_px: f64, bad: Option<&[bool]>| {
+        let stars = [StarDisc { x_px, y_px, radius_px: 5.0 }];
+        ImageFrame { frame: &frame, stars: &stars, bad, sigma_px: 0.9, noise_dn: 1.0 }.star_images()[0]
+    };
+    assert!(at(24.0, 24.0, None).is_some());
+    assert!(at(4.0, 24.0, None).is_none());
+    let mut bad = vec![false; SIDE * SIDE];
+    bad[24 * SIDE + 25] = true;
+    assert!(at(24.0, 24.0, Some(&bad)).is_none());
+}
