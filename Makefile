@@ -8,7 +8,7 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test interop readme claims surface check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind held-out peers catalog fuzz zoo runtime
+.PHONY: help demo test interop readme claims surface check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind blind-pixels blind-pixels-score held-out peers catalog fuzz zoo runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
@@ -25,6 +25,8 @@ help:
 	@echo "make pictures what every effect does to a frame, off, on and the difference: outputs/effects/index.html"
 	@echo "make study    calibrators on wrong identifications and on clean data, against rivals and bounds: outputs/; STUDY=--quick for a minute"
 	@echo "make blind    conceals effects in star lists and in frames of pixels, diagnoses them and scores: outputs/blind, docs/studies/blind.md; hours"
+	@echo "make blind-pixels  conceals effects in the pixels themselves, diagnoses and scores: outputs/blind-pixels, docs/studies/blind-pixels.md; hours, can be stopped and gone on with"
+	@echo "              SHARD=I/N does the Ith of N parts into a folder of its own, and make blind-pixels-score then scores all parts; BLIND_QUICK=1 for minutes"
 	@echo "make peers    the calibrator beside tetra3rs, scipy and OpenCV: benches/peers (takes PyPI and half an hour)"
 	@echo "make claims   compares the figures quoted from studies with the pages of docs/studies"
 	@echo "make fuzz     damaged inputs over all readers: docs/studies/fuzz.txt; FUZZ=\"--cases N --seed S\""
@@ -116,6 +118,27 @@ blind:
 	$(PEERS_PROGRAM) blind generate --family $${part%:*} --to $${part#*:} --seed $(BLIND_SEED) -o $(BLIND) && \
 	$(PEERS_PROGRAM) blind run --family $${part%:*} --to $${part#*:} -o $(BLIND) || exit 1; done
 	$(PEERS_PROGRAM) blind score -o $(BLIND) --page docs/studies/blind.md
+
+# Effects in pixels. A shard has a folder of its own, so that several machines (or runs) can share the work; they are scored together.
+BLIND_IMAGES := outputs/blind-pixels
+BLIND_IMAGES_SEED ?= 1
+BLIND_IMAGES_SIZES ?= $(if $(BLIND_QUICK),image-null:6 image-hard-null:7 image-ladder:152 image-two:14,image-null:400 image-hard-null:210 image-ladder:1520 image-two:280)
+BLIND_IMAGES_NULLS ?= 1000
+SHARD ?=
+SHARD_FOLDER = $(BLIND_IMAGES)$(if $(SHARD),/shard-$(subst /,-of-,$(SHARD)))
+SHARD_OPTION = $(if $(SHARD),--shard $(SHARD))
+blind-pixels:
+	$(CARGO) build --locked --release --bin boresight
+	for part in $(BLIND_IMAGES_SIZES); do \
+	$(PEERS_PROGRAM) blind generate --family $${part%:*} --to $${part#*:} $(SHARD_OPTION) --seed $(BLIND_IMAGES_SEED) -o $(SHARD_FOLDER) && \
+	$(PEERS_PROGRAM) blind run --family $${part%:*} --to $${part#*:} $(SHARD_OPTION) --nulls $(BLIND_IMAGES_NULLS) -o $(SHARD_FOLDER) || exit 1; done
+	$(if $(SHARD),,$(MAKE) blind-pixels-score)
+
+# Of all shards that are there, the last folder receiving the page.
+blind-pixels-score:
+	folders=$$(for folder in $(BLIND_IMAGES) $(BLIND_IMAGES)/shard-*; do [ -e $$folder/seal.json ] && echo $$folder; done); \
+	set -- $$folders; first=$$1; shift; \
+	$(PEERS_PROGRAM) blind score-images -o $$first $${1:+--also "$$@"} --commit "$$(git rev-parse --short HEAD)" --page docs/studies/blind-pixels.md > /dev/null
 
 # Whether what is called held out is: nulls diagnosed so loosely that chance is proposed in most of them. Can be stopped and gone on with.
 HELD_OUT := outputs/held-out

@@ -1,5 +1,6 @@
 //! What a diagnosis answered about a concealed recording: one JSON line, kept without pictures and residuals.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -92,6 +93,12 @@ pub struct Answer {
     pub located: Vec<String>,
     /// Held-out χ² per degree of freedom of the model without and with what was found.
     pub held_out: [Option<f64>; 2],
+    /// For what is hidden in pixels: the verdict of every channel that was looked at.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub channels: BTreeMap<String, String>,
+    /// The same: effects that are significant and not named, with the reasons.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub withheld: BTreeMap<String, String>,
     /// Frames set aside for it.
     pub held_out_frames: Vec<usize>,
     /// The same data by other ways of mending.
@@ -123,6 +130,8 @@ impl Answer {
             effects: Vec::new(),
             located: Vec::new(),
             held_out: [None; 2],
+            channels: BTreeMap::new(),
+            withheld: BTreeMap::new(),
             held_out_frames: Vec::new(),
             rivals: None,
             pixels: None,

@@ -3,15 +3,17 @@
 //! [`generate`] hides something (or nothing) in star lists that it makes from equations of its own. The truth goes into a folder of its own
 //! and is sealed by hashes before anything is diagnosed; what is diagnosed never opens it. The scorer then breaks the seal and counts.
 //!
-//! There are two tiers. (a) Star lists, many. (b) Frames of pixels (the families `pixel-…`): the stars of such lists are painted, and the whole
+//! There are three tiers. (a) Star lists, many. (b) Frames of pixels (the families `pixel-…`): the stars of such lists are painted, and the whole
 //! program is tried, from finding stars in an unknown attitude to the verdict. Each painted recording has a twin in star lists, the same
 //! world with the same thing hidden and normal errors in the place of pixels, so that the tiers are compared one by one. In both what is
 //! hidden is a displacement of star images: effects that act on pixels (S-curve, even and odd columns, transfer of charge, overshoot) are
-//! painted by where they put a star, not by what they do to its shape.
+//! painted by where they put a star, not by what they do to its shape. (c) Frames with an image, a sky and a detector of the generator's own (the
+//! families `image-…`, [`generate::images`]): what is hidden is hidden in the pixels, and brightness, shape and noise are diagnosed too.
 
 mod answer;
 pub mod generate;
 mod held_out;
+mod images;
 mod judge;
 mod lasso;
 mod pixels;
@@ -28,15 +30,16 @@ use thiserror::Error;
 
 pub use answer::{Answer, AnswerFinding, AnswerParameter, AnswerProposal, answers, append};
 pub use held_out::{HeldOutStudy, Proposals, held_out_study};
+pub use images::{image_answer, image_recording, image_request, write_images};
 pub use lasso::{Lasso, lasso};
 pub use pixels::{Centres, Painted, PixelAnswer, painted, pixel_answer, pixel_recording, write_pixels};
 pub use record::{control_points, recording, telemetry};
-pub use result::{BlindResult, HeldOutResult, ScoreResult, StepResult};
+pub use result::{BlindResult, HeldOutResult, ImageScoreResult, ScoreResult, StepResult};
 pub use rivals::{RivalFits, rival_fits};
 pub use run::{answer, make, run};
 pub use score::{
-    Agreement, ConfuserScore, HeldOutScore, Ladder, NullScore, OffLibraryScore, PixelScore, Pulls, Rate, Rung, SCORE_FORMAT, Score,
-    WayOfPixels, markdown, score,
+    Agreement, ConfuserScore, HeldOutScore, ImageLadder, ImageNullScore, ImagePairScore, ImageRung, ImageScore, Ladder, Names, NullScore,
+    OffLibraryScore, PixelScore, Pulls, Rate, Rung, SCORE_FORMAT, Score, WayOfPixels, image_markdown, image_score, markdown, score,
 };
 pub use seal::{Seal, open, seal};
 

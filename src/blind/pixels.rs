@@ -201,7 +201,7 @@ fn compared<'a>(points: impl Iterator<Item = &'a ControlPoint>, stars: &[Vec<Pai
 }
 
 /// An error with its causes.
-fn whole(error: &PipelineError) -> String {
+pub(super) fn whole(error: &PipelineError) -> String {
     let causes = std::iter::successors(std::error::Error::source(error), |cause| cause.source());
     causes.fold(error.to_string(), |text, cause| format!("{text}: {cause}"))
 }

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::generate::Family;
-use super::{HeldOutStudy, SCORE_FORMAT, Score};
+use super::{HeldOutStudy, ImageScore, SCORE_FORMAT, Score};
 use crate::provenance::Provenance;
 
 /// What `boresight blind` writes.
@@ -13,6 +13,8 @@ use crate::provenance::Provenance;
 pub enum BlindResult {
     /// `score`.
     Scored(Box<ScoreResult>),
+    /// `score-images`.
+    ScoredImages(Box<ImageScoreResult>),
     /// `held-out`.
     HeldOut(HeldOutResult),
     /// `generate` and `run`.
@@ -48,6 +50,18 @@ pub struct ScoreResult {
     /// The figures.
     #[serde(flatten)]
     pub score: Score,
+    /// How the file came about.
+    pub provenance: Provenance,
+}
+
+/// What `score-images` found.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+pub struct ImageScoreResult {
+    /// [`SCORE_FORMAT`].
+    pub format: &'static str,
+    /// The figures.
+    #[serde(flatten)]
+    pub score: ImageScore,
     /// How the file came about.
     pub provenance: Provenance,
 }

@@ -1,6 +1,5 @@
 //! Making, and answering.
 
-use std::ops::Range;
 use std::path::Path;
 use std::sync::Mutex;
 
@@ -8,23 +7,33 @@ use rayon::prelude::*;
 
 use super::generate::{Concealed, Family, Lists, Truth, concealed};
 use super::{Answer, AnswerFinding, AnswerParameter, AnswerProposal, BlindError, Seal};
-use super::{answers, append, control_points, pixel_answer, recording, rival_fits, seal, telemetry, write_pixels};
+use super::{
+    answers, append, control_points, image_answer, pixel_answer, recording, rival_fits, seal, telemetry, write_images, write_pixels,
+};
 use crate::catalog::Catalog;
 use crate::diagnose::{DiagnoseOptions, Diagnosis, EffectState, Verdict, diagnose};
 use crate::recording::write_manifest;
 
 /// Makes recordings and seals their truths; with `written`, writes them into DIR/recordings too.
-pub fn make(directory: &Path, family: Family, indices: Range<u32>, seed_of_all: u64, written: bool) -> Result<Seal, BlindError> {
+pub fn make(
+    directory: &Path,
+    family: Family,
+    indices: impl IntoIterator<Item = u32>,
+    seed_of_all: u64,
+    written: bool,
+) -> Result<Seal, BlindError> {
     let catalog = Catalog::embedded();
+    let indices: Vec<u32> = indices.into_iter().collect();
     let truths = indices
         .into_par_iter()
         .map(|index| {
             let made = concealed(family, index, seed_of_all, catalog);
             if written {
                 let folder = directory.join("recordings").join(format!("{}-{index:05}", family.name()));
-                match &made.canvas {
-                    Some(canvas) => write_pixels(&folder, &made.lists, canvas)?,
-                    None => drop(write_manifest(&folder, &recording(&made.lists))?),
+                match (&made.canvas, &made.images) {
+                    (Some(canvas), _) => write_pixels(&folder, &made.lists, canvas)?,
+                    (None, Some(images)) => write_images(&folder, &made.lists, images)?,
+                    (None, None) => drop(write_manifest(&folder, &recording(&made.lists))?),
                 }
             }
             Ok(made.truth)
@@ -37,13 +46,14 @@ pub fn make(directory: &Path, family: Family, indices: Range<u32>, seed_of_all: 
 pub fn run(
     directory: &Path,
     family: Family,
-    indices: Range<u32>,
+    indices: impl IntoIterator<Item = u32>,
     options: &DiagnoseOptions,
     done: impl Fn() + Sync,
 ) -> Result<usize, BlindError> {
     let sealed = Seal::read(directory)?.ok_or_else(|| BlindError::NoSeal { directory: directory.to_owned() })?;
     let answered: Vec<u32> = answers(directory, family)?.iter().map(|answer| answer.index).collect();
-    let open: Vec<u32> = indices.filter(|index| sealed.holds(family, *index) && answered.binary_search(index).is_err()).collect();
+    let open: Vec<u32> =
+        indices.into_iter().filter(|index| sealed.holds(family, *index) && answered.binary_search(index).is_err()).collect();
     let file = Mutex::new(());
     let one = |index: &u32| {
         let answer = answer(family, *index, sealed.seed, options);
@@ -53,7 +63,11 @@ pub fn run(
         Ok::<(), BlindError>(())
     };
     // Frames of pixels keep all processors busy by themselves; one after the other, their time is what a user waits.
-    let answered = if family.of_lists().is_some() { open.iter().try_for_each(one) } else { open.par_iter().try_for_each(one) };
+    let answered = if family.of_lists().is_some() || family.is_of_images() {
+        open.iter().try_for_each(one)
+    } else {
+        open.par_iter().try_for_each(one)
+    };
     answered?;
     Ok(open.len())
 }
@@ -63,6 +77,9 @@ pub fn run(
 pub fn answer(family: Family, index: u32, seed: u64, options: &DiagnoseOptions) -> Answer {
     if family.of_lists().is_some() {
         return pixel_answer(family, index, seed, options);
+    }
+    if family.is_of_images() {
+        return image_answer(family, index, seed, options);
     }
     let Concealed { lists, .. } = concealed(family, index, seed, Catalog::embedded());
     let options = DiagnoseOptions { seed: u64::from(index), ..options.clone() };

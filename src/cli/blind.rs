@@ -4,7 +4,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use boresight::blind::generate::{FAMILIES, Family};
-use boresight::blind::{HeldOutResult, SCORE_FORMAT, ScoreResult, StepResult, answers, held_out_study, make, markdown, opened, run, score};
+use boresight::blind::{
+    HeldOutResult, ImageScoreResult, SCORE_FORMAT, ScoreResult, StepResult, answers, held_out_study, image_markdown, image_score, make,
+    markdown, opened, run, score,
+};
 use boresight::diagnose::DiagnoseOptions;
 use boresight::recording::write_file;
 use clap::{Args, Subcommand};
@@ -27,6 +30,8 @@ enum Step {
     Run(RunArgs),
     /// Unseal the truths and score the answers
     Score(ScoreArgs),
+    /// Unseal the truths of the families image-… and score the answers
+    ScoreImages(ScoreImagesArgs),
     /// Validate the hold-out scores on answered nulls: run these with a loose --alpha, so that chance is proposed
     HeldOut(HeldOutArgs),
 }
@@ -35,7 +40,7 @@ enum Step {
 #[command(next_help_heading = heading::OUTPUT)]
 struct Which {
     /// The family: null, hard-null, ladder, natural, confuser, two, absorbed, off-library; of frames of pixels: pixel-null, pixel-ladder,
-    /// pixel-absorbed, pixel-off-library
+    /// pixel-absorbed, pixel-off-library; of effects hidden in the pixels themselves: image-null, image-hard-null, image-ladder, image-two
     #[arg(long, value_parser = family, help_heading = heading::INPUT)]
     family: Family,
     /// The first index
@@ -44,6 +49,9 @@ struct Which {
     /// The index behind the last [default: every case of the family once]
     #[arg(long, help_heading = heading::INPUT)]
     to: Option<u32>,
+    /// Only every Nth index, from the Ith on, for N machines that share the work
+    #[arg(long, value_name = "I/N", value_parser = shard, help_heading = heading::INPUT)]
+    shard: Option<[u32; 2]>,
     /// The benchmark's folder
     #[arg(short, long, value_name = "DIR", value_parser = super::options::folder())]
     output: PathBuf,
@@ -106,18 +114,45 @@ struct ScoreArgs {
     json: bool,
 }
 
+#[derive(Debug, Args)]
+#[command(next_help_heading = heading::OUTPUT)]
+struct ScoreImagesArgs {
+    /// The benchmark's folder
+    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder())]
+    output: PathBuf,
+    /// Folders of other shards of the same seed, scored with it
+    #[arg(long, value_name = "DIR", num_args = 1.., help_heading = heading::INPUT)]
+    also: Vec<PathBuf>,
+    /// The commit that the page is to name
+    #[arg(long, value_name = "HASH", default_value = "unknown")]
+    commit: String,
+    /// Also write the page of tables into this file
+    #[arg(long, value_name = "FILE.md")]
+    page: Option<PathBuf>,
+    /// Print the figures as one JSON object on stdout, and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
 fn family(text: &str) -> std::result::Result<Family, String> {
     let names: Vec<&str> = FAMILIES.iter().map(|family| family.name()).collect();
     Family::named(text).ok_or_else(|| format!("choose one of: {}", names.join(", ")))
 }
 
+/// I/N, the I from 1 to N.
+fn shard(text: &str) -> std::result::Result<[u32; 2], String> {
+    let parts = text.split_once('/').and_then(|(own, all)| Some([own.parse().ok()?, all.parse().ok()?]));
+    parts.filter(|[own, all]| (1..=*all).contains(own)).ok_or_else(|| "give I/N, as 2/5: the second of five parts".to_owned())
+}
+
 impl Which {
-    fn indices(&self) -> Result<std::ops::Range<u32>> {
+    fn indices(&self) -> Result<Vec<u32>> {
         let to = self.to.unwrap_or_else(|| self.from.saturating_add(self.family.cycle()));
         if to <= self.from {
             bail!("--from {} --to {to}: there is no index between them; --to names the index behind the last", self.from);
         }
-        Ok(self.from..to)
+        let [own, all] = self.shard.unwrap_or([1, 1]);
+        Ok((self.from..to).filter(|index| index % all == own - 1).collect())
     }
 
     fn deliver(&self, sealed: usize, answered: usize, seed: Option<u64>) -> Result<()> {
@@ -129,6 +164,32 @@ impl Which {
         }
         output::print(&format!("{}: {sealed} sealed in all, {answered} answered now\n", self.family.name()))
     }
+}
+
+/// `boresight blind score-images`.
+fn score_images(asked: &ScoreImagesArgs) -> Result<()> {
+    let mut pairs = Vec::new();
+    for folder in asked.also.iter().chain([&asked.output]) {
+        pairs.extend(opened(folder)?);
+    }
+    pairs.retain(|(truth, _)| truth.family.is_of_images());
+    let seed = pairs.first().map(|(truth, _)| truth.seed);
+    if seed.is_none() {
+        bail!("{}: nothing of the families image-… is answered yet; run `boresight blind run` first", asked.output.display());
+    }
+    if pairs.iter().any(|(truth, _)| Some(truth.seed) != seed) {
+        bail!("--also: the folders hold recordings of different seeds; score each by itself");
+    }
+    let mut provenance = output::provenance();
+    provenance.seed = seed;
+    let object = ImageScoreResult { format: SCORE_FORMAT, score: image_score(&pairs), provenance };
+    let page = image_markdown(&object.score, &asked.commit);
+    write_file(&asked.output.join("score-images.json"), output::json_text(&object)?.as_bytes())?;
+    write_file(&asked.output.join("blind-pixels.md"), page.as_bytes())?;
+    if let Some(path) = &asked.page {
+        write_file(path, page.as_bytes()).with_context(|| format!("--page {}", path.display()))?;
+    }
+    output::print(&if asked.json { output::json_text(&object)? } else { page })
 }
 
 /// `boresight blind`.
@@ -167,6 +228,7 @@ pub(crate) fn blind(args: &BlindArgs) -> Result<Answer> {
             }
             output::print(&if score_args.json { output::json_text(&object)? } else { page })?;
         }
+        Step::ScoreImages(asked) => score_images(asked)?,
         Step::HeldOut(held_out) => {
             let study = held_out_study(&answers(&held_out.output, Family::Null)?);
             if study.recordings == 0 {

@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::images::kind::{IMAGE_KINDS, IMAGE_PAIRS};
 use super::kind::{ABSORBED, Kind, LIBRARY, OFF_LIBRARY};
 
 /// A family of recordings.
@@ -33,10 +34,18 @@ pub enum Family {
     PixelAbsorbed,
     /// Frames of pixels, what no library holds.
     PixelOffLibrary,
+    /// Frames of pixels with an image and a detector of their own, nothing hidden.
+    ImageNull,
+    /// Such frames, nothing hidden, and image, sky or catalogue not as one expects.
+    ImageHardNull,
+    /// Such frames, one effect in the pixels at 1 to 8 times what can just be seen.
+    ImageLadder,
+    /// Such frames, two effects in the pixels.
+    ImageTwo,
 }
 
 /// All families.
-pub const FAMILIES: [Family; 12] = [
+pub const FAMILIES: [Family; 16] = [
     Family::Null,
     Family::HardNull,
     Family::Ladder,
@@ -49,6 +58,10 @@ pub const FAMILIES: [Family; 12] = [
     Family::PixelLadder,
     Family::PixelAbsorbed,
     Family::PixelOffLibrary,
+    Family::ImageNull,
+    Family::ImageHardNull,
+    Family::ImageLadder,
+    Family::ImageTwo,
 ];
 
 /// Multiples of the size that is just seen (5 standard errors) on the ladder.
@@ -82,6 +95,20 @@ pub enum Trap {
     CentreOff,
     /// The distortion is three times larger.
     DistortionTripled,
+    /// Star images have wide wings.
+    WingedImages,
+    /// Star images are elongated, all alike.
+    ElongatedImages,
+    /// Magnitudes of a quarter of the catalogue are wrong by 0.1 to 0.3.
+    CatalogueMagnitudes,
+    /// Stars of a frame move together with their neighbours.
+    Turbulence,
+    /// Clouds take grey light, by frame and over the field.
+    Clouds,
+    /// There are four frames.
+    FewFrames,
+    /// A third of the star images have a companion within them.
+    BlendedField,
 }
 
 /// All traps.
@@ -95,6 +122,17 @@ pub const TRAPS: [Trap; 9] = [
     Trap::BrightErrors,
     Trap::CentreOff,
     Trap::DistortionTripled,
+];
+
+/// The traps of frames of pixels.
+pub const IMAGE_TRAPS: [Trap; 7] = [
+    Trap::WingedImages,
+    Trap::ElongatedImages,
+    Trap::CatalogueMagnitudes,
+    Trap::Turbulence,
+    Trap::Clouds,
+    Trap::FewFrames,
+    Trap::BlendedField,
 ];
 
 /// Pairs that look alike, the first hidden: whether the camera turns at one rate in all frames, too.
@@ -158,6 +196,10 @@ impl Family {
             Self::PixelLadder => "pixel-ladder",
             Self::PixelAbsorbed => "pixel-absorbed",
             Self::PixelOffLibrary => "pixel-off-library",
+            Self::ImageNull => "image-null",
+            Self::ImageHardNull => "image-hard-null",
+            Self::ImageLadder => "image-ladder",
+            Self::ImageTwo => "image-two",
         }
     }
 
@@ -171,6 +213,12 @@ impl Family {
             Self::PixelOffLibrary => Some(Self::OffLibrary),
             _ => None,
         }
+    }
+
+    /// Whether what is hidden is hidden in the pixels themselves.
+    #[must_use]
+    pub fn is_of_images(self) -> bool {
+        matches!(self, Self::ImageNull | Self::ImageHardNull | Self::ImageLadder | Self::ImageTwo)
     }
 
     /// The family of a name.
@@ -188,12 +236,15 @@ impl Family {
             Self::Ladder => LIBRARY.len() * LADDER.len(),
             Self::Natural => 3,
             Self::Confuser => CONFUSERS.len() * STRENGTHS.len(),
-            Self::Two => 1,
+            Self::Two | Self::ImageNull => 1,
             Self::Absorbed | Self::PixelAbsorbed => ABSORBED.len(),
             Self::OffLibrary => OFF_LIBRARY.len() * STRENGTHS.len(),
             Self::PixelNull => 2,
             Self::PixelLadder => LIBRARY.len() * PIXEL_LADDER.len(),
             Self::PixelOffLibrary => OFF_LIBRARY.len() * PIXEL_STRENGTHS.len(),
+            Self::ImageHardNull => IMAGE_TRAPS.len(),
+            Self::ImageLadder => IMAGE_KINDS.len() * PIXEL_LADDER.len(),
+            Self::ImageTwo => IMAGE_PAIRS.len() * 2,
         };
         cycle as u32
     }
@@ -204,7 +255,8 @@ impl Family {
         let at = index as usize;
         let of = |hidden: Vec<(Kind, f64)>| Plan { hidden, trap: None, beside: None, constant_rate: false };
         match self {
-            Self::Null | Self::PixelNull => of(Vec::new()),
+            // What is hidden in pixels has a plan of its own.
+            Self::Null | Self::PixelNull | Self::ImageNull | Self::ImageHardNull | Self::ImageLadder | Self::ImageTwo => of(Vec::new()),
             Self::HardNull => Plan { trap: Some(TRAPS[at % TRAPS.len()]), ..of(Vec::new()) },
             Self::Ladder => of(vec![(LIBRARY[at % LIBRARY.len()], JUST_SEEN * LADDER[at / LIBRARY.len() % LADDER.len()])]),
             Self::Natural => of(vec![([Kind::ProperMotionLeftOut, Kind::Aberration, Kind::Refraction][at % 3], 0.0)]),

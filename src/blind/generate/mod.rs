@@ -6,6 +6,7 @@
 
 mod displacements;
 mod family;
+pub mod images;
 mod kind;
 mod limit;
 mod off_library;
@@ -22,7 +23,7 @@ use hifitime::Epoch;
 use rand::Rng;
 use rand_pcg::Pcg64Mcg;
 
-pub use family::{FAMILIES, Family, LADDER, PIXEL_LADDER, PIXEL_STRENGTHS, STRENGTHS, TRAPS, Trap};
+pub use family::{FAMILIES, Family, IMAGE_TRAPS, LADDER, PIXEL_LADDER, PIXEL_STRENGTHS, STRENGTHS, TRAPS, Trap};
 pub use kind::{ABSORBED, Hidden, Kind, LIBRARY, OFF_LIBRARY, TrueParameter};
 pub use limit::{Fisher, Signal};
 pub use paint::{Canvas, PaintedStar, centre_sigma_px};
@@ -93,6 +94,8 @@ pub struct Concealed {
     pub lists: Lists,
     /// In the families of pixels: the frames of the same stars, to be painted.
     pub canvas: Option<Canvas>,
+    /// In the families of what is hidden in pixels: what the frames are painted from.
+    pub images: Option<Box<images::ImageCanvas>>,
     /// The truth.
     pub truth: Truth,
 }
@@ -122,6 +125,9 @@ const FLUX_ERROR: f64 = 0.02;
 /// The recording of an index.
 #[must_use]
 pub fn concealed(family: Family, index: u32, seed: u64, catalog: &Catalog) -> Concealed {
+    if family.is_of_images() {
+        return images::concealed_images(family, index, seed, catalog);
+    }
     let mut rng = stream(seed, family.number(), index, PART_PLAN);
     let plan = family.plan(index, || pair(&mut rng));
     let mut attempt = 0;
@@ -146,7 +152,7 @@ pub fn concealed(family: Family, index: u32, seed: u64, catalog: &Catalog) -> Co
     let lists = lists(&mut rng, &mut noise, &plan, &world, &wanted, &hidden);
     let truth = Truth::new(family, index, seed, &world, &hidden, plan.trap, wanted.times);
     let canvas = whole.map(|whole| Canvas::new(family, index, seed, &whole, &hidden));
-    Concealed { lists, canvas, truth }
+    Concealed { lists, canvas, images: None, truth }
 }
 
 /// A world of a camera, with nothing hidden in it: for looking at what can be seen there.

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::family::{Family, Trap};
+use super::images::kind::Reckoned;
 use super::kind::{Hidden, TrueParameter};
 use super::limit::Fisher;
 use super::shape::offers;
@@ -47,6 +48,9 @@ pub struct TrueEffect {
     pub covariates: Vec<String>,
     /// Effects that look like it in this recording.
     pub alike: Vec<Alike>,
+    /// How its size is reckoned, where it is hidden in pixels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reckoned: Option<Reckoned>,
 }
 
 /// The camera, as it is.
@@ -116,6 +120,7 @@ impl Truth {
                 survival: signal.survival,
                 covariates: one.kind.covariates().iter().map(|name| (*name).to_owned()).collect(),
                 alike,
+                reckoned: None,
             }
         };
         let pair_cos = match hidden {

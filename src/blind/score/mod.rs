@@ -1,6 +1,8 @@
 //! The figures of merit: answers against truths.
 
 mod count;
+mod images;
+mod images_table;
 mod ladder;
 mod pixels;
 mod table;
@@ -9,6 +11,8 @@ mod wilson;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+pub use images::{ImageLadder, ImageNullScore, ImagePairScore, ImageRung, ImageScore, Names, image_score};
+pub use images_table::image_markdown;
 pub use ladder::{Ladder, Rung};
 pub use pixels::{Agreement, PixelScore, WayOfPixels};
 pub use table::markdown;
@@ -173,10 +177,11 @@ pub struct Score {
     pub pixels: Option<Box<PixelScore>>,
 }
 
-/// Scores answers against their truths.
+/// Scores answers against their truths; those about what is hidden in pixels are passed over ([`image_score`]).
 #[must_use]
 pub fn score(pairs: &[(Truth, Answer)]) -> Score {
-    let (painted, listed): (Vec<_>, Vec<_>) = pairs.iter().cloned().partition(|(truth, _)| truth.family.of_lists().is_some());
+    let pairs = pairs.iter().filter(|(truth, _)| !truth.family.is_of_images());
+    let (painted, listed): (Vec<_>, Vec<_>) = pairs.cloned().partition(|(truth, _)| truth.family.of_lists().is_some());
     let mut score = count::score(&listed);
     if let Some((truth, answer)) = painted.first() {
         // Where there are no star lists, version and seed are known all the same.

@@ -3,5 +3,6 @@
 mod diagnosed;
 mod generator;
 mod held_out;
+mod images;
 mod pixels;
 mod scorer;

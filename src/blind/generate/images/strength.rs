@@ -1,0 +1,219 @@
+//! How well what is hidden in pixels can be seen: signal-to-noise ratios by Fisher information.
+//!
+//! Of stars: the change of the noiseless frame is taken by finite differences. In a star's stamp its own parameters (light, place, background, width)
+//! take up what they can; what they take up of light and width is told by catalogue and neighbours, so these changes count, the light less the mean of
+//! its frame, the width less that of all; and so does what no parameter takes up. Of noise: variances of sample variances (Kendall & Stuart, *The
+//! Advanced Theory of Statistics* 1 (1977), 10.9), of sample covariances, of means and of histograms.
+
+use nalgebra::{SMatrix, SVector};
+use rayon::prelude::*;
+
+use super::camera::{Conditions, ImageWorld, SIZE_PX};
+use super::charge::{Pixels, UNEQUAL_DARK, collected, moved};
+use super::hidden::{Causes, HiddenImage};
+use super::kind::{PixelKind, Reckoned};
+use super::light::light;
+use super::readout::amplified;
+use super::spread::Blur;
+
+/// The size that is just seen, standard errors.
+pub(super) const JUST_SEEN: f64 = 5.0;
+/// Half the side of a star's stamp.
+const HALF: usize = 5;
+const SIDE: usize = 2 * HALF + 1;
+/// Steps of finite differences of a star's own parameters: px and px².
+const STEP_PX: f64 = 0.05;
+const STEP_PX2: f64 = 0.05;
+/// Share of a frame that holds no star's light.
+const SKY_SHARE: f64 = 0.85;
+
+/// What the electronics give for a frame without noise, electrons.
+fn expected(world: &ImageWorld, number: usize, pixels: &Pixels, causes: Causes<'_>) -> Vec<f64> {
+    let charge = collected(world, number, pixels, light(world, number, causes), causes, None);
+    amplified(&world.camera, moved(&world.camera, charge, causes), causes)
+}
+
+/// The frames without anything hidden, for differences against them.
+pub(super) struct Noiseless<'w> {
+    world: &'w ImageWorld,
+    pixels: Pixels,
+    frames: Vec<Vec<f64>>,
+    stamps: Vec<Vec<Stamp>>,
+}
+
+/// A star's stamp: where it begins, and its own parameters' changes.
+struct Stamp {
+    corner: usize,
+    electrons: f64,
+    own: SMatrix<f64, { SIDE * SIDE }, 5>,
+}
+
+impl<'w> Noiseless<'w> {
+    pub(super) fn new(world: &'w ImageWorld) -> Self {
+        let mut rng = super::super::random::stream(0, 0, 0, 0);
+        let pixels = Pixels::draw(&mut rng, world, Causes(&[]));
+        let all: Vec<usize> = (0..world.frames.len()).collect();
+        let frames = all.par_iter().map(|number| expected(world, *number, &pixels, Causes(&[]))).collect();
+        let stamps = world.frames.par_iter().map(|frame| stamps(world, frame)).collect();
+        Self { world, pixels, frames, stamps }
+    }
+
+    /// Signal-to-noise ratio of an effect that stamps or background tell.
+    pub(super) fn snr(&self, hidden: &HiddenImage) -> f64 {
+        let reckoned = hidden.kind.reckoned();
+        let quiet = self.world.camera.quiet_e2();
+        let catalogue = self.world.catalogue_mag * std::f64::consts::LN_10 / 2.5;
+        let changes: Vec<FrameChange> = (0..self.frames.len())
+            .into_par_iter()
+            .map(|number| {
+                let base = &self.frames[number];
+                let own = [hidden.clone()];
+                let mut change = expected(self.world, number, &self.pixels, Causes(&own));
+                change.iter_mut().zip(base).for_each(|(value, base)| *value -= base);
+                if reckoned == Reckoned::Background {
+                    FrameChange { left: of_background(&change, base, quiet), ..FrameChange::default() }
+                } else {
+                    of_stamps(&change, base, quiet, &self.stamps[number], catalogue)
+                }
+            })
+            .collect();
+        let total = |pick: fn(&FrameChange) -> Sums| changes.iter().map(pick).fold(Sums::default(), Sums::and);
+        let light = if reckoned == Reckoned::StampsOfFrames {
+            total(|own| own.light).about_mean()
+        } else {
+            changes.iter().map(|own| own.light.about_mean()).sum()
+        };
+        let left: f64 = changes.iter().map(|own| own.left).sum();
+        (light + total(|own| own.width).about_mean() + left).max(0.0).sqrt()
+    }
+}
+
+/// Weighted sums of a change.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    weight: f64,
+    sum: f64,
+    square: f64,
+}
+
+impl Sums {
+    fn add(&mut self, value: f64, variance: f64) {
+        self.weight += variance.recip();
+        self.sum += value / variance;
+        self.square += value * value / variance;
+    }
+
+    fn and(self, other: Self) -> Self {
+        Self { weight: self.weight + other.weight, sum: self.sum + other.sum, square: self.square + other.square }
+    }
+
+    /// What is left of the square when the mean is free.
+    fn about_mean(self) -> f64 {
+        if self.weight > 0.0 { (self.square - self.sum * self.sum / self.weight).max(0.0) } else { 0.0 }
+    }
+}
+
+/// What an effect changes in one frame.
+#[derive(Clone, Copy, Debug, Default)]
+struct FrameChange {
+    /// Relative light of the stars.
+    light: Sums,
+    /// Variance of the images.
+    width: Sums,
+    /// χ² of what no parameter of a star takes up.
+    left: f64,
+}
+
+/// χ² of the pixels of a frame under a free level.
+fn of_background(change: &[f64], base: &[f64], quiet: f64) -> f64 {
+    let mut sums = Sums::default();
+    change.iter().zip(base).for_each(|(change, base)| sums.add(*change, base + quiet));
+    sums.about_mean()
+}
+
+fn of_stamps(change: &[f64], base: &[f64], quiet: f64, stamps: &[Stamp], catalogue: f64) -> FrameChange {
+    let mut all = FrameChange::default();
+    for stamp in stamps {
+        let pixel = |k: usize| stamp.corner + k / SIDE * SIZE_PX + k % SIDE;
+        let weights = SVector::<f64, { SIDE * SIDE }>::from_fn(|k, _| (base[pixel(k)].max(0.0) + quiet).recip());
+        let seen = SVector::<f64, { SIDE * SIDE }>::from_fn(|k, _| change[pixel(k)]);
+        let weighted = SMatrix::<f64, { SIDE * SIDE }, 5>::from_fn(|k, j| stamp.own[(k, j)] * weights[k]);
+        let Some(factor) = (stamp.own.transpose() * weighted).cholesky() else { continue };
+        let right = weighted.transpose() * seen;
+        let (taken, covariance) = (factor.solve(&right), factor.inverse());
+        all.light.add(taken[0] / stamp.electrons, covariance[(0, 0)] / stamp.electrons.powi(2) + catalogue * catalogue);
+        all.width.add(taken[4], covariance[(4, 4)]);
+        let whole: f64 = (0..SIDE * SIDE).map(|k| seen[k] * seen[k] * weights[k]).sum();
+        all.left += (whole - taken.dot(&right)).max(0.0);
+    }
+    all
+}
+
+/// The stamps of a frame's stars that lie whole within it, are no companions, and are not full.
+fn stamps(world: &ImageWorld, frame: &Conditions) -> Vec<Stamp> {
+    const FULL_SHARE: f64 = 0.14;
+    let added = 0.25 * world.camera.blur_px.powi(2);
+    let render = |at: [f64; 2], variance: f64| {
+        let mut light = vec![0.0; SIDE * SIDE];
+        world.camera.profile.shine(&mut light, [SIDE; 2], at, 1.0, &Blur { added_px2: [variance, 0.0, variance], ..Blur::default() });
+        light
+    };
+    let of = |star: &super::camera::SkyStar| {
+        let [x, y] = [star.x_px, star.y_px].map(f64::round);
+        let inside = |at: f64| at >= HALF as f64 && at + HALF as f64 <= SIZE_PX as f64 - 1.0;
+        if !star.is_catalogued || !inside(x) || !inside(y) || star.electrons * FULL_SHARE > world.camera.full_e() {
+            return None;
+        }
+        let at = [star.x_px - x + HALF as f64, star.y_px - y + HALF as f64];
+        let plain = render(at, added);
+        let slope = |a: Vec<f64>, b: &[f64], step: f64| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| (a - b) / step).collect() };
+        let columns = [
+            plain.clone(),
+            slope(render([at[0] + STEP_PX, at[1]], added), &plain, STEP_PX),
+            slope(render([at[0], at[1] + STEP_PX], added), &plain, STEP_PX),
+            vec![star.electrons.recip(); SIDE * SIDE],
+            slope(render(at, added + STEP_PX2), &plain, STEP_PX2),
+        ];
+        // Light in electrons; the others times the star's.
+        let own = SMatrix::from_fn(|k, j| columns[j][k] * if j == 0 { 1.0 } else { star.electrons });
+        Some(Stamp { corner: (y as usize - HALF) * SIZE_PX + x as usize - HALF, electrons: star.electrons, own })
+    };
+    frame.stars.iter().filter_map(of).collect()
+}
+
+/// The size whose signal-to-noise ratio is `snr`, of effects that noise, means of sky pixels and codes tell.
+pub(super) fn noise_size(kind: PixelKind, world: &ImageWorld, snr: f64) -> f64 {
+    let (variance, sky, frames) = (world.pixel_variance_e2(), world.mean_sky_e(), world.frames.len() as f64);
+    let (side, pixels) = (SIZE_PX as f64, SKY_SHARE * (SIZE_PX * SIZE_PX) as f64);
+    let pairs = frames * (frames - 1.0) / 2.0;
+    // Standard error of the mean square of n numbers of variance v: v·√(2/n).
+    let of_squares = |numbers: f64, variance: f64| variance * (2.0 / numbers).sqrt();
+    match kind {
+        // Means of rows have the variance v/W; each frame's are new.
+        PixelKind::RowBanding => (snr * of_squares(side * frames, variance / side)).sqrt(),
+        // Means of columns over all frames: the same offsets in each.
+        PixelKind::ColumnBanding => (snr * of_squares(side, variance / (side * frames))).sqrt(),
+        // Covariance of the same pixel in two frames: standard error v/√n of n pixels, over B².
+        PixelKind::Prnu => (snr * variance / (pixels * pairs).sqrt()).sqrt() / sky,
+        PixelKind::DarkCurrent => {
+            let exposure_s = world.frames.iter().map(|frame| frame.exposure_s).sum::<f64>() / frames;
+            (snr * variance / (pixels * pairs).sqrt()).sqrt() / (UNEQUAL_DARK * exposure_s)
+        }
+        // Difference of the means of two halves of the pixels, over 2B.
+        PixelKind::EvenOdd => snr * (variance / (pixels * frames)).sqrt() / sky,
+        // The same of two quarters.
+        PixelKind::Bayer => snr * (2.0 * variance / (pixels * frames)).sqrt() / sky,
+        // The variance of the photons in counts is B/g².
+        PixelKind::WrongGain => snr * of_squares(pixels * frames, variance) / sky,
+        PixelKind::WrongReadNoise => {
+            let quiet = world.camera.read_noise_e;
+            (quiet * quiet + snr * of_squares(pixels * frames, variance)).sqrt() - quiet
+        }
+        // n counts fall on a code; its width is known to 1/√n, the mean square of K widths to √(2/K)/n.
+        PixelKind::CodeWidths => {
+            let codes = (4.0 * variance.sqrt() / world.camera.gain_e_per_dn).max(1.0);
+            (snr * (2.0 / codes).sqrt() * codes / (pixels * frames)).sqrt()
+        }
+        _ => 0.0,
+    }
+}

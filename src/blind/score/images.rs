@@ -1,0 +1,254 @@
+//! The figures of recordings with effects hidden in their pixels.
+
+use std::collections::BTreeMap;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::count::{alarmed, first_name, summary};
+use super::{Ladder, NullScore, Pulls, Rate};
+use crate::blind::answer::Answer;
+use crate::blind::generate::images::{HiddenImage, PixelKind, Reckoned};
+use crate::blind::generate::{Family, TrueEffect, Truth};
+
+/// What is named without being there: ids and how often.
+pub type Names = BTreeMap<String, usize>;
+
+/// Nulls of a kind, with the names given.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ImageNullScore {
+    /// Counts.
+    pub counts: NullScore,
+    /// The names.
+    pub names: Names,
+    /// Channels said to be unexplained.
+    pub unexplained: Names,
+}
+
+/// Answers about an effect at one strength.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ImageRung {
+    /// Strength over what is just seen; of what is reckoned in steps, over the first step.
+    pub multiple: f64,
+    /// Recordings.
+    pub of: usize,
+    /// The first name is right.
+    pub first: usize,
+    /// The right name is among the names given.
+    pub in_set: usize,
+    /// It is withheld: significant, and not a finding.
+    pub withheld: usize,
+    /// Nothing is said of it, and nothing is said to be missing.
+    pub silent: usize,
+    /// Something is said to be missing, whatever its name.
+    pub detected: usize,
+    /// Names given that are wrong.
+    pub wrong: Names,
+    /// Median of the signal-to-noise ratios that could be hidden, over those asked for; 1 where no size had to be cut.
+    pub reached: f64,
+}
+
+/// The ladder of an effect.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ImageLadder {
+    /// The effect's name in tables.
+    pub label: String,
+    /// The id that is asked for.
+    pub id: String,
+    /// How its sizes are reckoned.
+    pub reckoned: Reckoned,
+    /// Whether the program that answered knows the effect at all.
+    pub known: bool,
+    /// Rungs, the weakest first.
+    pub rungs: Vec<ImageRung>,
+    /// Strength of half detection.
+    pub half: Option<f64>,
+}
+
+/// Two effects together.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ImagePairScore {
+    /// Their names.
+    pub label: String,
+    /// Both named, and nothing else.
+    pub exact: Rate,
+    /// At least one named.
+    pub one: Rate,
+    /// Names given that are wrong.
+    pub wrong: Names,
+}
+
+/// All figures.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ImageScore {
+    /// Version of the program that answered.
+    pub version: String,
+    /// Seed.
+    pub seed: u64,
+    /// Answers counted.
+    pub answers: usize,
+    /// Recordings without an answer, by reason.
+    pub unanswered: Names,
+    /// Nulls, plain and by trap; the totals of each last.
+    pub nulls: Vec<ImageNullScore>,
+    /// Ladders.
+    pub ladders: Vec<ImageLadder>,
+    /// Pairs.
+    pub pairs: Vec<ImagePairScore>,
+    /// Pulls of amplitudes where truth and finding are in the same parameter.
+    pub pulls: Vec<Pulls>,
+    /// Median and largest time of an answer, s.
+    pub seconds: [f64; 2],
+}
+
+type Pair<'a> = (&'a Truth, &'a Answer);
+
+/// Scores the answers about what is hidden in pixels; others are passed over.
+#[must_use]
+pub fn image_score(pairs: &[(Truth, Answer)]) -> ImageScore {
+    let own: Vec<Pair> = pairs.iter().filter(|(truth, _)| truth.family.is_of_images()).map(|(truth, answer)| (truth, answer)).collect();
+    let given: Vec<Pair> = own.iter().copied().filter(|(_, answer)| answer.error.is_none()).collect();
+    let mut score = ImageScore { answers: given.len(), ..ImageScore::default() };
+    for (truth, answer) in &own {
+        (score.seed, score.version) = (truth.seed, answer.version.clone());
+        if let Some(error) = &answer.error {
+            *score.unanswered.entry(error.clone()).or_default() += 1;
+        }
+    }
+    score.nulls = [Family::ImageNull, Family::ImageHardNull].into_iter().flat_map(|family| nulls(&given, family)).collect();
+    score.ladders = ladders(&given);
+    score.pairs = together(&given);
+    score.pulls = pulls(&given);
+    let mut seconds: Vec<f64> = given.iter().map(|(_, answer)| answer.seconds).collect();
+    seconds.sort_by(f64::total_cmp);
+    score.seconds = [seconds.get(seconds.len() / 2).copied().unwrap_or_default(), seconds.last().copied().unwrap_or_default()];
+    score
+}
+
+/// The right answers to an effect: its id, and ids of the same trace.
+fn right_names(effect: &TrueEffect) -> Vec<&str> {
+    let also = PixelKind::labelled(&effect.label).map_or(&[][..], PixelKind::also);
+    [effect.id.as_str()].into_iter().chain(also.iter().copied()).collect()
+}
+
+fn count(names: &mut Names, name: &str) {
+    *names.entry(name.to_owned()).or_default() += 1;
+}
+
+fn nulls(given: &[Pair], family: Family) -> Vec<ImageNullScore> {
+    let fresh = |label: &str| ImageNullScore {
+        counts: NullScore { label: label.to_owned(), named: Rate::default(), alarmed: Rate::default() },
+        names: Names::new(),
+        unexplained: Names::new(),
+    };
+    let total_label = if family == Family::ImageNull { "all plain nulls" } else { "all hard nulls" };
+    let (mut kinds, mut total) = (BTreeMap::new(), fresh(total_label));
+    for (truth, answer) in given.iter().filter(|(truth, _)| truth.family == family) {
+        let trap = truth.trap.and_then(|trap| serde_json::to_value(trap).ok()?.as_str().map(str::to_owned));
+        let label = trap.unwrap_or_else(|| format!("plain, {}", truth.setup));
+        for own in [kinds.entry(label.clone()).or_insert_with(|| fresh(&label)), &mut total] {
+            own.counts.named.count(!answer.findings.is_empty());
+            own.counts.alarmed.count(alarmed(answer));
+            answer.findings.iter().for_each(|finding| count(&mut own.names, &finding.id));
+            let unexplained = answer.channels.iter().filter(|(_, told)| told.starts_with("unexplained"));
+            unexplained
+                .for_each(|(channel, told)| count(&mut own.unexplained, &format!("{channel} {}", told.trim_start_matches("unexplained"))));
+        }
+    }
+    let has_any = total.counts.named.of > 0;
+    kinds.into_values().chain(has_any.then_some(total)).collect()
+}
+
+/// A ladder while its answers are counted.
+struct Counting {
+    own: ImageLadder,
+    curve: Ladder,
+    /// By rung: signal-to-noise ratios hidden over those asked for.
+    reached: BTreeMap<usize, Vec<f64>>,
+}
+
+fn ladders(given: &[Pair]) -> Vec<ImageLadder> {
+    let mut ladders: BTreeMap<String, Counting> = BTreeMap::new();
+    for (truth, answer) in given.iter().filter(|(truth, _)| truth.family == Family::ImageLadder) {
+        let Some(effect) = truth.effects.first() else { continue };
+        let Counting { own, curve, reached } = ladders.entry(effect.label.clone()).or_insert_with(|| {
+            let (label, id) = (effect.label.clone(), effect.id.clone());
+            let reckoned = effect.reckoned.unwrap_or(Reckoned::Steps);
+            let own = ImageLadder { label, id, reckoned, known: false, rungs: Vec::new(), half: None };
+            Counting { own, curve: Ladder::default(), reached: BTreeMap::new() }
+        });
+        own.known |= answer.status_of(&effect.id).is_some();
+        curve.add(effect.multiple, alarmed(answer), false);
+        let place = own.rungs.iter().position(|rung| (rung.multiple / effect.multiple - 1.0).abs() < 0.05).unwrap_or_else(|| {
+            own.rungs.push(ImageRung { multiple: effect.multiple, ..ImageRung::default() });
+            own.rungs.len() - 1
+        });
+        // Without information there is no signal to fall short of.
+        let share = if effect.snr > 0.0 { effect.snr / (5.0 * effect.multiple) } else { 1.0 };
+        reached.entry(place).or_default().push(share);
+        add(&mut own.rungs[place], effect, answer);
+    }
+    let finish = |Counting { mut own, mut curve, reached }: Counting| {
+        for (place, shares) in reached {
+            own.rungs[place].reached = crate::statistics::median(&shares).unwrap_or(1.0);
+        }
+        own.rungs.sort_by(|a, b| a.multiple.total_cmp(&b.multiple));
+        curve.finish();
+        own.half = curve.half;
+        own
+    };
+    ladders.into_values().map(finish).collect()
+}
+
+fn add(rung: &mut ImageRung, effect: &TrueEffect, answer: &Answer) {
+    let right = right_names(effect);
+    let is_right = |id: &str| right.contains(&id);
+    let in_set = answer.findings.iter().any(|finding| is_right(&finding.id) || finding.set.iter().any(|other| is_right(other)));
+    let withheld = answer.withheld.keys().any(|id| is_right(id));
+    rung.of += 1;
+    rung.first += usize::from(first_name(answer).is_some_and(is_right));
+    rung.in_set += usize::from(in_set);
+    rung.withheld += usize::from(withheld && !in_set);
+    rung.detected += usize::from(alarmed(answer));
+    rung.silent += usize::from(!withheld && !in_set && !alarmed(answer));
+    answer.findings.iter().filter(|finding| !is_right(&finding.id)).for_each(|finding| count(&mut rung.wrong, &finding.id));
+}
+
+fn together(given: &[Pair]) -> Vec<ImagePairScore> {
+    let mut pairs: BTreeMap<String, ImagePairScore> = BTreeMap::new();
+    for (truth, answer) in given.iter().filter(|(truth, _)| truth.family == Family::ImageTwo) {
+        let label = truth.effects.iter().map(|effect| effect.label.as_str()).collect::<Vec<_>>().join(" + ");
+        let own = pairs.entry(label.clone()).or_insert_with(|| ImagePairScore { label, ..ImagePairScore::default() });
+        let is_named = |effect: &&TrueEffect| {
+            let right = right_names(effect);
+            answer.findings.iter().any(|finding| right.contains(&finding.id.as_str()))
+        };
+        let named = truth.effects.iter().filter(is_named).count();
+        let all_right: Vec<&str> = truth.effects.iter().flat_map(right_names).collect();
+        let wrong: Vec<&str> = answer.findings.iter().map(|finding| finding.id.as_str()).filter(|id| !all_right.contains(id)).collect();
+        own.exact.count(named == truth.effects.len() && wrong.is_empty());
+        own.one.count(named > 0);
+        for id in wrong {
+            count(&mut own.wrong, id);
+        }
+    }
+    pairs.into_values().collect()
+}
+
+fn pulls(given: &[Pair]) -> Vec<Pulls> {
+    const FROM: f64 = 1.9;
+    let mut all: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    for (truth, answer) in given.iter().filter(|(truth, _)| truth.family == Family::ImageLadder) {
+        for effect in truth.effects.iter().filter(|effect| effect.multiple >= FROM) {
+            let comparable = PixelKind::labelled(&effect.label).is_some_and(HiddenImage::is_comparable);
+            let Some(finding) = answer.findings.iter().find(|finding| comparable && finding.id == effect.id) else { continue };
+            for parameter in &effect.parameters {
+                if let Some(found) = finding.parameters.iter().find(|found| found.name == parameter.name && found.sigma > 0.0) {
+                    let label = format!("{}.{}", effect.label, parameter.name);
+                    all.entry(label).or_default().push((found.value - parameter.value) / found.sigma);
+                }
+            }
+        }
+    }
+    all.iter().map(|(label, pulls)| summary(label, pulls)).collect()
+}

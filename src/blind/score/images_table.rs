@@ -1,0 +1,118 @@
+//! The figures of what is hidden in pixels, as a page of Markdown.
+
+use std::fmt::Write as _;
+
+use super::images::{ImageRung, ImageScore, Names};
+
+/// The page; `commit` is the program's.
+#[must_use]
+pub fn image_markdown(score: &ImageScore, commit: &str) -> String {
+    let mut page = String::new();
+    head(&mut page, score, commit);
+    nulls(&mut page, score);
+    ladders(&mut page, score);
+    pairs(&mut page, score);
+    pulls(&mut page, score);
+    page
+}
+
+fn line(page: &mut String, text: &str) {
+    let _ = writeln!(page, "{text}"); // writing to a String cannot fail
+}
+
+fn names(names: &Names) -> String {
+    let mut all: Vec<(&String, &usize)> = names.iter().collect();
+    all.sort_by_key(|(_, count)| std::cmp::Reverse(**count));
+    let told: Vec<String> = all.into_iter().map(|(name, count)| format!("{name} {count}")).collect();
+    if told.is_empty() { "–".to_owned() } else { told.join(", ") }
+}
+
+fn head(page: &mut String, score: &ImageScore, commit: &str) {
+    line(page, "# Effects concealed in pixels\n");
+    let unanswered: usize = score.unanswered.values().sum();
+    let reasons = if unanswered == 0 { String::new() } else { format!(" ({})", names(&score.unanswered)) };
+    line(
+        page,
+        &format!(
+            "Written by `boresight blind score-images`; seed {}, commit {commit}, answered by boresight {}; {} answers, {unanswered} recordings without \
+             one{reasons}. Median {:.1} s, longest {:.1} s a recording.\n",
+            score.seed, score.version, score.answers, score.seconds[0], score.seconds[1],
+        ),
+    );
+    line(
+        page,
+        "Frames of 512 × 512 pixels are painted with a star image (Gaussian core, Moffat wings), a sky and a detector of the generator's own, and with effects \
+         from the equations of the literature; the whole program then works on them as `boresight diagnose` does. Strengths are multiples of what is just seen, \
+         a signal-to-noise ratio of 5 by Fisher information (reckoned by *stamps*, *background* or *noise*; nuisances are each star's place, background and \
+         width, each frame's zero point, the mean width), or *steps* of a physical unit where no such figure is simple. Shares of sizes that had to be cut, \
+         because more would be no camera's, stand as \"reached\".\n",
+    );
+}
+
+fn nulls(page: &mut String, score: &ImageScore) {
+    line(page, "## Nulls\n");
+    line(page, "| kind | a name | not \"consistent\" | names | unexplained |");
+    line(page, "|---|---|---|---|---|");
+    for own in &score.nulls {
+        let counts = &own.counts;
+        line(
+            page,
+            &format!("| {} | {} | {} | {} | {} |", counts.label, counts.named, counts.alarmed, names(&own.names), names(&own.unexplained)),
+        );
+    }
+    line(page, "");
+}
+
+fn cell(rung: &ImageRung) -> String {
+    let reached = if rung.reached < 0.9 { format!(" (reached {:.1})", rung.reached) } else { String::new() };
+    format!("{} · {} · {} · {} / {}{reached}", rung.first, rung.in_set, rung.withheld, rung.silent, rung.of)
+}
+
+fn ladders(page: &mut String, score: &ImageScore) {
+    line(page, "## Ladders: right name first · right name printed · withheld · silent / all\n");
+    let mut multiples: Vec<f64> = score.ladders.iter().flat_map(|ladder| &ladder.rungs).map(|rung| rung.multiple).collect();
+    multiples.sort_by(f64::total_cmp);
+    multiples.dedup();
+    let columns: Vec<String> = multiples.iter().map(|multiple| format!("{multiple:.0} ×")).collect();
+    line(page, &format!("| hidden | reckoned by | {} | half detection | wrong names |", columns.join(" | ")));
+    line(page, &format!("|---|---|{}---|---|", "---|".repeat(columns.len())));
+    for ladder in &score.ladders {
+        let of =
+            |multiple: &f64| ladder.rungs.iter().find(|rung| (rung.multiple / multiple - 1.0).abs() < 0.05).map_or_else(String::new, cell);
+        let cells: Vec<String> = multiples.iter().map(of).collect();
+        let mut wrong = Names::new();
+        for (name, count) in ladder.rungs.iter().flat_map(|rung| &rung.wrong) {
+            *wrong.entry(name.clone()).or_default() += count;
+        }
+        let reckoned = serde_json::to_value(ladder.reckoned).ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default();
+        let unknown = if ladder.known { "" } else { " *(not in this build)*" };
+        let half = ladder.half.map_or_else(|| "–".to_owned(), |half| format!("{half:.2}"));
+        line(page, &format!("| {}{unknown} | {reckoned} | {} | {half} | {} |", ladder.label, cells.join(" | "), names(&wrong)));
+    }
+    line(page, "");
+}
+
+fn pairs(page: &mut String, score: &ImageScore) {
+    if score.pairs.is_empty() {
+        return;
+    }
+    line(page, "## Two at once\n");
+    line(page, "| hidden | exactly the two | at least one | wrong names |");
+    line(page, "|---|---|---|---|");
+    for pair in &score.pairs {
+        line(page, &format!("| {} | {} | {} | {} |", pair.label, pair.exact, pair.one, names(&pair.wrong)));
+    }
+    line(page, "");
+}
+
+fn pulls(page: &mut String, score: &ImageScore) {
+    if score.pulls.is_empty() {
+        return;
+    }
+    line(page, "## Parameters: (found − true)/σ, from 2 × on, where both are the same parameter\n");
+    line(page, "| parameter | number | mean | sd | within 1σ | within 1.96σ |");
+    line(page, "|---|---|---|---|---|---|");
+    for own in &score.pulls {
+        line(page, &format!("| {} | {} | {:+.2} | {:.2} | {} | {} |", own.label, own.count, own.mean, own.sd, own.within_1, own.within_2));
+    }
+}
