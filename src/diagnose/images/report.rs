@@ -101,6 +101,9 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     let numbers: Vec<usize> = places.keys().copied().collect();
     counted.extend(single_frames(&judged, images.pixels, images.detector.bias_dn, &numbers));
     for (channel, state) in &judged.channels {
+        // Rounded blocks explain what the noise shows, whatever it looks like.
+        let is_explained = is_compressed && *channel == Channel::Noise;
+        let state = &ChannelState { left_p_value: if is_explained { 1.0 } else { state.left_p_value }, ..state.clone() };
         let report = channel_report(diagnosis, &judged, *channel, state, options.alpha);
         if report.verdict == ChannelVerdict::Unexplained && state.left_p_value < options.alpha {
             diagnosis.unknown.push(unknown(*channel, state));
