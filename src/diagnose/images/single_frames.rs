@@ -27,6 +27,8 @@ const MIN_MAG: f64 = 0.08;
 const SAME_SHARE: f64 = 0.25;
 /// Of what is added to the elongation by a motion so much at least is added to the size, and so much at most.
 const SMEAR_SLOPE: [f64; 2] = [0.4, 1.6];
+/// Both halves of the stars agree by so many standard deviations of the products of their means: blended images scatter far out.
+const AGREES: f64 = 8.0;
 /// Frames have stars on both sides, for what one half shows is held against the other.
 const MIN_STARS: usize = 5;
 
@@ -192,7 +194,7 @@ fn smeared(judged: &Judged) -> Option<Counted> {
     let surprise = neg_ln_chi2_sf(degrees, statistic).min(MAX_SURPRISE);
     let mean_size = size.iter().map(|halves| joined(*halves)[0]).sum::<f64>() / frames.len() as f64;
     let slope = if square > 0.0 { product / square } else { 0.0 };
-    let is_motion = held_out_sigmas > 3.0 && slope > SMEAR_SLOPE[0] && slope < SMEAR_SLOPE[1] && mean_size.is_finite();
+    let is_motion = held_out_sigmas > AGREES && slope > SMEAR_SLOPE[0] && slope < SMEAR_SLOPE[1] && mean_size.is_finite();
     let rms = (lengths.iter().map(|length| length * length).sum::<f64>() / lengths.len() as f64).sqrt();
     let error = rms / (2.0 * statistic.max(1.0)).sqrt();
     is_motion.then(|| {
