@@ -28,7 +28,7 @@ use crate::statistics::significance::deviations;
 
 /// Fewer frames and stars than this tell nothing of a channel.
 const MIN_STARS: usize = 30;
-/// Frames that are tested at most: every one has a zero point, and time grows with the cube of their number.
+/// Frames that are tested at most: every one has a zero point, and a fit costs the square of their number.
 const MAX_FRAMES: usize = 24;
 /// What is found in 95 of 100 recordings lies so many standard errors above the threshold.
 const NINETY_FIVE: f64 = 1.645;

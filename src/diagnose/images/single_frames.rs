@@ -192,9 +192,8 @@ fn smeared(judged: &Judged) -> Option<Counted> {
     // Means take one from every number.
     let degrees = 2.0 * (frames.len() as f64 - 1.0);
     let surprise = neg_ln_chi2_sf(degrees, statistic).min(MAX_SURPRISE);
-    let mean_size = size.iter().map(|halves| joined(*halves)[0]).sum::<f64>() / frames.len() as f64;
     let slope = if square > 0.0 { product / square } else { 0.0 };
-    let is_motion = held_out_sigmas > AGREES && slope > SMEAR_SLOPE[0] && slope < SMEAR_SLOPE[1] && mean_size.is_finite();
+    let is_motion = held_out_sigmas > AGREES && slope > SMEAR_SLOPE[0] && slope < SMEAR_SLOPE[1];
     let rms = (lengths.iter().map(|length| length * length).sum::<f64>() / lengths.len() as f64).sqrt();
     let error = rms / (2.0 * statistic.max(1.0)).sqrt();
     is_motion.then(|| {
