@@ -4,7 +4,7 @@
 //! of every pixel serves all others: `photon_transfer` (gain), `lines` (banding, columns of two amplifiers, halves), `fixed_pattern` (unequal pixels,
 //! hot, dead and jumping ones), `neighbours` (correlated noise), `events` (cosmic rays), `sky_mesh` (glow, stray light). Frames are independent; a few of
 //! them, spread over the recording, are kept whole in eight bits for the comparison from frame to frame, so that memory does not grow with their
-//! number.
+//! number. What lies beyond a stop in the field is no sky: `field_stop` looks for one in a few frames before that pass.
 //! `star_images` sums the stars themselves.
 
 mod code_widths;
@@ -12,6 +12,7 @@ mod codes;
 mod compression;
 mod compression_combs;
 mod events;
+mod field_stop;
 mod fixed_pattern;
 mod lines;
 mod neighbours;
@@ -21,6 +22,7 @@ mod sky_mesh;
 mod sky_mesh_tests;
 mod sky_pixels;
 mod star_images;
+mod stop_fit;
 #[cfg(test)]
 mod tests;
 
@@ -32,6 +34,8 @@ pub use codes::{CodeHistogram, CodeStatistics, EndPile};
 pub use compression::{BlockDct, CompressionStatistics};
 pub use compression_combs::CoefficientComb;
 pub use events::CosmicRays;
+pub use field_stop::FieldStop;
+pub(crate) use field_stop::{MIN_STOP_FRAMES, StopFrame};
 pub use fixed_pattern::{FixedPattern, PatternPair};
 pub use lines::{Estimate, FrameNoise, LineStatistics};
 pub use neighbours::NeighbourCorrelation;
@@ -228,6 +232,9 @@ pub struct PixelStatistics {
     pub fixed_pattern: FixedPattern,
     /// Cosmic rays; nothing where star images are as sharp as they.
     pub cosmic_rays: Option<CosmicRays>,
+    /// A round end of the field.
+    #[serde(default)]
+    pub field_stop: Option<FieldStop>,
     /// What the converter did to the counts.
     pub codes: Option<CodeStatistics>,
     /// Traces of a compression in blocks.
@@ -266,6 +273,7 @@ impl PixelStatistics {
             neighbours,
             fixed_pattern: FixedPattern::of(&patterns, known.bias_dn),
             cosmic_rays: events::cosmic_rays(&patterns, &events, known.psf_sigma_px),
+            field_stop: None,
             codes,
             compression,
         }
