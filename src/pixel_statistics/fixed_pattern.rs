@@ -96,15 +96,6 @@ impl PatternFrame {
     pub(super) fn size_px(&self) -> [usize; 2] {
         [self.width_px, self.values.len() / self.width_px.max(1)]
     }
-
-    pub(super) fn width_px(&self) -> usize {
-        self.width_px
-    }
-
-    /// Share of the frame's pixels that are sky.
-    pub(super) fn sky_share(&self) -> f64 {
-        self.values.iter().filter(|value| **value != NOT_KEPT).count() as f64 / self.values.len().max(1) as f64
-    }
 }
 
 /// Two frames of different pointings held against each other.

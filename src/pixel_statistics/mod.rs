@@ -17,6 +17,7 @@ mod fixed_pattern;
 mod lines;
 mod neighbours;
 mod photon_transfer;
+mod ray_candidates;
 mod sky_mesh;
 #[cfg(test)]
 mod sky_mesh_tests;
@@ -34,6 +35,7 @@ pub use codes::{CodeHistogram, CodeStatistics, EndPile};
 pub use compression::{BlockDct, CompressionStatistics};
 pub use compression_combs::CoefficientComb;
 pub use events::CosmicRays;
+pub(crate) use events::{MIN_RAY_FRAMES, MIN_STAR_SIGMA_PX};
 pub use field_stop::FieldStop;
 pub(crate) use field_stop::{MIN_STOP_FRAMES, StopFrame};
 pub use fixed_pattern::{FixedPattern, PatternPair};
@@ -45,8 +47,10 @@ pub use star_images::{ImageFrame, SplitVariance, SummedImage};
 
 use crate::frame::Frame;
 use crate::statistics::median;
+use events::RayConditions;
 use fixed_pattern::{BRIGHT_STARS, PatternFrame};
 use lines::FrameLines;
+use ray_candidates::RayFrame;
 use sky_mesh::MeshFrame;
 use sky_pixels::SkyPixels;
 
@@ -90,7 +94,8 @@ pub struct FrameStatistics {
     lines: FrameLines,
     neighbours: Option<NeighbourCorrelation>,
     mesh: Option<SkyMesh>,
-    compared: Option<(PatternFrame, Vec<usize>)>,
+    compared: Option<PatternFrame>,
+    rays: RayFrame,
 }
 
 /// Whether a frame is one of those that are compared pixel by pixel: as many as memory allows, spread evenly.
@@ -136,7 +141,7 @@ impl FrameStatistics {
         if compared.is_none() {
             (lines.row_means, lines.column_means) = (Vec::new(), Vec::new());
         }
-        Some(Self { noise, points, lines, neighbours, mesh, compared: compared.map(|pattern| (pattern, sky.events)) })
+        Some(Self { noise, points, lines, neighbours, mesh, compared, rays: RayFrame::of(sky_frame, &sky) })
     }
 }
 
@@ -208,8 +213,10 @@ impl CountStatistics {
 pub struct KnownCamera {
     /// The count of no light.
     pub bias_dn: Option<f64>,
-    /// Width (Gaussian σ) of a star's image.
-    pub psf_sigma_px: Option<f64>,
+    /// Electrons per count.
+    pub gain_e_per_dn: Option<f64>,
+    /// Width (Gaussian σ) of the narrowest star images.
+    pub narrowest_star_px: Option<f64>,
 }
 
 /// What the pixels of a recording tell of its detector.
@@ -230,7 +237,7 @@ pub struct PixelStatistics {
     pub neighbours: Option<NeighbourCorrelation>,
     /// What stays with the pixels.
     pub fixed_pattern: FixedPattern,
-    /// Cosmic rays; nothing where star images are as sharp as they.
+    /// Cosmic rays; nothing where star images are as sharp as they, or frames too few.
     pub cosmic_rays: Option<CosmicRays>,
     /// A round end of the field.
     #[serde(default)]
@@ -258,12 +265,19 @@ impl PixelStatistics {
         let sky = frames.iter().filter_map(|frame| frame.mesh.clone()).collect();
         let step = points.len().div_ceil(Self::MAX_POINTS).max(1);
         points = points.into_iter().step_by(step).collect();
-        let (lines, compared): (Vec<FrameLines>, Vec<_>) = frames.into_iter().map(|frame| (frame.lines, frame.compared)).unzip();
+        let mut lines = Vec::with_capacity(frames.len());
+        let (mut patterns, mut rays) = (Vec::new(), Vec::with_capacity(frames.len()));
+        for frame in frames {
+            lines.push(frame.lines);
+            patterns.extend(frame.compared);
+            rays.push(frame.rays);
+        }
         // Pixels are compared with themselves: frames of another size than the first are left out.
-        let mut compared: Vec<(PatternFrame, Vec<usize>)> = compared.into_iter().flatten().collect();
-        let size_px = compared.first().map(|(first, _)| first.size_px());
-        compared.retain(|(own, _)| Some(own.size_px()) == size_px);
-        let (patterns, events): (Vec<PatternFrame>, Vec<Vec<usize>>) = compared.into_iter().unzip();
+        let size_px = patterns.first().map(PatternFrame::size_px);
+        patterns.retain(|own| Some(own.size_px()) == size_px);
+        let gain_e_per_dn = known.gain_e_per_dn.or_else(|| photon_transfer.as_ref()?.gain_e_per_dn);
+        let of_rays = |sigma_px| events::cosmic_rays(&rays, &patterns, &RayConditions { sigma_px, gain_e_per_dn });
+        let cosmic_rays = known.narrowest_star_px.and_then(of_rays);
         Self {
             by_frame,
             sky,
@@ -272,7 +286,7 @@ impl PixelStatistics {
             lines: LineStatistics::of(&lines),
             neighbours,
             fixed_pattern: FixedPattern::of(&patterns, known.bias_dn),
-            cosmic_rays: events::cosmic_rays(&patterns, &events, known.psf_sigma_px),
+            cosmic_rays,
             field_stop: None,
             codes,
             compression,

@@ -101,7 +101,11 @@ fn statistics(camera: &Camera, skies: &[f64], seed: u64) -> PixelStatistics {
     for (frame, _) in &frames {
         counts.add(frame, None);
     }
-    PixelStatistics::of(all, Some(counts), &KnownCamera { bias_dn: Some(camera.bias), psf_sigma_px: Some(1.0) })
+    PixelStatistics::of(
+        all,
+        Some(counts),
+        &KnownCamera { bias_dn: Some(camera.bias), gain_e_per_dn: Some(camera.gain), narrowest_star_px: Some(1.0) },
+    )
 }
 
 const SKIES: [f64; 8] = [300.0, 340.0, 420.0, 500.0, 560.0, 640.0, 700.0, 800.0];
