@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use rayon::prelude::*;
 
 use super::dark::{Dark, drop_fixed};
-use super::pixels::{Counts, frame_statistics, pixel_statistics, star_images};
+use super::pixels::{Counts, StoppedField, frame_statistics, pixel_statistics, star_images};
 use super::{Measured, MeasuredFrame, PipelineError, SkyChoice, star_list};
 use crate::camera::SkyChain;
 use crate::catalog::Catalog;
@@ -106,11 +106,13 @@ pub fn measure_frames<F: Into<MaskedFrame>>(
     let learns = options.centroid == Centroid::Empirical && recording.stars.is_none();
     let load = |recording: &Recording, index| load(recording, index).map(|loaded| loaded.map(Into::into));
     let counts = Counts::default();
+    let stop = options.pixels.then(|| StoppedField::of(&recording, |index| Some(load(&recording, index).ok()?.ok()?.frame))).flatten();
     let pass = Pass {
         recording: &recording,
         load: &load,
         options,
         counts: options.pixels.then_some(&counts),
+        stop: stop.as_ref(),
         psf: None,
         keep: if learns { KEPT } else { 0 },
     };
@@ -155,7 +157,7 @@ pub fn measure_frames<F: Into<MaskedFrame>>(
     if recording.stars.is_none() {
         recording.notes.extend(drop_fixed(&mut frames));
     }
-    let pixels = pixel_statistics(&recording, &frames, statistics, counts.take());
+    let pixels = pixel_statistics(&recording, &frames, statistics, counts.take(), stop.as_ref());
     Ok(Measured { recording, frames, skipped, psf, pixels })
 }
 
@@ -220,6 +222,8 @@ struct Pass<'a, L> {
     options: &'a MeasureOptions,
     /// Where the histograms of the counts are gathered, where they are asked for.
     counts: Option<&'a Counts>,
+    /// The end of the field, beyond which no pixel says anything of the sky.
+    stop: Option<&'a StoppedField>,
     psf: Option<&'a EmpiricalPsf>,
     keep: usize,
 }
@@ -249,7 +253,7 @@ where
         if let Some(counts) = self.counts {
             // As read: what a dark takes off is no code.
             let first = || (self.load)(self.recording, 0).ok()?.ok().map(|first| first.frame);
-            counts.add(&frame, bad.as_deref(), first);
+            counts.add(&frame, StoppedField::unusable(self.stop, &frame, bad.as_deref()).as_deref(), first);
         }
         let failed = |source| PipelineError::Detect { frame: name.clone(), source };
         if let Some(dark) = &self.options.dark {
@@ -283,8 +287,10 @@ where
                 (detections, kept)
             }
         };
-        let statistics = self.options.pixels.then(|| frame_statistics(self.recording, (index, &frame), &detections, bad)).flatten();
-        let images = if self.options.pixels { star_images(&frame, &detections, bad) } else { Vec::new() };
+        let unusable = StoppedField::unusable(self.stop, &frame, bad);
+        let unusable = unusable.as_deref();
+        let statistics = self.options.pixels.then(|| frame_statistics(self.recording, (index, &frame), &detections, unusable)).flatten();
+        let images = if self.options.pixels { star_images(&frame, &detections, unusable) } else { Vec::new() };
         done();
         let frame = MeasuredFrame { index, name, detections, images, seconds: start.elapsed().as_secs_f64() };
         Ok(Ok(One { frame, kept, statistics, undefined, is_unfinished: is_unfinished.into_inner() }))

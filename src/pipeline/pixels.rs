@@ -1,12 +1,16 @@
 //! The pass over all pixels that is made while frames are measured: where their stars lie, and what is kept of each frame.
 
+use std::borrow::Cow;
 use std::sync::{Mutex, OnceLock, PoisonError};
+
+use rayon::prelude::*;
 
 use super::MeasuredFrame;
 use crate::detect::{Detection, Detections};
 use crate::frame::Frame;
 use crate::pixel_statistics::{
-    CountStatistics, FrameStatistics, ImageFrame, KnownCamera, PixelStatistics, SkyFrame, StarDisc, SummedImage, is_compared,
+    CountStatistics, FieldStop, FrameStatistics, ImageFrame, KnownCamera, PixelStatistics, SkyFrame, StarDisc, StopFrame, SummedImage,
+    is_compared,
 };
 use crate::recording::Recording;
 use crate::statistics::median_in_place;
@@ -20,6 +24,41 @@ const WINGS_PX: f64 = 2.0;
 const FULL: f64 = 2.0;
 /// No disc is larger than this share of the frame's smaller side.
 const LARGEST_SHARE: f64 = 0.25;
+
+/// Widths of fainter stars scatter by their noise.
+const BRIGHT_SNR: f64 = 20.0;
+/// A tenth of the stars are narrower than the narrowest images.
+const NARROWEST_SHARE: f64 = 0.1;
+
+/// The end of a recording's field, and the pixels beyond it.
+pub(super) struct StoppedField {
+    found: FieldStop,
+    unlit: Vec<bool>,
+}
+
+impl StoppedField {
+    /// From a few frames, which `load` gives by their number: before the others are measured, since what lies beyond says nothing of any of them.
+    pub(super) fn of(recording: &Recording, load: impl Fn(usize) -> Option<Frame> + Sync) -> Option<Self> {
+        if recording.stars.is_some() {
+            return None;
+        }
+        let numbers = FieldStop::looked_at(recording.frames.len());
+        let frames: Vec<StopFrame> =
+            numbers.into_par_iter().filter_map(|number| load(number).map(|frame| StopFrame::new(&frame))).collect();
+        let found = FieldStop::of(&frames, recording.camera.bias_dn)?;
+        Some(Self { unlit: found.unlit(), found })
+    }
+
+    /// The pixels of a frame that say nothing: bad ones, and those beyond the end of the field.
+    pub(super) fn unusable<'b>(stop: Option<&Self>, frame: &Frame, bad: Option<&'b [bool]>) -> Option<Cow<'b, [bool]>> {
+        let own = stop.filter(|stop| stop.found.size_px == [frame.width_px, frame.height_px]);
+        match (own, bad) {
+            (Some(stop), Some(bad)) => Some(bad.iter().zip(&stop.unlit).map(|(bad, unlit)| *bad || *unlit).collect()),
+            (Some(stop), None) => Some(stop.unlit.clone().into()),
+            (None, bad) => bad.map(Cow::Borrowed),
+        }
+    }
+}
 
 /// Of a frame as read and its stars. `frames`: how many the recording has.
 pub(super) fn frame_statistics(
@@ -55,15 +94,34 @@ pub(super) fn pixel_statistics(
     frames: &[MeasuredFrame],
     all: Vec<FrameStatistics>,
     counts: Option<CountStatistics>,
+    stop: Option<&StoppedField>,
 ) -> Option<PixelStatistics> {
-    let mut widths: Vec<f64> = frames
-        .iter()
-        .flat_map(|frame| &frame.detections.stars)
-        .filter(|star| !star.flags.saturated && !star.flags.edge && !star.flags.blended && star.width_px > 0.0)
-        .map(|star| star.width_px)
-        .collect();
-    let known = KnownCamera { bias_dn: recording.camera.bias_dn, psf_sigma_px: median_in_place(&mut widths) };
-    (!all.is_empty()).then(|| PixelStatistics::of(all, counts, &known))
+    let camera = &recording.camera;
+    let known = KnownCamera { bias_dn: camera.bias_dn, gain_e_per_dn: camera.gain_e_per_dn, narrowest_star_px: narrowest_star_px(frames) };
+    (!all.is_empty()).then(|| PixelStatistics { field_stop: stop.map(|stop| stop.found), ..PixelStatistics::of(all, counts, &known) })
+}
+
+/// Width of the narrowest star images; the bright ones tell it, where there are any.
+fn narrowest_star_px(frames: &[MeasuredFrame]) -> Option<f64> {
+    const ENOUGH: usize = 10;
+    let of = |least_snr: f64| -> Vec<f64> {
+        let stars = frames.iter().flat_map(|frame| &frame.detections.stars);
+        let is_clean = |star: &&Detection| !star.flags.saturated && !star.flags.edge && !star.flags.blended && star.snr() > least_snr;
+        stars.filter(is_clean).map(short_axis_px).filter(|width| *width > 0.0).collect()
+    };
+    let bright = of(BRIGHT_SNR);
+    let mut widths = if bright.len() < ENOUGH { of(0.0) } else { bright };
+    widths.sort_by(f64::total_cmp);
+    widths.get((NARROWEST_SHARE * widths.len() as f64) as usize).copied()
+}
+
+/// Width of a star image where it is narrowest: a trail is so only across.
+fn short_axis_px(star: &Detection) -> f64 {
+    let Some(moments) = star.moments else { return star.width_px };
+    let [xx, xy, yy] = moments.second_px2;
+    let (mean, half) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
+    let ratio = (mean - half) / (mean + half);
+    if ratio > 0.0 && ratio < 1.0 { star.width_px * ratio.powf(0.25) } else { star.width_px }
 }
 
 /// Discs that hold the light of a frame's stars.
