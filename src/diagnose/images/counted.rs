@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::diagnose::causes::{COMPRESSION, COSMIC_RAYS};
+use super::ends_and_rays::{cosmic_rays, field_stop};
+use crate::diagnose::causes::COMPRESSION;
 use crate::diagnose::channels::{ByChannel, Channel, ChannelMeasure};
 use crate::diagnose::diagnosis::{ColumnSource, EffectState, EffectStatus, Finding, FoundParameter, Signs};
 use crate::effects::ids;
@@ -13,8 +14,6 @@ use crate::statistics::significance::deviations;
 const EXPECTED_DEFECTS: f64 = 1e-2;
 /// −ln of the probability that a finding needs.
 const SURPRISE: f64 = 12.0;
-/// Cosmic rays by chance in a frame, at most.
-const EXPECTED_RAYS: f64 = 1e-2;
 /// Probabilities are not followed further.
 pub(super) const MAX_SURPRISE: f64 = 700.0;
 
@@ -39,7 +38,7 @@ pub(in crate::diagnose) struct Counted {
 }
 
 /// −ln of the probability of so many where few are expected (Poisson).
-fn poisson_surprise(count: usize, expected: f64) -> f64 {
+pub(super) fn poisson_surprise(count: usize, expected: f64) -> f64 {
     let n = count as f64;
     if n <= expected { 0.0 } else { (n * (n / expected).ln() - n + expected).min(MAX_SURPRISE) }
 }
@@ -78,21 +77,7 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
             sentence: format!("{jumping} pixels jump from frame to frame by more than their noise."),
         });
     }
-    if let Some(rays) = &pixels.cosmic_rays {
-        let sigma = (rays.count.max(1) as f64).sqrt() / rays.count.max(1) as f64;
-        let mut parameters = vec![("per_frame", rays.per_frame, rays.per_frame * sigma, "")];
-        parameters.extend(rays.per_s.map(|per_s| ("per_s", per_s, per_s * sigma, "1/s")));
-        all.push(Counted {
-            channel: Channel::Noise,
-            id: COSMIC_RAYS,
-            parameters,
-            surprise: poisson_surprise(rays.count, EXPECTED_RAYS * rays.frames as f64),
-            follows: "frame",
-            reason: None,
-            alike: Vec::new(),
-            sentence: format!("{} events sharper than any star show in one of {} frames alone.", rays.count, rays.frames),
-        });
-    }
+    all.push(cosmic_rays(pixels));
     all.extend(converter(pixels));
     let is_compressed = pixels.compression.as_ref().is_some_and(|found| -found.p_value.max(f64::MIN_POSITIVE).ln() > SURPRISE);
     if is_compressed {
@@ -116,6 +101,7 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
             sentence: "The cosine transform of blocks of 8 × 8 pixels is rounded: the frames have been compressed as JPEG does.".to_owned(),
         });
     }
+    all.push(field_stop(pixels));
     all
 }
 
@@ -171,6 +157,11 @@ impl Counted {
         sentence: String,
     ) -> Self {
         Self { id, channel, parameters, surprise, follows, sentence, reason: None, alike: Vec::new() }
+    }
+
+    /// What cannot be told.
+    pub(super) fn untold(id: &'static str, channel: Channel, reason: String) -> Self {
+        Self { reason: Some(reason), ..Self::of_stars(id, channel, Vec::new(), 0.0, "", String::new()) }
     }
 
     /// With what leaves the same trace.

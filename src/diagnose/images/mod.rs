@@ -3,6 +3,7 @@
 mod background;
 mod confirmed;
 mod counted;
+mod ends_and_rays;
 mod judge;
 mod noise;
 mod patterns;

@@ -1,0 +1,60 @@
+//! The round end of the field, and cosmic rays, as they are told: both are counted in all frames together.
+
+use super::counted::{Counted, MAX_SURPRISE, poisson_surprise};
+use crate::diagnose::causes::COSMIC_RAYS;
+use crate::diagnose::channels::Channel;
+use crate::effects::optics::field_stop;
+use crate::effects::pixel::PixelEffect;
+use crate::pixel_statistics::{MIN_RAY_FRAMES, MIN_STAR_SIGMA_PX, MIN_STOP_FRAMES, PixelStatistics};
+
+/// Cosmic rays by chance in a frame, at most: noise brings far fewer, pixels that jump once and are quiet ever after do not show what they are.
+const EXPECTED_RAYS: f64 = 1e-2;
+const FIELD_STOP: &str = <field_stop::FieldStop as PixelEffect>::ID;
+
+/// Cosmic rays.
+pub(super) fn cosmic_rays(pixels: &PixelStatistics) -> Counted {
+    let Some(rays) = &pixels.cosmic_rays else {
+        let reason = if pixels.by_frame.len() < MIN_RAY_FRAMES {
+            format!("fewer than {MIN_RAY_FRAMES} frames of one size do not tell them from hot pixels")
+        } else {
+            format!("star images are as sharp as cosmic rays (narrower than {MIN_STAR_SIGMA_PX} px), or none is measured")
+        };
+        return Counted::untold(COSMIC_RAYS, Channel::Noise, reason);
+    };
+    let relative = (rays.count.max(1) as f64).sqrt().recip();
+    let per_s = rays.per_s.map(|per_s| ("per_s", per_s, per_s * relative, "1/s"));
+    let parameters: Vec<_> = per_s.into_iter().chain([("per_frame", rays.per_frame, rays.per_frame * relative, "")]).collect();
+    let surprise = poisson_surprise(rays.count, EXPECTED_RAYS * rays.frames as f64);
+    let rate = rays.per_s.map_or_else(String::new, |per_s| format!(", {per_s:.2} per second"));
+    let sentence = format!(
+        "{} flashes sharper than any star image show in one of {} frames alone, as cosmic rays do: {:.2} per frame{rate}.",
+        rays.count, rays.frames, rays.per_frame
+    );
+    Counted::of_stars(COSMIC_RAYS, Channel::Noise, parameters, surprise, "frame", sentence)
+}
+
+/// A round end of the field.
+pub(super) fn field_stop(pixels: &PixelStatistics) -> Counted {
+    let Some(stop) = &pixels.field_stop else {
+        if pixels.by_frame.len() < MIN_STOP_FRAMES {
+            let reason = format!("fewer than {MIN_STOP_FRAMES} frames do not tell a stop from the sky");
+            return Counted::untold(FIELD_STOP, Channel::Background, reason);
+        }
+        return Counted::of_stars(FIELD_STOP, Channel::Background, Vec::new(), 0.0, "field-radius", String::new());
+    };
+    let [right, down] = stop.off_middle_px();
+    let sigma = stop.radius_sigma_px;
+    let parameters = vec![
+        ("radius_px", stop.radius_px, sigma, "px"),
+        ("edge_px", stop.edge_px, 0.0, "px"),
+        ("centre_x_px", right, 0.0, "px"),
+        ("centre_y_px", down, 0.0, "px"),
+    ];
+    let surprise = (0.5 * stop.deviation * stop.deviation).min(MAX_SURPRISE);
+    let sentence = format!(
+        "The field ends at a circle with a radius of {:.1} ± {:.1} px; beyond it no light arrives, and nothing is measured there.",
+        stop.radius_px,
+        sigma.max(0.05)
+    );
+    Counted::of_stars(FIELD_STOP, Channel::Background, parameters, surprise, "field-radius", sentence)
+}
