@@ -63,10 +63,10 @@ pub(super) struct RayConditions {
     pub(super) gain_e_per_dn: Option<f64>,
 }
 
-/// Counts them; nothing where images are as sharp as they, or frames too few.
+/// Counts them; nothing where images are as sharp as they, frames too few or of a mosaic.
 pub(super) fn cosmic_rays(frames: &[RayFrame], patterns: &[PatternFrame], known: &RayConditions) -> Option<CosmicRays> {
     let size_px = frames.first()?.size_px;
-    let frames: Vec<&RayFrame> = frames.iter().filter(|frame| frame.size_px == size_px).collect();
+    let frames: Vec<&RayFrame> = frames.iter().filter(|frame| frame.size_px == size_px && frame.pixels > 0).collect();
     if frames.len() < MIN_RAY_FRAMES || known.sigma_px < MIN_STAR_SIGMA_PX {
         return None;
     }

@@ -27,6 +27,8 @@ struct Night {
     rays: usize,
     ray_sigmas: f64,
     length_px: usize,
+    /// What every second pixel of every second row sees less of the sky.
+    mosaic: f64,
 }
 
 impl Default for Night {
@@ -46,6 +48,7 @@ impl Default for Night {
             rays: 0,
             ray_sigmas: 12.0,
             length_px: 1,
+            mosaic: 0.0,
         }
     }
 }
@@ -97,6 +100,8 @@ impl Night {
         for index in jumping {
             light[*index] += if rng.random::<bool>() { 20.0 * self.noise_e() } else { 0.0 };
         }
+        let filter = |index: usize| if index % 2 + index / self.side % 2 == 0 { 1.0 - self.mosaic } else { 1.0 };
+        light.iter_mut().enumerate().for_each(|(index, own)| *own *= filter(index));
         let mut electrons: Vec<f64> = light.iter().map(|mean| Poisson::new(*mean).unwrap().sample(rng)).collect();
         for _ in 0..self.rays {
             let mut at = [0, 1].map(|_| rng.random_range(2..self.side - 2));
@@ -174,8 +179,9 @@ fn rays_are_counted() {
 }
 
 #[test]
-fn stars_as_sharp_as_rays_and_single_frames_tell_nothing() {
+fn stars_as_sharp_as_rays_single_frames_and_mosaics_tell_nothing() {
     let night = Night { rays: 5, ..Night::default() };
     assert!(Night { sigma_px: 0.3, ..night.clone() }.rays_found(1).is_none());
+    assert!(Night { mosaic: 0.6, sky_e: 400.0, ..night.clone() }.rays_found(1).is_none());
     assert!(Night { frames: 2, ..night }.rays_found(1).is_none());
 }

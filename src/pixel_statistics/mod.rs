@@ -138,10 +138,11 @@ impl FrameStatistics {
             noise_dn: noise.sigma_dn,
         };
         let mesh = SkyMesh::of(&mesh_frame, &sky.blocks, sky.shape).map(|mesh| mesh.with_lines([lines.rows, lines.columns]));
+        let rays = RayFrame::of(sky_frame, &sky);
         if compared.is_none() {
             (lines.row_means, lines.column_means) = (Vec::new(), Vec::new());
         }
-        Some(Self { noise, points, lines, neighbours, mesh, compared, rays: RayFrame::of(sky_frame, &sky) })
+        Some(Self { noise, points, lines, neighbours, mesh, compared, rays })
     }
 }
 

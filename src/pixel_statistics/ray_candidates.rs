@@ -4,11 +4,14 @@ use std::collections::BTreeMap;
 
 use super::sky_pixels::{BLOCK_PX, SkyPixels};
 use super::{SkyFrame, covered};
+use crate::statistics::median_in_place;
 
 /// A pixel stands out by so much at least, in standard deviations of the sky.
 const MIN_SIGMAS: f64 = 6.5;
 /// A track is of pixels that hang together and stand out by so much.
 const TRACK_SIGMAS: f32 = 4.0;
+/// The four pixels of a 2 × 2 cell differ by so much of the noise in a mosaic of colours: a red star is sharp in it.
+const MOSAIC: f64 = 1.0;
 /// Of a frame so many are kept, the brightest of the sharpest.
 const MOST: usize = 400;
 
@@ -47,8 +50,13 @@ struct Deviations {
 }
 
 impl RayFrame {
-    /// Of a frame and the planes of its sky.
+    /// Of a frame and the planes of its sky. Of a mosaic nothing is searched.
     pub(super) fn of(sky_frame: &SkyFrame<'_>, sky: &SkyPixels) -> Self {
+        let size_px = [sky.width_px, sky.height_px];
+        if is_mosaic(sky) {
+            let (number, exposure_s) = (sky_frame.number, sky_frame.exposure_s);
+            return Self { number, size_px, exposure_s, pixels: 0, stars: 0, candidates: Vec::new() };
+        }
         let deviations = Deviations::of(sky_frame, sky);
         let in_star = in_stars(sky_frame);
         let mut groups = Groups::of(&deviations);
@@ -77,7 +85,7 @@ impl RayFrame {
         }
         Self {
             number: sky_frame.number,
-            size_px: [sky.width_px, sky.height_px],
+            size_px,
             exposure_s: sky_frame.exposure_s,
             pixels: all.iter().filter(|value| !value.is_nan()).count(),
             stars: sky_frame.stars.len(),
@@ -106,6 +114,18 @@ impl Deviations {
         }
         Self { width_px, values }
     }
+}
+
+/// Whether pixels of a 2 × 2 cell see the sky through filters of their own.
+fn is_mosaic(sky: &SkyPixels) -> bool {
+    let median_of = |cell: usize| {
+        let is_of_cell = |(index, _): &(usize, &f32)| index % sky.width_px % 2 + 2 * (index / sky.width_px % 2) == cell;
+        let own = sky.residual_dn.iter().enumerate().filter(is_of_cell).filter(|(_, residual)| !residual.is_nan());
+        median_in_place(&mut own.map(|(_, residual)| f64::from(*residual)).collect::<Vec<_>>())
+    };
+    let levels: Vec<f64> = (0..4).filter_map(median_of).collect();
+    let (low, high) = levels.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), own| (low.min(*own), high.max(*own)));
+    sky.sigma_dn().is_some_and(|noise_dn| high - low > MOSAIC * noise_dn)
 }
 
 /// Which pixels lie in stars.

@@ -17,7 +17,9 @@ pub(super) fn cosmic_rays(pixels: &PixelStatistics) -> Counted {
         let reason = if pixels.by_frame.len() < MIN_RAY_FRAMES {
             format!("fewer than {MIN_RAY_FRAMES} frames of one size do not tell them from hot pixels")
         } else {
-            format!("star images are as sharp as cosmic rays (narrower than {MIN_STAR_SIGMA_PX} px), or none is measured")
+            format!(
+                "no star is measured, stars are as sharp as cosmic rays (narrower than {MIN_STAR_SIGMA_PX} px), or the pixels are a mosaic of colours"
+            )
         };
         return Counted::untold(COSMIC_RAYS, Channel::Noise, reason);
     };
