@@ -76,13 +76,17 @@ pub(super) fn cosmic_rays(frames: &[RayFrame], patterns: &[PatternFrame], known:
     let stars: usize = frames.iter().map(|frame| frame.stars).sum();
     let sharp_stars = sharp.iter().flatten().filter(|own| own.in_star).count();
     if sharp_stars as f64 > SHARP_STARS * stars as f64 {
-        sharp.iter_mut().for_each(|own| own.retain(|one| !one.in_star));
+        for own in &mut sharp {
+            own.retain(|one| !one.in_star);
+        }
     }
     // In how many frames each pixel, or one beside it, is too sharp.
     let mut seen: BTreeMap<usize, usize> = BTreeMap::new();
     for own in &sharp {
         let around: BTreeSet<usize> = own.iter().flat_map(|one| square(one.index, size_px[0])).collect();
-        around.into_iter().for_each(|index| *seen.entry(index).or_default() += 1);
+        for index in around {
+            *seen.entry(index).or_default() += 1;
+        }
     }
     let mut count = 0;
     for (frame, own) in frames.iter().zip(&sharp) {

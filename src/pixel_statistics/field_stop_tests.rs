@@ -84,12 +84,13 @@ fn stops_are_found_with_their_radius() {
     }
 }
 
+type Light = Box<dyn Fn(f64, f64) -> f64>;
+
 #[test]
 fn what_falls_slowly_or_on_one_side_is_no_stop() {
     let middle = 0.5 * (SIDE as f64 - 1.0);
     let corner = middle.hypot(middle);
     let radius = move |x: f64, y: f64| (x - middle).hypot(y - middle);
-    type Light = Box<dyn Fn(f64, f64) -> f64>;
     let skies: Vec<(&str, Light)> = vec![
         ("even", Box::new(|_, _| 80.0)),
         ("bright and even", Box::new(|_, _| 5000.0)),
