@@ -41,7 +41,8 @@ const QUADRANT_SHARE: f64 = 0.5;
 const MIN_QUADRANTS: usize = 3;
 /// A penumbra may have another shape than that of the model: linear ramps move the radius by up to so much of their width.
 const SHAPE_SHARE: f64 = 0.025;
-/// Beside the edge: levels are taken in rings so wide, px.
+/// Beside the edge: levels are taken from so many of its widths on (8 % of the light are left there), in rings so wide, px.
+const BESIDE: f64 = 0.6;
 const RING_PX: f64 = 8.0;
 /// The penumbra and so many px more say nothing of the sky.
 const MARGIN_PX: f64 = 2.0;
@@ -163,7 +164,7 @@ impl StopFrame {
         let mut rings = [Vec::new(), Vec::new()];
         for (index, value) in self.values_dn.iter().enumerate() {
             let away = edge.away([(index % self.columns) as f64, (index / self.columns) as f64]);
-            if (edge.width..edge.width + ring_px.max(2.0)).contains(&away.abs()) {
+            if (BESIDE * edge.width..BESIDE * edge.width + ring_px.max(2.0)).contains(&away.abs()) {
                 rings[usize::from(away > 0.0)].push(f64::from(*value));
             }
         }
@@ -268,7 +269,7 @@ impl Overlay {
         for (index, value) in self.values.iter().enumerate() {
             let at = self.at(index);
             let away = edge.away(at);
-            if (edge.width..edge.width + RING_PX).contains(&away.abs()) {
+            if (BESIDE * edge.width..BESIDE * edge.width + RING_PX).contains(&away.abs()) {
                 let quadrant = usize::from(at[0] > edge.centre[0]) + 2 * usize::from(at[1] > edge.centre[1]);
                 sides[quadrant][usize::from(away > 0.0)].push(*value);
             }

@@ -58,6 +58,8 @@ fn stops_are_found_with_their_radius() {
         (middle, 160.0, 4.0, SIDE, 30),
         // The corners alone.
         (middle, 205.0, 4.0, SIDE, 0),
+        // Hardly anything of them.
+        (middle, 220.0, 4.0, SIDE, 0),
         (middle, 150.0, 1.0, SIDE, 0),
         // Off the middle, in both axes.
         ([middle[0] + 25.0, middle[1] - 14.0], 110.0, 6.0, SIDE, 20),
