@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use rayon::prelude::*;
 
 use super::dark::{Dark, drop_fixed};
+use super::elsewhere::elsewhere;
 use super::pixels::{Counts, StoppedField, frame_statistics, pixel_statistics, star_images};
 use super::{Measured, MeasuredFrame, PipelineError, SkyChoice, star_list};
 use crate::camera::SkyChain;
@@ -157,7 +158,10 @@ pub fn measure_frames<F: Into<MaskedFrame>>(
     if recording.stars.is_none() {
         recording.notes.extend(drop_fixed(&mut frames));
     }
-    let pixels = pixel_statistics(&recording, &frames, statistics, counts.take(), stop.as_ref());
+    let mut pixels = pixel_statistics(&recording, &frames, statistics, counts.take(), stop.as_ref());
+    if let Some(pixels) = &mut pixels {
+        pixels.elsewhere = elsewhere(&frames, options.dark.as_ref(), |index| load(&recording, index).ok()?.ok());
+    }
     Ok(Measured { recording, frames, skipped, psf, pixels })
 }
 

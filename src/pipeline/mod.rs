@@ -4,6 +4,7 @@
 
 mod crowding;
 mod dark;
+mod elsewhere;
 mod frames;
 mod one_camera;
 mod overfull;

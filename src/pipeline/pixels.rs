@@ -125,7 +125,7 @@ fn short_axis_px(star: &Detection) -> f64 {
 }
 
 /// Discs that hold the light of a frame's stars.
-fn discs(detections: &Detections) -> Vec<StarDisc> {
+pub(super) fn discs(detections: &Detections) -> Vec<StarDisc> {
     let largest_px = LARGEST_SHARE * detections.width_px.min(detections.height_px) as f64;
     let disc = |star: &Detection| {
         let sigma = star.width_px.max(0.5);

@@ -5,17 +5,20 @@
 //! hot, dead and jumping ones), `neighbours` (correlated noise), `events` (cosmic rays), `sky_mesh` (glow, stray light). Frames are independent; a few of
 //! them, spread over the recording, are kept whole in eight bits for the comparison from frame to frame, so that memory does not grow with their
 //! number. What lies beyond a stop in the field is no sky: `field_stop` looks for one in a few frames before that pass.
-//! `star_images` sums the stars themselves.
+//! `star_images` sums the stars themselves; `elsewhere` is what they leave at other places: copies (`partner_places`) and `halos`.
 
 mod code_widths;
 mod codes;
 mod compression;
 mod compression_combs;
+mod elsewhere;
 mod events;
 mod field_stop;
 mod fixed_pattern;
+mod halos;
 mod lines;
 mod neighbours;
+mod partner_places;
 mod photon_transfer;
 mod ray_candidates;
 mod sky_mesh;
@@ -34,13 +37,16 @@ pub use code_widths::{CodeWidths, MissingCodes};
 pub use codes::{CodeHistogram, CodeStatistics, EndPile};
 pub use compression::{BlockDct, CompressionStatistics};
 pub use compression_combs::CoefficientComb;
+pub(crate) use elsewhere::ElsewhereFrame;
 pub use events::CosmicRays;
 pub(crate) use events::{MIN_RAY_FRAMES, MIN_STAR_SIGMA_PX};
 pub use field_stop::FieldStop;
 pub(crate) use field_stop::{MIN_STOP_FRAMES, StopFrame};
 pub use fixed_pattern::{FixedPattern, PatternPair};
+pub(crate) use halos::{FrameHalo, HALO_CONTROLS, HALO_RADII_PX, halo_share};
 pub use lines::{Estimate, FrameNoise, LineStatistics};
 pub use neighbours::NeighbourCorrelation;
+pub(crate) use partner_places::{CONTROLS, CopiesFrame, FoundStar, LOOKS, Partner, PartnerSum};
 pub use photon_transfer::{PhotonTransfer, TransferPoint};
 pub use sky_mesh::{SkyCell, SkyMesh};
 pub use star_images::{ImageFrame, SplitVariance, SummedImage};
@@ -247,6 +253,9 @@ pub struct PixelStatistics {
     pub codes: Option<CodeStatistics>,
     /// Traces of a compression in blocks.
     pub compression: Option<CompressionStatistics>,
+    /// What bright stars leave at other places.
+    #[serde(skip)]
+    pub(crate) elsewhere: Vec<ElsewhereFrame>,
 }
 
 impl PixelStatistics {
@@ -291,6 +300,7 @@ impl PixelStatistics {
             field_stop: None,
             codes,
             compression,
+            elsewhere: Vec::new(),
         }
     }
 }

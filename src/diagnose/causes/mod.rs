@@ -31,5 +31,9 @@ pub(super) const CLOUDS: &str = "clouds";
 pub(super) const ZERO_POINT: &str = "zero-point";
 /// Images drawn out by a motion of the camera during the exposure.
 pub(super) const MOTION_SMEAR: &str = "motion-smear";
+/// Light that the lens reflects to the point mirrored in its axis.
+pub(super) const GHOST: &str = "ghost";
+/// Charge of a bright star that is released in the frame after.
+pub(super) const PERSISTENCE: &str = "persistence";
 /// Tracks of charged particles.
 pub(super) const COSMIC_RAYS: &str = "cosmic-rays";

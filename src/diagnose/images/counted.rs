@@ -35,6 +35,8 @@ pub(in crate::diagnose) struct Counted {
     reason: Option<String>,
     /// What leaves the same trace.
     alike: Vec<&'static str>,
+    /// Why it has no name though it is beyond chance.
+    against: Option<&'static str>,
 }
 
 /// −ln of the probability of so many where few are expected (Poisson).
@@ -59,6 +61,7 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
             follows: "pixel",
             reason: None,
             alike: Vec::new(),
+            against: None,
             sentence: format!(
                 "{} pixels stay far above their neighbours in frames of different pointings, {} far below.",
                 pattern.hot, pattern.dead
@@ -74,6 +77,7 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
             follows: "pixel",
             reason: None,
             alike: Vec::new(),
+            against: None,
             sentence: format!("{jumping} pixels jump from frame to frame by more than their noise."),
         });
     }
@@ -98,6 +102,7 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
             follows: "block",
             reason: None,
             alike: Vec::new(),
+            against: None,
             sentence: "The cosine transform of blocks of 8 × 8 pixels is rounded: the frames have been compressed as JPEG does.".to_owned(),
         });
     }
@@ -143,6 +148,7 @@ fn converter(pixels: &PixelStatistics) -> Option<Counted> {
         sentence,
         reason: None,
         alike: Vec::new(),
+        against: None,
     })
 }
 
@@ -156,12 +162,17 @@ impl Counted {
         follows: &'static str,
         sentence: String,
     ) -> Self {
-        Self { id, channel, parameters, surprise, follows, sentence, reason: None, alike: Vec::new() }
+        Self { id, channel, parameters, surprise, follows, sentence, reason: None, alike: Vec::new(), against: None }
     }
 
-    /// What cannot be told.
-    pub(super) fn untold(id: &'static str, channel: Channel, reason: String) -> Self {
-        Self { reason: Some(reason), ..Self::of_stars(id, channel, Vec::new(), 0.0, "", String::new()) }
+    /// With why it has no name, whatever its probability.
+    pub(super) fn withheld(self, against: &'static str) -> Self {
+        Self { against: Some(against), ..self }
+    }
+
+    /// What cannot be told, and why.
+    pub(super) fn untold(id: &'static str, channel: Channel, reason: impl Into<String>) -> Self {
+        Self { reason: Some(reason.into()), ..Self::of_stars(id, channel, Vec::new(), 0.0, "", String::new()) }
     }
 
     /// With what leaves the same trace.
@@ -187,7 +198,7 @@ impl Counted {
 
     /// Whether it is there.
     pub(in crate::diagnose) fn is_found(&self) -> bool {
-        self.surprise > SURPRISE
+        self.surprise > SURPRISE && self.against.is_none()
     }
 
     /// Its status, and the finding if it is one.
@@ -204,11 +215,13 @@ impl Counted {
             })
             .collect();
         let p_value = (-self.surprise).exp();
+        let against = self.against.filter(|_| self.surprise > SURPRISE);
         let status = EffectStatus {
             id: self.id.to_owned(),
             status: match (is_found, &self.reason) {
                 (true, _) => EffectState::Found,
                 (false, Some(_)) => EffectState::NotApplicable,
+                (false, None) if against.is_some() => EffectState::Withheld,
                 (false, None) => EffectState::NotFound,
             },
             p_value: Some(p_value),
@@ -218,7 +231,7 @@ impl Counted {
             parameters: parameters.clone(),
             upper_limit_95: None,
             held_out_delta_chi2: None,
-            reason: self.reason.clone().unwrap_or_default(),
+            reason: self.reason.clone().or(against.map(str::to_owned)).unwrap_or_default(),
         };
         if !is_found {
             return (status, None);

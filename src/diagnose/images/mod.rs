@@ -2,8 +2,12 @@
 
 mod background;
 mod confirmed;
+mod copies;
+#[cfg(test)]
+mod copies_tests;
 mod counted;
 mod ends_and_rays;
+mod halo;
 mod judge;
 mod noise;
 mod patterns;

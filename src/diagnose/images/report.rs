@@ -2,7 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::copies::copies;
 use super::counted::{COMPRESSED, Counted, counted};
+use super::halo::{self, halo};
 use super::judge::{Asked, ChannelState, Judged, Pixels, Proposed, judge};
 use super::noise::{DeclaredDetector, ordinary};
 use super::rows::{Parameter, Shown};
@@ -23,7 +25,7 @@ use crate::effects::detector::{even_odd, magnitude_equation, overshoot, s_curve}
 use crate::effects::pixel::pass::PassHead;
 use crate::effects::sky::glow::sky_glow;
 use crate::effects::{CentroidShift, IMAGE_EFFECTS, ImageEffect, ids};
-use crate::pixel_statistics::PixelStatistics;
+use crate::pixel_statistics::{ElsewhereFrame, LOOKS, PixelStatistics};
 use crate::statistics::significance::deviations;
 
 /// Fewer frames and stars than this tell nothing of a channel.
@@ -100,6 +102,7 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     add_others(diagnosis, &judged);
     let numbers: Vec<usize> = places.keys().copied().collect();
     counted.extend(single_frames(&judged, images.pixels, images.detector.bias_dn, &numbers));
+    counted.extend(images.pixels.map_or_else(Vec::new, |pixels| elsewhere(&pixels.elsewhere)));
     for (channel, state) in &judged.channels {
         // Rounded blocks explain what the noise shows, whatever it looks like.
         let is_explained = is_compressed && *channel == Channel::Noise;
@@ -158,6 +161,13 @@ fn withhold_shadows(diagnosis: &mut Diagnosis) {
             diagnosis.channels.astrometry.verdict = ChannelVerdict::Unexplained;
         }
     }
+}
+
+/// What bright stars leave at other places.
+fn elsewhere(frames: &[ElsewhereFrame]) -> Vec<Counted> {
+    let mut all = copies(frames, halo::TESTS);
+    all.push(halo(frames, LOOKS.len()));
+    all
 }
 
 /// Findings that are counted: each is beyond any chance by itself.

@@ -3,11 +3,9 @@
 use super::rows::{Parameter, Shown};
 use super::sky_light::{SkyFrame, SkyLight};
 use crate::effects::detector::amplifier_step::AmplifierHalves;
-use crate::effects::detector::crosstalk::Crosstalk;
 use crate::effects::detector::stray_light::StrayLightSlope;
-use crate::effects::optics::{veiling_glare::VeilingGlare, vignetting::Vignetting};
+use crate::effects::optics::vignetting::Vignetting;
 use crate::effects::pixel::PixelEffect;
-use crate::effects::pixel::pass::PassHead;
 
 /// Glow of the electronics at a corner; the registry renders none.
 pub(super) const AMPLIFIER_GLOW: &str = "amplifier-glow";
@@ -48,10 +46,7 @@ const fn parameter(name: &'static str, unit: &'static str) -> Parameter {
 pub(super) fn asked(light: &SkyLight, gain_e_per_dn: Option<f64>, knows_bias: bool) -> (Vec<Asked>, Vec<(&'static str, String)>) {
     let one = |id: &'static str, follows, columns, sign| Asked { id, follows, columns, sign, is_shared: true, corner: None };
     let mut all = Vec::new();
-    let mut unasked = vec![
-        (<VeilingGlare as PixelEffect>::ID, "an even veil is a part of each frame's own level".to_owned()),
-        (<Crosstalk as PassHead>::ID, "copies of single stars are not looked for".to_owned()),
-    ];
+    let mut unasked = Vec::new();
     let radius2 = |at: [f64; 2]| at[0] * at[0] + at[1] * at[1];
     // The light itself falls; without a bias nobody knows how much of the level is light.
     let whole = |frame: &SkyFrame| if light.is_relative { 1.0 } else { frame.light_dn };
