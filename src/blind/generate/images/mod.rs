@@ -39,6 +39,9 @@ const PART_PIXELS: u32 = 18;
 const PART_ELECTRONICS: u32 = 19;
 /// The first frame's noise takes this part; each frame has its own.
 const PART_FRAMES: u32 = 1024;
+/// Trials to find the size of a signal-to-noise ratio, and the power of the ratio by which a size is changed.
+const MAX_TRIALS: usize = 12;
+const STEP_POWER: f64 = 0.7;
 /// Multiples of two that are hidden together.
 const TOGETHER: [f64; 2] = [4.0, 8.0];
 
@@ -164,9 +167,10 @@ fn sized(kind: PixelKind, multiple: f64, rng: &mut impl Rng, world: &ImageWorld,
             let most = kind.largest();
             let mut own = at(sign * drawn.size);
             let mut snr = noiseless.snr(&own);
-            // Again and again, since what is large is not in proportion.
-            for _ in 0..6 {
-                let next = (own.size.abs() * (wanted / snr.max(1e-9)).clamp(1e-4, 1e4)).min(most);
+            // Again and again, since what is large is not in proportion: a power between those that settle for what grows with the size and with its
+            // square at once.
+            for _ in 0..MAX_TRIALS {
+                let next = (own.size.abs() * (wanted / snr.max(1e-9)).clamp(1e-4, 1e4).powf(STEP_POWER)).min(most);
                 own = at(sign * next);
                 snr = noiseless.snr(&own);
                 if (snr / wanted - 1.0).abs() < 0.05 {
