@@ -9,7 +9,7 @@ use super::MeasuredFrame;
 use crate::detect::{Detection, Detections};
 use crate::frame::Frame;
 use crate::pixel_statistics::{
-    CountStatistics, FieldStop, FrameStatistics, ImageFrame, KnownCamera, PixelStatistics, SkyFrame, StarDisc, StopFrame, SummedImage,
+    CountStatistics, FrameStatistics, ImageFrame, KnownCamera, PixelStatistics, SkyFrame, StarDisc, StopCircle, StopFrame, SummedImage,
     is_compared,
 };
 use crate::recording::Recording;
@@ -32,7 +32,7 @@ const NARROWEST_SHARE: f64 = 0.1;
 
 /// The end of a recording's field, and the pixels beyond it.
 pub(super) struct StoppedField {
-    found: FieldStop,
+    found: StopCircle,
     unlit: Vec<bool>,
 }
 
@@ -42,10 +42,10 @@ impl StoppedField {
         if recording.stars.is_some() {
             return None;
         }
-        let numbers = FieldStop::looked_at(recording.frames.len());
+        let numbers = StopCircle::looked_at(recording.frames.len());
         let frames: Vec<StopFrame> =
             numbers.into_par_iter().filter_map(|number| load(number).map(|frame| StopFrame::new(&frame))).collect();
-        let found = FieldStop::of(&frames, recording.camera.bias_dn)?;
+        let found = StopCircle::of(&frames, recording.camera.bias_dn)?;
         Some(Self { unlit: found.unlit(), found })
     }
 

@@ -15,7 +15,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::fixed_pattern::PatternFrame;
-use super::ray_candidates::{Candidate, RayFrame};
+use super::ray_candidates::{Candidate, RayFrame, square};
 use crate::statistics::significance::normal_cdf;
 
 /// Frames that tell what stays with a pixel, at least.
@@ -107,13 +107,6 @@ pub(super) fn cosmic_rays(frames: &[RayFrame], patterns: &[PatternFrame], known:
         share: searched / frames.len() as f64,
         per_frame: count as f64 / searched,
         per_s: seconds.filter(|seconds| *seconds > 0.0).map(|seconds| count as f64 / seconds),
-    })
-}
-
-/// A pixel and its eight neighbours.
-pub(super) fn square(index: usize, width_px: usize) -> impl Iterator<Item = usize> {
-    [-1_isize, 0, 1].into_iter().flat_map(move |row| {
-        [-1, 0, 1].into_iter().filter_map(move |column| index.checked_add_signed(row * width_px.cast_signed() + column))
     })
 }
 

@@ -1,8 +1,8 @@
 //! Cosmic rays of known number, and frames without any.
 
-use super::super::{CountStatistics, FrameStatistics, KnownCamera, PixelStatistics, SkyFrame, StarDisc};
 use super::*;
 use crate::frame::Frame;
+use crate::pixel_statistics::{CountStatistics, FrameStatistics, KnownCamera, PixelStatistics, SkyFrame, StarDisc};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal, Poisson};
 use rand_pcg::Pcg64Mcg;
@@ -85,8 +85,8 @@ impl Night {
             let flux = self.noise_e() * 10.0_f64.powf(rng.random_range(-1.0..3.5));
             let is_found = flux > if self.finds_all { 5.0 } else { 20.0 } * self.noise_e();
             let reach = if self.beta.is_some() { 14.0 } else { 5.0 * self.sigma_px + 1.0 };
-            for y in super::super::covered(at[1], reach, self.side) {
-                for x in super::super::covered(at[0], reach, self.side) {
+            for y in crate::pixel_statistics::sky_frame::covered(at[1], reach, self.side) {
+                for x in crate::pixel_statistics::sky_frame::covered(at[0], reach, self.side) {
                     light[y * self.side + x] += flux * self.image(x as f64 - at[0], y as f64 - at[1]);
                 }
             }

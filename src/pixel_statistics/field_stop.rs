@@ -49,7 +49,7 @@ const MARGIN_PX: f64 = 2.0;
 
 /// The image of a stop.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct FieldStop {
+pub struct StopCircle {
     /// Width and height of the frame.
     pub size_px: [usize; 2],
     /// Column and row of its middle.
@@ -66,7 +66,7 @@ pub struct FieldStop {
     pub frames: usize,
 }
 
-impl FieldStop {
+impl StopCircle {
     /// Which of a recording's frames are looked at.
     pub(crate) fn looked_at(frames: usize) -> Vec<usize> {
         let count = frames.min(MAX_FRAMES);

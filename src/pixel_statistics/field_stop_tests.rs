@@ -21,8 +21,8 @@ fn frames(seed: u64, size: [usize; 2], staying: usize, light_e: impl Fn(f64, f64
         stars.extend(&fixed);
         let mut light = vec![0.0; size[0] * size[1]];
         for [x, y, electrons] in stars {
-            for row in super::super::covered(y, 6.0, size[1]) {
-                for column in super::super::covered(x, 6.0, size[0]) {
+            for row in crate::pixel_statistics::sky_frame::covered(y, 6.0, size[1]) {
+                for column in crate::pixel_statistics::sky_frame::covered(x, 6.0, size[0]) {
                     let away2 = (column as f64 - x).powi(2) + (row as f64 - y).powi(2);
                     light[row * size[0] + column] += 0.1 * electrons * (-0.35 * away2).exp();
                 }
@@ -42,8 +42,8 @@ fn frames(seed: u64, size: [usize; 2], staying: usize, light_e: impl Fn(f64, f64
     (0..5).map(of_frame).collect()
 }
 
-fn found(frames: &[Frame], bias_dn: Option<f64>) -> Option<FieldStop> {
-    FieldStop::of(&frames.iter().map(StopFrame::new).collect::<Vec<_>>(), bias_dn)
+fn found(frames: &[Frame], bias_dn: Option<f64>) -> Option<StopCircle> {
+    StopCircle::of(&frames.iter().map(StopFrame::new).collect::<Vec<_>>(), bias_dn)
 }
 
 fn stop(centre: [f64; 2], radius: f64, penumbra: f64) -> impl Fn(f64, f64) -> f64 {

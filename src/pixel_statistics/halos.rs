@@ -5,7 +5,8 @@
 //! profiles are free in every frame, and of the halo only what is orthogonal to them is asked for. The sky has structure of its own, and bright stars
 //! stand anywhere in it: the same halos about the stars' mirrored and shifted places, fitted beside the true ones, say how much of it looks like a halo.
 
-use super::{Estimate, partner_places::FoundStar};
+use super::lines::Estimate;
+use super::partner_places::FoundStar;
 use crate::frame::Frame;
 use crate::statistics::{mad_sigma, median};
 

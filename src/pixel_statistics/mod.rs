@@ -21,6 +21,7 @@ mod neighbours;
 mod partner_places;
 mod photon_transfer;
 mod ray_candidates;
+mod sky_frame;
 mod sky_mesh;
 #[cfg(test)]
 mod sky_mesh_tests;
@@ -40,7 +41,7 @@ pub use compression_combs::CoefficientComb;
 pub(crate) use elsewhere::ElsewhereFrame;
 pub use events::CosmicRays;
 pub(crate) use events::{MIN_RAY_FRAMES, MIN_STAR_SIGMA_PX};
-pub use field_stop::FieldStop;
+pub use field_stop::StopCircle;
 pub(crate) use field_stop::{MIN_STOP_FRAMES, StopFrame};
 pub use fixed_pattern::{FixedPattern, PatternPair};
 pub(crate) use halos::{FrameHalo, HALO_CONTROLS, HALO_RADII_PX, halo_share};
@@ -48,6 +49,7 @@ pub use lines::{Estimate, FrameNoise, LineStatistics};
 pub use neighbours::NeighbourCorrelation;
 pub(crate) use partner_places::{CONTROLS, CopiesFrame, FoundStar, LOOKS, Partner, PartnerSum};
 pub use photon_transfer::{PhotonTransfer, TransferPoint};
+pub use sky_frame::{SkyFrame, StarDisc};
 pub use sky_mesh::{SkyCell, SkyMesh};
 pub use star_images::{ImageFrame, SplitVariance, SummedImage};
 
@@ -57,40 +59,13 @@ use events::RayConditions;
 use fixed_pattern::{BRIGHT_STARS, PatternFrame};
 use lines::FrameLines;
 use ray_candidates::RayFrame;
+use sky_frame::sky_mask;
 use sky_mesh::MeshFrame;
 use sky_pixels::SkyPixels;
 
 /// Frames that are compared pixel by pixel, at most, and the bytes that they may take together.
 const MAX_PATTERN_FRAMES: usize = 32;
 const MAX_PATTERN_BYTES: usize = 256 << 20;
-
-/// A disc that holds a star's light.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StarDisc {
-    /// Column of the middle.
-    pub x_px: f64,
-    /// Row of the middle.
-    pub y_px: f64,
-    /// Light reaches so far.
-    pub radius_px: f64,
-}
-
-/// A frame and what is known of it.
-#[derive(Clone, Copy, Debug)]
-pub struct SkyFrame<'a> {
-    /// Number in the recording.
-    pub number: usize,
-    /// The pixels.
-    pub frame: &'a Frame,
-    /// Its stars, the brightest first.
-    pub stars: &'a [StarDisc],
-    /// Pixels that say nothing, row by row.
-    pub bad: Option<&'a [bool]>,
-    /// Exposure, where known.
-    pub exposure_s: Option<f64>,
-    /// Whether it is one of those that are compared pixel by pixel.
-    pub is_compared: bool,
-}
 
 /// What one frame tells.
 #[derive(Clone, Debug)]
@@ -150,32 +125,6 @@ impl FrameStatistics {
         }
         Some(Self { noise, points, lines, neighbours, mesh, compared, rays })
     }
-}
-
-/// Which pixels are sky: lit by no star, neither full nor at zero light, nor bad.
-fn sky_mask(sky_frame: &SkyFrame<'_>) -> Vec<bool> {
-    let frame = sky_frame.frame;
-    let full = frame.saturation_dn;
-    let mut is_sky: Vec<bool> = match sky_frame.bad {
-        Some(bad) => frame.pixels_dn.iter().zip(bad).map(|(value, bad)| *value < full && !bad).collect(),
-        None => frame.pixels_dn.iter().map(|value| *value < full).collect(),
-    };
-    for star in sky_frame.stars {
-        let rows = covered(star.y_px, star.radius_px, frame.height_px);
-        for y in rows {
-            let half = (star.radius_px.powi(2) - (y as f64 - star.y_px).powi(2)).max(0.0).sqrt();
-            let columns = covered(star.x_px, half, frame.width_px);
-            is_sky[y * frame.width_px..][columns].fill(false);
-        }
-    }
-    is_sky
-}
-
-/// The pixels of a line that lie within `reach` of a place.
-fn covered(at: f64, reach: f64, length: usize) -> std::ops::Range<usize> {
-    let from = (at - reach).ceil().max(0.0) as usize;
-    let to = ((at + reach).floor() + 1.0).max(0.0) as usize;
-    from.min(length)..to.min(length).max(from.min(length))
 }
 
 /// Histograms of the counts of all frames: of whole numbers, so that the order in which frames come makes no difference.
@@ -248,7 +197,7 @@ pub struct PixelStatistics {
     pub cosmic_rays: Option<CosmicRays>,
     /// A round end of the field.
     #[serde(default)]
-    pub field_stop: Option<FieldStop>,
+    pub field_stop: Option<StopCircle>,
     /// What the converter did to the counts.
     pub codes: Option<CodeStatistics>,
     /// Traces of a compression in blocks.

@@ -8,7 +8,7 @@
 //! Sources: partner pixels of detectors with several outputs: P. O'Connor, JINST 10, C05010 (2015); light that the lens reflects through its axis:
 //! ISO 9358:1994; charge that is released late: R. Smith et al., Proc. SPIE 7021, 70210J (2008).
 
-use super::StarDisc;
+use super::sky_frame::StarDisc;
 use crate::frame::Frame;
 
 /// Stars of a frame that are looked at, the brightest.

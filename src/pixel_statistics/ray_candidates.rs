@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use super::sky_frame::{SkyFrame, covered};
 use super::sky_pixels::{BLOCK_PX, SkyPixels};
-use super::{SkyFrame, covered};
 use crate::statistics::median_in_place;
 
 /// A pixel stands out by so much at least, in standard deviations of the sky.
@@ -165,8 +165,15 @@ impl Groups {
         while let Some(next) = open.pop() {
             let Some(group) = self.bright.get_mut(&next).filter(|group| group.is_none()) else { continue };
             *group = Some(self.last);
-            open.extend(super::events::square(next, self.width_px));
+            open.extend(square(next, self.width_px));
         }
         self.last
     }
+}
+
+/// A pixel and its eight neighbours.
+pub(super) fn square(index: usize, width_px: usize) -> impl Iterator<Item = usize> {
+    [-1_isize, 0, 1].into_iter().flat_map(move |row| {
+        [-1, 0, 1].into_iter().filter_map(move |column| index.checked_add_signed(row * width_px.cast_signed() + column))
+    })
 }

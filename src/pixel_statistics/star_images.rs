@@ -9,7 +9,7 @@
 //! (Bernstein & Jarvis 2002, AJ 123, 583, section 3; windowed parameters of SExtractor, Bertin & Arnouts 1996, A&AS 117, 393). Standard errors are
 //! propagated from the noise of every pixel.
 
-use super::StarDisc;
+use super::sky_frame::StarDisc;
 use crate::frame::Frame;
 
 /// Variance of a pixel along an axis, px².

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use super::ends_and_rays::{cosmic_rays, field_stop};
 use crate::diagnose::causes::COMPRESSION;
 use crate::diagnose::channels::{ByChannel, Channel, ChannelMeasure};
 use crate::diagnose::diagnosis::{ColumnSource, EffectState, EffectStatus, Finding, FoundParameter, Signs};
@@ -81,7 +80,6 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
             sentence: format!("{jumping} pixels jump from frame to frame by more than their noise."),
         });
     }
-    all.push(cosmic_rays(pixels));
     all.extend(converter(pixels));
     let is_compressed = pixels.compression.as_ref().is_some_and(|found| -found.p_value.max(f64::MIN_POSITIVE).ln() > SURPRISE);
     if is_compressed {
@@ -106,7 +104,6 @@ pub(in crate::diagnose) fn counted(pixels: &PixelStatistics) -> Vec<Counted> {
             sentence: "The cosine transform of blocks of 8 × 8 pixels is rounded: the frames have been compressed as JPEG does.".to_owned(),
         });
     }
-    all.push(field_stop(pixels));
     all
 }
 
