@@ -174,7 +174,7 @@ fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answe
     let (bar, clock) = (output::steps(Step::COUNT), output::Clock::new());
     let stars = star_measurements(&measured, &points, prepared.parity);
     let camera = &measured.recording.camera;
-    let detector = DeclaredDetector { gain_e_per_dn: camera.gain_e_per_dn, bias_dn: camera.bias_dn, read_noise_e: camera.read_noise_e };
+    let detector = DeclaredDetector::from(camera);
     let views = sky_views(&measured, &points, prepared.parity);
     let images = ImageMeasurements { stars: &stars, pixels: measured.pixels.as_ref(), detector, views: &views };
     let result = diagnose_recording(&points, &telemetry, &images, &options, &|step| {

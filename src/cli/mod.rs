@@ -16,6 +16,7 @@ mod effect_pictures;
 mod effects;
 mod examples;
 mod export;
+mod found_image;
 mod identify;
 mod identify_files;
 mod import;

@@ -17,6 +17,7 @@ use boresight::scene::{DetectorTable, EffectTable, FrameTable, NominalTable, Sce
 use boresight::units::DEG_RAD;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
+use super::found_image::found_image;
 use super::pipeline::Measured;
 
 /// Where nobody says how long frames were exposed; the stars' brightness counts for the same time.
@@ -51,7 +52,14 @@ pub(crate) fn write(
     if frames.is_empty() {
         bail!("--write-camera: no frame has an attitude");
     }
-    let file = scene_file(&model, points, measured, catalog, seed, frames);
+    let mut file = scene_file(&model, points, measured, catalog, seed, frames);
+    let size_px = [file.camera.width_px, file.camera.height_px];
+    let found = found_image(diagnosis, &measured.recording.camera, &mut file.detector, size_px);
+    // A stage in the pixels moves the stars by itself: beside the formula of the same id it would move them twice.
+    let stages: Vec<EffectTable> = found.effects.into_iter().filter(|stage| file.effects.iter().all(|own| own.id != stage.id)).collect();
+    file.effects.extend(stages);
+    (file.psf, file.ghosts, file.cosmic_rays) = (found.psf, found.ghosts, found.cosmic_rays);
+    file.sky.extinction_mag_per_airmass = found.extinction_mag_per_airmass.unwrap_or(file.sky.extinction_mag_per_airmass);
     let name = path.display().to_string();
     let text =
         "# The camera, its attitudes and every effect in force as `boresight diagnose` found them. Render it with `boresight simulate`.\n"
@@ -72,6 +80,7 @@ pub(crate) fn write(
     }
     write_file(path, text.as_bytes())?;
     notes.extend(lacking(&name, diagnosis, measured, &missing));
+    notes.extend(found.left_out.into_iter().map(|what| format!("the scene {name}: {what}")));
     Ok(notes)
 }
 

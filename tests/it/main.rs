@@ -19,6 +19,7 @@ mod diagnose_cli;
 mod displacements;
 mod examples;
 mod exchange;
+mod found_image;
 mod house;
 mod identify;
 mod identify_files;

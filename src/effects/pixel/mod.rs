@@ -7,12 +7,14 @@
 //! A pixel effect sees one pixel. What moves charge between pixels is a pass over the whole frame ([`pass`]), in its place in the same list:
 //! the effects before it and those after it are programs of their own.
 
+mod found_stage;
 pub(crate) mod lanes;
 pub mod math;
 pub mod pass;
 pub mod pattern;
 mod spread;
 
+pub use found_stage::{DetectorScale, found_parameter, found_stage};
 pub use spread::{
     Atlas, MAX_NODES, PLANE_SPREADS, POINT_SPREADS, Psf2d, Psf2dStar, Rows, SeparablePsf, SeparableStar, psf_2d, separable_psf,
 };

@@ -1,0 +1,79 @@
+//! What the pixels of a recording show, written as a scene that renders it.
+
+use serde_json::Value;
+
+use crate::cli::{run, text};
+
+/// A tracker that loses light in the corners and in the red, and offsets its rows.
+const SCENE: &str = r#"
+format = "boresight-scene/1"
+seed = 11
+camera = { width_px = 448, height_px = 448, focal_length_px = 1200.0 }
+sky = { background_e_per_px_s = 400.0, faintest_magnitude = 7.4, physics = "known" }
+[nominal]
+focal_length_px = 1200.0
+[detector]
+psf_sigma_px = 1.0
+zero_point_e_per_s = 2.0e6
+gain_e_per_dn = 2.0
+bias_dn = 200.0
+read_noise_e = 5.0
+saturation_dn = 65535.0
+full_well_e = 1.3e5
+colour_term_mag_per_mag = 0.25
+[series]
+count = 10
+start_utc = "2026-03-01T20:00:00Z"
+interval_s = 900.0
+exposure_s = 0.5
+[[effects]]
+id = "vignetting"
+parameters = { loss_at_corner = 0.4 }
+[[effects]]
+id = "banding"
+parameters = { row_sigma_e = 3.0 }
+"#;
+
+fn diagnosed(recording: &std::path::Path, more: &[&str]) -> Value {
+    let args = [&["diagnose", text(recording), "--physics", "known", "--nulls", "100", "--quiet", "--json"], more].concat();
+    let ran = run(&args);
+    serde_json::from_str(&ran.stdout).unwrap_or_else(|error| panic!("{error}: {} {}", ran.stdout, ran.stderr))
+}
+
+/// The sum of the parameters of a finding and the standard error of the first.
+fn found(diagnosis: &Value, id: &str) -> [f64; 2] {
+    let findings = diagnosis["findings"].as_array().unwrap();
+    let own = findings.iter().find(|own| own["id"] == id).unwrap_or_else(|| panic!("{id} is not among {findings:?}"));
+    let parameters = own["parameters"].as_array().unwrap();
+    [parameters.iter().map(|parameter| parameter["value"].as_f64().unwrap()).sum(), parameters[0]["sigma"].as_f64().unwrap()]
+}
+
+/// The scene that is written has the truth's numbers, and what it renders shows the same once more.
+#[test]
+fn what_pixels_show_is_written_and_rendered_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("scene.toml"), SCENE).unwrap();
+    let simulate = |scene: &str, out: &str| {
+        let ran = run(&["simulate", text(&at(scene)), "-o", text(&at(out)), "--quiet", "--backend", "cpu"]);
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+    };
+    simulate("scene.toml", "first");
+    let first = diagnosed(&at("first"), &["--write-camera", text(&at("found.toml"))]);
+    let written: toml::Value = toml::from_str(&std::fs::read_to_string(at("found.toml")).unwrap()).unwrap();
+    let stage = |id: &str, name: &str| {
+        let effects = written["effects"].as_array().unwrap();
+        let own = effects.iter().find(|own| own["id"].as_str() == Some(id)).unwrap_or_else(|| panic!("{id} is not among {effects:?}"));
+        own["parameters"][name].as_float().unwrap()
+    };
+    let loss = stage("vignetting", "loss_at_corner") + stage("vignetting", "loss_fourth_order");
+    assert!((loss - 0.4).abs() < 0.02, "{written}");
+    assert!((stage("banding", "row_sigma_e") - 3.0).abs() < 0.2, "{written}");
+    assert!((written["detector"]["colour_term_mag_per_mag"].as_float().unwrap() - 0.25).abs() < 0.03, "{written}");
+    simulate("found.toml", "second");
+    let second = diagnosed(&at("second"), &[]);
+    for id in ["vignetting", "passband", "banding"] {
+        let ([one, sigma], [other, other_sigma]) = (found(&first, id), found(&second, id));
+        assert!((one - other).abs() < 4.0 * sigma.hypot(other_sigma) + 0.02 * one.abs(), "{id}: {one} ± {sigma}, {other} ± {other_sigma}");
+    }
+}
