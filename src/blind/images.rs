@@ -99,7 +99,7 @@ pub fn image_answer(family: Family, index: u32, seed: u64, options: &DiagnoseOpt
     let DiagnosisRequest { points, telemetry, options: asked, .. } = request;
     let stars = star_measurements(&measured, &points, parity);
     let camera = &measured.recording.camera;
-    let detector = DeclaredDetector { gain_e_per_dn: camera.gain_e_per_dn, bias_dn: camera.bias_dn, read_noise_e: camera.read_noise_e };
+    let detector = DeclaredDetector::from(camera);
     let views = sky_views(&measured, &points, parity);
     let of_images = ImageMeasurements { stars: &stars, pixels: measured.pixels.as_ref(), detector, views: &views };
     let diagnosis = match diagnose_recording(&points, &telemetry, &of_images, &asked, &|_| ()) {

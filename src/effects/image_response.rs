@@ -23,6 +23,8 @@ pub struct ImageContext {
     pub temperature_offset_k: Option<f64>,
     /// Time from the mean of the frames, hours.
     pub time_offset_h: Option<f64>,
+    /// How far and whither the star moves over the detector during the exposure by the declared rates, px.
+    pub trail_px: Option<[f64; 2]>,
     /// Typical width of the images (Gaussian σ), px.
     pub sigma_px: f64,
 }
@@ -82,6 +84,10 @@ pub trait ImageEffect: Sync {
     fn sign(&self) -> Option<f64> {
         None
     }
+    /// Whether its parameters are squares, so that their roots are told.
+    fn are_squares(&self) -> bool {
+        false
+    }
     /// What it needs, in words, for where it is not known.
     fn needs(&self) -> &'static str;
     /// The size of its first parameter that real cameras and skies have, and where that is from.
@@ -98,4 +104,5 @@ pub static IMAGE_EFFECTS: &[&dyn ImageEffect] = &[
     &super::detector::charge_transfer_inefficiency::ChargeTransferInefficiency,
     &super::detector::amplifier_step::AmplifierStep,
     &super::optics::coma::Coma,
+    &super::optics::coma::ComaOfRays,
 ];

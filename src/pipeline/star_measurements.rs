@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::{Measured, MeasuredFrame};
 use crate::detect::{Detection, Moments};
 use crate::diagnose::StarMeasurement;
-use crate::effects::{ImageContext, REFERENCE_FLUX_E};
+use crate::effects::{ImageContext, Observation, REFERENCE_FLUX_E};
 use crate::identify::{ControlPoint, ControlPoints};
 use crate::pixel_statistics::SummedImage;
 use crate::recording::FirstRow;
@@ -127,6 +127,18 @@ fn context(measured: &Measured, points: &ControlPoints, point: &ControlPoint, ow
         airmass,
         temperature_offset_k: observation.temperature_offset_k,
         time_offset_h: observation.time_offset_h,
+        trail_px: trail_px(&observation, &points.nominal, [x_px, own.y_px]),
         sigma_px: 1.0,
     }
+}
+
+/// The way of a star over the detector while the camera turns at its declared rates: the direction s goes with −ω × s.
+fn trail_px(observation: &Observation, camera: &crate::camera::Camera, at_px: [f64; 2]) -> Option<[f64; 2]> {
+    let (rate_rad_s, exposure_s) = observation.rate_rad_s.zip(observation.exposure_s)?;
+    let focal_px = camera.focal_length_px;
+    let [x, y] = [0, 1].map(|axis| (at_px[axis] - camera.principal_point_px[axis]) / focal_px);
+    let [turn_x, turn_y, roll] = rate_rad_s;
+    // What the direction gains in depth it loses in its tangent.
+    let deeper = turn_x * y - turn_y * x;
+    Some([roll * y - turn_y + x * deeper, turn_x - roll * x + y * deeper].map(|speed| speed * focal_px * exposure_s))
 }

@@ -3,10 +3,12 @@
 mod axial_colour;
 mod extinction;
 mod focus_drift;
+mod motion_smear;
 mod passband;
 mod psf_shape;
 
 use crate::effects::ImageEffect;
+pub(super) use motion_smear::MOTION_SMEAR;
 
 /// Those with columns in brightness or shape.
 pub(super) static IMAGE_CAUSES: &[&dyn ImageEffect] = &[
@@ -17,6 +19,7 @@ pub(super) static IMAGE_CAUSES: &[&dyn ImageEffect] = &[
     &axial_colour::AxialColour,
     &focus_drift::FocusWithTemperature,
     &focus_drift::FocusWithTime,
+    &motion_smear::MotionSmear,
 ];
 
 /// A declared gain, read noise or bias that is wrong.
@@ -29,8 +32,6 @@ pub(super) const EXPOSURE_TIME: &str = "exposure-time";
 pub(super) const CLOUDS: &str = "clouds";
 /// A frame whose stars are brighter than in the others.
 pub(super) const ZERO_POINT: &str = "zero-point";
-/// Images drawn out by a motion of the camera during the exposure.
-pub(super) const MOTION_SMEAR: &str = "motion-smear";
 /// Light that the lens reflects to the point mirrored in its axis.
 pub(super) const GHOST: &str = "ghost";
 /// Charge of a bright star that is released in the frame after.

@@ -11,8 +11,11 @@ use crate::pixel_statistics::{MIN_RAY_FRAMES, MIN_STAR_SIGMA_PX, MIN_STOP_FRAMES
 const EXPECTED_RAYS: f64 = 1e-2;
 const FIELD_STOP: &str = <field_stop::FieldStop as PixelEffect>::ID;
 
-/// Cosmic rays.
-pub(super) fn cosmic_rays(pixels: &PixelStatistics) -> Counted {
+/// Cosmic rays; blocks that a compression has rounded are sharp too.
+pub(super) fn cosmic_rays(pixels: &PixelStatistics, is_compressed: bool) -> Counted {
+    if is_compressed {
+        return Counted::untold(COSMIC_RAYS, Channel::Noise, "the frames are compressed: rounding makes sharp pixels of its own");
+    }
     let Some(rays) = &pixels.cosmic_rays else {
         let reason = if pixels.by_frame.len() < MIN_RAY_FRAMES {
             format!("fewer than {MIN_RAY_FRAMES} frames of one size do not tell them from hot pixels")

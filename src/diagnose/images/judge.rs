@@ -16,6 +16,8 @@ use crate::diagnose::channels::{Channel, ChannelMeasure};
 use crate::diagnose::null_distribution::{family_p, independent};
 use crate::effects::CentroidShift;
 use crate::effects::detector::amplifier_step::AmplifierStep;
+use crate::effects::detector::brighter_fatter::BrighterFatter;
+use crate::effects::pixel::pass::PassHead;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Simulations at most: more tell nothing that their tail does not.
@@ -292,11 +294,15 @@ fn alike(rows: &Rows, without: &RowFit, accepted: &[usize], chosen: &Answer) -> 
     all
 }
 
-/// Halves of one detector do not differ by more.
+/// Sizes that no detector has: halves that differ by too much, charge that is pushed aside and adds noise.
 fn implausible(question: &Question, sizes: &[[f64; 2]]) -> Option<String> {
     const MAX_GAIN_STEP: f64 = 0.2;
     let is_step = question.id == <AmplifierStep as CentroidShift>::ID && question.parameters.first()?.name == "gain_relative";
     let size = sizes.first()?[0];
+    // Pixels that push charge aside share their noise: none has more of it.
+    if question.id == <BrighterFatter as PassHead>::ID && sizes.get(1).is_some_and(|[lost, sigma]| *lost < -2.0 * sigma) {
+        return Some("the noise of the sky grows with the light, and charge that is pushed aside makes it fall".to_owned());
+    }
     (is_step && size.abs() > MAX_GAIN_STEP).then(|| format!("no two amplifiers differ by {:.0} %", 100.0 * size.abs()))
 }
 

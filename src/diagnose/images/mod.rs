@@ -9,6 +9,7 @@ mod counted;
 mod ends_and_rays;
 mod halo;
 mod judge;
+mod measured_detector;
 mod noise;
 mod patterns;
 mod proposed;
@@ -18,7 +19,10 @@ mod row_noise;
 mod row_solve;
 mod rows;
 mod selection;
+mod shared_noise;
 mod single_frames;
+#[cfg(test)]
+mod single_frames_tests;
 mod sky_columns;
 mod sky_light;
 mod sky_noise;
@@ -26,7 +30,10 @@ mod sky_view;
 mod stars;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod transfer_tests;
 mod turns;
+mod withheld;
 
 pub use noise::DeclaredDetector;
 pub use report::ImageMeasurements;

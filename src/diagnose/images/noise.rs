@@ -5,8 +5,10 @@
 use super::rows::{KNOWN_BEFOREHAND, Kind, Parameter, Question, Row, Rows, Shared, Shown};
 use crate::diagnose::causes::GAIN_NOISE;
 use crate::diagnose::channels::Channel;
+use crate::effects::detector::brighter_fatter::BrighterFatter;
 use crate::effects::detector::{banding, bayer, dark_current, even_odd, prnu};
-use crate::effects::{CentroidShift, pixel::PixelEffect};
+use crate::effects::pixel::{PixelEffect, pass::PassHead};
+use crate::effects::{CentroidShift, ids};
 use crate::pixel_statistics::{Estimate, FrameNoise, PatternPair, PixelStatistics, TransferPoint};
 
 /// The numbers of the detector as the recording declares them.
@@ -18,14 +20,40 @@ pub struct DeclaredDetector {
     pub bias_dn: Option<f64>,
     /// Read noise.
     pub read_noise_e: Option<f64>,
+    /// Counts of a full pixel.
+    pub saturation_dn: Option<f64>,
 }
 
-/// Stars that are not found add to the scatter of the sky by this share of it.
+impl From<&crate::recording::CameraInfo> for DeclaredDetector {
+    fn from(camera: &crate::recording::CameraInfo) -> Self {
+        Self {
+            gain_e_per_dn: camera.gain_e_per_dn,
+            bias_dn: camera.bias_dn,
+            read_noise_e: camera.read_noise_e,
+            saturation_dn: camera.saturation_dn,
+        }
+    }
+}
+
+/// Stars that are not found add to the scatter of the sky by this share of it, where neighbours do not tell,
 const CONFUSION: f64 = 0.01;
+/// and with this error at least where they do: clipping and smooth structure of the sky are of that order.
+const MIN_CONFUSION_ERROR: f64 = 0.003;
+/// Of the scatter by stars so much is shared by neighbouring pixels: exp(−1/(4(σ² + 1/12))) of images of σ = 0.65 px.
+const SHARED_BY_NEIGHBOURS: f64 = 0.6;
+/// Neighbours that share more of their noise do so for other reasons.
+const MAX_SHARED: f64 = 0.02;
 
 /// Levels that differ by less, over their mean, tell a gain and a read noise together alone.
 const MIN_SPREAD: f64 = 0.15;
 const DARK: &str = <dark_current::DarkCurrent as PixelEffect>::ID;
+const BANDING: &str = <banding::Banding as PixelEffect>::ID;
+const EVEN_ODD: &str = <even_odd::EvenOdd as CentroidShift>::ID;
+const BAYER: &str = <bayer::Bayer as CentroidShift>::ID;
+const PRNU: &str = <prnu::Prnu as PixelEffect>::ID;
+const ROWS: &str = "banding of rows";
+const COLUMNS: &str = "banding of columns";
+const BRIGHTER_FATTER: &str = <BrighterFatter as PassHead>::ID;
 /// Of the variance of the offsets of rows (or columns) so much is seen in the pixels of a block: its plane takes an eighth.
 const LINES_IN_BLOCK: f64 = 0.9;
 
@@ -35,13 +63,13 @@ struct NoiseKind {
     /// Frame, value, standard error.
     numbers: Vec<(usize, f64, f64)>,
     common: Vec<Vec<f64>>,
-    /// Of each effect the parameter's number and the column.
+    /// Of each effect (by its key, else its id) the parameter's number and the column.
     columns: Vec<(&'static str, usize, Vec<f64>)>,
 }
 
 /// Adds the rows to those of stars. `place` gives a frame's place among all from its number.
 pub(super) fn add_noise(rows: &mut Rows, pixels: &PixelStatistics, detector: &DeclaredDetector, place: impl Fn(usize) -> usize) {
-    let kinds = [lines(pixels), parities(pixels), pattern(&pixels.fixed_pattern.pairs), transfer(pixels, detector)];
+    let kinds = [lines(pixels), parities(pixels, detector.bias_dn), pattern(&pixels.fixed_pattern.pairs), transfer(pixels, detector)];
     let all: Vec<NoiseKind> = kinds.into_iter().flatten().filter(|kind| !kind.numbers.is_empty()).collect();
     let before = rows.len();
     let count: usize = all.iter().map(|kind| kind.numbers.len()).sum();
@@ -49,15 +77,8 @@ pub(super) fn add_noise(rows: &mut Rows, pixels: &PixelStatistics, detector: &De
         column.resize(before + count, 0.0);
     }
     let mut star = rows.rows().map(|row| row.star + 1).max().unwrap_or(0);
-    for (id, parameters, follows, sign) in EFFECTS {
-        let mut columns = vec![vec![0.0; before + count]; parameters.len()];
-        let mut at = before;
-        for kind in &all {
-            for (_, which, own) in kind.columns.iter().filter(|(own, _, _)| own == id) {
-                columns[*which][at..at + own.len()].copy_from_slice(own);
-            }
-            at += kind.numbers.len();
-        }
+    for (key, id, parameters, follows, sign) in EFFECTS {
+        let columns = columns_of(&all, key, parameters.len(), before);
         if columns.iter().flatten().any(|value| *value != 0.0) {
             // A parameter without a column is not asked for.
             let asked: Vec<bool> = columns.iter().map(|column| column.iter().any(|value| *value != 0.0)).collect();
@@ -67,6 +88,7 @@ pub(super) fn add_noise(rows: &mut Rows, pixels: &PixelStatistics, detector: &De
             rows.questions.push(Question { id, parameters, follows, columns, rank: 1, sign: *sign });
         }
     }
+    join_stars(rows, &all, before);
     for kind in all {
         let numbers = kind.numbers.iter().map(|(frame, value, sigma)| {
             star += 1;
@@ -84,17 +106,45 @@ pub(super) fn add_noise(rows: &mut Rows, pixels: &PixelStatistics, detector: &De
     }
 }
 
+/// Columns over all rows of an effect's parameters; zero before those of the noise.
+fn columns_of(all: &[NoiseKind], key: &str, parameters: usize, before: usize) -> Vec<Vec<f64>> {
+    let count: usize = all.iter().map(|kind| kind.numbers.len()).sum();
+    let mut columns = vec![vec![0.0; before + count]; parameters];
+    let mut at = before;
+    for kind in all {
+        for (_, which, own) in kind.columns.iter().filter(|(own, _, _)| *own == key) {
+            columns[*which][at..at + own.len()].copy_from_slice(own);
+        }
+        at += kind.numbers.len();
+    }
+    columns
+}
+
+/// What stars ask for and the noise tells too.
+fn join_stars(rows: &mut Rows, all: &[NoiseKind], before: usize) {
+    for question in rows.questions.iter_mut().filter(|question| [ids::NONLINEARITY, BRIGHTER_FATTER].contains(&question.id)) {
+        let Some(own) = columns_of(all, question.id, 1, before).pop().filter(|own| own.iter().any(|value| *value != 0.0)) else { continue };
+        if question.id == ids::NONLINEARITY {
+            question.columns[0].iter_mut().zip(own).for_each(|(column, value)| *column += value);
+        } else {
+            // How the two go together hangs on how far the charge reaches: the noise has a size of its own.
+            question.columns.push(own);
+            question.parameters.push(parameter("variance_lost_at_full", "", Shown::Same));
+        }
+    }
+}
+
 const fn parameter(name: &'static str, unit: &'static str, shown: Shown) -> Parameter {
     Parameter { name, unit, shown }
 }
 
-/// Id, parameters, what it follows, sign.
-type Effect = (&'static str, &'static [Parameter], &'static str, Option<f64>);
+/// Key of its columns, id, parameters, what it follows, sign.
+type Effect = (&'static str, &'static str, &'static [Parameter], &'static str, Option<f64>);
 
 /// Sizes that real detectors have, of the first column (a variance where the root is told), and where they are from.
 const ORDINARY: &[(&str, f64, &str)] = &[
-    (<even_odd::EvenOdd as CentroidShift>::ID, 0.005, "gains of two readout channels that differ by a percent (Janesick 2001)"),
-    (<prnu::Prnu as PixelEffect>::ID, 1e-4, "0.2 to 2 % for CCD and CMOS sensors (EMVA 1288)"),
+    (EVEN_ODD, 0.005, "gains of two readout channels that differ by a percent (Janesick 2001)"),
+    (PRNU, 1e-4, "0.2 to 2 % for CCD and CMOS sensors (EMVA 1288)"),
     (GAIN_NOISE, 0.05, "gains are declared to some percent"),
 ];
 
@@ -105,15 +155,12 @@ pub(super) fn ordinary(id: &str) -> Option<(f64, &'static str)> {
 
 /// The effects that have columns here. Variances are asked for, and their roots are told.
 const EFFECTS: &[Effect] = &[
+    (ROWS, BANDING, &[parameter("row_sigma_dn", "DN", Shown::Root)], "row", Some(1.0)),
+    (COLUMNS, BANDING, &[parameter("column_sigma_dn", "DN", Shown::Root)], "x", Some(1.0)),
+    (EVEN_ODD, EVEN_ODD, &[parameter("relative", "", Shown::Same)], "pixel-parity-x", None),
     (
-        <banding::Banding as PixelEffect>::ID,
-        &[parameter("row_sigma_dn", "DN", Shown::Root), parameter("column_sigma_dn", "DN", Shown::Root)],
-        "row",
-        Some(1.0),
-    ),
-    (<even_odd::EvenOdd as CentroidShift>::ID, &[parameter("relative", "", Shown::Same)], "pixel-parity-x", None),
-    (
-        <bayer::Bayer as CentroidShift>::ID,
+        BAYER,
+        BAYER,
         &[
             parameter("columns_relative", "", Shown::Same),
             parameter("rows_relative", "", Shown::Same),
@@ -122,9 +169,15 @@ const EFFECTS: &[Effect] = &[
         "pixel-parity-x",
         None,
     ),
-    (<prnu::Prnu as PixelEffect>::ID, &[parameter("relative", "", Shown::Root)], "fixed-pattern", Some(1.0)),
-    (DARK, &[parameter("unequal_dn_per_s", "DN/s", Shown::Root)], "fixed-pattern", Some(1.0)),
-    (GAIN_NOISE, &[parameter("gain_ratio", "", Shown::OneMore), parameter("variance_beside_dn2", "DN2", Shown::Same)], "level", None),
+    (PRNU, PRNU, &[parameter("relative", "", Shown::Root)], "fixed-pattern", Some(1.0)),
+    (DARK, DARK, &[parameter("unequal_dn_per_s", "DN/s", Shown::Root)], "fixed-pattern", Some(1.0)),
+    (
+        GAIN_NOISE,
+        GAIN_NOISE,
+        &[parameter("gain_ratio", "", Shown::OneMore), parameter("variance_beside_dn2", "DN2", Shown::Same)],
+        "level",
+        None,
+    ),
 ];
 
 /// Numbers of the frames that have them.
@@ -135,42 +188,38 @@ fn numbers(pixels: &PixelStatistics, pick: impl Fn(&FrameNoise) -> Option<Estima
 
 /// Variances of row and column offsets, one after the other.
 fn lines(pixels: &PixelStatistics) -> Option<NoiseKind> {
-    // Lines that are high and low in turns scatter too: that is told of odd and even ones.
-    let less = |estimate: Option<Estimate>, frame: &FrameNoise, which: usize| {
-        let in_turns = frame.parity_dn.map_or(0.0, |parity| parity[which].value.powi(2));
-        estimate.map(|own| Estimate { value: own.value - in_turns, ..own })
-    };
-    let rows = numbers(pixels, |frame| less(frame.row_variance_dn2, frame, 1));
-    let columns = numbers(pixels, |frame| less(frame.column_variance_dn2, frame, 0));
+    let rows = numbers(pixels, |frame| frame.row_variance_dn2);
+    let columns = numbers(pixels, |frame| frame.column_variance_dn2);
     let [of_rows, of_columns] = [1.0, 0.0].map(|own| {
         let column = vec![own; rows.len()].into_iter().chain(vec![1.0 - own; columns.len()]);
         column.collect::<Vec<f64>>()
     });
-    let id = <banding::Banding as PixelEffect>::ID;
     let numbers: Vec<_> = rows.into_iter().chain(columns).collect();
     (!numbers.is_empty()).then(|| NoiseKind {
         name: "variance of rows and columns",
         numbers,
         common: Vec::new(),
-        columns: vec![(id, 0, of_rows), (id, 1, of_columns)],
+        columns: vec![(ROWS, 0, of_rows), (COLUMNS, 0, of_columns)],
     })
 }
 
-/// Differences of odd and even columns, rows and diagonals: in proportion to the level.
-fn parities(pixels: &PixelStatistics) -> Option<NoiseKind> {
+/// Half the differences of odd and even columns, rows and diagonals: in proportion to the light, with the sign of the page of even-odd, by which even
+/// columns count more. `bias_dn`: counts of no light, where they are known.
+fn parities(pixels: &PixelStatistics, bias_dn: Option<f64>) -> Option<NoiseKind> {
     let told: Vec<(&FrameNoise, [Estimate; 3])> =
         pixels.by_frame.iter().filter_map(|frame| frame.parity_dn.map(|parity| (frame, parity))).collect();
     let numbers: Vec<(usize, f64, f64)> =
         (0..3).flat_map(|which| told.iter().map(move |(frame, parity)| (frame.frame, parity[which].value, parity[which].sigma))).collect();
     let column = |which: usize| -> Vec<f64> {
-        (0..3).flat_map(|own| told.iter().map(move |(frame, _)| if own == which { frame.level_dn } else { 0.0 })).collect()
+        (0..3)
+            .flat_map(|own| told.iter().map(move |(frame, _)| if own == which { bias_dn.unwrap_or(0.0) - frame.level_dn } else { 0.0 }))
+            .collect()
     };
-    let (even_odd, mosaic) = (<even_odd::EvenOdd as CentroidShift>::ID, <bayer::Bayer as CentroidShift>::ID);
     (!numbers.is_empty()).then(|| NoiseKind {
         name: "odd against even",
         numbers,
         common: Vec::new(),
-        columns: vec![(even_odd, 0, column(0)), (mosaic, 0, column(0)), (mosaic, 1, column(1)), (mosaic, 2, column(2))],
+        columns: vec![(EVEN_ODD, 0, column(0)), (BAYER, 0, column(0)), (BAYER, 1, column(1)), (BAYER, 2, column(2))],
     })
 }
 
@@ -179,7 +228,7 @@ fn pattern(pairs: &[PatternPair]) -> Option<NoiseKind> {
     let numbers: Vec<_> = pairs.iter().map(|pair| (pair.frames[0], pair.covariance.value, pair.covariance.sigma)).collect();
     let mut columns = vec![(DARK, 0, pairs.iter().map(|pair| pair.by_exposure).collect::<Vec<f64>>())];
     if let Some(by_light) = pairs.iter().map(|pair| pair.by_light).collect::<Option<Vec<f64>>>() {
-        columns.push((<prnu::Prnu as PixelEffect>::ID, 0, by_light));
+        columns.push((PRNU, 0, by_light));
     }
     (!numbers.is_empty()).then(|| NoiseKind { name: "fixed pattern", numbers, common: Vec::new(), columns })
 }
@@ -189,6 +238,18 @@ fn spread(levels: impl Iterator<Item = f64> + Clone) -> f64 {
     let count = levels.clone().count().max(1) as f64;
     let mean = levels.clone().sum::<f64>() / count;
     (levels.map(|level| (level - mean).powi(2)).sum::<f64>() / count).sqrt() / mean.abs().max(f64::MIN_POSITIVE)
+}
+
+/// The share of the sky's scatter that is of stars that were not found, with its error: white noise has none in common from pixel to pixel.
+fn confusion(pixels: &PixelStatistics) -> [f64; 2] {
+    let Some(neighbours) = &pixels.neighbours else { return [0.0, CONFUSION] };
+    let shared = 0.5 * (neighbours.column.value + neighbours.row.value);
+    if shared.abs() > MAX_SHARED {
+        return [0.0, CONFUSION];
+    }
+    let share = shared.max(0.0) / SHARED_BY_NEIGHBOURS;
+    let sigma = 0.5 * neighbours.column.sigma.hypot(neighbours.row.sigma) / SHARED_BY_NEIGHBOURS;
+    [share, (0.5 * share).hypot(sigma).hypot(MIN_CONFUSION_ERROR)]
 }
 
 /// Variance of the sky less what gain, bias and read noise as declared make of its level. Without a bias or a read noise the intercept is free.
@@ -203,26 +264,33 @@ fn transfer(pixels: &PixelStatistics, detector: &DeclaredDetector) -> Option<Noi
         let expected = (point.level_dn - bias) / gain + beside;
         (point.frame, point.variance_dn2 - expected, point.sigma_dn2)
     };
-    // The last number is no point: it says that the share of stars that were not found is zero within its error.
-    let numbers = points.iter().map(number).chain([(KNOWN_BEFOREHAND, 0.0, CONFUSION)]).collect();
+    // The last number is no point: it says what the share of stars that were not found is, within its error.
+    let [share, error] = confusion(pixels);
+    let numbers = points.iter().map(number).chain([(KNOWN_BEFOREHAND, share, error)]).collect();
     let with = |last: f64, of: &dyn Fn(&TransferPoint) -> f64| -> Vec<f64> { points.iter().map(of).chain([last]).collect() };
     let one = with(0.0, &|_| 1.0);
     // A gain larger by a share makes so much less of the photons.
     let by_gain = with(0.0, &|point| -(point.level_dn - bias) / gain);
     let by_lines = with(0.0, &|_| LINES_IN_BLOCK);
-    let banding = <banding::Banding as PixelEffect>::ID;
     let exposures: std::collections::BTreeMap<usize, f64> =
         pixels.by_frame.iter().map(|frame| (frame.frame, frame.exposure_s.unwrap_or(1.0))).collect();
     // Unequal dark current is a part of the scatter of the pixels of a block, as it is of what two frames share.
     let by_dark = with(0.0, &|point| exposures.get(&point.frame).map_or(1.0, |time| time * time));
-    let mut columns = vec![(banding, 0, by_lines.clone()), (banding, 1, by_lines), (DARK, 0, by_dark)];
+    let mut columns = vec![(ROWS, 0, by_lines.clone()), (COLUMNS, 0, by_lines), (DARK, 0, by_dark)];
     // At one level alone gain, read noise and bias are one number.
     let is_gain_told = !is_told || spread(points.iter().map(|point| point.level_dn - bias)) > MIN_SPREAD;
     if is_gain_told {
         columns.push((GAIN_NOISE, 0, by_gain));
     }
+    if let Some(full_dn) = detector.saturation_dn.map(|full| full - bias).filter(|full| detector.bias_dn.is_some() && *full > 0.0) {
+        // Of N electrons in a pixel of W a response N(1 − αN/W) leaves the variance N(1 − 4αN/W), and the level itself 1 − αN/W of it.
+        let by_response = with(0.0, &|point| -3.0 * (point.level_dn - bias).powi(2) / (gain * full_dn));
+        // Charge that is pushed into neighbours takes the part βN/W of the variance with it (Antilogus et al. 2014).
+        let by_neighbours = with(0.0, &|point| -(point.level_dn - bias).powi(2) / (gain * full_dn));
+        columns.extend([(ids::NONLINEARITY, 0, by_response), (BRIGHTER_FATTER, 0, by_neighbours)]);
+    }
     if detector.bias_dn.is_some() {
-        columns.push((<prnu::Prnu as PixelEffect>::ID, 0, with(0.0, &|point| (point.level_dn - bias).powi(2))));
+        columns.push((PRNU, 0, with(0.0, &|point| (point.level_dn - bias).powi(2))));
     }
     let mut common = vec![with(1.0, &|point| point.variance_dn2)];
     if is_told {

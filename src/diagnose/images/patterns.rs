@@ -56,6 +56,7 @@ const COVARIATES: &[(&str, Columns)] = &[
     ("pixel-phase-x", |star| Some(phase(star.image.phase_px[0]))),
     ("pixel-phase-y", |star| Some(phase(star.image.phase_px[1]))),
     ("zenith", |star| star.image.airmass.map(|airmass| vec![airmass])),
+    ("rate", |star| star.image.trail_px.map(|[x, y]| vec![x * x + y * y, x * x - y * y, 2.0 * x * y])),
     ("temperature", |star| star.image.temperature_offset_k.map(|kelvin| vec![kelvin, kelvin * kelvin])),
     ("time", |star| star.image.time_offset_h.map(|hours| vec![hours, hours * hours])),
 ];

@@ -3,28 +3,30 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::copies::copies;
-use super::counted::{COMPRESSED, Counted, counted};
+use super::counted::{Counted, counted};
+use super::ends_and_rays::{cosmic_rays, field_stop};
 use super::halo::{self, halo};
 use super::judge::{Asked, ChannelState, Judged, Pixels, Proposed, judge};
+use super::measured_detector::measured_detector;
 use super::noise::{DeclaredDetector, ordinary};
 use super::rows::{Parameter, Shown};
+use super::shared_noise::shared_noise;
 use super::single_frames::single_frames;
 use super::sky_columns;
 use super::sky_view::SkyView;
 use super::stars::StarMeasurement;
-use crate::diagnose::causes::{COMPRESSION, GAIN_NOISE, IMAGE_CAUSES};
+use super::withheld::{against, is_gain_explained, withhold_shadows};
+use crate::diagnose::causes::{COMPRESSION, IMAGE_CAUSES};
 use crate::diagnose::channels::{ByChannel, Channel, ChannelReport, ChannelVerdict, Detectable};
 use crate::diagnose::diagnosis::{
     ColumnSource, Diagnosis, EffectState, EffectStatus, Finding, FoundParameter, Limit, RemainderMap, Signs, Unknown,
 };
 use crate::diagnose::options::DiagnoseOptions;
 use crate::diagnose::wording;
-use crate::effects::detector::brighter_fatter::BrighterFatter;
-use crate::effects::detector::charge_transfer_inefficiency::ChargeTransferInefficiency;
-use crate::effects::detector::{even_odd, magnitude_equation, overshoot, s_curve};
-use crate::effects::pixel::pass::PassHead;
+use crate::effects::optics::vignetting::{Vignetting, losses};
+use crate::effects::pixel::PixelEffect;
 use crate::effects::sky::glow::sky_glow;
-use crate::effects::{CentroidShift, IMAGE_EFFECTS, ImageEffect, ids};
+use crate::effects::{IMAGE_EFFECTS, ImageEffect};
 use crate::pixel_statistics::{ElsewhereFrame, LOOKS, PixelStatistics};
 use crate::statistics::significance::deviations;
 
@@ -91,8 +93,13 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
         diagnosis.channels.background = ChannelReport::not_looked_at(reason);
     }
     let mut counted = images.pixels.map_or_else(Vec::new, counted);
-    let by_count: Vec<&'static str> = counted.iter().filter_map(Counted::found_id).collect();
-    let is_compressed = by_count.contains(&COMPRESSION);
+    let is_compressed = counted.iter().any(|own| own.found_id() == Some(COMPRESSION));
+    counted.extend(images.pixels.into_iter().flat_map(|pixels| [cosmic_rays(pixels, is_compressed), field_stop(pixels)]));
+    let mut by_count: Vec<&'static str> = counted.iter().filter_map(Counted::found_id).collect();
+    if let Some(overshoot) = images.pixels.and_then(|pixels| shared_noise(pixels, &images.detector, &by_count)) {
+        by_count.extend(overshoot.found_id());
+        counted.push(overshoot);
+    }
     if is_compressed {
         withhold_shadows(diagnosis);
     }
@@ -100,12 +107,15 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
         add_proposed(diagnosis, &judged, proposed, &by_count);
     }
     add_others(diagnosis, &judged);
+    if let Some(status) = images.pixels.and_then(|pixels| measured_detector(pixels.photon_transfer.as_ref(), &images.detector)) {
+        set_status(diagnosis, status);
+    }
     let numbers: Vec<usize> = places.keys().copied().collect();
     counted.extend(single_frames(&judged, images.pixels, images.detector.bias_dn, &numbers));
     counted.extend(images.pixels.map_or_else(Vec::new, |pixels| elsewhere(&pixels.elsewhere)));
     for (channel, state) in &judged.channels {
-        // Rounded blocks explain what the noise shows, whatever it looks like.
-        let is_explained = is_compressed && *channel == Channel::Noise;
+        // Rounded blocks explain what the noise shows, whatever it looks like, and what else changes the noise explains a gain that seems wrong.
+        let is_explained = *channel == Channel::Noise && (is_compressed || is_gain_explained(diagnosis));
         let state = &ChannelState { left_p_value: if is_explained { 1.0 } else { state.left_p_value }, ..state.clone() };
         let report = channel_report(diagnosis, &judged, *channel, state, options.alpha);
         if report.verdict == ChannelVerdict::Unexplained && state.left_p_value < options.alpha {
@@ -138,31 +148,6 @@ fn of_frames(pixels: &PixelStatistics, places: &BTreeMap<usize, usize>) -> Pixel
     own
 }
 
-/// What the rounding of a compression does to places of stars is not named after other causes in the pixels.
-fn withhold_shadows(diagnosis: &mut Diagnosis) {
-    const OF_PIXELS: [&str; 6] = [
-        ids::STRAY_LIGHT,
-        ids::BAYER,
-        <s_curve::SCurve as CentroidShift>::ID,
-        <even_odd::EvenOdd as CentroidShift>::ID,
-        <overshoot::Overshoot as CentroidShift>::ID,
-        <magnitude_equation::MagnitudeEquation as CentroidShift>::ID,
-    ];
-    let is_shadow = |id: &str| OF_PIXELS.contains(&id);
-    let shadows: Vec<Finding> = diagnosis.findings.extract_if(.., |finding| is_shadow(&finding.id)).collect();
-    for shadow in shadows {
-        if let Some(status) = diagnosis.effects.iter_mut().find(|own| own.id == shadow.id) {
-            status.status = EffectState::Withheld;
-            status.held_out_delta_chi2 = Some(shadow.held_out_delta_chi2);
-            status.upper_limit_95 = None;
-            COMPRESSED.clone_into(&mut status.reason);
-        }
-        if diagnosis.channels.astrometry.verdict == ChannelVerdict::Explained {
-            diagnosis.channels.astrometry.verdict = ChannelVerdict::Unexplained;
-        }
-    }
-}
-
 /// What bright stars leave at other places.
 fn elsewhere(frames: &[ElsewhereFrame]) -> Vec<Counted> {
     let mut all = copies(frames, halo::TESTS);
@@ -179,7 +164,12 @@ fn add_counted(diagnosis: &mut Diagnosis, counted: Vec<Counted>) {
         }
         let (status, finding) = own.reported();
         set_status(diagnosis, status);
-        diagnosis.findings.extend(finding);
+        let Some(finding) = finding else { continue };
+        match diagnosis.findings.iter_mut().find(|known| known.id == finding.id) {
+            // Found by places or rows already: what was counted stands beside it.
+            Some(known) => known.channels.extend(finding.channels.into_iter().filter(|(_, measure)| measure.is_some())),
+            None => diagnosis.findings.push(finding),
+        }
     }
 }
 
@@ -192,29 +182,20 @@ fn parameter(spec: &Parameter, size: [f64; 2]) -> FoundParameter {
     FoundParameter { name: spec.name.to_owned(), value, sigma, unit: spec.unit.to_owned() }
 }
 
-/// Why a proposal is withheld: by itself, and since something else that is there does the same to the noise.
-fn against(diagnosis: &Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &[&str]) -> Vec<String> {
-    const CHANGE_NOISE: [&str; 4] =
-        [ids::ADC, ids::NONLINEARITY, <BrighterFatter as PassHead>::ID, <ChargeTransferInefficiency as CentroidShift>::ID];
-    let id = |own: &Proposed| judged.rows.questions[own.question].id;
-    let is_of_noise = proposed.channels.keys().all(|channel| *channel == Channel::Noise);
-    let mut against = proposed.against.clone();
-    against.extend((by_count.contains(&COMPRESSION) && is_of_noise).then(|| COMPRESSED.to_owned()));
-    let by_images = judged.proposed.iter().filter(|own| own.against.is_empty()).map(id);
-    let mut there = diagnosis.findings.iter().map(|finding| finding.id.as_str()).chain(by_images).chain(by_count.iter().copied());
-    if id(proposed) == GAIN_NOISE
-        && let Some(other) = there.find(|id| CHANGE_NOISE.contains(id))
-    {
-        against.push(format!("{other} changes the noise of the pixels too"));
+/// Sizes as the equation of the effect's page has them, where the columns are linear in others.
+fn in_the_equation(id: &str, sizes: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    match sizes {
+        [second, fourth] if id == <Vignetting as PixelEffect>::ID => losses([*second, *fourth]).to_vec(),
+        _ => sizes.to_vec(),
     }
-    against
 }
 
 /// A finding, or the status of what is withheld.
 fn add_proposed(diagnosis: &mut Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &[&str]) {
     let question = &judged.rows.questions[proposed.question];
     // Parameters without a column stand last.
-    let sizes = proposed.sizes.iter().chain(std::iter::repeat(&[0.0; 2]));
+    let own = in_the_equation(question.id, &proposed.sizes);
+    let sizes = own.iter().chain(std::iter::repeat(&[0.0; 2]));
     let parameters: Vec<FoundParameter> = question.parameters.iter().zip(sizes).map(|(spec, size)| parameter(spec, *size)).collect();
     let p_value = (-proposed.surprise).exp();
     let mut status = EffectStatus {

@@ -9,6 +9,8 @@ use statrs::function::beta::beta_reg;
 
 use super::row_fit::RowFit;
 use super::rows::{Question, Rows};
+use crate::effects::detector::brighter_fatter::BrighterFatter;
+use crate::effects::pixel::pass::PassHead;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Effects at most.
@@ -25,6 +27,8 @@ const MANY_GROUPS: usize = 60;
 const LEAST_LEFT: f64 = 0.02;
 /// So many standard errors on the wrong side of zero are no size of an effect that has a sign.
 const WRONG_SIDE: f64 = 1.0;
+/// Charge that is pushed aside widens bright stars: what the noise alone shows is not it.
+const WIDER_BY_CHARGE: f64 = 3.0;
 
 /// The answer to a question.
 #[derive(Clone, Debug)]
@@ -72,7 +76,8 @@ pub(in crate::diagnose) fn answer(rows: &Rows, fit: &RowFit, index: usize) -> Op
     let rank = directions.len();
     let is_wrong = question.sign.is_some_and(|sign| {
         let own = fit.amplitude(rows, &question.columns[0], |_| true);
-        own.is_some_and(|[size, sigma]| sign * size < WRONG_SIDE * sigma)
+        let least = if question.id == <BrighterFatter as PassHead>::ID { WIDER_BY_CHARGE } else { WRONG_SIDE };
+        own.is_some_and(|[size, sigma]| sign * size < least * sigma)
     });
     let surprise = if is_wrong { 0.0 } else { surprise(rank, statistic, fit.share_of_means(rows, &directions)) };
     Some(Answer { question: index, statistic, rank, surprise })
@@ -186,4 +191,37 @@ pub(in crate::diagnose) fn chance(rows: &Rows, fit: &RowFit, questions: &[&Quest
 fn root(covariance: DMatrix<f64>) -> DMatrix<f64> {
     let eigen = covariance.symmetric_eigen();
     &eigen.eigenvectors * DMatrix::from_diagonal(&eigen.eigenvalues.map(|value| value.max(0.0).sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Means of eight groups whose scatter only they tell: the probability is even over draws, and that of χ² with the scatter found is not.
+    #[test]
+    fn of_few_means_the_probability_is_that_of_their_own_scatter() {
+        const GROUPS: usize = 8;
+        const DRAWS: usize = 4000;
+        let mut rng = Pcg64Mcg::seed_from_u64(5);
+        let (mut by_scatter, mut by_chi2) = (0, 0);
+        for _ in 0..DRAWS {
+            // One direction among the seven that the mean leaves.
+            let own: Vec<f64> = (1..GROUPS).map(|_| StandardNormal.sample(&mut rng)).collect();
+            let whole: f64 = own.iter().map(|value| value * value).sum();
+            let share = own[0] * own[0] / whole;
+            let statistic = own[0] * own[0] / (whole / (GROUPS - 1) as f64);
+            by_scatter += usize::from(surprise(1, statistic, Some((share, GROUPS))) > -0.01_f64.ln());
+            by_chi2 += usize::from(surprise(1, statistic, None) > -0.01_f64.ln());
+        }
+        // Forty are due, ± 6.3.
+        assert!((20..=62).contains(&by_scatter), "{by_scatter}");
+        assert!(!(20..=62).contains(&by_chi2), "{by_chi2}: the test could not fail");
+    }
+
+    /// The fewer the means, the less of a surprise the same share of them is.
+    #[test]
+    fn more_means_are_a_larger_surprise() {
+        let of = |groups: usize| surprise(1, 100.0, Some((0.9, groups)));
+        assert!(of(6) < of(10) && of(10) < of(20) && of(20) < of(MANY_GROUPS + 1));
+    }
 }

@@ -50,7 +50,9 @@ pub(super) fn single_frames(judged: &Judged, pixels: Option<&PixelStatistics>, b
     if levels.len() >= MIN_FRAMES {
         all.extend(uneven(&levels));
     }
-    all.extend(smeared(judged));
+    // Where the declared rates tell it the frames by themselves need not.
+    let is_told = judged.proposed.iter().any(|own| own.against.is_empty() && judged.rows.questions[own.question].id == MOTION_SMEAR);
+    all.extend(if is_told { None } else { smeared(judged) });
     all
 }
 
@@ -174,7 +176,7 @@ fn smeared(judged: &Judged) -> Option<Counted> {
     };
     let mut statistic = 0.0;
     let mut agreement = [0.0; 2];
-    let (mut product, mut square, mut lengths) = (0.0, 0.0, Vec::new());
+    let (mut sizes, mut lengths) = (Vec::new(), Vec::new());
     for k in 0..frames.len() {
         let ([s, s_variance], [e, e_variance], [d, d_variance]) = (joined(size[k]), joined(along[k]), joined(diagonal[k]));
         statistic += e * e / e_variance + d * d / d_variance;
@@ -183,8 +185,7 @@ fn smeared(judged: &Judged) -> Option<Counted> {
             agreement = [agreement[0] + halves[0][0] * halves[1][0] / variance.sqrt(), agreement[1] + 1.0];
         }
         let strength = (e * e + d * d - e_variance - d_variance).max(0.0).sqrt();
-        product += s * strength / s_variance;
-        square += strength * strength / s_variance;
+        sizes.push([strength, s, s_variance.recip()]);
         lengths.push((24.0 * strength).sqrt());
     }
     // The scatter of products of two normal numbers is one each.
@@ -192,7 +193,7 @@ fn smeared(judged: &Judged) -> Option<Counted> {
     // Means take one from every number.
     let degrees = 2.0 * (frames.len() as f64 - 1.0);
     let surprise = neg_ln_chi2_sf(degrees, statistic).min(MAX_SURPRISE);
-    let slope = if square > 0.0 { product / square } else { 0.0 };
+    let slope = slope(&sizes);
     let is_motion = held_out_sigmas > AGREES && slope > SMEAR_SLOPE[0] && slope < SMEAR_SLOPE[1];
     let rms = (lengths.iter().map(|length| length * length).sum::<f64>() / lengths.len() as f64).sqrt();
     let error = rms / (2.0 * statistic.max(1.0)).sqrt();
@@ -206,4 +207,13 @@ fn smeared(judged: &Judged) -> Option<Counted> {
             format!("Images are drawn out by {rms:.2} px (rms over the frames), in every frame along a direction of its own, and are wider by as much: the camera moved."),
         )
     })
+}
+
+/// Slope of a line through points (x, y, weight); 0 where all x are the same.
+fn slope(points: &[[f64; 3]]) -> f64 {
+    let sum = |of: &dyn Fn(&[f64; 3]) -> f64| points.iter().map(|point| point[2] * of(point)).sum::<f64>();
+    let weight = sum(&|_| 1.0);
+    let [x, y] = [sum(&|point| point[0]) / weight, sum(&|point| point[1]) / weight];
+    let square = sum(&|point| (point[0] - x).powi(2));
+    if square > 0.0 { sum(&|point| (point[0] - x) * (point[1] - y)) / square } else { 0.0 }
 }

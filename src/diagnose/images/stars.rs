@@ -236,6 +236,7 @@ fn question(effect: &'static dyn ImageEffect, told: &[Told<'_>]) -> Result<Quest
     if !columns.iter().any(varies) {
         return Err("what it depends on does not vary".to_owned());
     }
-    let parameters = effect.parameters().iter().map(|(name, unit)| Parameter { name, unit, shown: Shown::Same }).collect();
+    let shown = if effect.are_squares() { Shown::Root } else { Shown::Same };
+    let parameters = effect.parameters().iter().map(|(name, unit)| Parameter { name, unit, shown }).collect();
     Ok(Question { id: effect.id(), parameters, follows: effect.follows(), columns, rank: effect.name_rank(), sign: effect.sign() })
 }

@@ -33,6 +33,7 @@ pub(super) fn stars(seed: u64, added: Added) -> Vec<StarMeasurement> {
     let mut all = Vec::new();
     for frame in 0..FRAMES {
         let shake: f64 = StandardNormal.sample(&mut rng);
+        let (turn, length) = ((2.4 * frame as f64).sin_cos(), 0.5 + 0.1 * frame as f64);
         for (star, (magnitude, colour, off)) in sky.iter().enumerate() {
             let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
             let errors: [f64; 8] = std::array::from_fn(|_| normal());
@@ -47,6 +48,7 @@ pub(super) fn stars(seed: u64, added: Added) -> Vec<StarMeasurement> {
                 airmass: None,
                 temperature_offset_k: None,
                 time_offset_h: Some(frame as f64 / 2.0 - 2.75),
+                trail_px: Some([length * turn.1, length * turn.0]),
                 sigma_px: 1.0,
             };
             let (fainter, moments) = added(&image);
@@ -112,7 +114,12 @@ fn nothing_is_found_where_nothing_is() {
 
 #[test]
 fn what_is_there_is_named_with_its_size() {
-    let cases: [(&str, f64, Added); 4] = [
+    let cases: [(&str, f64, Added); 5] = [
+        // Seven tenths of the declared way.
+        ("motion-smear", 0.49, |image| {
+            let [x, y] = image.trail_px.unwrap();
+            (0.0, [x * x, x * y, y * y].map(|product| 0.49 * product / 12.0))
+        }),
         ("vignetting", 0.15, |image| (1.0857 * 0.15 * (image.at[0].powi(2) + image.at[1].powi(2)), [0.0; 3])),
         ("passband", -0.2, |image| (-0.2 * image.colour_offset.unwrap(), [0.0; 3])),
         ("axial-colour", 0.05, |image| (0.0, [0.1 * image.colour_offset.unwrap(), 0.0, 0.1 * image.colour_offset.unwrap()])),
@@ -144,19 +151,23 @@ fn a_width_that_follows_the_field_is_no_vignetting() {
     }
 }
 
-/// Rows that stand out by a hundred standard errors are found as those that stand out by ten.
+/// Rows that stand out by a hundred standard errors are found as those that stand out by ten; and columns where the rows do not.
 #[test]
-fn rows_that_are_offset_are_banding_however_much() {
-    for variance in [0.01, 0.5] {
-        let frame = |frame: usize| FrameNoise {
-            frame,
-            exposure_s: None,
-            level_dn: 200.0,
-            sigma_dn: 2.6,
-            row_variance_dn2: Some(Estimate { value: variance + 0.001 * (frame as f64 - 5.5) / 3.0, sigma: 0.001 }),
-            column_variance_dn2: Some(Estimate { value: 0.0005, sigma: 0.001 }),
-            parity_dn: Some([Estimate { value: 0.001, sigma: 0.002 }; 3]),
-            middle_step_dn: None,
+fn lines_that_are_offset_are_banding_however_much() {
+    for (variance, which) in [(0.01, 0), (0.5, 0), (0.01, 1)] {
+        let frame = |frame: usize| {
+            let offset = Estimate { value: variance + 0.001 * (frame as f64 - 5.5) / 3.0, sigma: 0.001 };
+            let none = Estimate { value: -0.0005, sigma: 0.001 };
+            FrameNoise {
+                frame,
+                exposure_s: None,
+                level_dn: 200.0,
+                sigma_dn: 2.6,
+                row_variance_dn2: Some(if which == 0 { offset } else { none }),
+                column_variance_dn2: Some(if which == 1 { offset } else { none }),
+                parity_dn: Some([Estimate { value: 0.001, sigma: 0.002 }; 3]),
+                middle_step_dn: None,
+            }
         };
         let pixels = PixelStatistics { by_frame: (0..FRAMES).map(frame).collect(), ..PixelStatistics::default() };
         let places = (0..FRAMES).map(|frame| (frame, frame)).collect();
@@ -164,6 +175,8 @@ fn rows_that_are_offset_are_banding_however_much() {
         let noise = Some(&Pixels { statistics: &pixels, detector: &detector, places: &places, views: &[] });
         let judged = judge(&stars(3, nothing), noise, FRAMES, &asked(1e-3), &[]).unwrap();
         assert_eq!(found(&judged), ["banding"], "{:?}", judged.proposed);
+        let own = &judged.rows.questions[judged.proposed[0].question];
+        assert_eq!(own.parameters[0].name, ["row_sigma_dn", "column_sigma_dn"][which]);
         let [value, _] = size(&judged, "banding").unwrap();
         assert!((value / variance - 1.0).abs() < 0.05, "{value} for {variance}");
     }

@@ -99,12 +99,15 @@ impl ImageEffect for Nonlinearity {
     fn ordinary(&self) -> (f64, &'static str) {
         (0.02, "0.5 to 5 % (Janesick 2007, chapter 7)")
     }
-    /// Of S(1 − α(S + 2B)/W): a Gaussian of peak P loses α(P/2 + 2B)/W of its light, and the square that is taken off has half its variance.
+    /// Of S(1 − α(S + 2B)/W), S a Gaussian of peak P and variance σ², by the sums of `pixel_statistics/star_images.rs`. Under a weight of variance k·σ² a
+    /// Gaussian has k/(k + 1) of its σ² as variance and of 2πσ²P as light, its square k/(2k + 1). So it loses αP(k + 1)/(2k + 1)/W of its light under the
+    /// wider weight (k = 1.8²: 0.567), and under the weight of the shape (k = 1) the variance grows by 2/3·(1/2 − 1/3)·αP/W of σ², which is four
+    /// times as much of the image before the weight: 4/9.
     fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
         let peak = image.fullness?;
-        let square = 0.25 * peak * image.sigma_px * image.sigma_px;
+        let square = 4.0 / 9.0 * peak * image.sigma_px * image.sigma_px;
         let wider = ImageResponse { second_px2: [square, 0.0, square], ..ImageResponse::default() };
-        Some(vec![ImageResponse::loss(0.5 * peak + 2.0 * image.background_fullness).and(wider)])
+        Some(vec![ImageResponse::loss(0.567 * peak + 2.0 * image.background_fullness).and(wider)])
     }
 }
 

@@ -39,7 +39,8 @@
 //!
 //! ## Source
 //!
-//! V. N. Mahajan, Optical Imaging and Aberrations (1998), for the form of the image.
+//! V. N. Mahajan, Optical Imaging and Aberrations (1998), for the form of the image; W. T. Welford, Aberrations of Optical Systems (1986), 7.3, for its
+//! rays.
 
 use crate::dual::Real;
 use crate::effects::{
@@ -116,5 +117,44 @@ impl ImageEffect for Coma {
     /// Tails along the radius, in proportion to it.
     fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
         Some(vec![ImageResponse { skewness: image.at, ..ImageResponse::default() }])
+    }
+}
+
+/// Coma by rays: images drawn out along the radius, with tails.
+#[derive(Clone, Copy, Debug)]
+pub struct ComaOfRays;
+
+impl ImageEffect for ComaOfRays {
+    fn id(&self) -> &'static str {
+        <Coma as CentroidShift>::ID
+    }
+    fn parameters(&self) -> &'static [(&'static str, &'static str)] {
+        &[("square_at_corner_px2", "px2"), ("skewness_at_corner", ""), ("skewness_at_corner_third_order", "")]
+    }
+    fn follows(&self) -> &'static str {
+        "field-radius"
+    }
+    fn name_rank(&self) -> u8 {
+        2
+    }
+    fn sign(&self) -> Option<f64> {
+        Some(1.0)
+    }
+    fn needs(&self) -> &'static str {
+        "second and third moments of the images"
+    }
+    fn ordinary(&self) -> (f64, &'static str) {
+        (0.1, "commercial lenses at full aperture: tails of a third of a pixel in the corner")
+    }
+    /// Rays of pupil radius p and azimuth φ land at c·p²·(2 + cos 2φ, sin 2φ), c along the radius and in proportion to it (Welford 1986, 7.3): about their
+    /// centre that adds c²/2 to the variance along the radius and c²/6 across. The tail is a skewness, of the first order where the image is that of
+    /// waves, of the third where it is that of rays.
+    fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
+        let [u, v] = image.at;
+        let radius2 = u * u + v * v;
+        let across = radius2 / 6.0;
+        let drawn = ImageResponse { second_px2: [across + u * u / 3.0, u * v / 3.0, across + v * v / 3.0], ..ImageResponse::default() };
+        let tail = |share: f64| ImageResponse { skewness: [u * share, v * share], ..ImageResponse::default() };
+        Some(vec![drawn, tail(1.0), tail(radius2)])
     }
 }

@@ -132,9 +132,31 @@ impl ImageEffect for Vignetting {
     }
 }
 
+/// The losses of the page's equation from those that magnitudes and logarithms of the sky are linear in: 1 − a′ρ² − b′ρ⁴ has the light of
+/// e^(−aρ² − bρ⁴) in the corner and at ρ² = ½. Value and standard error of each.
+pub(crate) fn losses([[second, second_sigma], [fourth, fourth_sigma]]: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+    let (left, half_left) = ((-second - fourth).exp(), (-0.5 * second - 0.25 * fourth).exp());
+    let of_fourth = 2.0 * (1.0 - left) - 4.0 * (1.0 - half_left);
+    let (by_second, by_fourth) = (2.0 * half_left - left, 2.0 * left - half_left);
+    [[1.0 - left - of_fourth, by_second.abs() * second_sigma], [of_fourth, by_fourth.abs() * fourth_sigma]]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Of a loss in proportion to ρ² the logarithm has higher powers, and of the sizes that a fit of two of them has the loss itself is found again.
+    #[test]
+    fn losses_are_those_of_the_equation() {
+        for loss in [0.05, 0.2, 0.4] {
+            // The line through the logarithm at ρ² = ½ and 1.
+            let [half, whole] = [0.5, 1.0].map(|square: f64| -(1.0 - loss * square).ln());
+            let fourth = 2.0 * whole - 4.0 * half;
+            let [[value, sigma], [rest, _]] = losses([[whole - fourth, 0.01], [fourth, 0.01]]);
+            assert!((value - loss).abs() < 1e-9 && rest.abs() < 1e-9, "{loss}: {value} {rest}");
+            assert!(sigma > 0.005 && sigma < 0.011);
+        }
+    }
 
     #[test]
     fn light_falls_as_the_fourth_power_of_the_cosine() {

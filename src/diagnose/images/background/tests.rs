@@ -82,7 +82,7 @@ fn judged_with(seed: u64, alpha: f64, stars: (Added, usize), light: Light) -> Ju
 fn judged_under(seed: u64, alpha: f64, (added, most): (Added, usize), light: Light, views: &[SkyView]) -> Judged {
     let (skies, mut rng) = skies(seed);
     let pixels = PixelStatistics { sky: skies.iter().map(|sky| mesh(sky, &mut rng, light)).collect(), ..PixelStatistics::default() };
-    let detector = DeclaredDetector { gain_e_per_dn: Some(GAIN_E_PER_DN), bias_dn: Some(BIAS_DN), read_noise_e: None };
+    let detector = DeclaredDetector { gain_e_per_dn: Some(GAIN_E_PER_DN), bias_dn: Some(BIAS_DN), read_noise_e: None, saturation_dn: None };
     let places: BTreeMap<usize, usize> = (0..FRAMES).map(|frame| (frame, frame)).collect();
     let stars: Vec<StarMeasurement> = stars(seed, added).into_iter().filter(|star| star.star < most).collect();
     let pixels = Pixels { statistics: &pixels, detector: &detector, places: &places, views };
@@ -258,7 +258,7 @@ fn one_field_tells_nothing_of_the_camera() {
     let slope = |sky: &Sky, at: [f64; 2]| even(sky, at) * (1.0 + 0.05 * at[0]);
     let (skies, mut rng) = skies(400);
     let pixels = PixelStatistics { sky: skies.iter().map(|sky| mesh(sky, &mut rng, &slope)).collect(), ..PixelStatistics::default() };
-    let detector = DeclaredDetector { gain_e_per_dn: Some(GAIN_E_PER_DN), bias_dn: Some(BIAS_DN), read_noise_e: None };
+    let detector = DeclaredDetector { gain_e_per_dn: Some(GAIN_E_PER_DN), bias_dn: Some(BIAS_DN), read_noise_e: None, saturation_dn: None };
     let places: BTreeMap<usize, usize> = (0..FRAMES).map(|frame| (frame, frame)).collect();
     let mut of_one = stars(400, nothing);
     let first: BTreeMap<usize, [f64; 2]> = of_one.iter().filter(|star| star.frame == 0).map(|star| (star.star, star.image.at)).collect();

@@ -1,0 +1,105 @@
+//! Gain, read noise and bias as the sky's own noise tells them, where the recording declares no gain.
+//!
+//! Nothing is missing where nothing is declared: they are no findings, but numbers that the recording gives. The line of variance against level tells
+//! the gain; its intercept is one number for read noise and bias (`pixel_statistics/photon_transfer.rs`), so that one of them has to be known.
+
+use super::noise::DeclaredDetector;
+use crate::diagnose::causes::GAIN_NOISE;
+use crate::diagnose::diagnosis::{EffectState, EffectStatus, FoundParameter};
+use crate::pixel_statistics::PhotonTransfer;
+
+/// The status of the detector's numbers; nothing where a gain is declared, for then it is held against the sky.
+pub(super) fn measured_detector(line: Option<&PhotonTransfer>, declared: &DeclaredDetector) -> Option<EffectStatus> {
+    if declared.gain_e_per_dn.is_some() {
+        return None;
+    }
+    let mut parameters = Vec::new();
+    let mut tell = |name: &str, [value, sigma]: [f64; 2], unit: &str| {
+        parameters.push(FoundParameter { name: name.to_owned(), value, sigma, unit: unit.to_owned() });
+    };
+    let gain = line.and_then(|line| Some((line, line.gain_e_per_dn?, line.gain_sigma?)));
+    let reason = match gain {
+        None => "no gain is declared, and the levels of the sky differ too little to tell it".to_owned(),
+        Some((line, gain, sigma)) => {
+            tell("gain_e_per_dn", [gain, sigma], "e/DN");
+            let read_noise = declared.bias_dn.and_then(|bias| line.read_noise_e(bias));
+            let bias = declared.read_noise_e.and_then(|read_noise| line.bias_dn(read_noise));
+            if let Some((value, sigma)) = read_noise {
+                tell("read_noise_e", [value, sigma], "e");
+            }
+            if let Some((value, sigma)) = bias {
+                tell("bias_dn", [value, sigma], "DN");
+            }
+            let rest = match (read_noise, bias) {
+                (Some((value, sigma)), _) => format!("; with the bias as declared the read noise is {value:.2} ± {sigma:.2} e"),
+                (None, Some((value, sigma))) => format!("; with the read noise as declared the bias is {value:.1} ± {sigma:.1} DN"),
+                // σ_r² = g²·(c − q²/12) + g·b.
+                (None, None) => {
+                    let at_no_bias_e2 = gain * gain * (line.intercept_dn2 - line.step_dn * line.step_dn / 12.0);
+                    format!(
+                        "; read noise and bias cannot be told apart: they lie on (read noise / e)² = {at_no_bias_e2:.1} + {gain:.4}·(bias / DN)"
+                    )
+                }
+            };
+            format!("no gain is declared: the noise of the sky gives {gain:.4} ± {sigma:.4} electrons per count{rest}")
+        }
+    };
+    Some(EffectStatus {
+        id: GAIN_NOISE.to_owned(),
+        status: EffectState::NotApplicable,
+        p_value: None,
+        p_value_is: None,
+        score_sigma: None,
+        survival: None,
+        parameters,
+        upper_limit_95: None,
+        held_out_delta_chi2: None,
+        reason,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Variance = level/2 + 3.5 DN²: of a bias of 100 DN and a gain of 2 e/DN the read noise is √(4·(3.5 − 1/12 + 50)) e.
+    fn line() -> PhotonTransfer {
+        PhotonTransfer {
+            gain_e_per_dn: Some(2.0),
+            gain_sigma: Some(0.01),
+            slope_dn: 0.5,
+            slope_sigma_dn: 0.0025,
+            intercept_dn2: 3.5 - 50.0,
+            intercept_sigma_dn2: 0.2,
+            covariance_dn3: 0.0,
+            curvature: 0.0,
+            curvature_sigma: 1.0,
+            chi2_per_dof: 1.0,
+            step_dn: 1.0,
+            levels_dn: [300.0, 900.0],
+            points: 20,
+        }
+    }
+
+    #[test]
+    fn what_is_not_declared_is_measured_as_far_as_it_can_be_told() {
+        let told = |declared: &DeclaredDetector| measured_detector(Some(&line()), declared).map(|own| (own.parameters, own.reason));
+        let names = |declared: &DeclaredDetector| -> Vec<String> {
+            told(declared).map_or_else(Vec::new, |(parameters, _)| parameters.into_iter().map(|own| own.name).collect())
+        };
+        let nothing = DeclaredDetector::default();
+        assert_eq!(names(&nothing), ["gain_e_per_dn"]);
+        // At the true bias the line has the true read noise.
+        let (_, reason) = told(&nothing).unwrap();
+        let numbers: Vec<f64> = reason.split([' ', '·']).filter_map(|word| word.parse().ok()).collect();
+        let [.., at_no_bias_e2, slope] = numbers[..] else { panic!("{reason}") };
+        assert!((at_no_bias_e2 + slope * 100.0 - 4.0 * (3.5 - 1.0 / 12.0)).abs() < 0.1, "{reason}");
+        let (parameters, _) = told(&DeclaredDetector { bias_dn: Some(100.0), ..nothing }).unwrap();
+        assert_eq!(parameters[1].name, "read_noise_e");
+        assert!((parameters[1].value - (4.0 * (3.5 - 1.0 / 12.0_f64)).sqrt()).abs() < 1e-9);
+        assert_eq!(names(&DeclaredDetector { read_noise_e: Some(3.7), ..nothing }), ["gain_e_per_dn", "bias_dn"]);
+        assert!(told(&DeclaredDetector { gain_e_per_dn: Some(2.0), ..nothing }).is_none());
+        let none = measured_detector(None, &nothing).unwrap();
+        assert!(none.parameters.is_empty() && none.reason.contains("too little"));
+    }
+}

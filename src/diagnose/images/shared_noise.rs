@@ -1,0 +1,135 @@
+//! Noise that neighbours in a row share and neighbours in a column do not: the chain of the read-out remembers the pixel before.
+//!
+//! A response y = (1 − k)·N + k·m with a memory m of the pixels before, which forgets the share 1 − q = 1 − e^(−1/τ) from pixel to pixel (page of
+//! overshoot), makes white noise share ρ₁ = k·(1 − q) with the next pixel and ρ₂ = q·ρ₁ with the one after. What is added after the chain shares
+//! nothing; of the noise so much counts as the photons make. Smoothing and stars that were not found act along rows and columns alike.
+
+use super::counted::{Counted, MAX_SURPRISE};
+use super::noise::DeclaredDetector;
+use crate::diagnose::causes::COMPRESSION;
+use crate::diagnose::channels::Channel;
+use crate::effects::CentroidShift;
+use crate::effects::detector::charge_transfer_inefficiency::ChargeTransferInefficiency;
+use crate::effects::detector::overshoot;
+use crate::pixel_statistics::{Estimate, FrameNoise, PixelStatistics};
+use crate::statistics::median;
+use crate::statistics::significance::neg_ln_chi2_sf;
+
+const OVERSHOOT: &str = <overshoot::Overshoot as CentroidShift>::ID;
+/// Smaller coefficients are as large as the structure of a sky makes them,
+const MIN_SHARED: f64 = 0.012;
+/// and are known no better than this.
+const MIN_ERROR: f64 = 0.002;
+/// The share of the noise that is of whole lines is known to this part of it.
+const LINES_ARE_TOLD: f64 = 0.2;
+/// What the pixel after the next shares of it at most: more is no memory of the pixel before, but an offset of the whole row.
+const MAX_KEPT: f64 = 0.8;
+/// Neighbours in a column share at most this part of what those in a row do.
+const MAX_ACROSS: f64 = 0.35;
+
+/// Overshoot by the noise; nothing where neighbours in rows and columns share alike. `others`: what else was counted.
+pub(super) fn shared_noise(pixels: &PixelStatistics, detector: &DeclaredDetector, others: &[&str]) -> Option<Counted> {
+    let neighbours = pixels.neighbours.as_ref().filter(|_| !others.contains(&COMPRESSION))?;
+    // Offsets of whole lines are shared by all of their pixels.
+    let [of_rows, of_columns] = [
+        line_share(pixels, |frame| frame.row_variance_dn2.map(|own| own.value)),
+        line_share(pixels, |frame| frame.column_variance_dn2.map(|own| own.value)),
+    ];
+    let less = |own: Estimate, share: f64| Estimate { value: own.value - share, sigma: own.sigma.hypot(LINES_ARE_TOLD * share) };
+    let (along, across) = (less(neighbours.column, of_rows), less(neighbours.row, of_columns));
+    let sigma = along.sigma.hypot(across.sigma).hypot(MIN_ERROR);
+    let surprise = neg_ln_chi2_sf(1.0, ((along.value - across.value) / sigma).powi(2)).min(MAX_SURPRISE);
+    let kept = ((neighbours.two_columns.value - of_rows) / along.value).max(0.0);
+    let is_along = along.value.abs() > MIN_SHARED && across.value.abs() < MAX_ACROSS * along.value.abs();
+    if !is_along || kept > MAX_KEPT || !Counted::is_surprising(surprise) {
+        return None;
+    }
+    let share = photon_share(pixels, detector).unwrap_or(1.0);
+    let [relative, error] = [along.value, sigma].map(|value| value / ((1.0 - kept) * share));
+    let mut parameters = vec![("tail_relative", relative, error, "")];
+    // A memory that is gone after a pixel has no length.
+    if kept > 0.05 {
+        parameters.push(("tail_px", -kept.ln().recip(), 0.0, "px"));
+    }
+    let (what, alike): (_, &[&'static str]) =
+        if relative < 0.0 { ("less of", &[]) } else { ("more of", &[<ChargeTransferInefficiency as CentroidShift>::ID]) };
+    let sentence = format!(
+        "Neighbouring pixels of a row share {:.3} of their noise and those of a column {:.3}: each pixel has {what} what its row held before it.",
+        along.value, across.value
+    );
+    Some(Counted::of_stars(OVERSHOOT, Channel::Noise, parameters, surprise, "x", sentence).or(alike))
+}
+
+/// The part of the variance of the sky's pixels that offsets of lines make, of the typical frame.
+fn line_share(pixels: &PixelStatistics, variance_dn2: impl Fn(&FrameNoise) -> Option<f64>) -> f64 {
+    let shares: Vec<f64> =
+        pixels.by_frame.iter().filter_map(|frame| Some(variance_dn2(frame)?.max(0.0) / frame.sigma_dn.powi(2))).collect();
+    median(&shares).filter(|share| share.is_finite()).unwrap_or(0.0)
+}
+
+/// The part of the sky's variance that its light makes.
+fn photon_share(pixels: &PixelStatistics, detector: &DeclaredDetector) -> Option<f64> {
+    let (gain, bias) = (detector.gain_e_per_dn?, detector.bias_dn?);
+    let shares: Vec<f64> = pixels.transfer_points.iter().map(|point| (point.level_dn - bias) / (gain * point.variance_dn2)).collect();
+    median(&shares).map(|share| share.clamp(0.05, 1.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pixel_statistics::NeighbourCorrelation;
+
+    fn told(column: f64, row: f64, two_columns: f64) -> Option<(f64, Vec<String>)> {
+        told_beside(0.0, column, row, two_columns)
+    }
+
+    /// Where offsets of rows make a share of the variance.
+    fn told_beside(banding: f64, column: f64, row: f64, two_columns: f64) -> Option<(f64, Vec<String>)> {
+        let estimate = |value: f64| Estimate { value, sigma: 6e-4 };
+        let neighbours = NeighbourCorrelation {
+            column: estimate(column),
+            row: estimate(row),
+            two_columns: estimate(two_columns),
+            ..NeighbourCorrelation::default()
+        };
+        let frame = FrameNoise {
+            frame: 0,
+            exposure_s: None,
+            level_dn: 200.0,
+            sigma_dn: 2.0,
+            row_variance_dn2: Some(estimate(4.0 * banding)),
+            column_variance_dn2: None,
+            parity_dn: None,
+            middle_step_dn: None,
+        };
+        let pixels = PixelStatistics { neighbours: Some(neighbours), by_frame: vec![frame], ..PixelStatistics::default() };
+        let found = shared_noise(&pixels, &DeclaredDetector::default(), &[])?.reported().1?;
+        Some((found.parameters[0].value, found.indistinguishable_from))
+    }
+
+    #[test]
+    fn a_memory_along_rows_is_told_by_the_noise() {
+        // k = −0.06, q = 1/2.
+        let (relative, alike) = told(-0.03, 0.001, -0.015).unwrap();
+        assert!((relative + 0.06).abs() < 1e-9 && alike.is_empty());
+        let (relative, alike) = told(0.03, 0.001, 0.0).unwrap();
+        assert!((relative - 0.03).abs() < 1e-9 && alike == ["charge-transfer-inefficiency"]);
+    }
+
+    #[test]
+    fn what_rows_and_columns_share_alike_is_none() {
+        for (column, row) in [(0.03, 0.028), (-0.02, -0.03), (0.004, 0.0), (0.0, 0.05)] {
+            assert!(told(column, row, 0.01).is_none(), "{column} {row}");
+        }
+    }
+
+    /// Rows with offsets share as much at every distance; a memory beside them is told still.
+    #[test]
+    fn offsets_of_rows_are_no_memory() {
+        for share in [0.02, 0.1, 0.3] {
+            assert!(told_beside(share, share, 0.0, share).is_none(), "{share}");
+            assert!(told_beside(0.0, share, 0.0, 0.95 * share).is_none(), "{share}");
+        }
+        assert!(told_beside(0.02, 0.02 - 0.03, 0.0, 0.02 - 0.01).is_some());
+    }
+}

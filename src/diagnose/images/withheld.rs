@@ -1,0 +1,92 @@
+//! What is withheld beside other findings: they leave the same trace, and are the more usual cause.
+
+use super::counted::COMPRESSED;
+use super::judge::{Judged, Proposed};
+use crate::diagnose::causes::{COMPRESSION, GAIN_NOISE};
+use crate::diagnose::channels::{Channel, ChannelVerdict};
+use crate::diagnose::diagnosis::{Diagnosis, EffectState, EffectStatus, Finding};
+use crate::effects::detector::brighter_fatter::BrighterFatter;
+use crate::effects::detector::charge_transfer_inefficiency::ChargeTransferInefficiency;
+use crate::effects::detector::{even_odd, magnitude_equation, overshoot, s_curve};
+use crate::effects::pixel::pass::PassHead;
+use crate::effects::{CentroidShift, ids};
+
+/// What a compression does to places of stars looks like these causes in the pixels.
+const LIKE_COMPRESSION: [&str; 6] = [
+    ids::STRAY_LIGHT,
+    ids::BAYER,
+    <s_curve::SCurve as CentroidShift>::ID,
+    <even_odd::EvenOdd as CentroidShift>::ID,
+    <overshoot::Overshoot as CentroidShift>::ID,
+    <magnitude_equation::MagnitudeEquation as CentroidShift>::ID,
+];
+/// The reason for which a gain is withheld then.
+const CHANGES_NOISE: &str = "changes the noise of the pixels too";
+/// What changes the noise of the pixels, so that the declared gain seems wrong.
+const CHANGE_NOISE: [&str; 5] = [
+    ids::ADC,
+    ids::NONLINEARITY,
+    <BrighterFatter as PassHead>::ID,
+    <ChargeTransferInefficiency as CentroidShift>::ID,
+    <overshoot::Overshoot as CentroidShift>::ID,
+];
+
+/// What the rounding of a compression does to places of stars is not named after other causes in the pixels.
+pub(super) fn withhold_shadows(diagnosis: &mut Diagnosis) {
+    let is_shadow = |id: &str| LIKE_COMPRESSION.contains(&id);
+    let shadows: Vec<Finding> = diagnosis.findings.extract_if(.., |finding| is_shadow(&finding.id)).collect();
+    for shadow in shadows {
+        if let Some(status) = diagnosis.effects.iter_mut().find(|own| own.id == shadow.id) {
+            status.status = EffectState::Withheld;
+            status.held_out_delta_chi2 = Some(shadow.held_out_delta_chi2);
+            status.upper_limit_95 = None;
+            COMPRESSED.clone_into(&mut status.reason);
+        }
+        if diagnosis.channels.astrometry.verdict == ChannelVerdict::Explained {
+            diagnosis.channels.astrometry.verdict = ChannelVerdict::Unexplained;
+        }
+    }
+}
+
+/// Why a proposal is withheld: by itself, and since something else that is there does the same to the noise.
+pub(super) fn against(diagnosis: &Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &[&str]) -> Vec<String> {
+    let id = |own: &Proposed| judged.rows.questions[own.question].id;
+    let is_of_noise = proposed.channels.keys().all(|channel| *channel == Channel::Noise);
+    let by_images = judged.proposed.iter().filter(|own| own.against.is_empty()).map(id);
+    let there: Vec<&str> =
+        diagnosis.findings.iter().map(|finding| finding.id.as_str()).chain(by_images).chain(by_count.iter().copied()).collect();
+    proposed.against.iter().cloned().chain(done_by_others(id(proposed), is_of_noise, &there)).collect()
+}
+
+/// What else that is there explains an effect.
+fn done_by_others(id: &str, is_of_noise: bool, there: &[&str]) -> Option<String> {
+    if is_of_noise && there.contains(&COMPRESSION) {
+        return Some(COMPRESSED.to_owned());
+    }
+    let other = there.iter().find(|other| id == GAIN_NOISE && CHANGE_NOISE.contains(other))?;
+    Some(format!("{other} {CHANGES_NOISE}"))
+}
+
+/// Whether nothing speaks against a wrong gain but something else that changes the noise.
+pub(super) fn is_gain_explained(diagnosis: &Diagnosis) -> bool {
+    let is_own = |status: &&EffectStatus| status.id == GAIN_NOISE && status.status == EffectState::Withheld;
+    diagnosis.effects.iter().find(is_own).is_some_and(|status| status.reason.ends_with(CHANGES_NOISE) && !status.reason.contains("; "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_gain_is_not_wrong_where_charge_is_lost_or_blocks_are_rounded() {
+        assert_eq!(done_by_others(GAIN_NOISE, true, &["vignetting", "hot-pixels"]), None);
+        for other in CHANGE_NOISE {
+            assert!(done_by_others(GAIN_NOISE, true, &["vignetting", other]).is_some_and(|reason| reason.starts_with(other)));
+            // Other effects of the noise stand beside it.
+            assert_eq!(done_by_others("banding", true, &[other]), None);
+        }
+        assert_eq!(done_by_others("banding", true, &[COMPRESSION]).as_deref(), Some(COMPRESSED));
+        // What stars show too is no matter of rounding.
+        assert_eq!(done_by_others("vignetting", false, &[COMPRESSION]), None);
+    }
+}
