@@ -1,6 +1,6 @@
 //! What `diagnose` finds, in the parameters of the stage that renders it: names that differ, and factors.
 
-use super::pixel_effect;
+use super::{AnyPixelEffect, pixel_effect};
 use crate::effects::sky::glow::sky_glow;
 
 /// The square of an image's width grows by 1.03·s·N by its moments (page of brighter-fatter): its width by half of that.
@@ -45,7 +45,7 @@ pub fn found_parameter(stage: &str, name: &str, scale: &DetectorScale) -> Option
         ("dnl", _) => return None,
         _ => {}
     }
-    let specs = pixel_effect(stage).map(|own| own.parameters());
+    let specs = pixel_effect(stage).map(AnyPixelEffect::parameters);
     let same = specs.into_iter().flatten().find(|spec| spec.name == name).map(|spec| (spec.name, 1.0));
     same.or_else(|| (sky_glow(stage).is_some() && name == "relative").then_some(("relative", 1.0)))
 }
