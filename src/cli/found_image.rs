@@ -10,6 +10,9 @@ use boresight::scene::{CosmicRayTable, DetectorTable, EffectTable, GhostTable, P
 /// A ghost that is found is sharp, or its width is not told; it is rendered so wide.
 const GHOST_RADIUS_PX: f64 = 2.0;
 
+/// The declared gain, read noise and bias, held against the noise of the sky.
+const GAIN_NOISE: &str = "gain-noise";
+
 /// What the pixels have shown, as tables.
 #[derive(Default)]
 pub(super) struct FoundImage {
@@ -22,10 +25,9 @@ pub(super) struct FoundImage {
     pub(super) left_out: Vec<String>,
 }
 
-/// The tables of all findings that images decide; `detector` gets its own numbers.
-pub(super) fn found_image(diagnosis: &Diagnosis, camera: &CameraInfo, detector: &mut DetectorTable, size_px: [usize; 2]) -> FoundImage {
+/// The tables of all findings that images decide; `detector` gets the colour term.
+pub(super) fn found_image(diagnosis: &Diagnosis, detector: &mut DetectorTable, size_px: [usize; 2]) -> FoundImage {
     let mut all = FoundImage::default();
-    measured_detector(diagnosis, camera, detector, &mut all.left_out);
     let mut vary = Vec::new();
     for finding in diagnosis.findings.iter().filter(|finding| is_of_images(finding)) {
         let value = |name: &str| finding.parameters.iter().find(|own| own.name == name).map(|own| own.value);
@@ -39,7 +41,8 @@ pub(super) fn found_image(diagnosis: &Diagnosis, camera: &CameraInfo, detector: 
                 }
                 vary.extend(terms);
             }
-            "gain-noise" => detector.gain_e_per_dn *= value("gain_ratio").unwrap_or(1.0),
+            // It stands in the detector's numbers.
+            GAIN_NOISE => {}
             "ghost" => {
                 let table = |share: f64| {
                     with_defaults::<GhostTable>(&format!("scale = -1.0\nfraction = {share:?}\nradius_px = {GHOST_RADIUS_PX:?}"))
@@ -50,7 +53,12 @@ pub(super) fn found_image(diagnosis: &Diagnosis, camera: &CameraInfo, detector: 
                 all.cosmic_rays = value("per_s").and_then(|rate| with_defaults(&format!("expected_per_s = {rate:?}")));
             }
             _ => match stage(finding, detector, size_px) {
-                Some(table) => all.effects.push(table),
+                Some((table, without)) => {
+                    all.left_out.extend(
+                        without.iter().map(|name| format!("{}: {name} was found, and the stage of the renderer has it not", finding.id)),
+                    );
+                    all.effects.push(table);
+                }
                 None => all.left_out.push(format!("{} was found, and no stage of the renderer holds it", finding.id)),
             },
         }
@@ -72,18 +80,48 @@ fn is_of_images(finding: &Finding) -> bool {
     finding.channels.iter().any(|(channel, own)| *channel != Channel::Astrometry && own.is_some())
 }
 
-/// Gain, read noise and bias that nobody declares, as the sky tells them; what it does not tell is said.
-fn measured_detector(diagnosis: &Diagnosis, camera: &CameraInfo, detector: &mut DetectorTable, left_out: &mut Vec<String>) {
-    let measured = diagnosis.effects.iter().find(|own| own.id == "gain-noise");
-    let of = |name: &str| measured.and_then(|own| own.parameters.iter().find(|own| own.name == name)).map(|own| own.value);
-    let mut take = |declared: bool, name: &str, number: &mut f64, what: &str| match (declared, of(name)) {
-        (true, _) => {}
-        (false, Some(value)) => *number = value,
-        (false, None) => left_out.push(format!("the {what} is not declared and cannot be told: {number:.3} is assumed")),
-    };
-    take(camera.gain_e_per_dn.is_some(), "gain_e_per_dn", &mut detector.gain_e_per_dn, "gain (electrons per count)");
-    take(camera.bias_dn.is_some(), "bias_dn", &mut detector.bias_dn, "bias (counts)");
-    take(camera.read_noise_e.is_some(), "read_noise_e", &mut detector.read_noise_e, "read noise (electrons)");
+/// Gain, read noise, bias and zero point as they are declared, and as the noise of the sky tells them where nothing is or a gain was found wrong. What
+/// is converted to electrons needs the gain first.
+pub(super) struct DetectorNumbers {
+    gain_e_per_dn: Option<f64>,
+    bias_dn: Option<f64>,
+    pub(super) read_noise_e: Option<f64>,
+    pub(super) zero_point_e_per_s: Option<f64>,
+}
+
+impl DetectorNumbers {
+    pub(super) fn of(diagnosis: &Diagnosis, camera: &CameraInfo) -> Self {
+        let status = diagnosis.effects.iter().find(|own| own.id == GAIN_NOISE);
+        let measured = |name: &str| status?.parameters.iter().find(|own| own.name == name).map(|own| own.value);
+        let finding = diagnosis.findings.iter().find(|own| own.id == GAIN_NOISE);
+        let ratio = finding.and_then(|own| own.parameters.iter().find(|own| own.name == "gain_ratio")).map(|own| own.value);
+        Self {
+            gain_e_per_dn: camera.gain_e_per_dn.map(|gain| gain * ratio.unwrap_or(1.0)).or_else(|| measured("gain_e_per_dn")),
+            bias_dn: camera.bias_dn.or_else(|| measured("bias_dn")),
+            // Beside another gain, or more variance than declared, they are told by the frames.
+            read_noise_e: camera.read_noise_e.filter(|_| finding.is_none()).or_else(|| measured("read_noise_e")),
+            zero_point_e_per_s: camera.zero_point_e_per_s.filter(|_| ratio.is_none()),
+        }
+    }
+
+    pub(super) fn gain_e_per_dn(&self) -> f64 {
+        self.gain_e_per_dn.unwrap_or(1.0)
+    }
+
+    pub(super) fn bias_dn(&self) -> f64 {
+        self.bias_dn.unwrap_or(0.0)
+    }
+
+    /// What nobody declares and nothing tells, one sentence each.
+    pub(super) fn assumed(&self) -> Vec<String> {
+        let gain =
+            self.gain_e_per_dn.is_none().then(|| "no gain is declared or told by the sky: 1 electron per count is assumed".to_owned());
+        let bias = self
+            .bias_dn
+            .is_none()
+            .then(|| "no bias is declared or told by the sky: 0 counts are assumed, and the sky has the rest".to_owned());
+        gain.into_iter().chain(bias).collect()
+    }
 }
 
 /// How the width of a Gaussian image changes. The powers of the diagnosis are of half-diagonals, those of a scene of half-widths.
@@ -118,14 +156,20 @@ fn widths(finding: &Finding, [width, height]: [usize; 2]) -> Vec<VaryTable> {
     finding.parameters.iter().flat_map(|own| of(&own.name, own.value)).collect()
 }
 
-/// A stage of the renderer with the parameters that were found; nothing where none of them is the stage's.
-fn stage(finding: &Finding, detector: &DetectorTable, [width, height]: [usize; 2]) -> Option<EffectTable> {
+/// A stage of the renderer with the parameters that were found, and the names of those that it lacks; nothing where it has none of them.
+fn stage<'a>(finding: &'a Finding, detector: &DetectorTable, [width, height]: [usize; 2]) -> Option<(EffectTable, Vec<&'a str>)> {
     let scale = DetectorScale { gain_e_per_dn: detector.gain_e_per_dn, full_well_e: detector.full_well_e, pixels: (width * height) as f64 };
     let id = found_stage(&finding.id);
-    let of = |own: &FoundParameter| {
-        let (name, factor) = found_parameter(id, &own.name, &scale)?;
-        Some((name.to_owned(), own.value * factor))
-    };
-    let parameters: BTreeMap<String, f64> = finding.parameters.iter().filter_map(of).collect();
-    (!parameters.is_empty()).then(|| EffectTable { id: id.to_owned(), parameters })
+    let mut parameters = BTreeMap::new();
+    let mut without = Vec::new();
+    for FoundParameter { name, value, .. } in &finding.parameters {
+        match found_parameter(id, name, &scale) {
+            Some((own, factor)) => {
+                parameters.insert(own.to_owned(), value * factor);
+            }
+            None if *value != 0.0 => without.push(name.as_str()),
+            None => {}
+        }
+    }
+    (!parameters.is_empty()).then(|| (EffectTable { id: id.to_owned(), parameters }, without))
 }

@@ -17,7 +17,7 @@ use boresight::scene::{DetectorTable, EffectTable, FrameTable, NominalTable, Sce
 use boresight::units::DEG_RAD;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use super::found_image::found_image;
+use super::found_image::{DetectorNumbers, found_image};
 use super::pipeline::Measured;
 
 /// Where nobody says how long frames were exposed; the stars' brightness counts for the same time.
@@ -52,12 +52,19 @@ pub(crate) fn write(
     if frames.is_empty() {
         bail!("--write-camera: no frame has an attitude");
     }
-    let mut file = scene_file(&model, points, measured, catalog, seed, frames);
+    let numbers = DetectorNumbers::of(diagnosis, &measured.recording.camera);
+    let mut file = scene_file(&model, points, measured, &numbers, catalog, seed, frames);
     let size_px = [file.camera.width_px, file.camera.height_px];
-    let found = found_image(diagnosis, &measured.recording.camera, &mut file.detector, size_px);
-    // A stage in the pixels moves the stars by itself: beside the formula of the same id it would move them twice.
-    let stages: Vec<EffectTable> = found.effects.into_iter().filter(|stage| file.effects.iter().all(|own| own.id != stage.id)).collect();
-    file.effects.extend(stages);
+    let mut found = found_image(diagnosis, &mut file.detector, size_px);
+    found.left_out.extend(numbers.assumed());
+    for stage in found.effects {
+        // A stage in the pixels moves the stars by itself: beside the formula of the same id it would move them twice.
+        if file.effects.iter().any(|own| own.id == stage.id) {
+            found.left_out.push(format!("{} moves the stars by its formula, and its stage in the pixels is left out", stage.id));
+        } else {
+            file.effects.push(stage);
+        }
+    }
     (file.psf, file.ghosts, file.cosmic_rays) = (found.psf, found.ghosts, found.cosmic_rays);
     file.sky.extinction_mag_per_airmass = found.extinction_mag_per_airmass.unwrap_or(file.sky.extinction_mag_per_airmass);
     let name = path.display().to_string();
@@ -89,6 +96,7 @@ fn scene_file(
     model: &Model,
     points: &ControlPoints,
     measured: &Measured,
+    numbers: &DetectorNumbers,
     catalog: &Catalog,
     seed: u64,
     frames: Vec<FrameTable>,
@@ -120,9 +128,9 @@ fn scene_file(
             p2: Some(nominal.p2),
             line_time_us: measured.recording.camera.line_time_us,
         },
-        detector: detector(measured, &matched(points, measured)),
+        detector: detector(measured, numbers, &matched(points, measured)),
         sky: SkyTable {
-            background_e_per_px_s: Some(background_e_per_px_s(measured)),
+            background_e_per_px_s: Some(background_e_per_px_s(measured, numbers)),
             faintest_magnitude: faintest(points),
             physics: "none".to_owned(),
             ..SkyTable::default()
@@ -306,12 +314,11 @@ fn matched<'a>(points: &'a ControlPoints, measured: &'a Measured) -> Vec<(&'a Co
     points.points.iter().filter_map(of).collect()
 }
 
-/// The detector as the recording declares it, and as the star images show it where it says nothing.
-fn detector(measured: &Measured, matched: &[(&ControlPoint, &Detection)]) -> DetectorTable {
+/// The detector as the recording declares it, and as stars and sky show it where it says nothing.
+fn detector(measured: &Measured, numbers: &DetectorNumbers, matched: &[(&ControlPoint, &Detection)]) -> DetectorTable {
     let camera = &measured.recording.camera;
     let plain = DetectorTable::default();
-    let gain_e_per_dn = camera.gain_e_per_dn.unwrap_or(1.0);
-    let bias_dn = camera.bias_dn.unwrap_or(0.0);
+    let (gain_e_per_dn, bias_dn) = (numbers.gain_e_per_dn(), numbers.bias_dn());
     let saturation_dn = camera.saturation_dn.unwrap_or(plain.top_dn()).clamp(bias_dn + 1.0, plain.top_dn());
     let usable = || matched.iter().filter(|(point, star)| point.magnitude < 90.0 && !star.flags.saturated && star.flux_dn > 0.0);
     let exposure_s = |frame: usize| measured.recording.frames[frame].exposure_s.unwrap_or(ASSUMED_EXPOSURE_S);
@@ -320,10 +327,10 @@ fn detector(measured: &Measured, matched: &[(&ControlPoint, &Detection)]) -> Det
     };
     DetectorTable {
         psf_sigma_px: median(usable().map(|(_, star)| star.width_px)).unwrap_or(plain.psf_sigma_px).clamp(0.2, 20.0),
-        zero_point_e_per_s: camera.zero_point_e_per_s.or_else(|| median(usable().map(zero_point))).unwrap_or(plain.zero_point_e_per_s),
+        zero_point_e_per_s: numbers.zero_point_e_per_s.or_else(|| median(usable().map(zero_point))).unwrap_or(plain.zero_point_e_per_s),
         gain_e_per_dn,
         bias_dn,
-        read_noise_e: camera.read_noise_e.or_else(|| read_noise_e(measured, gain_e_per_dn, bias_dn)).unwrap_or(plain.read_noise_e),
+        read_noise_e: numbers.read_noise_e.or_else(|| read_noise_e(measured, gain_e_per_dn, bias_dn)).unwrap_or(plain.read_noise_e),
         saturation_dn: Some(saturation_dn),
         full_well_e: plain.full_well_e.max((saturation_dn - bias_dn) * gain_e_per_dn),
         ..plain
@@ -339,9 +346,8 @@ fn read_noise_e(measured: &Measured, gain_e_per_dn: f64, bias_dn: f64) -> Option
     median(seen.map(variance)).map(|variance| variance.max(0.0).sqrt())
 }
 
-fn background_e_per_px_s(measured: &Measured) -> f64 {
-    let camera = &measured.recording.camera;
-    let (gain, bias) = (camera.gain_e_per_dn.unwrap_or(1.0), camera.bias_dn.unwrap_or(0.0));
+fn background_e_per_px_s(measured: &Measured, numbers: &DetectorNumbers) -> f64 {
+    let (gain, bias) = (numbers.gain_e_per_dn(), numbers.bias_dn());
     let of = |frame: &super::pipeline::MeasuredFrame| {
         let exposure_s = measured.recording.frames[frame.index].exposure_s.unwrap_or(ASSUMED_EXPOSURE_S);
         (frame.detections.background_dn - bias) * gain / exposure_s

@@ -77,3 +77,29 @@ fn what_pixels_show_is_written_and_rendered_again() {
         assert!((one - other).abs() < 4.0 * sigma.hypot(other_sigma) + 0.02 * one.abs(), "{id}: {one} ± {sigma}, {other} ± {other_sigma}");
     }
 }
+
+/// A recording that declares nothing of its detector: gain, sky and stars that are written have the counts of the frames, whatever the gain.
+#[test]
+fn a_detector_that_nobody_declares_keeps_its_counts() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("scene.toml"), SCENE).unwrap();
+    let ran = run(&["simulate", text(&at("scene.toml")), "-o", text(&at("first")), "--quiet", "--backend", "cpu"]);
+    assert_eq!(ran.code, 0, "{}", ran.stderr);
+    let recording = at("first").join("recording.toml");
+    let declared = std::fs::read_to_string(&recording).unwrap();
+    let of_detector = ["gain_e_per_dn", "bias_dn", "read_noise_e", "zero_point_e_per_s"];
+    let left: Vec<&str> = declared.lines().filter(|line| of_detector.iter().all(|name| !line.starts_with(name))).collect();
+    assert_eq!(left.len() + of_detector.len(), declared.lines().count());
+    std::fs::write(&recording, left.join("\n")).unwrap();
+    diagnosed(&at("first"), &["--write-camera", text(&at("found.toml"))]);
+    let written: toml::Value = toml::from_str(&std::fs::read_to_string(at("found.toml")).unwrap()).unwrap();
+    let number = |table: &str, name: &str| written[table][name].as_float().unwrap();
+    let gain = number("detector", "gain_e_per_dn");
+    assert!((gain - 2.0).abs() < 0.1, "{written}");
+    // Bias and sky together, less what the corners lose of the sky; and the stars' light, of which the typical one loses a tenth.
+    let level_dn = number("sky", "background_e_per_px_s") * 0.5 / gain;
+    assert!((265.0..300.0).contains(&level_dn), "{level_dn}: {written}");
+    let star_dn_s = number("detector", "zero_point_e_per_s") / gain;
+    assert!((0.75e6..1.05e6).contains(&star_dn_s), "{star_dn_s}: {written}");
+}

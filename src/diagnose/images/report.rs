@@ -115,7 +115,7 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     counted.extend(images.pixels.map_or_else(Vec::new, |pixels| elsewhere(&pixels.elsewhere)));
     for (channel, state) in &judged.channels {
         // Rounded blocks explain what the noise shows, whatever it looks like, and what else changes the noise explains a gain that seems wrong.
-        let is_explained = *channel == Channel::Noise && (is_compressed || is_gain_explained(diagnosis));
+        let is_explained = *channel == Channel::Noise && (is_compressed || is_gain_explained(diagnosis, &judged, &by_count));
         let state = &ChannelState { left_p_value: if is_explained { 1.0 } else { state.left_p_value }, ..state.clone() };
         let report = channel_report(diagnosis, &judged, *channel, state, options.alpha);
         if report.verdict == ChannelVerdict::Unexplained && state.left_p_value < options.alpha {

@@ -4,7 +4,7 @@ use super::counted::COMPRESSED;
 use super::judge::{Judged, Proposed};
 use crate::diagnose::causes::{COMPRESSION, GAIN_NOISE};
 use crate::diagnose::channels::{Channel, ChannelVerdict};
-use crate::diagnose::diagnosis::{Diagnosis, EffectState, EffectStatus, Finding};
+use crate::diagnose::diagnosis::{Diagnosis, EffectState, Finding};
 use crate::effects::detector::brighter_fatter::BrighterFatter;
 use crate::effects::detector::charge_transfer_inefficiency::ChargeTransferInefficiency;
 use crate::effects::detector::{even_odd, magnitude_equation, overshoot, s_curve};
@@ -20,8 +20,6 @@ const LIKE_COMPRESSION: [&str; 6] = [
     <overshoot::Overshoot as CentroidShift>::ID,
     <magnitude_equation::MagnitudeEquation as CentroidShift>::ID,
 ];
-/// The reason for which a gain is withheld then.
-const CHANGES_NOISE: &str = "changes the noise of the pixels too";
 /// What changes the noise of the pixels, so that the declared gain seems wrong.
 const CHANGE_NOISE: [&str; 5] = [
     ids::ADC,
@@ -50,12 +48,23 @@ pub(super) fn withhold_shadows(diagnosis: &mut Diagnosis) {
 
 /// Why a proposal is withheld: by itself, and since something else that is there does the same to the noise.
 pub(super) fn against(diagnosis: &Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &[&str]) -> Vec<String> {
+    proposed.against.iter().cloned().chain(beside_others(diagnosis, judged, proposed, by_count)).collect()
+}
+
+/// What else that is there explains a proposal.
+fn beside_others(diagnosis: &Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &[&str]) -> Option<String> {
     let id = |own: &Proposed| judged.rows.questions[own.question].id;
     let is_of_noise = proposed.channels.keys().all(|channel| *channel == Channel::Noise);
     let by_images = judged.proposed.iter().filter(|own| own.against.is_empty()).map(id);
-    let there: Vec<&str> =
-        diagnosis.findings.iter().map(|finding| finding.id.as_str()).chain(by_images).chain(by_count.iter().copied()).collect();
-    proposed.against.iter().cloned().chain(done_by_others(id(proposed), is_of_noise, &there)).collect()
+    let by_places = diagnosis.findings.iter().map(|finding| finding.id.as_str());
+    let there: Vec<&str> = by_places.chain(by_images).chain(by_count.iter().copied()).collect();
+    done_by_others(id(proposed), is_of_noise, &there)
+}
+
+/// Whether a gain that nothing else speaks against seems wrong since something that is there changes the noise.
+pub(super) fn is_gain_explained(diagnosis: &Diagnosis, judged: &Judged, by_count: &[&str]) -> bool {
+    let is_gain = |own: &&Proposed| judged.rows.questions[own.question].id == GAIN_NOISE && own.against.is_empty();
+    judged.proposed.iter().find(is_gain).is_some_and(|own| beside_others(diagnosis, judged, own, by_count).is_some())
 }
 
 /// What else that is there explains an effect.
@@ -64,13 +73,7 @@ fn done_by_others(id: &str, is_of_noise: bool, there: &[&str]) -> Option<String>
         return Some(COMPRESSED.to_owned());
     }
     let other = there.iter().find(|other| id == GAIN_NOISE && CHANGE_NOISE.contains(other))?;
-    Some(format!("{other} {CHANGES_NOISE}"))
-}
-
-/// Whether nothing speaks against a wrong gain but something else that changes the noise.
-pub(super) fn is_gain_explained(diagnosis: &Diagnosis) -> bool {
-    let is_own = |status: &&EffectStatus| status.id == GAIN_NOISE && status.status == EffectState::Withheld;
-    diagnosis.effects.iter().find(is_own).is_some_and(|status| status.reason.ends_with(CHANGES_NOISE) && !status.reason.contains("; "))
+    Some(format!("{other} changes the noise of the pixels too"))
 }
 
 #[cfg(test)]

@@ -133,7 +133,7 @@ impl ImageEffect for Vignetting {
 }
 
 /// The losses of the page's equation from those that magnitudes and logarithms of the sky are linear in: 1 − a′ρ² − b′ρ⁴ has the light of
-/// e^(−aρ² − bρ⁴) in the corner and at ρ² = ½. Value and standard error of each.
+/// e^(−aρ² − bρ⁴) in the corner and at ρ² = ½. Value and standard error of each; the errors leave out the covariance of a and b.
 pub(crate) fn losses([[second, second_sigma], [fourth, fourth_sigma]]: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
     let (left, half_left) = ((-second - fourth).exp(), (-0.5 * second - 0.25 * fourth).exp());
     let of_fourth = 2.0 * (1.0 - left) - 4.0 * (1.0 - half_left);

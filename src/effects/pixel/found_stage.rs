@@ -40,9 +40,6 @@ pub fn found_parameter(stage: &str, name: &str, scale: &DetectorScale) -> Option
         ("hot-pixels", "count") => return Some(("hot_per_million", per_million)),
         ("hot-pixels", "dead_count") => return Some(("dead_per_million", per_million)),
         ("random-telegraph", "count") => return Some(("rts_per_million", per_million)),
-        ("dnl", "dnl_dn") => {}
-        // Of the other parameters of codes and compression none is the stage's.
-        ("dnl", _) => return None,
         _ => {}
     }
     let specs = pixel_effect(stage).map(AnyPixelEffect::parameters);
