@@ -11,7 +11,7 @@ use boresight::recording::Recording;
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let recording = Recording::open(&std::env::args().skip(1).collect::<Vec<_>>())?;
     let catalog = Catalog::embedded();
-    let measured = pipeline::measure(recording, &MeasureOptions::default(), || ())?;
+    let mut measured = pipeline::measure(recording, &MeasureOptions::default(), || ())?;
     let options =
         IdentifyOptions { nominal_focal_length_px: measured.recording.camera.nominal_focal_length_px(), ..IdentifyOptions::default() };
     // The model holds proper motion alone: what else nature and the camera do is to be found.
@@ -19,7 +19,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let identified = pipeline::identify_frames(&measured, catalog, &choice, &options, || ())?;
     let prepared = pipeline::control_points(&measured, &identified, catalog, None, false)?;
     let input = DiagnosisInput { catalog, choice: &choice, max_magnitude: None, trusted: false };
-    let request = pipeline::diagnosis_request(&measured, &identified, &prepared, &input, DiagnoseOptions::default())?;
+    let request = pipeline::diagnosis_request(&mut measured, &identified, &prepared, &input, DiagnoseOptions::default())?;
     let diagnosis = diagnose(&request.points, &request.telemetry, &request.options)?;
     for sentence in &diagnosis.summary {
         println!("{sentence}");

@@ -70,7 +70,7 @@ pub fn image_request(
         Ok(Ok(Frame { width_px, height_px, pixels_dn, saturation_dn }))
     };
     let measuring = MeasureOptions { pixels: true, ..MeasureOptions::default() };
-    let measured = measure_frames(image_recording(lists, images), frame, &measuring, || ())?;
+    let mut measured = measure_frames(image_recording(lists, images), frame, &measuring, || ())?;
     let physics = lists.model.iter().map(|id| (*id).to_owned()).collect();
     let choice = SkyChoice { physics: Physics::List(physics), assumes_time: true };
     let search =
@@ -79,7 +79,7 @@ pub fn image_request(
     let prepared = control_points(&measured, &identified, catalog, None, false)?;
     let asked = DiagnosisInput { catalog, choice: &choice, max_magnitude: None, trusted: false };
     let options = DiagnoseOptions { proper_motion_only: measured.times_are_known(), ..options.clone() };
-    let request = diagnosis_request(&measured, &identified, &prepared, &asked, options)?;
+    let request = diagnosis_request(&mut measured, &identified, &prepared, &asked, options)?;
     Ok((measured, request, prepared.parity))
 }
 

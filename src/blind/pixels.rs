@@ -125,7 +125,7 @@ pub fn painted(lists: &Lists, canvas: &Canvas, catalog: &Catalog, options: &Diag
         let pixels_dn = frames[index].iter().map(|count| f32::from(*count)).collect();
         Ok(Ok(Frame { width_px, height_px, pixels_dn, saturation_dn: SATURATION_DN as f32 }))
     };
-    let measured = measure_frames(pixel_recording(lists, canvas), frame, &MeasureOptions::default(), || ())?;
+    let mut measured = measure_frames(pixel_recording(lists, canvas), frame, &MeasureOptions::default(), || ())?;
     let found = start.elapsed().as_secs_f64();
     let physics = lists.model.iter().map(|id| (*id).to_owned()).collect();
     let choice = SkyChoice { physics: Physics::List(physics), assumes_time: true };
@@ -136,7 +136,7 @@ pub fn painted(lists: &Lists, canvas: &Canvas, catalog: &Catalog, options: &Diag
     let prepared = control_points(&measured, &identified, catalog, None, false)?;
     let asked = DiagnosisInput { catalog, choice: &choice, max_magnitude: None, trusted: false };
     let options = DiagnoseOptions { proper_motion_only: measured.times_are_known(), ..options.clone() };
-    let question = diagnosis_request(&measured, &identified, &prepared, &asked, options)?;
+    let question = diagnosis_request(&mut measured, &identified, &prepared, &asked, options)?;
     Ok(Painted {
         question,
         frames_identified: identified.iter().filter(|frame| frame.solution().is_some()).count(),

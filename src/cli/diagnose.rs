@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use boresight::diagnose::{
-    AnsweredDiagnosis, DeclaredDetector, DiagnoseError, DiagnoseOptions, Diagnosis, FORMAT, ImageMeasurements, MeasuredNoise, Step,
-    UnaskedDiagnosis, Verdict, diagnose_recording,
+    AnsweredDiagnosis, DeclaredDetector, DiagnoseError, DiagnoseOptions, Diagnosis, FORMAT, ImageMeasurements, LearntImage, MeasuredNoise,
+    Step, UnaskedDiagnosis, Verdict, diagnose_recording,
 };
 use boresight::guard::guarded;
 use boresight::pipeline::{
@@ -143,7 +143,7 @@ fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answe
     let recording = pipeline::open(&args.input)?;
     check_sizes(&recording)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
-    let measured = pipeline::measure_with_pixels(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
+    let mut measured = pipeline::measure_with_pixels(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
     let mut options = args.options()?;
     provenance.seed = Some(options.seed);
     of_input.clone_from(&provenance);
@@ -160,8 +160,8 @@ fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answe
     options.proper_motion_only &= !too_few_move;
     let asked =
         DiagnosisInput { catalog: &catalog, choice: &choice, max_magnitude: args.max_magnitude, trusted: args.trust_identifications };
-    let DiagnosisRequest { points, telemetry, mut options, notes, .. } =
-        diagnosis_request(&measured, &identified, &prepared, &asked, options)?;
+    let DiagnosisRequest { points, telemetry, mut options, image, notes, .. } =
+        diagnosis_request(&mut measured, &identified, &prepared, &asked, options)?;
     // What is rendered is measured by the Gaussian fit: columns for other places would be those of another estimator.
     options.looks = options.looks.filter(|_| args.measure.is_gaussian() && !args.formulas);
     tracing::info!(
@@ -192,6 +192,8 @@ fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answe
         diagnosis.warnings.push(format!("only {moving} of {all} star images are of stars with a known proper motion: all take part"));
     }
     diagnosis.noise.measured = measured_noise(&measured);
+    diagnosis.warnings.extend(image.as_ref().map(LearntImage::sentence));
+    diagnosis.image = image;
     diagnosis.warnings.extend(noise_warning(&diagnosis.noise.measured));
     if let Some(path) = &args.write_camera {
         let more = write_camera::write(path, &diagnosis, &points, &measured, &catalog, options.seed)?;

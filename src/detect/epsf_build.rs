@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 
-use super::epsf::{EmpiricalPsf, FIELD_TERMS, Grid, PsfReport, field_terms};
+use super::epsf::{Conditions, EmpiricalPsf, FIELD_TERMS, FREEDOM_BY_SKY, Grid, PsfReport, Terms};
 use super::epsf_step::{Turn, Unknowns};
 use super::fit::Freedom;
 use super::image_model::{Model, Shape, radius_px};
@@ -16,15 +16,48 @@ use crate::statistics::cholesky::inverse;
 use crate::statistics::median;
 
 /// A star that may tell the image: its pixels and how a Gaussian fits them.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct PsfStar {
     pub(super) stamp: Stamp,
     pub(super) model: Model,
     pub(super) photons: Photons,
     pub(super) snr: f64,
-    /// χ² and degrees of freedom under a Gaussian of free shape.
+    /// Deviance and degrees of freedom under a Gaussian of free shape.
     pub(super) gaussian: (f64, f64),
+    /// Covariance of its place under it: xx, xy, yy, px².
+    pub(super) covariance_px2: [f64; 3],
     pub(super) size_px: [f64; 2],
+    pub(super) conditions: Conditions,
+    /// Where it must stand, if anything but its own pixels says.
+    pub(super) sky: Option<SkyPlace>,
+}
+
+/// Where the sky says a star stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct SkyPlace {
+    pub(super) at_px: [f64; 2],
+    /// Standard error along each axis.
+    pub(super) sigma_px: f64,
+}
+
+impl SkyPlace {
+    /// The likeliest place of a star that its pixels place so, given the sky.
+    fn likeliest_px(self, at_px: [f64; 2], [xx, xy, yy]: [f64; 3]) -> [f64; 2] {
+        let [dx, dy] = [0, 1].map(|axis| self.at_px[axis] - at_px[axis]);
+        let variance = self.sigma_px * self.sigma_px;
+        let (sum_xx, sum_yy) = (xx + variance, yy + variance);
+        let determinant = sum_xx * sum_yy - xy * xy;
+        let [x, y] = [(sum_yy * dx - xy * dy) / determinant, (sum_xx * dy - xy * dx) / determinant];
+        [at_px[0] + xx * x + xy * y, at_px[1] + xy * x + yy * y]
+    }
+
+    /// χ² of a place that is known so well.
+    fn chi2(self, at_px: [f64; 2], [xx, xy, yy]: [f64; 3]) -> f64 {
+        let [dx, dy] = [0, 1].map(|axis| self.at_px[axis] - at_px[axis]);
+        let variance = self.sigma_px * self.sigma_px;
+        let (sum_xx, sum_yy) = (xx + variance, yy + variance);
+        (sum_yy * dx * dx - 2.0 * xy * dx * dy + sum_xx * dy * dy) / (sum_xx * sum_yy - xy * xy)
+    }
 }
 
 /// Fewer stars tell no image.
@@ -51,56 +84,97 @@ const MAX_CHI2: f64 = 1.5;
 /// The image that held-out stars prefer to Gaussians, if there is one, and what they said.
 #[must_use]
 pub fn learn(stars: &[PsfStar]) -> (Option<EmpiricalPsf>, PsfReport) {
+    learn_with(&brightest(stars, MAX_PIXELS), Terms { order: FIELD_TERMS.len() - 1, by: [false; 2] })
+}
+
+/// The same, which may change with at most so much.
+pub(super) fn learn_with(chosen: &[&PsfStar], most: Terms) -> (Option<EmpiricalPsf>, PsfReport) {
+    let mut trial = Trial::new(chosen);
+    if chosen.len() < MIN_STARS {
+        return (None, trial.report);
+    }
+    for order in 0..=most.order {
+        let terms = Terms { order, by: [false; 2] };
+        if order > 0 && chosen.len() < STARS_PER_TERM * terms.count() || !trial.offer(terms) {
+            break;
+        }
+    }
+    for condition in (0..2).filter(|condition| most.by[*condition]) {
+        let mut terms = trial.terms;
+        terms.by[condition] = true;
+        if trial.report.empirical && chosen.len() >= STARS_PER_TERM * terms.count() {
+            trial.offer(terms);
+        }
+    }
+    let mut report = trial.report;
+    let psf = report.empirical.then(|| fit_image(chosen, trial.terms, trial.images[0].as_ref())).flatten();
+    report.empirical = psf.is_some();
+    (psf, report)
+}
+
+/// The brightest stars, as many as have so many pixels.
+pub(super) fn brightest(stars: &[PsfStar], most_pixels: usize) -> Vec<&PsfStar> {
     let mut chosen: Vec<&PsfStar> = stars.iter().collect();
     chosen.sort_by(|a, b| b.snr.total_cmp(&a.snr));
     let mut pixels = 0;
     chosen.retain(|s| {
         pixels += s.stamp.data.len();
-        pixels <= MAX_PIXELS
+        pixels <= most_pixels
     });
-    let mut report = PsfReport {
-        empirical: false,
-        stars: chosen.len(),
-        held_out_stars: 0,
-        gaussian_chi2_per_dof: 0.0,
-        empirical_chi2_per_dof: 0.0,
-        field_order: 0,
-    };
-    if chosen.len() < MIN_STARS {
-        return (None, report);
+    chosen
+}
+
+/// Images on trial before stars that are held out.
+struct Trial<'a> {
+    /// Stars that each image is learnt from, and those held out.
+    parts: Vec<[Vec<&'a PsfStar>; 2]>,
+    images: Vec<Option<EmpiricalPsf>>,
+    /// χ² and degrees of freedom of the stars held out under the best image so far.
+    best: Vec<(f64, f64)>,
+    /// What that one changes with.
+    terms: Terms,
+    report: PsfReport,
+}
+
+impl<'a> Trial<'a> {
+    fn new(chosen: &[&'a PsfStar]) -> Self {
+        // of few stars every one is held out in turn
+        let folds = match chosen.len() {
+            ..MIN_STARS => 0,
+            MIN_STARS..MANY_STARS => HELD_OUT,
+            _ => 1,
+        };
+        let part = |fold: usize, held: bool| -> Vec<&PsfStar> {
+            chosen.iter().enumerate().filter(|(i, _)| (i % HELD_OUT == HELD_OUT - 1 - fold) == held).map(|(_, star)| *star).collect()
+        };
+        let parts: Vec<[Vec<&PsfStar>; 2]> = (0..folds).map(|fold| [part(fold, false), part(fold, true)]).collect();
+        let best: Vec<(f64, f64)> = parts.iter().flat_map(|[_, held]| held).map(|star| star.under_gaussian()).collect();
+        let report = PsfReport {
+            empirical: false,
+            stars: chosen.len(),
+            held_out_stars: best.len(),
+            gaussian_chi2_per_dof: if best.is_empty() { 0.0 } else { per_dof(&best) },
+            empirical_chi2_per_dof: if best.is_empty() { 0.0 } else { f64::INFINITY },
+            field_order: 0,
+        };
+        Self { images: vec![None; parts.len()], parts, best, terms: Terms::default(), report }
     }
-    // of few stars every one is held out in turn
-    let folds = if chosen.len() < MANY_STARS { HELD_OUT } else { 1 };
-    let part = |fold: usize, held: bool| -> Vec<&PsfStar> {
-        chosen.iter().enumerate().filter(|(i, _)| (i % HELD_OUT == HELD_OUT - 1 - fold) == held).map(|(_, star)| *star).collect()
-    };
-    let held: Vec<Vec<&PsfStar>> = (0..folds).map(|fold| part(fold, true)).collect();
-    report.held_out_stars = held.iter().map(Vec::len).sum();
-    let mut best: Vec<(f64, f64)> = held.iter().flatten().map(|s| s.gaussian).collect();
-    report.gaussian_chi2_per_dof = per_dof(&best);
-    report.empirical_chi2_per_dof = f64::INFINITY;
-    let mut images: Vec<Option<EmpiricalPsf>> = vec![None; folds];
-    for (order, terms) in FIELD_TERMS.into_iter().enumerate() {
-        if order > 0 && chosen.len() < STARS_PER_TERM * terms {
-            break;
+
+    /// Tries an image that changes with so much; it is taken if the stars held out clearly prefer it. Whether it could be fitted.
+    fn offer(&mut self, terms: Terms) -> bool {
+        let images: Option<Vec<EmpiricalPsf>> =
+            self.parts.iter().zip(&self.images).map(|([own, _], image)| fit_image(own, terms, image.as_ref())).collect();
+        let Some(images) = images else { return false };
+        let judged: Vec<(f64, f64)> = images.iter().zip(&self.parts).flat_map(|(image, [_, held])| judge(held, image)).collect();
+        let chi2 = per_dof(&judged);
+        self.report.empirical_chi2_per_dof = self.report.empirical_chi2_per_dof.min(chi2);
+        if clearly_better(&judged, &self.best) && chi2 < MAX_CHI2 {
+            (self.report.empirical, self.report.field_order, self.terms) = (true, terms.order, terms);
+            self.best = judged;
         }
-        for (fold, image) in images.iter_mut().enumerate() {
-            *image = fit_image(&part(fold, false), order, image.as_ref());
-        }
-        let judged: Option<Vec<Vec<(f64, f64)>>> =
-            images.iter().zip(&held).map(|(image, held)| image.as_ref().map(|trial| judge(held, trial))).collect();
-        let Some(judged) = judged.map(|j| j.concat()) else { break };
-        if order == 0 || per_dof(&judged) < report.empirical_chi2_per_dof {
-            report.empirical_chi2_per_dof = per_dof(&judged);
-        }
-        if clearly_better(&judged, &best) && per_dof(&judged) < MAX_CHI2 {
-            (report.empirical, report.field_order) = (true, order);
-            best = judged;
-        }
+        self.images = images.into_iter().map(Some).collect();
+        true
     }
-    let psf = report.empirical.then(|| fit_image(&chosen, report.field_order, images[0].as_ref())).flatten();
-    report.empirical = psf.is_some();
-    (psf, report)
 }
 
 fn per_dof(judged: &[(f64, f64)]) -> f64 {
@@ -114,37 +188,68 @@ fn clearly_better(new: &[(f64, f64)], old: &[(f64, f64)]) -> bool {
     square > 0.0 && sum > CLEARLY_SIGMA * square.sqrt()
 }
 
+impl PsfStar {
+    /// Column and row where its pixels place it, under a Gaussian.
+    #[must_use]
+    pub const fn place_px(&self) -> [f64; 2] {
+        [self.model.x, self.model.y]
+    }
+
+    /// Variance of the counts per count of light that it was fitted with.
+    #[must_use]
+    pub const fn variance_per_dn(&self) -> f64 {
+        self.photons.variance_per_dn
+    }
+
+    /// χ² and degrees of freedom of a Gaussian of free shape, and of the place if the sky says it.
+    fn under_gaussian(&self) -> (f64, f64) {
+        let (chi2, dof) = self.gaussian;
+        self.sky.map_or((chi2, dof), |sky| (chi2 + sky.chi2([self.model.x, self.model.y], self.covariance_px2), dof + 2.0))
+    }
+}
+
 /// χ² and degrees of freedom of stars under an image; a star that it cannot fit counts as its Gaussian, thrice as bad.
 fn judge(stars: &[&PsfStar], psf: &EmpiricalPsf) -> Vec<(f64, f64)> {
     let of = |star: &&PsfStar| {
-        let mut profile = Profile::of(Some(psf));
+        let psf = psf.under(star.conditions);
+        let mut profile = Profile::of(Some(&psf));
         let start = Model { empirical: true, ..star.model };
-        let dof = star.gaussian.1;
+        let (chi2, dof) = star.under_gaussian();
         let Some((model, offset)) = star.photons.climb(&star.stamp, start, Freedom::Empirical, &mut profile) else {
-            return (3.0 * star.gaussian.0, dof);
+            return (3.0 * chi2, dof);
         };
         profile.draw(star.stamp.window, &model, false);
         let count = Freedom::Empirical.parameters();
         let used = star.stamp.used.iter().filter(|u| **u).count();
-        (star.photons.normal(&star.stamp, &profile, model.flux_dn, offset, count).chi2, used.saturating_sub(count).max(1) as f64)
+        let normal = star.photons.normal(&star.stamp, &profile, model.flux_dn, offset, count);
+        let of_place = star.sky.zip(inverse(&normal.matrix, count));
+        let place = of_place.map_or(0.0, |(sky, own)| sky.chi2([model.x, model.y], [own[2][2], own[3][2], own[3][3]]));
+        let of_sky = if of_place.is_some() { 2.0 } else { 0.0 };
+        let deviance = star.photons.deviance(&star.stamp, &profile, model.flux_dn, offset);
+        (deviance + place, used.saturating_sub(count).max(1) as f64 + of_sky)
     };
     stars.par_iter().map(of).collect()
 }
 
 /// The image of these stars, from `start` on if there is one.
-fn fit_image(stars: &[&PsfStar], order: usize, start: Option<&EmpiricalPsf>) -> Option<EmpiricalPsf> {
+pub(super) fn fit_image(stars: &[&PsfStar], terms: Terms, start: Option<&EmpiricalPsf>) -> Option<EmpiricalPsf> {
     let middle = |pick: fn(&Shape) -> f64| median(&stars.iter().map(|s| pick(&s.model.shape)).collect::<Vec<_>>());
     let trail = stars.iter().all(|s| s.model.shape.trail);
     let shape = Shape { xx: middle(|s| s.xx)?, xy: middle(|s| s.xy)?, yy: middle(|s| s.yy)?, trail };
     let base = if stars.iter().all(|s| s.model.shape.is_round()) { Shape::round(shape.sigma_px()) } else { shape };
-    let grid = Grid::for_image(base.axes_px().0, radius_px(base));
-    let unknowns = Unknowns::new(grid, base, FIELD_TERMS[order]);
+    let (sigma_px, radius) = (base.axes_px().0, radius_px(base));
+    let (grid, freedom) = if stars.iter().all(|star| star.sky.is_some()) {
+        (Grid::by_sky(sigma_px, radius), FREEDOM_BY_SKY)
+    } else {
+        (Grid::for_image(sigma_px, radius), 1.0)
+    };
+    let unknowns = Unknowns::new(grid, base, terms.count(), freedom);
     let size_px = stars.first()?.size_px;
-    let mut psf = EmpiricalPsf { base, grid, size_px, knots: vec![0.0; grid.knots() * FIELD_TERMS[order]] };
+    let mut psf = EmpiricalPsf { base, grid, size_px, terms, knots: vec![0.0; grid.knots() * terms.count()] };
+    // Terms of the field begin where those of another image are; what changes with conditions begins at nothing.
     if let Some(start) = start.filter(|start| start.grid == grid && start.base == base) {
-        for (knot, from) in psf.knots.iter_mut().zip(&start.knots) {
-            *knot = *from;
-        }
+        let shared = FIELD_TERMS[terms.order.min(start.terms.order)] * grid.knots();
+        psf.knots[..shared].copy_from_slice(&start.knots[..shared]);
     }
     let models: Vec<Model> = stars.iter().map(|s| Model { empirical: true, shape: base, ..s.model }).collect();
     let mut now = Look::at(stars, models, &psf)?;
@@ -195,17 +300,25 @@ impl<'a> Look<'a> {
 
 /// Fits one star with the present image.
 fn turn<'a>(star: &'a PsfStar, model: Model, psf: &EmpiricalPsf) -> Option<Turn<'a>> {
-    let mut profile = Profile::of(Some(psf));
+    let of_star = psf.under(star.conditions);
+    let mut profile = Profile::of(Some(&of_star));
     let mut stay = |model: Model| {
         profile.draw(star.stamp.window, &model, false);
         let (flux_dn, offset) = star.photons.linear(&star.stamp, &profile, model.flux_dn, 0.0)?;
         Some((Model { flux_dn, ..model }, offset))
     };
     // an image that is far off yet may give no place: then the star stays where it was
-    let settled = star.photons.climb(&star.stamp, model, Freedom::Empirical, &mut Profile::of(Some(psf)));
-    let (model, offset) = settled.or_else(|| stay(model))?;
+    let settled = star.photons.climb(&star.stamp, model, Freedom::Empirical, &mut Profile::of(Some(&of_star)));
+    let (mut model, mut offset) = settled.or_else(|| stay(model))?;
+    if let Some(sky) = star.sky {
+        profile.draw(star.stamp.window, &model, false);
+        let own = inverse(&star.photons.normal(&star.stamp, &profile, model.flux_dn, offset, 4).matrix, 4)?;
+        let [x, y] = sky.likeliest_px([model.x, model.y], [own[2][2], own[3][2], own[3][3]]);
+        profile.draw(star.stamp.window, &Model { x, y, ..model }, false);
+        let (flux_dn, level) = star.photons.linear(&star.stamp, &profile, model.flux_dn, offset)?;
+        (model, offset) = (Model { x, y, flux_dn, ..model }, level);
+    }
     profile.draw(star.stamp.window, &model, false);
-    let normal = star.photons.normal(&star.stamp, &profile, model.flux_dn, offset, 4);
     let rows: Vec<[f64; 4]> = (0..profile.value.len()).map(|i| profile.row(i, model.flux_dn)).map(|r| [r[0], r[1], r[2], r[3]]).collect();
     let weight = |((v, share), used): ((&f64, &f64), &bool)| {
         if *used { 1.0 / (v + (model.flux_dn * share).max(0.0) * star.photons.variance_per_dn) } else { 0.0 }
@@ -219,10 +332,20 @@ fn turn<'a>(star: &'a PsfStar, model: Model, psf: &EmpiricalPsf) -> Option<Turn<
             }
         }
     }
+    let (mut pull, mut chi2) = ([0.0; 4], star.photons.deviance(&star.stamp, &profile, model.flux_dn, offset));
+    if let Some(sky) = star.sky {
+        let known = sky.sigma_px.powi(-2);
+        for (axis, at) in [model.x, model.y].into_iter().enumerate() {
+            let off = sky.at_px[axis] - at;
+            matrix[2 + axis][2 + axis] += known;
+            pull[2 + axis] = known * off;
+            chi2 += known * off * off;
+        }
+    }
     let covariance = inverse(&matrix, 4)?;
     profile.draw(star.stamp.window, &Model { empirical: false, shape: psf.base, ..model }, false);
     let rest = star.stamp.data.iter().zip(&profile.value).map(|(d, share)| d - model.flux_dn * share - offset).collect();
-    let terms = field_terms(psf.size_px, [model.x, model.y]);
+    let terms = psf.terms.at(psf.size_px, [model.x, model.y], star.conditions);
     let lines = psf.grid.lines(star.stamp.window, [model.x, model.y]);
-    Some(Turn { model, chi2: normal.chi2, lines, terms, weights, rest, rows, covariance, stamp: &star.stamp })
+    Some(Turn { model, chi2, lines, terms, weights, rest, rows, covariance, pull, stamp: &star.stamp })
 }

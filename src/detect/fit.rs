@@ -199,6 +199,13 @@ impl Photons {
         n
     }
 
+    /// Twice the quasi-likelihood that a model lacks to the data themselves, whose score the fit solves: that of Poisson's law, shifted by the noise without
+    /// light. χ² rewards a model for the variance that it claims; this does not, so models are compared by it.
+    pub(super) fn deviance(self, stamp: &Stamp, profile: &Profile<'_>, flux: f64, offset: f64) -> f64 {
+        let pixels = stamp.data.iter().zip(&stamp.variance).zip(&profile.value).zip(&stamp.used).filter(|(_, used)| **used);
+        pixels.map(|(((data, variance), share), _)| deviance(data - offset, flux * share, *variance, self.variance_per_dn)).sum()
+    }
+
     /// The best model and its offset.
     pub(super) fn climb(self, stamp: &Stamp, start: Model, freedom: Freedom, profile: &mut Profile<'_>) -> Option<(Model, f64)> {
         let count = freedom.parameters();
@@ -237,6 +244,20 @@ impl Photons {
         }
         (flux > 0.0).then_some((flux, offset))
     }
+}
+
+/// The same of a pixel with so much light, of which the model has `signal`.
+fn deviance(data: f64, signal: f64, variance: f64, per_dn: f64) -> f64 {
+    /// Nearer than this to the model, by the share of the variance, the series is more accurate.
+    const NEAR: f64 = 1e-2;
+    let (variance, per_dn) = if signal > 0.0 { (variance + per_dn * signal, per_dn) } else { (variance, 0.0) };
+    let rest = data - signal;
+    let share = per_dn * rest / variance;
+    if share.abs() < NEAR {
+        return rest * rest / variance * (1.0 - share / 3.0 + share * share / 6.0);
+    }
+    let entropy = if share > -1.0 { (1.0 + share) * share.ln_1p() } else { 0.0 };
+    2.0 * variance / (per_dn * per_dn) * (entropy - share)
 }
 
 /// The fit of a star on its way.
@@ -319,4 +340,24 @@ fn plausible(shape: Shape, stamp: &Stamp) -> bool {
     // of a trail that leaves its window the ends are not seen
     let fits = long <= room && !(shape.trail && shape.reach_px(1.0) > room);
     short.is_finite() && short >= NARROWEST_PX && fits && shape.determinant() > 0.0 && shape.xx > 0.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The deviance has the score that the fit solves, and no model is better than the data themselves.
+    #[test]
+    fn the_deviance_has_the_score_of_the_fit() {
+        for (data, signal, variance, per_dn) in
+            [(40.0, 30.0, 25.0, 1.0), (10.0, 300.0, 25.0, 6.0), (31.0, 30.0, 400.0, 0.1), (-9.0, 4.0, 25.0, 2.0)]
+        {
+            let h = 1e-5 * signal;
+            let slope = (deviance(data, signal + h, variance, per_dn) - deviance(data, signal - h, variance, per_dn)) / (2.0 * h);
+            let score = -2.0 * (data - signal) / (variance + per_dn * signal);
+            assert!((slope - score).abs() < 1e-5 * score.abs(), "{data} {signal}: {slope} {score}");
+            assert!(deviance(data, signal, variance, per_dn) > 0.0 && deviance(signal, signal, variance, per_dn).abs() < 1e-12);
+        }
+        assert!((deviance(5.0, 2.0, 3.0, 0.0) - 3.0).abs() < 1e-12);
+    }
 }

@@ -192,14 +192,17 @@ fn learnable(scene: &Scene<'_>, stars: &FieldFit, search: &Search, most: usize) 
         let (model, offset) = scene.photons().settle(&mut stamp, fit.model, freedom, &mut profile)?;
         profile.draw(stamp.window, &model, freedom == Freedom::Ellipse);
         let count = freedom.parameters();
-        let chi2 = scene.photons().normal(&stamp, &profile, model.flux_dn, offset, count).chi2;
+        let deviance = scene.photons().deviance(&stamp, &profile, model.flux_dn, offset);
         let dof = stamp.used.iter().filter(|u| **u).count().saturating_sub(count).max(1);
         Some(PsfStar {
             stamp,
             model,
             photons: scene.photons(),
             snr: model.flux_dn / fit.flux_sigma_dn,
-            gaussian: (chi2, dof as f64),
+            gaussian: (deviance, dof as f64),
+            covariance_px2: fit.covariance_px2,
+            conditions: [0.0; 2],
+            sky: None,
             size_px: [size_px.0 as f64, size_px.1 as f64],
         })
     };

@@ -9,7 +9,8 @@
 //! 6. `deblend`: blends are found by comparison with the stars near by (`reference_stars`) and by the light beside a star (`companion`); stars in each
 //!    other's light are fitted together (`blend_fit`), all of a frame until they converge (`simultaneous_fit`).
 //! 7. `moments`: second and third moments of every star's image.
-//! 8. `epsf_build`, `epsf_step`, `epsf`: the ePSF from the recording's own stars, used instead of the Gaussian where held-out stars prefer it.
+//! 8. `epsf_build`, `epsf_step`, `epsf`: the ePSF from the recording's own stars, used instead of the Gaussian where held-out stars prefer it;
+//!    `epsf_sky` learns it at the places that the sky says, and `phase_bias` predicts from it how far an estimator's places follow the pixel phase.
 //!
 //! `windowed` is the quick way: a gate and moments; `window_gain` estimates its photon noise.
 
@@ -22,6 +23,7 @@ mod deblend;
 mod defects;
 mod epsf;
 mod epsf_build;
+mod epsf_sky;
 mod epsf_step;
 mod field;
 mod field_fit;
@@ -36,6 +38,7 @@ mod image_model;
 mod measure;
 mod moments;
 mod noise_tail;
+mod phase_bias;
 mod psf;
 mod psf_class;
 mod reference_stars;
@@ -55,8 +58,10 @@ pub use measure::detect;
 pub use moments::Moments;
 inner!(result::{DetectResult, DetectedFrame, FORMAT});
 inner!(epsf_build::{PsfStar, learn});
+inner!(epsf_sky::{SkyImage, PredictedStar, learn_from_sky});
 inner!(forced_fit::{FixedBackground, ForcedFit, fit_forced});
 inner!(measure::{Aids, detect_aided});
+inner!(phase_bias::{BiasedStar, Estimator, PhaseBias, PixelNoise});
 inner!(windowed::detect_windowed);
 
 use schemars::JsonSchema;

@@ -32,14 +32,14 @@ pub(super) struct Scene<'a> {
 }
 
 /// How the noise grows with the light: all that the fit of a stamp needs besides it.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Photons {
     /// Variance of the counts per count of signal: 1 / gain.
     pub(super) variance_per_dn: f64,
 }
 
 /// The pixels of one star.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub(super) struct Stamp {
     pub(super) window: Window,
     /// Counts less the mesh background and the neighbours.

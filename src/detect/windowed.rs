@@ -420,20 +420,10 @@ impl<'a> Window<'a> {
     }
 
     fn measure(&self, [px, py]: [usize; 2], normal: f64, scratch: &mut Scratch) -> Option<Detection> {
-        let (frame, start) = (self.frame, [px as f64, py as f64]);
+        let start = [px as f64, py as f64];
         let level = self.mesh.level_dn(start[0], start[1]);
-        let mut centre = start;
-        for _ in 0..MAX_STEPS {
-            let sums = weighted(frame, level, centre, &self.bells.weight, scratch)?;
-            let step: [f64; 2] = std::array::from_fn(|k| (self.gain * sums.shift[k] / sums.light).clamp(-1.0, 1.0));
-            centre = [centre[0] + step[0], centre[1] + step[1]];
-            if (centre[0] - start[0]).powi(2) + (centre[1] - start[1]).powi(2) > (1.5 + self.sigma_px).powi(2) {
-                return None;
-            }
-            if step[0].abs().max(step[1].abs()) < 1e-4 {
-                break;
-            }
-        }
+        let way = CentreSteps { weight: &self.bells.weight, gain: self.gain, reach_px: 1.5 + self.sigma_px };
+        let centre = way.take(self.frame, level, start, scratch)?;
         self.weigh(centre, level, normal, scratch)
     }
 
@@ -470,6 +460,41 @@ impl<'a> Window<'a> {
             flags: Flags { saturated: star.peak_dn >= self.frame.saturation_dn, blended: false, edge: star.is_cut },
         })
     }
+}
+
+/// How a centre is stepped to.
+struct CentreSteps<'a> {
+    weight: &'a Bell,
+    /// What a shift of the moments is multiplied with: 1 + the image's variance over the weight's.
+    gain: f64,
+    /// How far it may go.
+    reach_px: f64,
+}
+
+impl CentreSteps<'_> {
+    fn take(&self, frame: &Frame, level: f64, start: [f64; 2], scratch: &mut Scratch) -> Option<[f64; 2]> {
+        let mut centre = start;
+        for _ in 0..MAX_STEPS {
+            let sums = weighted(frame, level, centre, self.weight, scratch)?;
+            let step: [f64; 2] = std::array::from_fn(|k| (self.gain * sums.shift[k] / sums.light).clamp(-1.0, 1.0));
+            centre = [centre[0] + step[0], centre[1] + step[1]];
+            if (centre[0] - start[0]).powi(2) + (centre[1] - start[1]).powi(2) > self.reach_px.powi(2) {
+                return None;
+            }
+            if step[0].abs().max(step[1].abs()) < 1e-4 {
+                break;
+            }
+        }
+        Some(centre)
+    }
+}
+
+/// The centre of a star on an empty sky, in the window for images of this width (σ before the pixel integrates it).
+pub(super) fn centre(frame: &Frame, start: [f64; 2], sigma_px: f64) -> Option<[f64; 2]> {
+    let sigma2 = sigma_px * sigma_px + PIXEL_VARIANCE;
+    let weight2 = sigma2.max(MIN_WEIGHT_PX * MIN_WEIGHT_PX);
+    let weight = Bell::new(weight2, (3.0 * weight2.sqrt()).ceil() as usize);
+    CentreSteps { weight: &weight, gain: 1.0 + sigma2 / weight2, reach_px: 1.5 + sigma_px }.take(frame, 0.0, start, &mut Scratch::new())
 }
 
 /// Marks stars in each other's windows; they are sorted by rows nearly.

@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::channels::{ByChannel, Channel, Channels};
+use super::learnt_image::LearntImage;
 use super::verdict::{Bound, Verdict};
 use crate::provenance::Provenance;
 
@@ -484,6 +485,9 @@ pub struct Diagnosis {
     pub located: Vec<Located>,
     /// The noise found.
     pub noise: NoiseState,
+    /// The image of a star that the frames show, where it is another than that which places were measured with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub image: Option<LearntImage>,
     /// What was left out in turn, for proof.
     pub left_out: LeftOut,
     /// Simulated recordings without any effect that the omnibus test was held against.

@@ -102,8 +102,9 @@ pub fn measure_frames<F: Into<MaskedFrame>>(
     options: &MeasureOptions,
     done: impl Fn() + Sync,
 ) -> Result<Measured, PipelineError> {
-    /// Stars of a frame that the image is learnt from, at most.
+    /// Stars of a frame that the image is learnt from, at most, and of all frames for the image at the places of the sky, about.
     const KEPT: usize = 300;
+    const KEPT_IN_ALL: usize = 1500;
     let learns = options.centroid == Centroid::Empirical && recording.stars.is_none();
     let load = |recording: &Recording, index| load(recording, index).map(|loaded| loaded.map(Into::into));
     let counts = Counts::default();
@@ -116,16 +117,18 @@ pub fn measure_frames<F: Into<MaskedFrame>>(
         stop: stop.as_ref(),
         psf: None,
         keep: if learns { KEPT } else { 0 },
+        keep_for_sky: if options.pixels && recording.stars.is_none() { KEPT_IN_ALL } else { 0 },
     };
     let mut measured = pass.all(&done)?;
-    let mut psf = None;
+    let (mut psf, mut own_image) = (None, None);
     if learns {
         let kept: Vec<PsfStar> = measured.iter_mut().flatten().flat_map(|one| std::mem::take(&mut one.kept)).collect();
         let (found, report) = learn(&kept);
-        if let Some(found) = found {
-            measured = Pass { psf: Some(&found), keep: 0, counts: None, ..pass }.all(&|| ())?;
+        if let Some(found) = &found {
+            measured = Pass { psf: Some(found), keep: 0, counts: None, ..pass }.all(&|| ())?;
         }
         psf = Some(report);
+        own_image = found;
     }
     recording.notes.extend(psf.as_ref().map(PsfReport::sentence));
     let mut skipped = recording.skipped.clone();
@@ -162,7 +165,7 @@ pub fn measure_frames<F: Into<MaskedFrame>>(
     if let Some(pixels) = &mut pixels {
         pixels.elsewhere = elsewhere(&frames, options.dark.as_ref(), |index| load(&recording, index).ok()?.ok());
     }
-    Ok(Measured { recording, frames, skipped, psf, pixels })
+    Ok(Measured { recording, frames, skipped, psf, centroid: options.centroid, own_image, pixels })
 }
 
 /// A frame as measured, or why it is left out.
@@ -229,7 +232,21 @@ struct Pass<'a, L> {
     /// The end of the field, beyond which no pixel says anything of the sky.
     stop: Option<&'a StoppedField>,
     psf: Option<&'a EmpiricalPsf>,
+    /// Stars of a frame whose pixels are kept for the image that is used in measuring.
     keep: usize,
+    /// The same of all frames, for the image at the places of the sky.
+    keep_for_sky: usize,
+}
+
+impl<L> Pass<'_, L> {
+    /// Stars of a frame that are kept for the image at the places of the sky: of so many frames that a few of each are enough, every so many-th is asked.
+    fn kept_for_sky(&self, index: usize) -> usize {
+        /// Fewer stars of a frame do not tell its attitude's own share of the places.
+        const MIN_STARS: usize = 12;
+        let frames = self.recording.frames.len().max(1);
+        let stride = (frames * MIN_STARS).div_ceil(self.keep_for_sky.max(1)).max(1);
+        if index.is_multiple_of(stride) { (self.keep_for_sky * stride).div_ceil(frames) } else { 0 }
+    }
 }
 
 impl<L> Pass<'_, L>
@@ -245,7 +262,8 @@ where
         let name = self.recording.frame_name(index);
         if let Some(stars) = self.recording.stars.as_ref().and_then(|list| list.frames.get(index)) {
             let detections = star_list::detections(self.recording, stars);
-            let frame = MeasuredFrame { index, name, detections, images: Vec::new(), seconds: start.elapsed().as_secs_f64() };
+            let frame =
+                MeasuredFrame { index, name, detections, images: Vec::new(), kept: Vec::new(), seconds: start.elapsed().as_secs_f64() };
             return Ok(Ok(One { frame, kept: Vec::new(), statistics: None, undefined: 0, is_unfinished: false }));
         }
         let masked = match (self.load)(self.recording, index)? {
@@ -279,10 +297,17 @@ where
         }
         let bad = bad.as_deref();
         let is_unfinished = AtomicBool::new(false);
+        let for_sky = self.kept_for_sky(index);
         let (detections, kept) = match self.options.centroid {
-            Centroid::Windowed => (detect_windowed(&frame, &options, bad).map_err(failed)?, Vec::new()),
+            Centroid::Windowed => {
+                // A window keeps no fits: the stars that show the image are fitted for it.
+                let aids = Aids { bad, keep: for_sky, deadline, ..Aids::default() };
+                let kept = if for_sky > 0 { detect_aided(&frame, &options, &aids).map_err(&failed)?.1 } else { Vec::new() };
+                (detect_windowed(&frame, &options, bad).map_err(failed)?, kept)
+            }
             Centroid::Gaussian | Centroid::Empirical => {
-                let aids = Aids { psf: self.psf, bad, keep: self.keep, deadline, is_unfinished: Some(&is_unfinished) };
+                let keep = self.keep.max(for_sky);
+                let aids = Aids { psf: self.psf, bad, keep, deadline, is_unfinished: Some(&is_unfinished) };
                 let (mut detections, kept) = detect_aided(&frame, &options, &aids).map_err(failed)?;
                 // Where there are few a second look costs little, and sees some that the first does not.
                 if detections.stars.len() < FEW {
@@ -296,7 +321,8 @@ where
         let statistics = self.options.pixels.then(|| frame_statistics(self.recording, (index, &frame), &detections, unusable)).flatten();
         let images = if self.options.pixels { star_images(&frame, &detections, unusable) } else { Vec::new() };
         done();
-        let frame = MeasuredFrame { index, name, detections, images, seconds: start.elapsed().as_secs_f64() };
+        let own = kept.iter().take(for_sky).cloned().collect();
+        let frame = MeasuredFrame { index, name, detections, images, kept: own, seconds: start.elapsed().as_secs_f64() };
         Ok(Ok(One { frame, kept, statistics, undefined, is_unfinished: is_unfinished.into_inner() }))
     }
 }

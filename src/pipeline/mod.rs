@@ -6,6 +6,7 @@ mod crowding;
 mod dark;
 mod elsewhere;
 mod frames;
+mod learnt_image;
 mod one_camera;
 mod overfull;
 mod pixels;
@@ -17,7 +18,7 @@ mod star_measurements;
 
 use crate::calibrate::{CalibrateError, Surroundings};
 use crate::camera::{ObserverError, Physics, PhysicsError};
-use crate::detect::{DetectError, Detection, Detections, PsfReport};
+use crate::detect::{DetectError, Detection, Detections, EmpiricalPsf, PsfReport, PsfStar};
 use crate::diagnose::{DiagnoseError, ImageConditions, MeasuredNoise};
 use crate::pixel_statistics::{PixelStatistics, SummedImage};
 use crate::recording::{Mount, Recording, RecordingError, SkippedFrame};
@@ -132,6 +133,10 @@ pub struct Measured {
     pub skipped: Vec<SkippedFrame>,
     /// Which image the stars were fitted with, where an empirical one was asked for.
     pub psf: Option<PsfReport>,
+    /// How their places were measured.
+    pub centroid: Centroid,
+    /// That image itself, where it was used.
+    pub own_image: Option<EmpiricalPsf>,
     /// What the pixels between the stars tell of the detector, where that was asked for and there are pixels.
     pub pixels: Option<PixelStatistics>,
 }
@@ -147,6 +152,8 @@ pub struct MeasuredFrame {
     pub detections: Detections,
     /// Light and shape of its star images by sums, where the pixels are looked at.
     pub images: Vec<SummedImage>,
+    /// The pixels of some of its clean stars, for the image that they show; where the pixels are looked at.
+    pub kept: Vec<PsfStar>,
     /// How long it took to measure, wall time, s.
     pub seconds: f64,
 }

@@ -1,13 +1,16 @@
 //! Control points of identified frames, and the camera and options of their diagnosis.
 
+use std::collections::BTreeMap;
+
 use super::crowding::{self, take_disturbed};
+use super::learnt_image::take_bias_off;
 use super::one_camera::check_sizes;
 use super::overfull::{self, Seen};
 use super::{IdentifiedFrame, Measured, MeasuredFrame, PipelineError, SkyChoice, circumstances, image_conditions, physics_in_force};
-use crate::calibrate::{CalibrateOptions, MeasuredStarImage, calibrate, calibrate_identifying_anew};
+use crate::calibrate::{CalibrateOptions, Calibration, MeasuredStarImage, calibrate, calibrate_identifying_anew};
 use crate::camera::Term;
 use crate::catalog::Catalog;
-use crate::diagnose::{DiagnoseOptions, Telemetry};
+use crate::diagnose::{DiagnoseOptions, LearntImage, Telemetry};
 use crate::effects;
 use crate::identify::{
     ControlPoint, ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, Projection, Refusal, Solution,
@@ -209,6 +212,8 @@ pub struct DiagnosisRequest {
     pub telemetry: Telemetry,
     /// The options, the physics in force filled in.
     pub options: DiagnoseOptions,
+    /// The image that the recording's stars show, whose bias was taken off the places.
+    pub image: Option<LearntImage>,
     /// What is to be minded: physics that acts in a part of the frames only, star images that were left out; one sentence each.
     pub notes: Vec<String>,
 }
@@ -228,8 +233,10 @@ pub struct DiagnosisInput<'a> {
 
 /// What a diagnosis is asked about prepared control points. The camera that the recording is held against is identified anew with itself: its
 /// control points have few wrong and few missing stars. Imprecise stars stay, since nothing is known yet of what makes them so.
+///
+/// Where the stars' pixels were kept, the bias of the places that follows the pixel phase is taken off them, in `measured` too.
 pub fn diagnosis_request(
-    measured: &Measured,
+    measured: &mut Measured,
     identified: &[IdentifiedFrame],
     prepared: &PreparedPoints,
     asked: &DiagnosisInput,
@@ -261,8 +268,32 @@ pub fn diagnosis_request(
     } else {
         calibrate_identifying_anew(&prepared.points, &star_images(measured, prepared), asked.catalog, asked.max_magnitude, &solver)?
     };
+    let image = without_phase_bias(measured, &mut baseline, prepared.parity);
     let left_out = take_disturbed(&mut baseline.control_points, prepared.parity, measured, asked.catalog);
     let points = baseline.control_points;
     let notes = uneven.into_iter().chain(crowding::sentence(left_out.len(), points.points.len())).collect();
-    Ok(DiagnosisRequest { points, left_out, telemetry: telemetry(&measured.recording), options, notes })
+    Ok(DiagnosisRequest { points, left_out, telemetry: telemetry(&measured.recording), options, image, notes })
+}
+
+/// Takes the bias that follows the pixel phase off the measured places and the baseline's control points.
+fn without_phase_bias(measured: &mut Measured, baseline: &mut Calibration, parity: i8) -> Option<LearntImage> {
+    let before: Vec<(usize, Vec<[f64; 2]>)> = measured
+        .frames
+        .iter()
+        .map(|frame| (frame.index, frame.detections.stars.iter().map(|star| [star.x_px, star.y_px]).collect()))
+        .collect();
+    let image = take_bias_off(measured, baseline, parity)?;
+    let mut moved: BTreeMap<(usize, u64), [f64; 2]> = BTreeMap::new();
+    for ((index, before), frame) in before.into_iter().zip(&measured.frames) {
+        for ([x, y], star) in before.into_iter().zip(&frame.detections.stars) {
+            moved.insert((index, y.to_bits()), [star.x_px - x, star.y_px - y]);
+        }
+    }
+    for point in &mut baseline.control_points.points {
+        if let Some([dx, dy]) = moved.get(&(point.frame, point.y_px.to_bits())) {
+            point.x_px += f64::from(parity) * dx;
+            point.y_px += dy;
+        }
+    }
+    Some(image)
 }

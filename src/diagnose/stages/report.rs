@@ -96,6 +96,7 @@ impl<'a> Reported<'a> {
             stars_used: stars_used(evidence, baseline.points, &self.fit),
             located: screened.located.clone(),
             noise: noise_state(&solved.fit.stand),
+            image: None,
             left_out: left_out(evidence, &validated.turns),
             nulls: screened.test.chance.nulls,
             resimulated_p_value: self.resimulated_p_value,

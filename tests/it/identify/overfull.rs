@@ -4,7 +4,7 @@ use boresight::calibrate::{CalibrateOptions, calibrate_identifying_anew};
 use boresight::camera::Physics;
 use boresight::catalog::Catalog;
 use boresight::identify::{Identification, IdentifyOptions, Match};
-use boresight::pipeline::{Measured, MeasuredFrame, SkyChoice, control_points, identify_frames, star_images};
+use boresight::pipeline::{Centroid, Measured, MeasuredFrame, SkyChoice, control_points, identify_frames, star_images};
 use boresight::recording::{CameraInfo, FrameEntry, Recording};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -23,9 +23,18 @@ fn measured(lists: &[List]) -> Measured {
         name: format!("frame {index}"),
         detections: list.detections.clone(),
         images: Vec::new(),
+        kept: Vec::new(),
         seconds: 0.0,
     };
-    Measured { recording, frames: lists.iter().enumerate().map(frame).collect(), skipped: Vec::new(), psf: None, pixels: None }
+    Measured {
+        recording,
+        frames: lists.iter().enumerate().map(frame).collect(),
+        skipped: Vec::new(),
+        psf: None,
+        centroid: Centroid::Gaussian,
+        own_image: None,
+        pixels: None,
+    }
 }
 
 /// Six frames of the camera, in the last two of which there are thousands of blobs too, fainter than the stars.

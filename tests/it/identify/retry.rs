@@ -5,7 +5,7 @@ use boresight::catalog::Catalog;
 use boresight::coordinates::{Attitude, Direction};
 use boresight::detect::Detections;
 use boresight::identify::{AttitudePrior, Identification, IdentifyOptions, identify};
-use boresight::pipeline::{IdentifiedFrame, Measured, MeasuredFrame, SkyChoice, identify_frames};
+use boresight::pipeline::{Centroid, IdentifiedFrame, Measured, MeasuredFrame, SkyChoice, identify_frames};
 use boresight::recording::{CameraInfo, FrameEntry, Recording};
 use nalgebra::UnitQuaternion;
 
@@ -37,10 +37,18 @@ fn identified(frames: &[&Detections], options: &IdentifyOptions) -> Vec<Identifi
         name: format!("frame {index}"),
         detections: (*detections).clone(),
         images: Vec::new(),
+        kept: Vec::new(),
         seconds: 0.0,
     };
-    let measured =
-        Measured { recording, frames: frames.iter().enumerate().map(frame).collect(), skipped: Vec::new(), psf: None, pixels: None };
+    let measured = Measured {
+        recording,
+        frames: frames.iter().enumerate().map(frame).collect(),
+        skipped: Vec::new(),
+        psf: None,
+        centroid: Centroid::Gaussian,
+        own_image: None,
+        pixels: None,
+    };
     let choice = SkyChoice { physics: Physics::None, assumes_time: false };
     identify_frames(&measured, Catalog::embedded(), &choice, options, || {}).unwrap()
 }

@@ -1,0 +1,288 @@
+//! The ePSF learnt where the sky says that the stars are.
+//!
+//! Image and pixel phase are degenerate as long as every star's place is free: an error of the places that follows the phase can be traded for another
+//! image (Anderson & King 2000, PASP 112, 1360, close the loop by dithers). Here the loop is closed through the sky: catalogue, camera and attitude
+//! predict the places. What the prediction lacks is smooth over a frame (a refraction, a distortion that is not modelled) and is taken off as a
+//! polynomial of each frame; what is left of it, as it scatters, is the standard error of the places that the sky says.
+
+use super::epsf::{Conditions, EmpiricalPsf, PsfReport, Terms};
+use super::epsf_build::{PsfStar, SkyPlace, brightest, fit_image, learn_with};
+use super::fit::Freedom;
+use super::image_model::Model;
+use super::psf::Profile;
+use crate::statistics::cholesky::{inverse, solve};
+use crate::statistics::{mad_sigma, median};
+
+/// A star with its pixels, and where the sky says that it is.
+#[derive(Clone)]
+pub struct PredictedStar {
+    /// Its pixels.
+    pub star: PsfStar,
+    /// Index of its frame.
+    pub frame: usize,
+    /// Column and row that catalogue, camera and attitude predict.
+    pub predicted_px: [f64; 2],
+    /// Colour and temperature as departures from the usual.
+    pub conditions: Conditions,
+}
+
+/// The image that the sky's places tell.
+#[derive(Clone, Debug)]
+pub struct SkyImage {
+    /// The image; nothing where stars held out do not prefer it.
+    pub psf: Option<EmpiricalPsf>,
+    /// How it was judged.
+    pub report: PsfReport,
+    /// Standard error of the places that the sky says, px per axis.
+    pub place_sigma_px: f64,
+}
+
+/// Pixels that are used, about: more take time.
+const MAX_PIXELS: usize = 12_000;
+/// Rounds of places and image before the last, which holds stars out: the first image takes most of the error of Gaussians off the places.
+const ROUNDS: usize = 1;
+/// Stars of a frame for a polynomial of second, of first, and of no order over it.
+const MIN_STARS: [(usize, usize); 3] = [(30, 6), (12, 3), (4, 1)];
+/// Standard errors beyond which a star is not where it should be: a double, a wrong name.
+const MAX_OFF_SIGMA: f64 = 5.0;
+/// No sky says places better, px: catalogue and turbulence.
+const MIN_SIGMA_PX: f64 = 2e-3;
+/// Steps of the robust fit.
+const STEPS: usize = 5;
+
+/// Learns the image of a star at the places that the sky says, as far as stars held out prefer it to Gaussians. `conditions`: whether it may change
+/// with colour, and with temperature.
+#[must_use]
+pub fn learn_from_sky(stars: &[PredictedStar], conditions: [bool; 2]) -> SkyImage {
+    let mut measured: Vec<Option<Place>> = stars.iter().map(|one| Some(Place::of_gaussian(&one.star))).collect();
+    for _ in 0..ROUNDS {
+        let Some(next) = measured_by_others(stars, &measured) else { break };
+        measured = next;
+    }
+    let (placed, place_sigma_px) = anchored(stars, &measured);
+    let all: Vec<PsfStar> = placed.into_iter().flatten().collect();
+    let (psf, report) = learn_with(&brightest(&all, MAX_PIXELS), Terms { order: 0, by: conditions });
+    SkyImage { psf, report, place_sigma_px }
+}
+
+/// The place of each star under an image of others, with the sky's places as these are now: under one of its own pixels it would scatter too little.
+fn measured_by_others(stars: &[PredictedStar], measured: &[Option<Place>]) -> Option<Vec<Option<Place>>> {
+    const PARTS: usize = 2;
+    let (placed, _) = anchored(stars, measured);
+    let mut next = vec![None; stars.len()];
+    for part in 0..PARTS {
+        let others: Vec<PsfStar> =
+            placed.iter().enumerate().filter(|(i, _)| i % PARTS != part).filter_map(|(_, star)| star.clone()).collect();
+        let image = fit_image(&brightest(&others, MAX_PIXELS / PARTS), Terms::default(), None)?;
+        for (place, one) in next.iter_mut().zip(stars).skip(part).step_by(PARTS) {
+            *place = Place::under(&one.star, &image);
+        }
+    }
+    Some(next)
+}
+
+/// A star's place by its own pixels.
+#[derive(Clone, Copy)]
+struct Place {
+    at_px: [f64; 2],
+    covariance_px2: [f64; 3],
+}
+
+impl Place {
+    fn of_gaussian(star: &PsfStar) -> Self {
+        Self { at_px: [star.model.x, star.model.y], covariance_px2: star.covariance_px2 }
+    }
+
+    fn under(star: &PsfStar, psf: &EmpiricalPsf) -> Option<Self> {
+        let psf = psf.under(star.conditions);
+        let mut profile = Profile::of(Some(&psf));
+        let start = Model { empirical: true, ..star.model };
+        let (model, offset) = star.photons.climb(&star.stamp, start, Freedom::Empirical, &mut profile)?;
+        profile.draw(star.stamp.window, &model, false);
+        let count = Freedom::Empirical.parameters();
+        let own = inverse(&star.photons.normal(&star.stamp, &profile, model.flux_dn, offset, count).matrix, count)?;
+        Some(Self { at_px: [model.x, model.y], covariance_px2: [own[2][2], own[3][2], own[3][3]] })
+    }
+
+    /// Mean variance along an axis.
+    fn variance_px2(&self) -> f64 {
+        f64::midpoint(self.covariance_px2[0], self.covariance_px2[2])
+    }
+}
+
+/// The stars with the places that the sky says, and how well it says them. Stars that are not where they should be are left out.
+fn anchored(stars: &[PredictedStar], measured: &[Option<Place>]) -> (Vec<Option<PsfStar>>, f64) {
+    let mut frames: Vec<usize> = stars.iter().map(|one| one.frame).collect();
+    frames.sort_unstable();
+    frames.dedup();
+    let mut off: Vec<Option<[f64; 2]>> = vec![None; stars.len()];
+    for frame in frames {
+        let own: Vec<usize> = (0..stars.len()).filter(|i| stars[*i].frame == frame && measured[*i].is_some()).collect();
+        for (index, rest) in own.iter().zip(less_smooth(stars, measured, &own)) {
+            off[*index] = rest;
+        }
+    }
+    let sigma_px = scatter_px(measured, &off);
+    let of = |((one, place), off): ((&PredictedStar, &Option<Place>), &Option<[f64; 2]>)| {
+        let (place, off) = ((*place)?, (*off)?);
+        let limit = MAX_OFF_SIGMA * (sigma_px * sigma_px + place.variance_px2()).sqrt();
+        let sky = SkyPlace { at_px: [0, 1].map(|axis| place.at_px[axis] - off[axis]), sigma_px };
+        (off[0].hypot(off[1]) < limit).then(|| PsfStar { sky: Some(sky), conditions: one.conditions, ..one.star.clone() })
+    };
+    (stars.iter().zip(measured).zip(&off).map(of).collect(), sigma_px)
+}
+
+/// Measured less predicted places of a frame's stars, less what is smooth over the frame.
+fn less_smooth(stars: &[PredictedStar], measured: &[Option<Place>], own: &[usize]) -> Vec<Option<[f64; 2]>> {
+    let places: Vec<(Place, [f64; 2])> = own.iter().filter_map(|i| Some((measured[*i]?, stars[*i].predicted_px))).collect();
+    let Some((_, terms)) = MIN_STARS.into_iter().find(|(least, _)| places.len() >= *least) else { return vec![None; own.len()] };
+    let size_px = stars[own[0]].star.size_px;
+    let row = |at: [f64; 2]| -> [f64; 6] {
+        let half = 0.5 * size_px[0].max(size_px[1]);
+        let [x, y] = [0, 1].map(|axis| (at[axis] - 0.5 * (size_px[axis] - 1.0)) / half);
+        [1.0, x, y, x * x, x * y, y * y]
+    };
+    let off = |(place, predicted): &(Place, [f64; 2]), axis: usize| place.at_px[axis] - predicted[axis];
+    let along = |axis: usize| -> Option<Vec<f64>> {
+        let mut rest: Vec<f64> = {
+            let middle = median(&places.iter().map(|own| off(own, axis)).collect::<Vec<_>>())?;
+            places.iter().map(|own| off(own, axis) - middle).collect()
+        };
+        for _ in 0..STEPS {
+            let scatter = mad_sigma(&rest)?.max(1e-6);
+            let (mut matrix, mut vector) = ([[0.0; 6]; 6], [0.0; 6]);
+            for (own, rest) in places.iter().zip(&rest) {
+                let (row, noise) = (row(own.1), scatter * scatter + own.0.variance_px2());
+                let weight = (1.0 + rest * rest / (4.0 * noise)).powi(-2) / noise;
+                for a in 0..terms {
+                    vector[a] += weight * row[a] * off(own, axis);
+                    for b in 0..=a {
+                        matrix[a][b] += weight * row[a] * row[b];
+                    }
+                }
+            }
+            let smooth = solve(&matrix, &vector, terms, 0.0)?;
+            for (rest, own) in rest.iter_mut().zip(&places) {
+                let row = row(own.1);
+                *rest = off(own, axis) - (0..terms).map(|a| row[a] * smooth[a]).sum::<f64>();
+            }
+        }
+        Some(rest)
+    };
+    let (Some(x), Some(y)) = (along(0), along(1)) else { return vec![None; own.len()] };
+    x.into_iter().zip(y).map(|(x, y)| Some([x, y])).collect()
+}
+
+/// Scatter of places about those that the sky says, beyond the pixels' noise, px per axis: by the half that the pixels place best.
+fn scatter_px(measured: &[Option<Place>], off: &[Option<[f64; 2]>]) -> f64 {
+    let mut told: Vec<(f64, [f64; 2])> =
+        measured.iter().zip(off).filter_map(|(place, off)| Some((place.as_ref()?.variance_px2(), (*off)?))).collect();
+    told.sort_by(|a, b| a.0.total_cmp(&b.0));
+    told.truncate(told.len().div_ceil(2));
+    let both: Vec<f64> = told.iter().flat_map(|(_, off)| *off).collect();
+    let noise = median(&told.iter().map(|(variance, _)| *variance).collect::<Vec<_>>()).unwrap_or(0.0);
+    let scatter = mad_sigma(&both).unwrap_or(0.0);
+    (scatter * scatter - noise).max(MIN_SIGMA_PX * MIN_SIGMA_PX).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_distr::{Distribution, Normal};
+    use rand_pcg::Pcg64Mcg;
+
+    use super::*;
+    use crate::detect::image_model::axis_shares;
+    use crate::detect::measure::{Aids, detect_aided};
+    use crate::detect::phase_bias::{BiasedStar, Estimator, PhaseBias, PixelNoise};
+    use crate::detect::windowed::detect_windowed;
+    use crate::detect::{DetectOptions, Detection};
+    use crate::frame::Frame;
+
+    const SIDE: usize = 384;
+    const SKY_DN: f64 = 6.0;
+
+    /// A frame of stars with a narrow core and a wide skirt, which no Gaussian is, and where they are.
+    fn frame(seed: u64) -> (Frame, Vec<[f64; 2]>) {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
+        let mut light = vec![0.0; SIDE * SIDE];
+        let mut places = Vec::new();
+        for cell in 0..100 {
+            let at = [cell % 10, cell / 10].map(|k| 24.0 + 37.0 * f64::from(k) + rng.random_range(-3.0..3.0));
+            let flux = 4000.0 * 12.0_f64.powf(rng.random_range(0.0..1.0));
+            for (share, sigma) in [(0.6, 0.3), (0.4, 0.8)] {
+                let start = at.map(|along| along.round() as usize - 9);
+                let lines = [0, 1].map(|axis| axis_shares(start[axis], 19, at[axis], sigma));
+                for (y, down) in lines[1].iter().enumerate() {
+                    for (x, across) in lines[0].iter().enumerate() {
+                        light[(start[1] + y) * SIDE + start[0] + x] += flux * share * down[0] * across[0];
+                    }
+                }
+            }
+            places.push(at);
+        }
+        let pixels_dn = light
+            .iter()
+            .map(|value| {
+                let noise = Normal::new(0.0, (SKY_DN * SKY_DN + value).sqrt()).unwrap();
+                (100.0 + value + noise.sample(&mut rng)) as f32
+            })
+            .collect();
+        (Frame { width_px: SIDE, height_px: SIDE, pixels_dn, saturation_dn: f32::INFINITY }, places)
+    }
+
+    /// Amplitude of the sine of the phase in errors along an axis, px.
+    fn s_curve(errors: &[(f64, f64)]) -> f64 {
+        let of = |(phase, error): &(f64, f64)| 2.0 * error * (std::f64::consts::TAU * phase).sin();
+        errors.iter().map(of).sum::<f64>() / errors.len() as f64
+    }
+
+    /// Errors along x of the stars found, before and after the bias is taken off, each with the phase.
+    fn errors(stars: &[Detection], places: &[[f64; 2]], bias: Option<&PhaseBias>) -> Vec<(f64, f64)> {
+        let of = |star: &Detection| {
+            let at = places.iter().find(|at| (at[0] - star.x_px).hypot(at[1] - star.y_px) < 1.0)?;
+            let asked = BiasedStar { at_px: [star.x_px, star.y_px], flux_dn: star.flux_dn, conditions: [0.0; 2] };
+            let off = bias.map_or(0.0, |bias| bias.at(&asked)[0]);
+            Some((at[0] - at[0].round(), star.x_px - off - at[0]))
+        };
+        stars.iter().filter_map(of).collect()
+    }
+
+    #[test]
+    fn places_follow_no_phase_once_the_image_is_learnt_from_the_sky() {
+        let options = DetectOptions { gain_e_per_dn: Some(1.0), ..DetectOptions::default() };
+        let frames: Vec<_> = (0..4).map(frame).collect();
+        let mut rng = Pcg64Mcg::seed_from_u64(99);
+        let turbulence = Normal::new(0.0, 0.02).unwrap();
+        let (mut stars, mut gaussian, mut windowed) = (Vec::new(), Vec::new(), Vec::new());
+        for (index, (frame, places)) in frames.iter().enumerate() {
+            let (found, own) = detect_aided(frame, &options, &Aids { keep: 100, ..Aids::default() }).unwrap();
+            // What the sky says lacks a shift and a tilt of the frame.
+            for star in own {
+                let at = places.iter().find(|at| (at[0] - star.model.x).hypot(at[1] - star.model.y) < 1.0).unwrap();
+                let predicted = at.map(|along| along + 0.3 * index as f64 + 1e-3 * at[0] + turbulence.sample(&mut rng));
+                stars.push(PredictedStar { star, frame: index, predicted_px: predicted, conditions: [0.0; 2] });
+            }
+            gaussian.push(found.stars);
+            windowed.push(detect_windowed(frame, &options, None).unwrap().stars);
+        }
+        let image = learn_from_sky(&stars, [false; 2]);
+        assert!((image.place_sigma_px - 0.02).abs() < 0.008, "{image:?}");
+        let psf = image.psf.unwrap();
+        let noise = PixelNoise { sky_dn2: SKY_DN * SKY_DN, per_dn: 1.0 };
+        let all = |of: &[Vec<Detection>]| -> Vec<BiasedStar> {
+            let asked = |star: &Detection| BiasedStar { at_px: [star.x_px, star.y_px], flux_dn: star.flux_dn, conditions: [0.0; 2] };
+            of.iter().flatten().map(asked).collect()
+        };
+        let width = median(&windowed.iter().flatten().map(|star| star.width_px).collect::<Vec<_>>()).unwrap();
+        for (name, estimator, found) in [("gaussian", Estimator::Gaussian, &gaussian), ("windowed", Estimator::Windowed(width), &windowed)]
+        {
+            let bias = PhaseBias::predict(&psf, estimator, noise, &all(found)).unwrap();
+            let both = [None, Some(&bias)]
+                .map(|bias| found.iter().zip(&frames).flat_map(|(stars, (_, places))| errors(stars, places, bias)).collect::<Vec<_>>());
+            let [before, after] = both.map(|errors| s_curve(&errors));
+            assert!(before.abs() > 0.02, "{name}: {before}");
+            assert!(after.abs() < 0.01, "{name}: {before} {after}");
+        }
+    }
+}

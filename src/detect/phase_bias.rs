@@ -1,0 +1,205 @@
+//! Bias of a centroid that follows the pixel phase, predicted from the image of a star.
+//!
+//! Whatever the estimator, it is fitted to the image drawn without noise at places all over the pixel. The mean over the phases is left alone: it is
+//! the estimator's choice of what the centre of a lopsided image is, smooth over the frame, and no error that a camera model could not hold. What is
+//! left is a Fourier series of the phases along both axes, to second order, at a few places of the frame, brightnesses, colours and temperatures; a
+//! star's bias lies between these.
+
+use rayon::prelude::*;
+
+use super::epsf::{Conditions, EmpiricalPsf};
+use super::fit::{Freedom, SNR_FOR_WIDTH};
+use super::image_model::{Model, Window, radius_px};
+use super::psf::Profile;
+use super::stamp::{Photons, Stamp};
+use super::windowed;
+use crate::frame::Frame;
+use crate::statistics::cholesky::inverse;
+
+/// How places were measured.
+#[derive(Clone, Copy, Debug)]
+pub enum Estimator<'a> {
+    /// By a Gaussian.
+    Gaussian,
+    /// By an image that the stars' own pixels tell.
+    Empirical(&'a EmpiricalPsf),
+    /// In a Gaussian window for images of this width (σ before the pixel integrates it), px.
+    Windowed(f64),
+}
+
+/// The noise of a pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelNoise {
+    /// Variance of the sky's counts.
+    pub sky_dn2: f64,
+    /// Variance per count of a star's light: 1 / gain.
+    pub per_dn: f64,
+}
+
+/// A star whose bias is asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct BiasedStar {
+    /// Column and row, as measured.
+    pub at_px: [f64; 2],
+    /// Flux, DN.
+    pub flux_dn: f64,
+    /// Colour and temperature as departures from the usual.
+    pub conditions: Conditions,
+}
+
+/// Phases along an axis, which tell a Fourier series of second order.
+const PHASES: usize = 5;
+/// Numbers of the series of both axes.
+const TERMS: usize = PHASES * PHASES;
+/// What the series is tabulated over: column, row, logarithm of the flux, colour, temperature.
+const AXES: usize = 5;
+type Series = [[f64; TERMS]; 2];
+
+/// The bias of the places of a recording's stars.
+#[derive(Clone, Debug)]
+pub struct PhaseBias {
+    nodes: [Vec<f64>; AXES],
+    /// The last axis fastest.
+    series: Vec<Series>,
+}
+
+impl PhaseBias {
+    /// Of an estimator under an image, over the range of these stars; nothing where it cannot fit the image.
+    #[must_use]
+    pub fn predict(psf: &EmpiricalPsf, estimator: Estimator<'_>, noise: PixelNoise, stars: &[BiasedStar]) -> Option<Self> {
+        let along = |values: Vec<f64>, is_in_it: bool, count: usize| nodes(values, if is_in_it { count } else { 1 });
+        let is_in_field = psf.field_order() > 0;
+        let of = |value: fn(&BiasedStar) -> f64| stars.iter().map(value).collect::<Vec<f64>>();
+        let nodes = [
+            along(of(|star| star.at_px[0]), is_in_field, 3)?,
+            along(of(|star| star.at_px[1]), is_in_field, 3)?,
+            along(of(|star| star.flux_dn.max(f64::MIN_POSITIVE).ln()), true, 4)?,
+            along(of(|star| star.conditions[0]), psf.terms.by[0], 2)?,
+            along(of(|star| star.conditions[1]), psf.terms.by[1], 2)?,
+        ];
+        let count = nodes.iter().map(Vec::len).product::<usize>();
+        let series = |index: usize| {
+            let mut left = index;
+            let mut at = [0.0; AXES];
+            for axis in (0..AXES).rev() {
+                at[axis] = nodes[axis][left % nodes[axis].len()];
+                left /= nodes[axis].len();
+            }
+            series(&psf.under([at[3], at[4]]), estimator, noise, [at[0], at[1]], at[2].exp())
+        };
+        let series = (0..count).into_par_iter().map(series).collect::<Option<Vec<Series>>>()?;
+        Some(Self { nodes, series })
+    }
+
+    /// Measured less true place along both axes, px.
+    #[must_use]
+    pub fn at(&self, star: &BiasedStar) -> [f64; 2] {
+        let at = [star.at_px[0], star.at_px[1], star.flux_dn.max(f64::MIN_POSITIVE).ln(), star.conditions[0], star.conditions[1]];
+        let mut corners = vec![(0, 1.0)];
+        for (nodes, at) in self.nodes.iter().zip(at) {
+            let (low, share) = between(nodes, at);
+            let both = |(index, weight): (usize, f64)| {
+                let first = index * nodes.len() + low;
+                [(first, weight * (1.0 - share)), (first + usize::from(share > 0.0), weight * share)]
+            };
+            corners = corners.into_iter().flat_map(both).filter(|(_, weight)| *weight > 0.0).collect();
+        }
+        let basis = basis(star.at_px.map(|along| along - along.round()));
+        [0, 1].map(|axis| {
+            let of = |(index, weight): &(usize, f64)| -> f64 {
+                weight * self.series[*index][axis].iter().zip(&basis).map(|(number, term)| number * term).sum::<f64>()
+            };
+            corners.iter().map(of).sum()
+        })
+    }
+}
+
+/// Nodes over what most of the values span.
+fn nodes(mut values: Vec<f64>, count: usize) -> Option<Vec<f64>> {
+    /// Share of the values beyond the outermost.
+    const BEYOND: f64 = 0.03;
+    values.retain(|value| value.is_finite());
+    values.sort_by(f64::total_cmp);
+    let at = |share: f64| values.get((share * (values.len().max(1) - 1) as f64).round() as usize).copied();
+    let (low, high) = (at(BEYOND)?, at(1.0 - BEYOND)?);
+    if count == 1 || high <= low {
+        return Some(vec![at(0.5)?]);
+    }
+    Some((0..count).map(|k| low + (high - low) * k as f64 / (count - 1) as f64).collect())
+}
+
+/// The node before a value, and its share of the way to the next.
+fn between(nodes: &[f64], at: f64) -> (usize, f64) {
+    let after = nodes.partition_point(|node| *node <= at);
+    if after == 0 {
+        return (0, 0.0);
+    }
+    let low = after - 1;
+    nodes.get(after).map_or((low, 0.0), |next| (low, (at - nodes[low]) / (next - nodes[low])))
+}
+
+/// 1, cos φ, sin φ, cos 2φ, sin 2φ of an axis times those of the other; the first, their mean, is left out.
+fn basis(phase_px: [f64; 2]) -> [f64; TERMS] {
+    let [x, y] = phase_px.map(|phase| {
+        let (one, two) = ((std::f64::consts::TAU * phase).sin_cos(), (2.0 * std::f64::consts::TAU * phase).sin_cos());
+        [1.0, one.1, one.0, two.1, two.0]
+    });
+    std::array::from_fn(|k| if k == 0 { 0.0 } else { x[k % PHASES] * y[k / PHASES] })
+}
+
+/// The series at a place of the frame.
+fn series(psf: &EmpiricalPsf, estimator: Estimator<'_>, noise: PixelNoise, at_px: [f64; 2], flux_dn: f64) -> Option<Series> {
+    let seat = |axis: usize, radius: f64| at_px[axis].round().clamp(radius, (psf.size_px[axis] - 1.0 - radius).max(radius));
+    let mut series = [[0.0; TERMS]; 2];
+    for k in 0..TERMS {
+        let phase = [k % PHASES, k / PHASES].map(|step| step as f64 / PHASES as f64 - 0.4);
+        let radius = radius_px(psf.base);
+        let at = [0, 1].map(|axis| seat(axis, radius as f64) + phase[axis]);
+        let found = estimate(psf, estimator, noise, at, flux_dn)?;
+        for (number, term) in basis(phase).into_iter().enumerate() {
+            // Squares of a term over all phases: all of them of the mean along an axis, half of the others.
+            let halves = usize::from(number % PHASES > 0) + usize::from(number / PHASES > 0);
+            let scale = f64::from(1_u32 << halves) / TERMS as f64;
+            for axis in 0..2 {
+                series[axis][number] += scale * term * (found[axis] - at[axis]);
+            }
+        }
+    }
+    Some(series)
+}
+
+/// Where the estimator sees a star that is drawn without noise.
+fn estimate(psf: &EmpiricalPsf, estimator: Estimator<'_>, noise: PixelNoise, at: [f64; 2], flux_dn: f64) -> Option<[f64; 2]> {
+    let radius = radius_px(psf.base);
+    let photons = Photons { variance_per_dn: noise.per_dn };
+    let model = Model { x: at[0], y: at[1], flux_dn, shape: psf.base, radius, empirical: true };
+    let side = 2 * radius + 1;
+    let window = Window { x0: at[0].round() as usize - radius, y0: at[1].round() as usize - radius, columns: side, rows: side };
+    let mut profile = Profile::of(Some(psf));
+    profile.draw(window, &model, false);
+    let data: Vec<f64> = profile.value.iter().map(|share| flux_dn * share).collect();
+    if let Estimator::Windowed(sigma_px) = estimator {
+        let pixels_dn = data.iter().map(|value| *value as f32).collect();
+        let frame = Frame { width_px: side, height_px: side, pixels_dn, saturation_dn: f32::INFINITY };
+        let found = windowed::centre(&frame, [radius as f64; 2], sigma_px)?;
+        return Some([found[0] + window.x0 as f64, found[1] + window.y0 as f64]);
+    }
+    let peak_dn = data.iter().copied().fold(0.0, f64::max);
+    let pixels = data.len();
+    let stamp = Stamp { window, data, variance: vec![noise.sky_dn2; pixels], used: vec![true; pixels], edge: false, peak_dn };
+    let fit = |start: Model, freedom: Freedom, profile: &mut Profile<'_>| {
+        photons.settle(&mut stamp.clone(), Model { empirical: freedom == Freedom::Empirical, ..start }, freedom, profile)
+    };
+    let found = if let Estimator::Empirical(own) = estimator {
+        fit(Model { shape: own.base, ..model }, Freedom::Empirical, &mut Profile::of(Some(own)))?
+    } else {
+        let mut profile = Profile::new();
+        let fixed = fit(model, Freedom::Fixed, &mut profile)?;
+        profile.draw(window, &fixed.0, false);
+        let own = inverse(&photons.normal(&stamp, &profile, fixed.0.flux_dn, fixed.1, 4).matrix, 4)?;
+        let freedom = if psf.base.is_round() { Freedom::Width } else { Freedom::Ellipse };
+        let is_bright = fixed.0.flux_dn > SNR_FOR_WIDTH * own[0][0].sqrt();
+        if is_bright { fit(fixed.0, freedom, &mut profile).unwrap_or(fixed) } else { fixed }
+    };
+    Some([found.0.x, found.0.y])
+}

@@ -1,0 +1,144 @@
+//! The image of a star, learnt where the sky says that the stars are, and places without the bias that follows the pixel phase.
+//!
+//! Whatever estimator measured the places, an image that is not the estimator's shifts them with the phase within the pixel: an S-curve that no physics
+//! of the sensor makes. The image learnt from pixels alone cannot tell it from another image; the one learnt at the places that catalogue, camera and
+//! attitude predict can. The estimator's bias under that image, less its mean over the phases, is taken off every place.
+
+use std::collections::BTreeMap;
+
+use super::{Centroid, Measured};
+use crate::calibrate::Calibration;
+use crate::detect::{BiasedStar, Detection, Estimator, PhaseBias, PixelNoise, PredictedStar, SkyImage, learn_from_sky};
+use crate::diagnose::LearntImage;
+use crate::identify::ControlPoint;
+use crate::statistics::median;
+
+/// A kept star and a control point nearer than this are the same, px.
+const SAME_PX: f64 = 0.5;
+/// Kelvin that are one unit of what an image changes with.
+const TEMPERATURE_UNIT_K: f64 = 10.0;
+/// So many of the stars must have a colour, and so many kelvin the temperatures must span, for an image to change with them.
+const COLOURED: f64 = 0.8;
+const MIN_SPAN_K: f64 = 1.0;
+
+/// Learns the image at the places of a baseline solution, and takes the bias that it predicts off the places of all star images of the recording.
+/// Nothing where too few stars' pixels were kept, or where stars held out do not prefer an image to Gaussians.
+pub(super) fn take_bias_off(measured: &mut Measured, baseline: &Calibration, parity: i8) -> Option<LearntImage> {
+    let stars = sky_stars(measured, baseline, parity);
+    for frame in &mut measured.frames {
+        frame.kept = Vec::new();
+    }
+    let spans = |axis: usize| stars.iter().map(|one| one.conditions[axis]).fold([0.0_f64; 2], |[low, high], v| [low.min(v), high.max(v)]);
+    let coloured = stars.iter().filter(|one| one.conditions[0] != 0.0).count() as f64 > COLOURED * stars.len() as f64;
+    let [low, high] = spans(1);
+    let conditions = [coloured, (high - low) * TEMPERATURE_UNIT_K > MIN_SPAN_K];
+    let SkyImage { psf, report, place_sigma_px } = learn_from_sky(&stars, conditions);
+    tracing::info!("image at the places of the sky (known to {place_sigma_px:.3} px): {}", report.sentence());
+    let psf = psf?;
+    let named = conditions_of(baseline);
+    let all: Vec<Vec<BiasedStar>> =
+        measured.frames.iter().map(|frame| biased(baseline, frame.index, &frame.detections.stars, &named)).collect();
+    let estimator = match measured.centroid {
+        Centroid::Gaussian => Estimator::Gaussian,
+        Centroid::Empirical => measured.own_image.as_ref().map_or(Estimator::Gaussian, Estimator::Empirical),
+        Centroid::Windowed => Estimator::Windowed(typical_width_px(measured)?),
+    };
+    let bias = PhaseBias::predict(&psf, estimator, noise(measured, &stars)?, &all.concat())?;
+    let (mut square, mut count) = ([0.0; 2], 0.0_f64);
+    for (frame, stars) in measured.frames.iter_mut().zip(&all) {
+        let mut moved: BTreeMap<[u64; 2], [f64; 2]> = BTreeMap::new();
+        for (star, asked) in frame.detections.stars.iter_mut().zip(stars) {
+            let off = bias.at(asked);
+            let to = [star.x_px - off[0], star.y_px - off[1]];
+            moved.insert([star.x_px, star.y_px].map(f64::to_bits), to);
+            [star.x_px, star.y_px] = to;
+            square = [0, 1].map(|axis| square[axis] + off[axis] * off[axis]);
+            count += 1.0;
+        }
+        for image in &mut frame.images {
+            if let Some(to) = moved.get(&image.found_px.map(f64::to_bits)) {
+                image.found_px = *to;
+            }
+        }
+    }
+    Some(LearntImage {
+        stars: report.stars,
+        held_out_stars: report.held_out_stars,
+        gaussian_chi2_per_dof: report.gaussian_chi2_per_dof,
+        learnt_chi2_per_dof: report.empirical_chi2_per_dof,
+        field_order: report.field_order,
+        by_colour: psf.changes_with()[0],
+        by_temperature: psf.changes_with()[1],
+        place_sigma_px,
+        bias_rms_px: square.map(|sum| (sum / count.max(1.0)).sqrt()),
+    })
+}
+
+/// A control point in the columns of the files: where it was found, where it is predicted, px, and what it is taken under.
+struct PointPlace {
+    found: [f64; 2],
+    predicted: [f64; 2],
+    conditions: [f64; 2],
+}
+
+/// The stars whose pixels were kept and that are control points in their place, in the columns of the files.
+fn sky_stars(measured: &Measured, baseline: &Calibration, parity: i8) -> Vec<PredictedStar> {
+    let width_px = baseline.control_points.nominal.width_px as f64;
+    let mut places: BTreeMap<usize, Vec<PointPlace>> = BTreeMap::new();
+    for (point, result) in baseline.control_points.points.iter().zip(&baseline.points) {
+        let Some([dx, dy]) = result.residual_px.filter(|_| result.weight > 0.5) else { continue };
+        let stored = |x_px: f64| if parity < 0 { width_px - 1.0 - x_px } else { x_px };
+        let (found, predicted) = ([stored(point.x_px), point.y_px], [stored(point.x_px - dx), point.y_px - dy]);
+        places.entry(point.frame).or_default().push(PointPlace { found, predicted, conditions: conditions(baseline, point) });
+    }
+    let mut stars = Vec::new();
+    for frame in &measured.frames {
+        let Some(places) = places.get(&frame.index) else { continue };
+        for star in &frame.kept {
+            let at = star.place_px();
+            let near = places.iter().find(|own| (own.found[0] - at[0]).hypot(own.found[1] - at[1]) < SAME_PX);
+            stars.extend(near.map(|own| PredictedStar {
+                star: star.clone(),
+                frame: frame.index,
+                predicted_px: own.predicted,
+                conditions: own.conditions,
+            }));
+        }
+    }
+    stars
+}
+
+/// Colour and temperature of a star image as departures from the usual.
+fn conditions(baseline: &Calibration, point: &ControlPoint) -> [f64; 2] {
+    let warmer_k = baseline.control_points.observation(point.frame).temperature_offset_k.unwrap_or(0.0);
+    [point.colour.map_or(0.0, |_| point.star.colour_offset()), warmer_k / TEMPERATURE_UNIT_K]
+}
+
+/// The same of all control points, by frame and row, which no mirroring changes.
+fn conditions_of(baseline: &Calibration) -> BTreeMap<(usize, u64), [f64; 2]> {
+    let points = &baseline.control_points.points;
+    points.iter().map(|point| ((point.frame, point.y_px.to_bits()), conditions(baseline, point))).collect()
+}
+
+/// What the bias of a frame's stars is asked with; a star without a name has the usual colour.
+fn biased(baseline: &Calibration, frame: usize, stars: &[Detection], named: &BTreeMap<(usize, u64), [f64; 2]>) -> Vec<BiasedStar> {
+    let warmer_k = baseline.control_points.observation(frame).temperature_offset_k.unwrap_or(0.0);
+    let of = |star: &Detection| BiasedStar {
+        at_px: [star.x_px, star.y_px],
+        flux_dn: star.flux_dn,
+        conditions: named.get(&(frame, star.y_px.to_bits())).copied().unwrap_or([0.0, warmer_k / TEMPERATURE_UNIT_K]),
+    };
+    stars.iter().map(of).collect()
+}
+
+/// The frames' typical width of images: in a window it is that of all faint stars.
+fn typical_width_px(measured: &Measured) -> Option<f64> {
+    median(&measured.frames.iter().flat_map(|frame| &frame.detections.stars).map(|star| star.width_px).collect::<Vec<_>>())
+}
+
+/// The noise that the estimator weighted with.
+fn noise(measured: &Measured, stars: &[PredictedStar]) -> Option<PixelNoise> {
+    let sky_dn = median(&measured.frames.iter().map(|frame| frame.detections.noise_dn).collect::<Vec<_>>())?;
+    let per_dn = median(&stars.iter().map(|one| one.star.variance_per_dn()).collect::<Vec<_>>())?;
+    (sky_dn > 0.0).then_some(PixelNoise { sky_dn2: sky_dn * sky_dn, per_dn })
+}
