@@ -1,9 +1,9 @@
 //! Range checks of every number of a scene file.
 
-use super::{FrameTable, SceneError, SceneFile, SeriesTable, binning, detector, lights, motion};
+use super::{FrameTable, SceneError, SceneFile, SeriesTable, TrueCameraTable, binning, detector, lights, motion};
 use crate::camera::Model;
 use crate::coordinates::PixelPoint;
-use crate::effects::id_of;
+use crate::effects::{displacement, id_of};
 use crate::recording::Mount;
 
 /// Whether some pixel of the frame's edge has a direction whose image is another pixel, or none. A corner outside the circle of a fisheye has no
@@ -158,6 +158,7 @@ fn check_camera(refusal: &Refusal<'_>, file: &SceneFile) -> Result<(), SceneErro
         let remedy = "need a projection that has them: set camera.projection";
         return refusal.refuse("camera.projection_parameters", format!("{:?}", camera.projection_parameters), remedy);
     }
+    check_projection(refusal, camera)?;
     for (key, model) in [("camera", camera.model(refusal.0)?), ("nominal", camera.declared(nominal).model(refusal.0)?)] {
         if folds_over(&model) {
             let camera = model.camera();
@@ -168,6 +169,19 @@ fn check_camera(refusal: &Refusal<'_>, file: &SceneFile) -> Result<(), SceneErro
     }
     if camera.line_time_us.is_some() && file.effects.iter().any(|effect| id_of(&effect.id) == super::ROLLING_SHUTTER) {
         return refusal.refuse("camera.line_time_us", "given".into(), "stands beside the effect rolling-shutter: keep one of the two");
+    }
+    Ok(())
+}
+
+/// The projection's own parameters are those of a lens: others bring a frame of light together in a pixel, which takes for ever to draw.
+fn check_projection(refusal: &Refusal<'_>, camera: &TrueCameraTable) -> Result<(), SceneError> {
+    let specs = camera.projection.as_deref().and_then(displacement).map_or(&[][..], |effect| effect.parameters());
+    let own = specs.iter().filter(|spec| !["x0", "y0", "f"].contains(&spec.name));
+    for (spec, value) in own.zip(&camera.projection_parameters) {
+        if !(spec.range.0..=spec.range.1).contains(value) {
+            let remedy = "is no lens's: keep to the range that `boresight effects` has for the parameters of the projection";
+            return refusal.refuse("camera.projection_parameters", format!("{} = {value}", spec.name), remedy);
+        }
     }
     Ok(())
 }

@@ -309,6 +309,11 @@ fn scenes_of_extreme_numbers_are_refused_at_once() {
         ("exposure_s = ", "exposure_s = 1e300 # ", vec!["series.exposure_s = 1e300", "between 1e-9 and 100000 s"]),
         ("interval_s = ", "interval_s = 1e300 # ", vec!["series.interval_s", "1000000000 s"]),
         ("focal_length_px = 2900.0", "focal_length_px = 1e300", vec!["camera.focal_length_px = 1e300", "1e8 px"]),
+        (
+            "focal_length_px = 2900.0",
+            "focal_length_px = 2900.0\nprojection = \"kannala-brandt\"\nprojection_parameters = [1e15, 0.0, 0.0, 0.0]",
+            vec!["camera.projection_parameters = k1_theta = 1000000000000000", "no lens's"],
+        ),
         ("zero_point_e_per_s = 2.0e6", "zero_point_e_per_s = 1e300", vec!["detector.zero_point_e_per_s", "1e14"]),
     ] {
         let message = refused(change, to);
