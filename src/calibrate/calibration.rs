@@ -12,7 +12,7 @@ use crate::identify::ControlPoints;
 use crate::provenance::Provenance;
 
 /// The name of the file format.
-pub const FORMAT: &str = "boresight-calibrate/1";
+pub const FORMAT: &str = "boresight-calibrate/2";
 
 /// How the iteration ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

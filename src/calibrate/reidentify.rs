@@ -125,23 +125,10 @@ fn identified_anew(
         let taken: Vec<u32> = found.iter().flatten().map(|star| stars[*star].hip).collect();
         for (place, found) in found.iter().enumerate() {
             let image = &all[place];
-            let make = |star: &Seen, had: bool| ControlPoint {
-                frame: frame.frame,
-                hip: star.hip,
-                direction: star.apparent,
-                x_px: image.x_px,
-                y_px: image.y_px,
-                covariance_px2: image.covariance_px2,
-                catalog_sigma_rad: star.sigma_rad,
-                has_proper_motion: star.has_proper_motion,
-                magnitude: if had && !star.magnitude.is_finite() { 99.0 } else { star.magnitude },
-                colour: star.star.colour,
-                star: star.star,
-                image: image.state,
-            };
             match (of_frame.get(place), found.map(|star| &stars[star])) {
                 (Some(&index), Some(star)) if is_another(&points.points[index], star) => {
-                    next.points[index] = make(star, true);
+                    let magnitude = if star.magnitude.is_finite() { star.magnitude } else { 99.0 };
+                    next.points[index] = ControlPoint { magnitude, ..point_of(image, star) };
                     change.changed += 1;
                 }
                 (Some(&index), None) if taken.contains(&points.points[index].hip) && points.points[index].hip != 0 => {
@@ -149,7 +136,7 @@ fn identified_anew(
                     change.removed += 1;
                 }
                 (None, Some(star)) => {
-                    next.points.push(make(star, false));
+                    next.points.push(point_of(image, star));
                     change.added += 1;
                 }
                 _ => {}
@@ -162,6 +149,24 @@ fn identified_anew(
     }
     next.points.sort_by_key(|point| point.frame);
     (next, change)
+}
+
+/// An image with the star that is seen in it.
+fn point_of(image: &MeasuredStarImage, star: &Seen) -> ControlPoint {
+    ControlPoint {
+        frame: image.frame,
+        hip: star.hip,
+        direction: star.apparent,
+        x_px: image.x_px,
+        y_px: image.y_px,
+        covariance_px2: image.covariance_px2,
+        catalog_sigma_rad: star.sigma_rad,
+        has_proper_motion: star.has_proper_motion,
+        magnitude: star.magnitude,
+        colour: star.star.colour,
+        star: star.star,
+        image: image.state,
+    }
 }
 
 /// Whether the point names another star, or has a direction that is not this star's.

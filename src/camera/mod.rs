@@ -23,11 +23,13 @@ mod model;
 mod observer;
 mod orbit;
 mod sky_bodies;
+mod term;
 
 pub use chain::{Physics, PhysicsError, SkyChain};
-pub use model::{Model, ModelError, ModelParameter, PixelRay, Term};
+pub use model::{Model, ModelError, ModelParameter, PixelRay};
 pub use observer::{GroundSite, ObserverError};
 pub use orbit::OrbitError;
+pub use term::Term;
 inner!(observer::observation);
 inner!(orbit::{EARTH_RADIUS_KM, Orbit, OrbitState});
 inner!(sky_bodies::circumstances);

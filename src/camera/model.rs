@@ -17,7 +17,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use super::{Camera, PARAMETER_COUNT, PARAMETER_NAMES, PARAMETER_UNITS, SkyChain};
+use super::{Camera, PARAMETER_COUNT, PARAMETER_NAMES, PARAMETER_UNITS, SkyChain, Term};
 use crate::coordinates::{Apparent, CameraAxes, Direction, PixelPoint};
 use crate::dual::{Jet, PARTIALS, Real, normalize};
 use crate::effects::ids;
@@ -28,15 +28,6 @@ use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Light, Observation
 const PINHOLE: &str = ids::PINHOLE;
 /// The distortion of the reference model; it is part of every model and never a term.
 const BROWN_CONRADY: &str = ids::BROWN_CONRADY;
-
-/// An effect in force with its parameters.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Term {
-    /// Its id.
-    pub effect: String,
-    /// Its parameters, in the order in which the effect lists them.
-    pub parameters: Vec<f64>,
-}
 
 /// A camera with every displacement in force.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

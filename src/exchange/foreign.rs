@@ -46,7 +46,7 @@ impl Foreign {
 }
 
 /// The name of the file format.
-pub const IMPORT_FORMAT: &str = "boresight-import/1";
+pub const IMPORT_FORMAT: &str = "boresight-import/2";
 
 /// A foreign camera in our model.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]

@@ -260,20 +260,8 @@ impl Problem {
         held: Option<&[Vec<f64>]>,
     ) -> Adjusted {
         let all: Vec<bool> = vec![true; self.free.len()];
-        let stages: Vec<(Vec<bool>, usize)> = if run.from_afar { self.stages() } else { Vec::new() };
         let frames_lost: Vec<usize> = vec![self.local_count(); self.exposures.len()];
-        let mut turns = Vec::new();
-        for (free, most) in &stages {
-            for _ in 0..*most {
-                let pass = self.pass(&state, &noise, scale, held);
-                let turn = self.turn(&mut state, &pass, &noise, scale, free, 0.0);
-                self.learn(&mut noise, &pass, &state, &frames_lost, true);
-                turns.push(turn);
-                if turn.step_px < END_ROBUST_PX {
-                    break;
-                }
-            }
-        }
+        let mut turns = if run.from_afar { self.approach(&mut state, &mut noise, scale, held, &frames_lost) } else { Vec::new() };
         let (mut robust, mut hold) = (run.from_afar, run.hold_noise || held.is_some());
         let (mut robust_turns, mut noise_turns) = (0, 0);
         let mut damping = 0.0;
@@ -333,6 +321,23 @@ impl Problem {
             scale: scale.to_vec(),
             state,
         }
+    }
+
+    /// The turns of an adjustment from afar, in which more and more parameters are free.
+    fn approach(&self, state: &mut State, noise: &mut Noise, scale: &[f64], held: Option<&[Vec<f64>]>, frames_lost: &[usize]) -> Vec<Turn> {
+        let mut turns = Vec::new();
+        for (free, most) in self.stages() {
+            for _ in 0..most {
+                let pass = self.pass(state, noise, scale, held);
+                let turn = self.turn(state, &pass, noise, scale, &free, 0.0);
+                self.learn(noise, &pass, state, frames_lost, true);
+                turns.push(turn);
+                if turn.step_px < END_ROBUST_PX {
+                    break;
+                }
+            }
+        }
+        turns
     }
 
     /// Which parameters are free in the stages of an adjustment from afar, and how many turns each may take.

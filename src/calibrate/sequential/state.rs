@@ -11,7 +11,9 @@ use crate::camera::Model;
 use crate::identify::ControlPoints;
 
 /// The name of the file format.
-pub const SEQUENTIAL_FORMAT: &str = "boresight-sequential/1";
+pub const SEQUENTIAL_FORMAT: &str = "boresight-sequential/2";
+/// The format before it, in which parameters stand in the order of their effects; it is read, too.
+const OLDER_FORMAT: &str = "boresight-sequential/1";
 
 /// The state as files have it. Its size depends on the number of parameters alone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -95,11 +97,11 @@ impl State {
 
     /// Whether it can be gone on with.
     pub(super) fn check(&self) -> Result<(), SequentialError> {
-        if self.format != SEQUENTIAL_FORMAT {
+        if ![SEQUENTIAL_FORMAT, OLDER_FORMAT].contains(&self.format.as_str()) {
             return Err(bad(
                 "format",
                 &self.format,
-                "give a file of the format boresight-sequential/1, as `calibrate --update … -o DIR` writes it",
+                "give a file of the format boresight-sequential/2, as `calibrate --update … -o DIR` writes it",
             ));
         }
         if self.parity.abs() != 1 {

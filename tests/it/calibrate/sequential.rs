@@ -387,7 +387,7 @@ fn the_command_line_goes_on_from_files() {
     let (code, text, error) = go_on("third", "b/sequential.json", "c", &["--json"]);
     assert_eq!(code, 0, "{error}");
     let object: serde_json::Value = serde_json::from_str(&text).unwrap();
-    assert_eq!(object["format"], "boresight-sequential/1");
+    assert_eq!(object["format"], "boresight-sequential/2");
     assert_eq!((&object["frames"], &object["frames_before"], &object["update"]["taken"]), (&24.into(), &16.into(), &true.into()));
     assert_eq!(std::fs::read_to_string(folder.path().join("c/sequential.json")).unwrap(), text);
     assert!(object["provenance"]["inputs"].as_array().unwrap().iter().any(|input| input["path"] == path("b/sequential.json").as_str()));
