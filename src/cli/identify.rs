@@ -199,6 +199,19 @@ fn fill(
         .collect();
 }
 
+/// The frames as the result has them. Unless files of their detections are written too, these go as the frames come: there may be millions.
+fn shown_frames(measured: &mut Measured, identified: &[IdentifiedFrame], catalog: &Catalog, keep: bool) -> Vec<IdentifyFrameResult> {
+    let mut shown = Vec::with_capacity(identified.len());
+    for (frame, identified) in measured.frames.iter_mut().zip(identified) {
+        let time_known = measured.recording.frames[frame.index].time_utc.is_some();
+        shown.push(shown_frame(frame, identified, catalog, time_known));
+        if !keep {
+            frame.detections.stars = Vec::new();
+        }
+    }
+    shown
+}
+
 /// The rows of a frame's matches.
 fn rows<'a>(shown: &'a IdentifyFrameResult, frame: usize, catalog: &'a Catalog, sky: &'a SkyChain) -> impl Iterator<Item = MatchRow<'a>> {
     shown.matches.iter().map(move |named| {
@@ -231,18 +244,10 @@ pub(crate) fn identify(args: &IdentifyArgs) -> Result<Answer> {
     let catalog = args.sky.catalog()?;
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
-    let measured = pipeline::measure_as(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
+    let mut measured = pipeline::measure_stars(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
     let options = args.search.options(&measured);
     let identified = pipeline::identify_frames(&measured, &catalog, &args.sky.choice(), &options)?;
-    let mut frames: Vec<IdentifyFrameResult> = measured
-        .frames
-        .iter()
-        .zip(&identified)
-        .map(|(frame, identified)| {
-            let time_known = measured.recording.frames[frame.index].time_utc.is_some();
-            shown_frame(frame, identified, &catalog, time_known)
-        })
-        .collect();
+    let mut frames = shown_frames(&mut measured, &identified, &catalog, args.output.output.is_some());
     let (misidentified_on_purpose, too_few) = match args.misidentify {
         Some(share) => misname(&mut frames, &identified, &catalog, share, args),
         None => (Vec::new(), None),

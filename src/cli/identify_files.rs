@@ -58,10 +58,10 @@ struct DetectionRow<'a> {
 impl<'a> DetectionRow<'a> {
     fn new(frame: &'a MeasuredFrame, number: usize, star: &Detection) -> Self {
         let [xx, xy, yy] = star.covariance_px2;
-        let second = |k: usize| star.moments.map(|m| m.second_px2[k]);
-        let second_sigma = |k: usize| star.moments.map(|m| m.second_sigma_px2[k]);
-        let skewness = |k: usize| star.moments.map(|m| m.skewness[k]);
-        let skewness_sigma = |k: usize| star.moments.map(|m| m.skewness_sigma[k]);
+        let second = |k: usize| star.moments.as_ref().map(|m| m.second_px2[k]);
+        let second_sigma = |k: usize| star.moments.as_ref().map(|m| m.second_sigma_px2[k]);
+        let skewness = |k: usize| star.moments.as_ref().map(|m| m.skewness[k]);
+        let skewness_sigma = |k: usize| star.moments.as_ref().map(|m| m.skewness_sigma[k]);
         Self {
             frame: frame.index,
             file: &frame.name,

@@ -135,7 +135,7 @@ impl MeasureArgs {
             CentroidChoice::Windowed => Centroid::Windowed,
         };
         let dark = self.dark.as_deref().map(Dark::read).transpose().context("--dark")?;
-        Ok(MeasureOptions { centroid, dark, detection_threshold: self.detection_threshold, time_limit, pixels: false })
+        Ok(MeasureOptions { centroid, dark, detection_threshold: self.detection_threshold, time_limit, ..MeasureOptions::default() })
     }
 }
 

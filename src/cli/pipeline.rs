@@ -51,6 +51,16 @@ pub(crate) fn measure_as(
     measure_told(recording, &args.options(time_limit)?, provenance)
 }
 
+/// The same, of lists the stars alone: who identified them is not asked.
+pub(crate) fn measure_stars(
+    recording: Recording,
+    args: &MeasureArgs,
+    time_limit: Option<Duration>,
+    provenance: &mut Provenance,
+) -> Result<Measured> {
+    measure_told(recording, &MeasureOptions { lets_lists_go: true, ..args.options(time_limit)? }, provenance)
+}
+
 /// The same with the pixels between the stars.
 pub(crate) fn measure_with_pixels(
     recording: Recording,

@@ -274,59 +274,66 @@ impl Search<'_> {
         };
         let rays = rays_at(focal_px);
         let mut batch = Batch { cos_near, rays_at_longer: rays_at(focal_px * (1.0 + LONGER)), ..Batch::default() };
-        let most = level.longest_range()[1];
         match stage.choice {
-            Brightest(_) => {
-                let mut sides = vec![0.0; used * used];
-                for i in 0..used {
-                    for j in 0..i {
-                        let side = (rays[i] - rays[j]).norm();
-                        (sides[i * used + j], sides[j * used + i]) = (side, side);
-                    }
-                }
-                for k in done.max(2)..used {
-                    for j in 1..k {
-                        let jk = sides[j * used + k];
-                        if jk > most {
-                            continue;
-                        }
-                        if self.tally.hypotheses > self.most {
-                            self.tally.was_cut = true;
-                            return Some(k);
-                        }
-                        for i in 0..j {
-                            if !self.try_triangle(&context, &mut batch, [i, j, k], [jk, sides[i * used + k], sides[i * used + j]]) {
-                                return None;
-                            }
-                        }
-                    }
-                }
-                self.flush(&context, &mut batch).then_some(used)
+            Brightest(_) => self.try_brightest(&context, &mut batch, &rays, done),
+            Drawn(wanted) => self.try_drawn(&context, &mut batch, &rays, wanted),
+        }
+    }
+
+    /// Tries all triangles of the brightest detections, except those of the `done` brightest; the answer is that of [`Self::try_focal_length`].
+    fn try_brightest(&mut self, context: &Context<'_>, batch: &mut Batch, rays: &[Vector3<f64>], done: usize) -> Option<usize> {
+        let (used, most) = (rays.len(), context.level.longest_range()[1]);
+        let mut sides = vec![0.0; used * used];
+        for i in 0..used {
+            for j in 0..i {
+                let side = (rays[i] - rays[j]).norm();
+                (sides[i * used + j], sides[j * used + i]) = (side, side);
             }
-            Drawn(wanted) => {
-                // Other draws than those of the other stages.
-                let mut rng = Pcg64Mcg::seed_from_u64((wanted as u64) << 32 | used as u64);
-                let (mut tried, mut draws) = (0, 0);
-                // Narrow fields have more catalogue triangles for each of the image.
-                let enough = self.most.min(self.tally.hypotheses + 12 * wanted as u64);
-                while tried < wanted && draws < 8 * wanted && self.tally.hypotheses < enough {
-                    draws += 1;
-                    let corners = [0; 3].map(|_| rng.random_range(0..used));
-                    let chord2 = |a: usize, b: usize| (rays[corners[a]] - rays[corners[b]]).norm_squared();
-                    let squares = [chord2(1, 2), chord2(0, 2), chord2(0, 1)];
-                    if squares.iter().any(|square| *square > most * most) {
-                        continue;
-                    }
-                    let sides = squares.map(f64::sqrt);
-                    tried += usize::from(context.usable(sides).is_some());
-                    if !self.try_triangle(&context, &mut batch, corners, sides) {
+        }
+        for k in done.max(2)..used {
+            for j in 1..k {
+                let jk = sides[j * used + k];
+                if jk > most {
+                    continue;
+                }
+                if self.tally.hypotheses > self.most {
+                    self.tally.was_cut = true;
+                    return Some(k);
+                }
+                for i in 0..j {
+                    if !self.try_triangle(context, batch, [i, j, k], [jk, sides[i * used + k], sides[i * used + j]]) {
                         return None;
                     }
                 }
-                self.tally.was_cut |= tried < wanted && self.tally.hypotheses >= self.most;
-                self.flush(&context, &mut batch).then_some(0)
             }
         }
+        self.flush(context, batch).then_some(used)
+    }
+
+    /// Tries triangles drawn at random; the answer is that of [`Self::try_focal_length`].
+    fn try_drawn(&mut self, context: &Context<'_>, batch: &mut Batch, rays: &[Vector3<f64>], wanted: usize) -> Option<usize> {
+        let (used, most) = (rays.len(), context.level.longest_range()[1]);
+        // Other draws than those of the other stages.
+        let mut rng = Pcg64Mcg::seed_from_u64((wanted as u64) << 32 | used as u64);
+        let (mut tried, mut draws) = (0, 0);
+        // Narrow fields have more catalogue triangles for each of the image.
+        let enough = self.most.min(self.tally.hypotheses + 12 * wanted as u64);
+        while tried < wanted && draws < 8 * wanted && self.tally.hypotheses < enough {
+            draws += 1;
+            let corners = [0; 3].map(|_| rng.random_range(0..used));
+            let chord2 = |a: usize, b: usize| (rays[corners[a]] - rays[corners[b]]).norm_squared();
+            let squares = [chord2(1, 2), chord2(0, 2), chord2(0, 1)];
+            if squares.iter().any(|square| *square > most * most) {
+                continue;
+            }
+            let sides = squares.map(f64::sqrt);
+            tried += usize::from(context.usable(sides).is_some());
+            if !self.try_triangle(context, batch, corners, sides) {
+                return None;
+            }
+        }
+        self.tally.was_cut |= tried < wanted && self.tally.hypotheses >= self.most;
+        self.flush(context, batch).then_some(0)
     }
 
     fn out_of_time(&self) -> bool {

@@ -75,6 +75,8 @@ pub struct MeasureOptions {
     pub time_limit: Option<Duration>,
     /// Whether the pixels between the stars are looked at too.
     pub pixels: bool,
+    /// Whether a list's stars are let go as they are measured, where nobody takes identifications from them: of very many frames they are half of the memory.
+    pub lets_lists_go: bool,
 }
 
 /// What is taken for a star's place.
@@ -105,7 +107,10 @@ pub fn measure_frames<F: Into<MaskedFrame>>(
     /// Stars of a frame that the image is learnt from, at most, and of all frames for the image at the places of the sky, about.
     const KEPT: usize = 300;
     const KEPT_IN_ALL: usize = 1500;
-    let learns = options.centroid == Centroid::Empirical && recording.stars.is_none();
+    if recording.stars.is_some() {
+        return measured_lists(recording, options, done);
+    }
+    let learns = options.centroid == Centroid::Empirical;
     let load = |recording: &Recording, index| load(recording, index).map(|loaded| loaded.map(Into::into));
     let counts = Counts::default();
     let stop = options.pixels.then(|| StoppedField::of(&recording, |index| Some(load(&recording, index).ok()?.ok()?.frame))).flatten();
@@ -117,7 +122,7 @@ pub fn measure_frames<F: Into<MaskedFrame>>(
         stop: stop.as_ref(),
         psf: None,
         keep: if learns { KEPT } else { 0 },
-        keep_for_sky: if options.pixels && recording.stars.is_none() { KEPT_IN_ALL } else { 0 },
+        keep_for_sky: if options.pixels { KEPT_IN_ALL } else { 0 },
     };
     let mut measured = pass.all(&done)?;
     let (mut psf, mut own_image) = (None, None);
@@ -158,14 +163,38 @@ pub fn measure_frames<F: Into<MaskedFrame>>(
     for frame in &skipped {
         tracing::warn!("skipped {}: {}", frame.file, frame.reason);
     }
-    if recording.stars.is_none() {
-        recording.notes.extend(drop_fixed(&mut frames));
-    }
+    recording.notes.extend(drop_fixed(&mut frames));
     let mut pixels = pixel_statistics(&recording, &frames, statistics, counts.take(), stop.as_ref());
     if let Some(pixels) = &mut pixels {
         pixels.elsewhere = elsewhere(&frames, options.dark.as_ref(), |index| load(&recording, index).ok()?.ok());
     }
     Ok(Measured { recording, frames, skipped, psf, centroid: options.centroid, own_image, pixels })
+}
+
+/// A list's stars in the place of measured ones.
+fn measured_lists(mut recording: Recording, options: &MeasureOptions, done: impl Fn()) -> Result<Measured, PipelineError> {
+    let mut lists = recording.stars.take().unwrap_or_default();
+    let mut frames = Vec::with_capacity(lists.frames.len());
+    for (index, stars) in lists.frames.iter_mut().enumerate().take(recording.frames.len()) {
+        let start = Instant::now();
+        let detections = star_list::detections(&recording, stars);
+        if options.lets_lists_go {
+            *stars = Vec::new();
+        }
+        let (name, seconds) = (recording.frame_name(index), start.elapsed().as_secs_f64());
+        frames.push(MeasuredFrame { index, name, detections, images: Vec::new(), kept: Vec::new(), seconds });
+        done();
+    }
+    recording.stars = Some(lists);
+    let skipped = recording.skipped.clone();
+    for frame in &skipped {
+        tracing::warn!("skipped {}: {}", frame.file, frame.reason);
+    }
+    if frames.is_empty() {
+        let reason = skipped.first().map_or_else(|| "there is none".to_owned(), |frame| frame.reason.clone());
+        return Err(PipelineError::NoFrames { skipped: skipped.len(), reason });
+    }
+    Ok(Measured { recording, frames, skipped, psf: None, centroid: options.centroid, own_image: None, pixels: None })
 }
 
 /// A frame as measured, or why it is left out.
@@ -260,12 +289,6 @@ where
     fn one(&self, index: usize, done: &(impl Fn() + Sync)) -> Result<OneMeasured, PipelineError> {
         let start = Instant::now();
         let name = self.recording.frame_name(index);
-        if let Some(stars) = self.recording.stars.as_ref().and_then(|list| list.frames.get(index)) {
-            let detections = star_list::detections(self.recording, stars);
-            let frame =
-                MeasuredFrame { index, name, detections, images: Vec::new(), kept: Vec::new(), seconds: start.elapsed().as_secs_f64() };
-            return Ok(Ok(One { frame, kept: Vec::new(), statistics: None, undefined: 0, is_unfinished: false }));
-        }
         let masked = match (self.load)(self.recording, index)? {
             Ok(frame) => frame,
             Err(skipped) => return Ok(Err(skipped)),
