@@ -130,7 +130,8 @@ pub(crate) fn tables(frames: usize, line: &mut impl FnMut(&str)) {
     line(
         "core/px  SNR   Gaussians: error/bound, bias/px   learnt: error/bound, pull var, bias/px   χ²/dof held out: Gaussians, learnt; stars",
     );
-    let tail = |report: &PsfReport| format!("{:.3} {:.3} {}", report.gaussian_chi2_per_dof, report.empirical_chi2_per_dof, report.stars);
+    let tail =
+        |report: &PsfReport| format!("{:.3} {:.3} {}", report.gaussian_deviance_per_dof, report.empirical_deviance_per_dof, report.stars);
     for (i, core) in [0.6, 0.9, 1.4].into_iter().enumerate() {
         for (k, snr) in [20.0, 30.0, 100.0, 300.0, 1000.0].into_iter().enumerate() {
             let (gaussian, learnt, report) =

@@ -81,8 +81,8 @@ pub(crate) fn table(frames: usize, line: &mut impl FnMut(&str)) {
             line(&format!(
                 "{name:28} {snr:4.0}  {:6}    {error:.5} {pull2:9.4}    {own}    {:.3} {:.3} {}",
                 gaussian.len(),
-                report.gaussian_chi2_per_dof,
-                report.empirical_chi2_per_dof,
+                report.gaussian_deviance_per_dof,
+                report.empirical_deviance_per_dof,
                 report.stars
             ));
         }

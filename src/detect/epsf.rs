@@ -300,10 +300,10 @@ pub struct PsfReport {
     pub stars: usize,
     /// Stars held out, by which it was judged.
     pub held_out_stars: usize,
-    /// χ² over degrees of freedom of the held-out stars under Gaussians of free width.
-    pub gaussian_chi2_per_dof: f64,
+    /// Deviance over degrees of freedom of the held-out stars under Gaussians of free shape: χ² of weights that no model chooses for itself.
+    pub gaussian_deviance_per_dof: f64,
     /// The same under the empirical image learnt from the other stars.
-    pub empirical_chi2_per_dof: f64,
+    pub empirical_deviance_per_dof: f64,
     /// Order of the polynomial by which it changes over the frame.
     pub field_order: usize,
 }
@@ -317,8 +317,8 @@ impl PsfReport {
             return format!("the stars are fitted with Gaussians: {stars} clean stars are too few to tell their image");
         }
         let chi2 = format!(
-            "χ² per degree of freedom of {held} held-out stars: {:.3} under Gaussians, {:.3} under the image learnt from the others",
-            self.gaussian_chi2_per_dof, self.empirical_chi2_per_dof
+            "deviance per degree of freedom of {held} held-out stars: {:.3} under Gaussians, {:.3} under the image learnt from the others",
+            self.gaussian_deviance_per_dof, self.empirical_deviance_per_dof
         );
         match (self.empirical, self.field_order) {
             (false, _) => format!("the stars are fitted with Gaussians; {chi2}"),

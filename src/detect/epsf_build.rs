@@ -153,8 +153,8 @@ impl<'a> Trial<'a> {
             empirical: false,
             stars: chosen.len(),
             held_out_stars: best.len(),
-            gaussian_chi2_per_dof: if best.is_empty() { 0.0 } else { per_dof(&best) },
-            empirical_chi2_per_dof: if best.is_empty() { 0.0 } else { f64::INFINITY },
+            gaussian_deviance_per_dof: if best.is_empty() { 0.0 } else { per_dof(&best) },
+            empirical_deviance_per_dof: if best.is_empty() { 0.0 } else { f64::INFINITY },
             field_order: 0,
         };
         Self { images: vec![None; parts.len()], parts, best, terms: Terms::default(), report }
@@ -167,7 +167,7 @@ impl<'a> Trial<'a> {
         let Some(images) = images else { return false };
         let judged: Vec<(f64, f64)> = images.iter().zip(&self.parts).flat_map(|(image, [_, held])| judge(held, image)).collect();
         let chi2 = per_dof(&judged);
-        self.report.empirical_chi2_per_dof = self.report.empirical_chi2_per_dof.min(chi2);
+        self.report.empirical_deviance_per_dof = self.report.empirical_deviance_per_dof.min(chi2);
         if clearly_better(&judged, &self.best) && chi2 < MAX_CHI2 {
             (self.report.empirical, self.report.field_order, self.terms) = (true, terms.order, terms);
             self.best = judged;

@@ -167,7 +167,7 @@ fn described(scene: &Scene<'_>, stars: &FieldFit, search: &Search, chosen: Vec<(
         let moments = stars.fits[*i].as_ref().and_then(|fit| scene.moments(fit, &stars.around(&[*i])));
         // they are of the image as it is, whatever the fit takes it for: of what enlarges errors only the noise's going together counts
         let factor = correlated(scene, star.peak_dn, star.x_px, star.y_px, search.scatter).sqrt();
-        moments.map(|m| m.with_errors_times(factor))
+        moments.map(|m| Box::new(m.with_errors_times(factor)))
     };
     let moments = scene.work.each(&chosen, DESCRIBED, moments);
     chosen.into_iter().zip(moments).map(|((_, star), moments)| Detection { moments: moments.flatten(), ..star }).collect()

@@ -165,7 +165,7 @@ pub struct Flags {
 }
 
 /// A star image as measured.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Detection {
     /// Column of the centre.
     pub x_px: f64,
@@ -183,8 +183,9 @@ pub struct Detection {
     pub background_gradient_dn: [f64; 2],
     /// Width (Gaussian σ) of the star's image.
     pub width_px: f64,
-    /// Moments of the image of second and third order; nothing where the pixels do not tell them, and of stars that come as a list.
-    pub moments: Option<Moments>,
+    /// Moments of the image of second and third order; nothing where the pixels do not tell them, and of stars that come as a list (of which there may be
+    /// millions: so they lie apart).
+    pub moments: Option<Box<Moments>>,
     /// χ² of the stamp over its degrees of freedom.
     pub chi2_per_dof: f64,
     /// Highest count in the stamp, DN.

@@ -454,7 +454,7 @@ impl<'a> Window<'a> {
             background_dn: level,
             background_gradient_dn: [slope(4.0, 0.0), slope(0.0, 4.0)],
             width_px: width2.max(0.0).sqrt().clamp(0.1, 4.0 * self.sigma_px),
-            moments: Some(star.moments),
+            moments: Some(Box::new(star.moments)),
             chi2_per_dof: star.chi2 / (star.pixels as f64 - 3.0).max(1.0),
             peak_dn: f64::from(star.peak_dn),
             flags: Flags { saturated: star.peak_dn >= self.frame.saturation_dn, blended: false, edge: star.is_cut },

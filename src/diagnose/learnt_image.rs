@@ -11,10 +11,10 @@ pub struct LearntImage {
     pub stars: usize,
     /// Stars held out, by which it was judged.
     pub held_out_stars: usize,
-    /// χ² over degrees of freedom of the held-out stars, pixels and places, under Gaussians of free width.
-    pub gaussian_chi2_per_dof: f64,
+    /// Deviance over degrees of freedom of the held-out stars, pixels and places, under Gaussians of free shape.
+    pub gaussian_deviance_per_dof: f64,
     /// The same under the image learnt from the other stars.
-    pub learnt_chi2_per_dof: f64,
+    pub learnt_deviance_per_dof: f64,
     /// Order of the polynomial by which it changes over the frame.
     pub field_order: usize,
     /// Whether it changes with the stars' colour.
@@ -40,9 +40,9 @@ impl LearntImage {
         let with = if changes.is_empty() { String::new() } else { format!(", changing with {}", changes.join(" and ")) };
         let [x, y] = self.bias_rms_px;
         format!(
-            "the image of a star was learnt from {} stars at the places that the sky predicts{with} (χ² per degree of freedom of {} held-out stars \
+            "the image of a star was learnt from {} stars at the places that the sky predicts{with} (deviance per degree of freedom of {} held-out stars \
              {:.3}, under Gaussians {:.3}); the bias that it predicts, {x:.3} px along x and {y:.3} px along y (rms), is taken off the places",
-            self.stars, self.held_out_stars, self.learnt_chi2_per_dof, self.gaussian_chi2_per_dof
+            self.stars, self.held_out_stars, self.learnt_deviance_per_dof, self.gaussian_deviance_per_dof
         )
     }
 }

@@ -10,7 +10,7 @@ use super::{Centroid, Measured};
 use crate::calibrate::Calibration;
 use crate::detect::{BiasedStar, Detection, Estimator, PhaseBias, PixelNoise, PredictedStar, SkyImage, learn_from_sky};
 use crate::diagnose::LearntImage;
-use crate::identify::ControlPoint;
+use crate::identify::{ControlPoint, ControlPoints};
 use crate::statistics::median;
 
 /// A kept star and a control point nearer than this are the same, px.
@@ -21,9 +21,9 @@ const TEMPERATURE_UNIT_K: f64 = 10.0;
 const COLOURED: f64 = 0.8;
 const MIN_SPAN_K: f64 = 1.0;
 
-/// Learns the image at the places of a baseline solution, and takes the bias that it predicts off the places of all star images of the recording.
-/// Nothing where too few stars' pixels were kept, or where stars held out do not prefer an image to Gaussians.
-pub(super) fn take_bias_off(measured: &mut Measured, baseline: &Calibration, parity: i8) -> Option<LearntImage> {
+/// Learns the image at the places of a baseline solution, and takes the bias that it predicts off the places of all star images of the recording and of
+/// the baseline's control points. Nothing where too few stars' pixels were kept, or where stars held out do not prefer an image to Gaussians.
+pub(super) fn take_bias_off(measured: &mut Measured, baseline: &mut Calibration, parity: i8) -> Option<LearntImage> {
     let stars = sky_stars(measured, baseline, parity);
     for frame in &mut measured.frames {
         frame.kept = Vec::new();
@@ -44,34 +44,44 @@ pub(super) fn take_bias_off(measured: &mut Measured, baseline: &Calibration, par
         Centroid::Windowed => Estimator::Windowed(typical_width_px(measured)?),
     };
     let bias = PhaseBias::predict(&psf, estimator, noise(measured, &stars)?, &all.concat())?;
-    let (mut square, mut count) = ([0.0; 2], 0.0_f64);
-    for (frame, stars) in measured.frames.iter_mut().zip(&all) {
-        let mut moved: BTreeMap<[u64; 2], [f64; 2]> = BTreeMap::new();
-        for (star, asked) in frame.detections.stars.iter_mut().zip(stars) {
-            let off = bias.at(asked);
-            let to = [star.x_px - off[0], star.y_px - off[1]];
-            moved.insert([star.x_px, star.y_px].map(f64::to_bits), to);
-            [star.x_px, star.y_px] = to;
-            square = [0, 1].map(|axis| square[axis] + off[axis] * off[axis]);
-            count += 1.0;
-        }
-        for image in &mut frame.images {
-            if let Some(to) = moved.get(&image.found_px.map(f64::to_bits)) {
-                image.found_px = *to;
-            }
-        }
-    }
+    let bias_rms_px = move_stars(measured, &mut baseline.control_points, &all, &bias, parity);
     Some(LearntImage {
         stars: report.stars,
         held_out_stars: report.held_out_stars,
-        gaussian_chi2_per_dof: report.gaussian_chi2_per_dof,
-        learnt_chi2_per_dof: report.empirical_chi2_per_dof,
+        gaussian_deviance_per_dof: report.gaussian_deviance_per_dof,
+        learnt_deviance_per_dof: report.empirical_deviance_per_dof,
         field_order: report.field_order,
         by_colour: psf.changes_with()[0],
         by_temperature: psf.changes_with()[1],
         place_sigma_px,
-        bias_rms_px: square.map(|sum| (sum / count.max(1.0)).sqrt()),
+        bias_rms_px,
     })
+}
+
+/// Takes the bias off the stars of all frames, their images by sums and the control points made of them. Its rms along columns and rows, px.
+fn move_stars(measured: &mut Measured, points: &mut ControlPoints, asked: &[Vec<BiasedStar>], bias: &PhaseBias, parity: i8) -> [f64; 2] {
+    // By frame and row, which no mirroring changes.
+    let mut biases: BTreeMap<(usize, u64), [f64; 2]> = BTreeMap::new();
+    for (frame, asked) in measured.frames.iter_mut().zip(asked) {
+        for (star, asked) in frame.detections.stars.iter_mut().zip(asked) {
+            let off = bias.at(asked);
+            biases.insert((frame.index, star.y_px.to_bits()), off);
+            [star.x_px, star.y_px] = [star.x_px - off[0], star.y_px - off[1]];
+        }
+        for image in &mut frame.images {
+            if let Some(off) = biases.get(&(frame.index, image.found_px[1].to_bits())) {
+                image.found_px = [0, 1].map(|axis| image.found_px[axis] - off[axis]);
+            }
+        }
+    }
+    for point in &mut points.points {
+        if let Some(off) = biases.get(&(point.frame, point.y_px.to_bits())) {
+            point.x_px -= f64::from(parity) * off[0];
+            point.y_px -= off[1];
+        }
+    }
+    let sums = biases.values().fold([0.0; 2], |sum, off| [0, 1].map(|axis| sum[axis] + off[axis] * off[axis]));
+    sums.map(|sum| (sum / biases.len().max(1) as f64).sqrt())
 }
 
 /// A control point in the columns of the files: where it was found, where it is predicted, px, and what it is taken under.

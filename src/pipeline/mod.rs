@@ -190,6 +190,12 @@ pub fn surroundings(recording: &Recording) -> Surroundings {
     if flies && !stands { Surroundings::Space } else { Surroundings::MayBeGround }
 }
 
+/// Whether a camera may look through air.
+#[must_use]
+pub fn looks_through_air(recording: &Recording) -> bool {
+    surroundings(recording) == Surroundings::MayBeGround
+}
+
 /// How the stars of a recording look, to render them as they are; `None` where there are no pixels, or nobody says how many electrons a
 /// count stands for.
 #[must_use]

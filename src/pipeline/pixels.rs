@@ -117,7 +117,7 @@ fn narrowest_star_px(frames: &[MeasuredFrame]) -> Option<f64> {
 
 /// Width of a star image where it is narrowest: a trail is so only across.
 fn short_axis_px(star: &Detection) -> f64 {
-    let Some(moments) = star.moments else { return star.width_px };
+    let Some(moments) = &star.moments else { return star.width_px };
     let [xx, xy, yy] = moments.second_px2;
     let (mean, half) = (0.5 * (xx + yy), (0.5 * (xx - yy)).hypot(xy));
     let ratio = (mean - half) / (mean + half);

@@ -1,13 +1,11 @@
 //! Control points of identified frames, and the camera and options of their diagnosis.
 
-use std::collections::BTreeMap;
-
 use super::crowding::{self, take_disturbed};
 use super::learnt_image::take_bias_off;
 use super::one_camera::check_sizes;
 use super::overfull::{self, Seen};
 use super::{IdentifiedFrame, Measured, MeasuredFrame, PipelineError, SkyChoice, circumstances, image_conditions, physics_in_force};
-use crate::calibrate::{CalibrateOptions, Calibration, MeasuredStarImage, calibrate, calibrate_identifying_anew};
+use crate::calibrate::{CalibrateOptions, MeasuredStarImage, calibrate, calibrate_identifying_anew};
 use crate::camera::Term;
 use crate::catalog::Catalog;
 use crate::diagnose::{DiagnoseOptions, LearntImage, Telemetry};
@@ -268,32 +266,9 @@ pub fn diagnosis_request(
     } else {
         calibrate_identifying_anew(&prepared.points, &star_images(measured, prepared), asked.catalog, asked.max_magnitude, &solver)?
     };
-    let image = without_phase_bias(measured, &mut baseline, prepared.parity);
+    let image = take_bias_off(measured, &mut baseline, prepared.parity);
     let left_out = take_disturbed(&mut baseline.control_points, prepared.parity, measured, asked.catalog);
     let points = baseline.control_points;
     let notes = uneven.into_iter().chain(crowding::sentence(left_out.len(), points.points.len())).collect();
     Ok(DiagnosisRequest { points, left_out, telemetry: telemetry(&measured.recording), options, image, notes })
-}
-
-/// Takes the bias that follows the pixel phase off the measured places and the baseline's control points.
-fn without_phase_bias(measured: &mut Measured, baseline: &mut Calibration, parity: i8) -> Option<LearntImage> {
-    let before: Vec<(usize, Vec<[f64; 2]>)> = measured
-        .frames
-        .iter()
-        .map(|frame| (frame.index, frame.detections.stars.iter().map(|star| [star.x_px, star.y_px]).collect()))
-        .collect();
-    let image = take_bias_off(measured, baseline, parity)?;
-    let mut moved: BTreeMap<(usize, u64), [f64; 2]> = BTreeMap::new();
-    for ((index, before), frame) in before.into_iter().zip(&measured.frames) {
-        for ([x, y], star) in before.into_iter().zip(&frame.detections.stars) {
-            moved.insert((index, y.to_bits()), [star.x_px - x, star.y_px - y]);
-        }
-    }
-    for point in &mut baseline.control_points.points {
-        if let Some([dx, dy]) = moved.get(&(point.frame, point.y_px.to_bits())) {
-            point.x_px += f64::from(parity) * dx;
-            point.y_px += dy;
-        }
-    }
-    Some(image)
 }

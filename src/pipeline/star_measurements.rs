@@ -91,7 +91,7 @@ fn all_light<'a>(images: impl Iterator<Item = &'a SummedImage>, variance_per_dn:
 
 /// Light with its standard error, and moments: by sums where they were made, else as fitted; nothing where the sums tell nothing.
 fn light(images: Option<&Places>, own: &Detection, variance_per_dn: f64) -> Option<(f64, f64, Option<Moments>)> {
-    let Some(images) = images else { return Some((own.flux_dn, own.flux_sigma_dn, own.moments)) };
+    let Some(images) = images else { return Some((own.flux_dn, own.flux_sigma_dn, own.moments.as_deref().copied())) };
     let image = images.get(&[own.x_px, own.y_px].map(f64::to_bits))?;
     let moments = Moments {
         second_px2: image.second_px2,

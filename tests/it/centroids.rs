@@ -46,7 +46,7 @@ fn the_image_learnt_from_the_stars_takes_them_to_the_bound() {
     let own = own.expect("stars whose image is no Gaussian say so");
     println!("Gaussians {:.3}, own image {:.3}, pull variance {:.3}, {report:?}", gaussian.over_bound(), own.over_bound(), own.pull2());
     // 100 stars: sure to 5 %, and twice that for the square
-    assert!(report.empirical_chi2_per_dof < 1.3 && report.gaussian_chi2_per_dof > 100.0, "{report:?}");
+    assert!(report.empirical_deviance_per_dof < 1.3 && report.gaussian_deviance_per_dof > 100.0, "{report:?}");
     assert!(own.over_bound() < 1.10 + 0.15);
     assert!((own.pull2() - 1.0).abs() < 0.4);
     // the image's light is 1: nothing in the pixels says so, and fluxes of twice the truth would fit as well

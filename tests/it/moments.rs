@@ -55,7 +55,7 @@ fn known() -> DetectOptions {
 
 fn moments(stars: &[Detection], places: &[[f64; 2]]) -> Vec<Moments> {
     let near = |at: &[f64; 2]| stars.iter().find(|s| (s.x_px - at[0]).hypot(s.y_px - at[1]) < 1.5);
-    let all: Vec<Moments> = places.iter().filter_map(|at| near(at)?.moments).collect();
+    let all: Vec<Moments> = places.iter().filter_map(|at| near(at)?.moments.as_deref().copied()).collect();
     assert_eq!(all.len(), places.len(), "every star has its moments");
     all
 }

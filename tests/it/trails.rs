@@ -179,7 +179,7 @@ fn faint_trails_have_the_moments_of_bright_ones() {
     let second = |electrons: f64, noisy: bool, seed: u64| -> Vec<([f64; 3], [f64; 3])> {
         let (frame, places) = frame(&image, electrons, 56, seed, noisy);
         let found = detect(&frame, &known()).unwrap().stars;
-        let of = |at: &[f64; 2]| nearest(&found, *at)?.moments.map(|m| (m.second_px2, m.second_sigma_px2));
+        let of = |at: &[f64; 2]| nearest(&found, *at)?.moments.as_ref().map(|m| (m.second_px2, m.second_sigma_px2));
         places.iter().filter_map(of).collect()
     };
     let bright = second(60_000.0, false, 1);
