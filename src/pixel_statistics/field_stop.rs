@@ -21,7 +21,7 @@ const MAX_SIDE: usize = 768;
 /// Half of the gap between the rings that are compared, in px of what is searched: penumbra, and a centre that is not the frame's.
 const GAPS: [f64; 4] = [2.0, 6.0, 16.0, 40.0];
 /// An edge is fitted to so many pixels, at most.
-const MOST_SPOTS: usize = 20_000;
+const MAX_SPOTS: usize = 20_000;
 /// A ring tells a level with so many pixels.
 const MIN_RING: usize = 12;
 /// The smallest stop that is searched, in half-diagonals.
@@ -251,7 +251,7 @@ impl Overlay {
             let reach = (reach * edge.width).max(RING_PX).min(0.5 * edge.radius);
             let beside = || (0..self.values.len()).filter(|index| edge.away(self.at(*index)).abs() < reach);
             // Of many some tell enough: one in so many, scattered over the frame.
-            let every = beside().count() / MOST_SPOTS + 1;
+            let every = beside().count() / MAX_SPOTS + 1;
             let spots: Vec<Spot> = beside()
                 .filter(|index| (index.wrapping_mul(0x9e37_79b9) >> 12) % every == 0)
                 .map(|index| Spot { at: self.at(index), value: self.values[index] })

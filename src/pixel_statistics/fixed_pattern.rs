@@ -82,7 +82,8 @@ impl PatternFrame {
         fewest == 0 || self.bright_px.iter().filter(near).count() as f64 > SAME_SHARE * fewest as f64
     }
 
-    fn value(&self, index: usize) -> Option<f64> {
+    /// Value of a pixel in standard deviations.
+    pub(super) fn value(&self, index: usize) -> Option<f64> {
         // Beside the last row there is nothing.
         self.values.get(index).filter(|value| **value != NOT_KEPT).map(|value| f64::from(f32::from(*value) / STEPS))
     }

@@ -16,10 +16,12 @@ mod events;
 mod field_stop;
 mod fixed_pattern;
 mod halos;
+mod line_sums;
 mod lines;
 mod neighbours;
 mod partner_places;
 mod photon_transfer;
+mod pixel_means;
 mod ray_candidates;
 mod sky_frame;
 mod sky_mesh;
@@ -28,6 +30,8 @@ mod sky_mesh_tests;
 mod sky_pixels;
 mod star_images;
 mod stop_fit;
+mod streak_way;
+mod streaks;
 #[cfg(test)]
 mod tests;
 
@@ -49,19 +53,22 @@ pub use lines::{Estimate, FrameNoise, LineStatistics};
 pub use neighbours::NeighbourCorrelation;
 pub(crate) use partner_places::{CONTROLS, CopiesFrame, FoundStar, LOOKS, Partner, PartnerSum};
 pub use photon_transfer::{PhotonTransfer, TransferPoint};
+pub use pixel_means::{LineMeans, PixelHistogram, PixelMeans};
 pub use sky_frame::{SkyFrame, StarDisc};
 pub use sky_mesh::{SkyCell, SkyMesh};
 pub use star_images::{ImageFrame, SplitVariance, SummedImage};
+pub use streaks::{Streak, Streaks};
 
 use crate::frame::Frame;
 use crate::statistics::median;
 use events::RayConditions;
 use fixed_pattern::{BRIGHT_STARS, PatternFrame};
 use lines::FrameLines;
-use ray_candidates::RayFrame;
+use ray_candidates::{Deviations, RayFrame};
 use sky_frame::sky_mask;
 use sky_mesh::MeshFrame;
 use sky_pixels::SkyPixels;
+use streaks::StreakFrame;
 
 /// Frames that are compared pixel by pixel, at most, and the bytes that they may take together.
 const MAX_PATTERN_FRAMES: usize = 32;
@@ -77,6 +84,7 @@ pub struct FrameStatistics {
     mesh: Option<SkyMesh>,
     compared: Option<PatternFrame>,
     rays: RayFrame,
+    streaks: StreakFrame,
 }
 
 /// Whether a frame is one of those that are compared pixel by pixel: as many as memory allows, spread evenly.
@@ -119,11 +127,13 @@ impl FrameStatistics {
             noise_dn: noise.sigma_dn,
         };
         let mesh = SkyMesh::of(&mesh_frame, &sky.blocks, sky.shape).map(|mesh| mesh.with_lines([lines.rows, lines.columns]));
-        let rays = RayFrame::of(sky_frame, &sky);
+        let deviations = Deviations::of(sky_frame, &sky);
+        let rays = RayFrame::of(sky_frame, &sky, &deviations);
+        let streaks = StreakFrame::of(sky_frame, &sky, &deviations);
         if compared.is_none() {
             (lines.row_means, lines.column_means) = (Vec::new(), Vec::new());
         }
-        Some(Self { noise, points, lines, neighbours, mesh, compared, rays })
+        Some(Self { noise, points, lines, neighbours, mesh, compared, rays, streaks })
     }
 }
 
@@ -195,6 +205,9 @@ pub struct PixelStatistics {
     pub fixed_pattern: FixedPattern,
     /// Cosmic rays; nothing where star images are as sharp as they, or frames too few.
     pub cosmic_rays: Option<CosmicRays>,
+    /// Straight lines of light in one frame alone; nothing where the stars themselves are drawn out.
+    #[serde(default)]
+    pub streaks: Option<Streaks>,
     /// A round end of the field.
     #[serde(default)]
     pub field_stop: Option<StopCircle>,
@@ -205,6 +218,9 @@ pub struct PixelStatistics {
     /// What bright stars leave at other places.
     #[serde(skip)]
     pub(crate) elsewhere: Vec<ElsewhereFrame>,
+    /// Means of rows, columns and pixels, for pictures.
+    #[serde(skip)]
+    pub means: PixelMeans,
 }
 
 impl PixelStatistics {
@@ -226,10 +242,12 @@ impl PixelStatistics {
         points = points.into_iter().step_by(step).collect();
         let mut lines = Vec::with_capacity(frames.len());
         let (mut patterns, mut rays) = (Vec::new(), Vec::with_capacity(frames.len()));
+        let mut of_streaks = Vec::with_capacity(frames.len());
         for frame in frames {
             lines.push(frame.lines);
             patterns.extend(frame.compared);
             rays.push(frame.rays);
+            of_streaks.push(frame.streaks);
         }
         // Pixels are compared with themselves: frames of another size than the first are left out.
         let size_px = patterns.first().map(PatternFrame::size_px);
@@ -245,7 +263,9 @@ impl PixelStatistics {
             lines: LineStatistics::of(&lines),
             neighbours,
             fixed_pattern: FixedPattern::of(&patterns, known.bias_dn),
+            means: PixelMeans::of(&lines, &patterns),
             cosmic_rays,
+            streaks: streaks::streaks(&of_streaks),
             field_stop: None,
             codes,
             compression,

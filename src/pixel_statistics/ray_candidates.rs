@@ -13,7 +13,7 @@ const TRACK_SIGMAS: f32 = 4.0;
 /// The four pixels of a 2 × 2 cell differ by so much of the noise in a mosaic of colours: a red star is sharp in it.
 const MOSAIC: f64 = 1.0;
 /// Of a frame so many are kept, the brightest of the sharpest.
-const MOST: usize = 400;
+const MAX_CANDIDATES: usize = 400;
 
 /// A pixel that stands out.
 #[derive(Clone, Copy, Debug)]
@@ -44,22 +44,21 @@ pub(super) struct RayFrame {
 }
 
 /// Counts above the sky in its standard deviations; NaN of what is not searched.
-struct Deviations {
-    width_px: usize,
-    values: Vec<f32>,
+pub(super) struct Deviations {
+    pub(super) width_px: usize,
+    pub(super) values: Vec<f32>,
 }
 
 impl RayFrame {
     /// Of a frame and the planes of its sky. Of a mosaic nothing is searched.
-    pub(super) fn of(sky_frame: &SkyFrame<'_>, sky: &SkyPixels) -> Self {
+    pub(super) fn of(sky_frame: &SkyFrame<'_>, sky: &SkyPixels, deviations: &Deviations) -> Self {
         let size_px = [sky.width_px, sky.height_px];
         if is_mosaic(sky) {
             let (number, exposure_s) = (sky_frame.number, sky_frame.exposure_s);
             return Self { number, size_px, exposure_s, pixels: 0, stars: 0, candidates: Vec::new() };
         }
-        let deviations = Deviations::of(sky_frame, sky);
         let in_star = in_stars(sky_frame);
-        let mut groups = Groups::of(&deviations);
+        let mut groups = Groups::of(deviations);
         let (width, all) = (deviations.width_px, &deviations.values);
         let mut sigmas = BTreeMap::new();
         for block in &sky.blocks {
@@ -79,7 +78,7 @@ impl RayFrame {
         let mut candidates: Vec<Candidate> = (0..all.len()).filter_map(candidate).collect();
         let sharpness = |own: &Candidate| own.around[4] - 0.25 * [1, 3, 5, 7].into_iter().map(|place| own.around[place]).sum::<f64>();
         candidates.sort_by(|a, b| sharpness(b).total_cmp(&sharpness(a)).then(a.index.cmp(&b.index)));
-        candidates.truncate(MOST);
+        candidates.truncate(MAX_CANDIDATES);
         for own in &mut candidates {
             own.group = groups.of_pixel(own.index);
         }
@@ -95,7 +94,8 @@ impl RayFrame {
 }
 
 impl Deviations {
-    fn of(sky_frame: &SkyFrame<'_>, sky: &SkyPixels) -> Self {
+    /// Of all pixels in blocks with sky, stars among them.
+    pub(super) fn of(sky_frame: &SkyFrame<'_>, sky: &SkyPixels) -> Self {
         let frame = sky_frame.frame;
         let width_px = sky.width_px;
         let mut values = vec![f32::NAN; frame.pixels_dn.len()];
