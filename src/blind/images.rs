@@ -17,7 +17,7 @@ use crate::identify::IdentifyOptions;
 use crate::pipeline::star_measurements;
 use crate::pipeline::{
     DiagnosisInput, DiagnosisRequest, MeasureOptions, Measured, PipelineError, SkyChoice, control_points, diagnosis_request,
-    identify_frames, measure_frames, sky_views,
+    identify_frames, looks_through_air, measure_frames, sky_views,
 };
 use crate::recording::{FitsHeaders, Form, FrameEntry, FrameSize, Recording, write_fits_u16, write_manifest};
 
@@ -101,7 +101,13 @@ pub fn image_answer(family: Family, index: u32, seed: u64, options: &DiagnoseOpt
     let camera = &measured.recording.camera;
     let detector = DeclaredDetector::from(camera);
     let views = sky_views(&measured, &points, parity);
-    let of_images = ImageMeasurements { stars: &stars, pixels: measured.pixels.as_ref(), detector, views: &views };
+    let of_images = ImageMeasurements {
+        stars: &stars,
+        pixels: measured.pixels.as_ref(),
+        detector,
+        views: &views,
+        looks_through_air: looks_through_air(&measured.recording),
+    };
     let diagnosis = match diagnose_recording(&points, &telemetry, &of_images, &asked, &|_| ()) {
         Ok(diagnosis) => diagnosis,
         Err(error) => return none(error.to_string()),

@@ -24,7 +24,7 @@ pub(crate) fn detect(args: &DetectArgs) -> Result<Answer> {
     let _folder = args.output.open("detect")?;
     let recording = pipeline::open(&args.input)?;
     let mut provenance = pipeline::provenance(&recording, None)?;
-    let measured = pipeline::measure_as(recording, &args.measure, None, &mut provenance)?;
+    let measured = pipeline::measure_stars(recording, &args.measure, None, &mut provenance)?;
     let frames = measured
         .frames
         .iter()

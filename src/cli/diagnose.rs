@@ -9,8 +9,8 @@ use boresight::diagnose::{
 };
 use boresight::guard::guarded;
 use boresight::pipeline::{
-    DiagnosisInput, DiagnosisRequest, PipelineError, PreparedPoints, SkyChoice, check_sizes, diagnosis_request, measured_noise, sky_views,
-    star_measurements,
+    DiagnosisInput, DiagnosisRequest, PipelineError, PreparedPoints, SkyChoice, check_sizes, diagnosis_request, looks_through_air,
+    measured_noise, sky_views, star_measurements,
 };
 use boresight::provenance::Provenance;
 use boresight::recording::check_file;
@@ -176,7 +176,13 @@ fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answe
     let camera = &measured.recording.camera;
     let detector = DeclaredDetector::from(camera);
     let views = sky_views(&measured, &points, prepared.parity);
-    let images = ImageMeasurements { stars: &stars, pixels: measured.pixels.as_ref(), detector, views: &views };
+    let images = ImageMeasurements {
+        stars: &stars,
+        pixels: measured.pixels.as_ref(),
+        detector,
+        views: &views,
+        looks_through_air: looks_through_air(&measured.recording),
+    };
     let result = diagnose_recording(&points, &telemetry, &images, &options, &|step| {
         bar.set_position(step.number() as u64);
         bar.set_message(step.words());

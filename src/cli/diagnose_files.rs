@@ -8,9 +8,9 @@ use boresight::recording::write_file;
 use boresight::report;
 use boresight::statistics::significance::deviations;
 
-use super::diagnose_text;
 use super::pictures::significant;
 use super::pipeline::Measured;
+use super::{channel_pictures, diagnose_text};
 
 /// The map of the remainder.
 const MAP_TABLE: &str = "map.csv";
@@ -40,7 +40,7 @@ pub(crate) fn write(directory: &Path, diagnosis: &mut Diagnosis, measured: &Meas
         let name = format!("{PROFILE}{}-{}.png", profile.id, profile.covariate.replace(|c: char| !c.is_ascii_alphanumeric(), "-"));
         profile_plot(profile).write(&directory.join(name))?;
     }
-    Ok(())
+    channel_pictures::write(directory, diagnosis, measured.pixels.as_ref(), size)
 }
 
 fn residual_table(diagnosis: &Diagnosis, measured: &Measured) -> Result<Vec<u8>> {
@@ -148,6 +148,8 @@ fn profile_plot(profile: &Profile) -> report::ProfilePlot {
         summary: format!("{}; attitudes, camera and all else found taken off both", diagnose_text::measured(&profile.parameter)),
         x_label: if predicted { format!("displacement that {} predicts / px", profile.id) } else { axis(&profile.covariate) },
         y_label: format!("displacement {} / px", profile.component),
+        points: "displacement seen in the bin ± its standard error".to_owned(),
+        counted: "stars".to_owned(),
         bins: profile
             .bins
             .iter()

@@ -334,7 +334,7 @@ fn compact(number: f64) -> String {
 }
 
 /// A number with its error, small ones with a common power of ten.
-fn with_error(value: f64, sigma: f64) -> String {
+pub(super) fn with_error(value: f64, sigma: f64) -> String {
     if !(sigma > 0.0 && sigma.is_finite()) {
         return compact(value);
     }

@@ -6,6 +6,7 @@ mod blind;
 mod calibrate;
 mod calibrate_text;
 mod catalog;
+mod channel_pictures;
 mod compare;
 mod detect;
 mod diagnose;

@@ -168,14 +168,7 @@ fn night(
     };
     write_file(&target.join("run.json"), output::json_text(&object)?.as_bytes())?;
     write_truth_of_points(&recording_path, &points)?;
-    for solved in &solutions {
-        if let Ok(calibration) = &solved.result {
-            let mut calibration = calibration.clone();
-            calibration.provenance = Some(object.provenance.clone());
-            let path = target.join(format!("{}/calibrate.json", solved.method.name()));
-            write_file(&path, output::json_text(&calibration)?.as_bytes())?;
-        }
-    }
+    write_calibrations(target, &solutions, &object.provenance)?;
     draw(target, &measured, &identified, &catalog, bundle)?;
     if args.json {
         output::print(&output::json_text(&object)?)?;
@@ -184,6 +177,19 @@ fn night(
     }
     let converged = matches!(&bundle.result, Ok(calibration) if calibration.status == Status::Converged);
     Ok(if converged && frames_identified > 0 { Answer::Yes } else { Answer::No })
+}
+
+/// Writes the calibration of each method that has one.
+fn write_calibrations(target: &Path, solutions: &[Solved], provenance: &Provenance) -> Result<()> {
+    for solved in solutions {
+        if let Ok(calibration) = &solved.result {
+            let mut calibration = calibration.clone();
+            calibration.provenance = Some(provenance.clone());
+            let path = target.join(format!("{}/calibrate.json", solved.method.name()));
+            write_file(&path, output::json_text(&calibration)?.as_bytes())?;
+        }
+    }
+    Ok(())
 }
 
 /// The recording tells the focal length, so the search has nothing to be told.

@@ -15,7 +15,9 @@ use boresight::recording::{
     CameraInfo, FitsHeaders, Form, FrameEntry, FrameSize, Mount, OutputDirectory, Recording, Shutter, Site, write_file, write_fits_f32,
     write_fits_u8, write_fits_u16, write_manifest_of,
 };
-use boresight::render::{MaskFlag, Renderer, SIMULATE_FORMAT, SimulateResult, SimulatedTruth, TRUTH_FORMAT, TrueFrame, TruthEffect};
+use boresight::render::{
+    MaskFlag, Rendered, Renderer, SIMULATE_FORMAT, SimulateResult, SimulatedTruth, TRUTH_FORMAT, TrueFrame, TruthEffect,
+};
 use boresight::scene::{Exposure, Scene};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -142,24 +144,7 @@ pub(crate) fn write_recording(
     let mut stars = 0;
     for (index, entry) in entries(scene).enumerate() {
         let frame = renderer.render(index)?;
-        let file = entry.file.as_ref().context("a simulated frame has a file")?;
-        let headers = FitsHeaders::new(&recording.camera, recording.site.as_ref(), &entry);
-        let path = directory.path().join(file);
-        let (width_px, height_px) = (scene.camera.width_px, scene.camera.height_px);
-        if scene.detector.bits <= 8 && scene.detector.joined(scene.binning).top_dn() <= 255.0 {
-            // What rounding of frequencies adds beyond the top is cut there, as where pictures are kept.
-            let bytes: Vec<u8> = frame.pixels_dn.iter().map(|count| u8::try_from(*count).unwrap_or(u8::MAX)).collect();
-            write_fits_u8(&path, width_px, height_px, &bytes, &headers)?;
-        } else {
-            write_fits_u16(&path, width_px, height_px, &frame.pixels_dn, &headers)?;
-        }
-        let beside = FitsHeaders { gain_e_per_dn: None, ..headers };
-        if let Some(clean_e) = &frame.clean_e {
-            write_fits_f32(&directory.path().join("truth").join(clean_file(index)), width_px, height_px, clean_e, &beside)?;
-        }
-        if let Some(mask) = &frame.mask {
-            write_fits_u16(&directory.path().join("truth").join(mask_file(index)), width_px, height_px, mask, &beside)?;
-        }
+        write_frame(directory.path(), scene, &recording, (index, &entry), &frame)?;
         stars += frame.stars.len();
         tracing::debug!("frame {index}: {} stars, {} other lights, after {clock}", frame.stars.len(), frame.lights.len());
         truth.add(&frame.stars)?;
@@ -200,6 +185,35 @@ pub(crate) fn write_recording(
     write_file(&directory.path().join("simulate.json"), output::json_text(&object)?.as_bytes())?;
     directory.finish()?;
     Ok(object)
+}
+
+/// Writes the files of a frame: its image, and what was asked for beside it.
+fn write_frame(
+    directory: &Path,
+    scene: &Scene,
+    recording: &Recording,
+    (index, entry): (usize, &FrameEntry),
+    frame: &Rendered,
+) -> Result<()> {
+    let file = entry.file.as_ref().context("a simulated frame has a file")?;
+    let headers = FitsHeaders::new(&recording.camera, recording.site.as_ref(), entry);
+    let path = directory.join(file);
+    let (width_px, height_px) = (scene.camera.width_px, scene.camera.height_px);
+    if scene.detector.bits <= 8 && scene.detector.joined(scene.binning).top_dn() <= 255.0 {
+        // What rounding of frequencies adds beyond the top is cut there, as where pictures are kept.
+        let bytes: Vec<u8> = frame.pixels_dn.iter().map(|count| u8::try_from(*count).unwrap_or(u8::MAX)).collect();
+        write_fits_u8(&path, width_px, height_px, &bytes, &headers)?;
+    } else {
+        write_fits_u16(&path, width_px, height_px, &frame.pixels_dn, &headers)?;
+    }
+    let beside = FitsHeaders { gain_e_per_dn: None, ..headers };
+    if let Some(clean_e) = &frame.clean_e {
+        write_fits_f32(&directory.join("truth").join(clean_file(index)), width_px, height_px, clean_e, &beside)?;
+    }
+    if let Some(mask) = &frame.mask {
+        write_fits_u16(&directory.join("truth").join(mask_file(index)), width_px, height_px, mask, &beside)?;
+    }
+    Ok(())
 }
 
 /// A table that grows with the frames, in a folder in the making.

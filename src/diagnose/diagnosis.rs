@@ -4,7 +4,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::channels::{ByChannel, Channel, Channels};
+use super::image_profiles::{ImageProfile, ShapeCell};
 use super::learnt_image::LearntImage;
+use super::profile_bin::ProfileBin;
 use super::verdict::{Bound, Verdict};
 use crate::provenance::Provenance;
 
@@ -412,22 +414,6 @@ pub struct ResidualRow {
     pub weight: f64,
 }
 
-/// A bin of a profile: displacements and the model in px, both as attitudes, camera and all other effects leave them.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[non_exhaustive]
-pub struct ProfileBin {
-    /// Mean of what the residuals are held against.
-    pub at: f64,
-    /// Displacement seen there, by the effect's own pattern.
-    pub mean: f64,
-    /// Standard error of that mean.
-    pub sigma: f64,
-    /// Mean of the model there.
-    pub model: f64,
-    /// Star images in it.
-    pub stars: usize,
-}
-
 /// A zenith that was found.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[non_exhaustive]
@@ -515,8 +501,12 @@ pub struct Diagnosis {
     pub zeniths: Vec<FoundZenith>,
     /// Residuals of every star image.
     pub residuals: Vec<ResidualRow>,
-    /// Pictures' data: one for each finding.
+    /// Pictures' data: one for each finding in the places.
     pub profiles: Vec<Profile>,
+    /// Pictures' data: brightness and size of the star images against what they may follow.
+    pub image_profiles: Vec<ImageProfile>,
+    /// Pictures' data: shape of the star images over the frame.
+    pub shape_map: Vec<ShapeCell>,
     /// Wall time.
     pub seconds: f64,
     /// Where it comes from.

@@ -10,13 +10,14 @@
 //! ```
 //! A line through zero fitted to what is drawn has a slope with the error of θ over θ, as the finding says it: nothing is lost to the bins.
 
-use super::diagnosis::{Finding, FoundParameter, Profile, ProfileBin};
+use super::diagnosis::{Finding, FoundParameter, Profile};
 use super::evidence::Evidence;
 use super::final_fit::FinalFit;
 use super::findings::Context;
 use super::fit_state::SelectedEffect;
 use super::linear_fit::Fit;
 use super::linear_system::Whitened;
+use super::profile_bin::ProfileBin;
 use super::star_images::REACH_PX;
 
 /// Bins.

@@ -22,7 +22,8 @@ pub use drawing::*;
 pub use ds9::ds9_regions;
 pub use error::ReportError;
 pub use shown::{
-    FieldMap, Figure, FitNumbers, Mark, MarkKind, OffOn, ProfilePlot, ProfilePoint, Rank, RankKind, Ranking, Vector, VectorPanel,
+    FieldMap, Figure, FitNumbers, Mark, MarkKind, OffOn, Plot, ProfilePlot, ProfilePoint, Rank, RankKind, Ranking, Series, SeriesStyle,
+    Vector, VectorPanel,
 };
 pub use table::table;
 

@@ -91,6 +91,8 @@ pub struct FieldMap {
     pub dots: Vec<[f64; 2]>,
     /// Arrows, each centred on its point, all enlarged by one round factor that is written below.
     pub arrows: Vec<Vector>,
+    /// Whether they are lines without a head, of a direction that has no sense (an elongation), and their unit then.
+    pub whiskers: Option<String>,
     /// What is written below.
     pub note: String,
 }
@@ -106,7 +108,7 @@ pub struct ProfilePoint {
     pub sigma: f64,
     /// The model's mean.
     pub model: f64,
-    /// Star images in it.
+    /// Star images, or whatever else is counted, in it.
     pub stars: usize,
 }
 
@@ -121,8 +123,45 @@ pub struct ProfilePlot {
     pub x_label: String,
     /// Name and unit of the vertical axis.
     pub y_label: String,
+    /// What a point is, for the legend.
+    pub points: String,
+    /// What each bin holds so many of, above the counts.
+    pub counted: String,
     /// The bins; those that are not finite are left out.
     pub bins: Vec<ProfilePoint>,
+}
+
+/// How a series is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SeriesStyle {
+    /// A dot for each point.
+    Points,
+    /// A line through the points, in their order.
+    Line,
+}
+
+/// Points that belong together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Series {
+    /// Its name in the legend; empty: none.
+    pub label: String,
+    /// How it is drawn.
+    pub style: SeriesStyle,
+    /// The points, in the units of the axes; those that are not finite are left out.
+    pub points: Vec<[f64; 2]>,
+}
+
+/// A plot.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Plot {
+    /// What it shows.
+    pub title: String,
+    /// Name and unit of the horizontal axis.
+    pub x_label: String,
+    /// Name and unit of the vertical axis.
+    pub y_label: String,
+    /// The series; the first ones lie below.
+    pub series: Vec<Series>,
 }
 
 /// What became of a hypothesis.

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::{FieldMap, Figure, Mark, OffOn, ProfilePlot, Ranking, ReportError, VectorPanel};
+use super::{FieldMap, Figure, Mark, OffOn, Plot, ProfilePlot, Ranking, ReportError, VectorPanel};
 use crate::frame::Frame;
 
 /// What a build without pictures says once, at the first picture that it leaves out. A picture goes beside results, so they are written all the same.
@@ -49,6 +49,14 @@ impl FieldMap {
 #[expect(clippy::unused_self, reason = "the twin of what draws")]
 impl OffOn {
     /// Leaves the two frames out.
+    pub fn write(&self, path: &Path) -> Result<(), ReportError> {
+        left_out(path)
+    }
+}
+
+#[expect(clippy::unused_self, reason = "the twin of what draws")]
+impl Plot {
+    /// Leaves the plot out.
     pub fn write(&self, path: &Path) -> Result<(), ReportError> {
         left_out(path)
     }

@@ -179,7 +179,7 @@ fn a_recording_is_calibrated_compared_and_mapped() {
     ] {
         assert!(object.get(key).is_some_and(|value| !value.is_null()), "{key}");
     }
-    assert_eq!(object["format"], "boresight-calibrate/1");
+    assert_eq!(object["format"], "boresight-calibrate/2");
     assert_eq!(object["status"], "converged");
     assert_eq!(object["physics"], serde_json::json!(["proper-motion", "parallax", "light-deflection", "stellar-aberration", "refraction"]));
     assert!((number(&object, "/camera/focal_length_px") - 1800.0).abs() < 0.1, "{}", object["camera"]);

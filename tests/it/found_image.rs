@@ -48,6 +48,36 @@ fn found(diagnosis: &Value, id: &str) -> [f64; 2] {
     [parameters.iter().map(|parameter| parameter["value"].as_f64().unwrap()).sum(), parameters[0]["sigma"].as_f64().unwrap()]
 }
 
+/// Every channel has its pictures, and what they are drawn from shows the light that the corners lose and the round images.
+fn channels_are_drawn(folder: &std::path::Path, diagnosis: &Value) {
+    let of_stars = ["brightness-field-radius", "brightness-magnitude", "brightness-colour", "size-field-radius", "size-colour", "shape"];
+    for name in of_stars.into_iter().chain(["photon-transfer", "rows", "columns", "background", "fixed-pattern"]) {
+        let (width, height) = image::image_dimensions(folder.join(format!("{name}.png"))).unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert!(width >= 500 && height >= 400, "{name}: {width} × {height}");
+    }
+    let profiles = diagnosis["image_profiles"].as_array().unwrap();
+    let own = profiles.iter().find(|own| own["unit"] == "mag" && own["covariate"] == "field-radius").unwrap();
+    let bins: Vec<[f64; 4]> = own["bins"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|bin| ["at", "mean", "sigma", "model"].map(|name| bin[name].as_f64().unwrap()))
+        .collect();
+    let lost_mag = |radius: f64| -2.5 * (1.0 - 0.4 * radius * radius).log10();
+    let ([inner, outer], count) = ([bins[0], bins[bins.len() - 1]], bins.len() as f64);
+    let (rise, expected) = (outer[1] - inner[1], lost_mag(outer[0]) - lost_mag(inner[0]));
+    assert!((rise - expected).abs() < 4.0 * outer[2].hypot(inner[2]), "{rise} {expected}: {bins:?}");
+    let chi2: f64 = bins.iter().map(|[_, mean, sigma, model]| ((mean - model) / sigma).powi(2)).sum();
+    assert!(chi2 < count + 4.0 * (2.0 * count).sqrt(), "{chi2}: {bins:?}");
+    for cell in diagnosis["shape_map"].as_array().unwrap() {
+        let number = |name: &str| cell[name].as_f64().unwrap();
+        assert!((number("width_px") - 1.04).abs() < 0.05 + 4.0 * number("width_sigma_px"), "{cell}");
+        for component in cell["ellipticity"].as_array().unwrap() {
+            assert!(component.as_f64().unwrap().abs() < 0.02 + 4.5 * number("ellipticity_sigma"), "{cell}");
+        }
+    }
+}
+
 /// The scene that is written has the truth's numbers, and what it renders shows the same once more.
 #[test]
 fn what_pixels_show_is_written_and_rendered_again() {
@@ -59,7 +89,8 @@ fn what_pixels_show_is_written_and_rendered_again() {
         assert_eq!(ran.code, 0, "{}", ran.stderr);
     };
     simulate("scene.toml", "first");
-    let first = diagnosed(&at("first"), &["--write-camera", text(&at("found.toml"))]);
+    let first = diagnosed(&at("first"), &["--write-camera", text(&at("found.toml")), "-o", text(&at("pictures"))]);
+    channels_are_drawn(&at("pictures"), &first);
     let written: toml::Value = toml::from_str(&std::fs::read_to_string(at("found.toml")).unwrap()).unwrap();
     let stage = |id: &str, name: &str| {
         let effects = written["effects"].as_array().unwrap();

@@ -58,6 +58,50 @@ fn no_source_file_is_longer_than_600_lines() {
     }
 }
 
+/// The functions of a formatted source file with more lines than `most`: name and lines. One ends where a brace stands as far to the left as it began.
+fn long_functions(text: &str, most: usize) -> Vec<(String, usize)> {
+    let lines: Vec<&str> = text.lines().collect();
+    let mut long = Vec::new();
+    for (first, line) in lines.iter().enumerate() {
+        let begun = line.trim_start();
+        let named = ["pub ", "pub(super) ", "pub(crate) ", "const ", "fn "].iter().any(|word| begun.starts_with(word))
+            || begun.starts_with("pub(in ");
+        let Some((_, rest)) = begun.split_once("fn ").filter(|_| named) else { continue };
+        let end = format!("{}}}", &line[..line.len() - begun.len()]);
+        let is_declared = lines[first..].iter().take_while(|line| !line.ends_with('{')).any(|line| line.ends_with(';'));
+        let length = 1 + lines[first..].iter().position(|line| *line == end).unwrap_or(0);
+        if !is_declared && length > most {
+            let name = rest.split(['(', '<']).next().unwrap_or_default();
+            long.push((name.to_owned(), length));
+        }
+    }
+    long
+}
+
+#[test]
+fn no_function_is_longer_than_80_lines() {
+    for path in source_files(&root().join("src"), "rs") {
+        let text = std::fs::read_to_string(&path).expect("a source file is read");
+        let long = long_functions(&text, 80);
+        assert!(long.is_empty(), "{}: {long:?}: split it", relative(&root(), &path).display());
+    }
+    let inner = "        1;\n".repeat(90);
+    let text = format!("impl A {{\n    fn short(&self) {{\n        1;\n    }}\n\n    fn long(&self) {{\n{inner}    }}\n}}\n");
+    assert_eq!(long_functions(&text, 80), [("long".to_owned(), 92)]);
+}
+
+/// Bounds are MAX_ and MIN_.
+#[test]
+fn constants_name_bounds_as_max_and_min() {
+    for path in source_files(&root().join("src"), "rs") {
+        let text = std::fs::read_to_string(&path).expect("a source file is read");
+        for word in ["MOST", "LEAST", "FEWEST"] {
+            let wrong = text.lines().find(|line| [":", "_"].iter().any(|next| line.contains(&format!("const {word}{next}"))));
+            assert_eq!(wrong, None, "{}: bounds are MAX_ and MIN_", relative(&root(), &path).display());
+        }
+    }
+}
+
 #[test]
 fn every_module_begins_with_its_documentation() {
     for path in source_files(&root().join("src"), "rs") {

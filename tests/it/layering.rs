@@ -67,6 +67,7 @@ const ROOMS: &[(&str, &[&str])] = &[
             "pipeline",
             "blind",
             "exchange",
+            "pixel_statistics",
             "formats",
             "report",
         ],

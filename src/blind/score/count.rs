@@ -104,19 +104,7 @@ pub(super) fn score(pairs: &[(Truth, Answer)]) -> Score {
             score.absorbed_told.count(status == "not-observable");
         }
     }
-    let mut wrong_names = Vec::new();
-    for (truth, answer) in of(Family::Two) {
-        let known = truth.effects.iter().all(|effect| answer.status_of(&effect.id).is_some());
-        if !known {
-            continue;
-        }
-        let is_true = |id: &String| truth.effects.iter().any(|effect| effect.id == *id);
-        let wrong = answer.findings.iter().filter(|finding| !is_true(&finding.id)).count();
-        let right = truth.effects.iter().filter(|effect| answer.findings.iter().any(|finding| finding.id == effect.id)).count();
-        score.two_exact.count(wrong == 0 && right == truth.effects.len());
-        wrong_names.push(wrong as f64);
-    }
-    score.two_false = mean(&wrong_names);
+    two(&mut score, of(Family::Two));
     let mut natural: BTreeMap<&str, Rate> = BTreeMap::new();
     for (_, effect, answer) in single(&[Family::Natural]) {
         natural.entry(&effect.label).or_default().count(first_name(answer) == Some(&effect.id));
@@ -131,6 +119,23 @@ pub(super) fn score(pairs: &[(Truth, Answer)]) -> Score {
     seconds.sort_by(f64::total_cmp);
     score.seconds = [seconds.get(seconds.len() / 2).copied().unwrap_or_default(), seconds.last().copied().unwrap_or_default()];
     score
+}
+
+/// Two effects at a time: whether both are named, and nothing else.
+fn two<'a>(score: &mut Score, of_two: impl Iterator<Item = Pair<'a>>) {
+    let mut wrong_names = Vec::new();
+    for (truth, answer) in of_two {
+        let known = truth.effects.iter().all(|effect| answer.status_of(&effect.id).is_some());
+        if !known {
+            continue;
+        }
+        let is_true = |id: &String| truth.effects.iter().any(|effect| effect.id == *id);
+        let wrong = answer.findings.iter().filter(|finding| !is_true(&finding.id)).count();
+        let right = truth.effects.iter().filter(|effect| answer.findings.iter().any(|finding| finding.id == effect.id)).count();
+        score.two_exact.count(wrong == 0 && right == truth.effects.len());
+        wrong_names.push(wrong as f64);
+    }
+    score.two_false = mean(&wrong_names);
 }
 
 fn mean(values: &[f64]) -> Option<f64> {

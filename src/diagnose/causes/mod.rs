@@ -36,5 +36,9 @@ pub(super) const ZERO_POINT: &str = "zero-point";
 pub(super) const GHOST: &str = "ghost";
 /// Charge of a bright star that is released in the frame after.
 pub(super) const PERSISTENCE: &str = "persistence";
+/// A camera that shakes.
+pub(super) const JITTER: &str = "jitter";
+/// Straight lines of light: satellites, meteors, aircraft.
+pub(super) const STREAKS: &str = "streaks";
 /// Tracks of charged particles.
 pub(super) const COSMIC_RAYS: &str = "cosmic-rays";

@@ -1,11 +1,11 @@
-//! The round end of the field, and cosmic rays, as they are told: both are counted in all frames together.
+//! The round end of the field, cosmic rays and streaks, as they are told: all are counted in all frames together.
 
 use super::counted::{Counted, MAX_SURPRISE, poisson_surprise};
-use crate::diagnose::causes::COSMIC_RAYS;
+use crate::diagnose::causes::{COSMIC_RAYS, STREAKS};
 use crate::diagnose::channels::Channel;
 use crate::effects::optics::field_stop;
 use crate::effects::pixel::PixelEffect;
-use crate::pixel_statistics::{MIN_RAY_FRAMES, MIN_STAR_SIGMA_PX, MIN_STOP_FRAMES, PixelStatistics};
+use crate::pixel_statistics::{MIN_RAY_FRAMES, MIN_STAR_SIGMA_PX, MIN_STOP_FRAMES, PixelStatistics, Streak};
 
 /// Cosmic rays by chance in a frame, at most: noise brings far fewer, pixels that jump once and are quiet ever after do not show what they are.
 const EXPECTED_RAYS: f64 = 1e-2;
@@ -36,6 +36,42 @@ pub(super) fn cosmic_rays(pixels: &PixelStatistics, is_compressed: bool) -> Coun
         rays.count, rays.frames, rays.per_frame
     );
     Counted::of_stars(COSMIC_RAYS, Channel::Noise, parameters, surprise, "frame", sentence)
+}
+
+/// Straight lines of light.
+pub(super) fn streaks(pixels: &PixelStatistics) -> Counted {
+    /// Lines by chance in a frame, at most, and lines that are summed in one, about.
+    const EXPECTED: f64 = 1e-4;
+    const LINES: f64 = 1e7;
+    /// Places that are told.
+    const LISTED: usize = 4;
+    let Some(found) = &pixels.streaks else {
+        return Counted::untold(STREAKS, Channel::Background, "the stars are drawn out themselves, or no sky is seen between them");
+    };
+    let relative = (found.count.max(1) as f64).sqrt().recip();
+    let per_s = found.per_s.map(|per_s| ("per_s", per_s, per_s * relative, "1/s"));
+    let parameters: Vec<_> = per_s.into_iter().chain([("per_frame", found.per_frame, found.per_frame * relative, "")]).collect();
+    // By their number, or by the brightest alone: the tail of the normal distribution times the lines.
+    let brightest = found.found.iter().map(|own| own.snr).fold(0.0, f64::max).max(1.0);
+    let by_light = 0.5 * brightest * brightest + (brightest * std::f64::consts::TAU.sqrt()).ln() - (LINES * found.frames as f64).ln();
+    let surprise = poisson_surprise(found.count, EXPECTED * found.frames as f64).max(by_light.clamp(0.0, MAX_SURPRISE));
+    let longest = found.found.iter().map(Streak::length_px).fold(0.0, f64::max);
+    let frames: std::collections::BTreeSet<usize> = found.found.iter().map(|own| own.frame).collect();
+    let place = |own: &Streak| {
+        let [from, to] = [own.start_px, own.end_px].map(|[x, y]| format!("({x:.0}, {y:.0})"));
+        format!("frame {} from {from} to {to} px", own.frame)
+    };
+    let listed: Vec<String> = found.found.iter().take(LISTED).map(place).collect();
+    let sentence = format!(
+        "{} straight line{} of light, up to {longest:.0} px long, in {} of {} frames, as satellites, meteors and aircraft leave them: {}{}.",
+        found.count,
+        if found.count == 1 { "" } else { "s" },
+        frames.len(),
+        found.frames,
+        listed.join("; "),
+        if found.count > LISTED { "; …" } else { "" }
+    );
+    Counted::of_stars(STREAKS, Channel::Background, parameters, surprise, "frame", sentence)
 }
 
 /// A round end of the field.

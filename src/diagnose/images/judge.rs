@@ -3,16 +3,20 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::background::{Background, add_background};
+use super::channel_states::channel_states;
 use super::confirmed;
+use super::light_lost::take_size_out_of_flux;
 use super::noise::add_noise;
 use super::patterns::patterns;
+use super::profiles::profiles;
 pub(in crate::diagnose) use super::proposed::{ChannelState, Pixels, Proposed};
 use super::row_fit::RowFit;
-use super::rows::{KNOWN_BEFOREHAND, Question, Row, Rows};
+use super::rows::{Question, Rows};
 use super::selection::{Answer, answer, answers, chance, columns, cosine, directions, fitted, select};
 use super::stars::{StarMeasurement, rows_of_stars};
 use super::turns::{HeldOut, held_out};
 use crate::diagnose::channels::{Channel, ChannelMeasure};
+use crate::diagnose::image_profiles::ImageProfile;
 use crate::diagnose::null_distribution::{family_p, independent};
 use crate::effects::CentroidShift;
 use crate::effects::detector::amplifier_step::AmplifierStep;
@@ -22,17 +26,8 @@ use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Simulations at most: more tell nothing that their tail does not.
 const MAX_NULLS: usize = 1000;
-/// A covariate locates what is left below this probability among all.
-const LOCATES_P: f64 = 0.01;
 /// In the turns an effect is chosen at this probability already: what is asked for there is that it is there again, in less than half of the rows.
 const TURN_P: f64 = 1e-2;
-/// Effects whose columns in the size of images are taken for the cause of a loss of light too, from this surprise on.
-const SIZE_SURPRISE: f64 = 6.9;
-/// Magnitudes that the sum of the light may lose where the variance of the image doubles: 0.1 where a lens goes out of focus from half a depth of
-/// focus to a whole one; light in the far wings is not seen under the weight.
-const LEAK_SIGMA: f64 = 0.15;
-/// The variance of an image is larger or smaller than the typical one by at most this share of it, for its light to be told.
-const MOST_WIDER: f64 = 0.8;
 /// What is as alike as this to an effect that is known to be there may be what its formula leaves.
 const SHADOW: f64 = 0.3;
 /// What is as alike as this and better by no more than odds of 100 : 1 cannot be told apart.
@@ -77,6 +72,8 @@ pub(in crate::diagnose) struct Judged {
     pub(in crate::diagnose) questions: f64,
     /// Surprise that a finding needs.
     pub(in crate::diagnose) threshold: f64,
+    /// Brightness and size against what they may follow.
+    pub(in crate::diagnose) profiles: Vec<ImageProfile>,
 }
 
 /// Judges the stars and the noise of a recording, their frames numbered by their place among all; nothing where there are no numbers. `found`: the
@@ -144,101 +141,19 @@ pub(in crate::diagnose) fn judge(
     }
     // What is withheld explains nothing.
     let left = confirmed::standing(&rows, (&given, &accepted), &fit, &proposed);
-    let mut channels = channel_states(&rows, &named, [&nothing, left.as_ref().unwrap_or(&fit)], nulls, asked.seed);
+    let after = left.as_ref().unwrap_or(&fit);
+    let mut channels = channel_states(&rows, &named, [&nothing, after], nulls, asked.seed);
+    let profiles = profiles(&rows, &stars, &nothing.rest, after);
     if let Some((own, state)) = looked_at.and_then(|own| Some((own, channels.remove(&Channel::Background)?))) {
         channels.insert(Channel::Background, own.with_uneven(state, &sizes_of(&rows, &accepted, &fit)));
     }
-    Some(Judged { rows, fit, proposed, others, unasked, channels, background, questions, threshold })
+    Some(Judged { rows, fit, proposed, others, unasked, channels, background, questions, threshold, profiles })
 }
 
 /// Sizes of the columns of a fit, by question and parameter.
 fn sizes_of(rows: &Rows, accepted: &[usize], fit: &RowFit) -> BTreeMap<(usize, usize), f64> {
     let places = accepted.iter().flat_map(|question| (0..rows.questions[*question].columns.len()).map(|k| (*question, k)));
     places.zip(fit.size.iter().copied()).collect()
-}
-
-/// Where images widen some light is lost to the sum: what the images' sizes follow beyond chance, and its square, are nuisance parameters of the
-/// magnitudes.
-fn take_size_out_of_flux(rows: &mut Rows, sigma_px: f64) {
-    let all = &vec![true; rows.len()];
-    let ranges = rows.ranges();
-    let Some(flux) = rows.kinds.iter().position(|kind| kind.channel == Channel::Flux) else { return };
-    let size = rows.kinds.iter().position(|kind| kind.name == super::stars::SIZE);
-    let Some(size) = size else { return };
-    let in_size =
-        |question: &Question| question.columns.iter().any(|column| column[ranges[size].clone()].iter().any(|value| *value != 0.0));
-    // The questions of the sizes alone, their columns elsewhere left out.
-    let mut alone = rows.clone();
-    for question in &mut alone.questions {
-        for column in &mut question.columns {
-            for (k, value) in column.iter_mut().enumerate() {
-                if !ranges[size].contains(&k) {
-                    *value = 0.0;
-                }
-            }
-        }
-    }
-    alone.questions.retain(in_size);
-    let (accepted, fit) = select(&alone, all, &[], SIZE_SURPRISE);
-    if accepted.is_empty() {
-        return;
-    }
-    let mut by_point: BTreeMap<usize, f64> = BTreeMap::new();
-    let mut first = 0;
-    for question in accepted {
-        for column in &alone.questions[question].columns {
-            for (row, value) in alone.kinds[size].rows.iter().zip(&column[ranges[size].clone()]) {
-                *by_point.entry(row.point.unwrap_or(usize::MAX)).or_default() += fit.size[first] * value;
-            }
-            first += 1;
-        }
-    }
-    let leak: Vec<f64> =
-        rows.kinds[flux].rows.iter().map(|row| row.point.and_then(|point| by_point.get(&point)).copied().unwrap_or(0.0)).collect();
-    // In units of the image's variance: a parameter of one means that all the light that the width adds is lost.
-    let mut leak: Vec<f64> = leak.iter().map(|change| change / (sigma_px * sigma_px)).collect();
-    keep_alike(rows, flux, &mut leak);
-    let squares: Vec<f64> = leak.iter().map(|change| change * change).collect();
-    add_leak(rows, flux, &leak);
-    add_leak(rows, flux, &squares);
-}
-
-/// Leaves out the magnitudes of stars whose images differ too much from the typical one: how much of their light is seen nobody knows.
-fn keep_alike(rows: &mut Rows, flux: usize, leak: &mut Vec<f64>) {
-    let start = rows.ranges()[flux].start;
-    let keep: Vec<bool> = leak.iter().map(|change| change.abs() < MOST_WIDER).collect();
-    let kept = |column: &mut Vec<f64>, start: usize| {
-        let mut k = 0_usize;
-        column.retain(|_| {
-            k += 1;
-            (k - 1).checked_sub(start).and_then(|k| keep.get(k)).copied().unwrap_or(true)
-        });
-    };
-    rows.questions.iter_mut().flat_map(|question| &mut question.columns).for_each(|column| kept(column, start));
-    let kind = &mut rows.kinds[flux];
-    kind.per_frame.iter_mut().chain(&mut kind.common).for_each(|column| kept(column, 0));
-    let mut all = keep.iter();
-    kind.rows.retain(|_| *all.next().unwrap_or(&true));
-    kept(leak, 0);
-}
-
-/// The nuisance parameter with what is known of it: a row of its own says that it is zero within [`LEAK_SIGMA`].
-fn add_leak(rows: &mut Rows, flux: usize, leak: &[f64]) {
-    let at = rows.ranges()[flux].end;
-    let kind = &mut rows.kinds[flux];
-    let star = kind.rows.iter().map(|row| row.star).max().unwrap_or(0) + 1;
-    kind.rows.push(Row { value: 0.0, sigma: LEAK_SIGMA, frame: KNOWN_BEFOREHAND, star, point: None });
-    for column in kind.per_frame.iter_mut().chain(&mut kind.common) {
-        column.push(0.0);
-    }
-    let before = kind.rows.len() - 1;
-    let mut column = leak.to_vec();
-    column.resize(before, 0.0);
-    column.push(1.0);
-    kind.common.push(column);
-    for column in rows.questions.iter_mut().flat_map(|question| &mut question.columns) {
-        column.insert(at, 0.0);
-    }
 }
 
 #[allow(clippy::too_many_arguments, reason = "one proposal of a selection, with what it was selected from")]
@@ -366,53 +281,4 @@ fn disagreement(channels: &BTreeMap<Channel, ChannelMeasure>) -> Option<String> 
             own.sigma
         )
     })
-}
-
-/// What is said of every channel, before and after.
-fn channel_states(
-    rows: &Rows,
-    patterns: &[Question],
-    [before, after]: [&RowFit; 2],
-    nulls: usize,
-    seed: u64,
-) -> BTreeMap<Channel, ChannelState> {
-    let ranges = rows.ranges();
-    let channels: BTreeSet<Channel> = rows.kinds.iter().map(|kind| kind.channel).collect();
-    let mut states = BTreeMap::new();
-    for (number, channel) in channels.into_iter().enumerate() {
-        let is_of = |question: &&Question| {
-            let of_kind = |(kind, range): (&super::rows::Kind, &std::ops::Range<usize>)| {
-                kind.channel == channel && question.columns.iter().any(|column| column[range.clone()].iter().any(|value| *value != 0.0))
-            };
-            rows.kinds.iter().zip(&ranges).any(of_kind)
-        };
-        // Where no covariate is of stars the effects' own columns are the patterns.
-        let of_stars: Vec<&Question> = patterns.iter().filter(is_of).collect();
-        let own: Vec<&Question> = if of_stars.is_empty() { rows.questions.iter().filter(is_of).collect() } else { of_stars };
-        let tested = |fit: &RowFit, stream: u64| -> (f64, Vec<String>) {
-            let psi = nalgebra::DVector::from_column_slice(&fit.psi);
-            let mut found: Vec<(f64, &'static str)> = own
-                .iter()
-                .filter_map(|question| {
-                    let basis = directions(rows, fit, &question.columns);
-                    let statistic: f64 = basis.iter().map(|direction| direction.dot(&psi).powi(2)).sum();
-                    (!basis.is_empty()).then(|| (neg_ln_chi2_sf(basis.len() as f64, statistic), question.follows))
-                })
-                .collect();
-            found.sort_by(|a, b| b.0.total_cmp(&a.0));
-            let by_chance = chance(rows, fit, &own, nulls, seed ^ 0x5eed_0000 ^ stream);
-            let p_value = found.first().map_or(1.0, |(surprise, _)| family_p(&by_chance, *surprise));
-            let mut located: Vec<String> = Vec::new();
-            for (surprise, follows) in &found {
-                if family_p(&by_chance, *surprise) < LOCATES_P && !located.iter().any(|own| own == follows) {
-                    located.push((*follows).to_owned());
-                }
-            }
-            (p_value, located)
-        };
-        let stream = 2 * number as u64;
-        let ((p_value, located_by), (left_p_value, left_located_by)) = (tested(before, stream), tested(after, stream + 1));
-        states.insert(channel, ChannelState { p_value, located_by, left_p_value, left_located_by });
-    }
-    states
 }

@@ -1,6 +1,8 @@
 //! What the images tell beside places: brightness, shape, noise and background, as one linear problem with one list of findings.
 
 mod background;
+mod channel_reports;
+mod channel_states;
 mod confirmed;
 mod copies;
 #[cfg(test)]
@@ -8,10 +10,13 @@ mod copies_tests;
 mod counted;
 mod ends_and_rays;
 mod halo;
+mod jitter;
 mod judge;
+mod light_lost;
 mod measured_detector;
 mod noise;
 mod patterns;
+mod profiles;
 mod proposed;
 mod report;
 mod row_fit;

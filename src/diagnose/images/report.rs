@@ -2,31 +2,29 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::channel_reports::{NINETY_FIVE, channel_report, unknown};
 use super::copies::copies;
 use super::counted::{Counted, counted};
-use super::ends_and_rays::{cosmic_rays, field_stop};
+use super::ends_and_rays::{cosmic_rays, field_stop, streaks};
 use super::halo::{self, halo};
+use super::jitter::jitter;
 use super::judge::{Asked, ChannelState, Judged, Pixels, Proposed, judge};
 use super::measured_detector::measured_detector;
-use super::noise::{DeclaredDetector, ordinary};
-use super::rows::{Parameter, Shown};
+use super::noise::DeclaredDetector;
+use super::profiles::shape_map;
+use super::rows::Parameter;
 use super::shared_noise::shared_noise;
 use super::single_frames::single_frames;
-use super::sky_columns;
 use super::sky_view::SkyView;
 use super::stars::StarMeasurement;
 use super::withheld::{against, is_gain_explained, withhold_shadows};
-use crate::diagnose::causes::{COMPRESSION, IMAGE_CAUSES};
-use crate::diagnose::channels::{ByChannel, Channel, ChannelReport, ChannelVerdict, Detectable};
-use crate::diagnose::diagnosis::{
-    ColumnSource, Diagnosis, EffectState, EffectStatus, Finding, FoundParameter, Limit, RemainderMap, Signs, Unknown,
-};
+use crate::diagnose::causes::COMPRESSION;
+use crate::diagnose::channels::{ByChannel, Channel, ChannelReport, ChannelVerdict};
+use crate::diagnose::diagnosis::{ColumnSource, Diagnosis, EffectState, EffectStatus, Finding, FoundParameter, Limit, Signs};
 use crate::diagnose::options::DiagnoseOptions;
 use crate::diagnose::wording;
 use crate::effects::optics::vignetting::{Vignetting, losses};
 use crate::effects::pixel::PixelEffect;
-use crate::effects::sky::glow::sky_glow;
-use crate::effects::{IMAGE_EFFECTS, ImageEffect};
 use crate::pixel_statistics::{ElsewhereFrame, LOOKS, PixelStatistics};
 use crate::statistics::significance::deviations;
 
@@ -34,8 +32,6 @@ use crate::statistics::significance::deviations;
 const MIN_STARS: usize = 30;
 /// Frames that are tested at most: every one has a zero point, and a fit costs the square of their number.
 const MAX_FRAMES: usize = 24;
-/// What is found in 95 of 100 recordings lies so many standard errors above the threshold.
-const NINETY_FIVE: f64 = 1.645;
 /// Of an effect whose score has a smaller probability by chance it is not said that it was not found.
 const SIGNIFICANT: f64 = 1e-4;
 
@@ -50,6 +46,8 @@ pub struct ImageMeasurements<'a> {
     pub detector: DeclaredDetector,
     /// Where the sky of the frames lies; none where no attitude is known.
     pub views: &'a [SkyView],
+    /// Whether the camera may look through air.
+    pub looks_through_air: bool,
 }
 
 /// Adds what the images say to a diagnosis of the places.
@@ -88,13 +86,15 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
             *channel = ChannelReport::not_looked_at(&reason);
         }
     }
-    let Some(judged) = judged else { return };
+    diagnosis.shape_map = shape_map(images.stars);
+    let Some(mut judged) = judged else { return };
+    diagnosis.image_profiles = std::mem::take(&mut judged.profiles);
     if let Some(reason) = judged.background.as_ref().and_then(|own| own.why_not.as_ref()) {
         diagnosis.channels.background = ChannelReport::not_looked_at(reason);
     }
     let mut counted = images.pixels.map_or_else(Vec::new, counted);
     let is_compressed = counted.iter().any(|own| own.found_id() == Some(COMPRESSION));
-    counted.extend(images.pixels.into_iter().flat_map(|pixels| [cosmic_rays(pixels, is_compressed), field_stop(pixels)]));
+    counted.extend(images.pixels.into_iter().flat_map(|pixels| [cosmic_rays(pixels, is_compressed), field_stop(pixels), streaks(pixels)]));
     let mut by_count: Vec<&'static str> = counted.iter().filter_map(Counted::found_id).collect();
     if let Some(overshoot) = images.pixels.and_then(|pixels| shared_noise(pixels, &images.detector, &by_count)) {
         by_count.extend(overshoot.found_id());
@@ -112,6 +112,7 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     }
     let numbers: Vec<usize> = places.keys().copied().collect();
     counted.extend(single_frames(&judged, images.pixels, images.detector.bias_dn, &numbers));
+    counted.extend(jitter(&judged, images.looks_through_air));
     counted.extend(images.pixels.map_or_else(Vec::new, |pixels| elsewhere(&pixels.elsewhere)));
     for (channel, state) in &judged.channels {
         // Rounded blocks explain what the noise shows, whatever it looks like, and what else changes the noise explains a gain that seems wrong.
@@ -171,10 +172,6 @@ fn add_counted(diagnosis: &mut Diagnosis, counted: Vec<Counted>) {
             None => diagnosis.findings.push(finding),
         }
     }
-}
-
-fn effect_of(id: &str) -> Option<&'static dyn ImageEffect> {
-    IMAGE_EFFECTS.iter().chain(IMAGE_CAUSES).copied().find(|effect| effect.id() == id)
 }
 
 fn parameter(spec: &Parameter, size: [f64; 2]) -> FoundParameter {
@@ -324,108 +321,5 @@ fn add_others(diagnosis: &mut Diagnosis, judged: &Judged) {
                 reason: reason.clone(),
             });
         }
-    }
-}
-
-/// How large the effects with columns in a channel would have to be to be found.
-fn detectable(judged: &Judged, channel: Channel) -> Vec<Detectable> {
-    let ranges = judged.rows.ranges();
-    let in_channel = |question: &super::rows::Question| {
-        judged
-            .rows
-            .kinds
-            .iter()
-            .zip(&ranges)
-            .any(|(kind, range)| kind.channel == channel && question.columns[0][range.clone()].iter().any(|value| *value != 0.0))
-    };
-    let mut all: Vec<Detectable> = judged
-        .rows
-        .questions
-        .iter()
-        .filter(|question| in_channel(question))
-        .filter_map(|question| {
-            let of_stars = || effect_of(question.id).map(ImageEffect::ordinary);
-            let is_glow = || sky_glow(question.id).is_some();
-            let of_sky = || sky_columns::ordinary(question.id).or_else(|| is_glow().then_some((1.0, "the model's own brightness")));
-            let (ordinary, source) = match channel {
-                Channel::Noise => ordinary(question.id),
-                Channel::Background => of_sky().or_else(of_stars),
-                _ => of_stars(),
-            }?;
-            let sigma = judged.fit.amplitude(&judged.rows, &question.columns[0], |_| true).map(|[_, sigma]| sigma);
-            let size_95 = sigma.map(|sigma| ((2.0 * judged.threshold).sqrt() + NINETY_FIVE) * sigma);
-            let spec = question.parameters.first()?;
-            // A gain is told as a ratio, and its size is how far from one.
-            let told = |size: f64| if spec.shown == Shown::Root { size.sqrt() } else { size };
-            Some(Detectable {
-                id: question.id.to_owned(),
-                name: spec.name.to_owned(),
-                unit: spec.unit.to_owned(),
-                size_95: size_95.map(told),
-                ordinary: told(ordinary),
-                source: source.to_owned(),
-                would_show: size_95.is_some_and(|size| size <= ordinary),
-            })
-        })
-        .collect();
-    let relative = |own: &Detectable| own.size_95.map_or(f64::INFINITY, |size| size / own.ordinary);
-    all.sort_by(|a, b| relative(a).total_cmp(&relative(b)));
-    if channel == Channel::Background {
-        // Of an effect with many shapes that which shows worst stands for all.
-        let mut listed = BTreeSet::new();
-        all.reverse();
-        all.retain(|own| listed.insert(own.id.clone()));
-        all.reverse();
-    }
-    all
-}
-
-fn channel_report(diagnosis: &Diagnosis, judged: &Judged, channel: Channel, state: &ChannelState, alpha: f64) -> ChannelReport {
-    let detectable = detectable(judged, channel);
-    let is_of = |finding: &&Finding| finding.channels.get(&channel).is_some_and(Option::is_some);
-    let has_findings = diagnosis
-        .findings
-        .iter()
-        .any(|finding| is_of(&finding) && judged.proposed.iter().any(|own| judged.rows.questions[own.question].id == finding.id));
-    let verdict = if state.left_p_value < alpha {
-        ChannelVerdict::Unexplained
-    } else if has_findings {
-        ChannelVerdict::Explained
-    } else if detectable.iter().any(|own| own.would_show) {
-        ChannelVerdict::Consistent
-    } else {
-        ChannelVerdict::Undecided
-    };
-    let largest = state.located_by.first().map_or("", String::as_str);
-    ChannelReport {
-        looked_at: true,
-        verdict,
-        p_value: Some(state.p_value),
-        p_value_is: None,
-        located_by: state.located_by.clone(),
-        reason: wording::reason(verdict, largest, &detectable),
-        detectable,
-    }
-}
-
-/// What is left of a channel and has no name.
-fn unknown(channel: Channel, state: &ChannelState) -> Unknown {
-    let what = match channel {
-        Channel::Background => "background between the stars".to_owned(),
-        _ => format!("{} of the stars", channel.words()),
-    };
-    Unknown {
-        channel,
-        located_by: state.left_located_by.clone(),
-        p_value: state.left_p_value,
-        p_value_is: None,
-        resembles: Vec::new(),
-        vetoes: Vec::new(),
-        map: None,
-        field: RemainderMap::default(),
-        sentence: format!(
-            "In the {what} something is left that no effect of the registry explains: it goes with {}.",
-            state.left_located_by.join(", ")
-        ),
     }
 }

@@ -78,7 +78,8 @@ impl KindNoise {
 }
 
 impl Kind {
-    fn group(&self, row: &Row) -> usize {
+    /// The group that a row shares its error with.
+    pub(in crate::diagnose) fn group(&self, row: &Row) -> usize {
         match self.shared {
             Shared::Frame => row.frame,
             Shared::Star | Shared::No => row.star,

@@ -24,7 +24,7 @@ const AS_GOOD: f64 = 4.6;
 /// So many means tell their scatter.
 const MANY_GROUPS: usize = 60;
 /// Of the scatter of few means so much is left at least: what an effect takes of it is known no better.
-const LEAST_LEFT: f64 = 0.02;
+const MIN_LEFT: f64 = 0.02;
 /// So many standard errors on the wrong side of zero are no size of an effect that has a sign.
 const WRONG_SIDE: f64 = 1.0;
 /// Charge that is pushed aside widens bright stars: what the noise alone shows is not it.
@@ -90,7 +90,7 @@ fn surprise(rank: usize, statistic: f64, means: Option<(f64, usize)>) -> f64 {
     let Some((share, groups)) = means.filter(|(_, groups)| *groups > rank + 2 && *groups < MANY_GROUPS) else { return by_chi2 };
     // One mean is that of all.
     let total = groups as f64 - 1.0;
-    let left = (1.0 - share).max(LEAST_LEFT);
+    let left = (1.0 - share).max(MIN_LEFT);
     let tail = beta_reg(0.5 * (total - rank as f64), 0.5 * rank as f64, left);
     if tail > 0.0 { -tail.ln() } else { by_chi2 }
 }

@@ -13,7 +13,7 @@ use crate::statistics::median_in_place;
 /// Fewer stars tell no zero point of a frame.
 const MIN_ZERO: usize = 5;
 /// A model whose light changes the sky by less than this share over any frame is not asked for.
-const LEAST_SHARE: f64 = 1e-6;
+const MIN_SHARE: f64 = 1e-6;
 
 /// Where the cells of a frame's mesh lie in the sky.
 #[derive(Clone, Debug, PartialEq)]
@@ -75,7 +75,7 @@ pub(super) fn glows(light: &SkyLight, views: &[SkyView], stars: &[StarMeasuremen
             zero_dn * brightness(glow, view, cell.number, faintest_magnitude)
         });
         let spread = column.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(*value), high.max(*value)]);
-        if spread[1] - spread[0] < LEAST_SHARE {
+        if spread[1] - spread[0] < MIN_SHARE {
             unasked.push((glow.id(), "its light is even here, or below the horizon".to_owned()));
             continue;
         }

@@ -9,6 +9,8 @@ use crate::diagnose::channels::Channel;
 use crate::effects::{IMAGE_EFFECTS, ImageContext, ImageEffect, ImageResponse, MAGNITUDES};
 use crate::statistics::median;
 
+/// Name of the rows that tell the brightness of stars.
+pub(super) const MAGNITUDE: &str = "magnitude less the catalogue's";
 /// Name of the rows that tell the size of images.
 pub(super) const SIZE: &str = "size of the image";
 /// Of those that tell their elongation along x and along the diagonal.
@@ -62,7 +64,7 @@ impl StarKind {
 
     fn name(self) -> &'static str {
         match self {
-            Self::Magnitude => "magnitude less the catalogue's",
+            Self::Magnitude => MAGNITUDE,
             Self::Size => SIZE,
             Self::Elongation => ELONGATION,
             Self::Diagonal => DIAGONAL,

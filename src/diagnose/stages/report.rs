@@ -88,6 +88,8 @@ impl<'a> Reported<'a> {
             physics: baseline.physics.clone(),
             effects: context.effects(&solved.fit, &found, &self.kept, &self.withheld),
             profiles: profiles(&context, &solved.fit, &self.standing, &found),
+            image_profiles: Vec::new(),
+            shape_map: Vec::new(),
             findings: found,
             proposed: proposed(evidence, &validated.turns, &self.fit, &self.kept, &validated.proposals, &self.withheld),
             unknown: unknown.into_iter().collect(),

@@ -63,7 +63,7 @@ impl FieldMap {
         let (left, y) = (frame_box.corner.0, frame_box.corner.1 + frame_box.size.1 + 64.0);
         let mut note_at = (left, y);
         if let Some((length, text)) = key {
-            haloed_arrow(sheet, (left, y), (left + length, y))?;
+            self.draw_arrow(sheet, (left, y), (left + length, y))?;
             sheet.text(&text, (left + length + 8.0, y), 15.0, &INK, HPos::Left, VPos::Center)?;
             note_at = (left, y + 24.0);
         }
@@ -155,10 +155,24 @@ impl FieldMap {
             let by = factor * frame_box.scale();
             // Centred on its point, so that none leaves the frame.
             let half = (arrow.dx_px * by / 2.0, arrow.dy_px * by / 2.0);
-            haloed_arrow(sheet, (from.0 - half.0, from.1 - half.1), (from.0 + half.0, from.1 + half.1))?;
+            self.draw_arrow(sheet, (from.0 - half.0, from.1 - half.1), (from.0 + half.0, from.1 + half.1))?;
         }
-        let key_px = nice_above(longest / 2.0);
-        Ok(Some((key_px * factor * frame_box.scale(), format!("{} px, arrows × {}", short(key_px), short(factor)))))
+        let key = nice_above(longest / 2.0);
+        let told = match &self.whiskers {
+            Some(unit) => format!("{} {unit}", short(key)),
+            None => format!("{} px, arrows × {}", short(key), short(factor)),
+        };
+        Ok(Some((key * factor * frame_box.scale(), told)))
+    }
+
+    /// A dark arrow, or a line without a head, with a light edge, which is seen on any colour.
+    fn draw_arrow(&self, sheet: &Canvas, from: Place, to: Place) -> Drawn {
+        if self.whiskers.is_some() {
+            sheet.line(&[from, to], PAPER, 4.5)?;
+            return sheet.line(&[from, to], INK, 2.0);
+        }
+        sheet.arrow(from, to, PAPER, 4.0)?;
+        sheet.arrow(from, to, INK, 1.4)
     }
 
     fn bar(&self, sheet: &Canvas, frame_box: &FrameBox, scale: &Scale) -> Drawn {
@@ -189,12 +203,6 @@ impl FieldMap {
         }
         Ok(())
     }
-}
-
-/// A dark arrow with a light edge, which is seen on any colour.
-fn haloed_arrow(sheet: &Canvas, from: Place, to: Place) -> Drawn {
-    sheet.arrow(from, to, PAPER, 4.0)?;
-    sheet.arrow(from, to, INK, 1.4)
 }
 
 #[cfg(test)]

@@ -19,6 +19,5 @@ mod vectors;
 pub use frame_picture::frame_picture;
 pub use letters::Lettered;
 pub use panels::{LogPanels, Panel};
-pub use plot::{Plot, Series, SeriesStyle};
 pub use remainder::remainder_map;
 pub use vectors::{residual_vectors, residual_vectors_on_one_scale};

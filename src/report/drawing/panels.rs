@@ -6,8 +6,7 @@ use plotters::style::text_anchor::{HPos, VPos};
 use plotters::style::{Color, RGBColor};
 
 use super::canvas::{BLUE, Canvas, Drawn, GREEN, INK, ORANGE, PALE, PAPER, PURPLE, Place, SKY, VERMILION, picture, short, tick_step};
-use super::plot::{Series, SeriesStyle};
-use crate::report::ReportError;
+use crate::report::{ReportError, Series, SeriesStyle};
 
 /// One of the small plots.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -9,40 +9,7 @@ use plotters::style::text_anchor::{HPos, VPos};
 use plotters::style::{Color, RGBColor, TextStyle};
 
 use super::canvas::{BLUE, Canvas, Drawn, FONT, GREEN, INK, ORANGE, PALE, PAPER, PURPLE, SKY, VERMILION, picture, short};
-use crate::report::ReportError;
-
-/// How a series is drawn.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SeriesStyle {
-    /// A dot for each point.
-    Points,
-    /// A line through the points, in their order.
-    Line,
-}
-
-/// Points that belong together.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Series {
-    /// Its name in the legend; empty: none.
-    pub label: String,
-    /// How it is drawn.
-    pub style: SeriesStyle,
-    /// The points, in the units of the axes; those that are not finite are left out.
-    pub points: Vec<[f64; 2]>,
-}
-
-/// A plot.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Plot {
-    /// What it shows.
-    pub title: String,
-    /// Name and unit of the horizontal axis.
-    pub x_label: String,
-    /// Name and unit of the vertical axis.
-    pub y_label: String,
-    /// The series; the first ones lie below.
-    pub series: Vec<Series>,
-}
+use crate::report::{Plot, ReportError, Series, SeriesStyle};
 
 const SIZE: (usize, usize) = (960, 600);
 /// From the sheet's edges to the axes.

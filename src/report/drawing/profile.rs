@@ -58,8 +58,8 @@ impl ProfilePlot {
             for bin in &bins {
                 error_bar(sheet, &axes, bin)?;
             }
-            counts(sheet, &axes, &bins)?;
-            legend(sheet)
+            counts(sheet, &axes, &bins, &self.counted)?;
+            legend(sheet, &self.points)
         })
     }
 
@@ -98,9 +98,9 @@ fn error_bar(sheet: &Canvas, axes: &Axes, bin: &ProfilePoint) -> Drawn {
     sheet.dot(axes.place(bin.at, bin.mean), 4.0, BLUE)
 }
 
-/// How many star images each bin has, above it; of bins that stand close together every so manieth.
-fn counts(sheet: &Canvas, axes: &Axes, bins: &[ProfilePoint]) -> Drawn {
-    sheet.text("stars", (LEFT - 9.0, TOP - 9.0), 13.0, &GREY, HPos::Right, VPos::Center)?;
+/// How many each bin has, above it; of bins that stand close together every so manieth.
+fn counts(sheet: &Canvas, axes: &Axes, bins: &[ProfilePoint], counted: &str) -> Drawn {
+    sheet.text(counted, (LEFT - 9.0, TOP - 9.0), 13.0, &GREY, HPos::Right, VPos::Center)?;
     let mut free_from = f64::NEG_INFINITY;
     for bin in bins {
         let (x, _) = axes.place(bin.at, axes.along[0]);
@@ -114,13 +114,12 @@ fn counts(sheet: &Canvas, axes: &Axes, bins: &[ProfilePoint]) -> Drawn {
     Ok(())
 }
 
-fn legend(sheet: &Canvas) -> Drawn {
+fn legend(sheet: &Canvas, points: &str) -> Drawn {
     let y = SIZE.1 as f64 - 22.0;
     sheet.dot((LEFT + 12.0, y), 4.0, BLUE)?;
     sheet.line(&[(LEFT + 12.0, y - 9.0), (LEFT + 12.0, y + 9.0)], BLUE, 1.5)?;
-    let residuals = "displacement seen in the bin ± its standard error";
-    sheet.text(residuals, (LEFT + 26.0, y), 15.0, &INK, HPos::Left, VPos::Center)?;
-    let next = LEFT + 26.0 + sheet.text_size(residuals, 15.0)?.0 + 30.0;
+    sheet.text(points, (LEFT + 26.0, y), 15.0, &INK, HPos::Left, VPos::Center)?;
+    let next = LEFT + 26.0 + sheet.text_size(points, 15.0)?.0 + 30.0;
     sheet.line(&[(next, y), (next + 28.0, y)], VERMILION, 2.5)?;
     sheet.text("model", (next + 36.0, y), 15.0, &INK, HPos::Left, VPos::Center)
 }

@@ -13,7 +13,7 @@ const ACCEPT: &str = "BORESIGHT_ACCEPT_PICTURES";
 /// Mean absolute difference of a channel, of 255: a letter that is set a little elsewhere stays below it.
 const MEAN: f64 = 0.25;
 /// The difference that one channel of a thousand exceeds: edges that are smoothed otherwise stay below it, a line that is gone does not.
-const MOST: u8 = 64;
+const MAX_DIFFERENCE: u8 = 64;
 /// The largest file.
 const LARGEST_BYTES: u64 = 64 * 1024;
 
@@ -29,7 +29,7 @@ fn difference(expected: &RgbImage, actual: &RgbImage) -> Option<(f64, u8)> {
 }
 
 fn is_same(expected: &RgbImage, actual: &RgbImage) -> bool {
-    difference(expected, actual).is_some_and(|(mean, most)| mean <= MEAN && most <= MOST)
+    difference(expected, actual).is_some_and(|(mean, most)| mean <= MEAN && most <= MAX_DIFFERENCE)
 }
 
 /// Expected, actual and their difference, side by side.
@@ -70,7 +70,7 @@ fn check(name: &str, draw: impl FnOnce(&Path)) {
         let shown = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{name}.png"));
         side_by_side(&expected, &actual).save(&shown).unwrap();
         panic!(
-            "{name}: mean and 99.9th percentile of the difference {:?}, at most ({MEAN}, {MOST}); expected, actual and difference are in {}; {ACCEPT}=1 accepts it",
+            "{name}: mean and 99.9th percentile of the difference {:?}, at most ({MEAN}, {MAX_DIFFERENCE}); expected, actual and difference are in {}; {ACCEPT}=1 accepts it",
             difference(&expected, &actual),
             shown.display()
         );
@@ -122,6 +122,8 @@ fn profile(path: &Path, sign: f64) {
         summary: "residuals and a line".to_owned(),
         x_label: "field radius".to_owned(),
         y_label: "residual / px".to_owned(),
+        points: "displacement seen in the bin ± its standard error".to_owned(),
+        counted: "stars".to_owned(),
         bins: (0..9).map(bin).collect(),
     };
     plot.write(path).unwrap();

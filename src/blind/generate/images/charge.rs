@@ -88,6 +88,10 @@ pub(super) fn collected(
             charge[*pixel] += electrons;
         }
     }
+    let streaks = Poisson::new(causes.size(PixelKind::Streaks)).map_or(0.0, |counts| counts.sample(rng));
+    for _ in 0..streaks as usize {
+        add_streak(&mut charge, world, rng);
+    }
     for value in &mut charge {
         *value = Poisson::new(*value).map_or(0.0, |counts| counts.sample(rng));
     }
@@ -121,6 +125,22 @@ fn add_track(charge: &mut [f64], rng: &mut Pcg64Mcg) {
         let [x, y] = [start[0] + along * cos, start[1] + along * sin].map(|at| at as usize);
         if x < SIZE_PX && y < SIZE_PX {
             charge[y * SIZE_PX + x] += per_step;
+        }
+    }
+}
+
+/// The trail of a satellite all across the frame: the optics draw each of its points as a star (Nir, Zackay & Ofek, AJ 156, 229 (2018), 2.1).
+fn add_streak(charge: &mut [f64], world: &ImageWorld, rng: &mut Pcg64Mcg) {
+    /// Light of a pixel of its length over the noise of a pixel.
+    const BRIGHTNESS: [f64; 2] = [2.0, 8.0];
+    let [cos, sin] = on_circle(rng);
+    let through = [between(rng, 0.2, 0.8), between(rng, 0.2, 0.8)].map(|share| share * SIZE_PX as f64);
+    let per_px_e = world.pixel_variance_e2().sqrt() * between(rng, BRIGHTNESS[0], BRIGHTNESS[1]);
+    let sigma_px = world.camera.profile.sigma_px.hypot(world.camera.blur_px / 2.0);
+    for (k, value) in charge.iter_mut().enumerate() {
+        let off_px = ((k % SIZE_PX) as f64 - through[0]) * sin - ((k / SIZE_PX) as f64 - through[1]) * cos;
+        if off_px.abs() < 6.0 * sigma_px {
+            *value += per_px_e * (-0.5 * (off_px / sigma_px).powi(2)).exp() / (sigma_px * std::f64::consts::TAU.sqrt());
         }
     }
 }

@@ -101,7 +101,7 @@ impl HiddenImage {
             K::WrongReadNoise => vec![("read_noise_e", camera.read_noise_e + s, "e")],
             K::DarkCurrent => vec![("dark_e_per_px_s", s, "e/s"), ("unequal_dn_per_s", s * charge::UNEQUAL_DARK / gain, "DN/s")],
             K::AmplifierGlow => vec![("corner", self.number(0), ""), ("e_per_px_s", s, "e/s")],
-            K::CosmicRays => vec![("per_frame", s, "")],
+            K::CosmicRays | K::Streaks => vec![("per_frame", s, "")],
             K::MotionSmear => vec![("length_px", s * longest_smear_px(world), "px")],
             K::Jitter => vec![("sigma_px", s, "px")],
             K::IntrapixelResponse => vec![("edge_drop", s, "")],

@@ -44,17 +44,18 @@ pub enum PixelKind {
     Overshoot,
     StrayLight,
     VeilingGlare,
+    Streaks,
 }
 
 use PixelKind::{
     AmplifierGlow, AmplifierStep, AxialColour, Bayer, BrighterFatter, ChargeTransfer, CodeWidths, ColumnBanding, Coma, Compression,
     CosmicRays, Crosstalk, DarkCurrent, EvenOdd, ExposureTime, Extinction, FieldCurvature, FieldStop, FieldTilt, FocusWithTemperature,
     FocusWithTime, FrameDimmer, HotPixels, IntrapixelResponse, Jitter, LostBits, MotionSmear, Nonlinearity, Overshoot, Passband, Prnu,
-    RandomTelegraph, RowBanding, StrayLight, VeilingGlare, Vignetting, WrongGain, WrongReadNoise,
+    RandomTelegraph, RowBanding, StrayLight, Streaks, VeilingGlare, Vignetting, WrongGain, WrongReadNoise,
 };
 
 /// All of them, each once.
-pub const IMAGE_KINDS: [PixelKind; 38] = [
+pub const IMAGE_KINDS: [PixelKind; 39] = [
     Vignetting,
     Nonlinearity,
     BrighterFatter,
@@ -93,6 +94,7 @@ pub const IMAGE_KINDS: [PixelKind; 38] = [
     Overshoot,
     StrayLight,
     VeilingGlare,
+    Streaks,
 ];
 
 /// Pairs that are hidden together: across channels, or with traces that run together.
@@ -168,6 +170,7 @@ impl PixelKind {
             Overshoot => "overshoot",
             StrayLight => "stray-light",
             VeilingGlare => "veiling-glare",
+            Streaks => "streaks",
         }
     }
 
@@ -214,7 +217,7 @@ impl PixelKind {
             FrameDimmer | ExposureTime => Reckoned::StampsOfFrames,
             AmplifierGlow | StrayLight | VeilingGlare | Crosstalk => Reckoned::Background,
             Prnu | RowBanding | ColumnBanding | CodeWidths | WrongGain | WrongReadNoise | DarkCurrent | EvenOdd | Bayer => Reckoned::Noise,
-            HotPixels | RandomTelegraph | LostBits | Compression | CosmicRays | FieldStop => Reckoned::Steps,
+            HotPixels | RandomTelegraph | LostBits | Compression | CosmicRays | FieldStop | Streaks => Reckoned::Steps,
             _ => Reckoned::Stamps,
         }
     }
@@ -234,7 +237,7 @@ impl PixelKind {
             AmplifierStep | RowBanding => &["row", "y"],
             ColumnBanding => &["row", "x"],
             MotionSmear => &["rate", "frame"],
-            Jitter | FrameDimmer | ExposureTime | CosmicRays => &["frame"],
+            Jitter | FrameDimmer | ExposureTime | CosmicRays | Streaks => &["frame"],
             IntrapixelResponse => &["pixel-phase-x", "pixel-phase-y"],
             EvenOdd | Bayer => &["pixel-parity-x", "pixel-parity-y"],
             Prnu | DarkCurrent => &["fixed-pattern", "exposure"],
@@ -302,6 +305,8 @@ impl PixelKind {
             HotPixels | RandomTelegraph => 3.0,
             // Tracks in a frame.
             CosmicRays => 0.5,
+            // Lines in a frame.
+            Streaks => 0.1,
             // Quantiser of the cosine transform, DN: an eighth of the noise and up.
             Compression => 0.5 * noise_dn,
             // Half-diagonals that the stop reaches into the frame.
