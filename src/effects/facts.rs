@@ -73,6 +73,8 @@ pub struct Facts {
     pub demo_sizes: &'static [(&'static str, f64)],
     /// Why no scene of its own shows it, if none does.
     pub not_shown: Option<&'static str>,
+    /// Short names that the field uses where a calibration is asked to solve for it, and the parameter that each means; without one, the whole effect.
+    pub short_names: &'static [(&'static str, Option<&'static str>)],
     /// What of it belongs to a camera that is selected by the data: each group is let free or left out as one.
     pub model_groups: &'static [ModelGroup],
 }
@@ -93,6 +95,7 @@ impl Facts {
         unknown_size: "its size must be fitted",
         demo_sizes: &[],
         not_shown: None,
+        short_names: &[],
         model_groups: &[],
     };
 

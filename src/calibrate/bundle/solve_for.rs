@@ -1,18 +1,11 @@
 //! Free parameters of a solution: from names, as on the command line and in files, to places in the model.
 
+use std::borrow::Cow;
+
 use super::problem::Exposure;
 use crate::calibrate::CalibrateError;
 use crate::camera::{Model, PARAMETER_NAMES};
-use crate::effects::ids;
 use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Observation, Segment, displacement};
-
-/// Short names that the field uses, and what they stand for.
-const ALIASES: &[(&str, &str)] = &[
-    ("k2", "radial-high-order.k2_norm"),
-    ("k3", "radial-high-order.k3_norm"),
-    ("aspect", "pixel-aspect.epsilon"),
-    ("velocity", ids::STELLAR_ABERRATION),
-];
 
 /// Whether an effect has parameters of its own to solve for: those of the reference model are x0, y0, f, k1, p1, p2.
 fn has_own_parameters(effect: &dyn AnyDisplacement) -> bool {
@@ -35,8 +28,7 @@ pub(in crate::calibrate) fn solve_for(
             wanted.push(("", index));
             continue;
         }
-        let name = ALIASES.iter().find(|(alias, _)| alias == given).map_or(given.as_str(), |(_, full)| full);
-        let (effect, parameters) = find(name, observations).ok_or_else(|| unknown(given))?;
+        let (effect, parameters) = find(&full_name(given), observations).ok_or_else(|| unknown(given))?;
         let lacks = observations.iter().find_map(|observation| effect.unmet_requirement(observation));
         if let Some(reason) = lacks {
             return Err(CalibrateError::NotSolvable { name: given.clone(), reason: reason.to_owned() });
@@ -117,7 +109,7 @@ fn find(name: &str, observations: &[Observation]) -> Option<(&'static dyn AnyDis
 /// Says what would have been understood, the most similar first.
 fn unknown(given: &str) -> CalibrateError {
     let mut known: Vec<String> = PARAMETER_NAMES.iter().map(ToString::to_string).collect();
-    known.extend(ALIASES.iter().map(|(alias, _)| (*alias).to_owned()));
+    known.extend(short_names().map(|(short, ..)| short.to_owned()));
     for effect in DISPLACEMENTS.iter().filter(|effect| has_own_parameters(**effect)) {
         known.push(effect.id().to_owned());
         known.extend(effect.parameters().iter().map(|spec| format!("{}.{}", effect.id(), spec.name)));
@@ -126,15 +118,24 @@ fn unknown(given: &str) -> CalibrateError {
     CalibrateError::UnknownParameter { given: given.to_owned(), nearest }
 }
 
+/// The short names of all effects, the effect of each and the parameter that it means; without one, the whole effect.
+fn short_names() -> impl Iterator<Item = (&'static str, &'static str, Option<&'static str>)> {
+    DISPLACEMENTS.iter().flat_map(|effect| effect.facts().short_names.iter().map(|(short, parameter)| (*short, effect.id(), *parameter)))
+}
+
 /// The full name of a parameter that may be given by its short one.
-pub(in crate::calibrate) fn full_name(name: &str) -> &str {
-    ALIASES.iter().find(|(alias, _)| *alias == name).map_or(name, |(_, full)| full)
+pub(in crate::calibrate) fn full_name(name: &str) -> Cow<'_, str> {
+    match short_names().find(|(short, ..)| *short == name) {
+        None => name.into(),
+        Some((_, effect, None)) => effect.into(),
+        Some((_, effect, Some(parameter))) => format!("{effect}.{parameter}").into(),
+    }
 }
 
 /// Whether the parameter is among what the names ask for.
 pub(in crate::calibrate) fn names_it(names: &[String], parameter: &str) -> bool {
     let parameter = full_name(parameter);
-    names.iter().map(|name| full_name(name)).any(|name| name == parameter || parameter.split('.').next() == Some(name))
+    names.iter().map(|name| full_name(name)).any(|name| name == parameter || parameter.split('.').next() == Some(&*name))
 }
 
 /// Refuses a name that means no parameter, with the nearest that does.
@@ -144,6 +145,5 @@ pub(in crate::calibrate) fn checked(name: &str) -> Result<(), CalibrateError> {
 
 /// Whether this build can solve for the name.
 pub(in crate::calibrate) fn is_solvable(name: &str) -> bool {
-    let full = ALIASES.iter().find(|(alias, _)| *alias == name).map_or(name, |(_, full)| full);
-    find(full, &[]).is_some()
+    find(&full_name(name), &[]).is_some()
 }

@@ -6,6 +6,8 @@
 
 use nalgebra::{SMatrix, SVector};
 
+use super::groups::higher_radial;
+use super::solve_for::full_name;
 use super::{Problem, Run, Solved, names, scales};
 use crate::identify::ControlPoints;
 
@@ -47,14 +49,14 @@ pub(super) fn sentences(solved: &Solved, points: &ControlPoints) -> Vec<String> 
 
 /// By how much χ² falls with k2 and k3, weights and noise held; `None` where the model holds them, or cannot.
 fn lacking(solved: &Solved) -> Option<f64> {
-    const HIGHER: [&str; 2] = ["radial-high-order.k2_norm", "radial-high-order.k3_norm"];
+    let higher: Vec<String> = higher_radial().flatten().map(|name| full_name(name).into_owned()).collect();
     let Solved { problem, adjusted, .. } = solved;
     let solves: Vec<String> = names(problem);
-    if solves.iter().any(|name| HIGHER.contains(&name.as_str())) {
+    if solves.iter().any(|name| higher.contains(name)) {
         return None;
     }
     let mut model = problem.model.clone();
-    let wanted: Vec<String> = solves.iter().cloned().chain(HIGHER.map(str::to_owned)).collect();
+    let wanted: Vec<String> = solves.iter().cloned().chain(higher).collect();
     let free = super::indices(&mut model, &wanted)?;
     let mut state = adjusted.state.clone();
     state.values = model.values();

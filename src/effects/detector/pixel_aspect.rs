@@ -45,6 +45,7 @@ impl Displacement for PixelAspect {
     const FACTS: Facts = Facts {
         ordinary_size: Some(OrdinarySize::of(1e-4, "1e-5 by lithography to 1e-3 by optics (Weng, Cohen and Herniou 1992)")),
         is_even_in_mirror: true,
+        short_names: &[("aspect", Some("epsilon"))],
         model_groups: &[ModelGroup { names: &["aspect"], preference: 3, is_radial_term: false }],
         ..Facts::NONE
     };

@@ -52,6 +52,7 @@ impl Displacement for RadialHighOrder {
         profile_covariates: &[("", "field-radius")],
         name_rank: 0,
         is_even_in_mirror: true,
+        short_names: &[("k2", Some("k2_norm")), ("k3", Some("k3_norm"))],
         model_groups: &[
             ModelGroup { names: &["k2"], preference: 1, is_radial_term: true },
             ModelGroup { names: &["k3"], preference: 2, is_radial_term: true },

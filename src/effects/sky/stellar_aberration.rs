@@ -56,6 +56,7 @@ impl Displacement for StellarAberration {
         profile_covariates: &[("", "velocity")],
         // Along each axis of a velocity that nobody knows, km/s: 29.8/√3.
         ordinary_component: Some(17.2),
+        short_names: &[("velocity", None)],
         unknown_size: "neither the velocity of the camera nor the time of the frames is known",
         ..Facts::NONE
     };
