@@ -5,8 +5,10 @@
 mod crowding;
 mod dark;
 mod elsewhere;
-mod frames;
+mod frame_pass;
+mod identified;
 mod learnt_image;
+mod measure;
 mod one_camera;
 mod overfull;
 mod pixels;
@@ -25,10 +27,11 @@ use crate::recording::{Mount, Recording, RecordingError, SkippedFrame};
 use crate::statistics::median_in_place;
 
 pub use dark::{Dark, DarkError};
-pub use frames::{Centroid, IdentifiedFrame, MeasureOptions, identify_frames, measure, measure_frames};
+pub use identified::{IdentifiedFrame, identify_frames};
+pub use measure::{Centroid, MeasureOptions, measure, measure_frames};
 pub use prepare::{DiagnosisInput, DiagnosisRequest, PreparedPoints, control_points, diagnosis_request, telemetry};
 inner!(result::{CameraRow, ParameterRow, RUN_FORMAT, RunResult});
-inner!(frames::{circumstances, physics_in_force, take_identifications});
+inner!(identified::{circumstances, physics_in_force, take_identifications});
 inner!(one_camera::{check_focal_lengths, check_sizes});
 inner!(sky_views::sky_views);
 inner!(star_measurements::star_measurements);
