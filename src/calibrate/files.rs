@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::{Calibration, Comparison, Map, Method, Sequential, Status, UpdateReport};
+use crate::detect::LearntImage;
 use crate::provenance::Provenance;
 use crate::recording::SkippedFrame;
 
@@ -27,6 +28,8 @@ pub struct SolvedCamera<'a> {
     pub skipped: &'a [SkippedFrame],
     /// What to mind of the input, one sentence each.
     pub notes: &'a [String],
+    /// The image that the recording's stars show, whose bias was taken off the places; absent where none was learnt.
+    pub image: Option<LearntImage>,
     /// Identifications that were made wrong on purpose.
     pub misidentified_on_purpose: Vec<MisidentifiedPoint>,
 }

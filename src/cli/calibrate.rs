@@ -8,12 +8,14 @@ use boresight::calibrate::{
     UnsolvedCamera, calibrate as calibrate_points, calibrate_identifying_anew, check_parameter_name,
 };
 use boresight::catalog::Catalog;
+use boresight::detect::LearntImage;
 use boresight::effects;
 use boresight::effects::ids;
 use boresight::guard::guarded;
 use boresight::identify::{Misidentification, MisidentificationKind, misidentify};
 use boresight::pipeline::{
-    PipelineError, PreparedPoints, SkyChoice, check_focal_lengths, check_sizes, known_behind_the_lens, star_images, surroundings, with_name,
+    PipelineError, PreparedPoints, SkyChoice, check_focal_lengths, check_sizes, known_behind_the_lens, star_images, surroundings,
+    take_phase_bias_off, with_name,
 };
 use boresight::provenance::Provenance;
 use boresight::units::ARCSEC_RAD;
@@ -45,6 +47,10 @@ pub(crate) struct CalibrateArgs {
     /// Do not re-identify the stars with the improved camera
     #[arg(long, help_heading = heading::SEARCH)]
     no_reidentify: bool,
+    /// Leave the positions as the centroid estimator measures them; else the image of a star is learnt at the positions that the sky predicts, and the
+    /// estimator's bias under that image, which follows the pixel phase, is taken off
+    #[arg(long, help_heading = heading::MEASURING)]
+    no_learnt_image: bool,
     #[command(flatten)]
     solve: SolveArgs,
     #[command(flatten)]
@@ -285,7 +291,9 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     check_sizes(&recording)?;
     let mut provenance = pipeline::provenance(&recording, Some(&args.sky))?;
     provenance.seed = args.solve.misidentify.map(|_| args.solve.misidentify_seed);
-    let measured = pipeline::measure_as(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
+    let learns = !args.no_learnt_image && args.update.update.is_none() && args.method.is_none_or(|method| method == MethodChoice::Bundle);
+    let measure = if learns { pipeline::measure_keeping_stars } else { pipeline::measure_as };
+    let mut measured = measure(recording, &args.measure, args.search.time_limit(), &mut provenance)?;
     let choice = args.sky.choice();
     let identified = if args.trust_identifications {
         pipeline::take_identifications(&measured, &choice)?
@@ -325,7 +333,9 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
         }
         Err(error) => return Err(error.into()),
     };
+    let image = if learns { without_phase_bias(&mut calibration, &mut measured, points.parity, &options)? } else { None };
     tell(&mut calibration, &measured, &points, uneven);
+    calibration.warnings.extend(image.as_ref().map(LearntImage::sentence));
     calibration.provenance = Some(provenance);
     if let Some(directory) = &args.output.output {
         pictures::residuals(&directory.join("residuals.png"), &calibration)?;
@@ -335,10 +345,30 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
         calibration: calibration.with_stored_columns(),
         skipped: &measured.skipped,
         notes: &measured.recording.notes,
+        image,
         misidentified_on_purpose: points.misidentified.iter().map(|wrong| misidentified(wrong, &points, &calibration)).collect(),
     };
     output::deliver("calibrate", &object, args.output.json, args.output.output.as_deref(), || calibrate_text::text(&object.calibration))?;
     Ok(if calibration.status == Status::Converged { Answer::Yes } else { Answer::No })
+}
+
+/// Learns the image of a star at the places of a solution, takes the bias that follows the pixel phase off the places, and solves once more. Nothing
+/// changes where the stars show no image but the estimator's.
+fn without_phase_bias(
+    calibration: &mut Calibration,
+    measured: &mut Measured,
+    parity: i8,
+    options: &CalibrateOptions,
+) -> Result<Option<LearntImage>> {
+    if calibration.status != Status::Converged || measured.frames.iter().all(|frame| frame.kept.is_empty()) {
+        return Ok(None);
+    }
+    let clock = output::Clock::new();
+    let Some(image) = take_phase_bias_off(measured, calibration, parity) else { return Ok(None) };
+    let again = calibrate_points(&calibration.control_points, options)?;
+    *calibration = Calibration { reidentified: calibration.reidentified, ..again };
+    tracing::info!("image learnt and solved once more in {clock}");
+    Ok(Some(image))
 }
 
 /// How to solve, and what to mind of it.

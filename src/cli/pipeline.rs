@@ -61,6 +61,16 @@ pub(crate) fn measure_stars(
     measure_told(recording, &MeasureOptions { lets_lists_go: true, ..args.options(time_limit)? }, provenance)
 }
 
+/// The same with the pixels of some stars kept, for the image that they show.
+pub(crate) fn measure_keeping_stars(
+    recording: Recording,
+    args: &MeasureArgs,
+    time_limit: Option<Duration>,
+    provenance: &mut Provenance,
+) -> Result<Measured> {
+    measure_told(recording, &MeasureOptions { keeps_stars: true, ..args.options(time_limit)? }, provenance)
+}
+
 /// The same with the pixels between the stars.
 pub(crate) fn measure_with_pixels(
     recording: Recording,

@@ -5,9 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use super::channels::{ByChannel, Channel, Channels};
 use super::image_profiles::{ImageProfile, ShapeCell};
-use super::learnt_image::LearntImage;
 use super::profile_bin::ProfileBin;
 use super::verdict::{Bound, Verdict};
+use crate::detect::LearntImage;
 use crate::provenance::Provenance;
 
 /// The format of the result file.

@@ -8,8 +8,7 @@ use std::collections::BTreeMap;
 
 use super::{Centroid, Measured};
 use crate::calibrate::Calibration;
-use crate::detect::{BiasedStar, Detection, Estimator, PhaseBias, PixelNoise, PredictedStar, SkyImage, learn_from_sky};
-use crate::diagnose::LearntImage;
+use crate::detect::{BiasedStar, Detection, Estimator, LearntImage, PhaseBias, PixelNoise, PredictedStar, SkyImage, learn_from_sky};
 use crate::identify::{ControlPoint, ControlPoints};
 use crate::statistics::median;
 
@@ -23,7 +22,7 @@ const MIN_SPAN_K: f64 = 1.0;
 
 /// Learns the image at the places of a baseline solution, and takes the bias that it predicts off the places of all star images of the recording and of
 /// the baseline's control points. Nothing where too few stars' pixels were kept, or where stars held out do not prefer an image to Gaussians.
-pub(super) fn take_bias_off(measured: &mut Measured, baseline: &mut Calibration, parity: i8) -> Option<LearntImage> {
+pub fn take_phase_bias_off(measured: &mut Measured, baseline: &mut Calibration, parity: i8) -> Option<LearntImage> {
     let stars = sky_stars(measured, baseline, parity);
     for frame in &mut measured.frames {
         frame.kept = Vec::new();

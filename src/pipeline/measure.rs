@@ -24,6 +24,8 @@ pub struct MeasureOptions {
     pub time_limit: Option<Duration>,
     /// Whether the pixels between the stars are looked at too.
     pub pixels: bool,
+    /// Whether the pixels of some stars are kept, so that the image of a star can be learnt at the places that the sky predicts; with `pixels` they are.
+    pub keeps_stars: bool,
     /// Whether a list's stars are let go as they are measured, where nobody takes identifications from them: of very many frames they are half of the memory.
     pub lets_lists_go: bool,
 }
@@ -71,7 +73,7 @@ pub fn measure_frames<F: Into<MaskedFrame>>(
         stop: stop.as_ref(),
         psf: None,
         keep: if learns { KEPT } else { 0 },
-        keep_for_sky: if options.pixels { KEPT_IN_ALL } else { 0 },
+        keep_for_sky: if options.pixels || options.keeps_stars { KEPT_IN_ALL } else { 0 },
     };
     let mut measured = pass.all(&done)?;
     let (mut psf, mut own_image) = (None, None);

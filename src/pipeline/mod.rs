@@ -32,6 +32,7 @@ pub use measure::{Centroid, MeasureOptions, measure, measure_frames};
 pub use prepare::{DiagnosisInput, DiagnosisRequest, PreparedPoints, control_points, diagnosis_request, telemetry};
 inner!(result::{CameraRow, ParameterRow, RUN_FORMAT, RunResult});
 inner!(identified::{circumstances, physics_in_force, take_identifications});
+inner!(learnt_image::take_phase_bias_off);
 inner!(one_camera::{check_focal_lengths, check_sizes});
 inner!(sky_views::sky_views);
 inner!(star_measurements::star_measurements);

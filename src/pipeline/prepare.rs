@@ -1,14 +1,15 @@
 //! Control points of identified frames, and the camera and options of their diagnosis.
 
 use super::crowding::{self, take_disturbed};
-use super::learnt_image::take_bias_off;
+use super::learnt_image::take_phase_bias_off;
 use super::one_camera::check_sizes;
 use super::overfull::{self, Seen};
 use super::{IdentifiedFrame, Measured, MeasuredFrame, PipelineError, SkyChoice, circumstances, image_conditions, physics_in_force};
 use crate::calibrate::{CalibrateOptions, MeasuredStarImage, calibrate, calibrate_identifying_anew};
 use crate::camera::Term;
 use crate::catalog::Catalog;
-use crate::diagnose::{DiagnoseOptions, LearntImage, Telemetry};
+use crate::detect::LearntImage;
+use crate::diagnose::{DiagnoseOptions, Telemetry};
 use crate::effects;
 use crate::identify::{
     ControlPoint, ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, Projection, Refusal, Solution,
@@ -266,7 +267,7 @@ pub fn diagnosis_request(
     } else {
         calibrate_identifying_anew(&prepared.points, &star_images(measured, prepared), asked.catalog, asked.max_magnitude, &solver)?
     };
-    let image = take_bias_off(measured, &mut baseline, prepared.parity);
+    let image = take_phase_bias_off(measured, &mut baseline, prepared.parity);
     let left_out = take_disturbed(&mut baseline.control_points, prepared.parity, measured, asked.catalog);
     let points = baseline.control_points;
     let notes = uneven.into_iter().chain(crowding::sentence(left_out.len(), points.points.len())).collect();

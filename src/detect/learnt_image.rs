@@ -1,4 +1,4 @@
-//! The image of a star that a recording shows, as a diagnosis reports it.
+//! The image of a star that a recording shows, as a calibration and a diagnosis report it.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
