@@ -122,6 +122,8 @@ pub mod scene;
 #[cfg(feature = "bench")]
 pub mod blind;
 #[cfg(feature = "bench")]
+pub mod dataset;
+#[cfg(feature = "bench")]
 pub mod dual;
 #[cfg(feature = "bench")]
 pub mod formats;
@@ -142,6 +144,8 @@ pub mod statistics;
 #[cfg(feature = "bench")]
 pub mod units;
 
+#[cfg(not(feature = "bench"))]
+mod dataset;
 #[cfg(not(feature = "bench"))]
 mod dual;
 #[cfg(not(feature = "bench"))]

@@ -1,5 +1,26 @@
 //! TOML files that serde reads: the line of a place, and the key that was meant.
 
+use serde::de::DeserializeOwned;
+
+use crate::guard::guarded;
+
+/// Reads the tables of a text; a fault is a sentence with line, key and the key that was meant.
+pub(crate) fn tables<T: DeserializeOwned>(text: &str) -> Result<T, String> {
+    guarded(|| toml::from_str(text)).map_err(|panicked| panicked.to_string())?.map_err(|error: toml::de::Error| {
+        let line = Lines::new(text).line(error.span().map_or(0, |span| span.start));
+        format!("line {line}: {}", with_suggestion(error.message()))
+    })
+}
+
+/// Turns serde's "unknown field `x`, expected one of `a`, `b`" into a sentence with a suggestion.
+pub(crate) fn with_suggestion(message: &str) -> String {
+    let Some((given, known)) = unknown_field(message) else { return message.replace('\n', " ") };
+    match suggestion(given, &known) {
+        Some(known) => format!("unknown key {given}; did you mean {known}?"),
+        None => message.replacen("unknown field", "unknown key", 1),
+    }
+}
+
 /// Where the lines of a text end: places are asked for thousands of times, and the text is read once.
 pub(crate) struct Lines {
     ends: Vec<usize>,

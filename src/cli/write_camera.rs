@@ -106,6 +106,7 @@ fn scene_file(
     SceneFile {
         format: "boresight-scene/1".to_owned(),
         seed,
+        first_frame: 0,
         camera: TrueCameraTable {
             binning: None,
             width_px: camera.width_px,

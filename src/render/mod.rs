@@ -240,7 +240,7 @@ impl<'a> Renderer<'a> {
 
     fn exposure<'b>(&self, index: usize, frame: &'b FrameLight, sky_e: &'b [f32]) -> FrameExposure<'b> {
         let crate::scene::Exposure { exposure_s, telemetry, .. } = &*self.scene.exposures.get(index);
-        let (frame_index, temperature_c) = (index as u32, telemetry.temperature_c);
+        let (frame_index, temperature_c) = (self.scene.frame_number(index), telemetry.temperature_c);
         FrameExposure { stars: &frame.stars, sky_e, exposure_s: *exposure_s, frame_index, temperature_c }
     }
 

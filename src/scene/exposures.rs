@@ -29,6 +29,7 @@ enum Source {
 pub(super) struct Making {
     pub(super) path: String,
     pub(super) seed: u64,
+    pub(super) first_frame: u32,
     pub(super) physics: Physics,
     pub(super) terms: Vec<Term>,
     pub(super) jitter: Option<JitterTable>,
@@ -47,7 +48,7 @@ impl Making {
         let known = SkyChain::new(&self.physics, *observation).map_err(wrong)?;
         let sky = effects::on_the_sky(&known, &self.terms);
         let Plan { time, exposure_s, attitude: course, telemetry, .. } = plan;
-        let motion = Motion::new(plan.course, self.jitter.as_ref(), self.seed, number as u32, exposure_s);
+        let motion = Motion::new(plan.course, self.jitter.as_ref(), self.seed, self.first_frame.wrapping_add(number as u32), exposure_s);
         Ok(Exposure { time, exposure_s, attitude: motion.attitude(&course, 0.0), course, motion, sky, telemetry })
     }
 }

@@ -4,8 +4,7 @@ use super::{FrameTable, NominalTable, SceneError, SceneFile, SkyTable, TrueCamer
 use crate::camera::{Camera, Model};
 use crate::coordinates::{Direction, Icrs};
 use crate::effects::Observation;
-use crate::guard::{Panicked, guarded};
-use crate::toml_file::{Lines, suggestion, unknown_field};
+use crate::toml_file::{tables, with_suggestion};
 use crate::units::DEG_RAD;
 
 /// The scene that `boresight demo` renders.
@@ -75,19 +74,15 @@ impl NominalTable {
 
 /// Reads the tables.
 pub(super) fn parse(path: &str, text: &str) -> Result<SceneFile, SceneError> {
-    let unreadable = |panicked: Panicked| SceneError::Parse { path: path.to_owned(), message: panicked.to_string() };
-    guarded(|| toml::from_str(text)).map_err(unreadable)?.map_err(|error: toml::de::Error| {
-        let line = Lines::new(text).line(error.span().map_or(0, |span| span.start));
-        let message = format!("line {line}: {}", with_suggestion(error.message()));
-        SceneError::Parse { path: path.to_owned(), message }
-    })
+    tables(text).map_err(|message| SceneError::Parse { path: path.to_owned(), message })
 }
 
-/// Turns serde's "unknown field `x`, expected one of `a`, `b`" into a sentence with a suggestion.
-fn with_suggestion(message: &str) -> String {
-    let Some((given, known)) = unknown_field(message) else { return message.replace('\n', " ") };
-    match suggestion(given, &known) {
-        Some(known) => format!("unknown key {given}; did you mean {known}?"),
-        None => message.replacen("unknown field", "unknown key", 1),
-    }
+/// The tables of a text that is read already.
+pub(super) fn of_table(path: &str, table: toml::Table) -> Result<SceneFile, SceneError> {
+    table.try_into().map_err(|error: toml::de::Error| {
+        // What serde says of the place stands in a line of its own: "in `camera.width_px`".
+        let message = with_suggestion(error.message());
+        let place = error.to_string().lines().find_map(|line| Some(line.trim().strip_prefix("in `")?.trim_end_matches('`').to_owned()));
+        SceneError::Parse { path: path.to_owned(), message: place.map_or(message.clone(), |place| format!("{place}: {message}")) }
+    })
 }

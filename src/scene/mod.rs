@@ -115,6 +115,8 @@ const ROLLING_SHUTTER: &str = ids::ROLLING_SHUTTER;
 pub struct Scene {
     /// Seed of all random draws.
     pub seed: u64,
+    /// Number of the first exposure among all that the camera takes.
+    pub first_frame: u32,
     /// The true camera.
     pub camera: Camera,
     /// The true camera with the effects behind the lens.
@@ -238,6 +240,17 @@ impl Scene {
         file::parse(path, text)?.build(path)
     }
 
+    /// Checks the tables of a scene that are read already; `path` is used in messages.
+    pub(crate) fn from_table(path: &str, table: toml::Table) -> Result<Self, SceneError> {
+        file::of_table(path, table)?.build(path)
+    }
+
+    /// The number of exposure `index` among all that the camera takes: with the seed, the key of its random numbers.
+    #[must_use]
+    pub fn frame_number(&self, index: usize) -> u32 {
+        self.first_frame.wrapping_add(index as u32)
+    }
+
     /// The same scene with another seed: other noise and, in a series, other pointings.
     pub fn parse_with_seed(path: &str, text: &str, seed: u64) -> Result<Self, SceneError> {
         let mut file = file::parse(path, text)?;
@@ -312,6 +325,7 @@ impl SceneFile {
         let pixel_effects = effects::of_camera(&self.detector, &self.sky_of_own_pixel(&sky), &pixels);
         Ok(Scene {
             seed: self.seed,
+            first_frame: self.first_frame,
             camera,
             model,
             optics,
@@ -356,8 +370,16 @@ impl SceneFile {
             ..CameraInfo::default()
         };
         let recording = Recording { site: self.site.as_ref().map(Site::from), ..Recording::new(info) };
-        let (seed, terms, jitter) = (self.seed, terms.to_vec(), self.jitter.clone());
-        Exposures::new(self, exposures::Making { path: path.to_owned(), seed, physics, terms, jitter, recording })
+        let (terms, jitter) = (terms.to_vec(), self.jitter.clone());
+        Exposures::new(self, exposures::Making {
+            path: path.to_owned(),
+            seed: self.seed,
+            first_frame: self.first_frame,
+            physics,
+            terms,
+            jitter,
+            recording,
+        })
     }
 }
 

@@ -98,7 +98,7 @@ impl Scene {
 
     /// Random numbers of a frame for one kind of light; each kind has its own.
     pub(super) fn chance(&self, index: usize, stage: u32, number: u32) -> Pcg64 {
-        let words = StageKey { seed: self.seed, frame: index as u32, stage }.words(number, 0);
+        let words = StageKey { seed: self.seed, frame: self.frame_number(index), stage }.words(number, 0);
         Pcg64::seed_from_u64(u64::from(words[0]) << 32 | u64::from(words[1]))
     }
 }

@@ -17,6 +17,10 @@ pub struct SceneFile {
     /// Seed of all random draws.
     #[serde(default)]
     pub seed: u64,
+    /// Number of the first exposure among all that the camera takes: with the seed, the key of what chance does in it. Scenes with the same seed show
+    /// the same camera (hot pixels, uneven response), those with other numbers other noise.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub first_frame: u32,
     /// The true camera.
     pub camera: TrueCameraTable,
     /// What the recording declares instead of the truth.
@@ -54,4 +58,9 @@ pub struct SceneFile {
     /// Exposures one by one.
     #[serde(default)]
     pub frames: Vec<FrameTable>,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes what it asks about by reference")]
+fn is_zero(number: &u32) -> bool {
+    *number == 0
 }
