@@ -140,7 +140,7 @@ pub struct DrawTable {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uniform: Option<[f64; 2]>,
     /// Evenly in the logarithm between two numbers above 0.
-    #[serde(default, alias = "log-uniform", skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub log_uniform: Option<[f64; 2]>,
     /// Normally.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -327,16 +327,16 @@ mod tests {
     fn a_wrong_key_is_told_with_its_line_and_the_right_one() {
         for (given, told) in [
             ("seed = 7\n", "seeed = 7\n"),
-            ("path = \"frames.rate_deg_s\"", "pfad = \"frames.rate_deg_s\""),
+            ("path = \"frames.rate_deg_s\"", "paht = \"frames.rate_deg_s\""),
             ("ball = { radius = 1.5 }", "ball = { radius = \"wide\" }"),
             ("per = \"frame\"", "per = \"image\""),
         ]
         .into_iter()
         .zip([
             "r.toml: line 4: unknown key seeed; did you mean seed?",
-            "r.toml: line 25: unknown key pfad; did you mean path?",
-            "r.toml: line 26: invalid type: string \"wide\", expected f64",
-            "r.toml: line 24: unknown variant `image`, expected one of `dataset`, `camera`, `recording`, `frame`",
+            "r.toml: line 24: unknown key paht; did you mean path?",
+            "r.toml: line 25: invalid type: string \"wide\", expected f64",
+            "r.toml: line 23: unknown variant `image`, expected one of `dataset`, `camera`, `recording`, `frame`",
         ])
         .map(|((from, to), told)| (RecipeFile::parse("r.toml", &WHOLE.replacen(from, to, 1)), told))
         {

@@ -174,6 +174,19 @@ impl Spreader {
         Ok(stamp)
     }
 
+    /// The same light so many pixels of the frame to the right and down.
+    pub(super) fn moved(&self, light: &StarLight, by_px: [f64; 2]) -> StarLight {
+        let [right, down] = by_px.map(|by_px| self.finer() * by_px);
+        let mut moved = light.clone();
+        for star in &mut moved.stars {
+            (star.x_px, star.y_px) = (star.x_px + right, star.y_px + down);
+        }
+        for point in moved.deposits.iter_mut().chain(&mut moved.discs) {
+            (point.x_px, point.y_px) = (point.x_px + right, point.y_px + down);
+        }
+        moved
+    }
+
     /// The light of a star. Motion that is faster than the exposure widens Gaussians; other images are put down at several places.
     pub(super) fn light(&self, track: &StarTrack) -> StarLight {
         let mut light = StarLight::default();

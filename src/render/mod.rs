@@ -1,5 +1,6 @@
 //! Scene → Frame: projects the catalogue (f64, here), then lets the pixel effects make an image of it (f32, on the GPU or the CPU).
 
+mod footprint;
 mod light;
 mod mask;
 mod mosaic;
@@ -9,6 +10,7 @@ mod signature;
 mod truth;
 
 pub use crate::imaging::{Backend, GpuError, Image16, ImagingError};
+inner!(footprint::Footprint);
 pub use mask::MaskFlag;
 pub use truth::{TrueLight, TrueStar};
 inner!(result::{
@@ -29,7 +31,7 @@ use light::{FrameLight, Spreader, StarLight};
 use mask::{joined_mask, mask};
 use mosaic::{OnPixels, on_pixels};
 use pixel_shift::{Chain, Light, PixelShift, pixel_shifts};
-use truth::{Landed, true_stars};
+use truth::{Landed, Seen, true_stars};
 
 /// A rendered exposure.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,6 +47,8 @@ pub struct Rendered {
     pub clean_e: Option<Vec<f32>>,
     /// Flags of the pixels, row by row, see [`MaskFlag`]; where they were asked for.
     pub mask: Option<Vec<u16>>,
+    /// What the frame shows of each star, then of each of the other lights; where it was asked for.
+    pub footprints: Option<Vec<Footprint>>,
 }
 
 /// Renders the frames of a scene, in any order: each depends on the scene and its own number alone.
@@ -68,6 +72,7 @@ struct Asked {
     pixel_shifts: bool,
     clean: bool,
     mask: bool,
+    footprints: bool,
 }
 
 impl<'a> Renderer<'a> {
@@ -88,7 +93,7 @@ impl<'a> Renderer<'a> {
             psf.pixel = PixelResponse { cosine: [0.0; 2], slope: [0.0; 2], ..pixel };
             psf
         };
-        let asked = Asked { pixel_shifts: true, clean: false, mask: false };
+        let asked = Asked { pixel_shifts: true, clean: false, mask: false, footprints: false };
         let even_spreader = (!is_even).then(|| Spreader::new(&even(scene.own_psf.clone())));
         let spreader = Spreader::new(&scene.own_psf);
         Ok(Self { scene, catalog, imager, binned, spreader, even_spreader, asked })
@@ -113,6 +118,13 @@ impl<'a> Renderer<'a> {
     #[must_use]
     pub fn with_masks(mut self, gives: bool) -> Self {
         self.asked.mask = gives;
+        self
+    }
+
+    /// Whether rendered frames come with what they show of each light.
+    #[must_use]
+    pub fn with_footprints(mut self, gives: bool) -> Self {
+        self.asked.footprints = gives;
         self
     }
 
@@ -153,8 +165,10 @@ impl<'a> Renderer<'a> {
         let exposure = self.exposure(index, &frame, &sky_e);
         let planes = self.spreader.planes(&frame);
         let chain = self.imager.noise_free(&exposure, &planes)?;
-        let landed = |light: &StarLight| Ok(Landed::new(self.scene, &chain, self.spreader.stamp(light, &self.imager)?.as_ref()));
-        let landed = lights.par_iter().map(landed).collect::<Result<Vec<_>, ImagingError>>()?;
+        let seen = |light: &StarLight| Ok(self.spreader.stamp(light, &self.imager)?.map(|stamp| Seen::new(self.scene, &chain, &stamp)));
+        let seen = lights.par_iter().map(seen).collect::<Result<Vec<_>, ImagingError>>()?;
+        let landed: Vec<Landed> = seen.iter().map(|seen| seen.as_ref().map_or_else(Landed::default, Seen::landed)).collect();
+        let footprints = self.asked.footprints.then(|| self.footprints(&lights, &seen)).transpose()?;
         let binned = self.binned.as_ref().filter(|_| self.asked.pixel_shifts);
         let binned = binned.map(|binned| binned.noise_free(&exposure, &planes)).transpose()?;
         let whole = Chain { own: &chain, binned: binned.as_ref() };
@@ -188,7 +202,7 @@ impl<'a> Renderer<'a> {
         } else {
             None
         };
-        Ok(Rendered { pixels_dn, stars, lights: true_lights, clean_e, mask })
+        Ok(Rendered { pixels_dn, stars, lights: true_lights, clean_e, mask, footprints })
     }
 
     /// The expected electrons of exposure number `index`, without noise, row by row: stars and sky.
@@ -201,6 +215,15 @@ impl<'a> Renderer<'a> {
         let exposure = self.exposure(index, &frame, &sky_e);
         let lit = self.on_pixels(&exposure, &frame)?;
         self.clean_e(&FrameExposure { stars: lit.stars, sky_e: &lit.spread_e, ..exposure }, &lit.planes)
+    }
+
+    /// What the frame shows of each light.
+    fn footprints(&self, lights: &[StarLight], seen: &[Option<Seen>]) -> Result<Vec<Footprint>, ImagingError> {
+        let of_one = |(light, seen): (&StarLight, &Option<Seen>)| match seen {
+            Some(seen) => Footprint::new(self.scene, &self.spreader, &self.imager, light, seen),
+            None => Ok(Footprint::default()),
+        };
+        lights.par_iter().zip(seen).map(of_one).collect()
     }
 
     /// Expected electrons of the frame's pixels.

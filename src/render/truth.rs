@@ -114,55 +114,118 @@ impl TrueLight {
 pub(super) struct Landed {
     electrons: f64,
     peak_electrons: f64,
-    background_e: f64,
-    snr: f64,
-    is_full: bool,
+    pub(super) background_e: f64,
+    pub(super) snr: f64,
+    pub(super) is_full: bool,
     /// Electrons that reach the frame, before anything weakens them.
     on_frame_e: f64,
 }
 
-impl Landed {
-    /// Of a source with this light; `None`: none of it reaches the frame.
-    pub(super) fn new(scene: &Scene, chain: &NoiseFree<'_>, stamp: Option<&Stamp>) -> Self {
-        let Some(stamp) = stamp else { return Self::default() };
+/// A light in the pixels of the frame that hold any of it.
+#[derive(Clone, Debug)]
+pub(super) struct Seen {
+    pub(super) left_px: usize,
+    pub(super) top_px: usize,
+    pub(super) width_px: usize,
+    pub(super) light: StampLight,
+    /// Electrons before anything weakens them.
+    sent_e: Vec<f64>,
+    pub(super) read_variance: f64,
+    is_full: bool,
+}
+
+impl Seen {
+    /// Of a source with this light.
+    pub(super) fn new(scene: &Scene, chain: &NoiseFree<'_>, stamp: &Stamp) -> Self {
         let seen = chain.seen(stamp);
         let is_full = chain.is_full(stamp, &seen);
-        let (read_noise_e, seen) = match scene.binning {
-            Some(binning) => (chain.read_noise_e() * binning.read_noise_factor(), joined(binning.factor, stamp, &seen)),
-            None => (chain.read_noise_e(), seen),
-        };
-        let read_variance = read_noise_e.powi(2);
-        let on_frame_e = stamp.electrons.iter().map(|electrons| f64::from(*electrons)).sum();
-        let mut landed = Self { is_full: is_full || is_joined_full(scene, &seen), on_frame_e, ..Self::default() };
-        let mut information = 0.0;
-        for (electrons, background_e) in seen.electrons.into_iter().zip(seen.background_e) {
-            landed.electrons += electrons;
-            if electrons > landed.peak_electrons {
-                (landed.peak_electrons, landed.background_e) = (electrons, background_e);
+        let sent_e: Vec<f64> = stamp.electrons.iter().map(|electrons| f64::from(*electrons)).collect();
+        let (left_px, top_px, width_px) = (stamp.left_px, stamp.top_px, stamp.width_px);
+        let own = Self { left_px, top_px, width_px, light: seen, sent_e, read_variance: chain.read_noise_e().powi(2), is_full };
+        let Some(binning) = scene.binning else { return own };
+        let joined = Joined::new(binning.factor, stamp);
+        let light = StampLight { electrons: joined.sums(&own.light.electrons), background_e: joined.sums(&own.light.background_e) };
+        Self {
+            left_px: joined.left,
+            top_px: joined.top,
+            width_px: joined.width,
+            sent_e: joined.sums(&own.sent_e),
+            read_variance: (chain.read_noise_e() * binning.read_noise_factor()).powi(2),
+            is_full: own.is_full || is_joined_full(scene, &light),
+            light,
+        }
+    }
+
+    /// Column and row of one of its pixels.
+    pub(super) fn pixel(&self, place: usize) -> [usize; 2] {
+        [self.left_px + place % self.width_px, self.top_px + place / self.width_px]
+    }
+
+    /// What its pixels would see of the same light elsewhere.
+    pub(super) fn beside(&self, scene: &Scene, stamp: &Stamp) -> Vec<f64> {
+        let own: Vec<f64> = stamp.electrons.iter().map(|electrons| f64::from(*electrons)).collect();
+        let (left, top, width, sent_e) = match scene.binning {
+            None => (stamp.left_px, stamp.top_px, stamp.width_px, own),
+            Some(binning) => {
+                let joined = Joined::new(binning.factor, stamp);
+                (joined.left, joined.top, joined.width, joined.sums(&own))
             }
-            if electrons > 0.0 {
-                information += electrons * electrons / (electrons + background_e + read_variance);
+        };
+        let of_pixel = |place: usize| {
+            let [x, y] = self.pixel(place);
+            let there = x.checked_sub(left).filter(|column| *column < width).zip(y.checked_sub(top));
+            let sent = there.and_then(|(column, row)| sent_e.get(row * width + column)).copied().unwrap_or(0.0);
+            // The share that is seen is that of the pixel, or where it is not known, all.
+            if self.sent_e[place] > 0.0 { sent * self.light.electrons[place] / self.sent_e[place] } else { sent }
+        };
+        (0..self.sent_e.len()).map(of_pixel).collect()
+    }
+
+    /// All of it together.
+    pub(super) fn landed(&self) -> Landed {
+        let mut landed = Landed { is_full: self.is_full, on_frame_e: self.sent_e.iter().sum(), ..Landed::default() };
+        let mut information = 0.0;
+        for (electrons, background_e) in self.light.electrons.iter().zip(&self.light.background_e) {
+            landed.electrons += electrons;
+            if *electrons > landed.peak_electrons {
+                (landed.peak_electrons, landed.background_e) = (*electrons, *background_e);
+            }
+            if *electrons > 0.0 {
+                information += electrons * electrons / (electrons + background_e + self.read_variance);
             }
         }
-        Self { snr: information.sqrt(), ..landed }
+        Landed { snr: information.sqrt(), ..landed }
     }
 }
 
-/// What pixels see, `factor` × `factor` of them joined.
-fn joined(factor: usize, stamp: &Stamp, seen: &StampLight) -> StampLight {
-    let [left, top] = [stamp.left_px / factor, stamp.top_px / factor];
-    let rows = stamp.electrons.len() / stamp.width_px;
-    let width = (stamp.left_px + stamp.width_px - 1) / factor + 1 - left;
-    let height = (stamp.top_px + rows - 1) / factor + 1 - top;
-    let sums = |own: &[f64]| {
+/// Pixels of the frame into which those of a stamp are joined, `factor` × `factor` of them each.
+struct Joined<'a> {
+    factor: usize,
+    stamp: &'a Stamp,
+    left: usize,
+    top: usize,
+    width: usize,
+    height: usize,
+}
+
+impl<'a> Joined<'a> {
+    fn new(factor: usize, stamp: &'a Stamp) -> Self {
+        let [left, top] = [stamp.left_px / factor, stamp.top_px / factor];
+        let rows = stamp.electrons.len() / stamp.width_px;
+        let width = (stamp.left_px + stamp.width_px - 1) / factor + 1 - left;
+        let height = (stamp.top_px + rows - 1) / factor + 1 - top;
+        Self { factor, stamp, left, top, width, height }
+    }
+
+    fn sums(&self, own: &[f64]) -> Vec<f64> {
+        let Self { factor, stamp, left, top, width, height } = *self;
         let mut sums = vec![0.0; width * height];
         for (place, value) in own.iter().enumerate() {
             let [x, y] = [stamp.left_px + place % stamp.width_px, stamp.top_px + place / stamp.width_px];
             sums[(y / factor - top) * width + x / factor - left] += value;
         }
         sums
-    };
-    StampLight { electrons: sums(&seen.electrons), background_e: sums(&seen.background_e) }
+    }
 }
 
 /// Whether charge that is joined on the chip is expected to reach the top of the converter.

@@ -1,0 +1,334 @@
+//! A recipe with its scene, checked: what every frame of a dataset follows from.
+
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+use toml::{Table, Value};
+
+use super::check;
+use super::distribution::Distribution;
+use super::draws::Draw;
+use super::error::DatasetError;
+use super::frame_key::DatasetSplit;
+use super::recipe::{ApartBy, DrawLevel, RecipeFile};
+use super::sky_regions::{NoSky, SkyRegions};
+use crate::scene::{Scene, preset, schema};
+
+/// Where the boresight of the one exposure stands.
+pub(super) const BORESIGHT: &str = "frames.boresight_radec_deg";
+const ROLL: &str = "frames.roll_deg";
+
+/// A recipe, ready.
+#[derive(Clone, Debug)]
+pub struct DatasetPlan {
+    /// The recipe's name for messages.
+    pub path: String,
+    /// As written.
+    pub recipe: RecipeFile,
+    /// Its text.
+    pub text: String,
+    /// SHA-256 of all that the frames follow from, but the catalogue: recipe, scene, tables, version of the program.
+    pub sha256: String,
+    /// SHA-256 of the scene.
+    pub scene_sha256: String,
+    /// What scenes are called in messages; images that they name lie in its folder.
+    pub(super) scene_path: String,
+    /// The scene with its one exposure, before anything is drawn.
+    pub(super) base: Table,
+    /// In the order in which they are put in: those of the dataset first, those of the frame last.
+    pub(super) draws: Vec<Draw>,
+    pub(super) regions: Option<SkyRegions>,
+    /// Half the diagonal of the field of the scene's camera.
+    pub(super) field_radius_deg: f64,
+    /// The guard in force.
+    pub(super) guard_deg: f64,
+}
+
+impl DatasetPlan {
+    /// Reads a recipe and all that it names, and checks it.
+    pub fn open(path: &Path) -> Result<Self, DatasetError> {
+        let name = path.display().to_string();
+        let text = read(path)?;
+        Self::parse(&name, &text, path.parent().unwrap_or(Path::new(".")))
+    }
+
+    /// Checks the text of a recipe; `path` is used in messages, and files that it names begin at `folder`.
+    pub fn parse(path: &str, text: &str, folder: &Path) -> Result<Self, DatasetError> {
+        let recipe = RecipeFile::parse(path, text)?;
+        check::check(path, &recipe)?;
+        let (scene_path, scene_text) = scene_text(path, &recipe.scene, folder)?;
+        let parse = |message: String| DatasetError::Parse { path: scene_path.clone(), message };
+        let whole: Table = crate::toml_file::tables(&scene_text).map_err(parse)?;
+        let Exposure { scene: base, lowest_altitude_deg, is_pointed } = one_exposure(path, &recipe.scene, whole)?;
+        let root = schema();
+        let mut draws = Vec::with_capacity(recipe.draw.len() + 2);
+        for (number, table) in recipe.draw.iter().enumerate() {
+            draws.push(Draw::new(path, folder, recipe.seed, number, table, &root)?);
+        }
+        if !is_pointed && recipe.draw.iter().all(|table| table.path != BORESIGHT) {
+            draws.extend(Draw::implied(recipe.seed, BORESIGHT, Distribution::Sky { lowest_altitude_deg }, &root));
+            if recipe.draw.iter().all(|table| table.path != ROLL) {
+                draws.extend(Draw::implied(recipe.seed, ROLL, Distribution::Uniform([0.0, 360.0]), &root));
+            }
+        }
+        draws.sort_by_key(|draw| draw.level);
+        let mut plan = Self {
+            path: path.to_owned(),
+            sha256: hash(&recipe, text, &scene_text, folder)?,
+            scene_sha256: hexadecimal(&Sha256::digest(&scene_text)),
+            recipe,
+            text: text.to_owned(),
+            scene_path,
+            base,
+            draws,
+            regions: None,
+            field_radius_deg: 0.0,
+            guard_deg: 0.0,
+        };
+        plan.field_radius_deg = field_radius_deg(&plan.try_draws()?);
+        plan.share_out_sky()?;
+        Ok(plan)
+    }
+
+    /// Whether no two splits share a camera instance.
+    #[must_use]
+    pub fn cameras_are_apart(&self) -> bool {
+        self.recipe.splits.apart_by.contains(&ApartBy::Camera)
+    }
+
+    /// Gives each split its part of the sky, if that is asked for.
+    fn share_out_sky(&mut self) -> Result<(), DatasetError> {
+        if !self.recipe.splits.apart_by.contains(&ApartBy::Sky) {
+            return Ok(());
+        }
+        let refuse = |key: &str, value: String, remedy: String| {
+            Err(DatasetError::Value { path: self.path.clone(), key: key.to_owned(), value, remedy })
+        };
+        let is_drawn = |draw: &Draw| draw.path.text == BORESIGHT && matches!(draw.distribution, Distribution::Sky { .. });
+        if !self.draws.iter().any(|draw| is_drawn(draw) && draw.level >= DrawLevel::Recording) {
+            let remedy = format!("with \"sky\" needs a [[draw]] of {BORESIGHT} by sphere, per recording or frame");
+            return refuse("splits.apart_by", format!("{:?}", self.recipe.splits.apart_by), remedy);
+        }
+        let guard_deg = self.recipe.splits.guard_deg.unwrap_or(self.field_radius_deg);
+        let shares: Vec<u64> = DatasetSplit::ALL.iter().map(|split| self.recipe.size.frames.of(*split)).collect();
+        match SkyRegions::new(self.recipe.seed, &shares, guard_deg) {
+            Ok(regions) => {
+                (self.regions, self.guard_deg) = (Some(regions), guard_deg);
+                Ok(())
+            }
+            Err(NoSky { largest_guard_deg }) => {
+                let largest = (100.0 * largest_guard_deg).floor() / 100.0;
+                let told = if self.recipe.splits.guard_deg.is_some() { "" } else { " (half the diagonal of the field)" };
+                let remedy = format!(
+                    "leaves a split no sky to point at; {largest} would do: choose that or less (fields of two splits then share stars if they are wider), or leave \"sky\" out of splits.apart_by"
+                );
+                refuse("splits.guard_deg", format!("{guard_deg:.2}{told}"), remedy)
+            }
+        }
+    }
+
+    /// Tries the scene with every draw at its middle, each at its ends with the others at their middle, and all at their ends at once. Gives the first.
+    fn try_draws(&self) -> Result<Scene, DatasetError> {
+        // What can be switched off is on while others are tried.
+        let middle = |draw: &Draw| if draw.is_switch() { 0.0 } else { 0.5 };
+        let scene = self.tried("with every draw at its middle", &middle)?;
+        for (number, draw) in self.draws.iter().enumerate() {
+            for (words, at) in draw.ends() {
+                let place = format!("the draw of {} {words}", draw.path.text);
+                let unit = |other: &Draw| if std::ptr::eq(other, draw) { at } else { middle(other) };
+                self.tried(&place, &unit)?;
+            }
+            debug_assert!(number < self.draws.len());
+        }
+        for (words, at) in [("with every draw at its lower end", 0.0), ("with every draw at its upper end", 1.0 - f64::EPSILON)] {
+            self.tried(words, &|draw| if draw.is_switch() { 0.0 } else { at })?;
+        }
+        Ok(scene)
+    }
+
+    fn tried(&self, place: &str, unit: &dyn Fn(&Draw) -> f64) -> Result<Scene, DatasetError> {
+        let mut scene = self.base.clone();
+        let (switches, values): (Vec<&Draw>, Vec<&Draw>) = self.draws.iter().partition(|draw| draw.is_switch());
+        for draw in values.into_iter().chain(switches) {
+            let value = draw.value(&|_| unit(draw));
+            let wrong = |message| DatasetError::Parse { path: self.path.clone(), message };
+            draw.apply(&mut scene, value).map_err(wrong)?;
+        }
+        self.build(place, scene)
+    }
+
+    /// The scene of these tables; `place` is used in messages.
+    pub(super) fn build(&self, place: &str, scene: Table) -> Result<Scene, DatasetError> {
+        let wrong = |source| DatasetError::Scene { path: self.path.clone(), place: place.to_owned(), source: Box::new(source) };
+        Scene::from_table(&self.scene_path, scene).map_err(wrong)
+    }
+}
+
+fn read(path: &Path) -> Result<String, DatasetError> {
+    std::fs::read_to_string(path).map_err(|source| DatasetError::Read { path: path.display().to_string(), source })
+}
+
+/// The scene that a recipe names: what it is called, and its text.
+fn scene_text(recipe: &str, scene: &str, folder: &Path) -> Result<(String, String), DatasetError> {
+    let Some(name) = scene.strip_prefix("preset:") else {
+        let path: PathBuf = folder.join(scene);
+        return Ok((path.display().to_string(), read(&path)?));
+    };
+    let found = preset(name).ok_or_else(|| {
+        let names: Vec<&str> = crate::scene::PRESETS.iter().map(|preset| preset.name).collect();
+        let nearest = crate::toml_file::suggestion(name, &names).map_or_else(|| format!("there are {}", names.join(", ")), |near| format!("did you mean preset:{near}?"));
+        let (path, value) = (recipe.to_owned(), format!("{scene:?}"));
+        DatasetError::Value { path, key: "scene".to_owned(), value, remedy: format!("is no preset: {nearest}") }
+    })?;
+    Ok((scene.to_owned(), found.toml.to_owned()))
+}
+
+/// The exposure of a sample.
+struct Exposure {
+    scene: Table,
+    /// Of a series on the ground.
+    lowest_altitude_deg: Option<f64>,
+    /// Whether the scene says where the camera points.
+    is_pointed: bool,
+}
+
+/// A scene with one exposure: a series is pointed by chance, as it is when it is simulated.
+fn one_exposure(recipe: &str, name: &str, mut scene: Table) -> Result<Exposure, DatasetError> {
+    for key in ["seed", "first_frame"] {
+        scene.remove(key);
+    }
+    let frames = scene.get("frames").and_then(Value::as_array).map_or(0, Vec::len);
+    let Some(series) = scene.remove("series") else {
+        if frames != 1 {
+            let (path, value) = (recipe.to_owned(), format!("{name:?}"));
+            let remedy = format!("must have a [series] or one [[frames]], the exposure of every sample; it has {frames}");
+            return Err(DatasetError::Value { path, key: "scene".to_owned(), value, remedy });
+        }
+        let has = |key: &str| scene["frames"][0].get(key).is_some();
+        let is_pointed = has("boresight_radec_deg") || has("attitude_samples");
+        return Ok(Exposure { scene, lowest_altitude_deg: None, is_pointed });
+    };
+    let mut exposure = Table::new();
+    for (from, to) in [("exposure_s", "exposure_s"), ("start_utc", "time_utc"), ("rate_deg_s", "rate_deg_s")] {
+        if let Some(value) = series.get(from) {
+            exposure.insert(to.to_owned(), value.clone());
+        }
+    }
+    // The lowest altitude of a series that names none.
+    const USUAL_ALTITUDE_DEG: f64 = 30.0;
+    let stated = series.get("lowest_altitude_deg").and_then(|value| value.as_float().or(value.as_integer().map(|whole| whole as f64)));
+    let lowest_altitude_deg = scene.contains_key("site").then_some(stated.unwrap_or(USUAL_ALTITUDE_DEG));
+    scene.insert("frames".to_owned(), Value::Array(vec![Value::Table(exposure)]));
+    Ok(Exposure { scene, lowest_altitude_deg, is_pointed: false })
+}
+
+/// Half the diagonal of the field of a camera, degrees.
+fn field_radius_deg(scene: &Scene) -> f64 {
+    let camera = &scene.camera;
+    let context = scene.model.reference_context();
+    let corners = [-0.5, camera.width_px as f64 - 0.5].into_iter().flat_map(|x_px| [-0.5, camera.height_px as f64 - 0.5].map(|y_px| (x_px, y_px)));
+    let heights = corners.map(|(x_px, y_px)| {
+        let corner = crate::coordinates::PixelPoint { x_px, y_px };
+        scene.model.direction(corner, &context).map_or(-1.0, |direction| direction.xyz[2])
+    });
+    heights.fold(1.0_f64, f64::min).clamp(-1.0, 1.0).acos().to_degrees()
+}
+
+/// The hash of everything that frames follow from.
+fn hash(recipe: &RecipeFile, text: &str, scene: &str, folder: &Path) -> Result<String, DatasetError> {
+    let mut hasher = Sha256::new();
+    let mut add = |bytes: &[u8]| {
+        hasher.update((bytes.len() as u64).to_le_bytes());
+        hasher.update(bytes);
+    };
+    add(env!("CARGO_PKG_VERSION").as_bytes());
+    add(text.as_bytes());
+    add(scene.as_bytes());
+    for table in recipe.draw.iter().filter_map(|draw| draw.table.as_ref()) {
+        add(read(&folder.join(&table.file))?.as_bytes());
+    }
+    Ok(hexadecimal(&hasher.finalize()))
+}
+
+/// Bytes as lower-case hexadecimal digits.
+pub(super) fn hexadecimal(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+    let mut text = String::with_capacity(2 * bytes.len());
+    for byte in bytes {
+        let _ = write!(text, "{byte:02x}"); // writing to a String cannot fail
+    }
+    text
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// A small recipe, with more lines at its end.
+    pub(in crate::dataset) fn recipe(more: &str) -> String {
+        format!(
+            "format = \"boresight-recipe/1\"\nname = \"small\"\nseed = 5\nscene = \"scene.toml\"\n\
+             [size]\nframes = {{ train = 8, test = 4 }}\nframes_per_shard = 4\nmembers = [\"mask\", \"distance\"]\n{more}"
+        )
+    }
+
+    pub(in crate::dataset) const SCENE: &str = "format = \"boresight-scene/1\"\ncamera = { width_px = 64, height_px = 48, focal_length_px = 300.0 }\n\
+                         sky = { physics = \"none\" }\n[[frames]]\nexposure_s = 1.0\n";
+
+    /// The plan of a recipe and a scene.
+    pub(in crate::dataset) fn plan_of(recipe: &str, scene: &str) -> Result<DatasetPlan, String> {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("scene.toml"), scene).unwrap();
+        DatasetPlan::parse("r.toml", recipe, folder.path()).map_err(|error| error.to_string().replace(&folder.path().display().to_string(), "."))
+    }
+
+    #[test]
+    fn a_draw_that_is_impossible_at_one_end_is_refused_before_the_first_frame() {
+        let draw = |lines: &str| plan_of(&recipe(&format!("[[draw]]\nper = \"frame\"\n{lines}")), SCENE).map(|_| ());
+        assert_eq!(draw("path = \"camera.focal_length_px\"\nuniform = [200, 400]"), Ok(()));
+        assert_eq!(
+            draw("path = \"camera.focal_length_px\"\nuniform = [0, 400]").unwrap_err(),
+            "r.toml: the draw of camera.focal_length_px at its lower end: ./scene.toml: camera.focal_length_px = 0 must lie between 0.01 and 1e8 px"
+        );
+        let upper = draw("path = \"frames.exposure_s\"\nuniform = [1, 1.5e5]").unwrap_err();
+        assert!(upper.contains("at its upper end: ./scene.toml: frames[0].exposure_s = "), "{upper}");
+        let third = draw("path = \"psf.kind\"\nchoice = { values = [\"gaussian\", \"airie\"] }").unwrap_err();
+        assert!(third.contains("at its value \"airie\"") || third.contains("psf"), "{third}");
+        let missing = draw("path = \"streaks.0.electrons\"\nuniform = [1, 2]").unwrap_err();
+        assert!(missing.contains("streaks.0.electrons: the scene has 0 elements there"), "{missing}");
+    }
+
+    #[test]
+    fn the_scene_must_have_one_exposure_and_be_there() {
+        let two = plan_of(&recipe(""), &format!("{SCENE}[[frames]]\nexposure_s = 2.0\n")).unwrap_err();
+        assert!(two.contains("must have a [series] or one [[frames]]") && two.contains("it has 2"), "{two}");
+        let preset = recipe("").replace("scene.toml", "preset:cubesat-traker");
+        assert!(plan_of(&preset, SCENE).unwrap_err().ends_with("is no preset: did you mean preset:cubesat-tracker?"));
+        assert!(plan_of(&recipe("").replace("scene.toml", "absent.toml"), SCENE).unwrap_err().contains("absent.toml: cannot be read"));
+        let broken = plan_of(&recipe(""), &SCENE.replace("width_px", "width")).unwrap_err();
+        assert!(broken.contains("unknown key width; did you mean width_px?"), "{broken}");
+    }
+
+    #[test]
+    fn splits_of_the_sky_that_cannot_be_are_refused_with_the_guard_that_would_do() {
+        let apart = |guard: &str| plan_of(&recipe(&format!("[splits]\napart_by = [\"sky\"]\n{guard}")), SCENE);
+        let plan = apart("").unwrap();
+        assert!((plan.field_radius_deg - (40.0_f64 / 300.0).atan().to_degrees()).abs() < 0.2, "{}", plan.field_radius_deg);
+        assert_eq!(plan.guard_deg, plan.field_radius_deg);
+        let refused = apart("guard_deg = 80.0").unwrap_err();
+        assert!(refused.starts_with("r.toml: splits.guard_deg = 80.00 leaves a split no sky to point at; "), "{refused}");
+        let largest: f64 = refused.split("point at; ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+        assert!(apart(&format!("guard_deg = {largest}")).is_ok());
+        let pointed = plan_of(&recipe("[splits]\napart_by = [\"sky\"]\n"), &format!("{SCENE}boresight_radec_deg = [1.0, 2.0]\n")).unwrap_err();
+        assert!(pointed.contains("needs a [[draw]] of frames.boresight_radec_deg by sphere"), "{pointed}");
+    }
+
+    #[test]
+    fn the_hash_follows_recipe_and_scene() {
+        let hash = |recipe: &str, scene: &str| plan_of(recipe, scene).unwrap().sha256;
+        let own = hash(&recipe(""), SCENE);
+        assert_eq!(own, hash(&recipe(""), SCENE));
+        assert_ne!(own, hash(&recipe("# a word\n"), SCENE));
+        assert_ne!(own, hash(&recipe(""), &format!("{SCENE}# a word\n")));
+    }
+}
