@@ -77,6 +77,13 @@ Examples:
   boresight effects refraction
   boresight effects --signature even-odd";
 
+pub(crate) const DATASET: &str = "\
+Examples:
+  boresight dataset recipe.toml --plan
+  boresight dataset recipe.toml -o stars
+  boresight dataset recipe.toml -o stars --shard 0/16
+  boresight dataset recipe.toml --scene 17 > frame.toml";
+
 pub(crate) const PRESET: &str = "\
 Examples:
   boresight preset list

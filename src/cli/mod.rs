@@ -8,6 +8,7 @@ mod calibrate_text;
 mod catalog;
 mod channel_pictures;
 mod compare;
+mod dataset;
 mod detect;
 mod diagnose;
 mod diagnose_files;
@@ -97,6 +98,9 @@ enum Verb {
     /// Render a scene into a recording, with its truth beside it
     #[command(after_help = examples::SIMULATE)]
     Simulate(simulate::SimulateArgs),
+    /// Make a labelled dataset from a recipe: a scene, and what of it is drawn by chance
+    #[command(after_help = examples::DATASET)]
+    Dataset(dataset::DatasetArgs),
     /// Find the stars in images and measure them
     #[command(after_help = examples::DETECT)]
     Detect(detect::DetectArgs),
@@ -168,6 +172,7 @@ pub(crate) fn main() -> ExitCode {
     }
     let answer = match &arguments.verb {
         Verb::Simulate(args) => simulate::simulate(args),
+        Verb::Dataset(args) => dataset::dataset(args),
         Verb::Detect(args) => detect::detect(args),
         Verb::Identify(args) => identify::identify(args),
         Verb::Calibrate(args) => calibrate::calibrate(args),

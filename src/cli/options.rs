@@ -237,7 +237,7 @@ impl SceneArgs {
 }
 
 /// The catalogue of this file, or the built-in one.
-fn open_catalog(path: Option<&Path>) -> Result<std::borrow::Cow<'static, Catalog>> {
+pub(crate) fn open_catalog(path: Option<&Path>) -> Result<std::borrow::Cow<'static, Catalog>> {
     Ok(match path {
         None => std::borrow::Cow::Borrowed(Catalog::embedded()),
         Some(path) => std::borrow::Cow::Owned(guarded(|| Catalog::from_file(path)).context("--catalog")?.context("--catalog")?),

@@ -187,7 +187,7 @@ impl DatasetPlan {
     }
 
     /// The faintest star that the scene renders, before anything is drawn.
-    fn faintest_magnitude(&self) -> f64 {
+    pub(super) fn faintest_magnitude(&self) -> f64 {
         let stated = self.base.get("sky").and_then(|sky| sky.get("faintest_magnitude"));
         stated.and_then(|value| value.as_float().or(value.as_integer().map(|whole| whole as f64))).unwrap_or(9.0)
     }

@@ -1,22 +1,44 @@
-//! Dataset: a recipe (a scene and what of it is drawn by chance) becomes labelled frames.
+//! Dataset: a recipe (a scene and what of it is drawn by chance) becomes labelled frames in archives.
+//!
+//! ```text
+//!   recipe.toml ──► DatasetPlan ──► FrameScene ──► Rendered ──► DatasetSample ──► shards, marks, SHA256SUMS
+//!   scene             checked         tables        render        files              folder
+//! ```
+//! A frame follows from recipe and number alone: draws are addressed (`chance`), so any frame can be made again by itself, on any machine, in any order.
 
 mod chance;
 mod check;
 mod distribution;
 mod draws;
 mod error;
+mod folder;
 mod frame_key;
 mod frame_scene;
+mod image_files;
+mod leaks;
+mod pixel_labels;
 mod plan;
 mod recipe;
+mod run;
+mod sample;
+mod sample_labels;
 mod scene_path;
+mod shard;
 mod sky_regions;
+mod tar;
 
 inner!(error::DatasetError);
+inner!(folder::{DATASET_FORMAT, DatasetFile, DescribedName, DescribedSplit});
 inner!(frame_key::{DatasetSplit, FrameKey, ShardKey});
 inner!(frame_scene::FrameScene);
+inner!(leaks::SharedBySplits);
+inner!(pixel_labels::PIXEL_CLASSES);
 inner!(plan::DatasetPlan);
 inner!(recipe::{
     ApartBy, BallTable, ChoiceTable, DrawLevel, DrawSpread, DrawTable, FalseStarTable, HardTable, ImageFormat, NormalTable, QuantileTable,
     RECIPE_FORMAT, RecipeFile, SampleMember, SizeTable, SphereTable, SplitCounts, SplitTable,
 });
+inner!(run::{DatasetProgress, DatasetRun, ShardShare});
+inner!(sample::DatasetSample);
+inner!(sample_labels::{LIGHT_COLUMNS, SAMPLE_FORMAT, SampleLabels});
+inner!(shard::{SHARD_FORMAT, ShardMark});

@@ -74,7 +74,7 @@ impl DatasetPlan {
         draws.sort_by_key(|draw| draw.level);
         let mut plan = Self {
             path: path.to_owned(),
-            sha256: hash(&recipe, text, &scene_text, folder)?,
+            sha256: hash(&recipe, text, (&scene_path, &scene_text, &base), folder)?,
             scene_sha256: hexadecimal(&Sha256::digest(&scene_text)),
             recipe,
             text: text.to_owned(),
@@ -235,7 +235,12 @@ fn field_radius_deg(scene: &Scene) -> f64 {
 }
 
 /// The hash of everything that frames follow from.
-fn hash(recipe: &RecipeFile, text: &str, scene: &str, folder: &Path) -> Result<String, DatasetError> {
+fn hash(
+    recipe: &RecipeFile,
+    text: &str,
+    (scene_path, scene, tables): (&str, &str, &Table),
+    folder: &Path,
+) -> Result<String, DatasetError> {
     let mut hasher = Sha256::new();
     let mut add = |bytes: &[u8]| {
         hasher.update((bytes.len() as u64).to_le_bytes());
@@ -244,6 +249,12 @@ fn hash(recipe: &RecipeFile, text: &str, scene: &str, folder: &Path) -> Result<S
     add(env!("CARGO_PKG_VERSION").as_bytes());
     add(text.as_bytes());
     add(scene.as_bytes());
+    for (table, key) in [("sky", "background_image"), ("psf", "image")] {
+        if let Some(file) = tables.get(table).and_then(|table| table.get(key)).and_then(Value::as_str) {
+            let path = Path::new(scene_path).parent().unwrap_or(Path::new(".")).join(file);
+            add(&std::fs::read(&path).map_err(|source| DatasetError::Read { path: path.display().to_string(), source })?);
+        }
+    }
     for table in recipe.draw.iter().filter_map(|draw| draw.table.as_ref()) {
         add(read(&folder.join(&table.file))?.as_bytes());
     }

@@ -130,9 +130,9 @@ impl SkyRegions {
         self.allowed[split].len() as f64 / (12 * self.side * self.side * PARTS * PARTS) as f64
     }
 
-    /// How many cells the sky is cut into, and how many of them a split has.
-    pub(super) fn cells(&self, split: usize) -> (usize, usize) {
-        (self.owner.len(), self.owner.iter().filter(|owner| **owner == split).count())
+    /// How many cells of the sky a split has, and how many there are.
+    pub(super) fn cells(&self, split: usize) -> [usize; 2] {
+        [self.owner.iter().filter(|owner| **owner == split).count(), self.owner.len()]
     }
 }
 
@@ -233,7 +233,7 @@ mod tests {
             .collect();
         let mut nearest = f64::INFINITY;
         for split in 0..3 {
-            let (cells, own) = regions.cells(split);
+            let [own, cells] = regions.cells(split);
             assert!(own as f64 >= 0.08 * cells as f64 && regions.share(split) > 0.0);
             // Places all over the cells of the other splits.
             for cell in (0..cells).filter(|cell| regions.owner[*cell] != split) {

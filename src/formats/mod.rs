@@ -13,6 +13,7 @@ use crate::calibrate::{
     COMPARE_FORMAT, CalibrateResult, CompareResult, FORMAT as CALIBRATE_FORMAT, MAP_FORMAT, MapResult, SEQUENTIAL_FORMAT, UpdateResult,
 };
 use crate::catalog;
+use crate::dataset::{DATASET_FORMAT, DatasetFile, RECIPE_FORMAT, RecipeFile, SAMPLE_FORMAT, SHARD_FORMAT, SampleLabels, ShardMark};
 use crate::detect::{DetectResult, FORMAT as DETECT_FORMAT};
 use crate::diagnose::{DiagnoseResult, FORMAT as DIAGNOSE_FORMAT};
 use crate::effects::{EffectList, LIST_FORMAT};
@@ -85,6 +86,9 @@ fn variants(schema: &Value) -> Vec<String> {
 pub static FORMATS: &[FileFormat] = &[
     FileFormat::of_result::<SimulateResult>("simulate", SIMULATE_FORMAT, "what was rendered, and where it is"),
     FileFormat::of_result::<SimulatedTruth<'static>>("truth", TRUTH_FORMAT, "truth/truth.json beside a simulated recording"),
+    FileFormat::of_result::<DatasetFile>("dataset", DATASET_FORMAT, "dataset.json of a dataset: what it is"),
+    FileFormat::of_result::<ShardMark>("shard", SHARD_FORMAT, "the mark of a shard of a dataset that is whole"),
+    FileFormat::of_result::<SampleLabels>("sample", SAMPLE_FORMAT, "labels of a frame of a dataset, without the arrays of lights"),
     FileFormat::of_result::<DetectResult<'static>>("detect", DETECT_FORMAT, "the stars of a recording"),
     FileFormat::of_result::<IdentifyResult<'static>>("identify", IDENTIFY_FORMAT, "which stars they are"),
     FileFormat::of_result::<CalibrateResult<'static>>("calibrate", CALIBRATE_FORMAT, "a camera, or why there is none"),
@@ -104,6 +108,7 @@ pub static FORMATS: &[FileFormat] = &[
     FileFormat::of_result::<PresetList>("preset", PRESET_FORMAT, "scenes of real cameras"),
     FileFormat::of_result::<DoctorResult>("doctor", DOCTOR_FORMAT, "GPU adapters, and whether they can be trusted"),
     FileFormat { name: "scene", format: scene::FORMAT, what: "a scene file", make: |_| scene::schema() },
+    FileFormat::of_input::<RecipeFile>("recipe", RECIPE_FORMAT, "a recipe of a dataset"),
     FileFormat::of_input::<RecordingFile>("recording", RECORDING_FORMAT, "recording.toml"),
     FileFormat::of_input::<Vec<StarListRow>>("star-list", STAR_LIST_FORMAT, "the lines of a star list (CSV), columns as keys"),
 ];

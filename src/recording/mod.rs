@@ -53,7 +53,7 @@ pub use star_list::{ListedStar, StarList};
 pub use told::{GivenCircumstances, ToldError};
 pub use write::{FitsHeaders, write_fits_u16, write_manifest, write_png_u16};
 inner!(schema::{RecordingFrameTable, RecordingMountTable, RecordingFile, STAR_LIST_FORMAT, RecordingSiteTable, StarListRow});
-inner!(output::{OutputDirectory, ResultFolder, abandon, check_file});
+inner!(output::{OutputDirectory, OutputFile, ResultFolder, abandon, check_file});
 inner!(write::{manifest_text, write_fits_f32, star_list_text, write_fits_with, write_manifest_of, write_fits_u8});
 
 /// What a real camera left behind, or the simulator in its place.

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::mosaic;
+use super::psf_tables::PsfTables;
 use crate::coordinates::PixelPoint;
 use crate::effects::optics::atlas_psf::AtlasPsf;
 use crate::effects::optics::disc_psf::{self, DiscPsf};
@@ -94,9 +95,14 @@ impl FrameLight {
 }
 
 impl Spreader {
-    /// Works out the tables, if the scene's images need any.
-    pub(super) fn new(psf: &Psf) -> Self {
-        let atlas = psf.grid().map_or_else(Atlas::default, |grid| {
+    /// Works out the tables, if the scene's images need any and they are not known already.
+    pub(super) fn new(psf: &Psf, known: &PsfTables) -> Self {
+        let make = || Self::atlas(psf);
+        Self { psf: psf.clone(), atlas: if psf.grid().is_some() { known.get_or_make(psf, make) } else { Atlas::default() } }
+    }
+
+    fn atlas(psf: &Psf) -> Atlas {
+        psf.grid().map_or_else(Atlas::default, |grid| {
             let mut builder = AtlasBuilder::new(grid, psf.reach_px);
             let table = |node: usize| {
                 let image = match &psf.kind {
@@ -111,8 +117,7 @@ impl Spreader {
                 builder.add(table);
             }
             builder.finish()
-        });
-        Self { psf: psf.clone(), atlas }
+        })
     }
 
     /// How far outside the frame a star may stand and still light it, px.

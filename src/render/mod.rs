@@ -5,12 +5,14 @@ mod light;
 mod mask;
 mod mosaic;
 mod pixel_shift;
+mod psf_tables;
 mod result;
 mod signature;
 mod truth;
 
 pub use crate::imaging::{Backend, GpuError, Image16, ImagingError};
 inner!(footprint::Footprint);
+inner!(psf_tables::PsfTables);
 pub use mask::MaskFlag;
 pub use truth::{TrueLight, TrueStar};
 inner!(result::{
@@ -78,6 +80,11 @@ struct Asked {
 impl<'a> Renderer<'a> {
     /// Opens the backend for a scene.
     pub fn new(scene: &'a Scene, catalog: &'a Catalog, backend: Backend) -> Result<Self, ImagingError> {
+        Self::with_tables(scene, catalog, backend, &PsfTables::default())
+    }
+
+    /// The same with tables of point spreads that earlier scenes made; what is missing is added.
+    pub(crate) fn with_tables(scene: &'a Scene, catalog: &'a Catalog, backend: Backend, tables: &PsfTables) -> Result<Self, ImagingError> {
         let config = ImagingConfig {
             width_px: scene.own_psf.own_per_px * scene.camera.width_px,
             height_px: scene.own_psf.own_per_px * scene.camera.height_px,
@@ -94,8 +101,8 @@ impl<'a> Renderer<'a> {
             psf
         };
         let asked = Asked { pixel_shifts: true, clean: false, mask: false, footprints: false };
-        let even_spreader = (!is_even).then(|| Spreader::new(&even(scene.own_psf.clone())));
-        let spreader = Spreader::new(&scene.own_psf);
+        let even_spreader = (!is_even).then(|| Spreader::new(&even(scene.own_psf.clone()), tables));
+        let spreader = Spreader::new(&scene.own_psf, tables);
         Ok(Self { scene, catalog, imager, binned, spreader, even_spreader, asked })
     }
 

@@ -5,6 +5,7 @@
 //! parameter in the design matrix of a diagnosis, with the bias of the estimator in it. So an effect that can be rendered needs no formula.
 
 use super::light::{FrameLight, Spreader, StarLight};
+use super::psf_tables::PsfTables;
 use crate::coordinates::PixelPoint;
 use crate::frame::Frame;
 use crate::imaging::{Backend, FrameExposure, Imager, ImagingConfig, ImagingError};
@@ -54,7 +55,7 @@ impl<'a> StampRenderer<'a> {
             point_spread: "gaussian_psf".to_owned(),
             effects: scene.pixel_effects.clone(),
         };
-        Ok(Self { scene, imager: Imager::new(Backend::Cpu, &config)?, spreader: Spreader::new(&scene.psf) })
+        Ok(Self { scene, imager: Imager::new(Backend::Cpu, &config)?, spreader: Spreader::new(&scene.psf, &PsfTables::default()) })
     }
 
     /// A frame of these stars at rest, in electrons: after all effects up to the converter, without noise and without what cuts.

@@ -110,6 +110,43 @@ pub fn write_file(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
     file.keep_as(path).map_err(&error)
 }
 
+/// A file that is written piece by piece. Dropped before [`Self::finish`], it leaves nothing behind.
+#[derive(Debug)]
+pub struct OutputFile {
+    path: PathBuf,
+    building: PartialFile,
+}
+
+impl OutputFile {
+    /// Begins a file; missing folders above it are made.
+    pub fn create(path: &Path) -> Result<Self, OutputError> {
+        let error = write_error(path);
+        partial::make(parent(path)).map_err(&error)?;
+        let building = PartialFile::in_folder(parent(path)).map_err(&error)?;
+        Ok(Self { path: path.to_owned(), building })
+    }
+
+    /// Gives the file its name when the disk has it, and waits until the disk has the name too: after this, it outlasts a power failure.
+    pub fn finish(self) -> Result<(), OutputError> {
+        let Self { path, building } = self;
+        let error = write_error(&path);
+        building.sync().map_err(&error)?;
+        building.keep_as(&path).map_err(&error)?;
+        // Folders cannot be opened everywhere; where they can, their names are waited for.
+        fs::File::open(parent(&path)).map_or(Ok(()), |folder| folder.sync_all()).map_err(&error)
+    }
+}
+
+impl std::io::Write for OutputFile {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.building.write_all(bytes).map(|()| bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
 /// A folder in the making. Dropped before [`Self::finish`], it leaves nothing behind.
 #[derive(Debug)]
 pub struct OutputDirectory {

@@ -84,6 +84,11 @@ impl PartialFile {
         self.0.as_mut().map_or(Ok(()), |file| io::Write::write_all(file, bytes))
     }
 
+    /// Waits until the disk has it.
+    pub(super) fn sync(&self) -> io::Result<()> {
+        self.0.as_ref().map_or(Ok(()), |file| file.as_file().sync_all())
+    }
+
     /// Gives the file its name.
     pub(super) fn keep_as(mut self, path: &Path) -> io::Result<()> {
         let Some(file) = self.0.take() else { return Ok(()) };

@@ -1,0 +1,217 @@
+//! `boresight dataset`: a recipe becomes labelled frames.
+
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+use std::time::Instant;
+
+use anyhow::{Context, Result, bail};
+use boresight::catalog::Catalog;
+use boresight::dataset::{
+    DatasetFile, DatasetPlan, DatasetProgress, DatasetRun, DatasetSplit, FrameKey, SampleMember, ShardKey, ShardShare,
+};
+use boresight::recording::write_file;
+use boresight::render::PsfTables;
+use clap::Args;
+use indicatif::ProgressBar;
+
+use super::options::heading;
+use super::{Answer, Usage, output};
+
+/// Arguments of `dataset`.
+#[derive(Debug, Args)]
+#[command(next_help_heading = heading::OUTPUT)]
+pub(crate) struct DatasetArgs {
+    /// The recipe
+    #[arg(value_name = "RECIPE.toml", help_heading = None)]
+    recipe: PathBuf,
+    /// The folder of the dataset; what is done there already is gone on with
+    #[arg(short, long, value_name = "DIR", value_parser = super::options::folder())]
+    output: Option<PathBuf>,
+    /// Make nothing, and tell what would be made: frames, shards, bytes, hours, what splits share
+    #[arg(long, conflicts_with_all = ["scene", "frame", "shard"])]
+    plan: bool,
+    /// Make nothing, and print the scene of this frame, which `boresight simulate` renders to the same counts
+    #[arg(long, value_name = "NUMBER", conflicts_with_all = ["frame", "shard"])]
+    scene: Option<u64>,
+    /// Make this frame alone, with all members, as files of DIR
+    #[arg(long, value_name = "NUMBER", conflicts_with = "shard")]
+    frame: Option<u64>,
+    /// Only every Nth shard, from the Ith on (from 0), for N processes or machines that share the work
+    #[arg(long, value_name = "I/N", value_parser = shard)]
+    shard: Option<[u32; 2]>,
+    /// Read stars from this CSV file instead of the built-in Hipparcos stars
+    #[arg(long, value_name = "FILE", help_heading = heading::CATALOGUE)]
+    catalog: Option<PathBuf>,
+    /// Replace the dataset of another recipe that DIR holds
+    #[arg(long)]
+    force: bool,
+    /// Print what the dataset is (dataset.json) as one JSON object on stdout, and nothing else
+    #[arg(long)]
+    json: bool,
+}
+
+/// I/N, the I from 0 to N − 1: what arrays of batch systems count by.
+fn shard(text: &str) -> std::result::Result<[u32; 2], String> {
+    let parts = text.split_once('/').and_then(|(own, all)| Some([own.parse().ok()?, all.parse().ok()?]));
+    parts.filter(|[own, all]| own < all).ok_or_else(|| "give I/N with I from 0 to N − 1, as 0/5: the first of five parts".to_owned())
+}
+
+/// Makes a dataset, or tells of it.
+pub(crate) fn dataset(args: &DatasetArgs) -> Result<Answer> {
+    let plan = DatasetPlan::open(&args.recipe)?;
+    let catalog = super::options::open_catalog(args.catalog.as_deref())?;
+    if let Some(number) = args.scene {
+        let scene = plan.frame_scene(frame(&plan, number)?)?.scene;
+        let text = toml::to_string(&scene).context("writing the scene as TOML")?;
+        output::print(&format!("# Frame {number:09} of {}\n{text}", args.recipe.display()))?;
+        return Ok(Answer::Yes);
+    }
+    if args.plan {
+        return told(&plan, &catalog, args.json);
+    }
+    let Some(folder) = args.output.as_deref() else {
+        return Err(Usage("dataset needs a folder: add -o DIR (or --plan, which makes nothing)".to_owned()).into());
+    };
+    if let Some(number) = args.frame {
+        let key = frame(&plan, number)?;
+        return one_frame(plan, &catalog, key, folder, args.force);
+    }
+    let description = plan.describe(&catalog);
+    let [part, parts] = args.shard.unwrap_or([0, 1]).map(|number| number as usize);
+    let progress = Frames::default();
+    let clock = output::Clock::new();
+    let threads = rayon::current_num_threads();
+    let run = plan.make((folder, args.force), (&catalog, &description), ShardShare { part, parts }, threads, &progress)?;
+    progress.finish();
+    tracing::info!("{} shards made in {clock} by {threads} threads", run.made);
+    if args.json {
+        output::print(&output::json_text(&description)?)?;
+    } else {
+        output::print(&summary(folder, &description, run))?;
+    }
+    Ok(Answer::Yes)
+}
+
+/// The frame of a number, or which numbers there are.
+fn frame(plan: &DatasetPlan, number: u64) -> Result<FrameKey> {
+    let frames = &plan.recipe.size.frames;
+    FrameKey::of_number(number, frames).with_context(|| {
+        let of_split = |split: &DatasetSplit| {
+            let first = FrameKey { split: *split, index: 0 }.number();
+            (frames.of(*split) > 0).then(|| format!("{} to {} ({})", first, first + frames.of(*split) - 1, split.name()))
+        };
+        let known: Vec<String> = DatasetSplit::ALL.iter().filter_map(of_split).collect();
+        format!("{}: there is no frame {number}; there are {}", plan.path, known.join(", "))
+    })
+}
+
+/// What a run did, in words.
+fn summary(folder: &Path, dataset: &DatasetFile, run: DatasetRun) -> String {
+    let DatasetRun { made, skipped, missing } = run;
+    let frames: u64 = dataset.splits.iter().map(|split| split.frames).sum();
+    let rest = match missing {
+        0 => "whole, with SHA256SUMS".to_owned(),
+        1 => "1 shard is still to be made".to_owned(),
+        _ => format!("{missing} shards are still to be made"),
+    };
+    format!("{}: {frames} frames; {made} shards made, {skipped} were done before; {rest}\n", folder.display())
+}
+
+/// Progress for people.
+#[derive(Default)]
+struct Frames(OnceLock<ProgressBar>);
+
+impl Frames {
+    fn finish(&self) {
+        if let Some(bar) = self.0.get() {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+impl DatasetProgress for Frames {
+    fn begin(&self, frames: u64) {
+        self.0.get_or_init(|| output::progress("frames", frames as usize));
+    }
+
+    fn frame(&self) {
+        if let Some(bar) = self.0.get() {
+            bar.inc(1);
+        }
+    }
+}
+
+/// Makes one frame with all members.
+fn one_frame(mut plan: DatasetPlan, catalog: &Catalog, key: FrameKey, folder: &Path, force: bool) -> Result<Answer> {
+    plan.recipe.size.members = vec![SampleMember::Mask, SampleMember::Distance, SampleMember::Clean];
+    let sample = plan.sample(catalog, &PsfTables::default(), key)?;
+    for (name, bytes) in &sample.members {
+        let path = folder.join(format!("{:09}.{name}", key.number()));
+        if path.exists() && !force {
+            bail!("{}: is there already; choose another folder, or add --force to replace it", path.display());
+        }
+        write_file(&path, bytes)?;
+    }
+    let names: Vec<&str> = sample.members.iter().map(|(name, _)| *name).collect();
+    output::print(&format!("{}: frame {:09} with {} stars: {}\n", folder.display(), key.number(), sample.stars, names.join(", ")))?;
+    Ok(Answer::Yes)
+}
+
+/// Tells what would be made.
+fn told(plan: &DatasetPlan, catalog: &Catalog, json: bool) -> Result<Answer> {
+    /// Frames by which time and bytes are estimated.
+    const TRIED: u64 = 8;
+    let dataset = plan.describe(catalog);
+    if json {
+        output::print(&output::json_text(&dataset)?)?;
+        return Ok(Answer::Yes);
+    }
+    let size = &plan.recipe.size;
+    let frames: u64 = dataset.splits.iter().map(|split| split.frames).sum();
+    let split = DatasetSplit::ALL.into_iter().find(|split| size.frames.of(*split) > 0).context("a recipe has frames")?;
+    let (tables, mut bytes, mut seconds) = (PsfTables::default(), 0, 0.0);
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().context("starting a thread")?;
+    let tried = TRIED.min(size.frames.of(split));
+    for index in 0..=tried {
+        let begun = Instant::now();
+        let sample = pool.install(|| plan.sample(catalog, &tables, FrameKey { split, index: index % tried }))?;
+        // The first one warms up.
+        if index > 0 {
+            seconds += begun.elapsed().as_secs_f64();
+            bytes += sample.members.iter().map(|(_, bytes)| 512 + bytes.len().next_multiple_of(512)).sum::<usize>();
+        }
+    }
+    let each = |total: f64| total / tried as f64;
+    let mut text = format!(
+        "{}: {frames} frames in {} shards of {}; about {:.2} GB and {:.2} hours of one core ({:.0} kB and {:.1} ms a frame, from {tried} of them)\n",
+        dataset.name,
+        ShardKey::all(size).len(),
+        size.frames_per_shard,
+        1e-9 * each(bytes as f64) * frames as f64,
+        each(seconds) * frames as f64 / 3600.0,
+        1e-3 * each(bytes as f64),
+        1e3 * each(seconds)
+    );
+    for split in &dataset.splits {
+        text += &format!(
+            "{}: {} frames from number {:09} on, {} shards, {} cameras, {:.1} % of the sky\n",
+            split.name,
+            split.frames,
+            split.first_frame,
+            split.shards,
+            split.cameras,
+            100.0 * split.sky_share
+        );
+    }
+    for leak in &dataset.leaks {
+        let [a, b] = &leak.splits;
+        let nearest = leak.nearest_boresights_deg.map_or_else(|| "not known".to_owned(), |angle| format!("{angle:.2}°"));
+        let stars = leak.shared_stars.map_or_else(|| "not known".to_owned(), |share| format!("{:.2} %", 100.0 * share));
+        text += &format!("{a} and {b}: nearest boresights {nearest}, shared cameras {}, shared stars {stars}\n", leak.shared_cameras);
+    }
+    for draw in &plan.recipe.draw {
+        text += &format!("drawn: {}\n", draw.path);
+    }
+    output::print(&text)?;
+    Ok(Answer::Yes)
+}

@@ -1,0 +1,83 @@
+//! Images as bytes of files: PNG by the fast encoder, and NumPy arrays.
+
+use png::{BitDepth, ColorType, Compression, Encoder, Filter};
+
+use super::error::DatasetError;
+
+/// A grey PNG; `rows` are bytes as PNG has them, 16 bits with the high byte first. Each row less the one above it, then the encoder's fastest way.
+fn png(key: u64, [width_px, height_px]: [usize; 2], depth: BitDepth, rows: &[u8]) -> Result<Vec<u8>, DatasetError> {
+    let wrong = |error: png::EncodingError| DatasetError::Encode { key, message: error.to_string() };
+    let mut bytes = Vec::with_capacity(rows.len() / 2 + 1024);
+    let mut encoder = Encoder::new(&mut bytes, width_px as u32, height_px as u32);
+    encoder.set_color(ColorType::Grayscale);
+    encoder.set_depth(depth);
+    encoder.set_compression(Compression::Fast);
+    encoder.set_filter(Filter::Up);
+    let mut writer = encoder.write_header().map_err(wrong)?;
+    writer.write_image_data(rows).map_err(wrong)?;
+    writer.finish().map_err(wrong)?;
+    Ok(bytes)
+}
+
+/// A PNG of 16 bits.
+pub(super) fn png16(key: u64, size: [usize; 2], pixels: &[u16]) -> Result<Vec<u8>, DatasetError> {
+    let rows: Vec<u8> = pixels.iter().flat_map(|pixel| pixel.to_be_bytes()).collect();
+    png(key, size, BitDepth::Sixteen, &rows)
+}
+
+/// A PNG of 8 bits.
+pub(super) fn png8(key: u64, size: [usize; 2], pixels: &[u8]) -> Result<Vec<u8>, DatasetError> {
+    png(key, size, BitDepth::Eight, pixels)
+}
+
+/// The head of a NumPy array (version 1.0) of rows and columns, with the values to follow.
+fn npy([width_px, height_px]: [usize; 2], kind: &str, bytes_per_value: usize) -> Vec<u8> {
+    const ALIGNED: usize = 64;
+    let mut head = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({height_px}, {width_px}), }}");
+    let length = (10 + head.len() + 1).next_multiple_of(ALIGNED) - 10;
+    head.extend(std::iter::repeat_n(' ', length - head.len() - 1));
+    head.push('\n');
+    let mut bytes = Vec::with_capacity(10 + length + width_px * height_px * bytes_per_value);
+    bytes.extend_from_slice(b"\x93NUMPY\x01\x00");
+    bytes.extend_from_slice(&(length as u16).to_le_bytes());
+    bytes.extend_from_slice(head.as_bytes());
+    bytes
+}
+
+/// A NumPy array of uint16.
+pub(super) fn npy_u16(size: [usize; 2], pixels: &[u16]) -> Vec<u8> {
+    let mut bytes = npy(size, "<u2", 2);
+    bytes.extend(pixels.iter().flat_map(|pixel| pixel.to_le_bytes()));
+    bytes
+}
+
+/// A NumPy array of float32.
+pub(super) fn npy_f32(size: [usize; 2], pixels: &[f32]) -> Vec<u8> {
+    let mut bytes = npy(size, "<f4", 4);
+    bytes.extend(pixels.iter().flat_map(|pixel| pixel.to_le_bytes()));
+    bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pngs_keep_every_bit() {
+        let pixels: Vec<u16> = (0..20_u16).map(|index| index.wrapping_mul(7919)).collect();
+        let read = image::load_from_memory(&png16(1, [5, 4], &pixels).unwrap()).unwrap();
+        assert_eq!(read.as_luma16().unwrap().as_raw(), &pixels);
+        let bytes: Vec<u8> = (0..20).collect();
+        let read = image::load_from_memory(&png8(1, [5, 4], &bytes).unwrap()).unwrap();
+        assert_eq!((read.width(), read.as_luma8().unwrap().as_raw()), (5, &bytes));
+    }
+
+    #[test]
+    fn arrays_have_the_head_that_numpy_writes() {
+        let bytes = npy_u16([3, 2], &[1, 2, 3, 4, 5, 0x0102]);
+        // numpy.save of an array of 2 rows and 3 columns of uint16 (NumPy 1.26), up to the padding.
+        assert!(bytes.starts_with(b"\x93NUMPY\x01\x00\x76\x00{'descr': '<u2', 'fortran_order': False, 'shape': (2, 3), }  "));
+        assert_eq!((bytes.len(), bytes[127], &bytes[138..]), (128 + 12, b'\n', &[2, 1][..]));
+        assert_eq!(npy_f32([1, 1], &[1.0])[128..], 1.0_f32.to_le_bytes());
+    }
+}

@@ -1,0 +1,146 @@
+//! What splits share: the table of leaks.
+
+use std::collections::BTreeSet;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::frame_key::{DatasetSplit, FrameKey};
+use super::plan::DatasetPlan;
+use crate::catalog::Catalog;
+use crate::coordinates::Direction;
+use crate::dual::dot;
+
+/// What two splits share.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct SharedBySplits {
+    /// The two splits.
+    pub splits: [String; 2],
+    /// Smallest distance between a boresight of one and one of the other; absent where the scene does not say where it points.
+    #[serde(default)]
+    pub nearest_boresights_deg: Option<f64>,
+    /// Camera instances of both.
+    pub shared_cameras: u64,
+    /// Of the catalogue's stars that may be seen in the smaller set, the share that may be seen in both: stars within half the diagonal of the field from a
+    /// boresight.
+    #[serde(default)]
+    pub shared_stars: Option<f64>,
+    /// Frames of each that were looked at: the first ones.
+    pub frames: [u64; 2],
+}
+
+/// Of larger splits the first frames are looked at.
+const MAX_FRAMES: u64 = 50_000;
+
+/// What is known of a split.
+struct Seen {
+    boresights: Vec<[f64; 3]>,
+    cameras: BTreeSet<u64>,
+    stars: BTreeSet<usize>,
+    frames: u64,
+}
+
+impl DatasetPlan {
+    /// What each two splits share.
+    #[must_use]
+    pub fn leaks(&self, catalog: &Catalog) -> Vec<SharedBySplits> {
+        let used: Vec<DatasetSplit> = DatasetSplit::ALL.into_iter().filter(|split| self.recipe.size.frames.of(*split) > 0).collect();
+        let seen: Vec<Seen> = used.iter().map(|split| self.seen(*split, catalog)).collect();
+        let mut table = Vec::new();
+        for (second, split) in used.iter().enumerate() {
+            for (first, other) in used[..second].iter().enumerate() {
+                table.push(shared([other.name(), split.name()], &seen[first], &seen[second]));
+            }
+        }
+        table
+    }
+
+    fn seen(&self, split: DatasetSplit, catalog: &Catalog) -> Seen {
+        use rayon::prelude::*;
+        let (size, cameras) = (&self.recipe.size, &self.recipe.cameras);
+        let frames = size.frames.of(split).min(MAX_FRAMES);
+        let key = |index| FrameKey { split, index };
+        let boresights: Vec<Option<[f64; 3]>> = (0..frames).into_par_iter().map(|index| self.boresight(key(index))).collect();
+        let boresights: Vec<[f64; 3]> = boresights.into_iter().flatten().collect();
+        let radius_rad = self.field_radius_deg.to_radians();
+        let faintest = self.faintest_magnitude();
+        let stars = boresights.par_iter().flat_map_iter(|boresight| catalog.stars_within(&Direction::from_unit(*boresight), radius_rad, faintest));
+        Seen {
+            cameras: (0..frames).map(|index| key(index).camera_number(size, cameras, self.cameras_are_apart())).collect(),
+            stars: stars.collect(),
+            boresights,
+            frames,
+        }
+    }
+}
+
+fn shared(names: [&str; 2], a: &Seen, b: &Seen) -> SharedBySplits {
+    let fewer_stars = a.stars.len().min(b.stars.len());
+    let nearest = nearest_rad(&a.boresights, &b.boresights);
+    SharedBySplits {
+        splits: names.map(str::to_owned),
+        nearest_boresights_deg: nearest.map(|nearest| (1e6 * nearest.to_degrees()).round() / 1e6),
+        shared_cameras: a.cameras.intersection(&b.cameras).count() as u64,
+        shared_stars: nearest.map(|_| (1e6 * a.stars.intersection(&b.stars).count() as f64 / fewer_stars.max(1) as f64).round() / 1e6),
+        frames: [a.frames, b.frames],
+    }
+}
+
+/// The smallest angle between two sets of directions, by their heights in order: nothing farther in height can be nearer.
+fn nearest_rad(a: &[[f64; 3]], b: &[[f64; 3]]) -> Option<f64> {
+    let mut sorted: Vec<&[f64; 3]> = b.iter().collect();
+    sorted.sort_by(|one, other| one[2].total_cmp(&other[2]));
+    // The smallest square of a chord so far.
+    let mut nearest = f64::INFINITY;
+    let chord = |one: &[f64; 3], other: &[f64; 3]| {
+        let difference = [0, 1, 2].map(|axis| one[axis] - other[axis]);
+        dot(difference, difference)
+    };
+    for own in a {
+        let from = sorted.partition_point(|other| other[2] < own[2]);
+        let mut look = |others: &mut dyn Iterator<Item = &&[f64; 3]>| {
+            for other in others {
+                if (other[2] - own[2]).powi(2) >= nearest {
+                    break;
+                }
+                nearest = nearest.min(chord(own, other));
+            }
+        };
+        look(&mut sorted[from..].iter());
+        look(&mut sorted[..from].iter().rev());
+    }
+    nearest.is_finite().then(|| 2.0 * (0.5 * nearest.sqrt()).min(1.0).asin())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::plan::tests::{SCENE, plan_of, recipe};
+
+    #[test]
+    fn splits_apart_share_neither_camera_nor_star() {
+        let size = |more: &str| recipe(more).replace("train = 8, test = 4", "train = 200, test = 40").replace("per_shard = 4", "per_shard = 40");
+        let apart = plan_of(&size("[splits]\napart_by = [\"sky\", \"camera\"]\n"), SCENE).unwrap();
+        let [table] = <[SharedBySplits; 1]>::try_from(apart.leaks(Catalog::embedded())).unwrap();
+        assert_eq!((table.shared_cameras, table.shared_stars), (0, Some(0.0)));
+        assert!(table.nearest_boresights_deg.unwrap() >= 2.0 * apart.guard_deg, "{table:?}");
+        assert_eq!(table.frames, [200, 40]);
+        // Not asked for, they do: the table can tell.
+        let together = plan_of(&size(""), SCENE).unwrap();
+        let [table] = <[SharedBySplits; 1]>::try_from(together.leaks(Catalog::embedded())).unwrap();
+        assert_eq!(table.shared_cameras, 1);
+        assert!(table.shared_stars.unwrap() > 0.5 && table.nearest_boresights_deg.unwrap() < 3.0, "{table:?}");
+    }
+
+    #[test]
+    fn the_nearest_is_that_of_all_pairs() {
+        let chance = super::super::chance::AddressedChance::new(3, 0, "test");
+        let set = |first: u64| -> Vec<[f64; 3]> {
+            (first..first + 60).map(|k| super::super::distribution::direction(chance.uniform(k, 0), chance.uniform(k, 1))).collect()
+        };
+        let (a, b) = (set(0), set(1000));
+        let all = a.iter().flat_map(|one| b.iter().map(move |other| dot(*one, *other).clamp(-1.0, 1.0).acos())).fold(f64::INFINITY, f64::min);
+        assert!((nearest_rad(&a, &b).unwrap() - all).abs() < 1e-9);
+        assert_eq!(nearest_rad(&a, &[]), None);
+    }
+}
