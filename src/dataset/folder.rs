@@ -12,7 +12,6 @@ use super::leaks::SharedBySplits;
 use super::pixel_labels::PIXEL_CLASSES;
 use super::plan::{DatasetPlan, hexadecimal};
 use super::recipe::{ImageFormat, SampleMember};
-use super::sample_labels::LIGHT_COLUMNS;
 use super::shard::{done, write_json, write_text};
 use crate::catalog::Catalog;
 use crate::recording::OutputError;
@@ -60,8 +59,6 @@ pub struct DatasetFile {
     pub field_radius_deg: f64,
     /// What the values of masks mean.
     pub pixel_classes: Vec<DescribedName>,
-    /// What the columns of lights in the labels hold.
-    pub light_columns: Vec<DescribedName>,
 }
 
 /// A split of a dataset.
@@ -135,7 +132,6 @@ impl DatasetPlan {
             guard_deg: self.guard_deg,
             field_radius_deg: self.field_radius_deg,
             pixel_classes: described(&PIXEL_CLASSES),
-            light_columns: described(&LIGHT_COLUMNS),
         }
     }
 }

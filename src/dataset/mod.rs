@@ -40,5 +40,5 @@ inner!(recipe::{
 });
 inner!(run::{DatasetProgress, DatasetRun, ShardShare});
 inner!(sample::DatasetSample);
-inner!(sample_labels::{LIGHT_COLUMNS, SAMPLE_FORMAT, SampleLabels});
+inner!(sample_labels::{LightColumns, SAMPLE_FORMAT, SampleLabels});
 inner!(shard::{SHARD_FORMAT, ShardMark});

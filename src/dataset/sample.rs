@@ -73,8 +73,8 @@ impl DatasetPlan {
         let footprints = rendered.footprints.as_deref().unwrap_or_default();
         let bytes: Vec<u8> = counts.iter().flat_map(|count| count.to_le_bytes()).collect();
         let labels = SampleLabels::new(frame, scene, rendered, hexadecimal(&Sha256::digest(&bytes)));
-        let json = labels.json(rendered, footprints).map_err(|error| DatasetError::Encode { key, message: error.to_string() })?;
-        let mut members = vec![("json", json.into_bytes())];
+        let json = serde_json::to_vec(&labels).map_err(|error| DatasetError::Encode { key, message: error.to_string() })?;
+        let mut members = vec![("json", json)];
         members.push(match self.recipe.size.image {
             ImageFormat::Png16 => ("image.png", png16(key, size, &counts)?),
             ImageFormat::Npy => ("image.npy", npy_u16(size, &counts)),

@@ -1,7 +1,5 @@
 //! Labels of a sample, KEY.json: every key always there, stars as arrays of the same length, no nulls, numbers with a fixed number of digits.
 
-use std::fmt::Write as _;
-
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -82,6 +80,8 @@ pub struct SampleLabels {
     pub saturated_share: f64,
     /// SHA-256 of the counts, row by row, low byte first.
     pub pixels_sha256: String,
+    /// Stars and other lights.
+    pub lights: LightColumns,
 }
 
 /// Beyond this a place cannot be told at all, px.
@@ -89,37 +89,67 @@ const MAX_BOUND_PX: f64 = 1000.0;
 /// Electrons over their standard error from which a light counts as visible.
 pub(super) const MIN_VISIBLE_SNR: f64 = 5.0;
 
-/// Columns of the table of lights in the labels, with what each holds.
-pub const LIGHT_COLUMNS: [(&str, &str); 28] = [
-    ("hip", "Hipparcos number (or that of the catalogue's row); 0 where there is none"),
-    ("kind", "star, false-star, satellite, meteor, ghost or cosmic-ray"),
-    ("x_px", "column of the centre of its light over the exposure"),
-    ("y_px", "row of the same"),
-    ("x_mid_px", "column in the middle of the exposure"),
-    ("y_mid_px", "row of the same"),
-    ("x_start_px", "column at the start of the exposure; where it has no image then, that of x_px"),
-    ("y_start_px", "row of the same"),
-    ("x_end_px", "column at the end of the exposure; where it has no image then, that of x_px"),
-    ("y_end_px", "row of the same"),
-    ("x_ideal_px", "column without any displacement from proper motion to distortion; where there is none, that of x_px"),
-    ("y_ideal_px", "row of the same"),
-    ("crlb_x_px", "least standard error of the column (Cramér–Rao bound); 1000 where it cannot be told"),
-    ("crlb_y_px", "least standard error of the row"),
-    ("magnitude", "V magnitude; 99 for what is no star"),
-    ("electrons_asked", "electrons that it sends during the exposure"),
-    ("electrons_landed", "electrons that are expected to be counted"),
-    ("peak_electrons", "the same in its brightest pixel"),
-    ("background_e", "expected electrons of everything else there"),
-    ("snr", "electrons over their least standard error"),
-    ("box_left_px", "first column of the pixels that hold its light but for a fortieth beyond each side"),
-    ("box_top_px", "first row"),
-    ("box_right_px", "last column"),
-    ("box_bottom_px", "last row"),
-    ("visible", "1: snr is 5 or more and the centre of its light is on the frame"),
-    ("saturated", "1: a pixel is expected to be full"),
-    ("blended", "1: another star with at least a twentieth of its light is near"),
-    ("edge", "1: more than a hundredth of its light falls beside the frame"),
-];
+/// Lights of a frame, column by column: stars of the catalogue, brightest first, then what is no star. Places and bounds have six digits behind the point,
+/// magnitudes and electrons three.
+#[derive(Clone, Debug, Default, Serialize, JsonSchema)]
+pub struct LightColumns {
+    /// Hipparcos number (or that of the catalogue's row); 0 where there is none.
+    pub hip: Vec<u32>,
+    /// `star`, `false-star`, `satellite`, `meteor`, `ghost` or `cosmic-ray`.
+    pub kind: Vec<&'static str>,
+    /// Column of the centre of its light over the exposure.
+    pub x_px: Vec<f64>,
+    /// Row of the same.
+    pub y_px: Vec<f64>,
+    /// Column in the middle of the exposure.
+    pub x_mid_px: Vec<f64>,
+    /// Row of the same.
+    pub y_mid_px: Vec<f64>,
+    /// Column at the start of the exposure; where it has no image then, that of `x_px`.
+    pub x_start_px: Vec<f64>,
+    /// Row of the same.
+    pub y_start_px: Vec<f64>,
+    /// Column at the end of the exposure; where it has no image then, that of `x_px`.
+    pub x_end_px: Vec<f64>,
+    /// Row of the same.
+    pub y_end_px: Vec<f64>,
+    /// Column without any displacement, from proper motion to distortion; where there is none, that of `x_px`.
+    pub x_ideal_px: Vec<f64>,
+    /// Row of the same.
+    pub y_ideal_px: Vec<f64>,
+    /// Least standard error of the column (Cramér–Rao bound); 1000 where it cannot be told.
+    pub crlb_x_px: Vec<f64>,
+    /// Least standard error of the row.
+    pub crlb_y_px: Vec<f64>,
+    /// V magnitude; 99 for what is no star.
+    pub magnitude: Vec<f64>,
+    /// Electrons that it sends during the exposure.
+    pub electrons_asked: Vec<f64>,
+    /// Electrons that are expected to be counted.
+    pub electrons_landed: Vec<f64>,
+    /// The same in its brightest pixel.
+    pub peak_electrons: Vec<f64>,
+    /// Expected electrons of everything else there.
+    pub background_e: Vec<f64>,
+    /// Electrons over their least standard error.
+    pub snr: Vec<f64>,
+    /// First column of the pixels that hold its light but for a fortieth beyond each side.
+    pub box_left_px: Vec<usize>,
+    /// First row.
+    pub box_top_px: Vec<usize>,
+    /// Last column.
+    pub box_right_px: Vec<usize>,
+    /// Last row.
+    pub box_bottom_px: Vec<usize>,
+    /// Whether `snr` is 5 or more and the centre of its light is on the frame.
+    pub visible: Vec<bool>,
+    /// Whether a pixel is expected to be full.
+    pub saturated: Vec<bool>,
+    /// Whether another star with at least a twentieth of its light is near.
+    pub blended: Vec<bool>,
+    /// Whether more than a hundredth of its light falls beside the frame.
+    pub edge: Vec<bool>,
+}
 
 /// One light, column by column.
 struct LightRow<'r> {
@@ -218,6 +248,9 @@ impl SampleLabels {
     pub(super) fn new(frame: &FrameScene, scene: &Scene, rendered: &Rendered, pixels_sha256: String) -> Self {
         let exposure = scene.exposures.get(0);
         let attitude = |seconds: f64| <[f64; 4]>::from(exposure.motion.attitude(&exposure.course, seconds)).map(rounded);
+        let footprints = rendered.footprints.as_deref().unwrap_or_default();
+        let mut lights = LightColumns::default();
+        rows(rendered, footprints).for_each(|row| lights.add(&row, [scene.camera.width_px, scene.camera.height_px]));
         let detector = scene.detector.joined(scene.binning);
         let full_dn = detector.full_pixel_dn();
         let full = rendered.pixels_dn.iter().filter(|count| f64::from(**count) >= full_dn).count();
@@ -257,73 +290,58 @@ impl SampleLabels {
             effects: effects.chain(others).collect(),
             saturated_share: rounded(full as f64 / rendered.pixels_dn.len().max(1) as f64),
             pixels_sha256,
+            lights,
         }
-    }
-
-    /// The text of KEY.json.
-    pub(super) fn json(&self, rendered: &Rendered, footprints: &[Footprint]) -> Result<String, serde_json::Error> {
-        let mut text = serde_json::to_string(self)?;
-        text.truncate(text.len() - 1);
-        text += ",\"lights\":{";
-        let rows: Vec<LightRow<'_>> = rows(rendered, footprints).collect();
-        for (place, (name, _)) in LIGHT_COLUMNS.iter().enumerate() {
-            let _ = write!(text, "{}\"{name}\":[", if place == 0 { "" } else { "," }); // writing to a String cannot fail
-            for (number, row) in rows.iter().enumerate() {
-                if number > 0 {
-                    text.push(',');
-                }
-                self.put(&mut text, row, place);
-            }
-            text.push(']');
-        }
-        text += "}}\n";
-        Ok(text)
-    }
-
-    /// Writes a light's value of a column of [`LIGHT_COLUMNS`].
-    fn put(&self, text: &mut String, row: &LightRow<'_>, column: usize) {
-        const PLACE: u32 = 6;
-        const LIGHT: u32 = 3;
-        let footprint = row.footprint;
-        let bound = |axis: usize| footprint.bound_px[axis].min(MAX_BOUND_PX);
-        let (value, digits) = match column {
-            0 => (f64::from(row.hip), 0),
-            1 => {
-                let _ = write!(text, "\"{}\"", row.kind); // writing to a String cannot fail
-                return;
-            }
-            2 | 3 => (row.centre[column - 2], PLACE),
-            4 | 5 => (row.middle[column - 4], PLACE),
-            6 | 7 => (row.start[column - 6], PLACE),
-            8 | 9 => (row.end[column - 8], PLACE),
-            10 | 11 => (row.ideal[column - 10], PLACE),
-            12 | 13 => (bound(column - 12), PLACE),
-            14 => (row.magnitude, LIGHT),
-            15..=17 => (row.electrons[column - 15], LIGHT),
-            18 => (footprint.background_e, LIGHT),
-            19 => (footprint.snr, LIGHT),
-            20..=23 => (footprint.box_px[column - 20] as f64, 0),
-            24 => (f64::from(footprint.snr >= MIN_VISIBLE_SNR && is_on(self.size_px, row.centre)), 0),
-            25 => (f64::from(footprint.is_saturated), 0),
-            26 => (f64::from(row.is_blended), 0),
-            _ => (f64::from(row.is_at_edge), 0),
-        };
-        fixed(text, value, digits);
     }
 }
 
-/// Writes a number with so many digits behind the point; what is no number is 0.
-fn fixed(text: &mut String, value: f64, digits: u32) {
-    const MAX: f64 = 9e17;
-    let unit = 10_u64.pow(digits);
-    let scaled = (value * unit as f64).round();
-    let scaled = if scaled.is_finite() { scaled.clamp(-MAX, MAX) } else { 0.0 };
-    let whole = scaled.abs() as u64;
-    if scaled < 0.0 {
-        text.push('-');
+impl LightColumns {
+    fn add(&mut self, row: &LightRow<'_>, size: [usize; 2]) {
+        let LightRow { footprint, centre, .. } = row;
+        self.hip.push(row.hip);
+        self.kind.push(row.kind);
+        let bound = footprint.bound_px.map(|bound| bound.min(MAX_BOUND_PX));
+        let places = [
+            (&mut self.x_px, &mut self.y_px, *centre),
+            (&mut self.x_mid_px, &mut self.y_mid_px, row.middle),
+            (&mut self.x_start_px, &mut self.y_start_px, row.start),
+            (&mut self.x_end_px, &mut self.y_end_px, row.end),
+            (&mut self.x_ideal_px, &mut self.y_ideal_px, row.ideal),
+            (&mut self.crlb_x_px, &mut self.crlb_y_px, bound),
+        ];
+        for (x_px, y_px, place) in places {
+            x_px.push(fixed(place[0], 1e6));
+            y_px.push(fixed(place[1], 1e6));
+        }
+        let [asked, landed, peak] = row.electrons;
+        let amounts = [
+            (&mut self.magnitude, row.magnitude),
+            (&mut self.electrons_asked, asked),
+            (&mut self.electrons_landed, landed),
+            (&mut self.peak_electrons, peak),
+            (&mut self.background_e, footprint.background_e),
+            (&mut self.snr, footprint.snr),
+        ];
+        for (column, amount) in amounts {
+            column.push(fixed(amount, 1e3));
+        }
+        let [left, top, right, bottom] = footprint.box_px;
+        self.box_left_px.push(left);
+        self.box_top_px.push(top);
+        self.box_right_px.push(right);
+        self.box_bottom_px.push(bottom);
+        self.visible.push(footprint.snr >= MIN_VISIBLE_SNR && is_on(size, *centre));
+        self.saturated.push(footprint.is_saturated);
+        self.blended.push(row.is_blended);
+        self.edge.push(row.is_at_edge);
     }
-    let width = digits as usize;
-    let _ = if digits == 0 { write!(text, "{whole}") } else { write!(text, "{}.{:0width$}", whole / unit, whole % unit) }; // as above
+}
+
+/// A number in whole parts of a unit, `per_unit` of them; what is no number is 0.
+fn fixed(value: f64, per_unit: f64) -> f64 {
+    let fixed = (value * per_unit).round() / per_unit;
+    // −0 is 0.
+    if fixed.is_finite() { fixed + 0.0 } else { 0.0 }
 }
 
 #[cfg(test)]
@@ -332,17 +350,15 @@ mod tests {
 
     #[test]
     fn numbers_have_fixed_digits() {
-        for (value, digits, told) in [
-            (1.5, 6, "1.500000"),
-            (-0.25, 3, "-0.250"),
-            (-1e-9, 6, "0.000000"),
-            (123_456_789.0, 0, "123456789"),
-            (f64::INFINITY, 3, "0.000"),
-            (511.999_999_6, 6, "512.000000"),
+        for (value, per_unit, told) in [
+            (1.5, 1e6, "1.5"),
+            (-0.25, 1e3, "-0.25"),
+            (-1e-9, 1e6, "0.0"),
+            (f64::INFINITY, 1e3, "0.0"),
+            (511.999_999_6, 1e6, "512.0"),
+            (100.123_456_789, 1e6, "100.123457"),
         ] {
-            let mut text = String::new();
-            fixed(&mut text, value, digits);
-            assert_eq!(text, told);
+            assert_eq!(serde_json::to_string(&fixed(value, per_unit)).unwrap(), told);
         }
     }
 }

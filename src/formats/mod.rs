@@ -88,7 +88,7 @@ pub static FORMATS: &[FileFormat] = &[
     FileFormat::of_result::<SimulatedTruth<'static>>("truth", TRUTH_FORMAT, "truth/truth.json beside a simulated recording"),
     FileFormat::of_result::<DatasetFile>("dataset", DATASET_FORMAT, "dataset.json of a dataset: what it is"),
     FileFormat::of_result::<ShardMark>("shard", SHARD_FORMAT, "the mark of a shard of a dataset that is whole"),
-    FileFormat::of_result::<SampleLabels>("sample", SAMPLE_FORMAT, "labels of a frame of a dataset, without the arrays of lights"),
+    FileFormat::of_result::<SampleLabels>("sample", SAMPLE_FORMAT, "labels of a frame of a dataset"),
     FileFormat::of_result::<DetectResult<'static>>("detect", DETECT_FORMAT, "the stars of a recording"),
     FileFormat::of_result::<IdentifyResult<'static>>("identify", IDENTIFY_FORMAT, "which stars they are"),
     FileFormat::of_result::<CalibrateResult<'static>>("calibrate", CALIBRATE_FORMAT, "a camera, or why there is none"),

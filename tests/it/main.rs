@@ -12,6 +12,7 @@ mod cli;
 mod clutter;
 mod common;
 mod contracts;
+mod dataset;
 mod detect;
 mod detector;
 mod diagnose;

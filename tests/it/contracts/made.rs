@@ -61,6 +61,7 @@ fn make() -> Made {
             format!("{table}{},{},{}\n", ra.to_degrees(), dec.to_degrees(), star.magnitude)
         });
     std::fs::write(at.join("table.csv"), table).unwrap();
+    crate::dataset::recipe_in(at, crate::dataset::RECIPE);
     let few = ["--nulls", "20", "--quiet"];
     let list = ["--family", "null", "--to", "1", "-o", "hidden", "--json"];
     let simulate = ["simulate", "scene.toml", "-o", "night", "--backend", "cpu", "--json"];
@@ -76,6 +77,7 @@ fn make() -> Made {
         made.results.push(Said { name, object: read(&at.join(args[3]).join(format!("{name}.json"))) });
     }
     let verbs: Vec<(&'static str, Vec<&str>)> = vec![
+        ("dataset", vec!["dataset", "recipe.toml", "-o", "set", "--json"]),
         ("detect", vec!["detect", "night", "--json"]),
         ("calibrate", vec!["calibrate", "night/frames/0000.fits", "--solve", "f,k1", "-o", "one", "--max-magnitude", "-1", "--json"]),
         ("update", vec!["calibrate", "night", "--update", "cal/calibrate.json", "-o", "updated", "--json"]),
@@ -101,6 +103,10 @@ fn make() -> Made {
         made.results.push(Said { name, object: object(at, &args) });
     }
     made.results.push(Said { name: "truth", object: read(&at.join("night/truth/truth.json")) });
+    made.results.push(Said { name: "shard", object: read(&at.join("set/shards/train-000000.json")) });
+    let (code, _, stderr) = run_in(at, &["dataset", "recipe.toml", "--frame", "5", "-o", "frame"]);
+    assert_eq!(code, 0, "{stderr}");
+    made.results.push(Said { name: "sample", object: read(&at.join("frame/000000005.json")) });
     // `demo` is `run` on the built-in scene, which takes longer and writes the same.
     let demo = made.of("run").next().unwrap().clone();
     made.results.push(Said { name: "demo", object: demo });
@@ -118,6 +124,7 @@ fn add_inputs(at: &Path, made: &mut Made) {
     for preset in boresight::scene::PRESETS {
         add("scene", preset.toml);
     }
+    add("recipe", crate::dataset::RECIPE);
     add("recording", &std::fs::read_to_string(at.join("night/recording.toml")).unwrap());
     add(
         "recording",

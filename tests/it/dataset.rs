@@ -1,0 +1,149 @@
+//! `boresight dataset`: the same bytes whatever the threads, the processes and the kills; recipes that are refused.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use crate::cli::{run, text};
+
+const SCENE: &str = "format = \"boresight-scene/1\"\ncamera = { width_px = 64, height_px = 48, focal_length_px = 300.0 }\n\
+                     sky = { physics = \"none\" }\n[[frames]]\nexposure_s = 1.0\n";
+
+pub(crate) const RECIPE: &str = "format = \"boresight-recipe/1\"\nname = \"tiny\"\nseed = 5\nscene = \"sky.toml\"\nlicence = \"CC-BY-4.0\"\n\
+    [size]\nframes = { train = 12, test = 4 }\nframes_per_shard = 2\nmembers = [\"mask\", \"distance\"]\n\
+    [cameras]\ntrain = 2\ntest = 1\n[splits]\napart_by = [\"camera\", \"sky\"]\n\
+    [[draw]]\nper = \"camera\"\npath = \"camera.focal_length_px\"\nuniform = [290.0, 310.0]\n\
+    [[draw]]\nper = \"frame\"\npath = \"frames.rate_deg_s\"\nball = { radius = 0.5 }\nspread = \"even\"\n\
+    [hard]\nno_stars = 0.2\nfalse_stars = { share = 0.3, count = [1, 4] }\n";
+
+/// Writes the recipe and its scene.
+pub(crate) fn recipe_in(folder: &Path, recipe: &str) -> PathBuf {
+    std::fs::write(folder.join("sky.toml"), SCENE).unwrap();
+    let path = folder.join("recipe.toml");
+    std::fs::write(&path, recipe).unwrap();
+    path
+}
+
+/// Every file of a folder with its bytes.
+fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut ahead = vec![folder.to_owned()];
+    while let Some(at) = ahead.pop() {
+        for entry in std::fs::read_dir(&at).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                ahead.push(path);
+            } else {
+                found.insert(path.strip_prefix(folder).unwrap().to_owned(), std::fs::read(&path).unwrap());
+            }
+        }
+    }
+    found
+}
+
+fn made(recipe: &Path, folder: &Path, more: &[&str]) {
+    let ran = run(&[&["dataset", text(recipe), "-o", text(folder)], more].concat());
+    assert_eq!(ran.code, 0, "{more:?}: {}", ran.stderr);
+}
+
+#[test]
+fn a_dataset_is_the_same_for_any_threads_processes_and_kills() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = recipe_in(folder.path(), RECIPE);
+    let at = |name: &str| folder.path().join(name);
+    made(&recipe, &at("one"), &["--threads", "1"]);
+    let one = files(&at("one"));
+    assert_eq!(one.len(), 8 + 8 + 3, "shards, marks, and dataset.json, recipe.toml, SHA256SUMS: {:?}", one.keys());
+    let sums = String::from_utf8(one[Path::new("SHA256SUMS")].clone()).unwrap();
+    assert_eq!(sums.lines().count(), one.len() - 1, "{sums}");
+    made(&recipe, &at("two"), &["--threads", "2"]);
+    assert!(one == files(&at("two")), "another number of threads");
+    made(&recipe, &at("parts"), &["--shard", "1/2"]);
+    assert!(!at("parts").join("SHA256SUMS").exists());
+    made(&recipe, &at("parts"), &["--shard", "0/2"]);
+    assert!(one == files(&at("parts")), "in two parts");
+    // Killed at different times, and gone on with: what was in the making goes with the next run.
+    for delay_ms in [0, 15, 40, 90] {
+        let target = at("cut");
+        let mut child = Command::new(assert_cmd::cargo::cargo_bin("boresight"))
+            .args(["dataset", text(&recipe), "-o", text(&target), "--threads", "1", "--quiet"])
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        let begun = Instant::now();
+        while !target.join("train").exists() && begun.elapsed() < Duration::from_secs(20) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        std::thread::sleep(Duration::from_millis(delay_ms));
+        let _ = child.kill();
+        child.wait().unwrap();
+    }
+    made(&recipe, &at("cut"), &[]);
+    assert!(one == files(&at("cut")), "after kills");
+    let again = run(&["dataset", text(&recipe), "-o", text(&at("cut"))]);
+    assert!(again.stdout.contains("0 shards made, 8 were done before; whole"), "{}", again.stdout);
+}
+
+#[test]
+fn a_folder_belongs_to_its_recipe() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = recipe_in(folder.path(), RECIPE);
+    let target = folder.path().join("set");
+    made(&recipe, &target, &[]);
+    std::fs::write(target.join("notes.txt"), "mine").unwrap();
+    recipe_in(folder.path(), &RECIPE.replace("seed = 5", "seed = 6"));
+    let refused = run(&["dataset", text(&recipe), "-o", text(&target)]);
+    assert_eq!(refused.code, 1);
+    assert!(refused.stderr.contains("holds a dataset of another recipe"), "{}", refused.stderr);
+    made(&recipe, &target, &["--force"]);
+    assert_eq!(std::fs::read_to_string(target.join("notes.txt")).unwrap(), "mine");
+    // A shard that somebody cut is told, and one whose mark is gone is made anew.
+    let shard = target.join("train/000001.tar");
+    let whole = std::fs::read(&shard).unwrap();
+    std::fs::write(&shard, &whole[..1000]).unwrap();
+    let cut = run(&["dataset", text(&recipe), "-o", text(&target)]);
+    assert!(cut.code == 1 && cut.stderr.contains("has 1000 bytes and not the"), "{}", cut.stderr);
+    std::fs::remove_file(target.join("shards/train-000001.json")).unwrap();
+    made(&recipe, &target, &[]);
+    assert!(std::fs::read(&shard).unwrap() == whole);
+    let foreign = folder.path().join("foreign");
+    std::fs::create_dir(&foreign).unwrap();
+    std::fs::write(foreign.join("a"), "b").unwrap();
+    assert_eq!(run(&["dataset", text(&recipe), "-o", text(&foreign), "--force"]).code, 1);
+    assert_eq!(files(&foreign).len(), 1);
+}
+
+#[test]
+fn frames_and_scenes_are_had_one_by_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = recipe_in(folder.path(), RECIPE);
+    let at = |name: &str| folder.path().join(name);
+    let scene = run(&["dataset", text(&recipe), "--scene", "200000003"]);
+    assert_eq!(scene.code, 0, "{}", scene.stderr);
+    std::fs::write(at("frame.toml"), &scene.stdout).unwrap();
+    assert_eq!(run(&["simulate", text(&at("frame.toml")), "-o", text(&at("night")), "--backend", "cpu", "--no-pixel-shifts"]).code, 0);
+    let one = run(&["dataset", text(&recipe), "--frame", "200000003", "-o", text(&at("one"))]);
+    assert_eq!(one.code, 0, "{}", one.stderr);
+    let image = image::open(at("one").join("200000003.image.png")).unwrap().into_luma16().into_raw();
+    let recording = boresight::recording::Recording::open(&[at("night")]).unwrap();
+    let simulated = recording.load_frame(0).unwrap();
+    assert!(simulated.pixels_dn.iter().zip(&image).all(|(simulated, own)| *simulated == f32::from(*own)));
+    let labels: Value = serde_json::from_slice(&std::fs::read(at("one").join("200000003.json")).unwrap()).unwrap();
+    assert_eq!((&labels["split"], &labels["camera"]), (&Value::from("test"), &Value::from(20_000)));
+    for (args, code, told) in [
+        (vec!["--scene", "12"], 1, "there is no frame 12; there are 0 to 11 (train), 200000000 to 200000003 (test)"),
+        (vec![], 2, "dataset needs a folder"),
+        (vec!["--shard", "2/2", "-o", "x"], 2, "give I/N with I from 0 to N − 1"),
+    ] {
+        let ran = run(&[&["dataset", text(&recipe)], args.as_slice()].concat());
+        assert_eq!(ran.code, code, "{args:?}: {}", ran.stderr);
+        assert!(ran.stderr.contains(told), "{args:?}: {}", ran.stderr);
+    }
+    let plan = run(&["dataset", text(&recipe), "--plan"]);
+    assert!(plan.code == 0 && plan.stdout.contains("tiny: 16 frames in 8 shards of 2;"), "{}{}", plan.stdout, plan.stderr);
+    assert!(plan.stdout.contains("train and test: nearest boresights ") && plan.stdout.contains("shared cameras 0, shared stars 0.00 %"));
+    assert!(!at("set").exists());
+}
