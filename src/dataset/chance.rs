@@ -150,7 +150,8 @@ mod tests {
         // Correlation of the places with the indices and of two dimensions: below 5 standard errors of 1/√n.
         let count = 2000;
         let place = |index, number| chance.permuted(Stratum { index, count, group: 0 }, number) as f64 / count as f64 - 0.5;
-        let with_index: f64 = (0..count).map(|index| place(index, 0) * (index as f64 / count as f64 - 0.5)).sum::<f64>() * 12.0 / count as f64;
+        let with_index: f64 =
+            (0..count).map(|index| place(index, 0) * (index as f64 / count as f64 - 0.5)).sum::<f64>() * 12.0 / count as f64;
         let with_other: f64 = (0..count).map(|index| place(index, 0) * place(index, 1)).sum::<f64>() * 12.0 / count as f64;
         assert!(with_index.abs() < 0.11 && with_other.abs() < 0.11, "{with_index} {with_other}");
     }

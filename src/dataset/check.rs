@@ -9,9 +9,8 @@ const MAX_FRAMES_OF_A_SHARD: u64 = 1_000_000;
 
 /// Checks what can be said without the scene.
 pub(super) fn check(path: &str, recipe: &RecipeFile) -> Result<(), DatasetError> {
-    let refuse = |key: &str, value: String, remedy: String| {
-        Err(DatasetError::Value { path: path.to_owned(), key: key.to_owned(), value, remedy })
-    };
+    let refuse =
+        |key: &str, value: String, remedy: String| Err(DatasetError::Value { path: path.to_owned(), key: key.to_owned(), value, remedy });
     if recipe.format != RECIPE_FORMAT {
         return refuse("format", format!("{:?}", recipe.format), format!("must be {RECIPE_FORMAT:?}"));
     }
@@ -73,7 +72,11 @@ fn check_hard(refuse: &dyn Fn(&str, String, String) -> Result<(), DatasetError>,
     }
     let Some(table) = &hard.false_stars else { return Ok(()) };
     if table.count[0] > table.count[1] || table.count[1] > 1000 {
-        return refuse("hard.false_stars.count", format!("{:?}", table.count), "must be two whole numbers up to 1000, the lower first".to_owned());
+        return refuse(
+            "hard.false_stars.count",
+            format!("{:?}", table.count),
+            "must be two whole numbers up to 1000, the lower first".to_owned(),
+        );
     }
     if let Some(ends) = table.magnitudes.filter(|ends| !(ends[0] < ends[1] && ends.iter().all(|end| end.abs() <= 40.0))) {
         return refuse("hard.false_stars.magnitudes", format!("{ends:?}"), "must be two magnitudes, the brighter first".to_owned());
@@ -98,7 +101,11 @@ mod tests {
         for (from, to, told) in [
             ("recipe/1", "recipe/2", "r.toml: format = \"boresight-recipe/2\" must be \"boresight-recipe/1\""),
             ("\"a\"", "\"a/b\"", "r.toml: name = \"a/b\" must be made of letters"),
-            ("train = 8", "train = 9", "r.toml: size.frames.train = 9 is no multiple of size.frames_per_shard = 4, and loaders need equal shards: take 8 or 12"),
+            (
+                "train = 8",
+                "train = 9",
+                "r.toml: size.frames.train = 9 is no multiple of size.frames_per_shard = 4, and loaders need equal shards: take 8 or 12",
+            ),
             ("train = 8", "train = 2", "take 4"),
             ("train = 8", "train = 0", "size.frames = nothing must give a split some frames"),
             ("shard = 4", "shard = 0", "size.frames_per_shard = 0 must lie between 1 and"),
@@ -107,7 +114,11 @@ mod tests {
             ("shard = 4\n", "shard = 4\n[cameras]\ntrain = 0\n", "cameras.train = 0 must lie between 1 and 10000"),
             ("shard = 4\n", "shard = 4\n[splits]\nguard_deg = -1.0\n", "splits.guard_deg = -1 must lie between 0 and 180"),
             ("shard = 4\n", "shard = 4\n[hard]\ntwins = 2.0\n", "hard.twins = 2 must lie between 0 and 1"),
-            ("shard = 4\n", "shard = 4\n[hard]\nfalse_stars = { share = 0.1, count = [9, 1] }\n", "hard.false_stars.count = [9, 1] must be two whole numbers"),
+            (
+                "shard = 4\n",
+                "shard = 4\n[hard]\nfalse_stars = { share = 0.1, count = [9, 1] }\n",
+                "hard.false_stars.count = [9, 1] must be two whole numbers",
+            ),
             (
                 "shard = 4\n",
                 "shard = 4\n[[draw]]\nper = \"frame\"\npath = \"camera.k1\"\nuniform = [0, 1]\n[[draw]]\nper = \"camera\"\npath = \"camera.k1\"\nuniform = [0, 1]\n",

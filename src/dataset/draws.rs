@@ -31,7 +31,14 @@ pub(super) struct DrawIndex {
 
 impl Draw {
     /// Checks a table; `number` is its place in the recipe.
-    pub(super) fn new(recipe: &str, folder: &Path, seed: u64, number: usize, table: &DrawTable, schema: &Schema) -> Result<Self, DatasetError> {
+    pub(super) fn new(
+        recipe: &str,
+        folder: &Path,
+        seed: u64,
+        number: usize,
+        table: &DrawTable,
+        schema: &Schema,
+    ) -> Result<Self, DatasetError> {
         let refuse = |key: &str, value: String, remedy: String| DatasetError::Value {
             path: recipe.to_owned(),
             key: format!("draw[{number}].{key}"),
@@ -44,7 +51,8 @@ impl Draw {
             let remedy = "is set by the recipe itself and cannot be drawn; leave the draw out".to_owned();
             return Err(refuse("path", format!("{:?}", table.path), remedy));
         }
-        let path = ScenePath::find(schema, &table.path).map_err(|what| refuse("path", format!("{:?}", table.path), format!("is no place in a scene: {what}")))?;
+        let path = ScenePath::find(schema, &table.path)
+            .map_err(|what| refuse("path", format!("{:?}", table.path), format!("is no place in a scene: {what}")))?;
         let (key, value, distribution) = distribution(folder, table, &refuse)?;
         if let Some(wanted) = mismatch(&distribution, &path.kind) {
             return Err(refuse(key, value, format!("gives {wanted}, but {} is {}", table.path, path.kind.words())));
@@ -135,7 +143,8 @@ fn distribution(folder: &Path, table: &DrawTable, refuse: Refuse<'_>) -> Result<
         given.push(("choice", format!("{count} values"), weighted(&choice.values, &weights)));
     }
     if let Some(ball) = table.ball {
-        let checked = if ball.radius.is_finite() && ball.radius > 0.0 { Ok(Distribution::Ball(ball.radius)) } else { Err(NO_RADIUS.to_owned()) };
+        let checked =
+            if ball.radius.is_finite() && ball.radius > 0.0 { Ok(Distribution::Ball(ball.radius)) } else { Err(NO_RADIUS.to_owned()) };
         given.push(("ball", format!("{{ radius = {} }}", ball.radius), checked));
     }
     if let Some(sphere) = table.sphere {
@@ -160,9 +169,8 @@ fn distribution(folder: &Path, table: &DrawTable, refuse: Refuse<'_>) -> Result<
     let told = if names.is_empty() { "no distribution".to_owned() } else { names.join(" and ") };
     let mut given = given.into_iter();
     let (Some((key, value, checked)), None) = (given.next(), given.next()) else {
-        let remedy = format!(
-            "has {told}; give one of uniform, log_uniform, normal, choice, ball, sphere, table, times, probability and no other"
-        );
+        let remedy =
+            format!("has {told}; give one of uniform, log_uniform, normal, choice, ball, sphere, table, times, probability and no other");
         return Err(refuse("path", format!("{:?}", table.path), remedy));
     };
     checked.map(|distribution| (key, value.clone(), distribution)).map_err(|remedy| refuse(key, value, remedy))
@@ -206,7 +214,8 @@ fn quantiles(folder: &Path, table: &QuantileTable) -> Result<Vec<[f64; 2]>, Stri
     }
     let mut reader = csv::Reader::from_path(folder.join(&table.file)).map_err(|error| format!("cannot be read: {error}"))?;
     let rows = reader.deserialize::<Row>().map(|row| row.map(|row| [row.probability, row.value]));
-    let rows = rows.collect::<Result<Vec<_>, _>>().map_err(|error| format!("cannot be read: {error}; its columns are probability and value"))?;
+    let rows =
+        rows.collect::<Result<Vec<_>, _>>().map_err(|error| format!("cannot be read: {error}; its columns are probability and value"))?;
     let is_rising = rows.windows(2).all(|pair| pair[0][0] < pair[1][0] && pair[0][1] <= pair[1][1]);
     let is_whole = rows.first().is_some_and(|row| row[0] == 0.0) && rows.last().is_some_and(|row| row[0] == 1.0);
     if is_rising && is_whole && rows.iter().all(|row| row[1].is_finite()) {
@@ -226,9 +235,7 @@ fn mismatch(distribution: &Distribution, kind: &PlaceKind) -> Option<&'static st
         Distribution::Ball(_) | Distribution::Shell(_) => (*kind != PlaceKind::Numbers(Some(3))).then_some("three numbers"),
         Distribution::Sky { .. } => (*kind != PlaceKind::Numbers(Some(2))).then_some("right ascension and declination"),
         Distribution::Times(_) => (*kind != PlaceKind::Text).then_some("a time"),
-        Distribution::Probability(_) => {
-            (!matches!(kind, PlaceKind::Effect | PlaceKind::Table)).then_some("whether something is there")
-        }
+        Distribution::Probability(_) => (!matches!(kind, PlaceKind::Effect | PlaceKind::Table)).then_some("whether something is there"),
         Distribution::Choice(_) => None,
     }
 }
@@ -246,12 +253,18 @@ mod tests {
     #[test]
     fn bad_draws_are_refused_with_place_value_and_remedy() {
         for (text, told) in [
-            ("path = \"camera.with_px\"\nuniform = [0, 1]", "r.toml: draw[2].path = \"camera.with_px\" is no place in a scene: camera has no key with_px; did you mean width_px?"),
+            (
+                "path = \"camera.with_px\"\nuniform = [0, 1]",
+                "r.toml: draw[2].path = \"camera.with_px\" is no place in a scene: camera has no key with_px; did you mean width_px?",
+            ),
             ("path = \"camera.k1\"\nuniform = [1, 0]", "r.toml: draw[2].uniform = [1.0, 0.0] must be two numbers, the lower first"),
             ("path = \"camera.k1\"\nlog_uniform = [0, 1]", "r.toml: draw[2].log_uniform = [0.0, 1.0] must be two numbers above 0"),
             ("path = \"camera.k1\"", "r.toml: draw[2].path = \"camera.k1\" has no distribution; give one of uniform"),
             ("path = \"camera.k1\"\nuniform = [0, 1]\nprobability = 0.5", "has uniform and probability; give one of"),
-            ("path = \"camera.k1\"\nball = { radius = 1 }", "r.toml: draw[2].ball = { radius = 1 } gives three numbers, but camera.k1 is a number"),
+            (
+                "path = \"camera.k1\"\nball = { radius = 1 }",
+                "r.toml: draw[2].ball = { radius = 1 } gives three numbers, but camera.k1 is a number",
+            ),
             ("path = \"frames.rate_deg_s\"\nball = { radius = 0 }", "r.toml: draw[2].ball = { radius = 0 } must have a radius above 0"),
             ("path = \"effects.moonlight\"\nprobability = 1.5", "r.toml: draw[2].probability = 1.5 must lie between 0 and 1"),
             ("path = \"camera.k1\"\nprobability = 0.5", "gives whether something is there, but camera.k1 is a number"),

@@ -171,7 +171,10 @@ mod tests {
         let (size, cameras) = (size(), SplitCounts { train: 4, validation: 0, test: 2 });
         let camera = |split, index| FrameKey { split, index }.camera_number(&size, &cameras, true);
         assert_eq!((0..10).map(|index| camera(DatasetSplit::Train, index)).collect::<Vec<_>>(), [0, 0, 1, 1, 2, 2, 3, 3, 0, 0]);
-        assert_eq!((0..6).map(|index| camera(DatasetSplit::Test, index)).collect::<Vec<_>>(), [20_000, 20_000, 20_001, 20_001, 20_000, 20_000]);
+        assert_eq!(
+            (0..6).map(|index| camera(DatasetSplit::Test, index)).collect::<Vec<_>>(),
+            [20_000, 20_000, 20_001, 20_001, 20_000, 20_000]
+        );
         assert_eq!(FrameKey { split: DatasetSplit::Test, index: 2 }.camera_number(&size, &cameras, false), 1);
     }
 }

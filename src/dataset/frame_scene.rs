@@ -221,7 +221,9 @@ mod tests {
                          [[draw]]\nper = \"camera\"\npath = \"effects.prnu.relative\"\nlog_uniform = [0.001, 0.01]\n";
 
     fn scenes(plan: &DatasetPlan) -> Vec<Table> {
-        let keys = DatasetSplit::ALL.into_iter().flat_map(|split| (0..plan.recipe.size.frames.of(split)).map(move |index| FrameKey { split, index }));
+        let keys = DatasetSplit::ALL
+            .into_iter()
+            .flat_map(|split| (0..plan.recipe.size.frames.of(split)).map(move |index| FrameKey { split, index }));
         keys.map(|key| plan.frame_scene(key).unwrap().scene).collect()
     }
 
@@ -229,7 +231,12 @@ mod tests {
     fn a_further_draw_changes_no_other_value() {
         let plan = plan_of(&recipe(DRAWS), SCENE).unwrap();
         let more = "[[draw]]\nper = \"frame\"\npath = \"sky.background_e_per_px_s\"\nuniform = [1, 9]\n[[draw]]\nper = \"dataset\"\npath = \"camera.k1\"\nuniform = [0, 1e-9]\n";
-        let further = plan_of(&recipe(&format!("{more}{DRAWS}").replace("[cameras]\ntrain = 2\ntest = 1\n", "")).replace("[size]", "[cameras]\ntrain = 2\ntest = 1\n[size]"), SCENE).unwrap();
+        let further = plan_of(
+            &recipe(&format!("{more}{DRAWS}").replace("[cameras]\ntrain = 2\ntest = 1\n", ""))
+                .replace("[size]", "[cameras]\ntrain = 2\ntest = 1\n[size]"),
+            SCENE,
+        )
+        .unwrap();
         for (mut with, without) in scenes(&further).into_iter().zip(scenes(&plan)) {
             assert!(with["camera"].as_table_mut().unwrap().remove("k1").is_some());
             assert!(with["sky"].as_table_mut().unwrap().remove("background_e_per_px_s").is_some());
@@ -269,7 +276,8 @@ mod tests {
         let hard = "[hard]\nno_stars = 0.25\ntwins = 0.5\nfalse_stars = { share = 0.5, count = [2, 3] }\n";
         let text = recipe(hard).replace("train = 8, test = 4", "train = 200").replace("frames_per_shard = 4", "frames_per_shard = 100");
         let plan = plan_of(&text, SCENE).unwrap();
-        let frames: Vec<FrameScene> = (0..200).map(|index| plan.frame_scene(FrameKey { split: DatasetSplit::Train, index }).unwrap()).collect();
+        let frames: Vec<FrameScene> =
+            (0..200).map(|index| plan.frame_scene(FrameKey { split: DatasetSplit::Train, index }).unwrap()).collect();
         let share = |count: usize| count as f64 / 200.0;
         assert!((share(frames.iter().filter(|frame| frame.is_starless).count()) - 0.25).abs() < 0.15);
         assert!((share(frames.iter().filter(|frame| frame.false_stars > 0).count()) - 0.5).abs() < 0.18);
@@ -287,7 +295,10 @@ mod tests {
 
     #[test]
     fn a_camera_on_the_ground_points_above_its_lowest_altitude() {
-        let scene = format!("{}\n[site]\nlatitude_deg = 47.0\nlongitude_deg = 11.0\n[series]\ncount = 1\nexposure_s = 1.0\nstart_utc = \"2026-03-01T22:00:00Z\"\nlowest_altitude_deg = 60.0\n", SCENE.replace("[[frames]]\nexposure_s = 1.0\n", ""));
+        let scene = format!(
+            "{}\n[site]\nlatitude_deg = 47.0\nlongitude_deg = 11.0\n[series]\ncount = 1\nexposure_s = 1.0\nstart_utc = \"2026-03-01T22:00:00Z\"\nlowest_altitude_deg = 60.0\n",
+            SCENE.replace("[[frames]]\nexposure_s = 1.0\n", "")
+        );
         let plan = plan_of(&recipe(""), &scene).unwrap();
         let up = zenith(&plan.base).unwrap();
         for index in 0..8 {

@@ -64,7 +64,8 @@ impl DatasetPlan {
         let boresights: Vec<[f64; 3]> = boresights.into_iter().flatten().collect();
         let radius_rad = self.field_radius_deg.to_radians();
         let faintest = self.faintest_magnitude();
-        let stars = boresights.par_iter().flat_map_iter(|boresight| catalog.stars_within(&Direction::from_unit(*boresight), radius_rad, faintest));
+        let stars =
+            boresights.par_iter().flat_map_iter(|boresight| catalog.stars_within(&Direction::from_unit(*boresight), radius_rad, faintest));
         Seen {
             cameras: (0..frames).map(|index| key(index).camera_number(size, cameras, self.cameras_are_apart())).collect(),
             stars: stars.collect(),
@@ -119,7 +120,8 @@ mod tests {
 
     #[test]
     fn splits_apart_share_neither_camera_nor_star() {
-        let size = |more: &str| recipe(more).replace("train = 8, test = 4", "train = 200, test = 40").replace("per_shard = 4", "per_shard = 40");
+        let size =
+            |more: &str| recipe(more).replace("train = 8, test = 4", "train = 200, test = 40").replace("per_shard = 4", "per_shard = 40");
         let apart = plan_of(&size("[splits]\napart_by = [\"sky\", \"camera\"]\n"), SCENE).unwrap();
         let [table] = <[SharedBySplits; 1]>::try_from(apart.leaks(Catalog::embedded())).unwrap();
         assert_eq!((table.shared_cameras, table.shared_stars), (0, Some(0.0)));
@@ -139,7 +141,8 @@ mod tests {
             (first..first + 60).map(|k| super::super::distribution::direction(chance.uniform(k, 0), chance.uniform(k, 1))).collect()
         };
         let (a, b) = (set(0), set(1000));
-        let all = a.iter().flat_map(|one| b.iter().map(move |other| dot(*one, *other).clamp(-1.0, 1.0).acos())).fold(f64::INFINITY, f64::min);
+        let all =
+            a.iter().flat_map(|one| b.iter().map(move |other| dot(*one, *other).clamp(-1.0, 1.0).acos())).fold(f64::INFINITY, f64::min);
         assert!((nearest_rad(&a, &b).unwrap() - all).abs() < 1e-9);
         assert_eq!(nearest_rad(&a, &[]), None);
     }

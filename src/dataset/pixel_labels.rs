@@ -29,7 +29,11 @@ const OF_FLAGS: [(u16, u8); 6] = [
 ];
 
 /// The class of every pixel. `flags`: the renderer's mask; footprints of stars, and of lights that look like them.
-pub(super) fn classes<'f>(flags: &[u16], stars: impl Iterator<Item = &'f Footprint>, false_stars: impl Iterator<Item = &'f Footprint>) -> Vec<u8> {
+pub(super) fn classes<'f>(
+    flags: &[u16],
+    stars: impl Iterator<Item = &'f Footprint>,
+    false_stars: impl Iterator<Item = &'f Footprint>,
+) -> Vec<u8> {
     let mut classes = vec![0; flags.len()];
     // A false star is a trail of no length to the renderer.
     for (pixel, flags) in flags.iter().enumerate().filter(|(_, flags)| **flags != 0) {

@@ -176,7 +176,8 @@ fn scene_text(recipe: &str, scene: &str, folder: &Path) -> Result<(String, Strin
     };
     let found = preset(name).ok_or_else(|| {
         let names: Vec<&str> = crate::scene::PRESETS.iter().map(|preset| preset.name).collect();
-        let nearest = crate::toml_file::suggestion(name, &names).map_or_else(|| format!("there are {}", names.join(", ")), |near| format!("did you mean preset:{near}?"));
+        let nearest = crate::toml_file::suggestion(name, &names)
+            .map_or_else(|| format!("there are {}", names.join(", ")), |near| format!("did you mean preset:{near}?"));
         let (path, value) = (recipe.to_owned(), format!("{scene:?}"));
         DatasetError::Value { path, key: "scene".to_owned(), value, remedy: format!("is no preset: {nearest}") }
     })?;
@@ -226,7 +227,8 @@ fn one_exposure(recipe: &str, name: &str, mut scene: Table) -> Result<Exposure, 
 fn field_radius_deg(scene: &Scene) -> f64 {
     let camera = &scene.camera;
     let context = scene.model.reference_context();
-    let corners = [-0.5, camera.width_px as f64 - 0.5].into_iter().flat_map(|x_px| [-0.5, camera.height_px as f64 - 0.5].map(|y_px| (x_px, y_px)));
+    let corners =
+        [-0.5, camera.width_px as f64 - 0.5].into_iter().flat_map(|x_px| [-0.5, camera.height_px as f64 - 0.5].map(|y_px| (x_px, y_px)));
     let heights = corners.map(|(x_px, y_px)| {
         let corner = crate::coordinates::PixelPoint { x_px, y_px };
         scene.model.direction(corner, &context).map_or(-1.0, |direction| direction.xyz[2])
@@ -235,12 +237,7 @@ fn field_radius_deg(scene: &Scene) -> f64 {
 }
 
 /// The hash of everything that frames follow from.
-fn hash(
-    recipe: &RecipeFile,
-    text: &str,
-    (scene_path, scene, tables): (&str, &str, &Table),
-    folder: &Path,
-) -> Result<String, DatasetError> {
+fn hash(recipe: &RecipeFile, text: &str, (scene_path, scene, tables): (&str, &str, &Table), folder: &Path) -> Result<String, DatasetError> {
     let mut hasher = Sha256::new();
     let mut add = |bytes: &[u8]| {
         hasher.update((bytes.len() as u64).to_le_bytes());
@@ -290,7 +287,8 @@ pub(super) mod tests {
     pub(in crate::dataset) fn plan_of(recipe: &str, scene: &str) -> Result<DatasetPlan, String> {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("scene.toml"), scene).unwrap();
-        DatasetPlan::parse("r.toml", recipe, folder.path()).map_err(|error| error.to_string().replace(&folder.path().display().to_string(), "."))
+        DatasetPlan::parse("r.toml", recipe, folder.path())
+            .map_err(|error| error.to_string().replace(&folder.path().display().to_string(), "."))
     }
 
     #[test]
@@ -330,7 +328,8 @@ pub(super) mod tests {
         assert!(refused.starts_with("r.toml: splits.guard_deg = 80.00 leaves a split no sky to point at; "), "{refused}");
         let largest: f64 = refused.split("point at; ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
         assert!(apart(&format!("guard_deg = {largest}")).is_ok());
-        let pointed = plan_of(&recipe("[splits]\napart_by = [\"sky\"]\n"), &format!("{SCENE}boresight_radec_deg = [1.0, 2.0]\n")).unwrap_err();
+        let pointed =
+            plan_of(&recipe("[splits]\napart_by = [\"sky\"]\n"), &format!("{SCENE}boresight_radec_deg = [1.0, 2.0]\n")).unwrap_err();
         assert!(pointed.contains("needs a [[draw]] of frames.boresight_radec_deg by sphere"), "{pointed}");
     }
 

@@ -71,7 +71,11 @@ impl DatasetPlan {
 
 /// Works on all of them, each on a thread of its own pool of one: work within a shard stays on its thread, or a thread that waits for its own shard would
 /// begin another one on top of it, and memory would grow. After a fault nothing new is begun.
-fn on_threads(shards: &[ShardKey], threads: usize, work: &(dyn Fn(&ShardKey) -> Result<(), DatasetError> + Sync)) -> Result<(), DatasetError> {
+fn on_threads(
+    shards: &[ShardKey],
+    threads: usize,
+    work: &(dyn Fn(&ShardKey) -> Result<(), DatasetError> + Sync),
+) -> Result<(), DatasetError> {
     let (next, is_broken) = (AtomicUsize::new(0), AtomicBool::new(false));
     let fault: Mutex<Option<DatasetError>> = Mutex::new(None);
     let worker = || {

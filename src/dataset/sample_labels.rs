@@ -238,7 +238,11 @@ fn is_on(size: [usize; 2], [x, y]: [f64; 2]) -> bool {
 }
 
 /// Centres of the stars that count as visible.
-pub(super) fn visible_stars<'r>(size: [usize; 2], rendered: &'r Rendered, footprints: &'r [Footprint]) -> impl Iterator<Item = [f64; 2]> + use<'r> {
+pub(super) fn visible_stars<'r>(
+    size: [usize; 2],
+    rendered: &'r Rendered,
+    footprints: &'r [Footprint],
+) -> impl Iterator<Item = [f64; 2]> + use<'r> {
     let places = rendered.stars.iter().zip(footprints).filter(|(_, footprint)| footprint.snr >= MIN_VISIBLE_SNR);
     places.map(|(star, _)| [star.x_mean_px, star.y_mean_px]).filter(move |place| is_on(size, *place))
 }

@@ -88,7 +88,8 @@ fn fixed_length(node: &Schema) -> Option<usize> {
 }
 
 fn kind_of(root: &Schema, node: &Schema) -> PlaceKind {
-    let words = node.get("enum").is_some() || node.get("oneOf").is_some_and(|forms| forms.pointer("/0/const").is_some_and(Schema::is_string));
+    let words =
+        node.get("enum").is_some() || node.get("oneOf").is_some_and(|forms| forms.pointer("/0/const").is_some_and(Schema::is_string));
     if is_a(node, "integer") {
         PlaceKind::Integer
     } else if is_a(node, "number") {
@@ -97,7 +98,11 @@ fn kind_of(root: &Schema, node: &Schema) -> PlaceKind {
         PlaceKind::Text
     } else if is_a(node, "array") {
         let items = node.get("items").map(|items| kind_of(root, resolved(root, items)));
-        if matches!(items, Some(PlaceKind::Number | PlaceKind::Integer)) { PlaceKind::Numbers(fixed_length(node)) } else { PlaceKind::Table }
+        if matches!(items, Some(PlaceKind::Number | PlaceKind::Integer)) {
+            PlaceKind::Numbers(fixed_length(node))
+        } else {
+            PlaceKind::Table
+        }
     } else if is_a(node, "object") {
         PlaceKind::Table
     } else {

@@ -220,7 +220,10 @@ mod tests {
         assert!(farthest < 1.95 / (count as f64).sqrt(), "{farthest}");
         // Known places: the corner of a polar face is the pole, faces meet without a gap.
         assert!((direction_in_face(0, 1.0, 1.0)[2] - 1.0).abs() < 1e-12);
-        assert!(angle_rad(direction_in_face(0, 1.0, 0.3), direction_in_face(1, 0.3, 1.0)) < 1e-7 || angle_rad(direction_in_face(0, 0.3, 1.0), direction_in_face(1, 1.0, 0.3)) < 1e-7);
+        assert!(
+            angle_rad(direction_in_face(0, 1.0, 0.3), direction_in_face(1, 0.3, 1.0)) < 1e-7
+                || angle_rad(direction_in_face(0, 0.3, 1.0), direction_in_face(1, 1.0, 0.3)) < 1e-7
+        );
     }
 
     #[test]

@@ -35,7 +35,10 @@ fn header(name: &str, length: usize) -> io::Result<[u8; BLOCK]> {
     let mut block = [0; BLOCK];
     let mut put = |at: usize, bytes: &[u8]| block[at..at + bytes.len()].copy_from_slice(bytes);
     if name.len() > 100 || length >= 1 << 33 {
-        return Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{name} with {length} bytes does not fit an archive of the kind ustar")));
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            format!("{name} with {length} bytes does not fit an archive of the kind ustar"),
+        ));
     }
     put(0, name.as_bytes());
     put(100, b"0000644\0");

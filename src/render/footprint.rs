@@ -55,7 +55,14 @@ impl Footprint {
             [Some(right), Some(down)] => bound_px(seen, &[right, down]),
             _ => [f64::INFINITY; 2],
         };
-        Ok(Self { snr: landed.snr, background_e: landed.background_e, is_saturated: landed.is_full, box_px: box_px(seen), bound_px, pixels })
+        Ok(Self {
+            snr: landed.snr,
+            background_e: landed.background_e,
+            is_saturated: landed.is_full,
+            box_px: box_px(seen),
+            bound_px,
+            pixels,
+        })
     }
 }
 

@@ -19,7 +19,8 @@ impl PsfTables {
             return make();
         }
         let name = format!("{psf:?}");
-        let known = self.0.lock().unwrap_or_else(PoisonError::into_inner).iter().find(|(other, _)| *other == name).map(|(_, atlas)| atlas.clone());
+        let known =
+            self.0.lock().unwrap_or_else(PoisonError::into_inner).iter().find(|(other, _)| *other == name).map(|(_, atlas)| atlas.clone());
         if let Some(atlas) = known {
             return atlas;
         }

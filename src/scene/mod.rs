@@ -371,15 +371,10 @@ impl SceneFile {
         };
         let recording = Recording { site: self.site.as_ref().map(Site::from), ..Recording::new(info) };
         let (terms, jitter) = (terms.to_vec(), self.jitter.clone());
-        Exposures::new(self, exposures::Making {
-            path: path.to_owned(),
-            seed: self.seed,
-            first_frame: self.first_frame,
-            physics,
-            terms,
-            jitter,
-            recording,
-        })
+        Exposures::new(
+            self,
+            exposures::Making { path: path.to_owned(), seed: self.seed, first_frame: self.first_frame, physics, terms, jitter, recording },
+        )
     }
 }
 
