@@ -87,16 +87,6 @@ pub enum DatasetError {
         /// The encoder's words.
         message: String,
     },
-    /// There is no such frame.
-    #[error("{path}: there is no frame {key}: {known}")]
-    NoFrame {
-        /// The recipe.
-        path: String,
-        /// The number asked for.
-        key: u64,
-        /// The numbers there are.
-        known: String,
-    },
     /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),

@@ -30,7 +30,7 @@ pub struct SharedBySplits {
 }
 
 /// Of larger splits the first frames are looked at.
-const MAX_FRAMES: u64 = 50_000;
+const MAX_FRAMES: u64 = 20_000;
 
 /// What is known of a split.
 struct Seen {

@@ -132,13 +132,12 @@ impl DatasetPlan {
         // What can be switched off is on while others are tried.
         let middle = |draw: &Draw| if draw.is_switch() { 0.0 } else { 0.5 };
         let scene = self.tried("with every draw at its middle", &middle)?;
-        for (number, draw) in self.draws.iter().enumerate() {
+        for draw in &self.draws {
             for (words, at) in draw.ends() {
                 let place = format!("the draw of {} {words}", draw.path.text);
                 let unit = |other: &Draw| if std::ptr::eq(other, draw) { at } else { middle(other) };
                 self.tried(&place, &unit)?;
             }
-            debug_assert!(number < self.draws.len());
         }
         for (words, at) in [("with every draw at its lower end", 0.0), ("with every draw at its upper end", 1.0 - f64::EPSILON)] {
             self.tried(words, &|draw| if draw.is_switch() { 0.0 } else { at })?;
