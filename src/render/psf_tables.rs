@@ -48,7 +48,7 @@ mod tests {
         let scene = |fwhm: f64| {
             let text = format!(
                 "format = \"boresight-scene/1\"\ncamera = {{ width_px = 64, height_px = 64, focal_length_px = 900.0 }}\n\
-                 psf = {{ kind = \"moffat\", parameters = {{ fwhm_px = {fwhm} }} }}\n[[frames]]\nexposure_s = 1.0\nboresight_radec_deg = [56.75, 24.1]\n"
+                 psf = {{ kind = \"moffat\", parameters = {{ fwhm_px = {fwhm}, beta = 3.5 }} }}\n[[frames]]\nexposure_s = 1.0\nboresight_radec_deg = [56.75, 24.1]\n"
             );
             Scene::parse("pleiades.toml", &text).unwrap()
         };

@@ -38,6 +38,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::dark_current::freed_e;
 use crate::effects::ParameterSpec;
+use crate::effects::pixel::lanes::{BLOCK_PX, vectorised};
 use crate::effects::pixel::math::{poly_ln, unit_interval};
 use crate::effects::pixel::pattern::{fixed_words, word_limit};
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
@@ -57,9 +58,30 @@ pub struct HotPixelsUniforms {
     mean_e: f32,
 }
 
+vectorised! {
+    /// The first of the words that stay, of each of a run of pixels: it alone says whether a pixel has a defect, and few have one.
+    fn first_words(key: StageKey, first_pixel: u32, words: &mut [u32]) {
+        for (i, word) in (0..).zip(words) {
+            *word = fixed_words(key, first_pixel.wrapping_add(i), 0)[0];
+        }
+    }
+}
+
 /// The twin.
 fn hot_pixels(uniforms: &HotPixelsUniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
-    for (i, electrons) in (0..).zip(pixels) {
+    let mut first = [0; BLOCK_PX];
+    for (block, pixels) in (0..).zip(pixels.chunks_mut(BLOCK_PX)) {
+        let first_pixel = first_pixel.wrapping_add(block * BLOCK_PX as u32);
+        let first = &mut first[..pixels.len()];
+        first_words(key, first_pixel, first);
+        defects(uniforms, key, first_pixel, first, pixels);
+    }
+}
+
+/// The same for a block of pixels of which the first words are known.
+fn defects(uniforms: &HotPixelsUniforms, key: StageKey, first_pixel: u32, first: &[u32], pixels: &mut [f32]) {
+    let sound = uniforms.hot_below..=uniforms.dead_above;
+    for ((i, electrons), _) in (0..).zip(pixels).zip(first).filter(|(_, first)| !sound.contains(first)) {
         let index = first_pixel.wrapping_add(i);
         let words = fixed_words(key, index, 0);
         if words[0] < uniforms.hot_below {

@@ -32,6 +32,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::effects::ParameterSpec;
+use crate::effects::pixel::lanes::vectorised;
 use crate::effects::pixel::math::standard_normal;
 use crate::effects::pixel::pattern::fixed_words;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
@@ -48,12 +49,14 @@ pub struct PrnuUniforms {
     relative: f32,
 }
 
-/// The twin.
-fn prnu(uniforms: PrnuUniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
-    for (i, electrons) in (0..).zip(pixels) {
-        let words = fixed_words(key, first_pixel.wrapping_add(i), 0);
-        let response = 1.0 + uniforms.relative * standard_normal(words[0], words[1]);
-        *electrons *= if response > 0.0 { response } else { 0.0 };
+vectorised! {
+    /// The twin.
+    fn prnu(uniforms: PrnuUniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
+        for (i, electrons) in (0..).zip(pixels) {
+            let words = fixed_words(key, first_pixel.wrapping_add(i), 0);
+            let response = 1.0 + uniforms.relative * standard_normal(words[0], words[1]);
+            *electrons *= if response > 0.0 { response } else { 0.0 };
+        }
     }
 }
 
