@@ -128,9 +128,9 @@ fn distribution(folder: &Path, table: &DrawTable, refuse: Refuse<'_>) -> Result<
         let is_possible = normal.mean.is_finite() && normal.sigma > 0.0 && normal.sigma.is_finite();
         let checked = if !is_possible {
             Err("must have a mean and a sigma above 0".to_owned())
-        } else if !(low < high) {
+        } else if low >= high || low.is_nan() || high.is_nan() {
             Err("must have `within` with the lower number first".to_owned())
-        } else if !(within[1] - within[0] > 1e-6) {
+        } else if within[1] - within[0] <= 1e-6 {
             Err("leaves nothing to draw: `within` lies where the distribution hardly reaches; widen it".to_owned())
         } else {
             Ok(Distribution::Normal { mean: normal.mean, sigma: normal.sigma, within })
@@ -188,7 +188,7 @@ fn weighted(values: &[Value], weights: &[f64]) -> Result<Distribution, String> {
     if values.is_empty() || values.len() != weights.len() {
         return Err(format!("must have one weight for each of one value or more; {} weights are given", weights.len()));
     }
-    if !weights.iter().all(|weight| *weight >= 0.0) || !(sum > 0.0 && sum.is_finite()) {
+    if !(weights.iter().all(|weight| *weight >= 0.0) && sum > 0.0 && sum.is_finite()) {
         return Err(format!("must have weights not below 0 and one above it; they are {weights:?}"));
     }
     let mut up_to = 0.0;

@@ -231,7 +231,10 @@ impl DatasetFolder {
             sums.push((name.to_owned(), hexadecimal(&Sha256::digest(bytes))));
         }
         sums.sort();
-        let text: String = sums.into_iter().map(|(name, sum)| format!("{sum}  {name}\n")).collect();
+        let mut text = String::new();
+        for (name, sum) in sums {
+            text += &format!("{sum}  {name}\n");
+        }
         write_text(&self.path.join(SUMS), &text)?;
         Ok(0)
     }

@@ -60,7 +60,7 @@ impl DatasetPlan {
         // Whole numbers of TOML have 63 bits.
         let seed = (i64::from(high) << 32 | i64::from(low)) & i64::MAX;
         scene.insert("seed".to_owned(), Value::Integer(seed));
-        scene.insert("first_frame".to_owned(), Value::Integer(key.number() as i64));
+        scene.insert("first_frame".to_owned(), Value::Integer(key.number().cast_signed()));
         let is_starless = self.chance(FRAME, "hard.no_stars").uniform(key.number(), 0) < self.recipe.hard.no_stars;
         if is_starless {
             set(&mut scene, "sky", "faintest_magnitude", Value::Float(NO_STARS));

@@ -17,11 +17,12 @@ pub const PIXEL_CLASSES: [(&str, &str); 9] = [
 
 const STAR: u8 = 1;
 const FALSE_STAR: u8 = 2;
+const TRAIL: u8 = 4;
 
 /// Flags of the renderer with the class of each, the weakest first.
 const OF_FLAGS: [(u16, u8); 6] = [
     (MaskFlag::GHOST, 3),
-    (MaskFlag::TRAIL, 4),
+    (MaskFlag::TRAIL, TRAIL),
     (MaskFlag::COSMIC_RAY, 5),
     (MaskFlag::TELEGRAPH, 6),
     (MaskFlag::HOT, 7),
@@ -43,7 +44,6 @@ pub(super) fn classes<'f>(
             }
         }
     }
-    const TRAIL: u8 = 4;
     let mut put = |footprint: &Footprint, class: u8, over: &dyn Fn(u8) -> bool| {
         for (pixel, _) in &footprint.pixels {
             let own = &mut classes[*pixel as usize];

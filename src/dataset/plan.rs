@@ -192,6 +192,9 @@ struct Exposure {
     is_pointed: bool,
 }
 
+/// The lowest altitude of a series that names none.
+const USUAL_ALTITUDE_DEG: f64 = 30.0;
+
 /// A scene with one exposure: a series is pointed by chance, as it is when it is simulated.
 fn one_exposure(recipe: &str, name: &str, mut scene: Table) -> Result<Exposure, DatasetError> {
     for key in ["seed", "first_frame"] {
@@ -214,8 +217,6 @@ fn one_exposure(recipe: &str, name: &str, mut scene: Table) -> Result<Exposure, 
             exposure.insert(to.to_owned(), value.clone());
         }
     }
-    // The lowest altitude of a series that names none.
-    const USUAL_ALTITUDE_DEG: f64 = 30.0;
     let stated = series.get("lowest_altitude_deg").and_then(|value| value.as_float().or(value.as_integer().map(|whole| whole as f64)));
     let lowest_altitude_deg = scene.contains_key("site").then_some(stated.unwrap_or(USUAL_ALTITUDE_DEG));
     scene.insert("frames".to_owned(), Value::Array(vec![Value::Table(exposure)]));

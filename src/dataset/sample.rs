@@ -37,17 +37,15 @@ impl DatasetPlan {
         let begun = Instant::now();
         let frame = self.frame_scene(key)?;
         let scene = self.scene_of(&frame)?;
-        let built = begun.elapsed();
+        let (built, begun) = (ms_since(begun), Instant::now());
         let rendered = self.rendered(&scene, catalog, tables, key)?;
-        let lit = begun.elapsed();
+        let (lit, begun) = (ms_since(begun), Instant::now());
         let sample = self.files(&frame, &scene, &rendered)?;
         tracing::debug!(
-            "frame {:09}: {} stars; scene {:.2} ms, rendering {:.2} ms, labels and files {:.2} ms",
+            "frame {:09}: {} stars; scene {built:.2} ms, rendering {lit:.2} ms, labels and files {:.2} ms",
             key.number(),
             rendered.stars.len(),
-            1e3 * built.as_secs_f64(),
-            1e3 * (lit - built).as_secs_f64(),
-            1e3 * (begun.elapsed() - lit).as_secs_f64()
+            ms_since(begun)
         );
         Ok(sample)
     }
@@ -99,6 +97,10 @@ impl DatasetPlan {
             pixels: counts.len() as u64,
         })
     }
+}
+
+fn ms_since(begun: Instant) -> f64 {
+    1e3 * begun.elapsed().as_secs_f64()
 }
 
 /// The counts as a recording of the same scene has them: those of converters of 8 bits end at 255.

@@ -266,7 +266,7 @@ impl SampleLabels {
             split: frame.key.split.name(),
             camera: frame.camera,
             recording: frame.recording,
-            pair: frame.pair.map_or(-1, |pair| pair as i64),
+            pair: frame.pair.map_or(-1, u64::cast_signed),
             no_stars: frame.is_starless,
             seed: scene.seed,
             size_px: [scene.camera.width_px, scene.camera.height_px],

@@ -70,6 +70,7 @@ pub struct Renderer<'a> {
 
 /// What a renderer gives besides frame and places.
 #[derive(Clone, Copy, Debug)]
+#[allow(clippy::struct_excessive_bools, reason = "each is asked for by itself")]
 struct Asked {
     pixel_shifts: bool,
     clean: bool,
