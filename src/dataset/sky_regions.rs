@@ -85,26 +85,20 @@ impl SkyRegions {
     /// Shares out the sky: `shares` are the frames of each split (0: none).
     pub(super) fn new(seed: u64, shares: &[u64], guard_deg: f64) -> Result<Self, NoSky> {
         let guard_rad = guard_deg.to_radians();
-        let mut largest_rad: f64 = 0.0;
+        let used = |split: &usize| shares[*split] > 0;
         let mut best: Option<(f64, Self)> = None;
         for side in SIDES {
             let owner = owners(seed, shares, side);
-            let distance = distances_rad(&owner, side);
-            let fine = side * PARTS;
-            let (mut allowed, mut owned, mut farthest) =
-                (vec![Vec::new(); shares.len()], vec![0_usize; shares.len()], vec![0.0_f64; shares.len()]);
-            for (part, distance) in distance.iter().enumerate() {
-                let split = owner[cell_of(part, fine, side)];
+            let (mut allowed, mut owned) = (vec![Vec::new(); shares.len()], vec![0_usize; shares.len()]);
+            for (part, distance) in distances_rad(&owner, side, guard_rad).iter().enumerate() {
+                let split = owner[cell_of(part, side * PARTS, side)];
                 owned[split] += 1;
-                farthest[split] = farthest[split].max(*distance);
                 if *distance >= guard_rad {
                     allowed[split].push(part as u32);
                 }
             }
-            let used = |split: &usize| shares[*split] > 0;
             let share = |split: usize| allowed[split].len() as f64 / owned[split].max(1) as f64;
             let smallest = (0..shares.len()).filter(used).map(share).fold(f64::INFINITY, f64::min);
-            largest_rad = largest_rad.max((0..shares.len()).filter(used).map(|split| farthest[split]).fold(f64::INFINITY, f64::min));
             if smallest > 0.0 && best.as_ref().is_none_or(|(before, _)| smallest > *before) {
                 best = Some((smallest, Self { side, allowed, owner }));
             }
@@ -112,7 +106,7 @@ impl SkyRegions {
                 break;
             }
         }
-        best.map(|(_, regions)| regions).ok_or(NoSky { largest_guard_deg: largest_rad.to_degrees() })
+        best.map(|(_, regions)| regions).ok_or_else(|| NoSky { largest_guard_deg: largest_guard_deg(seed, shares) })
     }
 
     /// A direction of a split's sky from two numbers from 0 to below 1.
@@ -134,6 +128,20 @@ impl SkyRegions {
     pub(super) fn cells(&self, split: usize) -> [usize; 2] {
         [self.owner.iter().filter(|owner| **owner == split).count(), self.owner.len()]
     }
+}
+
+/// The largest guard that leaves every split a part.
+fn largest_guard_deg(seed: u64, shares: &[u64]) -> f64 {
+    let of_side = |side: usize| {
+        let owner = owners(seed, shares, side);
+        let mut farthest = vec![0.0_f64; shares.len()];
+        for (part, distance) in distances_rad(&owner, side, std::f64::consts::PI).iter().enumerate() {
+            let split = owner[cell_of(part, side * PARTS, side)];
+            farthest[split] = farthest[split].max(*distance);
+        }
+        (0..shares.len()).filter(|split| shares[*split] > 0).map(|split| farthest[split]).fold(f64::INFINITY, f64::min)
+    };
+    SIDES.into_iter().map(of_side).fold(0.0, f64::max).to_degrees()
 }
 
 fn cell_of(part: usize, fine: usize, side: usize) -> usize {
@@ -160,8 +168,8 @@ fn owners(seed: u64, shares: &[u64], side: usize) -> Vec<usize> {
     owner
 }
 
-/// For each part how far it is from the cells of other splits, at least.
-fn distances_rad(owner: &[usize], side: usize) -> Vec<f64> {
+/// For each part how far it is from the cells of other splits, at least; what is farther than `up_to_rad` counts as that far.
+fn distances_rad(owner: &[usize], side: usize, up_to_rad: f64) -> Vec<f64> {
     use rayon::prelude::*;
     let fine = side * PARTS;
     let slack = 2.0 * radius_rad(fine);
@@ -176,7 +184,8 @@ fn distances_rad(owner: &[usize], side: usize) -> Vec<f64> {
     let edges: Vec<Vec<[f64; 3]>> = (0..owner.len()).map(edge).collect();
     // The other splits' cells by their distance, cell by cell.
     let of_cell = |cell: usize| -> Vec<(f64, usize)> {
-        let others = (0..owner.len()).filter(|other| owner[*other] != owner[cell]);
+        let lowest = if up_to_rad + slack + reach < std::f64::consts::PI { (up_to_rad + slack + reach).cos() } else { -2.0 };
+        let others = (0..owner.len()).filter(|other| owner[*other] != owner[cell] && dot(middles[cell], middles[*other]) >= lowest);
         let mut others: Vec<(f64, usize)> = others.map(|other| (angle_rad(middles[cell], middles[other]), other)).collect();
         others.sort_by(|a, b| a.0.total_cmp(&b.0));
         others
@@ -192,7 +201,7 @@ fn distances_rad(owner: &[usize], side: usize) -> Vec<f64> {
             cosine = edges[*other].iter().map(|edge| dot(at, *edge)).fold(cosine, f64::max);
             nearest = cosine.clamp(-1.0, 1.0).acos();
         }
-        (nearest - slack).max(0.0)
+        (nearest - slack).clamp(0.0, up_to_rad)
     };
     (0..12 * fine * fine).into_par_iter().map(distance).collect()
 }
