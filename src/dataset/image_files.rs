@@ -21,7 +21,11 @@ fn png(key: u64, [width_px, height_px]: [usize; 2], depth: BitDepth, rows: &[u8]
 
 /// A PNG of 16 bits.
 pub(super) fn png16(key: u64, size: [usize; 2], pixels: &[u16]) -> Result<Vec<u8>, DatasetError> {
-    let rows: Vec<u8> = pixels.iter().flat_map(|pixel| pixel.to_be_bytes()).collect();
+    // Written in place: that is what vectorises.
+    let mut rows = vec![0; 2 * pixels.len()];
+    for (bytes, pixel) in rows.as_chunks_mut().0.iter_mut().zip(pixels) {
+        *bytes = pixel.to_be_bytes();
+    }
     png(key, size, BitDepth::Sixteen, &rows)
 }
 
@@ -44,11 +48,20 @@ fn npy([width_px, height_px]: [usize; 2], kind: &str, bytes_per_value: usize) ->
     bytes
 }
 
-/// A NumPy array of uint16.
-pub(super) fn npy_u16(size: [usize; 2], pixels: &[u16]) -> Vec<u8> {
+/// A NumPy array of uint16; `rows` are its bytes, the low one of each number first.
+pub(super) fn npy_u16(size: [usize; 2], rows: &[u8]) -> Vec<u8> {
     let mut bytes = npy(size, "<u2", 2);
-    bytes.extend(pixels.iter().flat_map(|pixel| pixel.to_le_bytes()));
+    bytes.extend_from_slice(rows);
     bytes
+}
+
+/// Numbers as bytes, the low one of each first.
+pub(super) fn low_byte_first(pixels: &[u16]) -> Vec<u8> {
+    let mut rows = vec![0; 2 * pixels.len()];
+    for (bytes, pixel) in rows.as_chunks_mut().0.iter_mut().zip(pixels) {
+        *bytes = pixel.to_le_bytes();
+    }
+    rows
 }
 
 /// A NumPy array of float32.
@@ -74,7 +87,7 @@ mod tests {
 
     #[test]
     fn arrays_have_the_head_that_numpy_writes() {
-        let bytes = npy_u16([3, 2], &[1, 2, 3, 4, 5, 0x0102]);
+        let bytes = npy_u16([3, 2], &low_byte_first(&[1, 2, 3, 4, 5, 0x0102]));
         // numpy.save of an array of 2 rows and 3 columns of uint16 (NumPy 1.26), up to the padding.
         assert!(bytes.starts_with(b"\x93NUMPY\x01\x00\x76\x00{'descr': '<u2', 'fortran_order': False, 'shape': (2, 3), }  "));
         assert_eq!((bytes.len(), bytes[127], &bytes[138..]), (128 + 12, b'\n', &[2, 1][..]));

@@ -7,7 +7,7 @@ use sha2::{Digest, Sha256};
 use super::error::DatasetError;
 use super::frame_key::FrameKey;
 use super::frame_scene::FrameScene;
-use super::image_files::{npy_f32, npy_u16, png8, png16};
+use super::image_files::{low_byte_first, npy_f32, npy_u16, png8, png16};
 use super::pixel_labels::{classes, distances};
 use super::plan::{DatasetPlan, hexadecimal};
 use super::recipe::{ImageFormat, SampleMember};
@@ -69,13 +69,13 @@ impl DatasetPlan {
         let size = [scene.camera.width_px, scene.camera.height_px];
         let counts = counts(scene, rendered);
         let footprints = rendered.footprints.as_deref().unwrap_or_default();
-        let bytes: Vec<u8> = counts.iter().flat_map(|count| count.to_le_bytes()).collect();
+        let bytes = low_byte_first(&counts);
         let labels = SampleLabels::new(frame, scene, rendered, hexadecimal(&Sha256::digest(&bytes)));
         let json = serde_json::to_vec(&labels).map_err(|error| DatasetError::Encode { key, message: error.to_string() })?;
         let mut members = vec![("json", json)];
         members.push(match self.recipe.size.image {
             ImageFormat::Png16 => ("image.png", png16(key, size, &counts)?),
-            ImageFormat::Npy => ("image.npy", npy_u16(size, &counts)),
+            ImageFormat::Npy => ("image.npy", npy_u16(size, &bytes)),
         });
         if let Some(flags) = &rendered.mask {
             let (of_stars, of_lights) = footprints.split_at(rendered.stars.len());

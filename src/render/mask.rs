@@ -55,6 +55,13 @@ impl MaskFlag {
 /// Less light of a trail, a ghost or a particle is left unmarked, and so is less charge that moved.
 const MIN_E: f64 = 0.5;
 
+/// Sets a flag where the value of a pixel says so.
+fn mark<T>(mask: &mut [u16], flag: u16, values: &[T], is_marked: impl Fn(&T) -> bool) {
+    for (flags, value) in mask.iter_mut().zip(values) {
+        *flags |= if is_marked(value) { flag } else { 0 };
+    }
+}
+
 /// The mask of a frame, row by row. `others`: what lights it and is no star.
 pub(super) fn mask(
     imager: &Imager,
@@ -66,23 +73,19 @@ pub(super) fn mask(
     width_px: usize,
 ) -> Result<Vec<u16>, ImagingError> {
     let mut mask = vec![0; pixels_dn.len()];
-    let mut mark = |flag: u16, is_marked: &dyn Fn(usize) -> bool| {
-        for (_, flags) in mask.iter_mut().enumerate().filter(|(pixel, _)| is_marked(*pixel)) {
-            *flags |= flag;
-        }
-    };
     if let Some(of_one) = imager.of_one_electron(ids::HOT_PIXELS, exposure)? {
-        mark(MaskFlag::HOT, &|pixel| of_one[pixel] > 1.0);
-        mark(MaskFlag::DEAD, &|pixel| of_one[pixel] == 0.0);
+        mark(&mut mask, MaskFlag::HOT, &of_one, |electrons| *electrons > 1.0);
+        mark(&mut mask, MaskFlag::DEAD, &of_one, |electrons| *electrons == 0.0);
     }
     if let Some(of_one) = imager.of_one_electron(ids::RANDOM_TELEGRAPH, exposure)? {
-        mark(MaskFlag::TELEGRAPH, &|pixel| of_one[pixel] > 1.0);
+        mark(&mut mask, MaskFlag::TELEGRAPH, &of_one, |electrons| *electrons > 1.0);
     }
     if let Some(full_dn) = imager.saturation_dn() {
-        mark(MaskFlag::SATURATED, &|pixel| f32::from(pixels_dn[pixel]) >= full_dn);
+        mark(&mut mask, MaskFlag::SATURATED, pixels_dn, |count| f32::from(*count) >= full_dn);
     }
     if let Some([before, after]) = imager.before_and_after(ids::BLOOMING, exposure, planes)? {
-        mark(MaskFlag::BLOOMED, &|pixel| f64::from((after[pixel] - before[pixel]).abs()) >= MIN_E);
+        let moved: Vec<f32> = before.iter().zip(&after).map(|(before, after)| (after - before).abs()).collect();
+        mark(&mut mask, MaskFlag::BLOOMED, &moved, |electrons| f64::from(*electrons) >= MIN_E);
     }
     for (kind, stamp) in others {
         let Some(stamp) = stamp else { continue };

@@ -286,15 +286,19 @@ fn true_star(index: usize, track: &StarTrack, landed: Landed, shift: Option<Pixe
 /// For each star, whether the trail of another one with at least this share of its light comes near its own.
 pub(super) fn blended(tracks: &[StarTrack], reach_px: f64, share: f64) -> Vec<bool> {
     let trails: Vec<Vec<PixelPoint>> = tracks.iter().map(trail).collect();
-    let range = |points: &[PixelPoint]| {
-        points.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], point| [low.min(point.x_px), high.max(point.x_px)])
+    let range = |points: &[PixelPoint], at: fn(&PixelPoint) -> f64| {
+        points.iter().map(at).fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], at| [low.min(at), high.max(at)])
     };
-    let ranges: Vec<[f64; 2]> = trails.iter().map(|points| range(points)).collect();
+    let columns: Vec<[f64; 2]> = trails.iter().map(|points| range(points, |point| point.x_px)).collect();
+    let rows: Vec<[f64; 2]> = trails.iter().map(|points| range(points, |point| point.y_px)).collect();
     let mut order: Vec<usize> = (0..tracks.len()).collect();
-    order.sort_by(|a, b| ranges[*a][0].total_cmp(&ranges[*b][0]));
+    order.sort_by(|a, b| columns[*a][0].total_cmp(&columns[*b][0]));
     let mut blended = vec![false; tracks.len()];
     for (rank, &a) in order.iter().enumerate() {
-        for &b in order[rank + 1..].iter().take_while(|b| ranges[**b][0] - ranges[a][1] < reach_px) {
+        for &b in order[rank + 1..].iter().take_while(|b| columns[**b][0] - columns[a][1] < reach_px) {
+            if rows[b][0] - rows[a][1] >= reach_px || rows[a][0] - rows[b][1] >= reach_px {
+                continue;
+            }
             // Only what is not known yet is worth a look: where all stars lie on a few pixels, that is next to nothing.
             let learns_a = !blended[a] && tracks[b].electrons >= share * tracks[a].electrons;
             let learns_b = !blended[b] && tracks[a].electrons >= share * tracks[b].electrons;
@@ -319,18 +323,19 @@ fn trail(track: &StarTrack) -> Vec<PixelPoint> {
 
 /// The shortest distance between two polylines, px; the points of one from the pieces of the other.
 fn distance_px(a: &[PixelPoint], b: &[PixelPoint]) -> f64 {
+    let square = |dx: f64, dy: f64| dx * dx + dy * dy;
     let one_way = |points: &[PixelPoint], line: &[PixelPoint]| {
         let nearest = |point: &PixelPoint| {
-            let first = (line[0].x_px - point.x_px).hypot(line[0].y_px - point.y_px);
+            let first = square(line[0].x_px - point.x_px, line[0].y_px - point.y_px);
             let pieces = line.windows(2).map(|piece| {
                 let (dx, dy) = (piece[1].x_px - piece[0].x_px, piece[1].y_px - piece[0].y_px);
                 let (px, py) = (point.x_px - piece[0].x_px, point.y_px - piece[0].y_px);
-                let along = ((px * dx + py * dy) / (dx * dx + dy * dy).max(1e-30)).clamp(0.0, 1.0);
-                (px - along * dx).hypot(py - along * dy)
+                let along = ((px * dx + py * dy) / square(dx, dy).max(1e-30)).clamp(0.0, 1.0);
+                square(px - along * dx, py - along * dy)
             });
             pieces.fold(first, f64::min)
         };
         points.iter().map(nearest).fold(f64::INFINITY, f64::min)
     };
-    one_way(a, b).min(one_way(b, a))
+    one_way(a, b).min(one_way(b, a)).sqrt()
 }

@@ -59,11 +59,14 @@ pub struct HotPixelsUniforms {
 }
 
 vectorised! {
-    /// The first of the words that stay, of each of a run of pixels: it alone says whether a pixel has a defect, and few have one.
-    fn first_words(key: StageKey, first_pixel: u32, words: &mut [u32]) {
-        for (i, word) in (0..).zip(words) {
+    /// The first of the words that stay, of each of a run of pixels: it alone says whether a pixel has a defect, and few have one. Says whether any of
+    /// them has one.
+    fn first_words(uniforms: &HotPixelsUniforms, key: StageKey, first_pixel: u32, words: &mut [u32]) -> bool {
+        let (hot_below, dead_above) = (uniforms.hot_below, uniforms.dead_above);
+        for (i, word) in (0..).zip(&mut *words) {
             *word = fixed_words(key, first_pixel.wrapping_add(i), 0)[0];
         }
+        words.iter().fold(0, |any, word| any | u32::from(*word < hot_below) | u32::from(*word > dead_above)) != 0
     }
 }
 
@@ -73,8 +76,9 @@ fn hot_pixels(uniforms: &HotPixelsUniforms, key: StageKey, first_pixel: u32, pix
     for (block, pixels) in (0..).zip(pixels.chunks_mut(BLOCK_PX)) {
         let first_pixel = first_pixel.wrapping_add(block * BLOCK_PX as u32);
         let first = &mut first[..pixels.len()];
-        first_words(key, first_pixel, first);
-        defects(uniforms, key, first_pixel, first, pixels);
+        if first_words(uniforms, key, first_pixel, first) {
+            defects(uniforms, key, first_pixel, first, pixels);
+        }
     }
 }
 
