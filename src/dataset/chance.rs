@@ -107,7 +107,9 @@ mod tests {
         // Standard error of the mean: 1/√(12 n) = 0.00144.
         assert!((mean - 0.5).abs() < 5.0 * 0.00144, "mean {mean}");
         let mut tenths = [0; 10];
-        values.iter().for_each(|value| tenths[(10.0 * value) as usize] += 1);
+        for value in &values {
+            tenths[(10.0 * value) as usize] += 1;
+        }
         assert!(tenths.iter().all(|number: &i32| (number - 4000).abs() < 5 * 60), "{tenths:?}");
         let lagged: f64 = values.windows(2).map(|pair| (pair[0] - 0.5) * (pair[1] - 0.5)).sum::<f64>() * 12.0 / count as f64;
         assert!(lagged.abs() < 5.0 / f64::from(40_000_u32).sqrt(), "neighbours hang together: {lagged}");

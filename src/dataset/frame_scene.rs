@@ -252,10 +252,9 @@ mod tests {
         let plan = plan_of(&recipe(DRAWS), SCENE).unwrap();
         let scenes = scenes(&plan);
         let of = |index: usize, table: &str, key: &str| scenes[index][table][key].clone();
-        for key in [("camera", "focal_length_px")] {
-            assert_eq!(of(0, key.0, key.1), of(2, key.0, key.1));
-            assert_ne!(of(0, key.0, key.1), of(1, key.0, key.1));
-        }
+        let focal_length = |index| of(index, "camera", "focal_length_px");
+        assert_eq!(focal_length(0), focal_length(2));
+        assert_ne!(focal_length(0), focal_length(1));
         assert_eq!(scenes[0]["seed"], scenes[2]["seed"]);
         assert_ne!(scenes[0]["seed"], scenes[1]["seed"]);
         assert_ne!(scenes[0]["first_frame"], scenes[2]["first_frame"]);

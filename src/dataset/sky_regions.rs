@@ -244,7 +244,7 @@ mod tests {
             .map(|split| (0..300).map(|k| regions.direction(split, [0, 1].map(|n| chance.uniform(k * 3 + split as u64, n)))).collect())
             .collect();
         let mut nearest = f64::INFINITY;
-        for split in 0..3 {
+        for (split, own_boresights) in boresights.iter().enumerate() {
             let [own, cells] = regions.cells(split);
             assert!(own as f64 >= 0.08 * cells as f64 && regions.share(split) > 0.0);
             // Places all over the cells of the other splits.
@@ -253,7 +253,7 @@ mod tests {
                 for k in 0..36 {
                     let at = |base: usize, step: usize| (base as f64 + step as f64 / 5.0) / regions.side as f64;
                     let other = direction_in_face(face, at(column, k % 6), at(row, k / 6));
-                    nearest = boresights[split].iter().map(|own| angle_rad(*own, other)).fold(nearest, f64::min);
+                    nearest = own_boresights.iter().map(|own| angle_rad(*own, other)).fold(nearest, f64::min);
                 }
             }
         }
