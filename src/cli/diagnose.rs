@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
+use boresight::detect::LearntImage;
 use boresight::diagnose::{
-    AnsweredDiagnosis, DeclaredDetector, DiagnoseError, DiagnoseOptions, Diagnosis, FORMAT, ImageMeasurements, LearntImage, MeasuredNoise,
-    Step, UnaskedDiagnosis, Verdict, diagnose_recording,
+    AnsweredDiagnosis, DeclaredDetector, DiagnoseError, DiagnoseOptions, Diagnosis, FORMAT, ImageMeasurements, MeasuredNoise, Step,
+    UnaskedDiagnosis, Verdict, diagnose_recording,
 };
 use boresight::guard::guarded;
 use boresight::pipeline::{
