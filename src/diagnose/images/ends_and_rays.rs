@@ -38,16 +38,25 @@ pub(super) fn cosmic_rays(pixels: &PixelStatistics, is_compressed: bool) -> Coun
     Counted::of_stars(COSMIC_RAYS, Channel::Noise, parameters, surprise, "frame", sentence)
 }
 
-/// Straight lines of light.
-pub(super) fn streaks(pixels: &PixelStatistics) -> Counted {
+/// Straight lines of light. Between blocks that a compression has rounded the noise hangs together over some blocks: shorter lines are its own.
+pub(super) fn streaks(pixels: &PixelStatistics, is_compressed: bool) -> Counted {
     /// Lines by chance in a frame, at most, and lines that are summed in one, about.
     const EXPECTED: f64 = 1e-4;
     const LINES: f64 = 1e7;
     /// Places that are told.
     const LISTED: usize = 4;
-    let Some(found) = &pixels.streaks else {
+    /// Blocks of a compression that a line is longer than, px.
+    const BLOCKS_PX: f64 = 64.0;
+    let Some(mut found) = pixels.streaks.clone() else {
         return Counted::untold(STREAKS, Channel::Background, "the stars are drawn out themselves, or no sky is seen between them");
     };
+    if is_compressed {
+        let all = found.count.max(1) as f64;
+        found.found.retain(|own| own.length_px() > BLOCKS_PX);
+        found.count = found.found.len();
+        let share = found.count as f64 / all;
+        (found.per_frame, found.per_s) = (share * found.per_frame, found.per_s.map(|per_s| share * per_s));
+    }
     let relative = (found.count.max(1) as f64).sqrt().recip();
     let per_s = found.per_s.map(|per_s| ("per_s", per_s, per_s * relative, "1/s"));
     let parameters: Vec<_> = per_s.into_iter().chain([("per_frame", found.per_frame, found.per_frame * relative, "")]).collect();

@@ -94,7 +94,12 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     }
     let mut counted = images.pixels.map_or_else(Vec::new, counted);
     let is_compressed = counted.iter().any(|own| own.found_id() == Some(COMPRESSION));
-    counted.extend(images.pixels.into_iter().flat_map(|pixels| [cosmic_rays(pixels, is_compressed), field_stop(pixels), streaks(pixels)]));
+    counted.extend(
+        images
+            .pixels
+            .into_iter()
+            .flat_map(|pixels| [cosmic_rays(pixels, is_compressed), field_stop(pixels), streaks(pixels, is_compressed)]),
+    );
     let mut by_count: Vec<&'static str> = counted.iter().filter_map(Counted::found_id).collect();
     if let Some(overshoot) = images.pixels.and_then(|pixels| shared_noise(pixels, &images.detector, &by_count)) {
         by_count.extend(overshoot.found_id());

@@ -18,6 +18,8 @@ const STARS: f64 = 50.0;
 const FAINTER_MAG: f64 = 0.6;
 /// No star beyond this is painted, V: the catalogue is not complete there.
 const LAST_MAG: f64 = 8.5;
+/// Scatter of the sky's slope from frame to frame, of its level, over half a frame.
+pub(super) const SLOPE_SHARE: f64 = 0.02;
 /// Scatter of the catalogue's magnitudes: of every star, and of the variable share of them.
 const CATALOGUE_MAG: f64 = 0.012;
 const VARIABLE_SHARE: f64 = 0.03;
@@ -180,7 +182,7 @@ impl ImageWorld {
         for (number, frame) in world.frames.iter().enumerate() {
             let exposure_s = if needs.exposures { world.exposure_s * f64::from(1_u32 << (number % 3)) } else { world.exposure_s };
             let level = base_sky_e * (0.5 * normal(rng)).exp() * exposure_s / world.exposure_s;
-            let slope = [0.02 * normal(rng) * level, 0.02 * normal(rng) * level];
+            let slope = [SLOPE_SHARE * normal(rng) * level, SLOPE_SHARE * normal(rng) * level];
             frames.push(Conditions {
                 exposure_s,
                 sky_e: [level, slope[0], slope[1]],

@@ -124,7 +124,7 @@ pub enum Reckoned {
     Stamps,
     /// The same with one zero point for all frames.
     StampsOfFrames,
-    /// Fisher information of the pixels between the stars under a free level of each frame.
+    /// Fisher information of the pixels between the stars under a level and slopes of each frame's own.
     Background,
     /// Analytic Fisher information of a variance, a mean or a histogram of the pixels.
     Noise,

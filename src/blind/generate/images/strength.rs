@@ -8,7 +8,7 @@
 use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
 
-use super::camera::{Conditions, ImageWorld, SIZE_PX};
+use super::camera::{Conditions, ImageWorld, SIZE_PX, SLOPE_SHARE};
 use super::charge::{Pixels, UNEQUAL_DARK, collected, moved};
 use super::hidden::{Causes, HiddenImage};
 use super::kind::{PixelKind, Reckoned};
@@ -71,7 +71,8 @@ impl<'w> Noiseless<'w> {
                 let mut change = expected(self.world, number, &self.pixels, Causes(&own));
                 change.iter_mut().zip(base).for_each(|(value, base)| *value -= base);
                 if reckoned == Reckoned::Background {
-                    FrameChange { left: of_background(&change, base, quiet), ..FrameChange::default() }
+                    let slope_e = SLOPE_SHARE * self.world.frames[number].sky_e[0];
+                    FrameChange { left: of_background(&change, base, quiet, slope_e), ..FrameChange::default() }
                 } else {
                     of_stamps(&change, base, quiet, &self.stamps[number], catalogue)
                 }
@@ -124,11 +125,21 @@ struct FrameChange {
     left: f64,
 }
 
-/// χ² of the pixels of a frame under a free level.
-fn of_background(change: &[f64], base: &[f64], quiet: f64) -> f64 {
-    let mut sums = Sums::default();
-    change.iter().zip(base).for_each(|(change, base)| sums.add(*change, base + quiet));
-    sums.about_mean()
+/// χ² of the pixels of a frame under a free level, and slopes along columns and rows of which only the scatter from frame to frame is known.
+fn of_background(change: &[f64], base: &[f64], quiet: f64, slope_e: f64) -> f64 {
+    let half = SIZE_PX as f64 / 2.0;
+    let (mut whole, mut right, mut information) = (0.0, SVector::<f64, 3>::zeros(), SMatrix::<f64, 3, 3>::zeros());
+    for (k, (change, base)) in change.iter().zip(base).enumerate() {
+        let weight = (base + quiet).recip();
+        let own = SVector::from([1.0, (k % SIZE_PX) as f64 / half - 1.0, (k / SIZE_PX) as f64 / half - 1.0]);
+        whole += weight * change * change;
+        right += weight * change * own;
+        information += weight * own * own.transpose();
+    }
+    for axis in 1..3 {
+        information[(axis, axis)] += slope_e.powi(-2);
+    }
+    information.cholesky().map_or(0.0, |factor| (whole - right.dot(&factor.solve(&right))).max(0.0))
 }
 
 fn of_stamps(change: &[f64], base: &[f64], quiet: f64, stamps: &[Stamp], catalogue: f64) -> FrameChange {
