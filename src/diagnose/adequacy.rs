@@ -29,7 +29,9 @@ const DISPROPORTIONATE: f64 = 2.5;
 pub(super) fn vetoes(named: &Named, scan: &Scan, statistic: f64) -> Vec<String> {
     let mut found: Vec<String> = patterns::veto(named, scan, statistic).into_iter().collect();
     let solved = named.solved;
-    if let Some(p) = over_time(&solved.evidence, &solved.stand, &solved.entries, named.k).filter(|p| *p < VETO_P) {
+    let effect = solved.evidence.hypotheses[solved.entries[named.k].hypothesis].effect;
+    let over_time = || over_time(&solved.evidence, &solved.stand, &solved.entries, named.k).filter(|p| *p < VETO_P);
+    if let (false, Some(p)) = (effect.facts().follows_sky_level, over_time()) {
         found.push(format!("its size is not the same through the recording (p = {p:.1e})"));
     }
     found

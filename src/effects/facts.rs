@@ -63,6 +63,8 @@ pub struct Facts {
     pub counts_from_model: bool,
     /// Whether it follows the zenith, which is searched for where place and time do not tell it.
     pub searches_zenith: bool,
+    /// Whether its size goes with the level of the sky, so that it need not be the same through a recording.
+    pub follows_sky_level: bool,
     /// Whether it is a part of every camera, with parameters of the camera's own.
     pub is_of_every_camera: bool,
     /// Whether a mirror leaves it as it is.
@@ -90,6 +92,7 @@ impl Facts {
         open_share: 0.0,
         counts_from_model: false,
         searches_zenith: false,
+        follows_sky_level: false,
         is_of_every_camera: false,
         is_even_in_mirror: false,
         unknown_size: "its size must be fitted",

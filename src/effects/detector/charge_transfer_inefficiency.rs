@@ -77,6 +77,7 @@ impl CentroidShift for ChargeTransferInefficiency {
     const FACTS: Facts = Facts {
         ordinary_size: Some(OrdinarySize::of(0.05, "0.01 to 0.1 px (Massey et al. 2010; ACS ISR 2007-04)")),
         profile_covariates: &[("", "row")],
+        follows_sky_level: true,
         ..Facts::NONE
     };
     const PARAMETERS: &'static [ParameterSpec] =
