@@ -121,15 +121,16 @@ fn sky_chain(known: &[Observation], frame: &MeasuredFrame, choice: &SkyChoice) -
 /// The effects in force in all frames, and a sentence if some act in a part of them only.
 #[must_use]
 pub fn physics_in_force(frames: &[IdentifiedFrame]) -> (Vec<&'static str>, Option<String>) {
-    let of = |frame: &IdentifiedFrame| frame.sky.ids();
-    let mut all = frames.first().map_or_else(Vec::new, of);
-    let mut some = Vec::new();
-    for id in frames.iter().flat_map(of) {
-        if !some.contains(&id) && !frames.iter().all(|frame| of(frame).contains(&id)) {
-            some.push(id);
+    // In the order in which they are met, each with the frames that have it.
+    let mut counts: Vec<(&'static str, usize)> = Vec::new();
+    for id in frames.iter().flat_map(|frame| frame.sky.ids()) {
+        match counts.iter_mut().find(|(known, _)| *known == id) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((id, 1)),
         }
     }
-    all.retain(|id| !some.contains(id));
+    let (all, some): (Vec<_>, Vec<_>) = counts.into_iter().partition(|(_, count)| *count == frames.len());
+    let [all, some] = [all, some].map(|list| list.into_iter().map(|(id, _)| id).collect::<Vec<_>>());
     let warning = (!some.is_empty()).then(|| {
         format!("{} could be computed for some of the frames only and is applied there alone: give all frames a time", some.join(", "))
     });
