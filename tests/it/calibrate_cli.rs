@@ -215,3 +215,62 @@ fn warnings_name_the_file() {
     println!("{said:#?}");
     assert!(said.iter().filter(|warning| warning.contains("is worse than")).all(|warning| warning.contains("picture-")), "{said:?}");
 }
+
+/// A defocused lens with a central obstruction: no Gaussian, and bright stars.
+const OBSTRUCTED: &str = r#"
+format = "boresight-scene/1"
+seed = 5
+camera = { width_px = 640, height_px = 640, focal_length_px = 1600.0 }
+sky = { background_e_per_px_s = 200.0, faintest_magnitude = 6.8, physics = "known" }
+nominal = { focal_length_px = 1600.0 }
+[psf]
+kind = "zernike"
+parameters = { lambda_n_px = 1.1, obstruction = 0.3, z4_waves = 0.12 }
+[detector]
+zero_point_e_per_s = 4.0e6
+gain_e_per_dn = 2.0
+bias_dn = 200.0
+read_noise_e = 5.0
+saturation_dn = 65535.0
+full_well_e = 1.3e5
+[series]
+count = 10
+start_utc = "2026-03-01T20:00:00Z"
+interval_s = 900.0
+exposure_s = 0.5
+"#;
+
+/// The image is learnt where it is no Gaussian: the places lose their bias, and the camera stays the true one with smaller errors. Where it is one nothing
+/// is learnt.
+#[test]
+fn an_image_that_is_no_gaussian_is_learnt() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let calibrated = |name: &str, scene: &str, more: &[&str]| {
+        std::fs::write(at(name).with_extension("toml"), scene).unwrap();
+        let ran =
+            run(&["simulate", text(&at(name).with_extension("toml")), "-o", text(&at(name)), "--quiet", "--backend", "cpu", "--force"]);
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        json(&[&["calibrate", text(&at(name)), "--json", "--quiet"], more].concat())
+    };
+    let [learnt, plain] = [&[][..], &["--no-learnt-image"]].map(|more| calibrated("obstructed", OBSTRUCTED, more));
+    assert!(plain["image"].is_null() && learnt["image"].is_object(), "{}", learnt["image"]);
+    let rms_px = [&learnt, &plain].map(|object| number(object, "/rms_px"));
+    println!("rms {rms_px:?} px, {}", learnt["image"]);
+    assert!(rms_px[0] < 0.6 * rms_px[1], "{rms_px:?}");
+    for (name, truth) in [("f", 1600.0), ("x0", 319.5), ("y0", 319.5)] {
+        let ([value, sigma], [_, plain_sigma]) = (parameter(&learnt, name), parameter(&plain, name));
+        assert!((value - truth).abs() < 4.0 * sigma && sigma < plain_sigma, "{name}: {value} ± {sigma}, {plain_sigma}");
+    }
+    let said = learnt["warnings"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|warning| warning.as_str().unwrap().contains("the image of a star was learnt"));
+    assert_eq!(said.count(), 1);
+    let gaussian: String =
+        OBSTRUCTED.replace("[psf]\nkind = \"zernike\"\nparameters = { lambda_n_px = 1.1, obstruction = 0.3, z4_waves = 0.12 }\n", "");
+    assert!(!gaussian.contains("psf"));
+    let of_gaussian = calibrated("gaussian", &gaussian.replace("[detector]", "[detector]\npsf_sigma_px = 1.0"), &[]);
+    assert!(of_gaussian["image"].is_null(), "{}", of_gaussian["image"]);
+}
