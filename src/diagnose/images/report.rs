@@ -77,14 +77,7 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     let found: Vec<String> = diagnosis.findings.iter().map(|finding| finding.id.clone()).collect();
     let judged = judge(if is_enough { &stars } else { &[] }, pixels.as_ref(), frames, &asked, &found);
     if !is_enough {
-        let reason = if stars.is_empty() {
-            "there are no images: a list of stars tells places alone".to_owned()
-        } else {
-            format!("{} clean star images are too few (at least {MIN_STARS})", stars.len())
-        };
-        for channel in [&mut diagnosis.channels.flux, &mut diagnosis.channels.shape] {
-            *channel = ChannelReport::not_looked_at(&reason);
-        }
+        too_few_stars(diagnosis, stars.len());
     }
     diagnosis.shape_map = shape_map(images.stars);
     let Some(mut judged) = judged else { return };
@@ -135,6 +128,18 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     diagnosis.verdict = diagnosis.channels.verdict();
     diagnosis.summary = wording::summary(diagnosis, diagnosis.left_p_value.unwrap_or(1.0));
     crate::diagnose::resolved::bound(diagnosis);
+}
+
+/// Says why brightness and shape are not tested.
+fn too_few_stars(diagnosis: &mut Diagnosis, stars: usize) {
+    let reason = if stars == 0 {
+        "there are no images: a list of stars tells places alone".to_owned()
+    } else {
+        format!("{stars} clean star images are too few (at least {MIN_STARS})")
+    };
+    for channel in [&mut diagnosis.channels.flux, &mut diagnosis.channels.shape] {
+        *channel = ChannelReport::not_looked_at(&reason);
+    }
 }
 
 /// As many frames as are tested, spread evenly.
