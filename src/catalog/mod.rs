@@ -19,10 +19,10 @@ use std::sync::{LazyLock, OnceLock};
 use crate::coordinates::{Direction, Icrs};
 use sky_grid::SkyGrid;
 
-pub use constellations::{ConstellationLine, constellation_lines};
 pub use error::CatalogError;
 pub use join::{ImportReport, import_catalog};
 pub use names::star_name;
+inner!(constellations::{ConstellationLine, constellation_lines});
 inner!(result::{CatalogImportResult, IMPORT_FORMAT});
 inner!(position_error::{KNOWN_PROPER_MOTION_SIGMA_RAD_YR, POSITION_SIGMA_RAD, expected_proper_motion_sigma_rad_yr});
 

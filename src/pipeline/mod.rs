@@ -13,23 +13,25 @@ mod one_camera;
 mod overfull;
 mod pixels;
 mod prepare;
+mod recording_conditions;
 mod result;
 mod sky_views;
 mod star_list;
 mod star_measurements;
 
-use crate::calibrate::{CalibrateError, Surroundings};
+use crate::calibrate::CalibrateError;
 use crate::camera::{ObserverError, Physics, PhysicsError};
 use crate::detect::{DetectError, Detection, Detections, EmpiricalPsf, PsfReport, PsfStar};
-use crate::diagnose::{DiagnoseError, ImageConditions, MeasuredNoise};
+use crate::diagnose::DiagnoseError;
 use crate::pixel_statistics::{PixelStatistics, SummedImage};
-use crate::recording::{Mount, Recording, RecordingError, SkippedFrame};
-use crate::statistics::median_in_place;
+use crate::recording::{Recording, RecordingError, SkippedFrame};
 
 pub use dark::{Dark, DarkError};
 pub use identified::{IdentifiedFrame, identify_frames};
 pub use measure::{Centroid, MeasureOptions, measure, measure_frames};
 pub use prepare::{DiagnosisInput, DiagnosisRequest, PreparedPoints, control_points, diagnosis_request, telemetry};
+pub use recording_conditions::surroundings;
+inner!(recording_conditions::{image_conditions, looks_through_air, measured_noise});
 inner!(result::{CameraRow, ParameterRow, RUN_FORMAT, RunResult});
 inner!(identified::{circumstances, physics_in_force, take_identifications});
 inner!(learnt_image::take_phase_bias_off);
@@ -184,56 +186,4 @@ impl Measured {
             None => self.recording.camera.gain_e_per_dn,
         }
     }
-}
-
-/// Whether a camera looks through air: it is in space where its recording tells how it moves and knows of no ground.
-#[must_use]
-pub fn surroundings(recording: &Recording) -> Surroundings {
-    let flies = recording.frames.iter().any(|frame| frame.velocity_km_s.is_some());
-    let stands = recording.site.is_some() || recording.mount == Some(Mount::Fixed);
-    if flies && !stands { Surroundings::Space } else { Surroundings::MayBeGround }
-}
-
-/// Whether a camera may look through air.
-#[must_use]
-pub fn looks_through_air(recording: &Recording) -> bool {
-    surroundings(recording) == Surroundings::MayBeGround
-}
-
-/// How the stars of a recording look, to render them as they are; `None` where there are no pixels, or nobody says how many electrons a
-/// count stands for.
-#[must_use]
-pub fn image_conditions(measured: &Measured) -> Option<ImageConditions> {
-    let camera = &measured.recording.camera;
-    let gain = camera.gain_e_per_dn.filter(|_| measured.recording.stars.is_none())?;
-    let mut widths: Vec<f64> = measured.clean_stars().map(|star| star.width_px).filter(|width| *width > 0.0).collect();
-    let mut noises: Vec<f64> = measured.frames.iter().map(|frame| frame.detections.noise_dn * gain).collect();
-    let noise_e = median_in_place(&mut noises).filter(|noise| *noise > 0.0)?;
-    // Where the level of no light is not known, the noise tells how much there is.
-    let by_noise = (noise_e * noise_e - camera.read_noise_e.unwrap_or(0.0).powi(2)).max(0.0);
-    let mut levels: Vec<f64> = measured
-        .frames
-        .iter()
-        .map(|frame| camera.bias_dn.map_or(by_noise, |bias_dn| ((frame.detections.background_dn - bias_dn) * gain).max(0.0)))
-        .collect();
-    Some(ImageConditions { psf_sigma_px: median_in_place(&mut widths)?, background_e: median_in_place(&mut levels)?, noise_e })
-}
-
-/// The noise as the pixels show it: the stamps of the stars, and the photon-transfer relation of the background. Nothing for a list of stars.
-#[must_use]
-pub fn measured_noise(measured: &Measured) -> MeasuredNoise {
-    if measured.recording.stars.is_some() {
-        return MeasuredNoise::default();
-    }
-    let mut chi2: Vec<f64> = measured.clean_stars().map(|star| star.chi2_per_dof).filter(|value| value.is_finite()).collect();
-    let camera = &measured.recording.camera;
-    let declared = camera.gain_e_per_dn.zip(camera.bias_dn).zip(camera.read_noise_e);
-    let mut ratios: Vec<f64> = declared.map_or_else(Vec::new, |((gain, bias_dn), read_noise_e)| {
-        let of = |frame: &MeasuredFrame| {
-            let electrons = ((frame.detections.background_dn - bias_dn) * gain).max(0.0);
-            frame.detections.noise_dn * gain / (electrons + read_noise_e * read_noise_e).sqrt()
-        };
-        measured.frames.iter().map(of).filter(|ratio| ratio.is_finite() && *ratio > 0.0).collect()
-    });
-    MeasuredNoise { stamp_chi2_per_dof: median_in_place(&mut chi2), background_ratio: median_in_place(&mut ratios) }
 }

@@ -1,0 +1,59 @@
+//! What a recording and its frames tell of the conditions they were taken in: air or space, how the stars look, and the noise.
+
+use super::{Measured, MeasuredFrame};
+use crate::calibrate::Surroundings;
+use crate::diagnose::{ImageConditions, MeasuredNoise};
+use crate::recording::{Mount, Recording};
+use crate::statistics::median_in_place;
+
+/// Whether a camera looks through air: it is in space where its recording tells how it moves and knows of no ground.
+#[must_use]
+pub fn surroundings(recording: &Recording) -> Surroundings {
+    let flies = recording.frames.iter().any(|frame| frame.velocity_km_s.is_some());
+    let stands = recording.site.is_some() || recording.mount == Some(Mount::Fixed);
+    if flies && !stands { Surroundings::Space } else { Surroundings::MayBeGround }
+}
+
+/// Whether a camera may look through air.
+#[must_use]
+pub fn looks_through_air(recording: &Recording) -> bool {
+    surroundings(recording) == Surroundings::MayBeGround
+}
+
+/// How the stars of a recording look, to render them as they are; `None` where there are no pixels, or nobody says how many electrons a
+/// count stands for.
+#[must_use]
+pub fn image_conditions(measured: &Measured) -> Option<ImageConditions> {
+    let camera = &measured.recording.camera;
+    let gain = camera.gain_e_per_dn.filter(|_| measured.recording.stars.is_none())?;
+    let mut widths: Vec<f64> = measured.clean_stars().map(|star| star.width_px).filter(|width| *width > 0.0).collect();
+    let mut noises: Vec<f64> = measured.frames.iter().map(|frame| frame.detections.noise_dn * gain).collect();
+    let noise_e = median_in_place(&mut noises).filter(|noise| *noise > 0.0)?;
+    // Where the level of no light is not known, the noise tells how much there is.
+    let by_noise = (noise_e * noise_e - camera.read_noise_e.unwrap_or(0.0).powi(2)).max(0.0);
+    let mut levels: Vec<f64> = measured
+        .frames
+        .iter()
+        .map(|frame| camera.bias_dn.map_or(by_noise, |bias_dn| ((frame.detections.background_dn - bias_dn) * gain).max(0.0)))
+        .collect();
+    Some(ImageConditions { psf_sigma_px: median_in_place(&mut widths)?, background_e: median_in_place(&mut levels)?, noise_e })
+}
+
+/// The noise as the pixels show it: the stamps of the stars, and the photon-transfer relation of the background. Nothing for a list of stars.
+#[must_use]
+pub fn measured_noise(measured: &Measured) -> MeasuredNoise {
+    if measured.recording.stars.is_some() {
+        return MeasuredNoise::default();
+    }
+    let mut chi2: Vec<f64> = measured.clean_stars().map(|star| star.chi2_per_dof).filter(|value| value.is_finite()).collect();
+    let camera = &measured.recording.camera;
+    let declared = camera.gain_e_per_dn.zip(camera.bias_dn).zip(camera.read_noise_e);
+    let mut ratios: Vec<f64> = declared.map_or_else(Vec::new, |((gain, bias_dn), read_noise_e)| {
+        let of = |frame: &MeasuredFrame| {
+            let electrons = ((frame.detections.background_dn - bias_dn) * gain).max(0.0);
+            frame.detections.noise_dn * gain / (electrons + read_noise_e * read_noise_e).sqrt()
+        };
+        measured.frames.iter().map(of).filter(|ratio| ratio.is_finite() && *ratio > 0.0).collect()
+    });
+    MeasuredNoise { stamp_chi2_per_dof: median_in_place(&mut chi2), background_ratio: median_in_place(&mut ratios) }
+}
