@@ -333,7 +333,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
         }
         Err(error) => return Err(error.into()),
     };
-    let image = if learns { without_phase_bias(&mut calibration, &mut measured, points.parity, &options)? } else { None };
+    let image = if learns { without_phase_bias(&mut calibration, &mut measured, points.parity, &options) } else { None };
     tell(&mut calibration, &measured, &points, uneven);
     calibration.warnings.extend(image.as_ref().map(LearntImage::sentence));
     calibration.provenance = Some(provenance);
@@ -353,22 +353,22 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
 }
 
 /// Learns the image of a star at the places of a solution, takes the bias that follows the pixel phase off the places, and solves once more. Nothing
-/// changes where the stars show no image but the estimator's.
+/// changes where the stars show no image but the estimator's, or where the residuals do not fall.
 fn without_phase_bias(
     calibration: &mut Calibration,
     measured: &mut Measured,
     parity: i8,
     options: &CalibrateOptions,
-) -> Result<Option<LearntImage>> {
+) -> Option<LearntImage> {
     if calibration.status != Status::Converged || measured.frames.iter().all(|frame| frame.kept.is_empty()) {
-        return Ok(None);
+        return None;
     }
     let clock = output::Clock::new();
-    let Some(image) = take_phase_bias_off(measured, calibration, parity) else { return Ok(None) };
-    let again = calibrate_points(&calibration.control_points, options)?;
-    *calibration = Calibration { reidentified: calibration.reidentified, ..again };
-    tracing::info!("image learnt and solved once more in {clock}");
-    Ok(Some(image))
+    let image = take_phase_bias_off(measured, calibration, parity, options);
+    if image.is_some() {
+        tracing::info!("image learnt and solved once more in {clock}");
+    }
+    image
 }
 
 /// How to solve, and what to mind of it.

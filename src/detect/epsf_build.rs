@@ -80,9 +80,6 @@ const MIN_SHARE: f64 = 0.02;
 const CLEARLY_SIGMA: f64 = 3.0;
 /// An image that leaves held-out stars more than this per degree of freedom has not been found: places would be worse with it, not better.
 const MAX_CHI2: f64 = 1.5;
-/// It has been found all the same if it leaves less than this share of what Gaussians leave beyond the noise: very bright stars show the least fault of an
-/// image that is far better than any Gaussian.
-const LEFT_OF_GAUSSIANS: f64 = 0.1;
 
 /// The image that held-out stars prefer to Gaussians, if there is one, and what they said.
 #[must_use]
@@ -171,8 +168,7 @@ impl<'a> Trial<'a> {
         let judged: Vec<(f64, f64)> = images.iter().zip(&self.parts).flat_map(|(image, [_, held])| judge(held, image)).collect();
         let chi2 = per_dof(&judged);
         self.report.empirical_deviance_per_dof = self.report.empirical_deviance_per_dof.min(chi2);
-        let is_found = chi2 < MAX_CHI2 || chi2 - 1.0 < LEFT_OF_GAUSSIANS * (self.report.gaussian_deviance_per_dof - 1.0);
-        if is_found && clearly_better(&judged, &self.best) {
+        if clearly_better(&judged, &self.best) && chi2 < MAX_CHI2 {
             (self.report.empirical, self.report.field_order, self.terms) = (true, terms.order, terms);
             self.best = judged;
         }

@@ -6,8 +6,8 @@
 
 use std::collections::BTreeMap;
 
-use super::{Centroid, Measured};
-use crate::calibrate::Calibration;
+use super::{Centroid, Measured, MeasuredFrame};
+use crate::calibrate::{CalibrateOptions, Calibration, Status, calibrate};
 use crate::detect::{BiasedStar, Detection, Estimator, LearntImage, PhaseBias, PixelNoise, PredictedStar, SkyImage, learn_from_sky};
 use crate::identify::{ControlPoint, ControlPoints};
 use crate::statistics::median;
@@ -20,9 +20,15 @@ const TEMPERATURE_UNIT_K: f64 = 10.0;
 const COLOURED: f64 = 0.8;
 const MIN_SPAN_K: f64 = 1.0;
 
-/// Learns the image at the places of a baseline solution, and takes the bias that it predicts off the places of all star images of the recording and of
-/// the baseline's control points. Nothing where too few stars' pixels were kept, or where stars held out do not prefer an image to Gaussians.
-pub fn take_phase_bias_off(measured: &mut Measured, baseline: &mut Calibration, parity: i8) -> Option<LearntImage> {
+/// Learns the image at the places of a baseline solution, takes the bias that it predicts off the places of all star images of the recording and of the
+/// baseline's control points, and solves once more. Nothing changes where too few stars' pixels were kept, where stars held out do not prefer an image to
+/// Gaussians, or where the residuals do not fall.
+pub fn take_phase_bias_off(
+    measured: &mut Measured,
+    baseline: &mut Calibration,
+    parity: i8,
+    solver: &CalibrateOptions,
+) -> Option<LearntImage> {
     let stars = sky_stars(measured, baseline, parity);
     for frame in &mut measured.frames {
         frame.kept = Vec::new();
@@ -43,7 +49,16 @@ pub fn take_phase_bias_off(measured: &mut Measured, baseline: &mut Calibration, 
         Centroid::Windowed => Estimator::Windowed(typical_width_px(measured)?),
     };
     let bias = PhaseBias::predict(&psf, estimator, noise(measured, &stars)?, &all.concat())?;
-    let bias_rms_px = move_stars(measured, &mut baseline.control_points, &all, &bias, parity);
+    let moves = moves(measured, &all, &bias);
+    let mut points = baseline.control_points.clone();
+    move_points(&mut points, &moves, parity);
+    let again = calibrate(&points, solver).ok().filter(|again| again.status == Status::Converged && again.rms_px < baseline.rms_px);
+    let Some(again) = again else {
+        tracing::info!("the image that was learnt does not bring the stars nearer to their places: they stay as measured");
+        return None;
+    };
+    let bias_rms_px = move_stars(measured, &moves);
+    *baseline = Calibration { reidentified: baseline.reidentified.take(), ..again };
     Some(LearntImage {
         stars: report.stars,
         held_out_stars: report.held_out_stars,
@@ -57,30 +72,44 @@ pub fn take_phase_bias_off(measured: &mut Measured, baseline: &mut Calibration, 
     })
 }
 
-/// Takes the bias off the stars of all frames, their images by sums and the control points made of them. Its rms along columns and rows, px.
-fn move_stars(measured: &mut Measured, points: &mut ControlPoints, asked: &[Vec<BiasedStar>], bias: &PhaseBias, parity: i8) -> [f64; 2] {
-    // By frame and row, which no mirroring changes.
-    let mut biases: BTreeMap<(usize, u64), [f64; 2]> = BTreeMap::new();
-    for (frame, asked) in measured.frames.iter_mut().zip(asked) {
-        for (star, asked) in frame.detections.stars.iter_mut().zip(asked) {
-            let off = bias.at(asked);
-            biases.insert((frame.index, star.y_px.to_bits()), off);
-            [star.x_px, star.y_px] = [star.x_px - off[0], star.y_px - off[1]];
-        }
+/// How far each star image was found from where it is, px: by frame and row, which no mirroring changes.
+type Moves = BTreeMap<(usize, u64), [f64; 2]>;
+
+/// The bias of the stars of all frames.
+fn moves(measured: &Measured, asked: &[Vec<BiasedStar>], bias: &PhaseBias) -> Moves {
+    let of_frame = |(frame, asked): (&MeasuredFrame, &Vec<BiasedStar>)| {
+        let index = frame.index;
+        frame.detections.stars.iter().zip(asked).map(|(star, asked)| ((index, star.y_px.to_bits()), bias.at(asked))).collect::<Vec<_>>()
+    };
+    measured.frames.iter().zip(asked).flat_map(of_frame).collect()
+}
+
+/// Takes the bias off the stars of all frames and their images by sums. Its rms along columns and rows, px.
+fn move_stars(measured: &mut Measured, moves: &Moves) -> [f64; 2] {
+    for frame in &mut measured.frames {
         for image in &mut frame.images {
-            if let Some(off) = biases.get(&(frame.index, image.found_px[1].to_bits())) {
+            if let Some(off) = moves.get(&(frame.index, image.found_px[1].to_bits())) {
                 image.found_px = [0, 1].map(|axis| image.found_px[axis] - off[axis]);
             }
         }
+        for star in &mut frame.detections.stars {
+            if let Some(off) = moves.get(&(frame.index, star.y_px.to_bits())) {
+                [star.x_px, star.y_px] = [star.x_px - off[0], star.y_px - off[1]];
+            }
+        }
     }
+    let sums = moves.values().fold([0.0; 2], |sum, off| [0, 1].map(|axis| sum[axis] + off[axis] * off[axis]));
+    sums.map(|sum| (sum / moves.len().max(1) as f64).sqrt())
+}
+
+/// The same for the control points made of them.
+fn move_points(points: &mut ControlPoints, moves: &Moves, parity: i8) {
     for point in &mut points.points {
-        if let Some(off) = biases.get(&(point.frame, point.y_px.to_bits())) {
+        if let Some(off) = moves.get(&(point.frame, point.y_px.to_bits())) {
             point.x_px -= f64::from(parity) * off[0];
             point.y_px -= off[1];
         }
     }
-    let sums = biases.values().fold([0.0; 2], |sum, off| [0, 1].map(|axis| sum[axis] + off[axis] * off[axis]));
-    sums.map(|sum| (sum / biases.len().max(1) as f64).sqrt())
 }
 
 /// A control point in the columns of the files: where it was found, where it is predicted, px, and what it is taken under.

@@ -267,7 +267,7 @@ pub fn diagnosis_request(
     } else {
         calibrate_identifying_anew(&prepared.points, &star_images(measured, prepared), asked.catalog, asked.max_magnitude, &solver)?
     };
-    let image = take_phase_bias_off(measured, &mut baseline, prepared.parity);
+    let image = take_phase_bias_off(measured, &mut baseline, prepared.parity, &solver);
     let left_out = take_disturbed(&mut baseline.control_points, prepared.parity, measured, asked.catalog);
     let points = baseline.control_points;
     let notes = uneven.into_iter().chain(crowding::sentence(left_out.len(), points.points.len())).collect();
