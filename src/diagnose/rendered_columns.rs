@@ -25,7 +25,7 @@ use crate::effects::{REFERENCE_FLUX_E, REFERENCE_MAGNITUDE};
 use crate::frame::Frame;
 use crate::identify::ControlPoints;
 use crate::imaging::EffectSetting;
-use crate::render::{MeasuredStar, StampRenderer, TestStar, signature};
+use crate::render::{MeasuredStar, PsfTables, StampRenderer, TestStar, signature};
 use crate::scene::Scene;
 
 /// Side of the square that a star has for itself, in widths of its image, and at least, px.
@@ -56,7 +56,8 @@ impl Rendered {
     /// not known.
     pub(super) fn new(stars: &StarImages, joint: &BundleSolution, points: &ControlPoints, looks: Option<&ImageConditions>) -> Self {
         let Some(looks) = looks.filter(|_| stars.images.len() <= MAX_IMAGES) else { return Self::default() };
-        let studio = ColumnRenderer { stars, joint, points, looks, plates: star_layouts(stars, joint, points, looks) };
+        let studio =
+            ColumnRenderer { stars, joint, points, looks, plates: star_layouts(stars, joint, points, looks), tables: PsfTables::default() };
         let ids = DISPLACEMENTS.iter().filter(|effect| effect.rendering(0).is_some());
         Self(ids.filter_map(|effect| Some((effect.id(), studio.shifts(*effect)?))).collect())
     }
@@ -121,6 +122,8 @@ struct ColumnRenderer<'a> {
     points: &'a ControlPoints,
     looks: &'a ImageConditions,
     plates: Vec<StarLayout>,
+    /// The images of a pair of cameras serve the stars of the recording and those that tell the unit.
+    tables: PsfTables,
 }
 
 impl ColumnRenderer<'_> {
@@ -271,7 +274,8 @@ impl ColumnRenderer<'_> {
     /// Renders and measures every star layout with two cameras; the change of each star's centre, by its number.
     fn difference(&self, scenes: &[Scene; 2], plates: &[StarLayout]) -> Option<Moved> {
         let looks = self.looks;
-        let [less, more] = [told(StampRenderer::new(&scenes[0]))?, told(StampRenderer::new(&scenes[1]))?];
+        let renderer = |scene| told(StampRenderer::with_tables(scene, &self.tables));
+        let [less, more] = [renderer(&scenes[0])?, renderer(&scenes[1])?];
         let known = |sky_e: f64| FixedBackground {
             background_dn: sky_e,
             noise_dn: looks.noise_e,

@@ -48,6 +48,11 @@ pub struct StampRenderer<'a> {
 impl<'a> StampRenderer<'a> {
     /// The camera of a scene: its point spread and its pixel effects. Pixels that the scene joins are shown as single ones.
     pub fn new(scene: &'a Scene) -> Result<Self, ImagingError> {
+        Self::with_tables(scene, &PsfTables::default())
+    }
+
+    /// The same with tables of point spreads that may be known already.
+    pub(crate) fn with_tables(scene: &'a Scene, tables: &PsfTables) -> Result<Self, ImagingError> {
         let config = ImagingConfig {
             width_px: scene.camera.width_px,
             height_px: scene.camera.height_px,
@@ -55,7 +60,7 @@ impl<'a> StampRenderer<'a> {
             point_spread: "gaussian_psf".to_owned(),
             effects: scene.pixel_effects.clone(),
         };
-        Ok(Self { scene, imager: Imager::new(Backend::Cpu, &config)?, spreader: Spreader::new(&scene.psf, &PsfTables::default()) })
+        Ok(Self { scene, imager: Imager::new(Backend::Cpu, &config)?, spreader: Spreader::new(&scene.psf, tables) })
     }
 
     /// A frame of these stars at rest, in electrons: after all effects up to the converter, without noise and without what cuts.
