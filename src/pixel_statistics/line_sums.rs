@@ -65,6 +65,7 @@ impl Plane {
         const SAMPLE: usize = 61;
         /// A band of which less is known says nothing.
         const MIN_KNOWN: f32 = 0.5;
+        const ROUNDING: f32 = 0.999;
         let (width, slopes) = (self.width, 2 * rows - 1);
         let band = 2 * half_width + 1;
         if width < band {
@@ -82,8 +83,21 @@ impl Plane {
         let sample: Vec<f64> =
             (0..all).step_by(SAMPLE).filter_map(|k| snr(k / places.len(), half_width + k % places.len())).map(f64::from).collect();
         let scatter = crate::statistics::mad_sigma(&sample).unwrap_or(1.0).max(1.0) as f32;
+        // What cannot be enough by its square is not looked at further: roots are dear.
+        let least_square = (ROUNDING * least_snr * scatter).powi(2);
+        let (mut sum, mut known) = (vec![0.0; places.len()], vec![0.0; places.len()]);
         for line in 0..lines {
-            for start in places.clone() {
+            for (band_sums, all) in [(&mut sum, sums), (&mut known, counts)] {
+                band_sums.fill(0.0);
+                for from in 0..band {
+                    let shifted = &all[line * width + from..][..places.len()];
+                    band_sums.iter_mut().zip(shifted).for_each(|(sum, value)| *sum += value);
+                }
+            }
+            for (start, (sum, known)) in places.clone().zip(sum.iter().zip(&known)) {
+                if sum * sum.max(0.0) < least_square * known || *known == 0.0 {
+                    continue;
+                }
                 if let Some(snr) = snr(line, start).map(|snr| snr / scatter).filter(|snr| *snr > least_snr) {
                     let (strip, slope) = (line / slopes, line % slopes);
                     let shift = slope.cast_signed() - (rows - 1).cast_signed();
