@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::row_noise::{TAIL_DEGREES, found, slope, weight};
-use super::row_solve::{Basis, Block, Columns, design, robust};
+use super::row_solve::{Basis, Block, Columns, Solved, design, inverse, robust};
 use super::rows::{Kind, KindNoise, Rows, Whitener};
 
 /// A row farther than this many standard deviations takes no part: its weight is nothing, and it spoils the means of its group.
@@ -49,18 +49,20 @@ impl RowFit {
         let mut noise = begin.map_or_else(|| vec![KindNoise::STATED; rows.kinds.len()], |fit| fit.noise.clone());
         let mut take = begin.map_or_else(|| allowed.to_vec(), |fit| fit.take.iter().zip(allowed).map(|(a, b)| *a && *b).collect());
         let mut turn = 0;
+        let ranges = rows.ranges();
         loop {
-            let fit = Self::with_noise(rows, &take, accepted.len(), &columns, (&noise, None));
+            let solution = Solution::new(rows, &take, accepted.len(), &columns, &noise);
             turn += 1;
             if turn > TURNS {
-                return fit;
+                return Self::of(rows, &take, accepted.len(), &columns, (&noise, None), solution);
             }
+            let rest = solution.rest(rows, &columns);
             noise = rows
                 .kinds
                 .iter()
-                .zip(rows.ranges())
+                .zip(&ranges)
                 .zip(&columns)
-                .map(|((kind, range), columns)| found(kind, &fit.rest[range.clone()], &take[range], columns.own.len() + accepted.len()))
+                .map(|((kind, range), columns)| found(kind, &rest[range.clone()], &take[range.clone()], columns.own.len() + accepted.len()))
                 .collect();
             let sigma: Vec<f64> = rows
                 .kinds
@@ -69,35 +71,28 @@ impl RowFit {
                 .flat_map(|(kind, noise)| kind.rows.iter().map(|row| (noise.variance(row) + noise.shared).sqrt()))
                 .collect();
             let is_normal = normal(rows);
-            take = (0..take.len()).map(|k| allowed[k] && (is_normal[k] || fit.rest[k].abs() < GROSS_SIGMAS * sigma[k])).collect();
+            take = (0..take.len()).map(|k| allowed[k] && (is_normal[k] || rest[k].abs() < GROSS_SIGMAS * sigma[k])).collect();
         }
     }
 
     /// Under the noise of another fit, on the rows allowed that are not far off there: a model that lacks an effect has no noise of its own to be
     /// judged by.
     pub(in crate::diagnose) fn under(rows: &Rows, allowed: &[bool], accepted: &[&Vec<f64>], other: &Self) -> Self {
-        Self::with_noise(rows, allowed, accepted.len(), &design(rows, accepted), (&other.noise, Some(&other.scatter)))
+        let columns = design(rows, accepted);
+        let solution = Solution::new(rows, allowed, accepted.len(), &columns, &other.noise);
+        Self::of(rows, allowed, accepted.len(), &columns, (&other.noise, Some(&other.scatter)), solution)
     }
 
-    /// With the noise as it is.
-    fn with_noise(
+    /// Of a solution.
+    fn of(
         rows: &Rows,
         take: &[bool],
         accepted: usize,
         columns: &[Columns],
         (noise, scatter): (&[KindNoise], Option<&[f64]>),
+        Solution { whiteners, blocks, solved }: Solution,
     ) -> Self {
         let ranges = rows.ranges();
-        let whitener = |((kind, noise), range): ((&Kind, &KindNoise), &std::ops::Range<usize>)| kind.whitener(noise, &take[range.clone()]);
-        let whiteners: Vec<_> = rows.kinds.iter().zip(noise).zip(&ranges).map(whitener).collect();
-        let blocks: Vec<Block> = rows
-            .kinds
-            .iter()
-            .zip(&whiteners)
-            .zip(ranges.iter().zip(columns))
-            .map(|((kind, whitener), (range, columns))| Block::new(kind, whitener, columns, &take[range.clone()]))
-            .collect();
-        let solved = robust(&blocks, accepted);
         let own: usize = blocks.iter().map(|block| block.own.ncols()).sum();
         let (n, k) = (rows.len(), own + accepted);
         let mut psi: Vec<f64> = Vec::with_capacity(n);
@@ -115,9 +110,8 @@ impl RowFit {
             gain.push(slope / scale);
             scatters.push(scale);
         }
-        let covariance = &solved.inverse * error_factor(&gain, &ranges, take);
-        let rest = blocks.iter().zip(rows.kinds.iter().zip(columns)).enumerate();
-        let rest = rest.flat_map(|(number, (block, (kind, columns)))| block.rest(kind, columns, &solved.sizes(&blocks, number))).collect();
+        let covariance = inverse(&blocks, accepted) * error_factor(&gain, &ranges, take);
+        let rest = rest_of(rows, columns, &blocks, &solved);
         let mut first = 0;
         let mut frame_levels = Vec::with_capacity(blocks.len());
         for (block, columns) in blocks.iter().zip(columns) {
@@ -142,13 +136,17 @@ impl RowFit {
     }
 
     /// A column whitened, and what is fitted taken out.
-    pub(in crate::diagnose) fn project(&self, rows: &Rows, column: &[f64]) -> DVector<f64> {
+    pub(in crate::diagnose) fn project(&self, rows: &Rows, column: &[f64]) -> Projected {
+        let ranges = rows.ranges();
         let mut white: Vec<f64> =
-            self.whiteners.iter().zip(rows.ranges()).flat_map(|(whitener, range)| whitener.apply(&column[range])).collect();
+            self.whiteners.iter().zip(&ranges).flat_map(|(whitener, range)| whitener.apply(&column[range.clone()])).collect();
         for (value, take) in white.iter_mut().zip(&self.take) {
             *value = if *take { *value } else { 0.0 };
         }
-        self.basis.take_out(&rows.ranges(), DVector::from_vec(white))
+        let of_kind =
+            |(gain, range): (&f64, &std::ops::Range<usize>)| gain * gain * white[range.clone()].iter().map(|v| v * v).sum::<f64>();
+        let whole = self.gain.iter().zip(&ranges).map(of_kind).sum::<f64>().sqrt();
+        Projected { rest: self.basis.take_out(&ranges, DVector::from_vec(white)), whole }
     }
 
     /// What share of the scatter of the means of groups that share an error some directions take, and how many groups there are; nothing where the
@@ -187,64 +185,65 @@ impl RowFit {
     /// the difference of the logarithms of the t densities, in units in which a small change falls by χ². The score follows from it for changes that
     /// are small beside the errors; where they are larger the residuals have hardly any weight, and the score no meaning.
     pub(in crate::diagnose) fn fall_to(&self, rows: &Rows, other: &Self) -> (Vec<f64>, f64) {
-        let changed = self.white.iter().zip(&other.white).map(|(before, after)| before - after);
-        let taken_off = DVector::from_iterator(self.white.len(), changed);
-        let square = rows
-            .ranges()
-            .into_iter()
-            .zip(&self.gain)
-            .map(|(range, gain)| gain * gain * taken_off.rows(range.start, range.len()).norm_squared());
-        (self.fall(rows, &taken_off), square.sum())
+        let ranges = rows.ranges();
+        let of_kind = |(number, range): (usize, &std::ops::Range<usize>)| {
+            let (before, after) = (&self.white[range.clone()], &other.white[range.clone()]);
+            let square: f64 = before.iter().zip(after).map(|(before, after)| (before - after).powi(2)).sum();
+            (self.cost_fall(number, &rows.kinds[number], before, after), self.gain[number].powi(2) * square)
+        };
+        let (fall, square): (Vec<f64>, Vec<f64>) = ranges.iter().enumerate().map(of_kind).unzip();
+        (fall, square.iter().sum())
     }
 
-    /// The same where whitened numbers are taken off the residuals.
-    fn fall(&self, rows: &Rows, taken_off: &DVector<f64>) -> Vec<f64> {
-        let of_kind = |((number, range), kind): ((usize, std::ops::Range<usize>), &Kind)| -> f64 {
-            let pairs = range.map(|k| (self.white[k], self.white[k] - taken_off[k]));
-            if !kind.is_scaled {
-                return pairs.map(|(before, after)| before * before - after * after).sum();
-            }
-            let fall: f64 = pairs.map(|(before, after)| ((TAIL_DEGREES + before * before) / (TAIL_DEGREES + after * after)).ln()).sum();
-            // Slope over the variance of ψ: what makes of a cost a χ².
-            (TAIL_DEGREES + 1.0) * fall * self.gain[number] / self.scatter[number]
-        };
-        rows.ranges().into_iter().enumerate().zip(&rows.kinds).map(of_kind).collect()
+    /// The same of the rows of a kind.
+    fn cost_fall(&self, number: usize, kind: &Kind, before: &[f64], after: &[f64]) -> f64 {
+        let pairs = before.iter().zip(after);
+        if !kind.is_scaled {
+            return pairs.map(|(before, after)| before * before - after * after).sum();
+        }
+        let fall: f64 = pairs.map(|(before, after)| ((TAIL_DEGREES + before * before) / (TAIL_DEGREES + after * after)).ln()).sum();
+        // Slope over the variance of ψ: what makes of a cost a χ².
+        (TAIL_DEGREES + 1.0) * fall * self.gain[number] / self.scatter[number]
     }
 
     /// Fall of the cost with the best sizes of some columns beside what is fitted, by weights found in turn from equal ones.
-    pub(in crate::diagnose) fn best_fall(&self, rows: &Rows, columns: &[Vec<f64>]) -> f64 {
+    pub(in crate::diagnose) fn best_fall(&self, rows: &Rows, projected: &[Projected]) -> f64 {
         const STEPS: usize = 8;
-        let projected: Vec<DVector<f64>> = columns.iter().map(|column| self.project(rows, column)).collect();
-        let is_normal = normal(rows);
-        let n = self.white.len();
-        let mut weights = vec![1.0; n];
-        let mut most = 0.0_f64;
+        const SAME_SIZE: f64 = 1e-9;
+        // Rows that no column changes keep their cost.
+        let changes =
+            |range: &std::ops::Range<usize>| projected.iter().any(|own| own.rest.as_slice()[range.clone()].iter().any(|v| *v != 0.0));
+        let kinds: Vec<(usize, std::ops::Range<usize>)> =
+            rows.ranges().into_iter().enumerate().filter(|(_, range)| changes(range)).collect();
+        let joined = |all: &[f64]| DVector::from_vec(kinds.iter().flat_map(|(_, range)| &all[range.clone()]).copied().collect());
+        let columns: Vec<DVector<f64>> = projected.iter().map(|own| joined(own.rest.as_slice())).collect();
+        let white = joined(&self.white);
+        let mut weights: DVector<f64> = DVector::repeat(white.len(), 1.0);
+        let (mut most, mut last) = (0.0_f64, DVector::zeros(columns.len()));
         for _ in 0..STEPS {
-            let weighted: Vec<DVector<f64>> = projected
-                .iter()
-                .map(|column| DVector::from_iterator(n, column.iter().zip(&weights).map(|(value, weight)| value * weight)))
-                .collect();
-            let normal = DMatrix::from_fn(columns.len(), columns.len(), |i, j| weighted[i].dot(&projected[j]));
-            let white = DVector::from_column_slice(&self.white);
+            let weighted: Vec<DVector<f64>> = columns.iter().map(|column| column.component_mul(&weights)).collect();
+            let normal = DMatrix::from_fn(columns.len(), columns.len(), |i, j| weighted[i].dot(&columns[j]));
             let right = DVector::from_iterator(columns.len(), weighted.iter().map(|column| column.dot(&white)));
             let Some(sizes) = normal.lu().solve(&right) else { return most };
-            let mut moved = DVector::zeros(n);
-            projected.iter().zip(sizes.iter()).for_each(|(column, size)| moved.axpy(*size, column, 1.0));
-            most = most.max(self.fall(rows, &moved).iter().sum());
-            for (k, weight_of_row) in weights.iter_mut().enumerate() {
-                *weight_of_row = if is_normal[k] { 1.0 } else { weight(self.white[k] - moved[k]) };
+            let mut after = white.clone();
+            columns.iter().zip(sizes.iter()).for_each(|(column, size)| after.axpy(-*size, column, 1.0));
+            let mut first = 0;
+            let mut fall = 0.0;
+            for (number, range) in &kinds {
+                let own = first..first + range.len();
+                fall += self.cost_fall(*number, &rows.kinds[*number], &white.as_slice()[own.clone()], &after.as_slice()[own.clone()]);
+                if rows.kinds[*number].is_scaled {
+                    own.clone().for_each(|k| weights[k] = weight(after[k]));
+                }
+                first = own.end;
             }
+            most = most.max(fall);
+            if (&sizes - &last).amax() <= SAME_SIZE * sizes.amax() {
+                break;
+            }
+            last = sizes;
         }
         most
-    }
-
-    /// Length of what a unit of a column would add to ψ if nothing were fitted.
-    pub(in crate::diagnose) fn whole(&self, rows: &Rows, column: &[f64]) -> f64 {
-        let of_kind = |((whitener, range), gain): ((&Whitener, std::ops::Range<usize>), &f64)| -> f64 {
-            let white = whitener.apply(&column[range.clone()]);
-            white.iter().zip(&self.take[range]).filter(|(_, take)| **take).map(|(value, _)| (value * gain).powi(2)).sum()
-        };
-        self.whiteners.iter().zip(rows.ranges()).zip(&self.gain).map(of_kind).sum::<f64>().sqrt()
     }
 
     /// What a unit of a column adds to ψ, row by row, beyond what is fitted.
@@ -254,7 +253,11 @@ impl RowFit {
 
     /// The same beside what another fit of the same noise has fitted.
     pub(in crate::diagnose) fn response_beside(&self, other: &Self, rows: &Rows, column: &[f64]) -> DVector<f64> {
-        let mut rest = other.project(rows, column);
+        self.added(rows, other.project(rows, column).rest)
+    }
+
+    /// What a projected column adds to ψ.
+    pub(in crate::diagnose) fn added(&self, rows: &Rows, mut rest: DVector<f64>) -> DVector<f64> {
         for (gain, range) in self.gain.iter().zip(rows.ranges()) {
             rest.rows_mut(range.start, range.len()).scale_mut(*gain);
         }
@@ -263,7 +266,11 @@ impl RowFit {
 
     /// Size and standard error of a column of its own, beside what is fitted, over the rows that `of` names.
     pub(in crate::diagnose) fn amplitude(&self, rows: &Rows, column: &[f64], of: impl Fn(usize) -> bool) -> Option<[f64; 2]> {
-        let own = self.response(rows, column);
+        self.amplitude_of(&self.response(rows, column), of)
+    }
+
+    /// The same of what a unit of the column adds to ψ.
+    pub(in crate::diagnose) fn amplitude_of(&self, own: &DVector<f64>, of: impl Fn(usize) -> bool) -> Option<[f64; 2]> {
         let (mut along, mut square) = (0.0, 0.0);
         for k in (0..own.len()).filter(|k| of(*k)) {
             along += own[k] * self.psi[k];
@@ -271,6 +278,48 @@ impl RowFit {
         }
         (square > 0.0).then(|| [along / square, square.sqrt().recip()])
     }
+}
+
+/// A column whitened, and what is fitted taken out.
+pub(in crate::diagnose) struct Projected {
+    /// What is left.
+    pub(in crate::diagnose) rest: DVector<f64>,
+    /// Length of what a unit of the column would add to ψ if nothing were fitted.
+    pub(in crate::diagnose) whole: f64,
+}
+
+/// Sizes under a noise, and what they were found with.
+struct Solution {
+    whiteners: Vec<Whitener>,
+    blocks: Vec<Block>,
+    solved: Solved,
+}
+
+impl Solution {
+    fn new(rows: &Rows, take: &[bool], accepted: usize, columns: &[Columns], noise: &[KindNoise]) -> Self {
+        let ranges = rows.ranges();
+        let whitener = |((kind, noise), range): ((&Kind, &KindNoise), &std::ops::Range<usize>)| kind.whitener(noise, &take[range.clone()]);
+        let whiteners: Vec<_> = rows.kinds.iter().zip(noise).zip(&ranges).map(whitener).collect();
+        let blocks: Vec<Block> = rows
+            .kinds
+            .iter()
+            .zip(&whiteners)
+            .zip(ranges.iter().zip(columns))
+            .map(|((kind, whitener), (range, columns))| Block::new(kind, whitener, columns, &take[range.clone()]))
+            .collect();
+        let solved = robust(&blocks, accepted);
+        Self { whiteners, blocks, solved }
+    }
+
+    fn rest(&self, rows: &Rows, columns: &[Columns]) -> Vec<f64> {
+        rest_of(rows, columns, &self.blocks, &self.solved)
+    }
+}
+
+/// Residuals in the rows' units.
+fn rest_of(rows: &Rows, columns: &[Columns], blocks: &[Block], solved: &Solved) -> Vec<f64> {
+    let of_kinds = blocks.iter().zip(rows.kinds.iter().zip(columns)).enumerate();
+    of_kinds.flat_map(|(number, (block, (kind, columns)))| block.rest(kind, columns, &solved.sizes(blocks, number))).collect()
 }
 
 /// Of every row whether its error is taken at its word, and normal.

@@ -5,7 +5,7 @@
 
 use std::ops::Range;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::products;
 use super::row_noise::weight as weight_of;
@@ -99,8 +99,6 @@ pub(super) struct Solved {
     /// Of every kind whitened residuals, and their t weights.
     pub(super) residual: Vec<DVector<f64>>,
     pub(super) weight: Vec<Vec<f64>>,
-    /// Inverse of the unweighted normal matrix.
-    pub(super) inverse: DMatrix<f64>,
 }
 
 impl Solved {
@@ -113,30 +111,43 @@ impl Solved {
     }
 }
 
-/// Parameters of least t cost by weights found in turn, the weights, and the inverse of the unweighted normal matrix.
-pub(super) fn robust(blocks: &[Block], accepted: usize) -> Solved {
+/// Columns of length one of every kind, their numbers among all, and the lengths of all.
+type Units = (Vec<(DMatrix<f64>, Vec<usize>)>, Vec<f64>);
+
+fn units(blocks: &[Block], accepted: usize) -> Units {
     let own: usize = blocks.iter().map(|block| block.own.ncols()).sum();
     let scale = scales(blocks, own + accepted);
-    // Of every kind the columns of length one, and their numbers among all.
     let mut first = 0;
-    let units: Vec<(DMatrix<f64>, Vec<usize>)> = blocks
-        .iter()
-        .map(|block| {
-            let k = block.own.ncols();
-            let numbers: Vec<usize> = (first..first + k).chain(own..own + accepted).collect();
-            first += k;
-            let column = |j: usize| if j < k { block.own.column(j) } else { block.accepted.column(j - k) };
-            let columns: Vec<DVector<f64>> = numbers.iter().enumerate().map(|(j, number)| column(j) / scale[*number]).collect();
-            (if columns.is_empty() { DMatrix::zeros(block.value.len(), 0) } else { DMatrix::from_columns(&columns) }, numbers)
-        })
-        .collect();
+    let of_block = |block: &Block| {
+        let k = block.own.ncols();
+        let numbers: Vec<usize> = (first..first + k).chain(own..own + accepted).collect();
+        first += k;
+        let column = |j: usize| if j < k { block.own.column(j) } else { block.accepted.column(j - k) };
+        let columns: Vec<DVector<f64>> = numbers.iter().enumerate().map(|(j, number)| column(j) / scale[*number]).collect();
+        (if columns.is_empty() { DMatrix::zeros(block.value.len(), 0) } else { DMatrix::from_columns(&columns) }, numbers)
+    };
+    (blocks.iter().map(of_block).collect(), scale)
+}
+
+/// Inverse of the normal matrix of all columns, unweighted.
+pub(super) fn inverse(blocks: &[Block], accepted: usize) -> DMatrix<f64> {
+    let (units, scale) = units(blocks, accepted);
+    let ones: Vec<Vec<f64>> = blocks.iter().map(|block| vec![1.0; block.value.len()]).collect();
+    let unweighted = normal(blocks, &units, &ones, scale.len()).0;
+    let inverse = if unweighted.is_empty() { unweighted } else { pseudo_inverse(unweighted) };
+    DMatrix::from_fn(scale.len(), scale.len(), |i, j| inverse[(i, j)] / (scale[i] * scale[j]))
+}
+
+/// Parameters of least t cost by weights found in turn, and the weights.
+pub(super) fn robust(blocks: &[Block], accepted: usize) -> Solved {
+    let (units, scale) = units(blocks, accepted);
     let mut weight: Vec<Vec<f64>> = blocks.iter().map(|block| vec![1.0; block.value.len()]).collect();
-    let mut beta = DVector::zeros(own + accepted);
+    let mut beta = DVector::zeros(scale.len());
     let mut residual: Vec<DVector<f64>> = Vec::new();
     for _ in 0..STEPS {
-        let (normal, right) = normal(blocks, &units, &weight, own + accepted);
+        let (normal, right) = normal(blocks, &units, &weight, scale.len());
         // Nothing may be free: products of empty matrices are not defined in the library.
-        let solved = if right.is_empty() { right } else { pseudo_inverse(normal) * right };
+        let solved = if right.is_empty() { right } else { solution(normal, &right) };
         let (moved, size) = (largest(&(&solved - &beta)), largest(&solved));
         beta = solved;
         let rest = |(block, (unit, numbers)): (&Block, &(DMatrix<f64>, Vec<usize>))| {
@@ -160,11 +171,7 @@ pub(super) fn robust(blocks: &[Block], accepted: usize) -> Solved {
             break;
         }
     }
-    let ones: Vec<Vec<f64>> = blocks.iter().map(|block| vec![1.0; block.value.len()]).collect();
-    let unweighted = normal(blocks, &units, &ones, own + accepted).0;
-    let inverse = if unweighted.is_empty() { unweighted } else { pseudo_inverse(unweighted) };
-    let inverse = DMatrix::from_fn(own + accepted, own + accepted, |i, j| inverse[(i, j)] / (scale[i] * scale[j]));
-    Solved { all: DVector::from_fn(own + accepted, |i, _| beta[i] / scale[i]), residual, weight, inverse }
+    Solved { all: DVector::from_fn(scale.len(), |i, _| beta[i] / scale[i]), residual, weight }
 }
 
 fn sizes(beta: &DVector<f64>, numbers: &[usize]) -> DVector<f64> {
@@ -253,12 +260,23 @@ impl Basis {
     }
 }
 
+/// Root of a symmetric matrix of columns of unit length, if none of them depends on others.
+fn independent(matrix: &DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
+    matrix.clone().cholesky().filter(|cholesky| cholesky.l_dirty().diagonal().iter().all(|pivot| *pivot > 1e-5))
+}
+
+/// Solution of the normal equations of columns of unit length, what is dependent left out.
+fn solution(matrix: DMatrix<f64>, right: &DVector<f64>) -> DVector<f64> {
+    match independent(&matrix) {
+        Some(cholesky) => cholesky.solve(right),
+        None => pseudo_inverse(matrix) * right,
+    }
+}
+
 /// Inverse of a symmetric matrix of columns of unit length, what is dependent left out.
 fn pseudo_inverse(matrix: DMatrix<f64>) -> DMatrix<f64> {
     let n = matrix.nrows();
-    if let Some(cholesky) = matrix.clone().cholesky()
-        && cholesky.l_dirty().diagonal().iter().all(|pivot| *pivot > 1e-5)
-    {
+    if let Some(cholesky) = independent(&matrix) {
         return cholesky.inverse();
     }
     let eigen = matrix.symmetric_eigen();

@@ -7,7 +7,7 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 use statrs::function::beta::beta_reg;
 
-use super::row_fit::RowFit;
+use super::row_fit::{Projected, RowFit};
 use super::rows::{Question, Rows};
 use crate::effects::detector::brighter_fatter::BrighterFatter;
 use crate::effects::pixel::pass::PassHead;
@@ -44,10 +44,14 @@ pub(in crate::diagnose) struct Answer {
 
 /// What a question's columns add to ψ, orthonormal; none where too little is left of them.
 pub(in crate::diagnose) fn directions(rows: &Rows, fit: &RowFit, columns: &[Vec<f64>]) -> Vec<DVector<f64>> {
+    let projected: Vec<Projected> = columns.iter().map(|column| fit.project(rows, column)).collect();
+    directions_of(rows, fit, &projected)
+}
+
+fn directions_of(rows: &Rows, fit: &RowFit, projected: &[Projected]) -> Vec<DVector<f64>> {
     let mut found: Vec<DVector<f64>> = Vec::new();
-    for column in columns {
-        let mut own = fit.response(rows, column);
-        let raw = fit.whole(rows, column);
+    for column in projected {
+        let mut own = fit.added(rows, column.rest.clone());
         for _ in 0..2 {
             for known in &found {
                 let along = known.dot(&own);
@@ -55,7 +59,7 @@ pub(in crate::diagnose) fn directions(rows: &Rows, fit: &RowFit, columns: &[Vec<
             }
         }
         let length = own.norm();
-        if length > MIN_SHARE * raw && length > 0.0 {
+        if length > MIN_SHARE * column.whole && length > 0.0 {
             found.push(own / length);
         }
     }
@@ -65,17 +69,18 @@ pub(in crate::diagnose) fn directions(rows: &Rows, fit: &RowFit, columns: &[Vec<
 /// The score of a question beside what is fitted; nothing where too little is left of its columns.
 pub(in crate::diagnose) fn answer(rows: &Rows, fit: &RowFit, index: usize) -> Option<Answer> {
     let question = &rows.questions[index];
-    let directions = directions(rows, fit, &question.columns);
+    let projected: Vec<Projected> = question.columns.iter().map(|column| fit.project(rows, column)).collect();
+    let directions = directions_of(rows, fit, &projected);
     if directions.len() < question.columns.len().min(1) || directions.is_empty() {
         return None;
     }
     let psi = DVector::from_column_slice(&fit.psi);
     let score = directions.iter().map(|direction| direction.dot(&psi).powi(2)).sum::<f64>();
     // Where few rows tell nearly all, and are far off without the effect, they have no weight in the score.
-    let statistic = score.max(fit.best_fall(rows, &question.columns));
+    let statistic = score.max(fit.best_fall(rows, &projected));
     let rank = directions.len();
     let is_wrong = question.sign.is_some_and(|sign| {
-        let own = fit.amplitude(rows, &question.columns[0], |_| true);
+        let own = fit.amplitude_of(&fit.added(rows, projected[0].rest.clone()), |_| true);
         let least = if question.id == <BrighterFatter as PassHead>::ID { WIDER_BY_CHARGE } else { WRONG_SIDE };
         own.is_some_and(|[size, sigma]| sign * size < least * sigma)
     });
