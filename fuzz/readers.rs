@@ -5,6 +5,7 @@ use std::path::Path;
 use boresight::calibrate::trial::Trial;
 use boresight::calibrate::{CalibrateOptions, Calibration, calibrate, map};
 use boresight::catalog::{Catalog, import_catalog};
+use boresight::dataset::{DatasetPlan, DatasetSplit, FrameKey};
 use boresight::diagnose::DiagnoseOptions;
 use boresight::exchange;
 use boresight::gpu::Backend;
@@ -19,6 +20,7 @@ const MANIFEST: &str = "format = \"star-recording/1\"\nstars = \"stars.csv\"\n[c
 const STARS: &str = "frame,x_px,y_px,flux_e,sigma_x_px,sigma_y_px,cov_xy_px2,hip,ra_deg,dec_deg\n0,1.5,2.5,800,0.1,0.1,0.001,32349,101.28,-16.7\n1,3,4,,,,,,,\n";
 const CATALOGUE: &str = "hip,ra_deg,dec_deg,magnitude,pm_ra_mas_yr,pm_dec_mas_yr,parallax_mas,bv\n1,10.5,-20.25,4.5,100.0,-3.5,12.0,0.6\n2,200.0,60.0,2.25,,,,\n";
 const OPTIONS: &str = "method = \"bundle\"\nsolve = [\"f\", \"k1\"]\nphysics = [\"proper-motion\"]\nalpha = 0.01\nnulls = 200\nseed = 7\n";
+const RECIPE: &str = "format = \"boresight-recipe/1\"\nname = \"tracker\"\nseed = 7\nscene = \"preset:cubesat-tracker\"\nlicence = \"CC0-1.0\"\n[size]\nframes = { train = 512, validation = 64, test = 64 }\nframes_per_shard = 32\nframes_per_recording = 2\nimage = \"png16\"\nmembers = [\"mask\", \"distance\"]\n[splits]\napart_by = [\"camera\", \"sky\"]\nguard_deg = 8.0\n[cameras]\ntrain = 8\nvalidation = 2\ntest = 2\n[[draw]]\nper = \"camera\"\npath = \"camera.focal_length_px\"\nnormal = { mean = 7270.0, sigma = 15.0, within = [7230.0, 7310.0] }\n[[draw]]\nper = \"frame\"\npath = \"frames.rate_deg_s\"\nball = { radius = 1.0 }\nspread = \"even\"\n[[draw]]\nper = \"frame\"\npath = \"effects.zodiacal-light\"\nprobability = 0.3\n[hard]\nno_stars = 0.02\nfalse_stars = { share = 0.1, count = [1, 20] }\ntwins = 0.05\n";
 
 /// What is fuzzed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,11 +39,12 @@ pub(crate) enum Reader {
     Catalogue,
     Scene,
     Rendered,
+    Recipe,
     Options,
 }
 
 impl Reader {
-    pub(crate) const ALL: [Self; 15] = [
+    pub(crate) const ALL: [Self; 16] = [
         Self::Fits,
         Self::PackedFits,
         Self::Png,
@@ -56,6 +59,7 @@ impl Reader {
         Self::Catalogue,
         Self::Scene,
         Self::Rendered,
+        Self::Recipe,
         Self::Options,
     ];
 
@@ -75,6 +79,7 @@ impl Reader {
             Self::Catalogue => "catalogues",
             Self::Scene => "SCENE.toml",
             Self::Rendered => "a scene's first frame",
+            Self::Recipe => "RECIPE.toml",
             Self::Options => "options in files",
         }
     }
@@ -108,6 +113,7 @@ impl Reader {
                 ("ground.toml".to_owned(), include_bytes!("scenes/ground.toml").to_vec()),
                 ("orbit.toml".to_owned(), include_bytes!("scenes/orbit.toml").to_vec()),
             ],
+            Self::Recipe => one("recipe.toml", RECIPE),
             Self::Options => one("options.toml", OPTIONS),
         }
     }
@@ -155,6 +161,13 @@ impl Reader {
                         .all(|number| number.is_finite())
                 };
                 if rendered.stars.iter().all(is_told) { Ok(()) } else { Err("FAULT: a truth that is no number".to_owned()) }
+            }
+            Self::Recipe => {
+                let plan = DatasetPlan::parse("recipe.toml", &text(), folder).map_err(|error| words(&error))?;
+                let first = DatasetSplit::ALL.into_iter().find(|split| plan.recipe.size.frames.of(*split) > 0);
+                let Some(split) = first else { return Err("FAULT: a dataset without a frame".to_owned()) };
+                let scene = plan.frame_scene(FrameKey { split, index: 0 }).and_then(|frame| plan.scene_of(&frame));
+                scene.map(|_| ()).map_err(|error| words(&error))
             }
             Self::Options => {
                 let calibrate = guarded(|| toml::from_str::<CalibrateOptions>(&text())).map_err(|error| words(&error))?;
