@@ -11,19 +11,23 @@ use boresight::dataset::{
 };
 use boresight::recording::write_file;
 use boresight::render::PsfTables;
+use boresight::report::ParquetTables;
 use clap::Args;
 use indicatif::ProgressBar;
 
+use super::dataset_steps::DatasetStep;
 use super::options::heading;
 use super::{Answer, Usage, output};
 
 /// Arguments of `dataset`.
 #[derive(Debug, Args)]
-#[command(next_help_heading = heading::OUTPUT)]
+#[command(next_help_heading = heading::OUTPUT, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(crate) struct DatasetArgs {
-    /// The recipe
-    #[arg(value_name = "RECIPE.toml", help_heading = None)]
-    recipe: PathBuf,
+    #[command(subcommand)]
+    step: Option<DatasetStep>,
+    /// The recipe; one that is named like a step is given as ./NAME
+    #[arg(value_name = "RECIPE.toml", help_heading = None, required = true)]
+    recipe: Option<PathBuf>,
     /// The folder of the dataset; what is done there already is gone on with
     #[arg(short, long, value_name = "DIR", value_parser = super::options::folder())]
     output: Option<PathBuf>,
@@ -58,12 +62,17 @@ fn shard(text: &str) -> std::result::Result<[u32; 2], String> {
 
 /// Makes a dataset, or tells of it.
 pub(crate) fn dataset(args: &DatasetArgs) -> Result<Answer> {
-    let plan = DatasetPlan::open(&args.recipe)?;
+    let recipe = match (&args.step, &args.recipe) {
+        (Some(step), _) => return step.run(),
+        (None, Some(recipe)) => recipe,
+        (None, None) => return Err(Usage("dataset needs a recipe: boresight dataset RECIPE.toml -o DIR".to_owned()).into()),
+    };
+    let plan = DatasetPlan::open(recipe)?;
     let catalog = super::options::open_catalog(args.catalog.as_deref())?;
     if let Some(number) = args.scene {
         let scene = plan.frame_scene(frame(&plan, number)?)?.scene;
         let text = toml::to_string(&scene).context("writing the scene as TOML")?;
-        output::print(&format!("# Frame {number:09} of {}\n{text}", args.recipe.display()))?;
+        output::print(&format!("# Frame {number:09} of {}\n{text}", recipe.display()))?;
         return Ok(Answer::Yes);
     }
     if args.plan {
@@ -78,10 +87,10 @@ pub(crate) fn dataset(args: &DatasetArgs) -> Result<Answer> {
     }
     let description = plan.describe(&catalog);
     let [part, parts] = args.shard.unwrap_or([0, 1]).map(|number| number as usize);
-    let progress = Frames::default();
+    let progress = FrameBar::default();
     let clock = output::Clock::new();
     let threads = rayon::current_num_threads();
-    let run = plan.make((folder, args.force), (&catalog, &description), ShardShare { part, parts }, threads, &progress)?;
+    let run = plan.make((folder, args.force), (&catalog, &description), &ParquetTables, ShardShare { part, parts }, threads, &progress)?;
     progress.finish();
     tracing::info!("{} shards made in {clock} by {threads} threads", run.made);
     if args.json {
@@ -110,7 +119,7 @@ fn summary(folder: &Path, dataset: &DatasetFile, run: DatasetRun) -> String {
     let DatasetRun { made, skipped, missing } = run;
     let frames: u64 = dataset.splits.iter().map(|split| split.frames).sum();
     let rest = match missing {
-        0 => "whole, with SHA256SUMS".to_owned(),
+        0 => "whole, with card, statistics and SHA256SUMS".to_owned(),
         1 => "1 shard is still to be made".to_owned(),
         _ => format!("{missing} shards are still to be made"),
     };
@@ -119,17 +128,17 @@ fn summary(folder: &Path, dataset: &DatasetFile, run: DatasetRun) -> String {
 
 /// Progress for people.
 #[derive(Default)]
-struct Frames(OnceLock<ProgressBar>);
+pub(super) struct FrameBar(OnceLock<ProgressBar>);
 
-impl Frames {
-    fn finish(&self) {
+impl FrameBar {
+    pub(super) fn finish(&self) {
         if let Some(bar) = self.0.get() {
             bar.finish_and_clear();
         }
     }
 }
 
-impl DatasetProgress for Frames {
+impl DatasetProgress for FrameBar {
     fn begin(&self, frames: u64) {
         self.0.get_or_init(|| output::progress("frames", frames as usize));
     }
@@ -143,7 +152,7 @@ impl DatasetProgress for Frames {
 
 /// Makes one frame with all members.
 fn one_frame(mut plan: DatasetPlan, catalog: &Catalog, key: FrameKey, folder: &Path, force: bool) -> Result<Answer> {
-    plan.recipe.size.members = vec![SampleMember::Mask, SampleMember::Distance, SampleMember::Clean];
+    plan.recipe.size.members = vec![SampleMember::Mask, SampleMember::Distance, SampleMember::Instances, SampleMember::Clean];
     let sample = plan.sample(catalog, &PsfTables::default(), key)?;
     for (name, bytes) in &sample.members {
         let path = folder.join(format!("{:09}.{name}", key.number()));

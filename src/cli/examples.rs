@@ -84,6 +84,11 @@ Examples:
   boresight dataset recipe.toml -o stars --shard 0/16
   boresight dataset recipe.toml --scene 17 > frame.toml";
 
+pub(crate) const DATASET_FINISH: &str = "\
+Examples:
+  boresight dataset finish stars
+  boresight dataset finish stars --json > dataset.json";
+
 pub(crate) const PRESET: &str = "\
 Examples:
   boresight preset list

@@ -9,6 +9,7 @@ mod catalog;
 mod channel_pictures;
 mod compare;
 mod dataset;
+mod dataset_steps;
 mod detect;
 mod diagnose;
 mod diagnose_files;

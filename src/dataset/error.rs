@@ -87,6 +87,38 @@ pub enum DatasetError {
         /// The encoder's words.
         message: String,
     },
+    /// A table cannot be made.
+    #[error("{file}: cannot be made: {message}")]
+    Table {
+        /// The table.
+        file: String,
+        /// The writer's words.
+        message: String,
+    },
+    /// Shards are missing.
+    #[error(
+        "{}: {missing} of {all} shards are not made, the first is {first}; make them with `boresight dataset RECIPE.toml -o {}`, then finish",
+        path.display(),
+        path.display()
+    )]
+    Missing {
+        /// The folder.
+        path: PathBuf,
+        /// How many.
+        missing: usize,
+        /// Of how many.
+        all: usize,
+        /// The first of them.
+        first: String,
+    },
+    /// A folder is no dataset.
+    #[error("{path}: {message}")]
+    NoDataset {
+        /// The folder, or a file of it.
+        path: String,
+        /// What it lacks, and the remedy.
+        message: String,
+    },
     /// A file cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),

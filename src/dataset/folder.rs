@@ -12,7 +12,8 @@ use super::leaks::SharedBySplits;
 use super::pixel_labels::PIXEL_CLASSES;
 use super::plan::{DatasetPlan, hexadecimal};
 use super::recipe::{ImageFormat, SampleMember};
-use super::shard::{done, write_json, write_text};
+use super::shard::{HashedFile, ShardMark, done, write_bytes, write_json, write_text};
+use super::source_files::SourceFile;
 use crate::catalog::Catalog;
 use crate::recording::OutputError;
 
@@ -59,6 +60,52 @@ pub struct DatasetFile {
     pub field_radius_deg: f64,
     /// What the values of masks mean.
     pub pixel_classes: Vec<DescribedName>,
+    /// The files that the frames follow from and that are kept here, beside recipe.toml.
+    pub sources: Vec<HashedFile>,
+    /// Those that are not, since they lie above the folder of the recipe: frames can be made again only where they are.
+    pub sources_elsewhere: Vec<String>,
+}
+
+impl DatasetFile {
+    /// Reads `dataset.json` of a folder.
+    pub fn read(folder: &Path) -> Result<Self, DatasetError> {
+        let path = folder.join(DESCRIPTION).display().to_string();
+        let refuse = |message: &str| Err(DatasetError::NoDataset { path: folder.display().to_string(), message: message.to_owned() });
+        if folder.is_file() {
+            return refuse(
+                "is a file and not the folder of a dataset; give the folder (a recipe of the name of a step is given as ./NAME)",
+            );
+        }
+        let text = match std::fs::read_to_string(folder.join(DESCRIPTION)) {
+            Ok(text) => text,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                return refuse("holds no dataset.json; make the dataset with `boresight dataset RECIPE.toml -o DIR`");
+            }
+            Err(source) => return Err(DatasetError::Read { path, source }),
+        };
+        let wrong = |message: String| DatasetError::Parse { path: path.clone(), message };
+        let own: Self = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+        match own.format.as_str() {
+            DATASET_FORMAT => Ok(own),
+            other => Err(wrong(format!("format = {other:?} must be {DATASET_FORMAT:?}"))),
+        }
+    }
+
+    /// All its shards in order.
+    #[must_use]
+    pub fn shards(&self) -> Vec<ShardKey> {
+        let of_split = |split: &DescribedSplit| {
+            let own = DatasetSplit::ALL.into_iter().find(|known| known.name() == split.name);
+            own.into_iter().flat_map(|own| (0..split.shards).map(move |index| ShardKey { split: own, index })).collect::<Vec<_>>()
+        };
+        self.splits.iter().flat_map(of_split).collect()
+    }
+
+    /// Its frames.
+    #[must_use]
+    pub fn frames(&self) -> u64 {
+        self.splits.iter().map(|split| split.frames).sum()
+    }
 }
 
 /// A split of a dataset.
@@ -93,14 +140,24 @@ fn described(names: &[(&str, &str)]) -> Vec<DescribedName> {
     names.iter().map(|(name, meaning)| DescribedName { name: (*name).to_owned(), meaning: (*meaning).to_owned() }).collect()
 }
 
+fn hashed(source: &SourceFile) -> HashedFile {
+    let (sha256, bytes) = (hexadecimal(&Sha256::digest(&source.bytes)), source.bytes.len() as u64);
+    HashedFile { file: source.name.clone(), sha256, bytes }
+}
+
 impl DatasetPlan {
+    /// Hash of everything that the frames follow from.
+    pub(super) fn identity(&self, catalog: &Catalog) -> String {
+        let mut hasher = Sha256::new();
+        hasher.update(&self.sha256);
+        hasher.update(&catalog.sha256);
+        hexadecimal(&hasher.finalize())
+    }
+
     /// What the dataset is.
     #[must_use]
     pub fn describe(&self, catalog: &Catalog) -> DatasetFile {
         let (recipe, size) = (&self.recipe, &self.recipe.size);
-        let mut hasher = Sha256::new();
-        hasher.update(&self.sha256);
-        hasher.update(&catalog.sha256);
         let split = |split: &DatasetSplit| {
             let frames = size.frames.of(*split);
             (frames > 0).then(|| DescribedSplit {
@@ -120,7 +177,7 @@ impl DatasetPlan {
             seed: recipe.seed,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             backend: "cpu".to_owned(),
-            recipe_sha256: hexadecimal(&hasher.finalize()),
+            recipe_sha256: self.identity(catalog),
             scene_sha256: self.scene_sha256.clone(),
             catalog: catalog.source.clone(),
             catalog_sha256: catalog.sha256.clone(),
@@ -132,6 +189,8 @@ impl DatasetPlan {
             guard_deg: self.guard_deg,
             field_radius_deg: self.field_radius_deg,
             pixel_classes: described(&PIXEL_CLASSES),
+            sources: self.sources.iter().filter(|source| source.is_kept()).map(hashed).collect(),
+            sources_elsewhere: self.sources.iter().filter(|source| !source.is_kept()).map(|source| source.name.clone()).collect(),
         }
     }
 }
@@ -142,9 +201,14 @@ pub(super) struct DatasetFolder {
     pub(super) path: PathBuf,
 }
 
-const DESCRIPTION: &str = "dataset.json";
-const RECIPE: &str = "recipe.toml";
-const SUMS: &str = "SHA256SUMS";
+pub(super) const DESCRIPTION: &str = "dataset.json";
+pub(super) const RECIPE: &str = "recipe.toml";
+pub(super) const SUMS: &str = "SHA256SUMS";
+/// What is written when no shard is missing, besides the sums.
+pub(super) const FINISHED: [&str; 3] = [CARD, CROISSANT, STATISTICS];
+pub(super) const CARD: &str = "README.md";
+pub(super) const CROISSANT: &str = "croissant.json";
+pub(super) const STATISTICS: &str = "statistics.html";
 
 impl DatasetFolder {
     /// Begins the folder, or goes on with what it holds if that is of the same recipe; with `force` what is of another one is removed.
@@ -168,7 +232,7 @@ impl DatasetFolder {
                 if !force {
                     return Err(DatasetError::OtherRecipe { path: path.to_owned() });
                 }
-                folder.clear().map_err(error)?;
+                folder.clear(&text).map_err(error)?;
             }
             Err(_) if path.exists() => {
                 let entries = std::fs::read_dir(path).map_err(error)?.flatten();
@@ -181,14 +245,18 @@ impl DatasetFolder {
         // The description comes first: it makes the folder known as that of the recipe, also to a process that begins at the same time.
         write_json(&path.join(DESCRIPTION), dataset)?;
         write_text(&path.join(RECIPE), &plan.text)?;
+        for source in plan.sources.iter().filter(|source| source.is_kept()) {
+            write_bytes(&path.join(&source.name), &source.bytes)?;
+        }
         Ok(folder)
     }
 
-    /// Removes what an earlier run wrote, and nothing else.
-    fn clear(&self) -> std::io::Result<()> {
+    /// Removes what an earlier run wrote, and nothing else; `description` is the text of its `dataset.json`.
+    fn clear(&self, description: &str) -> std::io::Result<()> {
         let is_of = |name: &std::ffi::OsStr, end: &str| name.to_str().is_some_and(|name| name.ends_with(end));
-        let folders = DatasetSplit::ALL.iter().map(|split| (split.name(), ".tar")).chain([("shards", ".json")]);
-        for (name, end) in folders {
+        let own = DatasetSplit::ALL.iter().map(|split| (split.name().to_owned(), ".tar"));
+        let of_tables = DatasetSplit::ALL.iter().map(|split| (format!("tables/{}", split.name()), ".parquet"));
+        for (name, end) in own.chain(of_tables).chain([("tables".to_owned(), ".parquet"), ("shards".to_owned(), ".json")]) {
             let folder = self.path.join(name);
             for entry in std::fs::read_dir(&folder).into_iter().flatten().flatten() {
                 if is_of(&entry.file_name(), end) {
@@ -198,7 +266,11 @@ impl DatasetFolder {
             // What holds a file of the user's stays.
             let _ = std::fs::remove_dir(&folder);
         }
-        for name in [SUMS, RECIPE, DESCRIPTION] {
+        let sources = serde_json::from_str::<DatasetFile>(description).map(|dataset| dataset.sources).unwrap_or_default();
+        let is_kept = |name: &String| SourceFile { name: name.clone(), bytes: Vec::new().into() }.is_kept();
+        let sources = sources.into_iter().map(|source| source.file).filter(is_kept);
+        // The description goes last: while it is there the folder is known as that of a dataset.
+        for name in sources.chain(FINISHED.map(str::to_owned)).chain([SUMS, RECIPE, DESCRIPTION].map(str::to_owned)) {
             match std::fs::remove_file(self.path.join(name)) {
                 Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
                 _ => {}
@@ -207,35 +279,34 @@ impl DatasetFolder {
         Ok(())
     }
 
-    /// Writes SHA256SUMS if every shard is done; says how many are not.
-    pub(super) fn finish(&self, plan: &DatasetPlan, recipe_sha256: &str) -> Result<usize, DatasetError> {
-        let mut sums: Vec<(String, String)> = Vec::new();
-        let mut missing = 0;
-        for shard in ShardKey::all(&plan.recipe.size) {
-            match done(&self.path, shard, recipe_sha256)? {
-                Some(mark) => {
-                    let text = std::fs::read(self.path.join(shard.mark()));
-                    let text = text.map_err(|source| DatasetError::Read { path: shard.mark(), source })?;
-                    sums.push((shard.mark(), hexadecimal(&Sha256::digest(text))));
-                    sums.push((mark.file, mark.sha256));
-                }
-                None => missing += 1,
+    /// The shards that are not made.
+    pub(super) fn missing(&self, dataset: &DatasetFile) -> Result<Vec<ShardKey>, DatasetError> {
+        let mut missing = Vec::new();
+        for shard in dataset.shards() {
+            if done(&self.path, shard, &dataset.recipe_sha256)?.is_none() {
+                missing.push(shard);
             }
         }
-        if missing > 0 {
-            return Ok(missing);
+        Ok(missing)
+    }
+
+    /// The marks of all shards, in order.
+    pub(super) fn marks(&self, dataset: &DatasetFile) -> Result<Vec<(ShardKey, ShardMark)>, DatasetError> {
+        let (mut marks, mut missing) = (Vec::new(), Vec::new());
+        for shard in dataset.shards() {
+            match done(&self.path, shard, &dataset.recipe_sha256)? {
+                Some(mark) => marks.push((shard, mark)),
+                None => missing.push(shard),
+            }
         }
-        for name in [DESCRIPTION, RECIPE] {
-            let path = self.path.join(name);
-            let bytes = std::fs::read(&path).map_err(|source| DatasetError::Read { path: path.display().to_string(), source })?;
-            sums.push((name.to_owned(), hexadecimal(&Sha256::digest(bytes))));
+        match missing.first() {
+            None => Ok(marks),
+            Some(first) => Err(DatasetError::Missing {
+                path: self.path.clone(),
+                missing: missing.len(),
+                all: missing.len() + marks.len(),
+                first: first.file(),
+            }),
         }
-        sums.sort();
-        let mut text = String::new();
-        for (name, sum) in sums {
-            text += &format!("{sum}  {name}\n");
-        }
-        write_text(&self.path.join(SUMS), &text)?;
-        Ok(0)
     }
 }

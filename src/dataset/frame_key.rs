@@ -135,6 +135,12 @@ impl ShardKey {
         format!("{}/{:06}.tar", self.split.name(), self.index)
     }
 
+    /// The file of a table of it: `frames` or `stars`.
+    #[must_use]
+    pub fn table(self, name: &str) -> String {
+        format!("tables/{}/{:06}.{name}.parquet", self.split.name(), self.index)
+    }
+
     /// The file of its mark.
     #[must_use]
     pub fn mark(self) -> String {

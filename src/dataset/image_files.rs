@@ -1,8 +1,11 @@
 //! Images as bytes of files: PNG by the fast encoder, and NumPy arrays.
 
+use image::DynamicImage;
 use png::{BitDepth, ColorType, Compression, Encoder, Filter};
 
 use super::error::DatasetError;
+use super::samples::Sample;
+use crate::guard::guarded;
 
 /// A grey PNG; `rows` are bytes as PNG has them, 16 bits with the high byte first. Each row less the one above it, then the encoder's fastest way.
 fn png(key: u64, [width_px, height_px]: [usize; 2], depth: BitDepth, rows: &[u8]) -> Result<Vec<u8>, DatasetError> {
@@ -71,6 +74,43 @@ pub(super) fn npy_f32(size: [usize; 2], pixels: &[f32]) -> Vec<u8> {
     bytes
 }
 
+fn decoded(bytes: &[u8]) -> Result<DynamicImage, String> {
+    let decode = || image::load_from_memory_with_format(bytes, image::ImageFormat::Png).map_err(|error| error.to_string());
+    guarded(decode).map_err(|panicked| panicked.to_string())?
+}
+
+/// The counts of a sample, row by row.
+pub(super) fn read_image(sample: &Sample) -> Result<Vec<u16>, String> {
+    let of = |what: &str| format!("the image of the frame {:09} {what}", sample.key);
+    if let Some(bytes) = sample.member("image.png") {
+        return match decoded(bytes).map_err(|error| of(&format!("cannot be read: {error}")))? {
+            DynamicImage::ImageLuma16(image) => Ok(image.into_raw()),
+            _ => Err(of("has no grey values of 16 bits")),
+        };
+    }
+    let Some(bytes) = sample.member("image.npy") else { return Err(of("is missing")) };
+    read_npy(bytes, "<u2").map(|rows| rows.as_chunks().0.iter().map(|pixel| u16::from_le_bytes(*pixel)).collect()).map_err(|what| of(&what))
+}
+
+/// Grey values of a PNG of 8 bits.
+pub(super) fn read_png8(bytes: &[u8]) -> Result<Vec<u8>, String> {
+    match decoded(bytes)? {
+        DynamicImage::ImageLuma8(image) => Ok(image.into_raw()),
+        _ => Err("has no grey values of 8 bits".to_owned()),
+    }
+}
+
+/// The values of a NumPy array of ours.
+fn read_npy<'b>(bytes: &'b [u8], kind: &str) -> Result<&'b [u8], String> {
+    let length = bytes.get(8..10).map_or(0, |field| usize::from(u16::from_le_bytes([field[0], field[1]])));
+    let head = bytes.get(10..10 + length).map(String::from_utf8_lossy).unwrap_or_default();
+    if bytes.starts_with(b"\x93NUMPY\x01\x00") && head.contains(kind) {
+        Ok(&bytes[10 + length..])
+    } else {
+        Err(format!("is no NumPy array of {kind}"))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -83,6 +123,18 @@ mod tests {
         let bytes: Vec<u8> = (0..20).collect();
         let read = image::load_from_memory(&png8(1, [5, 4], &bytes).unwrap()).unwrap();
         assert_eq!((read.width(), read.as_luma8().unwrap().as_raw()), (5, &bytes));
+    }
+
+    #[test]
+    fn counts_come_back_from_either_form() {
+        let pixels = [1, 2, 3, 4, 5, 60_000];
+        for (name, bytes) in [("image.png", png16(1, [3, 2], &pixels).unwrap()), ("image.npy", npy_u16([3, 2], &low_byte_first(&pixels)))] {
+            let mut sample = Sample { key: 7, members: vec![(name.to_owned(), bytes)] };
+            assert_eq!(read_image(&sample).unwrap(), pixels);
+            sample.members[0].1.truncate(5);
+            assert!(read_image(&sample).unwrap_err().starts_with("the image of the frame 000000007 "));
+        }
+        assert_eq!(read_png8(&png8(1, [2, 2], &[1, 2, 3, 4]).unwrap()).unwrap(), [1, 2, 3, 4]);
     }
 
     #[test]

@@ -88,7 +88,7 @@ fn shared(names: [&str; 2], a: &Seen, b: &Seen) -> SharedBySplits {
 }
 
 /// The smallest angle between two sets of directions, by their heights in order: nothing farther in height can be nearer.
-fn nearest_rad(a: &[[f64; 3]], b: &[[f64; 3]]) -> Option<f64> {
+pub(super) fn nearest_rad(a: &[[f64; 3]], b: &[[f64; 3]]) -> Option<f64> {
     let mut sorted: Vec<&[f64; 3]> = b.iter().collect();
     sorted.sort_by(|one, other| one[2].total_cmp(&other[2]));
     // The smallest square of a chord so far.

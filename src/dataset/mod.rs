@@ -3,18 +3,26 @@
 //! ```text
 //!   recipe.toml ──► DatasetPlan ──► FrameScene ──► Rendered ──► DatasetSample ──► shards, marks, SHA256SUMS
 //!   scene             checked         tables        render        files              folder
+//!                                                                                      │
+//!                                       finish: card, Croissant, statistics ◄──────────┘
 //! ```
 //! A frame follows from recipe and number alone: draws are addressed (`chance`), so any frame can be made again by itself, on any machine, in any order.
 
+mod card;
 mod chance;
 mod check;
+mod contact_sheet;
+mod croissant;
 mod distribution;
+mod drawn_shares;
 mod draws;
 mod error;
+mod finish;
 mod folder;
 mod frame_key;
 mod frame_scene;
 mod image_files;
+mod label_tables;
 mod leaks;
 mod pixel_labels;
 mod plan;
@@ -22,12 +30,20 @@ mod recipe;
 mod run;
 mod sample;
 mod sample_labels;
+mod samples;
 mod scene_path;
 mod shard;
+mod shard_statistics;
 mod sky_regions;
+mod source_files;
+mod statistics_page;
+mod table_columns;
 mod tar;
+mod whole_dataset;
 
 inner!(error::DatasetError);
+inner!(drawn_shares::DrawnShares);
+inner!(finish::finish);
 inner!(folder::{DATASET_FORMAT, DatasetFile, DescribedName, DescribedSplit});
 inner!(frame_key::{DatasetSplit, FrameKey, ShardKey});
 inner!(frame_scene::FrameScene);
@@ -41,4 +57,6 @@ inner!(recipe::{
 inner!(run::{DatasetProgress, DatasetRun, ShardShare});
 inner!(sample::DatasetSample);
 inner!(sample_labels::{LightColumns, SAMPLE_FORMAT, SampleLabels});
-inner!(shard::{SHARD_FORMAT, ShardMark});
+inner!(shard::{HashedFile, SHARD_FORMAT, ShardMark});
+inner!(shard_statistics::ShardStatistics);
+inner!(table_columns::{TableCells, TableColumn, TableFile, TableWriter});

@@ -15,7 +15,7 @@ pub const PIXEL_CLASSES: [(&str, &str); 9] = [
     ("dead", "the pixel gives nothing"),
 ];
 
-const STAR: u8 = 1;
+pub(super) const STAR: u8 = 1;
 const FALSE_STAR: u8 = 2;
 const TRAIL: u8 = 4;
 
@@ -55,6 +55,21 @@ pub(super) fn classes<'f>(
     stars.for_each(|footprint| put(footprint, STAR, &|own| own == 0));
     false_stars.for_each(|footprint| put(footprint, FALSE_STAR, &|own| own <= STAR || own == TRAIL));
     classes
+}
+
+/// For every pixel the light that is brightest there: 1 for the first of the labels, and so on; 0: none stands above the noise. Lights behind the
+/// 65,535th have no pixel.
+pub(super) fn instances(pixels: usize, footprints: &[Footprint]) -> Vec<u16> {
+    let (mut own, mut brightest_e) = (vec![0; pixels], vec![0.0_f32; pixels]);
+    for (number, footprint) in (1..=u16::MAX).zip(footprints) {
+        for (pixel, electrons) in &footprint.pixels {
+            let pixel = *pixel as usize;
+            if *electrons > brightest_e[pixel] {
+                (own[pixel], brightest_e[pixel]) = (number, *electrons);
+            }
+        }
+    }
+    own
 }
 
 /// The largest distance that is told, in pixels, and steps of a pixel.
@@ -98,6 +113,12 @@ mod tests {
             assert!((f64::from(*found) / 8.0 - nearest.min(31.875)).abs() < 0.07, "({x}, {y}): {found} eighths instead of {nearest} px");
         }
         assert!(distances([4, 4], std::iter::empty()).iter().all(|distance| *distance == 255));
+    }
+
+    #[test]
+    fn a_pixel_belongs_to_the_light_that_is_brightest_there() {
+        let of = |pixels: &[(u32, f32)]| Footprint { pixels: pixels.to_vec(), ..Footprint::default() };
+        assert_eq!(instances(5, &[of(&[(0, 9.0), (1, 5.0)]), of(&[(1, 6.0), (3, 1.0)]), of(&[])]), [1, 2, 0, 2, 0]);
     }
 
     #[test]

@@ -12,6 +12,7 @@ use super::error::DatasetError;
 use super::frame_key::DatasetSplit;
 use super::recipe::{ApartBy, DrawLevel, RecipeFile};
 use super::sky_regions::{NoSky, SkyRegions};
+use super::source_files::{SourceFile, sources};
 use crate::scene::{Scene, preset, schema};
 
 /// Where the boresight of the one exposure stands.
@@ -31,6 +32,8 @@ pub struct DatasetPlan {
     pub sha256: String,
     /// SHA-256 of the scene.
     pub scene_sha256: String,
+    /// The files that the recipe names, and those that its scene and its draws name.
+    pub(super) sources: Vec<SourceFile>,
     /// What scenes are called in messages; images that they name lie in its folder.
     pub(super) scene_path: String,
     /// The scene with its one exposure, before anything is drawn.
@@ -72,9 +75,11 @@ impl DatasetPlan {
             }
         }
         draws.sort_by_key(|draw| draw.level);
+        let sources = sources(&recipe, &base, (folder, &scene_path))?;
         let mut plan = Self {
             path: path.to_owned(),
-            sha256: hash(&recipe, text, (&scene_path, &scene_text, &base), folder)?,
+            sha256: hash(text, &scene_text, &sources),
+            sources,
             scene_sha256: hexadecimal(&Sha256::digest(&scene_text)),
             recipe,
             text: text.to_owned(),
@@ -88,6 +93,11 @@ impl DatasetPlan {
         plan.field_radius_deg = field_radius_deg(&plan.try_draws()?);
         plan.share_out_sky()?;
         Ok(plan)
+    }
+
+    /// Whether a split is the first that has frames.
+    pub(super) fn is_first_split(&self, split: DatasetSplit) -> bool {
+        DatasetSplit::ALL.into_iter().find(|split| self.recipe.size.frames.of(*split) > 0) == Some(split)
     }
 
     /// Whether no two splits share a camera instance.
@@ -237,7 +247,7 @@ fn field_radius_deg(scene: &Scene) -> f64 {
 }
 
 /// The hash of everything that frames follow from.
-fn hash(recipe: &RecipeFile, text: &str, (scene_path, scene, tables): (&str, &str, &Table), folder: &Path) -> Result<String, DatasetError> {
+fn hash(text: &str, scene: &str, sources: &[SourceFile]) -> String {
     let mut hasher = Sha256::new();
     let mut add = |bytes: &[u8]| {
         hasher.update((bytes.len() as u64).to_le_bytes());
@@ -246,16 +256,10 @@ fn hash(recipe: &RecipeFile, text: &str, (scene_path, scene, tables): (&str, &st
     add(env!("CARGO_PKG_VERSION").as_bytes());
     add(text.as_bytes());
     add(scene.as_bytes());
-    for (table, key) in [("sky", "background_image"), ("psf", "image")] {
-        if let Some(file) = tables.get(table).and_then(|table| table.get(key)).and_then(Value::as_str) {
-            let path = Path::new(scene_path).parent().unwrap_or(Path::new(".")).join(file);
-            add(&std::fs::read(&path).map_err(|source| DatasetError::Read { path: path.display().to_string(), source })?);
-        }
+    for source in sources {
+        add(&source.bytes);
     }
-    for table in recipe.draw.iter().filter_map(|draw| draw.table.as_ref()) {
-        add(read(&folder.join(&table.file))?.as_bytes());
-    }
-    Ok(hexadecimal(&hasher.finalize()))
+    hexadecimal(&hasher.finalize())
 }
 
 /// Bytes as lower-case hexadecimal digits.

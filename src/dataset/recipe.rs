@@ -101,6 +101,8 @@ pub enum SampleMember {
     Mask,
     /// How far each pixel is from the nearest star, PNG of 8 bits, in eighths of a pixel.
     Distance,
+    /// Which light of the labels each pixel shows, counted from 1, PNG of 16 bits.
+    Instances,
     /// Expected electrons without noise, NumPy array of float32.
     Clean,
 }

@@ -8,7 +8,8 @@ use super::error::DatasetError;
 use super::folder::{DatasetFile, DatasetFolder};
 use super::frame_key::ShardKey;
 use super::plan::DatasetPlan;
-use super::shard::done;
+use super::shard::{ShardTools, done};
+use super::table_columns::TableWriter;
 use crate::catalog::Catalog;
 use crate::render::PsfTables;
 
@@ -46,6 +47,7 @@ impl DatasetPlan {
         &self,
         (folder, force): (&Path, bool),
         (catalog, dataset): (&Catalog, &DatasetFile),
+        writer: &dyn TableWriter,
         share: ShardShare,
         threads: usize,
         progress: &dyn DatasetProgress,
@@ -61,17 +63,20 @@ impl DatasetPlan {
             }
         }
         progress.begin(wanted.len() as u64 * self.recipe.size.frames_per_shard);
-        let tables = PsfTables::default();
-        let one = |shard: &ShardKey| self.write_shard(&folder.path, *shard, hash, (catalog, &tables), &|| progress.frame()).map(drop);
-        on_threads(&wanted, threads, &one)?;
-        let missing = folder.finish(self, hash)?;
+        let (psfs, each) = (PsfTables::default(), || progress.frame());
+        let tools = ShardTools { catalog, psfs: &psfs, writer, each: &each };
+        on_threads(&wanted, threads, &|shard: &ShardKey| self.write_shard(&folder.path, *shard, hash, &tools).map(drop))?;
+        let missing = folder.missing(dataset)?.len();
+        if missing == 0 {
+            folder.finish(dataset)?;
+        }
         Ok(DatasetRun { made: wanted.len(), skipped, missing })
     }
 }
 
 /// Works on all of them, each on a thread of its own pool of one: work within a shard stays on its thread, or a thread that waits for its own shard would
 /// begin another one on top of it, and memory would grow. After a fault nothing new is begun.
-fn on_threads(
+pub(super) fn on_threads(
     shards: &[ShardKey],
     threads: usize,
     work: &(dyn Fn(&ShardKey) -> Result<(), DatasetError> + Sync),

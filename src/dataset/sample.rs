@@ -8,7 +8,7 @@ use super::error::DatasetError;
 use super::frame_key::FrameKey;
 use super::frame_scene::FrameScene;
 use super::image_files::{low_byte_first, npy_f32, npy_u16, png8, png16};
-use super::pixel_labels::{classes, distances};
+use super::pixel_labels::{classes, distances, instances};
 use super::plan::{DatasetPlan, hexadecimal};
 use super::recipe::{ImageFormat, SampleMember};
 use super::sample_labels::{SampleLabels, is_false_star, visible_stars};
@@ -21,6 +21,10 @@ use crate::scene::Scene;
 pub struct DatasetSample {
     /// Its files in the order of their names: what stands behind the number of the frame and a dot, and the bytes.
     pub members: Vec<(&'static str, Vec<u8>)>,
+    /// Its labels.
+    pub labels: SampleLabels,
+    /// Its scene.
+    pub frame: FrameScene,
     /// Stars of the catalogue that light it.
     pub stars: u64,
     /// Other lights.
@@ -40,7 +44,7 @@ impl DatasetPlan {
         let (built, begun) = (ms_since(begun), Instant::now());
         let rendered = self.rendered(&scene, catalog, tables, key)?;
         let (lit, begun) = (ms_since(begun), Instant::now());
-        let sample = self.files(&frame, &scene, &rendered)?;
+        let sample = self.files(frame, &scene, (&rendered, catalog))?;
         tracing::debug!(
             "frame {:09}: {} stars; scene {built:.2} ms, rendering {lit:.2} ms, labels and files {:.2} ms",
             key.number(),
@@ -64,13 +68,13 @@ impl DatasetPlan {
     }
 
     /// The files of a rendered frame.
-    fn files(&self, frame: &FrameScene, scene: &Scene, rendered: &Rendered) -> Result<DatasetSample, DatasetError> {
+    fn files(&self, frame: FrameScene, scene: &Scene, (rendered, catalog): (&Rendered, &Catalog)) -> Result<DatasetSample, DatasetError> {
         let key = frame.key.number();
         let size = [scene.camera.width_px, scene.camera.height_px];
         let counts = counts(scene, rendered);
         let footprints = rendered.footprints.as_deref().unwrap_or_default();
         let bytes = low_byte_first(&counts);
-        let labels = SampleLabels::new(frame, scene, rendered, hexadecimal(&Sha256::digest(&bytes)));
+        let labels = SampleLabels::new(&frame, scene, (rendered, catalog), hexadecimal(&Sha256::digest(&bytes)));
         let json = serde_json::to_vec(&labels).map_err(|error| DatasetError::Encode { key, message: error.to_string() })?;
         let mut members = vec![("json", json)];
         members.push(match self.recipe.size.image {
@@ -85,12 +89,17 @@ impl DatasetPlan {
         if self.wants(SampleMember::Distance) {
             members.push(("distance.png", png8(key, size, &distances(size, visible_stars(size, rendered, footprints)))?));
         }
+        if self.wants(SampleMember::Instances) {
+            members.push(("instances.png", png16(key, size, &instances(counts.len(), footprints))?));
+        }
         if let Some(clean_e) = &rendered.clean_e {
             members.push(("clean.npy", npy_f32(size, clean_e)));
         }
         members.sort_by_key(|(name, _)| *name);
         Ok(DatasetSample {
             members,
+            labels,
+            frame,
             stars: rendered.stars.len() as u64,
             lights: rendered.lights.len() as u64,
             sum_dn: counts.iter().map(|count| u64::from(*count)).sum(),

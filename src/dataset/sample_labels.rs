@@ -1,10 +1,14 @@
 //! Labels of a sample, KEY.json: every key always there, stars as arrays of the same length, no nulls, numbers with a fixed number of digits.
 
+use std::borrow::Cow;
+
 use schemars::JsonSchema;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::distribution::rounded;
 use super::frame_scene::FrameScene;
+use super::table_columns::TableCells;
+use crate::catalog::Catalog;
 use crate::render::{Footprint, Rendered};
 use crate::scene::{LightKind, Scene};
 
@@ -12,14 +16,14 @@ use crate::scene::{LightKind, Scene};
 pub const SAMPLE_FORMAT: &str = "boresight-sample/1";
 
 /// The labels of a sample. Quaternions are `camera_from_icrs`, scalar last; places count from the centre of the first pixel.
-#[derive(Clone, Debug, Serialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SampleLabels {
     /// Always `boresight-sample/1`.
-    pub format: &'static str,
+    pub format: Cow<'static, str>,
     /// The number of the frame, which is also the name of the sample.
     pub key: u64,
     /// Its split.
-    pub split: &'static str,
+    pub split: Cow<'static, str>,
     /// The number of its camera instance.
     pub camera: u64,
     /// The number of its recording.
@@ -57,7 +61,7 @@ pub struct SampleLabels {
     /// Distortion k1 (px⁻²), p1 and p2 (px⁻¹) at the measured point.
     pub distortion: [f64; 3],
     /// How angles are mapped to the focal plane.
-    pub projection: &'static str,
+    pub projection: Cow<'static, str>,
     /// Width σ that stands for the image of a star.
     pub psf_sigma_px: f64,
     /// Electrons per count.
@@ -91,12 +95,12 @@ pub(super) const MIN_VISIBLE_SNR: f64 = 5.0;
 
 /// Lights of a frame, column by column: stars of the catalogue, brightest first, then what is no star. Places and bounds have six digits behind the point,
 /// magnitudes and electrons three.
-#[derive(Clone, Debug, Default, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct LightColumns {
     /// Hipparcos number (or that of the catalogue's row); 0 where there is none.
     pub hip: Vec<u32>,
     /// `star`, `false-star`, `satellite`, `meteor`, `ghost` or `cosmic-ray`.
-    pub kind: Vec<&'static str>,
+    pub kind: Vec<Cow<'static, str>>,
     /// Column of the centre of its light over the exposure.
     pub x_px: Vec<f64>,
     /// Row of the same.
@@ -123,6 +127,8 @@ pub struct LightColumns {
     pub crlb_y_px: Vec<f64>,
     /// V magnitude; 99 for what is no star.
     pub magnitude: Vec<f64>,
+    /// Colour B − V; 99 for what is no star, and where the catalogue knows none.
+    pub colour: Vec<f64>,
     /// Electrons that it sends during the exposure.
     pub electrons_asked: Vec<f64>,
     /// Electrons that are expected to be counted.
@@ -161,6 +167,7 @@ struct LightRow<'r> {
     end: [f64; 2],
     ideal: [f64; 2],
     magnitude: f64,
+    colour: f64,
     /// Asked, landed, in the brightest pixel.
     electrons: [f64; 3],
     footprint: &'r Footprint,
@@ -169,20 +176,21 @@ struct LightRow<'r> {
 }
 
 /// The lights of a frame: stars, brightest first, then what is no star.
-fn rows<'r>(rendered: &'r Rendered, footprints: &'r [Footprint]) -> impl Iterator<Item = LightRow<'r>> {
+fn rows<'r>(rendered: &'r Rendered, footprints: &'r [Footprint], catalog: &'r Catalog) -> impl Iterator<Item = LightRow<'r>> {
     let (of_stars, of_lights) = footprints.split_at(rendered.stars.len().min(footprints.len()));
     let pair = |x: Option<f64>, y: Option<f64>, otherwise: [f64; 2]| x.zip(y).map_or(otherwise, |(x, y)| [x, y]);
     let stars = rendered.stars.iter().zip(of_stars).map(move |(star, footprint)| {
         let centre = [star.x_mean_px, star.y_mean_px];
         LightRow {
             hip: star.hip,
-            kind: "star",
+            kind: STAR,
             centre,
             middle: [star.x_px, star.y_px],
             start: pair(star.x_start_px, star.y_start_px, centre),
             end: pair(star.x_end_px, star.y_end_px, centre),
             ideal: pair(star.x_ideal_px, star.y_ideal_px, centre),
             magnitude: star.magnitude,
+            colour: catalog.by_hip(star.hip).and_then(|star| star.colour).unwrap_or(NO_MAGNITUDE),
             electrons: [star.electrons_asked, star.electrons_landed, star.peak_electrons],
             footprint,
             is_blended: star.blended,
@@ -201,6 +209,7 @@ fn rows<'r>(rendered: &'r Rendered, footprints: &'r [Footprint]) -> impl Iterato
             end,
             ideal: middle,
             magnitude: NO_MAGNITUDE,
+            colour: NO_MAGNITUDE,
             electrons: [light.electrons_asked, light.electrons_landed, light.peak_electrons],
             footprint,
             is_blended: false,
@@ -210,7 +219,9 @@ fn rows<'r>(rendered: &'r Rendered, footprints: &'r [Footprint]) -> impl Iterato
     stars.chain(lights)
 }
 
-/// Of what is no star.
+/// What stars of the catalogue are called.
+pub(super) const STAR: &str = "star";
+/// Magnitude and colour of what is no star.
 const NO_MAGNITUDE: f64 = 99.0;
 /// Detectors are stated for this temperature where a scene has none.
 const USUAL_TEMPERATURE_C: f64 = 20.0;
@@ -249,21 +260,21 @@ pub(super) fn visible_stars<'r>(
 
 impl SampleLabels {
     /// Of a rendered frame. `size`: columns and rows.
-    pub(super) fn new(frame: &FrameScene, scene: &Scene, rendered: &Rendered, pixels_sha256: String) -> Self {
+    pub(super) fn new(frame: &FrameScene, scene: &Scene, (rendered, catalog): (&Rendered, &Catalog), pixels_sha256: String) -> Self {
         let exposure = scene.exposures.get(0);
         let attitude = |seconds: f64| <[f64; 4]>::from(exposure.motion.attitude(&exposure.course, seconds)).map(rounded);
         let footprints = rendered.footprints.as_deref().unwrap_or_default();
         let mut lights = LightColumns::default();
-        rows(rendered, footprints).for_each(|row| lights.add(&row, [scene.camera.width_px, scene.camera.height_px]));
+        rows(rendered, footprints, catalog).for_each(|row| lights.add(&row, [scene.camera.width_px, scene.camera.height_px]));
         let detector = scene.detector.joined(scene.binning);
         let full_dn = detector.full_pixel_dn();
         let full = rendered.pixels_dn.iter().filter(|count| f64::from(**count) >= full_dn).count();
         let effects = scene.pixel_effects.iter().map(|effect| effect.id.clone());
         let others = exposure.sky.effects().into_iter().chain(scene.model.terms()).map(|(id, _)| id.to_owned());
         Self {
-            format: SAMPLE_FORMAT,
+            format: Cow::Borrowed(SAMPLE_FORMAT),
             key: frame.key.number(),
-            split: frame.key.split.name(),
+            split: Cow::Borrowed(frame.key.split.name()),
             camera: frame.camera,
             recording: frame.recording,
             pair: frame.pair.map_or(-1, u64::cast_signed),
@@ -282,7 +293,7 @@ impl SampleLabels {
             focal_length_px: rounded(scene.camera.focal_length_px),
             principal_point_px: scene.camera.principal_point_px.map(rounded),
             distortion: [scene.camera.k1, scene.camera.p1, scene.camera.p2].map(rounded),
-            projection: scene.model.projection(),
+            projection: Cow::Borrowed(scene.model.projection()),
             psf_sigma_px: rounded(scene.detector.psf_sigma_px),
             gain_e_per_dn: rounded(detector.gain_e_per_dn),
             bias_dn: rounded(detector.bias_dn),
@@ -291,7 +302,7 @@ impl SampleLabels {
             saturation_dn: rounded(full_dn),
             background_e_per_px_s: rounded(scene.sky.even_e_per_px_s()),
             temperature_c: rounded(exposure.telemetry.temperature_c.unwrap_or(USUAL_TEMPERATURE_C)),
-            effects: effects.chain(others).collect(),
+            effects: effects.chain(others).chain(scene.glow_ids().map(str::to_owned)).collect(),
             saturated_share: rounded(full as f64 / rendered.pixels_dn.len().max(1) as f64),
             pixels_sha256,
             lights,
@@ -299,11 +310,69 @@ impl SampleLabels {
     }
 }
 
+impl SampleLabels {
+    /// Right ascension and declination of the boresight in the middle of the exposure, degrees: the third row of the rotation.
+    pub(super) fn boresight_radec_deg(&self) -> [f64; 2] {
+        let [x, y, z] = self.boresight();
+        let (ra, dec) = (y.atan2(x).rem_euclid(std::f64::consts::TAU), z.atan2(x.hypot(y)));
+        [rounded(ra.to_degrees()), rounded(dec.to_degrees())]
+    }
+
+    /// The boresight in ICRS axes in the middle of the exposure.
+    pub(super) fn boresight(&self) -> [f64; 3] {
+        let [i, j, k, w] = self.camera_from_icrs_mid;
+        [2.0 * (i * k - j * w), 2.0 * (j * k + i * w), 1.0 - 2.0 * (i * i + j * j)]
+    }
+}
+
 impl LightColumns {
+    /// How many stars of the catalogue are visible.
+    pub(super) fn visible_stars(&self) -> usize {
+        self.kind.iter().zip(&self.visible).filter(|(kind, is_visible)| *kind == STAR && **is_visible).count()
+    }
+
+    /// Every column with its name, in their order.
+    pub(super) fn columns(&self) -> Vec<(&'static str, TableCells)> {
+        let number = |name, cells: &[f64]| (name, TableCells::Number(cells.to_vec()));
+        let whole = |name, cells: &[usize]| (name, TableCells::Whole(cells.iter().map(|cell| cell.cast_signed() as i64).collect()));
+        let flag = |name, cells: &[bool]| (name, TableCells::Flag(cells.to_vec()));
+        vec![
+            ("hip", TableCells::Whole(self.hip.iter().map(|hip| i64::from(*hip)).collect())),
+            ("kind", TableCells::Text(self.kind.iter().map(ToString::to_string).collect())),
+            number("x_px", &self.x_px),
+            number("y_px", &self.y_px),
+            number("x_mid_px", &self.x_mid_px),
+            number("y_mid_px", &self.y_mid_px),
+            number("x_start_px", &self.x_start_px),
+            number("y_start_px", &self.y_start_px),
+            number("x_end_px", &self.x_end_px),
+            number("y_end_px", &self.y_end_px),
+            number("x_ideal_px", &self.x_ideal_px),
+            number("y_ideal_px", &self.y_ideal_px),
+            number("crlb_x_px", &self.crlb_x_px),
+            number("crlb_y_px", &self.crlb_y_px),
+            number("magnitude", &self.magnitude),
+            number("colour", &self.colour),
+            number("electrons_asked", &self.electrons_asked),
+            number("electrons_landed", &self.electrons_landed),
+            number("peak_electrons", &self.peak_electrons),
+            number("background_e", &self.background_e),
+            number("snr", &self.snr),
+            whole("box_left_px", &self.box_left_px),
+            whole("box_top_px", &self.box_top_px),
+            whole("box_right_px", &self.box_right_px),
+            whole("box_bottom_px", &self.box_bottom_px),
+            flag("visible", &self.visible),
+            flag("saturated", &self.saturated),
+            flag("blended", &self.blended),
+            flag("edge", &self.edge),
+        ]
+    }
+
     fn add(&mut self, row: &LightRow<'_>, size: [usize; 2]) {
         let LightRow { footprint, centre, .. } = row;
         self.hip.push(row.hip);
-        self.kind.push(row.kind);
+        self.kind.push(Cow::Borrowed(row.kind));
         let bound = footprint.bound_px.map(|bound| bound.min(MAX_BOUND_PX));
         let places = [
             (&mut self.x_px, &mut self.y_px, *centre),
@@ -320,6 +389,7 @@ impl LightColumns {
         let [asked, landed, peak] = row.electrons;
         let amounts = [
             (&mut self.magnitude, row.magnitude),
+            (&mut self.colour, row.colour),
             (&mut self.electrons_asked, asked),
             (&mut self.electrons_landed, landed),
             (&mut self.peak_electrons, peak),

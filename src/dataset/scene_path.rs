@@ -208,6 +208,20 @@ impl ScenePath {
         done
     }
 
+    /// The value there, if there is one.
+    pub(super) fn get<'v>(&self, scene: &'v Table) -> Option<&'v Value> {
+        let (first, rest) = self.steps.split_first()?;
+        let Step::Key(key) = first else { return None };
+        rest.iter().try_fold(scene.get(key)?, |at, step| match step {
+            Step::Key(key) => at.get(key),
+            Step::Element(place, _) => at.get(*place),
+            Step::Effect(id) => {
+                let list = at.as_array()?;
+                list.get(place_of_effect(list, id)?)
+            }
+        })
+    }
+
     fn place<'v>(&self, whole: &'v mut Value) -> Result<&'v mut Value, String> {
         let mut at = whole;
         for step in &self.steps {

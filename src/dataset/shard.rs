@@ -12,7 +12,11 @@ use sha2::{Digest, Sha256};
 
 use super::error::DatasetError;
 use super::frame_key::ShardKey;
+use super::label_tables::{frame_columns, light_columns};
 use super::plan::{DatasetPlan, hexadecimal};
+use super::sample_labels::SampleLabels;
+use super::shard_statistics::ShardStatistics;
+use super::table_columns::{TableRows, TableWriter};
 use super::tar::TarWriter;
 use crate::catalog::Catalog;
 use crate::recording::{OutputError, OutputFile};
@@ -22,7 +26,7 @@ use crate::render::PsfTables;
 pub const SHARD_FORMAT: &str = "boresight-shard/1";
 
 /// The mark of a shard that is whole.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ShardMark {
     /// Always `boresight-shard/1`.
     pub format: String,
@@ -48,6 +52,61 @@ pub struct ShardMark {
     pub sum_dn: u64,
     /// Pixels.
     pub pixels: u64,
+    /// Its tables.
+    pub tables: Vec<HashedFile>,
+    /// Sums over its frames.
+    pub statistics: ShardStatistics,
+}
+
+/// A file with its hash.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+pub struct HashedFile {
+    /// The file, below the folder of the dataset.
+    pub file: String,
+    /// SHA-256 of its bytes.
+    pub sha256: String,
+    /// How many they are.
+    pub bytes: u64,
+}
+
+/// What shards are made with.
+pub(super) struct ShardTools<'a> {
+    pub(super) catalog: &'a Catalog,
+    /// Kept from frame to frame.
+    pub(super) psfs: &'a PsfTables,
+    pub(super) writer: &'a dyn TableWriter,
+    /// Is called for every frame that is done.
+    pub(super) each: &'a (dyn Fn() + Sync),
+}
+
+/// The tables of a shard in the making: of frames, and of the lights on them.
+pub(super) struct ShardTables<'w> {
+    frames: TableRows<'w>,
+    stars: TableRows<'w>,
+}
+
+impl<'w> ShardTables<'w> {
+    pub(super) fn new(writer: &'w dyn TableWriter) -> Self {
+        Self { frames: TableRows::new(writer), stars: TableRows::new(writer) }
+    }
+
+    /// Adds the labels of a frame.
+    pub(super) fn add(&mut self, labels: &mut SampleLabels) -> Result<(), String> {
+        self.frames.add(frame_columns(labels))?;
+        self.stars.add(light_columns(labels.key, &labels.lights))
+    }
+
+    /// The files with their bytes; none if this build writes no tables.
+    pub(super) fn files(self, shard: ShardKey) -> Result<Vec<(HashedFile, Vec<u8>)>, DatasetError> {
+        let mut files = Vec::new();
+        for (name, rows) in [("frames", self.frames), ("stars", self.stars)] {
+            let file = shard.table(name);
+            if let Some(bytes) = rows.finish().map_err(|message| DatasetError::Table { file: file.clone(), message })? {
+                files.push((HashedFile { file, sha256: hexadecimal(&Sha256::digest(&bytes)), bytes: bytes.len() as u64 }, bytes));
+            }
+        }
+        Ok(files)
+    }
 }
 
 /// Bytes on their way to a file, hashed and counted.
@@ -76,22 +135,26 @@ pub(super) fn done(folder: &Path, shard: ShardKey, recipe_sha256: &str) -> Resul
     let path = folder.join(shard.file());
     let mark = serde_json::from_str::<ShardMark>(&text).ok().filter(|mark| mark.recipe_sha256 == recipe_sha256);
     let (Some(mark), Ok(found)) = (mark, std::fs::metadata(&path)) else { return Ok(None) };
-    if found.len() == mark.bytes { Ok(Some(mark)) } else { Err(DatasetError::ShardSize { path, stated: mark.bytes, found: found.len() }) }
+    if found.len() != mark.bytes {
+        return Err(DatasetError::ShardSize { path, stated: mark.bytes, found: found.len() });
+    }
+    let are_there = mark.tables.iter().all(|table| folder.join(&table.file).is_file());
+    Ok(are_there.then_some(mark))
 }
 
 impl DatasetPlan {
-    /// Makes a shard and its mark; `each` is called for every frame that is done.
+    /// Makes a shard, its tables and its mark.
     pub(super) fn write_shard(
         &self,
         folder: &Path,
         shard: ShardKey,
         recipe_sha256: &str,
-        (catalog, tables): (&Catalog, &PsfTables),
-        each: &(dyn Fn() + Sync),
+        tools: &ShardTools<'_>,
     ) -> Result<ShardMark, DatasetError> {
         let path = folder.join(shard.file());
         let wrong = |source| DatasetError::Output(OutputError::Write { path: path.clone(), source });
         let mut tar = TarWriter::new(Hashed { file: OutputFile::create(&path)?, hasher: Sha256::new(), bytes: 0 });
+        let mut tables = ShardTables::new(tools.writer);
         let size = &self.recipe.size;
         let first_frame = shard.frames(size).next().map_or(0, super::frame_key::FrameKey::number);
         let mut mark = ShardMark {
@@ -107,9 +170,11 @@ impl DatasetPlan {
             lights: 0,
             sum_dn: 0,
             pixels: 0,
+            tables: Vec::new(),
+            statistics: ShardStatistics::new(self),
         };
         for key in shard.frames(size) {
-            let sample = self.sample(catalog, tables, key)?;
+            let mut sample = self.sample(tools.catalog, tools.psfs, key)?;
             for (name, bytes) in &sample.members {
                 tar.add(&format!("{:09}.{name}", key.number()), bytes).map_err(&wrong)?;
             }
@@ -118,9 +183,15 @@ impl DatasetPlan {
             mark.lights += sample.lights;
             mark.sum_dn += sample.sum_dn;
             mark.pixels += sample.pixels;
-            each();
+            mark.statistics.add(self, &sample);
+            tables.add(&mut sample.labels).map_err(|message| DatasetError::Table { file: shard.table("frames"), message })?;
+            (tools.each)();
         }
         let Hashed { file, hasher, bytes } = tar.finish().map_err(&wrong)?;
+        for (table, bytes) in tables.files(shard)? {
+            write_bytes(&folder.join(&table.file), &bytes)?;
+            mark.tables.push(table);
+        }
         file.finish()?;
         (mark.sha256, mark.bytes) = (hexadecimal(&hasher.finalize()), bytes);
         write_json(&folder.join(shard.mark()), &mark)?;
@@ -138,8 +209,13 @@ pub(super) fn write_json(path: &Path, object: &impl Serialize) -> Result<(), Dat
 
 /// The same of a text.
 pub(super) fn write_text(path: &Path, text: &str) -> Result<(), DatasetError> {
+    write_bytes(path, text.as_bytes())
+}
+
+/// The same of bytes.
+pub(super) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
     let wrong = |source| DatasetError::Output(OutputError::Write { path: path.to_owned(), source });
     let mut file = OutputFile::create(path)?;
-    file.write_all(text.as_bytes()).map_err(wrong)?;
+    file.write_all(bytes).map_err(wrong)?;
     Ok(file.finish()?)
 }

@@ -1,6 +1,6 @@
 //! Archives whose bytes follow from their members alone: ustar (POSIX.1-1988) with time, owner and group 0 and mode 0644.
 
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 
 const BLOCK: usize = 512;
 
@@ -54,6 +54,40 @@ fn header(name: &str, length: usize) -> io::Result<[u8; BLOCK]> {
     Ok(block)
 }
 
+/// Reads an archive of this kind, member by member.
+#[derive(Debug)]
+pub(super) struct TarReader<R: Read> {
+    inner: R,
+}
+
+impl<R: Read> TarReader<R> {
+    pub(super) fn new(inner: R) -> Self {
+        Self { inner }
+    }
+
+    /// The next member: its name and its bytes; `None` at the end of the archive.
+    pub(super) fn next(&mut self) -> io::Result<Option<(String, Vec<u8>)>> {
+        let wrong = |what: &str| io::Error::new(io::ErrorKind::InvalidData, what.to_owned());
+        let mut block = [0; BLOCK];
+        self.inner.read_exact(&mut block)?;
+        if block[0] == 0 {
+            return Ok(None);
+        }
+        let name = block[..100].split(|byte| *byte == 0).next().unwrap_or_default();
+        let name = String::from_utf8(name.to_vec()).map_err(|_| wrong("the name of a member is no UTF-8"))?;
+        let length = std::str::from_utf8(&block[124..135]).ok().and_then(|text| usize::from_str_radix(text, 8).ok());
+        let length = length.ok_or_else(|| wrong("the header of a member is damaged"))?;
+        // Read as far as there is something, so that a damaged length asks for no memory.
+        let mut bytes = Vec::new();
+        let padded = length.next_multiple_of(BLOCK);
+        if self.inner.by_ref().take(padded as u64).read_to_end(&mut bytes)? < padded {
+            return Err(wrong("the archive ends within a member"));
+        }
+        bytes.truncate(length);
+        Ok(Some((name, bytes)))
+    }
+}
+
 /// Members of an archive: names and contents.
 #[cfg(test)]
 pub(super) fn members(archive: &[u8]) -> Vec<(String, Vec<u8>)> {
@@ -80,6 +114,11 @@ mod tests {
         tar.add("000000001.mask.png", &[7; 512]).unwrap();
         let archive = tar.finish().unwrap();
         assert_eq!(members(&archive), [("000000001.json".to_owned(), b"{}".to_vec()), ("000000001.mask.png".to_owned(), vec![7; 512])]);
+        let mut reader = TarReader::new(archive.as_slice());
+        assert_eq!(reader.next().unwrap(), Some(("000000001.json".to_owned(), b"{}".to_vec())));
+        assert_eq!(reader.next().unwrap(), Some(("000000001.mask.png".to_owned(), vec![7; 512])));
+        assert_eq!(reader.next().unwrap(), None);
+        assert!(TarReader::new(&archive[..700]).next().unwrap_err().to_string().contains("ends within a member"));
         assert_eq!(archive.len(), 512 + 512 + 512 + 512 + 1024);
         // GNU tar of a file "a" of 2 bytes, `--format=ustar --owner=0 --group=0 --numeric-owner --mode=0644 --mtime=@0`: its field is 005674.
         let block = header("a", 2).unwrap();

@@ -20,6 +20,10 @@ pub(super) enum Kind {
     Text,
 }
 
+/// Writes the tables of a dataset as Parquet, if this build can.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ParquetTables;
+
 /// A column.
 #[derive(Clone, Debug)]
 pub(super) struct Column {

@@ -17,7 +17,7 @@ mod parquet_file;
 mod shown;
 mod table;
 
-pub use data_table::DataTable;
+pub use data_table::{DataTable, ParquetTables};
 pub use drawing::*;
 pub use ds9::ds9_regions;
 pub use error::ReportError;

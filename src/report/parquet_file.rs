@@ -8,14 +8,16 @@ use std::sync::Arc;
 
 use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical};
 use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DoubleType, Int64Type};
+use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
-use parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
+use parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::Type;
 use serde_json::Value;
 
 use super::ReportError;
-use super::data_table::{Column, DataTable, Kind};
+use super::data_table::{Column, DataTable, Kind, ParquetTables};
+use crate::dataset::{TableCells, TableColumn, TableFile, TableWriter};
 use crate::recording::write_file;
 
 impl DataTable {
@@ -25,7 +27,7 @@ impl DataTable {
     }
 
     /// The table as a Parquet file.
-    fn parquet(&self, about: &[(&str, String)]) -> Result<Vec<u8>, parquet::errors::ParquetError> {
+    fn parquet(&self, about: &[(&str, String)]) -> Result<Vec<u8>, ParquetError> {
         let fields = self.columns.iter().map(|column| {
             let repetition = if column.kind == Kind::Text { Repetition::REQUIRED } else { Repetition::OPTIONAL };
             let field = match column.kind {
@@ -36,20 +38,15 @@ impl DataTable {
             };
             Ok(Arc::new(field.with_repetition(repetition).build()?))
         });
-        let fields = fields.collect::<Result<Vec<_>, parquet::errors::ParquetError>>()?;
+        let fields = fields.collect::<Result<Vec<_>, ParquetError>>()?;
         let schema = Arc::new(Type::group_type_builder("schema").with_fields(fields).build()?);
         let lengths = self.columns.iter().filter(|column| column.kind == Kind::Text).map(|column| {
             let longest = column.cells.iter().filter_map(Value::as_str).map(|text| text.chars().count()).max();
             KeyValue::new(format!("table::len::{}", column.name), longest.unwrap_or_default().max(1).to_string())
         });
         let about = about.iter().map(|(key, text)| KeyValue::new((*key).to_owned(), text.clone())).chain(lengths).collect();
-        let properties = WriterProperties::builder()
-            .set_compression(Compression::UNCOMPRESSED)
-            .set_created_by(format!("boresight {}", env!("CARGO_PKG_VERSION")))
-            .set_key_value_metadata(Some(about))
-            .build();
         let mut bytes = Vec::new();
-        let mut file = SerializedFileWriter::new(&mut bytes, schema, Arc::new(properties))?;
+        let mut file = SerializedFileWriter::new(&mut bytes, schema, properties(about))?;
         let mut group = file.next_row_group()?;
         for column in &self.columns {
             if let Some(mut writer) = group.next_column()? {
@@ -64,7 +61,7 @@ impl DataTable {
 }
 
 impl Column {
-    fn write(&self, writer: &mut SerializedColumnWriter<'_>) -> Result<(), parquet::errors::ParquetError> {
+    fn write(&self, writer: &mut SerializedColumnWriter<'_>) -> Result<(), ParquetError> {
         // A cell that is there has the definition level 1.
         let levels: Vec<i16> = self.cells.iter().map(|cell| i16::from(!cell.is_null())).collect();
         match self.kind {
@@ -86,6 +83,115 @@ impl Column {
             }
         }
         Ok(())
+    }
+}
+
+fn properties(about: Vec<KeyValue>) -> Arc<WriterProperties> {
+    let properties = WriterProperties::builder()
+        .set_compression(Compression::UNCOMPRESSED)
+        .set_created_by(format!("boresight {}", env!("CARGO_PKG_VERSION")))
+        .set_key_value_metadata(Some(about));
+    Arc::new(properties.build())
+}
+
+/// The field of a column. An image is what Hugging Face `datasets` knows as one: its bytes and its name.
+fn field(column: &TableColumn) -> Result<Arc<Type>, ParquetError> {
+    let primitive = |name: &str, kind: Physical, logical: Option<LogicalType>| {
+        Type::primitive_type_builder(name, kind).with_repetition(Repetition::REQUIRED).with_logical_type(logical).build()
+    };
+    let text = |name: &str| primitive(name, Physical::BYTE_ARRAY, Some(LogicalType::String));
+    let field = match &column.cells {
+        TableCells::Whole(_) => primitive(&column.name, Physical::INT64, None),
+        TableCells::Number(_) => primitive(&column.name, Physical::DOUBLE, None),
+        TableCells::Flag(_) => primitive(&column.name, Physical::BOOLEAN, None),
+        TableCells::Text(_) => text(&column.name),
+        TableCells::Image(_) => {
+            // What may be missing, as `datasets` has it: it takes no other field for an image.
+            let part = |name: &str, logical| {
+                let part = Type::primitive_type_builder(name, Physical::BYTE_ARRAY).with_repetition(Repetition::OPTIONAL);
+                part.with_logical_type(logical).build().map(Arc::new)
+            };
+            let parts = vec![part("bytes", None)?, part("path", Some(LogicalType::String))?];
+            Type::group_type_builder(&column.name).with_repetition(Repetition::OPTIONAL).with_fields(parts).build()
+        }
+    };
+    Ok(Arc::new(field?))
+}
+
+/// What Hugging Face `datasets` reads a column as.
+fn feature(column: &TableColumn) -> Value {
+    match column.cells {
+        TableCells::Whole(_) => serde_json::json!({"dtype": "int64", "_type": "Value"}),
+        TableCells::Number(_) => serde_json::json!({"dtype": "float64", "_type": "Value"}),
+        TableCells::Flag(_) => serde_json::json!({"dtype": "bool", "_type": "Value"}),
+        TableCells::Text(_) => serde_json::json!({"dtype": "string", "_type": "Value"}),
+        TableCells::Image(_) => serde_json::json!({"_type": "Image"}),
+    }
+}
+
+impl TableWriter for ParquetTables {
+    fn begin(&self, columns: &[TableColumn]) -> Option<Result<Box<dyn TableFile>, String>> {
+        let begin = || -> Result<ParquetStream, ParquetError> {
+            let fields = columns.iter().map(field).collect::<Result<Vec<_>, ParquetError>>()?;
+            let schema = Arc::new(Type::group_type_builder("schema").with_fields(fields).build()?);
+            let features: serde_json::Map<String, Value> = columns.iter().map(|column| (column.name.clone(), feature(column))).collect();
+            let about = serde_json::json!({"info": {"features": features}}).to_string();
+            let about = vec![KeyValue::new("huggingface".to_owned(), about)];
+            Ok(ParquetStream(SerializedFileWriter::new(Vec::new(), schema, properties(about))?))
+        };
+        Some(begin().map(|stream| Box::new(stream) as Box<dyn TableFile>).map_err(|error| error.to_string()))
+    }
+}
+
+/// A Parquet file whose groups of rows come one after the other.
+struct ParquetStream(SerializedFileWriter<Vec<u8>>);
+
+impl ParquetStream {
+    fn add_group(&mut self, columns: &[TableColumn]) -> Result<(), ParquetError> {
+        let mut group = self.0.next_row_group()?;
+        for column in columns {
+            match &column.cells {
+                TableCells::Whole(cells) => next(&mut group, |writer| writer.typed::<Int64Type>().write_batch(cells, None, None))?,
+                TableCells::Number(cells) => next(&mut group, |writer| writer.typed::<DoubleType>().write_batch(cells, None, None))?,
+                TableCells::Flag(cells) => next(&mut group, |writer| writer.typed::<BoolType>().write_batch(cells, None, None))?,
+                TableCells::Text(cells) => {
+                    let cells: Vec<ByteArray> = cells.iter().map(|cell| ByteArray::from(cell.as_str())).collect();
+                    next(&mut group, |writer| writer.typed::<ByteArrayType>().write_batch(&cells, None, None))?;
+                }
+                TableCells::Image(cells) => {
+                    // Image and part are there.
+                    let levels = vec![2; cells.len()];
+                    let bytes: Vec<ByteArray> = cells.iter().map(|(bytes, _)| ByteArray::from(bytes.clone())).collect();
+                    next(&mut group, |writer| writer.typed::<ByteArrayType>().write_batch(&bytes, Some(&levels), None))?;
+                    let names: Vec<ByteArray> = cells.iter().map(|(_, name)| ByteArray::from(name.as_str())).collect();
+                    next(&mut group, |writer| writer.typed::<ByteArrayType>().write_batch(&names, Some(&levels), None))?;
+                }
+            }
+        }
+        group.close()?;
+        Ok(())
+    }
+}
+
+/// Writes the next column of a group.
+fn next(
+    group: &mut SerializedRowGroupWriter<'_, Vec<u8>>,
+    write: impl FnOnce(&mut SerializedColumnWriter<'_>) -> Result<usize, ParquetError>,
+) -> Result<(), ParquetError> {
+    if let Some(mut writer) = group.next_column()? {
+        write(&mut writer)?;
+        writer.close()?;
+    }
+    Ok(())
+}
+
+impl TableFile for ParquetStream {
+    fn add(&mut self, columns: &[TableColumn]) -> Result<(), String> {
+        self.add_group(columns).map_err(|error| error.to_string())
+    }
+
+    fn finish(self: Box<Self>) -> Result<Vec<u8>, String> {
+        self.0.into_inner().map_err(|error| error.to_string())
     }
 }
 

@@ -216,6 +216,11 @@ pub struct TrueStarImage {
 }
 
 impl Scene {
+    /// What lights the sky between the stars unevenly: effects by their ids.
+    pub(crate) fn glow_ids(&self) -> impl Iterator<Item = &'static str> + '_ {
+        self.sky_light.glow_ids()
+    }
+
     /// Reads and checks a scene file.
     pub fn open(path: &std::path::Path) -> Result<Self, SceneError> {
         let name = path.display().to_string();

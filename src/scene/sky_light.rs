@@ -50,6 +50,11 @@ pub(super) struct SkyLight {
 }
 
 impl SkyLight {
+    /// The glows, by their ids.
+    pub(super) fn glow_ids(&self) -> impl Iterator<Item = &'static str> + '_ {
+        self.glows.iter().map(|setting| setting.glow.id())
+    }
+
     /// Checks that every exposure has what the models need, and reads the image. Where these give the sky, an even background that nobody asked for
     /// is set to nothing.
     pub(super) fn new(

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::record::{Field, Row};
 use serde_json::Value;
 
 use crate::cli::{run, text};
@@ -56,13 +58,16 @@ fn a_dataset_is_the_same_for_any_threads_processes_and_kills() {
     let at = |name: &str| folder.path().join(name);
     made(&recipe, &at("one"), &["--threads", "1"]);
     let one = files(&at("one"));
-    assert_eq!(one.len(), 8 + 8 + 3, "shards, marks, and dataset.json, recipe.toml, SHA256SUMS: {:?}", one.keys());
+    // Shards with marks and two tables each; dataset.json, recipe and scene, card, croissant.json, statistics, SHA256SUMS.
+    assert_eq!(one.len(), 8 * 4 + 7, "{:?}", one.keys());
     let sums = String::from_utf8(one[Path::new("SHA256SUMS")].clone()).unwrap();
     assert_eq!(sums.lines().count(), one.len() - 1, "{sums}");
     made(&recipe, &at("two"), &["--threads", "2"]);
     assert!(one == files(&at("two")), "another number of threads");
     made(&recipe, &at("parts"), &["--shard", "1/2"]);
     assert!(!at("parts").join("SHA256SUMS").exists());
+    let early = run(&["dataset", "finish", text(&at("parts"))]);
+    assert!(early.code == 1 && early.stderr.contains("4 of 8 shards are not made, the first is train/000000.tar"), "{}", early.stderr);
     made(&recipe, &at("parts"), &["--shard", "0/2"]);
     assert!(one == files(&at("parts")), "in two parts");
     // Killed at different times, and gone on with: what was in the making goes with the next run.
@@ -85,6 +90,58 @@ fn a_dataset_is_the_same_for_any_threads_processes_and_kills() {
     assert!(one == files(&at("cut")), "after kills");
     let again = run(&["dataset", text(&recipe), "-o", text(&at("cut"))]);
     assert!(again.stdout.contains("0 shards made, 8 were done before; whole"), "{}", again.stdout);
+    // What is written at the end is written again as it was.
+    for name in ["README.md", "croissant.json", "statistics.html", "SHA256SUMS"] {
+        std::fs::remove_file(at("cut").join(name)).unwrap();
+    }
+    let finished = run(&["dataset", "finish", text(&at("cut"))]);
+    assert!(finished.code == 0 && finished.stdout.contains("16 frames in 8 shards; whole"), "{}{}", finished.stdout, finished.stderr);
+    assert!(one == files(&at("cut")), "finished anew");
+}
+
+#[test]
+fn a_finished_dataset_tells_what_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = recipe_in(folder.path(), RECIPE);
+    let set = folder.path().join("set");
+    made(&recipe, &set, &[]);
+    let read = |name: &str| std::fs::read_to_string(set.join(name)).unwrap();
+    let card = read("README.md");
+    assert!(card.starts_with("---\nlicense: cc-by-4.0\npretty_name: tiny\nsize_categories:\n- n<1K\n"), "{card}");
+    for told in
+        ["  - split: test\n    path: test/*.tar\n", "tables/train/*.stars.parquet", "| train | 12 | 6 of 2 | 2 |", "| train, test |"]
+    {
+        assert!(card.contains(told), "{told} is not in {card}");
+    }
+    let croissant: Value = serde_json::from_str(&read("croissant.json")).unwrap();
+    assert_eq!(croissant["distribution"].as_array().unwrap().len(), 8 * 3 + 2);
+    let page = read("statistics.html");
+    assert!(page.contains("<svg") && page.contains("data:image/png;base64,") && page.contains("in a ball of radius 0.5"));
+    assert!(!page.contains("http"), "the page needs nothing from elsewhere");
+    // The tables say what the labels say.
+    let table = |name: &str| SerializedFileReader::new(std::fs::File::open(set.join(name)).unwrap()).unwrap();
+    let frames = table("tables/test/000001.frames.parquet");
+    let cell = |row: &Row, name: &str| row.get_column_iter().find(|(own, _)| *own == name).unwrap().1.clone();
+    let rows: Vec<Row> = frames.get_row_iter(None).unwrap().map(Result::unwrap).collect();
+    let keys: Vec<Field> = rows.iter().map(|row| cell(row, "key")).collect();
+    assert_eq!(keys, [Field::Long(200_000_002), Field::Long(200_000_003)]);
+    let one = run(&["dataset", text(&recipe), "--frame", "200000003", "-o", text(&folder.path().join("one"))]);
+    assert_eq!(one.code, 0, "{}", one.stderr);
+    let labels: Value = serde_json::from_slice(&std::fs::read(folder.path().join("one/200000003.json")).unwrap()).unwrap();
+    assert_eq!(cell(&rows[1], "camera"), Field::Long(labels["camera"].as_i64().unwrap()));
+    assert_eq!(cell(&rows[1], "pixels_sha256"), Field::Str(labels["pixels_sha256"].as_str().unwrap().to_owned()));
+    let stars = table("tables/test/000001.stars.parquet");
+    let of_frame = stars.get_row_iter(None).unwrap().map(Result::unwrap).filter(|row| cell(row, "key") == Field::Long(200_000_003));
+    let places: Vec<Field> = of_frame.map(|row| cell(&row, "x_px")).collect();
+    let labelled: Vec<Field> = labels["lights"]["x_px"].as_array().unwrap().iter().map(|x| Field::Double(x.as_f64().unwrap())).collect();
+    assert_eq!(places, labelled);
+    for (args, code, told) in [
+        (vec!["dataset", "finish", text(&recipe)], 1, "is a file and not the folder of a dataset"),
+        (vec!["dataset", "finish", text(folder.path())], 1, "holds no dataset.json; make the dataset with"),
+    ] {
+        let ran = run(&args);
+        assert!(ran.code == code && ran.stderr.contains(told), "{args:?}: {} {}", ran.code, ran.stderr);
+    }
 }
 
 #[test]

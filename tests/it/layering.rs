@@ -54,7 +54,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("blind", &["pipeline", "diagnose", "calibrate", "identify", "detect"]),
     ("error", &["imaging", "scene", "render", "dataset", "detect", "identify", "calibrate", "diagnose", "exchange", "pipeline"]),
     ("formats", &["imaging", "scene", "render", "dataset", "detect", "identify", "calibrate", "diagnose", "pipeline", "blind", "exchange"]),
-    ("report", &["imaging", "scene", "render", "detect", "identify", "calibrate", "diagnose"]),
+    ("report", &["imaging", "scene", "render", "dataset", "detect", "identify", "calibrate", "diagnose"]),
     (
         "cli",
         &[
