@@ -1,11 +1,13 @@
-//! `boresight dataset finish`: what is done with the shards of a dataset when they are made.
+//! `boresight dataset finish` and `verify`: what is done with the shards of a dataset when they are made.
 
 use std::path::PathBuf;
 
 use anyhow::Result;
-use boresight::dataset::finish;
+use boresight::dataset::{VerifyOptions, VerifyResult, finish, verify};
+use boresight::report::ParquetTables;
 use clap::{Args, Subcommand};
 
+use super::dataset::FrameBar;
 use super::options::heading;
 use super::{Answer, examples, output};
 
@@ -15,6 +17,9 @@ pub(crate) enum DatasetStep {
     /// Write card, statistics and sums of a dataset whose shards many processes have made
     #[command(after_help = examples::DATASET_FINISH)]
     Finish(FinishArgs),
+    /// Hold a dataset against what it says: hashes, frames made again, labels against pixels, splits
+    #[command(after_help = examples::DATASET_VERIFY)]
+    Verify(VerifyArgs),
 }
 
 /// Arguments of `dataset finish`.
@@ -28,10 +33,35 @@ pub(crate) struct FinishArgs {
     json: bool,
 }
 
+/// Arguments of `dataset verify`.
+#[derive(Debug, Args)]
+#[command(next_help_heading = heading::INPUT)]
+pub(crate) struct VerifyArgs {
+    /// The folder of the dataset
+    #[arg(value_name = "DIR", help_heading = None)]
+    folder: PathBuf,
+    /// Make so many frames again, and hold their labels against their pixels; all shards are hashed in any case
+    #[arg(long, value_name = "K", default_value_t = 100)]
+    frames: u64,
+    /// The seed by which they are chosen
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// The recipe at its first place, if it names files that the folder does not hold
+    #[arg(long, value_name = "RECIPE.toml")]
+    recipe: Option<PathBuf>,
+    /// Read stars from this CSV file instead of the built-in Hipparcos stars
+    #[arg(long, value_name = "FILE", help_heading = heading::CATALOGUE)]
+    catalog: Option<PathBuf>,
+    /// Print the result as one JSON object on stdout, and nothing else
+    #[arg(long, help_heading = heading::OUTPUT)]
+    json: bool,
+}
+
 impl DatasetStep {
     pub(super) fn run(&self) -> Result<Answer> {
         match self {
             Self::Finish(args) => finish_step(args),
+            Self::Verify(args) => verify_step(args),
         }
     }
 }
@@ -46,4 +76,43 @@ fn finish_step(args: &FinishArgs) -> Result<Answer> {
         output::print(&format!("{folder}: {frames} frames in {shards} shards; whole, with card, statistics and SHA256SUMS\n"))?;
     }
     Ok(Answer::Yes)
+}
+
+fn verify_step(args: &VerifyArgs) -> Result<Answer> {
+    let catalog = super::options::open_catalog(args.catalog.as_deref())?;
+    let threads = rayon::current_num_threads();
+    let options = VerifyOptions { frames: args.frames, seed: args.seed, recipe: args.recipe.clone(), threads };
+    let progress = FrameBar::default();
+    let result = verify(&args.folder, &catalog, &ParquetTables, &options, (&progress, output::provenance()))?;
+    progress.finish();
+    if args.json {
+        output::print(&output::json_text(&result)?)?;
+    } else {
+        output::print(&verdict(&args.folder.display().to_string(), &result))?;
+    }
+    Ok(if result.is_right { Answer::Yes } else { Answer::No })
+}
+
+/// What was found, in words.
+fn verdict(folder: &str, result: &VerifyResult) -> String {
+    let mut text = format!(
+        "{folder}: {} shards with {} frames read and hashed, {} frames made again\n",
+        result.shards, result.frames, result.frames_rendered
+    );
+    if let Some(([x_px, y_px], [x_error_px, y_error_px])) = result.offset_px.zip(result.standard_error_px) {
+        text += &format!(
+            "labels: {} bright lone stars are {x_px:.4} ± {x_error_px:.4} px (x) and {y_px:.4} ± {y_error_px:.4} px (y) from them\n",
+            result.stars_measured
+        );
+    }
+    for why in &result.not_checked {
+        text += &format!("not looked at: {why}\n");
+    }
+    for fault in &result.faults {
+        text += &format!("fault: {}\n", fault.fault);
+    }
+    text + match result.faults.len() {
+        0 => "nothing is wrong with what was looked at\n",
+        _ => "the dataset is not what it says\n",
+    }
 }

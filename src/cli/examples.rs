@@ -89,6 +89,11 @@ Examples:
   boresight dataset finish stars
   boresight dataset finish stars --json > dataset.json";
 
+pub(crate) const DATASET_VERIFY: &str = "\
+Examples:
+  boresight dataset verify stars
+  boresight dataset verify stars --frames 10 --seed 7 --json > verdict.json";
+
 pub(crate) const PRESET: &str = "\
 Examples:
   boresight preset list

@@ -13,7 +13,10 @@ use crate::calibrate::{
     COMPARE_FORMAT, CalibrateResult, CompareResult, FORMAT as CALIBRATE_FORMAT, MAP_FORMAT, MapResult, SEQUENTIAL_FORMAT, UpdateResult,
 };
 use crate::catalog;
-use crate::dataset::{DATASET_FORMAT, DatasetFile, RECIPE_FORMAT, RecipeFile, SAMPLE_FORMAT, SHARD_FORMAT, SampleLabels, ShardMark};
+use crate::dataset::{
+    DATASET_FORMAT, DatasetFile, RECIPE_FORMAT, RecipeFile, SAMPLE_FORMAT, SHARD_FORMAT, SampleLabels, ShardMark, VERIFY_FORMAT,
+    VerifyResult,
+};
 use crate::detect::{DetectResult, FORMAT as DETECT_FORMAT};
 use crate::diagnose::{DiagnoseResult, FORMAT as DIAGNOSE_FORMAT};
 use crate::effects::{EffectList, LIST_FORMAT};
@@ -89,6 +92,7 @@ pub static FORMATS: &[FileFormat] = &[
     FileFormat::of_result::<DatasetFile>("dataset", DATASET_FORMAT, "dataset.json of a dataset: what it is"),
     FileFormat::of_result::<ShardMark>("shard", SHARD_FORMAT, "the mark of a shard of a dataset that is whole"),
     FileFormat::of_result::<SampleLabels>("sample", SAMPLE_FORMAT, "labels of a frame of a dataset"),
+    FileFormat::of_result::<VerifyResult>("verify", VERIFY_FORMAT, "what dataset verify found"),
     FileFormat::of_result::<DetectResult<'static>>("detect", DETECT_FORMAT, "the stars of a recording"),
     FileFormat::of_result::<IdentifyResult<'static>>("identify", IDENTIFY_FORMAT, "which stars they are"),
     FileFormat::of_result::<CalibrateResult<'static>>("calibrate", CALIBRATE_FORMAT, "a camera, or why there is none"),

@@ -138,6 +138,7 @@ fn a_finished_dataset_tells_what_it_is() {
     for (args, code, told) in [
         (vec!["dataset", "finish", text(&recipe)], 1, "is a file and not the folder of a dataset"),
         (vec!["dataset", "finish", text(folder.path())], 1, "holds no dataset.json; make the dataset with"),
+        (vec!["dataset", "verify", text(folder.path())], 1, "holds no dataset.json"),
     ] {
         let ran = run(&args);
         assert!(ran.code == code && ran.stderr.contains(told), "{args:?}: {} {}", ran.code, ran.stderr);

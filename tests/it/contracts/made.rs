@@ -78,6 +78,7 @@ fn make() -> Made {
     }
     let verbs: Vec<(&'static str, Vec<&str>)> = vec![
         ("dataset", vec!["dataset", "recipe.toml", "-o", "set", "--json"]),
+        ("verify", vec!["dataset", "verify", "set", "--frames", "4", "--json"]),
         ("detect", vec!["detect", "night", "--json"]),
         ("calibrate", vec!["calibrate", "night/frames/0000.fits", "--solve", "f,k1", "-o", "one", "--max-magnitude", "-1", "--json"]),
         ("update", vec!["calibrate", "night", "--update", "cal/calibrate.json", "-o", "updated", "--json"]),

@@ -1,0 +1,316 @@
+//! Labels held against pixels: where the light of bright lone stars is, and where the labels say.
+//!
+//! Nothing of the renderer takes part: the light of a star is the sum of the counts about its labelled place less the median around, and its place the
+//! centre of that light. So axes that are exchanged or mirrored and an origin that is half a pixel off show, whatever wrote the labels. That holds for
+//! trails as well: a label is the centre of the light over the exposure.
+
+use super::sample_labels::{STAR, SampleLabels};
+use crate::statistics::{mad_sigma, median};
+
+/// Stars that are measured have at least this ratio of electrons to their standard error.
+const MIN_SNR: f64 = 20.0;
+/// A neighbour with more than this share of the light disturbs.
+const MAX_NEIGHBOUR: f64 = 0.02;
+/// Pixels beside the box of a star that are summed too, and beyond them those that the background is taken from.
+const MARGIN_PX: isize = 1;
+const RING_PX: isize = 3;
+/// Nothing of a frame is farther off, px; a label may say anything.
+const FAR_PX: f64 = 1e9;
+/// The light at the labelled place, in units of the labelled one, that counts as found.
+const FOUND: std::ops::Range<f64> = 0.5..2.0;
+/// The share of stars that must be found.
+const MIN_FOUND: f64 = 0.8;
+/// Charge that is trailed or pushed aside moves stars by less than this, px; what is further off is a wrong label.
+const MAX_OFFSET_PX: f64 = 0.1;
+/// Standard errors that chance is granted.
+const MAX_DEVIATIONS: f64 = 4.0;
+/// Fewer stars than this tell nothing.
+const MIN_STARS: usize = 10;
+
+/// A symmetry of the frame: how labels would have to be changed to fit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Symmetry {
+    is_exchanged: bool,
+    mirrored: [bool; 2],
+}
+
+impl Symmetry {
+    const ALL: [Self; 8] = {
+        let mut all = [Self { is_exchanged: false, mirrored: [false; 2] }; 8];
+        let mut number = 1;
+        while number < 8 {
+            all[number] = Self { is_exchanged: number & 1 != 0, mirrored: [number & 2 != 0, number & 4 != 0] };
+            number += 1;
+        }
+        all
+    };
+
+    fn words(self) -> &'static str {
+        match (self.is_exchanged, self.mirrored) {
+            (false, [false, false]) => "as they are",
+            (true, [false, false]) => "with x and y exchanged",
+            (false, [true, false]) => "with x mirrored",
+            (false, [false, true]) => "with y mirrored",
+            (false, [true, true]) => "with x and y mirrored",
+            (true, [true, false]) => "with x and y exchanged and then x mirrored",
+            (true, [false, true]) => "with x and y exchanged and then y mirrored",
+            (true, [true, true]) => "with x and y exchanged and then both mirrored",
+        }
+    }
+
+    fn applied(self, [x, y]: [f64; 2], [width_px, height_px]: [usize; 2]) -> [f64; 2] {
+        let [x, y] = if self.is_exchanged { [y, x] } else { [x, y] };
+        let mirror = |at: f64, side: usize, is_mirrored: bool| if is_mirrored { side as f64 - 1.0 - at } else { at };
+        [mirror(x, width_px, self.mirrored[0]), mirror(y, height_px, self.mirrored[1])]
+    }
+}
+
+/// What was measured, over many frames.
+#[derive(Clone, Debug, Default)]
+pub(super) struct LabelMeasure {
+    /// Measured less labelled place of the stars that were found, columns and rows, px.
+    offsets_px: [Vec<f64>; 2],
+    /// Stars that were looked for.
+    looked_for: usize,
+    /// Those found, for each symmetry.
+    found: [usize; 8],
+}
+
+/// What labels and pixels have in common.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct MeasuredOffset {
+    pub(super) stars: usize,
+    /// Median of measured less labelled place.
+    pub(super) offset_px: [f64; 2],
+    pub(super) standard_error_px: [f64; 2],
+}
+
+/// Columns and rows from and to which pixels are taken, the last included.
+#[derive(Clone, Copy, Debug)]
+struct Window {
+    from: [isize; 2],
+    to: [isize; 2],
+}
+
+impl Window {
+    /// The box of a light with its margin, moved to where a symmetry has it.
+    fn new(labels: &SampleLabels, index: usize, symmetry: Symmetry) -> Self {
+        let lights = &labels.lights;
+        let corner = |x: usize, y: usize| symmetry.applied([x as f64, y as f64], labels.size_px).map(|at| at.clamp(-FAR_PX, FAR_PX));
+        let a = corner(lights.box_left_px[index], lights.box_top_px[index]);
+        let b = corner(lights.box_right_px[index], lights.box_bottom_px[index]);
+        let ends = |axis: usize| (a[axis].min(b[axis]) as isize - MARGIN_PX, a[axis].max(b[axis]) as isize + MARGIN_PX);
+        let ((left, right), (top, bottom)) = (ends(0), ends(1));
+        Self { from: [left, top], to: [right, bottom] }
+    }
+
+    fn grown(self, by: isize) -> Self {
+        Self { from: self.from.map(|from| from - by), to: self.to.map(|to| to + by) }
+    }
+
+    fn is_on(self, size: [usize; 2]) -> bool {
+        (0..2).all(|axis| self.from[axis] >= 0 && self.to[axis] < size[axis].cast_signed())
+    }
+
+    fn touches(self, other: Self) -> bool {
+        (0..2).all(|axis| self.from[axis] <= other.to[axis] && other.from[axis] <= self.to[axis])
+    }
+
+    fn contains(self, [x, y]: [isize; 2]) -> bool {
+        self.from[0] <= x && x <= self.to[0] && self.from[1] <= y && y <= self.to[1]
+    }
+
+    fn places(self) -> impl Iterator<Item = [isize; 2]> {
+        (self.from[1]..=self.to[1]).flat_map(move |y| (self.from[0]..=self.to[0]).map(move |x| [x, y]))
+    }
+}
+
+/// Light in a window and its centre; `None` where the window is not on the frame.
+fn light(pixels: &[u16], size: [usize; 2], window: Window) -> Option<(f64, [f64; 2])> {
+    let around = window.grown(RING_PX);
+    if !around.is_on(size) {
+        return None;
+    }
+    let count = |[x, y]: [isize; 2]| f64::from(pixels[y.cast_unsigned() * size[0] + x.cast_unsigned()]);
+    let ring: Vec<f64> = around.places().filter(|place| !window.contains(*place)).map(count).collect();
+    let level = median(&ring)?;
+    let (mut sum, mut moments) = (0.0, [0.0; 2]);
+    for place in window.places() {
+        let own = count(place) - level;
+        sum += own;
+        moments[0] += own * place[0] as f64;
+        moments[1] += own * place[1] as f64;
+    }
+    Some((sum, moments.map(|moment| moment / sum)))
+}
+
+/// Whether a star of a frame can be measured by itself.
+fn is_lone(labels: &SampleLabels, index: usize) -> bool {
+    let lights = &labels.lights;
+    let is_good = lights.kind[index] == STAR
+        && lights.visible[index]
+        && lights.snr[index] >= MIN_SNR
+        && !lights.saturated[index]
+        && !lights.blended[index]
+        && !lights.edge[index];
+    if !is_good {
+        return false;
+    }
+    let own = Window::new(labels, index, Symmetry::ALL[0]);
+    let disturbs = |other: &usize| {
+        *other != index
+            && lights.electrons_landed[*other] > MAX_NEIGHBOUR * lights.electrons_landed[index]
+            && Window::new(labels, *other, Symmetry::ALL[0]).touches(own.grown(RING_PX))
+    };
+    !(0..lights.hip.len()).any(|other| disturbs(&other))
+}
+
+impl LabelMeasure {
+    /// Measures the stars of a frame.
+    pub(super) fn add(&mut self, labels: &SampleLabels, pixels: &[u16]) {
+        let (lights, size) = (&labels.lights, labels.size_px);
+        if pixels.len() != size[0].saturating_mul(size[1]) {
+            return;
+        }
+        for index in (0..lights.hip.len()).filter(|index| is_lone(labels, *index)) {
+            let expected_dn = lights.electrons_landed[index] / labels.gain_e_per_dn;
+            if !Window::new(labels, index, Symmetry::ALL[0]).grown(RING_PX).is_on(size) {
+                continue;
+            }
+            self.looked_for += 1;
+            for (symmetry, found) in Symmetry::ALL.into_iter().zip(&mut self.found) {
+                let Some((sum, centre)) = light(pixels, size, Window::new(labels, index, symmetry)) else { continue };
+                if !FOUND.contains(&(sum / expected_dn)) {
+                    continue;
+                }
+                *found += 1;
+                if symmetry == Symmetry::ALL[0] {
+                    self.offsets_px[0].push(centre[0] - lights.x_px[index]);
+                    self.offsets_px[1].push(centre[1] - lights.y_px[index]);
+                }
+            }
+        }
+    }
+
+    /// Adds what was measured in other frames.
+    pub(super) fn merge(&mut self, other: Self) {
+        for (own, more) in self.offsets_px.iter_mut().zip(other.offsets_px) {
+            own.extend(more);
+        }
+        self.looked_for += other.looked_for;
+        self.found.iter_mut().zip(other.found).for_each(|(own, more)| *own += more);
+    }
+
+    /// The median offset; `None` with too few stars.
+    pub(super) fn offset(&self) -> Option<MeasuredOffset> {
+        let stars = self.offsets_px[0].len();
+        let of = |values: &[f64]| {
+            // Of a median of normal numbers: √(π/2) σ/√n.
+            let error = 1.2533 * mad_sigma(values)? / (values.len() as f64).sqrt();
+            Some((median(values)?, error))
+        };
+        let (x, y) = (of(&self.offsets_px[0])?, of(&self.offsets_px[1])?);
+        (stars >= MIN_STARS).then_some(MeasuredOffset { stars, offset_px: [x.0, y.0], standard_error_px: [x.1, y.1] })
+    }
+
+    /// What is wrong with the labels, a sentence for each fault.
+    pub(super) fn faults(&self) -> Vec<String> {
+        let looked_for = self.looked_for;
+        if looked_for < MIN_STARS {
+            return Vec::new();
+        }
+        let share = |found: usize| found as f64 / looked_for as f64;
+        if share(self.found[0]) < MIN_FOUND {
+            let (best, symmetry) = self.found.iter().zip(Symmetry::ALL).max_by_key(|(found, _)| **found).unwrap_or((&0, Symmetry::ALL[0]));
+            let told = if symmetry != Symmetry::ALL[0] && share(*best) >= MIN_FOUND {
+                format!("they fit {}: {best} of {looked_for}", symmetry.words())
+            } else {
+                "no exchange or mirroring of the axes makes them fit".to_owned()
+            };
+            return vec![format!("of {looked_for} bright lone stars {} have their light where the labels say; {told}", self.found[0])];
+        }
+        let Some(offset) = self.offset() else { return Vec::new() };
+        let axes = ["columns (x)", "rows (y)"].into_iter().zip(offset.offset_px).zip(offset.standard_error_px);
+        let is_off = |((_, offset_px), error_px): &((&str, f64), f64)| offset_px.abs() > MAX_OFFSET_PX + MAX_DEVIATIONS * error_px;
+        axes.filter(is_off)
+            .map(|((axis, offset_px), error_px)| {
+                format!(
+                    "the light of {} bright lone stars is {offset_px:.3} ± {error_px:.3} px from its labels along {axis}; places count from the centre of the first pixel",
+                    offset.stars
+                )
+            })
+            .collect()
+    }
+
+    /// Why nothing can be said of the labels, if so.
+    pub(super) fn silence(&self) -> Option<String> {
+        let is_enough = self.offset().is_some_and(|offset| offset.standard_error_px.iter().all(|error| *error < MAX_OFFSET_PX));
+        (!is_enough && self.faults().is_empty()).then(|| {
+            format!("labels against pixels: {} bright lone stars in the frames looked at are too few to tell half a pixel; look at more (--frames)", self.looked_for)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::catalog::Catalog;
+    use crate::dataset::frame_key::{DatasetSplit, FrameKey};
+    use crate::dataset::image_files::read_image;
+    use crate::dataset::plan::tests::{plan_of, recipe};
+    use crate::dataset::samples::Sample;
+    use crate::render::PsfTables;
+
+    /// Bright stars of a wide field that moves a little.
+    const SCENE: &str = "format = \"boresight-scene/1\"\ncamera = { width_px = 200, height_px = 150, focal_length_px = 350.0 }\n\
+                         sky = { physics = \"none\", faintest_magnitude = 7.0 }\n[[frames]]\nexposure_s = 1.0\n\
+                         rate_deg_s = [0.2, 0.3, 0.0]\n";
+
+    fn measured(change: &dyn Fn(&mut SampleLabels)) -> LabelMeasure {
+        let plan = plan_of(&recipe(""), SCENE).unwrap();
+        let mut measure = LabelMeasure::default();
+        for index in 0..6 {
+            let sample = plan.sample(Catalog::embedded(), &PsfTables::default(), FrameKey { split: DatasetSplit::Train, index }).unwrap();
+            let members = sample.members.iter().map(|(name, bytes)| ((*name).to_owned(), bytes.clone())).collect();
+            let mut labels = sample.labels;
+            change(&mut labels);
+            measure.add(&labels, &read_image(&Sample { key: 0, members }).unwrap());
+        }
+        measure
+    }
+
+    fn exchange(labels: &mut SampleLabels) {
+        let lights = &mut labels.lights;
+        std::mem::swap(&mut lights.x_px, &mut lights.y_px);
+        std::mem::swap(&mut lights.box_left_px, &mut lights.box_top_px);
+        std::mem::swap(&mut lights.box_right_px, &mut lights.box_bottom_px);
+    }
+
+    fn mirror(labels: &mut SampleLabels) {
+        let last = labels.size_px[0] - 1;
+        let lights = &mut labels.lights;
+        lights.x_px.iter_mut().for_each(|x| *x = last as f64 - *x);
+        std::mem::swap(&mut lights.box_left_px, &mut lights.box_right_px);
+        for column in lights.box_left_px.iter_mut().chain(&mut lights.box_right_px) {
+            *column = last - *column;
+        }
+    }
+
+    #[test]
+    fn right_labels_fit_and_wrong_ones_are_told_apart() {
+        let right = measured(&|_| {});
+        assert_eq!(right.faults(), Vec::<String>::new());
+        assert_eq!(right.silence(), None);
+        let offset = right.offset().unwrap();
+        assert!(offset.stars > 30 && offset.offset_px.iter().all(|px| px.abs() < 0.05), "{offset:?}");
+        let told = |change: &dyn Fn(&mut SampleLabels)| measured(change).faults().join("; ");
+        assert!(told(&exchange).contains("they fit with x and y exchanged"), "{}", told(&exchange));
+        assert!(told(&mirror).contains("they fit with x mirrored"), "{}", told(&mirror));
+        let half = told(&|labels| labels.lights.y_px.iter_mut().for_each(|y| *y += 0.5));
+        assert!(half.contains("along rows (y)") && !half.contains("along columns") && half.contains("is -0."), "{half}");
+        let quarter = told(&|labels| labels.lights.x_px.iter_mut().for_each(|x| *x -= 0.25));
+        assert!(quarter.contains("along columns (x)"), "{quarter}");
+        let nothing = LabelMeasure::default();
+        assert!(nothing.faults().is_empty() && nothing.silence().is_some());
+    }
+}

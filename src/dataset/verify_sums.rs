@@ -1,0 +1,40 @@
+//! SHA256SUMS held against the files that are not hashed with their shards.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use sha2::{Digest, Sha256};
+
+use super::error::DatasetError;
+use super::folder::{DatasetFile, SUMS};
+use super::plan::hexadecimal;
+
+/// What is wrong with the list of sums, and with the small files in it.
+pub(super) fn sum_faults(folder: &Path, dataset: &DatasetFile) -> Result<Vec<String>, DatasetError> {
+    let path = folder.join(SUMS);
+    let text = match std::fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            return Ok(vec![format!("{SUMS} is missing; write it with `boresight dataset finish {}`", folder.display())]);
+        }
+        Err(source) => return Err(DatasetError::Read { path: path.display().to_string(), source }),
+    };
+    let sums: BTreeMap<&str, &str> = text.lines().filter_map(|line| line.split_once("  ")).map(|(sum, name)| (name, sum)).collect();
+    let mut faults = Vec::new();
+    let with_shards: Vec<String> = dataset.shards().iter().flat_map(|shard| [shard.file(), shard.mark()]).collect();
+    faults
+        .extend(with_shards.iter().filter(|name| !sums.contains_key(name.as_str())).map(|name| format!("{name} does not stand in {SUMS}")));
+    for (name, sum) in &sums {
+        // Archives and tables are hashed with their shards, and hold against their marks.
+        let ending = Path::new(name).extension();
+        if ["tar", "parquet"].iter().any(|own| ending.is_some_and(|ending| ending == *own)) {
+            continue;
+        }
+        match std::fs::read(folder.join(name)) {
+            Ok(bytes) if hexadecimal(&Sha256::digest(&bytes)) == *sum => {}
+            Ok(_) => faults.push(format!("{name} is not the file that {SUMS} has the hash of")),
+            Err(error) => faults.push(format!("{name} stands in {SUMS} and cannot be read ({error})")),
+        }
+    }
+    Ok(faults)
+}
