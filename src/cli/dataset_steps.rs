@@ -1,15 +1,16 @@
-//! `boresight dataset finish` and `verify`: what is done with the shards of a dataset when they are made.
+//! `boresight dataset finish`, `verify` and `export`: what is done with the shards of a dataset when they are made.
 
 use std::path::PathBuf;
 
 use anyhow::Result;
-use boresight::dataset::{VerifyOptions, VerifyResult, finish, verify};
+use boresight::dataset::{DatasetFile, ExportForm, VerifyOptions, VerifyResult, export_dataset, finish, verify};
+use boresight::recording::ResultFolder;
 use boresight::report::ParquetTables;
-use clap::{Args, Subcommand};
+use clap::{Args, Subcommand, ValueEnum};
 
 use super::dataset::FrameBar;
 use super::options::heading;
-use super::{Answer, examples, output};
+use super::{Answer, Usage, examples, output};
 
 /// Steps after the making of shards.
 #[derive(Debug, Subcommand)]
@@ -20,6 +21,9 @@ pub(crate) enum DatasetStep {
     /// Hold a dataset against what it says: hashes, frames made again, labels against pixels, splits
     #[command(after_help = examples::DATASET_VERIFY)]
     Verify(VerifyArgs),
+    /// Write a dataset in the form of another program, shard by shard
+    #[command(after_help = examples::DATASET_EXPORT)]
+    Export(ExportFormArgs),
 }
 
 /// Arguments of `dataset finish`.
@@ -57,11 +61,59 @@ pub(crate) struct VerifyArgs {
     json: bool,
 }
 
+/// Arguments of `dataset export`.
+#[derive(Debug, Args)]
+#[command(next_help_heading = heading::OUTPUT)]
+pub(crate) struct ExportFormArgs {
+    /// The folder of the dataset
+    #[arg(value_name = "DIR", help_heading = None)]
+    folder: PathBuf,
+    /// The form
+    #[arg(long, value_name = "FORM")]
+    to: FormChoice,
+    /// The folder that it is written into
+    #[arg(short, long, value_name = "OUT", value_parser = super::options::folder())]
+    output: PathBuf,
+    /// Write more than 100000 files, one or two for each frame
+    #[arg(long)]
+    many_files: bool,
+    /// Replace an earlier export in OUT
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum FormChoice {
+    /// COCO: a file of annotations for each shard, boxes and centres from the corner of the first pixel, PNG of 16 bits
+    Coco,
+    /// YOLO: a text file of boxes for each frame, data.yaml, PNG of 16 bits
+    Yolo,
+    /// FITS images, with the labels as JSON beside each
+    Fits,
+    /// Parquet with the image and the labels of each frame
+    Parquet,
+    /// FITS images with annotations as SatSim writes them for SatNet
+    Satnet,
+}
+
+impl From<FormChoice> for ExportForm {
+    fn from(choice: FormChoice) -> Self {
+        match choice {
+            FormChoice::Coco => Self::Coco,
+            FormChoice::Yolo => Self::Yolo,
+            FormChoice::Fits => Self::Fits,
+            FormChoice::Parquet => Self::Parquet,
+            FormChoice::Satnet => Self::Satnet,
+        }
+    }
+}
+
 impl DatasetStep {
     pub(super) fn run(&self) -> Result<Answer> {
         match self {
             Self::Finish(args) => finish_step(args),
             Self::Verify(args) => verify_step(args),
+            Self::Export(args) => export_step(args),
         }
     }
 }
@@ -115,4 +167,21 @@ fn verdict(folder: &str, result: &VerifyResult) -> String {
         0 => "nothing is wrong with what was looked at\n",
         _ => "the dataset is not what it says\n",
     }
+}
+
+fn export_step(args: &ExportFormArgs) -> Result<Answer> {
+    /// More files than this are slow to list and to copy, and are asked for by name.
+    const MAX_FILES: u64 = 100_000;
+    let form = ExportForm::from(args.to);
+    let frames = DatasetFile::read(&args.folder)?.frames();
+    if form.has_file_for_each_frame() && frames > MAX_FILES && !args.many_files {
+        let told = format!("this form has files for each of {frames} frames; add --many-files if that is meant, or export to parquet");
+        return Err(Usage(told).into());
+    }
+    let _folder = ResultFolder::open(&args.output, "dataset", args.force)?;
+    let progress = FrameBar::default();
+    let counts = export_dataset(&args.folder, form, &args.output, &ParquetTables, &progress)?;
+    progress.finish();
+    output::print(&format!("{}: {} frames with {} lights\n", args.output.display(), counts.frames, counts.lights))?;
+    Ok(Answer::Yes)
 }

@@ -94,6 +94,11 @@ Examples:
   boresight dataset verify stars
   boresight dataset verify stars --frames 10 --seed 7 --json > verdict.json";
 
+pub(crate) const DATASET_EXPORT: &str = "\
+Examples:
+  boresight dataset export stars --to coco -o coco
+  boresight dataset export stars --to parquet -o parquet";
+
 pub(crate) const PRESET: &str = "\
 Examples:
   boresight preset list

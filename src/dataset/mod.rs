@@ -17,6 +17,8 @@ mod distribution;
 mod drawn_shares;
 mod draws;
 mod error;
+mod export;
+mod export_forms;
 mod finish;
 mod folder;
 mod frame_key;
@@ -50,6 +52,7 @@ mod whole_dataset;
 
 inner!(error::DatasetError);
 inner!(drawn_shares::DrawnShares);
+inner!(export::{ExportCounts, ExportForm, export_dataset});
 inner!(finish::finish);
 inner!(folder::{DATASET_FORMAT, DatasetFile, DescribedName, DescribedSplit});
 inner!(frame_key::{DatasetSplit, FrameKey, ShardKey});

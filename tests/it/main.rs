@@ -13,6 +13,7 @@ mod clutter;
 mod common;
 mod contracts;
 mod dataset;
+mod dataset_export;
 mod dataset_verify;
 mod detect;
 mod detector;

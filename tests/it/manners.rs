@@ -505,7 +505,7 @@ fn every_example_runs() {
         verbs.filter(|line| line.starts_with("  ") && !line.starts_with("   ")).filter_map(|line| line.split_whitespace().next()).collect();
     assert!(verbs.len() >= 19, "{verbs:?}");
     // The steps of `dataset` work on what its own examples make.
-    let steps = ["finish", "verify"].map(|step| vec!["dataset", step]);
+    let steps = ["finish", "verify", "export"].map(|step| vec!["dataset", step]);
     for words in verbs.into_iter().filter(|verb| *verb != "help").map(|verb| vec![verb]).chain(steps) {
         let verb = words.join(" ");
         let help = run(&[words.as_slice(), &["--help"]].concat()).stdout;
