@@ -41,6 +41,7 @@ mod source_files;
 mod statistics_page;
 mod table_columns;
 mod tar;
+mod telemetry;
 mod verify;
 mod verify_labels;
 mod verify_masks;

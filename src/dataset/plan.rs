@@ -13,6 +13,7 @@ use super::frame_key::DatasetSplit;
 use super::recipe::{ApartBy, DrawLevel, RecipeFile};
 use super::sky_regions::{NoSky, SkyRegions};
 use super::source_files::{SourceFile, sources};
+use super::telemetry::idle_effect;
 use crate::scene::{Scene, preset, schema};
 
 /// Where the boresight of the one exposure stands.
@@ -163,7 +164,11 @@ impl DatasetPlan {
             let wrong = |message| DatasetError::Parse { path: self.path.clone(), message };
             draw.apply(&mut scene, value).map_err(wrong)?;
         }
-        self.build(place, scene)
+        let built = self.build(place, scene.clone())?;
+        match idle_effect(&built, &scene) {
+            None => Ok(built),
+            Some(what) => Err(DatasetError::Parse { path: self.path.clone(), message: format!("{place}: {what}") }),
+        }
     }
 
     /// The scene of these tables; `place` is used in messages.
