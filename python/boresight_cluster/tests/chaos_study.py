@@ -10,6 +10,7 @@ import concurrent.futures
 import hashlib
 import json
 import os
+import signal
 import socket
 import statistics
 import subprocess
@@ -58,7 +59,7 @@ def one(seed: int, reference: dict[str, str], endpoint: str) -> dict:
         is_bucket = seed % 2 == 0
         prefix = f"sky/run-{seed}-{time.time_ns()}"
         exit_code, err, kills, seconds = kit.chaos(folder, f"s3://{prefix}" if is_bucket else "set", seed, endpoint if is_bucket else "")
-        found = kit.of_shards(kit.objects(endpoint, prefix) if is_bucket else kit.hashes(folder / "set"))
+        found = kit.objects(endpoint, prefix) if is_bucket else kit.hashes(folder / "set")
         lost, other = reference.keys() - found.keys(), [key for key in found if found[key] != reference.get(key)]
         result = {"seed": seed, "target": "bucket" if is_bucket else "folder", "kills": kills, "seconds": round(seconds, 1), "exit_code": exit_code}
         return result | {"lost": len(lost), "other": len(other), "said": " | ".join(err.splitlines()[-4:]) if exit_code else ""}
@@ -110,6 +111,7 @@ def main() -> int:
     options.add_argument("--jobs", type=int, default=3)
     args = options.parse_args()
     os.environ.update(kit.CREDENTIALS)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("stopped; the same command goes on"))
     args.folder.mkdir(parents=True, exist_ok=True)
     log, tried = args.folder / "runs.jsonl", code()
     seeds = range(args.seed, args.seed + args.runs)
@@ -122,7 +124,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         kit.recipe(Path(name))
         subprocess.run([kit.program(), "dataset", "recipe.toml", "-o", "set", "--quiet"], cwd=name, check=True, stdout=subprocess.DEVNULL)
-        reference = kit.of_shards(kit.hashes(Path(name) / "set"))
+        reference = kit.hashes(Path(name) / "set")
     s3, endpoint = server(args.folder / "server.log")
     try:
         with concurrent.futures.ThreadPoolExecutor(args.jobs) as pool, open(log, "a", encoding="utf-8") as out:

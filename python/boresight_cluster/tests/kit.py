@@ -99,8 +99,9 @@ def objects(endpoint: str, bucket_and_prefix: str) -> dict[str, str]:
 
 
 def of_shards(hashes: dict[str, str]) -> dict[str, str]:
-    """What shards are made of; what is written of the whole (sums, a card) stands at the top of a folder, and less of it in a bucket."""
-    return {name: sum for name, sum in hashes.items() if "/" in name or name in ("dataset.json", "recipe.toml")}
+    """What is there before the end: not the sums and what else is written of the whole."""
+    whole = ("README.md", "croissant.json", "statistics.html", "SHA256SUMS")
+    return {name: sum for name, sum in hashes.items() if name not in whole}
 
 
 def start(path: Path, *words: str, binary: str = "") -> subprocess.Popen:

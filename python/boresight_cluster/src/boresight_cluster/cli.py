@@ -87,7 +87,7 @@ def status(args: argparse.Namespace) -> int:
         for sentence in wrong:
             print(f"damaged: {sentence}")
         for sentence in left:
-            print(f"orphan: {sentence}; it ends by itself, and kill ends it now")
+            print(f"orphan: {sentence}; most end by themselves within a minute, kill ends it now")
     return NO if missing or wrong else DONE
 
 

@@ -54,10 +54,11 @@ class Folder:
                 continue
         return found
 
-    def read(self, name: str) -> bytes | None:
-        """The bytes of an object; None: it is not there."""
+    def read(self, name: str, bytes_: int | None = None) -> bytes | None:
+        """The bytes of an object, or so many from its beginning; None: it is not there."""
         try:
-            return (self.path / name).read_bytes()
+            with open(self.path / name, "rb") as file:
+                return file.read(bytes_)
         except FileNotFoundError:
             return None
 
@@ -193,9 +194,11 @@ class Bucket:
         batches = self._call(prefix, lambda: list(self.obstore.list(self.store, prefix=prefix, chunk_size=1000)))
         return {one["path"]: one["size"] for batch in batches for one in batch}
 
-    def read(self, name: str) -> bytes | None:
-        """The bytes of an object; None: it is not there."""
+    def read(self, name: str, bytes_: int | None = None) -> bytes | None:
+        """The bytes of an object, or so many from its beginning; None: it is not there."""
         try:
+            if bytes_:
+                return self._call(name, lambda: bytes(self.obstore.get_range(self.store, name, start=0, length=bytes_)))
             return self._call(name, lambda: bytes(self.obstore.get(self.store, name).bytes()))
         except FileNotFoundError:
             return None

@@ -17,6 +17,8 @@ from .errors import DONE, NEVER, NO, ClusterError, NeverError, last_line
 from .processes import binary, call, scratch, text
 from .store import Folder, chunks_of, keep, open_store, sha256_of
 
+# What a dataset begins with, beside the files that its recipe names.
+HEADS = ("dataset.json", "recipe.toml")
 NOTES = ".boresight-cluster/failed/"
 # Small objects of a bucket that are read at once.
 READERS = 16
@@ -72,15 +74,16 @@ class Job:
                 continue
             try:
                 mark = json.loads(data)
-                file, bytes_, sha256 = mark["file"], mark["bytes"], mark["sha256"]
-            except (ValueError, KeyError, TypeError):
+                files = {one["file"]: (one["bytes"], one["sha256"]) for one in [mark, *mark.get("tables", [])]}
+            except (ValueError, KeyError, TypeError, AttributeError):
                 wrong.append(f"{self.store.place(unit.mark)}: is no mark; remove it, and the unit is made anew")
                 continue
-            folder = file.rpartition("/")[0] + "/"
-            if folder not in sizes:
-                sizes[folder] = self.store.names(folder)
-            if sizes[folder].get(file) != bytes_ or (is_thorough and self.store.sha256(file) != sha256):
-                wrong.append(f"{self.store.place(file)}: is not what its mark {unit.mark} says; remove both, and it is made anew")
+            for file, (bytes_, sha256) in files.items():
+                folder = file.rpartition("/")[0] + "/"
+                if folder not in sizes:
+                    sizes[folder] = self.store.names(folder)
+                if sizes[folder].get(file) != bytes_ or (is_thorough and self.store.sha256(file) != sha256):
+                    wrong.append(f"{self.store.place(file)}: is not what its mark {unit.mark} says; remove both, and it is made anew")
         return wrong
 
     def share(self, part: int, parts: int, say: Callable[[str], None]) -> int:
@@ -123,6 +126,7 @@ class DatasetJob(Job):
             )
         self.description = json.loads(told.stdout)
         self.frames_of_unit = self.description["frames_per_shard"]
+        self.sources = [source["file"] for source in self.description.get("sources", [])]
         for split in self.description["splits"]:
             for index in range(split["shards"]):
                 name = f"{split['name']}-{index:06}"
@@ -151,32 +155,65 @@ class DatasetJob(Job):
                 raise kind(f"boresight dataset ended with {done.returncode}: {last_line(text(done.stderr))}")
             if not (made / unit.mark).is_file():
                 raise NeverError(f"boresight dataset made no {unit.mark}: this package and the program do not fit together; update both")
-            for name in ("dataset.json", "recipe.toml"):  # first, as the program does: they say whose folder it is
+            for name in HEADS:  # first, as the program does: they say whose folder it is
                 keep(self.store, name, made / name)
-            # What stands beside these two is of the whole dataset, and a dataset of one shard has it too: `finish` makes it.
+            for name in self.sources:  # the hash of the recipe, in dataset.json, is that of these too
+                self.store.put_absent(name, made / name)
+            # What else stands beside these is of the whole dataset, and a dataset of one shard has it too: `finish` makes it.
             of_shard = [path.relative_to(made).as_posix() for path in made.rglob("*") if path.is_file() and not path.name.startswith(".")]
-            of_shard = [name for name in of_shard if "/" in name and name != unit.mark]
-            for name in sorted(of_shard):
-                keep(self.store, name, made / name)
+            for name in sorted(set(of_shard) - {unit.mark, *self.sources}):
+                if "/" in name:
+                    keep(self.store, name, made / name)
             keep(self.store, unit.mark, made / unit.mark)
 
     def finish(self) -> list[str]:
         if wrong := self.damaged(False):
             return wrong
         if isinstance(self.store, Folder):
-            done = call([binary(), "dataset", "finish", str(self.store), "--quiet"])
-            if done.returncode == NEVER:  # a program without that verb: with nothing to make it writes the sums
-                done = call([binary(), "dataset", self.recipe, "-o", str(self.store), "--quiet"])
-            return [f"{self.store}: {last_line(text(done.stderr))}"] if done.returncode else []
-        # As the program writes them for a folder: shards by their marks, and whatever stands beside them.
-        own = ("train/", "validation/", "test/", "tables/")
-        names = [*self.store.names("shards/"), "dataset.json", "recipe.toml"]
-        small = self.read_all(names)
-        sums = {name: hashlib.sha256(data or b"").hexdigest() for name, data in small.items()}
-        sums |= {mark["file"]: mark["sha256"] for mark in (json.loads(small[unit.mark] or b"") for unit in self.units)}
-        sums |= {name: self.store.sha256(name) for prefix in own for name in self.store.names(prefix) if name not in sums}
-        self.store.write("SHA256SUMS", "".join(f"{sums[name]}  {name}\n" for name in sorted(sums)).encode())
+            return self._finish(self.store.path)
+        with scratch(self.cluster) as (folder, _):
+            likeness = folder / "whole"
+            self._liken(likeness)
+            if wrong := self._finish(likeness):
+                return wrong
+            for path in sorted(likeness.iterdir()):
+                if path.is_file() and path.name not in {*HEADS, *self.sources} and not path.name.startswith("."):
+                    self.store.write(path.name, path.read_bytes())
         return []
+
+    def _finish(self, folder: Path) -> list[str]:
+        """Has the program finish a folder."""
+        done = call([binary(), "dataset", "finish", str(folder), "--quiet"])
+        if done.returncode == NEVER:  # a program without that verb: with nothing to make it writes the sums
+            done = call([binary(), "dataset", self.recipe, "-o", str(folder), "--quiet"])
+        return [f"{self.store}: {last_line(text(done.stderr))}"] if done.returncode else []
+
+    def _liken(self, folder: Path) -> None:
+        """A folder like the bucket for the program to finish, which goes by marks and sizes and shows first frames: of an archive the beginning is
+        fetched, and the rest is a hole."""
+        marks = self.read_all([unit.mark for unit in self.units])
+        starts = {name: (None, 0) for name in (*HEADS, *self.sources)}
+        for mark in map(json.loads, marks.values()):
+            first = 3 * mark["bytes"] // mark["frames"] + (1 << 16)
+            starts |= {one["file"]: (min(first, one["bytes"]), one["bytes"]) for one in [mark, *mark.get("tables", [])]}
+        for name, data in marks.items():
+            _write(folder / name, data)
+
+        def fetch(name: str) -> None:
+            start, size = starts[name]
+            _write(folder / name, self.store.read(name, start), size)
+
+        with ThreadPoolExecutor(READERS) as pool:
+            list(pool.map(fetch, starts))
+
+
+def _write(path: Path, data: bytes | None, size: int = 0) -> None:
+    """Writes a file that is longer than its data by a hole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with open(path, "wb") as file:
+        file.write(data or b"")
+        if size:
+            file.truncate(size)
 
 
 class CommandJob(Job):
