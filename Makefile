@@ -8,12 +8,12 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test interop readme claims surface check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind blind-pixels blind-pixels-score held-out peers catalog fuzz zoo runtime
+.PHONY: help demo test interop readme claims surface check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind blind-pixels blind-pixels-score held-out peers catalog fuzz zoo cluster-chaos runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
 	@echo "make test     every test; BORESIGHT_RECORDINGS=DIR adds those on real recordings"
-	@echo "make interop  our files in other programs: astropy, OpenCV, tetra3rs, mrcal, DS9's regions (takes PyPI, and Debian for mrcal); walk-throughs of CONTRIBUTING.md (30 minutes at most)"
+	@echo "make interop  our files in other programs: astropy, OpenCV, tetra3rs, mrcal, DS9's regions (takes PyPI, and Debian for mrcal); walk-throughs of CONTRIBUTING.md; datasets in webdataset, datasets, torch, polars; boresight-cluster with kills (40 minutes at most)"
 	@echo "make readme   rewrite the figures of README.md and docs/*.md; READMEARGS=--check compares them"
 	@echo "make check    format, lint, test, doc, deny: what a change has to pass"
 	@echo "make surface  counts the public items of the library without features, and looks what it depends on; SURFACE=--time compares build times"
@@ -30,6 +30,7 @@ help:
 	@echo "make peers    the calibrator beside tetra3rs, scipy and OpenCV: benches/peers (takes PyPI and half an hour)"
 	@echo "make claims   compares the figures quoted from studies with the pages of docs/studies"
 	@echo "make fuzz     damaged inputs over all readers: docs/studies/fuzz.txt; FUZZ=\"--cases N --seed S\""
+	@echo "make cluster-chaos  100 runs of boresight-cluster with kills: docs/studies/cluster-chaos.md; an hour, after make interop, can be stopped and gone on with; CHAOS=\"--runs N --seed S\""
 	@echo "make zoo      what the readers make of every kind of file: fuzz/zoo.txt"
 	@echo "make doc      documentation in target/doc"
 	@echo "make catalog  rebuild catalogs/ from the published packages"
@@ -173,6 +174,15 @@ FUZZ ?= --cases 21000 --seed 1
 fuzz:
 	$(CARGO) build --locked --profile checked --bin boresight --example fuzz
 	$(or $(CARGO_TARGET_DIR),target)/checked/examples/fuzz $(FUZZ) --boresight $(or $(CARGO_TARGET_DIR),target)/checked/boresight --commit "$$(git rev-parse --short HEAD)" --page docs/studies/fuzz.txt
+
+# Kills drawn from seeds. What was run already with the same package and program is not run again. The environment is that of `make interop`.
+CHAOS ?= --runs 100 --seed 1
+cluster-chaos: export PYTHONDONTWRITEBYTECODE := 1
+cluster-chaos:
+	$(if $(filter file,$(origin PROGRAM)),$(CARGO) build --locked --bin boresight)
+	@test -x target/interop/venv/bin/python || { echo "cluster-chaos: run make interop first, which installs what this needs" >&2; exit 1; }
+	target/interop/venv/bin/python -m pip install --quiet --disable-pip-version-check python/boresight_cluster
+	BORESIGHT_BINARY=$(abspath $(PROGRAM)) target/interop/venv/bin/python python/boresight_cluster/tests/chaos_study.py $(CHAOS) --folder outputs/cluster-chaos --page docs/studies/cluster-chaos.md
 
 # Figures of README.md and docs/ that are quoted from studies, against the studies' pages; a study itself is run by its own target.
 claims:
