@@ -128,10 +128,14 @@ def main() -> int:
     s3, endpoint = server(args.folder / "server.log")
     try:
         with concurrent.futures.ThreadPoolExecutor(args.jobs) as pool, open(log, "a", encoding="utf-8") as out:
-            for ended in concurrent.futures.as_completed([pool.submit(one, seed, reference, endpoint) for seed in missing]):
-                out.write(json.dumps(ended.result() | {"code": tried}) + "\n")
-                out.flush()
-                print(f"{len(known())} of {args.runs}: {ended.result()}", flush=True)
+            try:
+                for ended in concurrent.futures.as_completed([pool.submit(one, seed, reference, endpoint) for seed in missing]):
+                    out.write(json.dumps(ended.result() | {"code": tried}) + "\n")
+                    out.flush()
+                    print(f"{len(known())} of {args.runs}: {ended.result()}", flush=True)
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)  # those that have begun come to their end
+                raise
     finally:
         s3.terminate()
         s3.wait()

@@ -38,6 +38,8 @@ per = "frame"
 path = "frames.rate_deg_s"
 ball = { radius = 0.5 }
 """
+# A run that takes longer hangs.
+MAX_SECONDS = 600
 KINDS = ("worker", "manager", "task", "uploader")
 # AWS's own names: what S3 servers for tests take.
 CREDENTIALS = {"AWS_ACCESS_KEY_ID": "test", "AWS_SECRET_ACCESS_KEY": "test", "AWS_REGION": "us-east-1"}
@@ -154,7 +156,7 @@ class Killer(threading.Thread):
 
     def _candidates(self, kind: str, run: str) -> list[int]:
         alive = processes(run)
-        pools = {pid for pid, (_, words) in alive.items() if "python" in words[0] and any(word.endswith("process_worker_pool.py") for word in words)}
+        pools = {pid for pid, (_, words) in alive.items() if "python" in words[0] and "boresight_cluster.pool" in words}
         if kind == "manager":
             return list(pools)
         if kind == "worker":
@@ -206,9 +208,14 @@ def chaos(folder: Path, to: str, seed: int, endpoint: str = "", kills: int = 10)
     driver = start(cluster(folder, to, endpoint=endpoint))
     killer = Killer(driver, folder, seed, kills)
     killer.start()
-    _, err = driver.communicate(timeout=600)
+    try:
+        _, err = driver.communicate(timeout=MAX_SECONDS)
+        code = driver.returncode
+    except subprocess.TimeoutExpired:
+        driver.terminate()
+        code, err = -1, f"it hangs, and was ended after {MAX_SECONDS} s: {driver.communicate()[1]}"
     killer.join()
-    return driver.returncode, err, killer.done, time.monotonic() - begun
+    return code, err, killer.done, time.monotonic() - begun
 
 
 def status(path: Path, *words: str) -> tuple[int, dict]:

@@ -104,6 +104,7 @@ def run(job: Job, units: list[Unit], say: Callable[[int, int], None]) -> dict[st
     import parsl
     from parsl.config import Config
     from parsl.executors import HighThroughputExecutor
+    from parsl.executors.high_throughput.executor import DEFAULT_LAUNCH_CMD
 
     cluster, engine = job.cluster, job.cluster.engine
     is_local = engine.kind == "local"
@@ -121,6 +122,7 @@ def run(job: Job, units: list[Unit], say: Callable[[int, int], None]) -> dict[st
             provider=_provider(cluster),
             heartbeat_period=2 if is_local else 15,
             heartbeat_threshold=10 if is_local else 90,
+            launch_cmd=DEFAULT_LAUNCH_CMD.replace("process_worker_pool.py", f"{shlex.quote(python)} -m boresight_cluster.pool", 1),
             interchange_launch_cmd=[sys.executable, "-m", "boresight_cluster.bound", "interchange.py"],
             block_error_handler=_few_lost(lambda: counts["done"] + counts["failed"]),
         )
