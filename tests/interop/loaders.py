@@ -223,7 +223,110 @@ def torch_reads_every_sample(made, python):
     return f"torch {' '.join(said)}, {', '.join(map(str, workers))} workers"
 
 
-# What reads tables, descriptions and exports joins this list when the program writes them.
+def tables_are_those_of_labels(made):
+    """Tables of frames and of lights by polars and by astropy."""
+    import polars
+    from astropy.table import Table
+
+    rows = 0
+    for split in FRAMES:
+        keys = []
+        for name in sorted(os.listdir(os.path.join(made.at("png"), "tables", split))):
+            path = os.path.join(made.at("png"), "tables", split, name)
+            table = polars.read_parquet(path)
+            rows += len(table)
+            assert len(Table.read(path)) == len(table), f"{name}: astropy reads another number of rows"
+            if name.endswith(".frames.parquet"):
+                for row in table.to_dicts():
+                    labels = made.alone[row["key"]]["json"]
+                    keys.append(row["key"])
+                    same = [name for name in row if name in labels and isinstance(labels[name], (int, float, str))]
+                    assert len(same) > 15 and all(row[name] == labels[name] for name in same), f"frame {row['key']}: another row"
+                continue
+            for key in table["key"].unique().to_list():
+                own = table.filter(table["key"] == key).to_dict(as_series=False)
+                lights = made.alone[key]["json"]["lights"]
+                assert {name: own[name] for name in lights} == lights, f"frame {key}: other lights"
+        made.all(keys, split)
+    return f"{rows} rows"
+
+
+def mlcroissant_reads_every_record(made):
+    """croissant.json: labels and images of every frame."""
+    import mlcroissant
+
+    dataset = mlcroissant.Dataset(jsonld=os.path.join(made.at("png"), "croissant.json"))
+    all_keys = sorted(made.alone)
+    plain = {name: value for name, value in next(iter(made.alone.values()))["json"].items() if isinstance(value, (int, float, str))}
+    keys = []
+    for record in dataset.records("frames"):
+        record = {name.rpartition("/")[2]: value.decode() if isinstance(value, bytes) else value for name, value in record.items()}
+        keys.append(int(record["key"]))
+        labels = made.alone[keys[-1]]["json"]
+        assert all(record[name] == labels[name] for name in record if name in plain), f"frame {keys[-1]}: another record"
+    assert sorted(keys) == all_keys, f"{len(keys)} records of frames"
+    keys = []
+    for record in dataset.records("image-files"):
+        record = {name.rpartition("/")[2]: value for name, value in record.items()}
+        name = record["filename"].decode() if isinstance(record["filename"], bytes) else record["filename"]
+        keys.append(int(os.path.basename(name).partition(".")[0]))
+        made.same(keys[-1], np.asarray(record["content"]))
+    assert sorted(keys) == all_keys, f"{len(keys)} records of images"
+    return f"{2 * len(keys)} records"
+
+
+def pycocotools_reads_every_annotation(made):
+    """An export as COCO: boxes and centres from the corner of the first pixel."""
+    from pycocotools.coco import COCO
+
+    into, keys, lights = os.path.join(made.folder, "coco"), [], 0
+    ran(made.program, "dataset", "export", made.at("png"), "--to", "coco", "-o", into, "--quiet")
+    for name in sorted(os.listdir(os.path.join(into, "annotations"))):
+        if name == "categories.json":
+            continue
+        coco = COCO(os.path.join(into, "annotations", name))
+        for key, image in coco.imgs.items():
+            keys.append(key)
+            made.same(key, np.asarray(Image.open(os.path.join(into, "images", image["file_name"]))))
+            own, found = made.alone[key]["json"]["lights"], coco.loadAnns(coco.getAnnIds(imgIds=[key]))
+            expected = [(x + 0.5, y + 0.5) for x, y, is_visible in zip(own["x_px"], own["y_px"], own["visible"], strict=True) if is_visible]
+            assert [tuple(one["keypoints"][:2]) for one in found] == expected, f"frame {key}: other places"
+            lights += len(found)
+    assert sorted(keys) == sorted(made.alone), f"{len(keys)} images"
+    return f"{len(keys)} images, {lights} annotations"
+
+
+def datasets_reads_the_export(made):
+    """An export as Parquet: datasets takes the image and its types from the file itself."""
+    import datasets
+
+    into = os.path.join(made.folder, "parquet")
+    ran(made.program, "dataset", "export", made.at("png"), "--to", "parquet", "-o", into, "--quiet")
+    for split in FRAMES:
+        files = [os.path.join(into, "data", name) for name in sorted(os.listdir(os.path.join(into, "data"))) if name.startswith(split)]
+        keys = []
+        for sample in datasets.load_dataset("parquet", data_files=files, split="train", cache_dir=os.path.join(made.folder, "cache")):
+            keys.append(sample["key"])
+            made.same(sample["key"], np.asarray(sample["image"]))
+        made.all(keys, split)
+    return f"{len(made.alone)} samples"
+
+
+def datasets_goes_by_the_card(made):
+    """The folder alone: datasets takes splits and types from the head of README.md."""
+    import datasets
+
+    read = datasets.load_dataset(made.at("png"), cache_dir=os.path.join(made.folder, "cache"))
+    for split in FRAMES:
+        keys = []
+        for sample in read[split]:
+            keys.append(int(sample["__key__"]))
+            made.same(keys[-1], np.asarray(sample["image.png"]), sample["json"])
+        made.all(keys, split)
+    return f"{len(made.alone)} samples"
+
+
+# Every loader, and every other program that reads what a dataset is written as.
 CHECKS = [
     numpy_reads_every_sample,
     astropy_reads_the_same_of_simulate,
@@ -231,6 +334,14 @@ CHECKS = [
     eight_bits_are_caught,
     datasets_reads_every_sample,
     polars_reads_every_light,
+]
+# The same of what `dataset finish` and `dataset export` write: checked from the version on that has them.
+OF_STEPS = [
+    tables_are_those_of_labels,
+    mlcroissant_reads_every_record,
+    pycocotools_reads_every_annotation,
+    datasets_reads_the_export,
+    datasets_goes_by_the_card,
 ]
 
 
@@ -240,8 +351,12 @@ def main(program, folder, torch_python):
     shutil.rmtree(folder, ignore_errors=True)
     os.makedirs(folder)
     made = Made(program, folder)
-    for function in CHECKS:
+    has_steps = subprocess.run([program, "dataset", "finish", "--help"], capture_output=True).returncode == 0
+    has_steps = has_steps and "finish" in ran(program, "dataset", "--help")
+    for function in CHECKS + (OF_STEPS if has_steps else []):
         check(function, made)
+    if not has_steps:
+        print(f"note: {program} has no `dataset finish`, so {len(OF_STEPS)} checks are still to come: {', '.join(one.__name__ for one in OF_STEPS)}")
     check(torch_reads_every_sample, made, torch_python)
     print(f"{counts['passed']} passed, {counts['failed']} failed")
     return 1 if counts["failed"] or not counts["passed"] else 0

@@ -270,7 +270,8 @@ fn the_pinned_toolchain_is_a_release_no_older_than_the_stated_rust_version() {
 }
 
 /// What the path of a file of the repository begins with in a guide.
-const FOLDERS: [&str; 10] = ["src/", "tests/", "shaders/", "docs/", "benches/", "examples/", "fuzz/", "catalogs/", ".ci/", ".github/"];
+const FOLDERS: [&str; 11] =
+    ["src/", "python/", "tests/", "shaders/", "docs/", "benches/", "examples/", "fuzz/", "catalogs/", ".ci/", ".github/"];
 
 /// The paths of the repository that a Markdown text has in backticks, outside its code blocks. Those with a placeholder (`<id>`, `*`) are left out.
 fn paths_in_backticks(markdown: &str) -> Vec<String> {
