@@ -94,8 +94,8 @@ def page(results: list[dict], seed: int, commit: str) -> str:
         "",
         f"Right in {len(right)} of {len(results)} runs with {sum(kills.values())} kills: {by_kind}. Fewest kills in a run: {fewest}.",
         "",
-        "A worker is a process of Parsl's pool, the manager the pool itself, a task the program or the process that called it, an uploader one whose",
-        "shard is made and is on its way.",
+        "A worker is a process of Parsl's pool, the manager the pool itself, the helper what its workers share, a task the program or the process",
+        "that called it, an uploader one whose shard is made and is on its way.",
         *(["", "Not right:", "", *wrong] if wrong else []),
     ]
     return "\n".join(lines) + "\n"

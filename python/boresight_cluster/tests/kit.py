@@ -40,7 +40,7 @@ ball = { radius = 0.5 }
 """
 # A run that takes longer hangs.
 MAX_SECONDS = 600
-KINDS = ("worker", "manager", "task", "uploader")
+KINDS = ("worker", "helper", "manager", "task", "uploader")
 # AWS's own names: what S3 servers for tests take.
 CREDENTIALS = {"AWS_ACCESS_KEY_ID": "test", "AWS_SECRET_ACCESS_KEY": "test", "AWS_REGION": "us-east-1"}
 
@@ -159,8 +159,11 @@ class Killer(threading.Thread):
         pools = {pid for pid, (_, words) in alive.items() if "python" in words[0] and "boresight_cluster.pool" in words}
         if kind == "manager":
             return list(pools)
-        if kind == "worker":
-            return [pid for pid, (parent, words) in alive.items() if parent in pools and any("spawn_main" in word for word in words)]
+        if kind in ("worker", "helper"):
+            # The process that a pool starts first holds what its workers share; the others are workers.
+            spawned = {pid: parent for pid, (parent, words) in alive.items() if parent in pools and any("spawn_main" in word for word in words)}
+            helpers = {min(pid for pid, parent in spawned.items() if parent == pool) for pool in set(spawned.values())}
+            return sorted(helpers if kind == "helper" else spawned.keys() - helpers)
         shards = {pid for pid, (_, words) in alive.items() if "boresight_cluster" in words and "shard" in words and "python" in words[0]}
         making = {parent: pid for pid, (parent, words) in alive.items() if parent in shards and "dataset" in words}
         if kind == "task":
