@@ -7,7 +7,7 @@ from pathlib import Path
 import polars
 
 REALS = """x_px y_px x_mid_px y_mid_px x_start_px y_start_px x_end_px y_end_px x_ideal_px y_ideal_px crlb_x_px crlb_y_px
-    magnitude electrons_asked electrons_landed peak_electrons background_e snr""".split()
+    magnitude colour electrons_asked electrons_landed peak_electrons background_e snr""".split()
 WHOLE = ["hip", "box_left_px", "box_top_px", "box_right_px", "box_bottom_px"]
 # Stated, for a frame without a star tells no types.
 TYPES = (
