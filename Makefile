@@ -13,7 +13,7 @@ export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
 	@echo "make test     every test; BORESIGHT_RECORDINGS=DIR adds those on real recordings"
-	@echo "make interop  our files in other programs: astropy, OpenCV, tetra3rs, mrcal, DS9's regions (takes PyPI, and Debian for mrcal); walk-throughs of CONTRIBUTING.md; datasets in webdataset, datasets, torch, polars; boresight-cluster with kills (40 minutes at most)"
+	@echo "make interop  our files in other programs: astropy, OpenCV, tetra3rs, mrcal, DS9's regions (takes PyPI, and Debian for mrcal); walk-throughs of CONTRIBUTING.md; datasets in webdataset, datasets, torch, polars; boresight-cluster with kills (20 minutes at most)"
 	@echo "make readme   rewrite the figures of README.md and docs/*.md; READMEARGS=--check compares them"
 	@echo "make check    format, lint, test, doc, deny: what a change has to pass"
 	@echo "make surface  counts the public items of the library without features, and looks what it depends on; SURFACE=--time compares build times"

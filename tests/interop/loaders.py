@@ -335,9 +335,6 @@ CHECKS = [
     eight_bits_are_caught,
     datasets_reads_every_sample,
     polars_reads_every_light,
-]
-# The same of what `dataset finish` and `dataset export` write: checked from the version on that has them.
-OF_STEPS = [
     tables_are_those_of_labels,
     mlcroissant_reads_every_record,
     pycocotools_reads_every_annotation,
@@ -354,12 +351,8 @@ def main(program, folder, torch_python):
     shutil.rmtree(folder, ignore_errors=True)
     os.makedirs(folder)
     made = Made(program, folder)
-    has_steps = subprocess.run([program, "dataset", "finish", "--help"], capture_output=True).returncode == 0
-    has_steps = has_steps and "finish" in ran(program, "dataset", "--help")
-    for function in CHECKS + (OF_STEPS if has_steps else []):
+    for function in CHECKS:
         check(function, made)
-    if not has_steps:
-        print(f"note: {program} has no `dataset finish`, so {len(OF_STEPS)} checks are still to come: {', '.join(one.__name__ for one in OF_STEPS)}")
     check(torch_reads_every_sample, made, torch_python)
     print(f"{counts['passed']} passed, {counts['failed']} failed")
     return 1 if counts["failed"] or not counts["passed"] else 0

@@ -184,8 +184,6 @@ class DatasetJob(Job):
     def _finish(self, folder: Path) -> list[str]:
         """Has the program finish a folder."""
         done = call([binary(), "dataset", "finish", str(folder), "--quiet"])
-        if done.returncode == NEVER:  # a program without that verb: with nothing to make it writes the sums
-            done = call([binary(), "dataset", self.recipe, "-o", str(folder), "--quiet"])
         return [f"{self.store}: {last_line(text(done.stderr))}"] if done.returncode else []
 
     def _liken(self, folder: Path) -> None:
