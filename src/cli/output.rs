@@ -7,10 +7,13 @@ use anyhow::{Context, Result};
 use boresight::provenance::Provenance;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
-use tracing_subscriber::filter::LevelFilter;
+use tracing_subscriber::Layer;
+use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::{FmtContext, FormatEvent, FormatFields};
+use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::registry::LookupSpan;
+use tracing_subscriber::util::SubscriberInitExt;
 
 /// Starts the log on stderr.
 pub(crate) fn set_up_log(verbose: u8, quiet: bool) {
@@ -21,10 +24,11 @@ pub(crate) fn set_up_log(verbose: u8, quiet: bool) {
         (false, _) => LevelFilter::DEBUG,
     };
     // wgpu and its kin log for their own developers; RUST_LOG brings that back for those who want it.
-    let filter = tracing_subscriber::EnvFilter::try_from_default_env()
-        .unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(format!("error,boresight={level}")));
+    let asked = std::env::var("RUST_LOG").ok().and_then(|text| text.parse::<Targets>().ok());
+    let filter = asked.unwrap_or_else(|| Targets::new().with_default(LevelFilter::ERROR).with_target("boresight", level));
     let has_colour = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(has_colour).event_format(Plain).init();
+    let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_ansi(has_colour).event_format(Plain);
+    tracing_subscriber::registry().with(lines.with_filter(filter)).init();
 }
 
 /// A line of the log: what kind it is, then what it says. Errors, warnings and notes begin alike wherever they come from.
