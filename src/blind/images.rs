@@ -14,7 +14,7 @@ use crate::catalog::Catalog;
 use crate::diagnose::{Channel, DeclaredDetector, DiagnoseOptions, Diagnosis, EffectState, ImageMeasurements, diagnose_recording};
 use crate::frame::Frame;
 use crate::identify::IdentifyOptions;
-use crate::pipeline::star_measurements;
+use crate::pipeline::{stamp_camera, star_measurements};
 use crate::pipeline::{
     DiagnosisInput, DiagnosisRequest, MeasureOptions, Measured, PipelineError, SkyChoice, control_points, diagnosis_request,
     identify_frames, looks_through_air, measure_frames, sky_views,
@@ -107,6 +107,7 @@ pub fn image_answer(family: Family, index: u32, seed: u64, options: &DiagnoseOpt
         detector,
         views: &views,
         looks_through_air: looks_through_air(&measured.recording),
+        stamps: stamp_camera(&measured, &points),
     };
     let diagnosis = match diagnose_recording(&points, &telemetry, &of_images, &asked, &|_| ()) {
         Ok(diagnosis) => diagnosis,

@@ -11,7 +11,7 @@ use boresight::diagnose::{
 use boresight::guard::guarded;
 use boresight::pipeline::{
     DiagnosisInput, DiagnosisRequest, PipelineError, PreparedPoints, SkyChoice, check_sizes, diagnosis_request, looks_through_air,
-    measured_noise, sky_views, star_measurements,
+    measured_noise, sky_views, stamp_camera, star_measurements,
 };
 use boresight::provenance::Provenance;
 use boresight::recording::check_file;
@@ -183,6 +183,7 @@ fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answe
         detector,
         views: &views,
         looks_through_air: looks_through_air(&measured.recording),
+        stamps: stamp_camera(&measured, &points).filter(|_| !args.formulas),
     };
     let result = diagnose_recording(&points, &telemetry, &images, &options, &|step| {
         bar.set_position(step.number() as u64);

@@ -9,28 +9,25 @@
 //! Star images of all frames share the rendered ones, as many on each as have room without touching: cost grows with the images and not with the
 //! frames.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use super::options::ImageConditions;
+use super::stamp_scenes::{StarLayout, coma, gaussian, grid, layouts, room_px, scene, told, unit_shift, with_stage};
 use super::star_images::{StarImages, WITHIN_REACH_PX};
-use crate::calibrate::BundleSolution;
+use crate::calibrate::{BundleImage, BundleSolution};
 use crate::detect::{FixedBackground, fit_forced};
 use crate::effects::ids;
 use crate::effects::pixel::pixel_effect;
-use crate::effects::{AnyDisplacement, Context, DISPLACEMENTS, Light, MAX_SHIFTS, Observation, Rendering, Signature, StarImage, StarState};
-use crate::effects::{REFERENCE_FLUX_E, REFERENCE_MAGNITUDE};
+use crate::effects::{AnyDisplacement, DISPLACEMENTS, MAX_SHIFTS, REFERENCE_FLUX_E, Rendering, Signature};
 use crate::frame::Frame;
 use crate::identify::ControlPoints;
 use crate::imaging::EffectSetting;
 use crate::render::{MeasuredStar, PsfTables, StampRenderer, TestStar, signature};
 use crate::scene::Scene;
 
-/// Side of the square that a star has for itself, in widths of its image, and at least, px.
-const ROOM_SIGMAS: f64 = 24.0;
-const MIN_ROOM_PX: f64 = 24.0;
 /// A rendered difference smaller than this (rms, px) is no more than the rounding of the pixels.
 const MIN_PX: f64 = 1e-5;
 /// A rendered column and a formula that are less alike than this have no common unit.
@@ -41,8 +38,6 @@ const MIN_STARS: usize = 20;
 pub(super) const MAX_IMAGES: usize = 30_000;
 /// Stars that move farther than this when rendered with more of an effect have been lost by the fit.
 const LOST_PX: f64 = 1.0;
-/// λN of a wavefront whose image a Gaussian of σ = 1 px fits, px.
-const LAMBDA_N_OF_SIGMA: f64 = 2.13;
 
 /// Shifts per unit of an effect's parameters, by control point.
 pub(super) type Shifts = Arc<BTreeMap<usize, Signature>>;
@@ -80,31 +75,17 @@ pub(super) fn left_out(stars: &StarImages, looks: Option<&ImageConditions>) -> O
 
 /// Shifts, px, by the image's number.
 type Moved = BTreeMap<usize, [f64; 2]>;
-/// Stars that are rendered together: each with its number among the star images.
-type StarLayout = Vec<(usize, TestStar)>;
 
 /// Distributes the star images over as few star layouts as have room for them.
 fn star_layouts(stars: &StarImages, joint: &BundleSolution, points: &ControlPoints, looks: &ImageConditions) -> Vec<StarLayout> {
     let camera = joint.model().camera();
-    let size = [camera.width_px as f64, camera.height_px as f64];
-    let room_px = room_px(looks);
-    let mut plates: Vec<(StarLayout, BTreeSet<[i64; 2]>)> = Vec::new();
-    for (index, (image, at)) in stars.images.iter().zip(stars.predicted_px(WITHIN_REACH_PX)).enumerate() {
+    let star = |(index, (image, [x_px, y_px])): (usize, (&BundleImage, [f64; 2]))| {
         let point = &points.points[image.point];
-        let Some(electrons) = point.image.flux_e.filter(|flux| *flux > 0.0 && flux.is_finite()) else { continue };
-        if !(0..2).all(|axis| at[axis] > -0.5 && at[axis] < size[axis] - 0.5) {
-            continue;
-        }
-        let cell = at.map(|at| (at / room_px).floor() as i64);
-        let around = |cells: &BTreeSet<[i64; 2]>| (-1..=1).any(|dy| (-1..=1).any(|dx: i64| cells.contains(&[cell[0] + dx, cell[1] + dy])));
-        let free = plates.iter().position(|(_, cells)| !around(cells)).unwrap_or_else(|| {
-            plates.push(Default::default());
-            plates.len() - 1
-        });
-        plates[free].0.push((index, TestStar { x_px: at[0], y_px: at[1], electrons, colour: point.star.colour }));
-        plates[free].1.insert(cell);
-    }
-    plates.into_iter().map(|(plate, _)| plate).collect()
+        let electrons = point.image.flux_e.filter(|flux| *flux > 0.0 && flux.is_finite())?;
+        Some((index, TestStar { x_px, y_px, electrons, colour: point.star.colour }))
+    };
+    let places = stars.images.iter().zip(stars.predicted_px(WITHIN_REACH_PX)).enumerate();
+    layouts(places.filter_map(star), [camera.width_px, camera.height_px], room_px(looks))
 }
 
 /// What is rendered.
@@ -222,10 +203,10 @@ impl ColumnRenderer<'_> {
     /// frame; where those are not moved since the parameter is a slope in magnitude, at stars a magnitude brighter and fainter. So the unit is
     /// the camera's and not that of the stars that happen to be there.
     fn unit(&self, effect: &dyn AnyDisplacement, parameter: usize, pair: &[Scene; 2]) -> Option<f64> {
-        let at =
-            |offset: f64| -> StarLayout { self.grid(REFERENCE_FLUX_E * 10.0_f64.powf(-0.4 * offset)).into_iter().enumerate().collect() };
+        let camera = self.joint.model().camera();
+        let at = |offset: f64| -> StarLayout { grid(REFERENCE_FLUX_E * 10.0_f64.powf(-0.4 * offset), camera, self.looks) };
         let formula =
-            |plate: &StarLayout| -> Moved { plate.iter().map(|(k, star)| (*k, self.unit_shift(effect, parameter, star))).collect() };
+            |plate: &StarLayout| -> Moved { plate.iter().map(|(k, star)| (*k, unit_shift(effect, parameter, star, camera, self.looks))).collect() };
         let one = at(0.0);
         let is_moved = formula(&one).values().flatten().any(|along| *along != 0.0);
         let (found, formula) = if is_moved {
@@ -245,30 +226,6 @@ impl ColumnRenderer<'_> {
         }
         let cosine = along / (own * square).sqrt();
         (cosine.is_finite() && cosine.abs() > MIN_COSINE).then(|| along / square)
-    }
-
-    /// Stars of so many electrons in columns and rows over the frame, at phases within the pixel that fill it evenly.
-    fn grid(&self, electrons: f64) -> Vec<TestStar> {
-        const ALONG: usize = 7;
-        let camera = self.joint.model().camera();
-        let room_px = room_px(self.looks);
-        let line = |length: usize| -> Vec<f64> {
-            let free = (length as f64 - 2.0 * room_px).max(0.0);
-            let count = ((free / room_px) as usize + 1).min(ALONG);
-            (0..count).map(|k| room_px.min(length as f64 / 2.0) + free * (k as f64 + 0.5) / count as f64).collect()
-        };
-        let (columns, rows) = (line(camera.width_px), line(camera.height_px));
-        let phase = |k: usize, step: f64| (step * k as f64).fract() - 0.5;
-        let places = rows.iter().flat_map(|y| columns.iter().map(move |x| (*x, *y))).enumerate();
-        let colour = Some(StarState::REFERENCE_COLOUR + 1.0);
-        places
-            .map(|(k, (x, y))| TestStar {
-                x_px: x.round() + phase(k, 0.754_877_666),
-                y_px: y.round() + phase(k, 0.569_840_291),
-                electrons,
-                colour,
-            })
-            .collect()
     }
 
     /// Renders and measures every star layout with two cameras; the change of each star's centre, by its number.
@@ -301,69 +258,9 @@ impl ColumnRenderer<'_> {
         let parts: Vec<Vec<(usize, [f64; 2])>> = plates.par_iter().map(of).collect::<Option<_>>()?;
         Some(parts.into_iter().flatten().collect())
     }
-
-    /// The formula's shift of a star for a unit of a parameter.
-    fn unit_shift(&self, effect: &dyn AnyDisplacement, parameter: usize, star: &TestStar) -> [f64; 2] {
-        let camera = self.joint.model().camera();
-        let pixel_px = [star.x_px, star.y_px];
-        let point_px = [0, 1].map(|axis| pixel_px[axis] - camera.principal_point_px[axis]);
-        let light = Light { direction: [0.0, 0.0, 1.0], point_px, pixel_px, focal_length_px: camera.focal_length_px };
-        let magnitude = REFERENCE_MAGNITUDE - 2.5 * (star.electrons / REFERENCE_FLUX_E).log10();
-        let state = StarState { magnitude, colour: star.colour, ..StarState::default() };
-        let image = StarImage { flux_e: Some(star.electrons), psf_sigma_px: Some(self.looks.psf_sigma_px), ..StarImage::default() };
-        let context = Context::new(state, Observation::of_sensor(camera.width_px, camera.height_px)).with_image(image);
-        let mut unit = vec![0.0; effect.parameters().len()];
-        unit[parameter] = 1.0;
-        let moved = effect.displace(&unit, light, &context).point_px;
-        [0, 1].map(|axis| point_px[axis] - moved[axis])
-    }
 }
 
 /// By how much more the stars of the second move than those of the first.
 fn change(first: &Moved, second: &Moved) -> Moved {
     second.iter().filter_map(|(k, shift)| first.get(k).map(|own| (*k, [shift[0] - own[0], shift[1] - own[1]]))).collect()
-}
-
-/// Side of the square that a star has for itself, px.
-fn room_px(looks: &ImageConditions) -> f64 {
-    (ROOM_SIGMAS * looks.psf_sigma_px).max(MIN_ROOM_PX)
-}
-
-/// What was made, or nothing, and then the reason in the log: the formula stands in.
-fn told<T, E: std::fmt::Display>(made: Result<T, E>) -> Option<T> {
-    made.inspect_err(|error| tracing::warn!("the column of an effect on pixels is not rendered, its formula stands in: {error}")).ok()
-}
-
-/// One exposure of a second by a camera of this size.
-fn scene([width, height]: [usize; 2], psf: &str, sky_e: f64) -> Option<Scene> {
-    let text = format!(
-        "format = \"boresight-scene/1\"\ncamera = {{ width_px = {width}, height_px = {height}, focal_length_px = {width}.0 }}\n\
-         sky = {{ background_e_per_px_s = {sky_e:?}, physics = \"none\" }}\n{psf}\n\
-         [[frames]]\nexposure_s = 1.0\nboresight_radec_deg = [0.0, 0.0]\n"
-    );
-    told(Scene::parse("the scene of the rendered columns", &text))
-}
-
-fn gaussian(looks: &ImageConditions, pixel: &str) -> String {
-    format!("[psf]\nkind = \"gaussian\"\nparameters = {{ sigma_px = {:?} }}\n{pixel}", looks.psf_sigma_px)
-}
-
-fn coma(looks: &ImageConditions, waves: f64) -> String {
-    let reach_px = (16.0 * looks.psf_sigma_px).ceil().clamp(8.0, 48.0);
-    let lambda_n_px = LAMBDA_N_OF_SIGMA * looks.psf_sigma_px;
-    let vary = |name: &str, axis: &str| format!("{{ parameter = \"{name}\", coefficient = {waves:?}, {axis} = 1 }}");
-    let terms = [vary("z8_waves", "x"), vary("z7_waves", "y")].join(", ");
-    format!(
-        "[psf]\nkind = \"zernike\"\nreach_px = {reach_px}\nfield_nodes = [2, 2]\nparameters = {{ lambda_n_px = {lambda_n_px:?} }}\nvary = [{terms}]\n"
-    )
-}
-
-/// The scene with a stage of these parameters, the others typical; `which`: less or more.
-fn with_stage(mut scene: Scene, effect: &str, parameters: &[(&str, [f64; 2])], which: usize) -> Scene {
-    if let Some(stage) = pixel_effect(effect) {
-        let value = |name: &str, typical| parameters.iter().find(|(own, _)| *own == name).map_or(typical, |(_, values)| values[which]);
-        let all: Vec<_> = stage.parameters().iter().map(|spec| (spec.name, value(spec.name, spec.typical))).collect();
-        scene.pixel_effects.push(EffectSetting::new(stage.id(), &all));
-    }
-    scene
 }

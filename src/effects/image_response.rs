@@ -1,5 +1,7 @@
 //! What an effect does to the brightness and shape of a star's image, per unit of its parameters: its columns in the channels beside places.
 
+use super::Rendering;
+
 /// What is known of a star image that its brightness and shape may depend on. What is `None` is not known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ImageContext {
@@ -57,6 +59,16 @@ impl ImageResponse {
         Self { second_px2: [square, 0.0, square], ..Self::default() }
     }
 
+    /// So many times as much.
+    #[must_use]
+    pub fn times(self, factor: f64) -> Self {
+        Self {
+            magnitude: self.magnitude * factor,
+            second_px2: self.second_px2.map(|square| square * factor),
+            skewness: self.skewness.map(|skewness| skewness * factor),
+        }
+    }
+
     /// Both.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
@@ -92,6 +104,11 @@ pub trait ImageEffect: Sync {
     fn needs(&self) -> &'static str;
     /// The size of its first parameter that real cameras and skies have, and where that is from.
     fn ordinary(&self) -> (f64, &'static str);
+    /// What is rendered a little less and a little more of for the column of its first parameter, of which the formula then gives the unit alone;
+    /// nothing where the formula says as much.
+    fn rendering(&self) -> Option<Rendering> {
+        None
+    }
     /// The responses to its parameters; nothing where what it depends on is not known.
     fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>>;
 }

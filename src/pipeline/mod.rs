@@ -31,7 +31,7 @@ pub use identified::{IdentifiedFrame, identify_frames};
 pub use measure::{Centroid, MeasureOptions, measure, measure_frames};
 pub use prepare::{DiagnosisInput, DiagnosisRequest, PreparedPoints, control_points, diagnosis_request, telemetry};
 pub use recording_conditions::surroundings;
-inner!(recording_conditions::{image_conditions, looks_through_air, measured_noise});
+inner!(recording_conditions::{image_conditions, looks_through_air, measured_noise, stamp_camera});
 inner!(result::{CameraRow, ParameterRow, RUN_FORMAT, RunResult});
 inner!(identified::{circumstances, physics_in_force, take_identifications});
 inner!(learnt_image::take_phase_bias_off);

@@ -2,7 +2,8 @@
 
 use super::{Measured, MeasuredFrame};
 use crate::calibrate::Surroundings;
-use crate::diagnose::{ImageConditions, MeasuredNoise};
+use crate::diagnose::{ImageConditions, MeasuredNoise, StampCamera};
+use crate::identify::ControlPoints;
 use crate::recording::{Mount, Recording};
 use crate::statistics::median_in_place;
 
@@ -24,8 +25,22 @@ pub fn looks_through_air(recording: &Recording) -> bool {
 /// count stands for.
 #[must_use]
 pub fn image_conditions(measured: &Measured) -> Option<ImageConditions> {
+    conditions_at(measured, measured.recording.camera.gain_e_per_dn?)
+}
+
+/// How the stars of a recording are rendered for columns in brightness and shape: by the gain as declared, else as the noise of the sky tells it.
+#[must_use]
+pub fn stamp_camera(measured: &Measured, points: &ControlPoints) -> Option<StampCamera> {
+    let by_noise = || measured.pixels.as_ref()?.photon_transfer.as_ref()?.gain_e_per_dn;
+    let gain_e_per_dn = measured.recording.camera.gain_e_per_dn.or_else(by_noise).filter(|gain| *gain > 0.0)?;
+    Some(StampCamera { camera: points.nominal, gain_e_per_dn, looks: conditions_at(measured, gain_e_per_dn)? })
+}
+
+fn conditions_at(measured: &Measured, gain: f64) -> Option<ImageConditions> {
+    if measured.recording.stars.is_some() {
+        return None;
+    }
     let camera = &measured.recording.camera;
-    let gain = camera.gain_e_per_dn.filter(|_| measured.recording.stars.is_none())?;
     let mut widths: Vec<f64> = measured.clean_stars().map(|star| star.width_px).filter(|width| *width > 0.0).collect();
     let mut noises: Vec<f64> = measured.frames.iter().map(|frame| frame.detections.noise_dn * gain).collect();
     let noise_e = median_in_place(&mut noises).filter(|noise| *noise > 0.0)?;

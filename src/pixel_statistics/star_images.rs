@@ -57,6 +57,8 @@ impl SplitVariance {
 pub struct SummedImage {
     /// Where the star was found, px.
     pub found_px: [f64; 2],
+    /// Centre under the weight, px.
+    pub centre_px: [f64; 2],
     /// Light, DN: of a Gaussian image all of it.
     pub flux_dn: f64,
     /// Its variance.
@@ -143,7 +145,7 @@ impl ImageFrame<'_> {
         let (flux_dn, flux_variance) = wide.light(&pixels, noise)?;
         let is_within = |(x, y, _): &&(f64, f64, f64)| (x - centre[0]).hypot(y - centre[1]) < REACH_OF_LIGHT * weight_px;
         let within_ring_dn = pixels.iter().filter(is_within).map(|(_, _, counts)| counts).sum();
-        sums.shape(&pixels, noise).map(|shape| SummedImage { found_px: found, flux_dn, flux_variance, within_ring_dn, ..shape })
+        sums.shape(&pixels, noise).map(|shape| SummedImage { found_px: found, centre_px: centre, flux_dn, flux_variance, within_ring_dn, ..shape })
     }
 
     /// Mean of a ring about a star, what other stars light left out; and its pixels.

@@ -10,6 +10,7 @@ use super::noise::add_noise;
 use super::patterns::patterns;
 use super::profiles::profiles;
 pub(in crate::diagnose) use super::proposed::{ChannelState, Pixels, Proposed};
+use super::rendered::StampCamera;
 use super::row_fit::RowFit;
 use super::rows::{Question, Rows};
 use super::selection::{Answer, answer, answers, chance, columns, cosine, directions, fitted, select};
@@ -44,6 +45,8 @@ pub(in crate::diagnose) struct Asked {
     pub(in crate::diagnose) seed: u64,
     /// Independent questions that other channels ask.
     pub(in crate::diagnose) other_questions: f64,
+    /// How the stars are rendered for columns of effects on pixels; formulas stand in where that is not known.
+    pub(in crate::diagnose) stamps: Option<StampCamera>,
 }
 
 /// An effect that was not proposed.
@@ -85,7 +88,7 @@ pub(in crate::diagnose) fn judge(
     asked: &Asked,
     found: &[String],
 ) -> Option<Judged> {
-    let (mut rows, mut unasked, stars) = rows_of_stars(stars, frames);
+    let (mut rows, mut unasked, stars) = rows_of_stars(stars, frames, asked.stamps.as_ref());
     if let Some(star) = stars.first() {
         take_size_out_of_flux(&mut rows, star.image.sigma_px);
     }

@@ -18,6 +18,7 @@ mod noise;
 mod patterns;
 mod profiles;
 mod proposed;
+mod rendered;
 mod report;
 mod row_fit;
 mod row_noise;
@@ -41,6 +42,7 @@ mod turns;
 mod withheld;
 
 pub use noise::DeclaredDetector;
+pub use rendered::StampCamera;
 pub use report::ImageMeasurements;
 pub(super) use report::add_images;
 pub use sky_view::SkyView;

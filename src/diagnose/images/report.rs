@@ -12,6 +12,7 @@ use super::judge::{Asked, ChannelState, Judged, Pixels, Proposed, judge};
 use super::measured_detector::measured_detector;
 use super::noise::DeclaredDetector;
 use super::profiles::shape_map;
+use super::rendered::StampCamera;
 use super::rows::Parameter;
 use super::shared_noise::shared_noise;
 use super::single_frames::single_frames;
@@ -48,6 +49,8 @@ pub struct ImageMeasurements<'a> {
     pub views: &'a [SkyView],
     /// Whether the camera may look through air.
     pub looks_through_air: bool,
+    /// How its stars are rendered; nothing where nobody tells how many electrons a count stands for.
+    pub stamps: Option<StampCamera>,
 }
 
 /// Adds what the images say to a diagnosis of the places.
@@ -70,6 +73,7 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
         alpha: options.alpha,
         seed: options.seed ^ 0x1a6e_5000,
         other_questions: diagnosis.effective_hypotheses,
+        stamps: images.stamps,
     };
     let is_enough = stars.len() >= MIN_STARS;
     let pixels =

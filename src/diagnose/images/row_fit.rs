@@ -49,9 +49,10 @@ impl RowFit {
         let mut noise = begin.map_or_else(|| vec![KindNoise::STATED; rows.kinds.len()], |fit| fit.noise.clone());
         let mut take = begin.map_or_else(|| allowed.to_vec(), |fit| fit.take.iter().zip(allowed).map(|(a, b)| *a && *b).collect());
         let mut turn = 0;
+        let mut weights = None;
         let ranges = rows.ranges();
         loop {
-            let solution = Solution::new(rows, &take, accepted.len(), &columns, &noise);
+            let solution = Solution::new(rows, &take, (accepted.len(), weights), &columns, &noise);
             turn += 1;
             if turn > TURNS {
                 return Self::of(rows, &take, accepted.len(), &columns, (&noise, None), solution);
@@ -71,7 +72,10 @@ impl RowFit {
                 .flat_map(|(kind, noise)| kind.rows.iter().map(|row| (noise.variance(row) + noise.shared).sqrt()))
                 .collect();
             let is_normal = normal(rows);
-            take = (0..take.len()).map(|k| allowed[k] && (is_normal[k] || rest[k].abs() < GROSS_SIGMAS * sigma[k])).collect();
+            let before = std::mem::take(&mut take);
+            take = (0..before.len()).map(|k| allowed[k] && (is_normal[k] || rest[k].abs() < GROSS_SIGMAS * sigma[k])).collect();
+            // The same rows under a noise that is hardly another: their weights are near.
+            weights = (take == before).then_some(solution.solved.weight);
         }
     }
 
@@ -79,7 +83,7 @@ impl RowFit {
     /// judged by.
     pub(in crate::diagnose) fn under(rows: &Rows, allowed: &[bool], accepted: &[&Vec<f64>], other: &Self) -> Self {
         let columns = design(rows, accepted);
-        let solution = Solution::new(rows, allowed, accepted.len(), &columns, &other.noise);
+        let solution = Solution::new(rows, allowed, (accepted.len(), None), &columns, &other.noise);
         Self::of(rows, allowed, accepted.len(), &columns, (&other.noise, Some(&other.scatter)), solution)
     }
 
@@ -296,7 +300,14 @@ struct Solution {
 }
 
 impl Solution {
-    fn new(rows: &Rows, take: &[bool], accepted: usize, columns: &[Columns], noise: &[KindNoise]) -> Self {
+    /// `accepted`: how many columns are, and the weights to begin with.
+    fn new(
+        rows: &Rows,
+        take: &[bool],
+        (accepted, weights): (usize, Option<Vec<Vec<f64>>>),
+        columns: &[Columns],
+        noise: &[KindNoise],
+    ) -> Self {
         let ranges = rows.ranges();
         let whitener = |((kind, noise), range): ((&Kind, &KindNoise), &std::ops::Range<usize>)| kind.whitener(noise, &take[range.clone()]);
         let whiteners: Vec<_> = rows.kinds.iter().zip(noise).zip(&ranges).map(whitener).collect();
@@ -307,7 +318,7 @@ impl Solution {
             .zip(ranges.iter().zip(columns))
             .map(|((kind, whitener), (range, columns))| Block::new(kind, whitener, columns, &take[range.clone()]))
             .collect();
-        let solved = robust(&blocks, accepted);
+        let solved = robust(&blocks, accepted, weights);
         Self { whiteners, blocks, solved }
     }
 

@@ -12,6 +12,8 @@ use super::row_noise::weight as weight_of;
 use super::rows::{Kind, Rows, Whitener};
 
 const STEPS: usize = 12;
+/// A step of so small a share of the largest parameter is none: its error is larger by orders.
+const SETTLED: f64 = 1e-8;
 /// Of a column so small a share is rounding.
 const LOST: f64 = 1e-7;
 
@@ -138,10 +140,10 @@ pub(super) fn inverse(blocks: &[Block], accepted: usize) -> DMatrix<f64> {
     DMatrix::from_fn(scale.len(), scale.len(), |i, j| inverse[(i, j)] / (scale[i] * scale[j]))
 }
 
-/// Parameters of least t cost by weights found in turn, and the weights.
-pub(super) fn robust(blocks: &[Block], accepted: usize) -> Solved {
+/// Parameters of least t cost by weights found in turn, and the weights. `begin`: the weights to begin with, those of a solution that is near.
+pub(super) fn robust(blocks: &[Block], accepted: usize, begin: Option<Vec<Vec<f64>>>) -> Solved {
     let (units, scale) = units(blocks, accepted);
-    let mut weight: Vec<Vec<f64>> = blocks.iter().map(|block| vec![1.0; block.value.len()]).collect();
+    let mut weight = begin.unwrap_or_else(|| blocks.iter().map(|block| vec![1.0; block.value.len()]).collect());
     let mut beta = DVector::zeros(scale.len());
     let mut residual: Vec<DVector<f64>> = Vec::new();
     for _ in 0..STEPS {
@@ -167,7 +169,7 @@ pub(super) fn robust(blocks: &[Block], accepted: usize) -> Solved {
             residual.iter().zip(&block.take).map(of_row).collect()
         };
         weight = blocks.iter().zip(&residual).map(of).collect();
-        if moved < 1e-9 * size.max(1e-9) {
+        if moved < SETTLED * size.max(SETTLED) {
             break;
         }
     }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::rendered::{self, RenderedColumn, StampCamera};
 use super::rows::{Kind, Parameter, Question, Row, Rows, Shared, Shown};
 use crate::detect::Moments;
 use crate::diagnose::causes::IMAGE_CAUSES;
@@ -109,6 +110,16 @@ impl StarKind {
     }
 }
 
+/// A star that is bright enough by the catalogue, what depends on its brightness taken at the expected one.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ExpectedStar {
+    pub(super) star: StarMeasurement,
+    /// Expected light, DN.
+    pub(super) flux_dn: f64,
+    /// Expected signal-to-noise ratio.
+    snr: f64,
+}
+
 /// A star's row of a kind.
 struct Told<'a> {
     kind: usize,
@@ -117,14 +128,18 @@ struct Told<'a> {
 }
 
 /// Rows of the stars with the questions of all effects and causes; what was not asked and why; and the stars that have rows, what depends on their
-/// brightness at the expected one.
-pub(super) fn rows_of_stars(stars: &[StarMeasurement], frames: usize) -> (Rows, BTreeMap<&'static str, String>, Vec<StarMeasurement>) {
+/// brightness at the expected one. Where it is known how the stars are rendered, columns are rendered.
+pub(super) fn rows_of_stars(
+    stars: &[StarMeasurement],
+    frames: usize,
+    stamps: Option<&StampCamera>,
+) -> (Rows, BTreeMap<&'static str, String>, Vec<StarMeasurement>) {
     let mut rows = Rows { frames, ..Rows::default() };
     let stars = expected_bright(stars);
     let mut told: Vec<Told<'_>> = Vec::new();
     for of in StarKind::ALL {
         let own: Vec<(&StarMeasurement, [f64; 2], f64)> =
-            stars.iter().filter_map(|(star, snr)| Some((star, of.measured(star)?, *snr))).collect();
+            stars.iter().filter_map(|own| Some((&own.star, of.measured(&own.star)?, own.snr))).collect();
         if own.len() < MIN_ROWS {
             continue;
         }
@@ -154,15 +169,19 @@ pub(super) fn rows_of_stars(stars: &[StarMeasurement], frames: usize) -> (Rows, 
         });
     }
     let mut unasked = BTreeMap::new();
+    let rendered = stamps.map_or_else(Vec::new, |stamps| rendered::of_images(&stars, stamps));
     for effect in IMAGE_EFFECTS.iter().chain(IMAGE_CAUSES) {
-        match question(*effect, &told) {
+        match question(*effect, &told, rendered.iter().find(|own| own.id == effect.id())) {
             Ok(question) => rows.questions.push(question),
             Err(reason) => {
                 unasked.entry(effect.id()).or_insert(reason);
             }
         }
     }
-    (rows, unasked, stars.iter().map(|(star, _)| *star).collect())
+    for column in stamps.map_or_else(Vec::new, |stamps| rendered::of_displacements(&stars, stamps)) {
+        rows.questions.extend(question_of(&column, &told));
+    }
+    (rows, unasked, stars.iter().map(|own| own.star).collect())
 }
 
 /// What pixels make of an image that is the same everywhere goes with its place in the pixel, with a period of one; what it is nobody has declared.
@@ -180,7 +199,7 @@ fn phases(phase_px: &[[f64; 2]]) -> Vec<Vec<f64>> {
 /// The stars that are bright enough by the catalogue, whatever was measured of them, each with its expected signal-to-noise ratio. A choice by the
 /// measured flux would prefer what noise has made brighter, and a column that holds it would follow the errors of the fluxes: what depends on
 /// brightness is taken at the expected one. The zero point is that of the frame's bright stars.
-fn expected_bright(stars: &[StarMeasurement]) -> Vec<(StarMeasurement, f64)> {
+pub(super) fn expected_bright(stars: &[StarMeasurement]) -> Vec<ExpectedStar> {
     let is_bright = |star: &&StarMeasurement| star.flux_dn > 3.0 * MIN_SNR * star.flux_sigma_dn && star.magnitude.is_finite();
     let zero_point = |star: &StarMeasurement| -2.5 * star.flux_dn.log10() - star.magnitude;
     let all: Vec<f64> = stars.iter().filter(is_bright).map(zero_point).collect();
@@ -206,13 +225,26 @@ fn expected_bright(stars: &[StarMeasurement]) -> Vec<(StarMeasurement, f64)> {
         let mut own = *star;
         own.image.fullness = own.image.fullness.and(per_dn).map(|per_dn| per_dn * flux_dn);
         own.image.relative_flux = own.image.relative_flux.map(|flux| flux * ratio);
-        (own, flux_dn / sigma_dn)
+        ExpectedStar { star: own, flux_dn, snr: flux_dn / sigma_dn }
     };
-    stars.iter().filter(|star| star.flux_dn > 0.0).map(expected).filter(|(_, snr)| *snr > MIN_SNR).collect()
+    stars.iter().filter(|star| star.flux_dn > 0.0).map(expected).filter(|own| own.snr > MIN_SNR).collect()
 }
 
-/// Columns of an effect over the rows of stars; or why there are none.
-fn question(effect: &'static dyn ImageEffect, told: &[Told<'_>]) -> Result<Question, String> {
+/// The question of a column that was rendered; nothing where too few stars have it.
+fn question_of(column: &RenderedColumn, told: &[Told<'_>]) -> Option<Question> {
+    let values: Vec<Option<f64>> = told.iter().map(|own| Some(own.of.of(column.responses.get(&own.star.point)?))).collect();
+    let known = values.iter().flatten().count();
+    if (known as f64) < MIN_KNOWN * told.len() as f64 || known == 0 {
+        return None;
+    }
+    let (name, unit) = column.parameter;
+    let parameters = vec![Parameter { name, unit, shown: Shown::Same }];
+    let columns = vec![values.into_iter().map(|value| value.unwrap_or(0.0)).collect()];
+    Some(Question { id: column.id, parameters, follows: column.follows, columns, rank: 1, sign: None })
+}
+
+/// Columns of an effect over the rows of stars, the first as rendered where it was; or why there are none.
+fn question(effect: &'static dyn ImageEffect, told: &[Told<'_>], rendered: Option<&RenderedColumn>) -> Result<Question, String> {
     let count = effect.parameters().len();
     let mut columns = vec![vec![0.0; told.len()]; count];
     let mut known = 0_usize;
@@ -221,6 +253,9 @@ fn question(effect: &'static dyn ImageEffect, told: &[Told<'_>]) -> Result<Quest
         known += 1;
         for (column, response) in columns.iter_mut().zip(&responses) {
             column[k] = own.of.of(response);
+        }
+        if let Some(response) = rendered.and_then(|column| column.responses.get(&own.star.point)) {
+            columns[0][k] = own.of.of(response);
         }
     }
     if (known as f64) < MIN_KNOWN * told.len() as f64 || told.is_empty() {

@@ -46,7 +46,7 @@ use bytemuck::{Pod, Zeroable};
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::pass::{NeighbourPass, PassHead, Source};
 use crate::effects::pixel::{ExposureContext, Stage, uniform_fields};
-use crate::effects::{ImageContext, ImageEffect, ImageResponse};
+use crate::effects::{ImageContext, ImageEffect, ImageResponse, Rendering};
 
 /// Boundaries of pixels that follow the charge.
 #[derive(Clone, Copy, Debug)]
@@ -184,6 +184,10 @@ impl ImageEffect for BrighterFatter {
     }
     fn ordinary(&self) -> (f64, &'static str) {
         (0.01, "widths grow by up to 2 % at full well (Antilogus et al. 2014)")
+    }
+    fn rendering(&self) -> Option<Rendering> {
+        let parameters = &[("shift_px_per_e", [0.0, 1e-6])];
+        Some(Rendering::Stage { effect: <Self as PassHead>::ID, parameters, step: None, by_colour: false })
     }
     /// σ grows in proportion to the peak.
     fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {

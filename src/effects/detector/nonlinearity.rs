@@ -34,7 +34,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::effects::ParameterSpec;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
-use crate::effects::{ImageContext, ImageEffect, ImageResponse};
+use crate::effects::{ImageContext, ImageEffect, ImageResponse, Rendering};
 use crate::rng::StageKey;
 
 /// A response that bends.
@@ -98,6 +98,11 @@ impl ImageEffect for Nonlinearity {
     }
     fn ordinary(&self) -> (f64, &'static str) {
         (0.02, "0.5 to 5 % (Janesick 2007, chapter 7)")
+    }
+    fn rendering(&self) -> Option<Rendering> {
+        // The loss goes with α/W: a well that nothing fills cuts nothing.
+        let parameters = &[("relative_at_full", [-0.5, 0.5]), ("full_well_e", [1e7; 2])];
+        Some(Rendering::Stage { effect: <Self as PixelEffect>::ID, parameters, step: None, by_colour: false })
     }
     /// Of S(1 − α(S + 2B)/W), S a Gaussian of peak P and variance σ², by the sums of `pixel_statistics/star_images.rs`. Under a weight of variance k·σ² a
     /// Gaussian has k/(k + 1) of its σ² as variance and of 2πσ²P as light, its square k/(2k + 1). So it loses αP(k + 1)/(2k + 1)/W of its light under the
