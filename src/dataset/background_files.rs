@@ -122,7 +122,7 @@ impl BackgroundFiles {
     fn put(&self, index: usize, scene: &mut Table, corner: [usize; 2]) -> String {
         let BackgroundFile { name, path, .. } = &self.files[index];
         super::frame_scene::set(scene, "detector", "dark_frame", Value::String(path.clone()));
-        let corner = corner.map(|place| Value::Integer(place as i64)).to_vec();
+        let corner = corner.map(|place| Value::Integer(place.cast_signed() as i64)).to_vec();
         super::frame_scene::set(scene, "detector", "dark_frame_corner_px", Value::Array(corner));
         if self.has_sky {
             super::frame_scene::set(scene, "sky", "background_e_per_px_s", Value::Float(0.0));

@@ -64,6 +64,10 @@ impl DatasetPlan {
 
     /// Checks the text of a recipe; `path` is used in messages, and files that it names begin at `folder`.
     pub fn parse(path: &str, text: &str, folder: &Path) -> Result<Self, DatasetError> {
+        Self::checked(path, text, folder).map_err(|error| with_line(error, path, text))
+    }
+
+    fn checked(path: &str, text: &str, folder: &Path) -> Result<Self, DatasetError> {
         let recipe = RecipeFile::parse(path, text)?;
         check::check(path, &recipe)?;
         let (scene_path, scene_text) = scene_text(path, &recipe.scene, folder)?;
@@ -193,6 +197,21 @@ impl DatasetPlan {
     pub(super) fn build(&self, place: &str, scene: Table) -> Result<Scene, DatasetError> {
         let wrong = |source| DatasetError::Scene { path: self.path.clone(), place: place.to_owned(), source: Box::new(source) };
         Scene::from_table(&self.scene_path, scene).map_err(wrong)
+    }
+}
+
+/// The same with the line of the recipe that it speaks of.
+fn with_line(error: DatasetError, recipe: &str, text: &str) -> DatasetError {
+    let at = |key: &str| crate::toml_file::line_of(text, key).map_or_else(|| recipe.to_owned(), |line| format!("{recipe}: line {line}"));
+    match error {
+        DatasetError::Value { path, key, value, remedy } if path == recipe => DatasetError::Value { path: at(&key), key, value, remedy },
+        DatasetError::Scene { path, place, source } if path == recipe => {
+            let draws = RecipeFile::parse(recipe, text).map(|recipe| recipe.draw).unwrap_or_default();
+            let of_place = draws.iter().position(|draw| place.starts_with(&format!("the draw of {} ", draw.path)));
+            let path = of_place.map_or(path, |number| at(&format!("draw[{number}].path")));
+            DatasetError::Scene { path, place, source }
+        }
+        other => other,
     }
 }
 
@@ -332,7 +351,7 @@ pub(super) mod tests {
         assert_eq!(draw("path = \"camera.focal_length_px\"\nuniform = [200, 400]"), Ok(()));
         assert_eq!(
             draw("path = \"camera.focal_length_px\"\nuniform = [0, 400]").unwrap_err(),
-            "r.toml: the draw of camera.focal_length_px at its lower end: ./scene.toml: camera.focal_length_px = 0 must lie between 0.01 and 1e8 px"
+            "r.toml: line 11: the draw of camera.focal_length_px at its lower end: ./scene.toml: camera.focal_length_px = 0 must lie between 0.01 and 1e8 px"
         );
         let upper = draw("path = \"frames.exposure_s\"\nuniform = [1, 1.5e5]").unwrap_err();
         assert!(upper.contains("at its upper end: ./scene.toml: frames[0].exposure_s = "), "{upper}");
@@ -360,7 +379,7 @@ pub(super) mod tests {
         assert!((plan.field_radius_deg - (40.0_f64 / 300.0).atan().to_degrees()).abs() < 0.2, "{}", plan.field_radius_deg);
         assert_eq!(plan.guard_deg, plan.field_radius_deg);
         let refused = apart("guard_deg = 80.0").unwrap_err();
-        assert!(refused.starts_with("r.toml: splits.guard_deg = 80.00 leaves a split no sky to point at; "), "{refused}");
+        assert!(refused.starts_with("r.toml: line 11: splits.guard_deg = 80.00 leaves a split no sky to point at; "), "{refused}");
         let largest: f64 = refused.split("point at; ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
         assert!(apart(&format!("guard_deg = {largest}")).is_ok());
         let pointed =
