@@ -46,7 +46,7 @@ const KINDS: [(&str, &str, &[&str]); 36] = [
     ("ball = { radius = 0.5 }", "normal = { mean = 0.0, sigma = 0.0 }", &["line 15: ", "must have a mean and a sigma above 0"]),
     ("ball = { radius = 0.5 }", "choice = { values = [], weights = [] }", &["line 15: ", "one weight for each of one value or more"]),
     ("ball = { radius = 0.5 }", "table = { file = \"no.csv\" }", &["no.csv"]),
-    ("ball = { radius = 0.5 }", "probability = 0.5", &["line 14: ", "frames.rate_deg_s"]),
+    ("ball = { radius = 0.5 }", "probability = 0.5", &["line 15: ", "frames.rate_deg_s is 3 numbers"]),
     (
         "path = \"frames.rate_deg_s\"\nball = { radius = 0.5 }",
         "path = \"camera.focal_length_px\"\nuniform = [0, 400]",
