@@ -122,14 +122,18 @@ def main() -> None:
         wrong += [f"{what}: {each:.1f} ms are more than {target_ms:.0f}"] if each > target_ms else []
         wrong += [f"{what}: {most:.0f} MB are more than 300"] if most > 300 else []
     if asked.satsim:
-        version = subprocess.run([asked.satsim, "-c", "import importlib.metadata as m; print(m.version('satsim'))"], capture_output=True, text=True, check=True)
+        version = subprocess.run(
+            [asked.satsim, "-c", "import importlib.metadata as m; print(m.version('satsim'))"], capture_output=True, text=True, check=True
+        )
         command = [asked.satsim, str(HERE / "satsim_frames.py"), str(folder / "satsim")]
         cost = []
         for frames in (1, 1 + asked.satsim_frames):  # what the start costs is taken off
             shutil.rmtree(folder / "satsim", ignore_errors=True)
             cost.append(measured([*command, str(frames)])[0])
         each = 1e3 * (cost[1] - cost[0]) / asked.satsim_frames
-        line = f"{'SatSim ' + version.stdout.strip() + ': 512², 100 stars, FITS and annotations, on the CPU':<74} {asked.satsim_frames:>7} {each:>15.1f}"
+        line = (
+            f"{'SatSim ' + version.stdout.strip() + ': 512², 100 stars, FITS and annotations, on the CPU':<74} {asked.satsim_frames:>7} {each:>15.1f}"
+        )
         ratio = f"SatSim takes {each / first:.0f} times as long for a frame as the first row (target: 20)."
         text += [line, "", ratio]
         print(f"{line}\n\n{ratio}")

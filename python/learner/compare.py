@@ -35,7 +35,8 @@ def catalogue_stars(program: str, frame: dict, folder: Path) -> np.ndarray:
     ra, dec = frame["centre_radec_deg"]
     scene = folder / "scene.toml"
     scene.write_text(
-        f'format = "boresight-scene/1"\nsky = {{ physics = "none", faintest_magnitude = 8.0 }}\n[camera]\n' + "\n".join(keys)
+        f'format = "boresight-scene/1"\nsky = {{ physics = "none", faintest_magnitude = 8.0 }}\n[camera]\n'
+        + "\n".join(keys)
         + f"\n[[frames]]\nexposure_s = 1.0\nboresight_radec_deg = [{ra}, {dec}]\nroll_deg = {frame['roll_deg']}\n"
     )
     ran(program, "simulate", str(scene), "-o", str(folder / "twin"), "--backend", "cpu", "--no-pixel-shifts", "--force")

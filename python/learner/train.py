@@ -105,7 +105,9 @@ def main(folder: str, into: str, seconds: str = "240") -> None:
     threshold = sorted(false)[-allowed] if len(false) >= allowed else -6.0
     torch.save({"network": network.state_dict(), "threshold": float(threshold)}, into)
     true = np.array(true)
-    print(f"{step} steps of {BATCH} parts of frames, {CROP_PX} px wide, in {seconds} s of one processor; {sum(value.numel() for value in network.parameters())} numbers; threshold {threshold:.2f}")
+    print(
+        f"{step} steps of {BATCH} parts of frames, {CROP_PX} px wide, in {seconds} s of one processor; {sum(value.numel() for value in network.parameters())} numbers; threshold {threshold:.2f}"
+    )
     for low, high in ((5, 10), (10, 20), (20, 1e9)):
         of = true[(true[:, 0] >= low) & (true[:, 0] < high), 1]
         print(f"stars of a signal-to-noise ratio from {low} to {high:g}: {(of >= threshold).mean():.1%} of {len(of)} found")

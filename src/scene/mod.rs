@@ -10,6 +10,8 @@ mod detector;
 #[cfg(feature = "bench")]
 pub mod effect_demo;
 mod effects;
+#[cfg(feature = "bench")]
+mod effects_told;
 mod exposures;
 mod file;
 mod lights;
@@ -223,20 +225,6 @@ impl Scene {
     /// What lights the sky between the stars unevenly: effects by their ids.
     pub(crate) fn glow_ids(&self) -> impl Iterator<Item = &'static str> + '_ {
         self.sky_light.glow_ids()
-    }
-
-    /// What lights the sky between the stars unevenly, with its parameters by name.
-    #[cfg(feature = "bench")]
-    pub fn glows(&self) -> impl Iterator<Item = (&'static str, std::collections::BTreeMap<String, f64>)> + '_ {
-        self.sky_light.glows()
-    }
-
-    /// Effects that follow what is measured beside the frames, counted from its mean over the exposures, and do nothing since it is the same in all of
-    /// them: a sentence for each.
-    #[cfg(feature = "bench")]
-    #[must_use]
-    pub fn idle_effects(&self) -> Vec<String> {
-        effects::idle(&self.model, &self.exposures)
     }
 
     /// Reads and checks a scene file.
