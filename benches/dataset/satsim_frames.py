@@ -50,7 +50,7 @@ config = {
         "stars": {
             "mode": "bins",
             "mv": {"bins": bins, "density": list(share / share.sum())},
-            "motion": {"mode": "affine", "rotation": 0.0, "translation": [90.0, 90.0]},
+            "motion": {"mode": "affine", "rotation": 0.0, "translation": [1.8, 1.8]},
         },
         "obs": {"mode": "list", "list": []},
     },

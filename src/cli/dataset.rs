@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use boresight::catalog::Catalog;
 use boresight::dataset::{
-    DatasetFile, DatasetPlan, DatasetProgress, DatasetRun, DatasetSplit, FrameKey, SampleMember, ShardKey, ShardShare,
+    DatasetFile, DatasetPlan, DatasetProgress, DatasetRun, DatasetSplit, DrawTable, FrameKey, SampleMember, ShardKey, ShardShare,
 };
 use boresight::recording::write_file;
 use boresight::render::PsfTables;
@@ -181,6 +181,15 @@ fn one_frame(mut plan: DatasetPlan, catalog: &Catalog, key: FrameKey, folder: &P
     Ok(Answer::Yes)
 }
 
+/// A draw in a line, as the recipe has it.
+fn drawn(draw: &DrawTable) -> Result<String> {
+    let mut table = toml::Table::try_from(draw).context("writing a draw as TOML")?;
+    let mut word = |key: &str| table.remove(key).and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default();
+    let (level, path, spread) = (word("per"), word("path"), word("spread"));
+    let how: Vec<String> = table.iter().map(|(key, value)| format!("{key} = {value}")).collect();
+    Ok(format!("drawn per {level}, {spread}: {path}, {}\n", how.join(", ")))
+}
+
 /// Tells what would be made.
 fn told(plan: &DatasetPlan, catalog: &Catalog, json: bool) -> Result<Answer> {
     /// Frames by which time and bytes are estimated.
@@ -234,7 +243,7 @@ fn told(plan: &DatasetPlan, catalog: &Catalog, json: bool) -> Result<Answer> {
         text += &format!("{a} and {b}: nearest boresights {nearest}, shared cameras {}, shared stars {stars}\n", leak.shared_cameras);
     }
     for draw in &plan.recipe.draw {
-        text += &format!("drawn: {}\n", draw.path);
+        text += &drawn(draw)?;
     }
     output::print(&text)?;
     Ok(Answer::Yes)
