@@ -5,10 +5,13 @@
 
 mod binning;
 mod check;
+mod dark_frame;
 mod detector;
 #[cfg(feature = "bench")]
 pub mod effect_demo;
 mod effects;
+#[cfg(feature = "bench")]
+mod effects_told;
 mod exposures;
 mod file;
 mod lights;
@@ -46,6 +49,7 @@ inner!(psf::{Psf, PsfNodes, Spot, Third});
 inner!(spline::RotationSpline);
 inner!(track::{Sample, StarTrack});
 
+use dark_frame::DarkFrame;
 use sky_light::SkyLight;
 
 use crate::camera::{Camera, GroundSite, Model, ObserverError, Physics, PhysicsError, SkyChain, Term};
@@ -149,6 +153,8 @@ pub struct Scene {
     pub psf: Psf,
     /// The same as written, if it was.
     pub psf_table: Option<PsfTable>,
+    /// A real dark frame in the place of read noise.
+    pub(crate) dark_frame: Option<DarkFrame>,
     /// Ghosts of bright stars.
     pub ghosts: Vec<GhostTable>,
     /// Trails of satellites and meteors.
@@ -304,6 +310,7 @@ impl SceneFile {
         let is_fixed = self.mount.is_some_and(|mount| mount.kind == Mount::Fixed);
         let exposures = self.exposures(path, physics, &terms)?;
         effects::check_telemetry(path, &self.effects, &terms, &exposures)?;
+        effects::check_psf_telemetry(path, self.psf.as_ref(), &exposures)?;
         let mut sky = self.sky.clone();
         let sky_light = SkyLight::new(path, &mut sky, glows, [self.camera.width_px, self.camera.height_px], exposures.kinds())?;
         let size_px = [camera.width_px, camera.height_px];
@@ -317,17 +324,13 @@ impl SceneFile {
         };
         let own_psf = psf.on_own_pixels(binning.map_or(1, |binning| binning.factor)).map_err(wrong_psf)?;
         work::check(path, &self, &own_psf)?;
+        let dark_frame = dark_frame::read(path, &self.detector, &pixels, (size_px, binning.is_some()))?;
+        let read_noise_e = dark_frame.as_ref().map_or(self.detector.read_noise_e, |dark| dark.noise_e);
         let saturation_dn = Some(self.detector.top_dn());
-        let detector = DetectorTable { psf_sigma_px: psf.typical_px, saturation_dn, ..self.detector.clone() };
+        let detector = DetectorTable { psf_sigma_px: psf.typical_px, saturation_dn, read_noise_e, ..self.detector.clone() };
         let colour_response = detector.colour_response();
         let colour_filters = detector.colour_filters.as_ref().map(|table| table.response(detector.quantum_efficiency.as_ref()));
-        let mut pixels = pixels;
-        if let Some([red, blue]) = colour_filters.as_ref().and_then(FilterResponse::white)
-            && pixels.iter().all(|other| other.id != ids::BAYER)
-        {
-            pixels.push(EffectSetting::new(ids::BAYER, &[("red_relative", red), ("blue_relative", blue)]));
-        }
-        let pixel_effects = effects::of_camera(&self.detector, &self.sky_of_own_pixel(&sky), &pixels);
+        let pixel_effects = self.pixel_effects(&sky, pixels, colour_filters.as_ref());
         Ok(Scene {
             seed: self.seed,
             first_frame: self.first_frame,
@@ -347,6 +350,7 @@ impl SceneFile {
             own_psf,
             psf,
             psf_table: self.psf,
+            dark_frame,
             ghosts: self.ghosts,
             streaks: self.streaks,
             cosmic_rays: self.cosmic_rays,
@@ -356,6 +360,18 @@ impl SceneFile {
             site: self.site,
             exposures,
         })
+    }
+
+    /// What works on pixels: of those that are listed, what the filters of the mosaic bring, and what every camera has; a dark frame is read noise.
+    fn pixel_effects(&self, sky: &SkyTable, mut listed: Vec<EffectSetting>, filters: Option<&FilterResponse>) -> Vec<EffectSetting> {
+        if let Some([red, blue]) = filters.and_then(FilterResponse::white)
+            && listed.iter().all(|other| other.id != ids::BAYER)
+        {
+            listed.push(EffectSetting::new(ids::BAYER, &[("red_relative", red), ("blue_relative", blue)]));
+        }
+        let mut effects = effects::of_camera(&self.detector, &self.sky_of_own_pixel(sky), &listed);
+        effects.retain(|effect| self.detector.dark_frame.is_none() || effect.id != ids::READ_NOISE);
+        effects
     }
 
     /// The sky as one of the detector's own pixels sees it.

@@ -44,7 +44,7 @@ impl std::fmt::Debug for GlowSetting {
 /// What lights the sky between the stars unevenly.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SkyLight {
-    glows: Vec<GlowSetting>,
+    pub(super) glows: Vec<GlowSetting>,
     /// Electrons per pixel and second, row by row.
     image: Option<Arc<[f32]>>,
 }
