@@ -7,18 +7,16 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, Result};
-use boresight::camera::Camera;
 use boresight::catalog::Catalog;
 use boresight::effects::displacement;
 use boresight::provenance::{Provenance, word};
 use boresight::recording::{
-    CameraInfo, FitsHeaders, Form, FrameEntry, FrameSize, Mount, OutputDirectory, Recording, Shutter, Site, write_file, write_fits_f32,
-    write_fits_u8, write_fits_u16, write_manifest_of,
+    FitsHeaders, FrameEntry, OutputDirectory, Recording, write_file, write_fits_f32, write_fits_u8, write_fits_u16, write_manifest_of,
 };
 use boresight::render::{
     MaskFlag, Rendered, Renderer, SIMULATE_FORMAT, SimulateResult, SimulatedTruth, TRUTH_FORMAT, TrueFrame, TruthEffect,
 };
-use boresight::scene::{Exposure, Scene};
+use boresight::scene::{Exposure, Scene, declared_frames, declared_recording};
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
@@ -129,7 +127,7 @@ pub(crate) fn write_recording(
         .with_masks(wanted.masks)
         .with_pixel_shifts(!wanted.no_pixel_shifts);
     provenance.adapter = Some(renderer.adapter());
-    let recording = declared(scene);
+    let recording = declared_recording(scene);
     tracing::info!(
         "{} frames of {} × {} px to render on {}",
         scene.exposures.len(),
@@ -142,7 +140,7 @@ pub(crate) fn write_recording(
     std::fs::create_dir_all(&folder).with_context(|| format!("creating {}", folder.display()))?;
     let (mut truth, mut lights) = (Rows::new(folder.join("stars.csv"))?, Rows::new(folder.join("lights.csv"))?);
     let mut stars = 0;
-    for (index, entry) in entries(scene).enumerate() {
+    for (index, entry) in declared_frames(scene, "fits").enumerate() {
         let frame = renderer.render(index)?;
         write_frame(directory.path(), scene, &recording, (index, &entry), &frame)?;
         stars += frame.stars.len();
@@ -153,7 +151,7 @@ pub(crate) fn write_recording(
     }
     bar.finish_and_clear();
     tracing::info!("rendered in {clock}: {stars} star images");
-    write_manifest_of(directory.path(), &recording, entries(scene))?;
+    write_manifest_of(directory.path(), &recording, declared_frames(scene, "fits"))?;
     truth.finish(true)?;
     lights.finish(false)?;
     let object = SimulatedTruth {
@@ -281,45 +279,4 @@ fn true_frame(frame: usize, scene: &Scene, exposure: &Exposure, wanted: TruthArg
         velocity_km_s: exposure.sky.observation().velocity_km_s,
         zenith_icrs: exposure.sky.observation().zenith,
     }
-}
-
-/// The recording as its manifest will declare it, without its frames: with the nominal camera, not the true one.
-fn declared(scene: &Scene) -> Recording {
-    let Camera { width_px, height_px, principal_point_px, focal_length_px, k1, p1, p2 } = scene.nominal;
-    let detector = scene.detector.joined(scene.binning);
-    let camera = CameraInfo {
-        width_px,
-        height_px,
-        focal_length_px: Some(focal_length_px),
-        principal_point_px: Some(principal_point_px),
-        k1: Some(k1),
-        p1: Some(p1),
-        p2: Some(p2),
-        gain_e_per_dn: Some(detector.gain_e_per_dn),
-        bias_dn: Some(detector.bias_dn),
-        read_noise_e: Some(detector.read_noise_e),
-        saturation_dn: Some(detector.full_pixel_dn()),
-        zero_point_e_per_s: Some(scene.detector.zero_point_e_per_s),
-        shutter: scene.nominal_line_time_us.map(|_| Shutter::Rolling),
-        line_time_us: scene.nominal_line_time_us,
-        first_row: scene.first_row,
-        passband: Some("V".into()),
-        ..CameraInfo::default()
-    };
-    let site = scene.site.as_ref().map(Site::from);
-    let mount = Some(if scene.is_fixed { Mount::Fixed } else { Mount::Free });
-    Recording { mount, site, form: Form::Manifest, ..Recording::new(camera) }
-}
-
-/// Its frames, one after the other.
-fn entries(scene: &Scene) -> impl Iterator<Item = FrameEntry> {
-    let Camera { width_px, height_px, .. } = scene.nominal;
-    scene.exposures.iter().enumerate().map(move |(number, exposure)| FrameEntry {
-        file: Some(PathBuf::from(format!("frames/{number:04}.fits"))),
-        number,
-        size: Some(FrameSize { width_px, height_px }),
-        time_utc: exposure.time,
-        exposure_s: Some(exposure.exposure_s),
-        ..exposure.telemetry.entry()
-    })
 }

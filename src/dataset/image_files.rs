@@ -23,7 +23,7 @@ fn png(key: u64, [width_px, height_px]: [usize; 2], depth: BitDepth, rows: &[u8]
 }
 
 /// A PNG of 16 bits.
-pub(super) fn png16(key: u64, size: [usize; 2], pixels: &[u16]) -> Result<Vec<u8>, DatasetError> {
+pub fn png16(key: u64, size: [usize; 2], pixels: &[u16]) -> Result<Vec<u8>, DatasetError> {
     // Written in place: that is what vectorises.
     let mut rows = vec![0; 2 * pixels.len()];
     for (bytes, pixel) in rows.as_chunks_mut().0.iter_mut().zip(pixels) {
@@ -33,7 +33,7 @@ pub(super) fn png16(key: u64, size: [usize; 2], pixels: &[u16]) -> Result<Vec<u8
 }
 
 /// A PNG of 8 bits.
-pub(super) fn png8(key: u64, size: [usize; 2], pixels: &[u8]) -> Result<Vec<u8>, DatasetError> {
+pub fn png8(key: u64, size: [usize; 2], pixels: &[u8]) -> Result<Vec<u8>, DatasetError> {
     png(key, size, BitDepth::Eight, pixels)
 }
 

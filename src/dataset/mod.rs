@@ -51,6 +51,8 @@ mod verify_splits;
 mod verify_sums;
 mod whole_dataset;
 
+inner!(chance::AddressedChance);
+inner!(contact_sheet::{base64, escaped});
 inner!(error::DatasetError);
 inner!(drawn_shares::DrawnShares);
 inner!(export::{ExportCounts, ExportForm, export_dataset});
@@ -58,6 +60,7 @@ inner!(finish::finish);
 inner!(folder::{DATASET_FORMAT, DatasetFile, DescribedName, DescribedSplit});
 inner!(frame_key::{DatasetSplit, FrameKey, ShardKey});
 inner!(frame_scene::FrameScene);
+inner!(image_files::{png8, png16});
 inner!(leaks::SharedBySplits);
 inner!(pixel_labels::PIXEL_CLASSES);
 inner!(plan::DatasetPlan);
@@ -68,6 +71,7 @@ inner!(recipe::{
 inner!(run::{DatasetProgress, DatasetRun, ShardShare});
 inner!(sample::DatasetSample);
 inner!(sample_labels::{LightColumns, SAMPLE_FORMAT, SampleLabels});
+inner!(scene_path::{PlaceKind, ScenePath});
 inner!(shard::{HashedFile, SHARD_FORMAT, ShardMark});
 inner!(shard_statistics::ShardStatistics);
 inner!(table_columns::{TableCells, TableColumn, TableFile, TableWriter});

@@ -5,6 +5,7 @@
 
 mod binning;
 mod check;
+mod declared;
 mod detector;
 #[cfg(feature = "bench")]
 pub mod effect_demo;
@@ -37,6 +38,7 @@ pub use tables::{
     GhostTable, JitterTable, LineTable, MountTable, NominalTable, OrbitTable, PixelTable, PsfTable, QuantumEfficiencyTable, SceneFile,
     SeriesTable, SiteTable, SkyTable, StreakKind, StreakTable, TrueCameraTable, VaryTable,
 };
+inner!(declared::{declared_frames, declared_recording});
 inner!(schema::FORMAT);
 inner!(file::DEMO_TOML);
 inner!(lights::{LIGHT_PAGES, LightForm, LightKind, LightPage, OtherLight});
