@@ -35,6 +35,7 @@ mod shell;
 mod signals;
 mod signature;
 mod simulate;
+mod simulated_truth;
 mod told;
 mod update;
 mod write_camera;

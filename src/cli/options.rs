@@ -208,11 +208,9 @@ pub(crate) struct SceneArgs {
 }
 
 impl SceneArgs {
-    /// Reads the scene.
-    pub(crate) fn open(&self, path: &Path) -> Result<(Scene, Provenance)> {
-        let name = path.display().to_string();
-        let text = std::fs::read_to_string(path).with_context(|| format!("{name}: the scene cannot be read"))?;
-        self.parse(&name, &text)
+    /// Reads the text of a scene.
+    pub(crate) fn read(path: &Path) -> Result<String> {
+        std::fs::read_to_string(path).with_context(|| format!("{}: the scene cannot be read", path.display()))
     }
 
     /// Reads the text of a scene.

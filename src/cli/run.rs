@@ -9,7 +9,7 @@ use boresight::effects::ids;
 use boresight::identify::ControlPoints;
 use boresight::pipeline::{CameraRow, ParameterRow, PreparedPoints, RUN_FORMAT, RunResult};
 use boresight::provenance::Provenance;
-use boresight::recording::{Recording, ResultFolder, write_file};
+use boresight::recording::{ImageFileForm, Recording, ResultFolder, write_file};
 use boresight::scene::{DEMO_TOML, Scene};
 use clap::Args;
 use serde::Serialize;
@@ -76,7 +76,8 @@ struct Solved {
 
 /// `boresight run`.
 pub(crate) fn run(args: &RunArgs) -> Result<Answer> {
-    let (scene, provenance) = args.common.scene.open(&args.scene)?;
+    let text = SceneArgs::read(&args.scene)?;
+    let (scene, provenance) = args.common.scene.parse(&args.scene.display().to_string(), &text)?;
     let projection = scene.model.projection();
     if projection != ids::PINHOLE {
         let file = args.scene.display();
@@ -85,7 +86,14 @@ pub(crate) fn run(args: &RunArgs) -> Result<Answer> {
         );
     }
     let stem = args.scene.file_stem().map_or_else(|| "run".into(), |stem| stem.to_string_lossy().into_owned());
-    night(&scene, provenance, &args.common, args.common.scene.backend, &args.common.solve, ("run", &Path::new("outputs").join(stem)))
+    night(
+        (&scene, &text),
+        provenance,
+        &args.common,
+        args.common.scene.backend,
+        &args.common.solve,
+        ("run", &Path::new("outputs").join(stem)),
+    )
 }
 
 /// `boresight demo`.
@@ -101,11 +109,11 @@ pub(crate) fn demo(args: &DemoArgs) -> Result<Answer> {
         }
     }
     let solve = SolveArgs { misidentify: args.common.solve.misidentify.or(Some(0.2)), ..args.common.solve.clone() };
-    night(&scene, provenance, &args.common, backend, &solve, ("demo", Path::new("outputs/demo")))
+    night((&scene, DEMO_TOML), provenance, &args.common, backend, &solve, ("demo", Path::new("outputs/demo")))
 }
 
 fn night(
-    scene: &Scene,
+    (scene, scene_text): (&Scene, &str),
     mut provenance: Provenance,
     args: &CommonArgs,
     backend: BackendChoice,
@@ -118,15 +126,16 @@ fn night(
     let recording_path = target.join("recording");
     // The results of an earlier run go first, so that none outlives its input.
     folder.begin()?;
-    let simulated = simulate::write_recording(
-        scene,
-        &catalog,
+    let order = simulate::RecordingOrder {
+        scene_text,
         backend,
-        simulate::TruthArgs::default(),
-        &recording_path,
-        args.force,
-        provenance.clone(),
-    )?;
+        frames: simulate::FrameRange::default(),
+        form: ImageFileForm::default(),
+        truth: simulate::TruthArgs::default(),
+        target: &recording_path,
+        force: args.force,
+    };
+    let simulated = simulate::write_recording(scene, &catalog, &order, provenance.clone())?;
     provenance = simulated.provenance;
 
     let recording = Recording::open(&[&recording_path])?;

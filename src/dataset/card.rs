@@ -70,7 +70,7 @@ fn head(dataset: &DatasetFile) -> String {
 
 /// What a sample consists of, as Hugging Face `datasets` has it. Without it the types are guessed from the first samples, which may have no stars.
 fn features(dataset: &DatasetFile) -> String {
-    // Arrays of NumPy have no such type.
+    // Arrays of NumPy and FITS files have no such type.
     if dataset.image != ImageFormat::Png16 || dataset.members.contains(&SampleMember::Clean) {
         return String::new();
     }
@@ -162,6 +162,7 @@ fn contents(dataset: &DatasetFile, has_tables: bool) -> String {
     let image = match dataset.image {
         ImageFormat::Png16 => "| `KEY.image.png` | the frame, PNG of 16 bits: counts |\n",
         ImageFormat::Npy => "| `KEY.image.npy` | the frame, NumPy array of uint16: counts |\n",
+        ImageFormat::FitsRice => "| `KEY.image.fits` | the frame, FITS packed without loss (Rice, second unit of the file): counts |\n",
     };
     let mut text = format!(
         "\n## Files\n\nA shard (`SPLIT/NNNNNN.tar`) is a tar archive, the form of WebDataset. KEY is the number of the frame, nine digits. A sample is\n\n\
@@ -211,11 +212,12 @@ fn loaders(dataset: &DatasetFile) -> String {
             "np.asarray(Image.open(io.BytesIO(sample[\"image.png\"]))).astype(np.float32)  # decode(\"pil\") would cut 16 bits to 8",
         ),
         ImageFormat::Npy => ("image.npy", "np.load(io.BytesIO(sample[\"image.npy\"])).astype(np.float32)"),
+        ImageFormat::FitsRice => ("image.fits", "fits.getdata(io.BytesIO(sample[\"image.fits\"]), 1).astype(np.float32)"),
     };
-    let import = if dataset.image == ImageFormat::Png16 {
-        "import io, json, numpy as np\nfrom PIL import Image"
-    } else {
-        "import io, json, numpy as np"
+    let import = match dataset.image {
+        ImageFormat::Png16 => "import io, json, numpy as np\nfrom PIL import Image",
+        ImageFormat::Npy => "import io, json, numpy as np",
+        ImageFormat::FitsRice => "import io, json, numpy as np\nfrom astropy.io import fits",
     };
     format!(
         "\n## Loading\n\nwebdataset (and PyTorch's `DataLoader`, with at most as many workers as there are shards):\n\n```python\n{import}\nimport webdataset as wds\n\

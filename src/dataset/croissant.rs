@@ -63,9 +63,11 @@ pub(super) fn croissant(whole: &WholeDataset<'_>) -> Value {
             files.push(file(&id, &table.file, "application/x-parquet", &table.sha256));
         }
     }
-    let (suffix, encoding) = match dataset.image {
-        ImageFormat::Png16 => ("image.png", "image/png"),
-        ImageFormat::Npy => ("image.npy", "application/octet-stream"),
+    let suffix = dataset.image.member();
+    let encoding = match dataset.image {
+        ImageFormat::Png16 => "image/png",
+        ImageFormat::Npy => "application/octet-stream",
+        ImageFormat::FitsRice => "image/fits",
     };
     files.push(json!({
         "@type": "cr:FileSet", "@id": "images", "name": "images", "containedIn": archives, "encodingFormat": encoding, "includes": format!("*.{suffix}")
@@ -121,7 +123,7 @@ fn record_sets(image: ImageFormat, has_tables: bool) -> Value {
     });
     let content = match image {
         ImageFormat::Png16 => "sc:ImageObject",
-        ImageFormat::Npy => "sc:Text",
+        ImageFormat::Npy | ImageFormat::FitsRice => "sc:Text",
     };
     let part = |name: &str, kind: &str, property: &str| {
         json!({

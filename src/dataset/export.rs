@@ -10,13 +10,13 @@ use super::error::DatasetError;
 use super::export_forms::{CocoShard, coco_head, satnet, yolo_head, yolo_lines};
 use super::folder::{DatasetFile, DatasetFolder};
 use super::frame_key::ShardKey;
-use super::image_files::{png16, read_image};
+use super::image_files::{fits_headers, png16, read_image};
 use super::label_tables::frame_columns;
 use super::run::DatasetProgress;
 use super::sample_labels::SampleLabels;
 use super::samples::{Sample, samples_of};
 use super::table_columns::{TableCells, TableColumn, TableRows, TableWriter};
-use crate::recording::{FitsHeaders, write_file, write_fits_u16};
+use crate::recording::{write_file, write_fits_u16};
 
 /// A form that a dataset is written in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -170,15 +170,8 @@ impl ShardExport<'_> {
     }
 
     fn fits_file(&self, sample: &Sample, labels: &SampleLabels, path: &Path) -> Result<(), DatasetError> {
-        let headers = FitsHeaders {
-            time_utc: labels.time_utc.parse().ok(),
-            exposure_s: Some(labels.exposure_s),
-            temperature_c: Some(labels.temperature_c),
-            gain_e_per_dn: Some(labels.gain_e_per_dn),
-            ..FitsHeaders::default()
-        };
         let [width_px, height_px] = labels.size_px;
-        Ok(write_fits_u16(path, width_px, height_px, &self.counts(sample, labels)?, &headers)?)
+        Ok(write_fits_u16(path, width_px, height_px, &self.counts(sample, labels)?, &fits_headers(labels))?)
     }
 }
 

@@ -29,6 +29,8 @@ pub struct FrameScene {
     pub is_starless: bool,
     /// Lights that look like stars and are none, on purpose.
     pub false_stars: usize,
+    /// The real frame under it, as seen from the recipe.
+    pub background: Option<String>,
     /// Its tables, as a scene file has them.
     pub scene: Table,
 }
@@ -66,9 +68,11 @@ impl DatasetPlan {
             set(&mut scene, "sky", "faintest_magnitude", Value::Float(NO_STARS));
         }
         let false_stars = self.add_false_stars(key, &mut scene)?;
+        let background =
+            self.background.as_ref().map(|files| files.put_by_chance(self.recipe.seed, (key, camera), self.size_px, &mut scene));
         let recording = key.recording_number(&self.recipe.size);
         let pair = pair.map(|(first, _)| FrameKey { split: key.split, index: first }.number());
-        Ok(FrameScene { key, camera, recording, pair, is_starless, false_stars, scene })
+        Ok(FrameScene { key, camera, recording, pair, is_starless, false_stars, background, scene })
     }
 
     /// The scene of a frame, checked.
@@ -196,7 +200,7 @@ impl DatasetPlan {
 /// No star is as bright.
 const NO_STARS: f64 = -99.0;
 
-fn set(scene: &mut Table, table: &str, key: &str, value: Value) {
+pub(super) fn set(scene: &mut Table, table: &str, key: &str, value: Value) {
     let table = scene.entry(table).or_insert_with(|| Value::Table(Table::new()));
     if let Value::Table(table) = table {
         table.insert(key.to_owned(), value);

@@ -1,40 +1,37 @@
-//! Images as bytes of files: PNG by the fast encoder, and NumPy arrays.
+//! Images as bytes of files: NumPy arrays; and what is read back of them.
 
 use image::DynamicImage;
-use png::{BitDepth, ColorType, Compression, Encoder, Filter};
 
 use super::error::DatasetError;
+use super::sample_labels::SampleLabels;
 use super::samples::Sample;
 use crate::guard::guarded;
-
-/// A grey PNG; `rows` are bytes as PNG has them, 16 bits with the high byte first. Each row less the one above it, then the encoder's fastest way.
-fn png(key: u64, [width_px, height_px]: [usize; 2], depth: BitDepth, rows: &[u8]) -> Result<Vec<u8>, DatasetError> {
-    let wrong = |error: png::EncodingError| DatasetError::Encode { key, message: error.to_string() };
-    let mut bytes = Vec::with_capacity(rows.len() / 2 + 1024);
-    let mut encoder = Encoder::new(&mut bytes, width_px as u32, height_px as u32);
-    encoder.set_color(ColorType::Grayscale);
-    encoder.set_depth(depth);
-    encoder.set_compression(Compression::Fast);
-    encoder.set_filter(Filter::Up);
-    let mut writer = encoder.write_header().map_err(wrong)?;
-    writer.write_image_data(rows).map_err(wrong)?;
-    writer.finish().map_err(wrong)?;
-    Ok(bytes)
-}
+use crate::recording::{FitsHeaders, fits_rice_u16, image_of_bytes, png_u8, png_u16};
 
 /// A PNG of 16 bits.
-pub fn png16(key: u64, size: [usize; 2], pixels: &[u16]) -> Result<Vec<u8>, DatasetError> {
-    // Written in place: that is what vectorises.
-    let mut rows = vec![0; 2 * pixels.len()];
-    for (bytes, pixel) in rows.as_chunks_mut().0.iter_mut().zip(pixels) {
-        *bytes = pixel.to_be_bytes();
-    }
-    png(key, size, BitDepth::Sixteen, &rows)
+pub(super) fn png16(key: u64, size: [usize; 2], pixels: &[u16]) -> Result<Vec<u8>, DatasetError> {
+    png_u16(size, pixels).map_err(|message| DatasetError::Encode { key, message })
 }
 
 /// A PNG of 8 bits.
-pub fn png8(key: u64, size: [usize; 2], pixels: &[u8]) -> Result<Vec<u8>, DatasetError> {
-    png(key, size, BitDepth::Eight, pixels)
+pub(super) fn png8(key: u64, size: [usize; 2], pixels: &[u8]) -> Result<Vec<u8>, DatasetError> {
+    png_u8(size, pixels).map_err(|message| DatasetError::Encode { key, message })
+}
+
+/// A FITS file, packed by Rice coding.
+pub(super) fn fits_rice(labels: &SampleLabels, pixels: &[u16]) -> Result<Vec<u8>, DatasetError> {
+    fits_rice_u16(labels.size_px, pixels, &fits_headers(labels)).map_err(|message| DatasetError::Encode { key: labels.key, message })
+}
+
+/// What the header of a FITS file says of a frame.
+pub(super) fn fits_headers(labels: &SampleLabels) -> FitsHeaders {
+    FitsHeaders {
+        time_utc: labels.time_utc.parse().ok(),
+        exposure_s: Some(labels.exposure_s),
+        temperature_c: Some(labels.temperature_c),
+        gain_e_per_dn: Some(labels.gain_e_per_dn),
+        ..FitsHeaders::default()
+    }
 }
 
 /// The head of a NumPy array (version 1.0) of rows and columns, with the values to follow.
@@ -58,15 +55,6 @@ pub(super) fn npy_u16(size: [usize; 2], rows: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// Numbers as bytes, the low one of each first.
-pub(super) fn low_byte_first(pixels: &[u16]) -> Vec<u8> {
-    let mut rows = vec![0; 2 * pixels.len()];
-    for (bytes, pixel) in rows.as_chunks_mut().0.iter_mut().zip(pixels) {
-        *bytes = pixel.to_le_bytes();
-    }
-    rows
-}
-
 /// A NumPy array of float32.
 pub(super) fn npy_f32(size: [usize; 2], pixels: &[f32]) -> Vec<u8> {
     let mut bytes = npy(size, "<f4", 4);
@@ -87,6 +75,10 @@ pub(super) fn read_image(sample: &Sample) -> Result<Vec<u16>, String> {
             DynamicImage::ImageLuma16(image) => Ok(image.into_raw()),
             _ => Err(of("has no grey values of 16 bits")),
         };
+    }
+    if let Some(bytes) = sample.member("image.fits") {
+        let frame = image_of_bytes(bytes.to_vec(), None).map_err(|problem| of(&format!("cannot be read: {problem}")))?.frame;
+        return Ok(frame.pixels_dn.iter().map(|count| *count as u16).collect());
     }
     let Some(bytes) = sample.member("image.npy") else { return Err(of("is missing")) };
     read_npy(bytes, "<u2").map(|rows| rows.as_chunks().0.iter().map(|pixel| u16::from_le_bytes(*pixel)).collect()).map_err(|what| of(&what))
@@ -114,20 +106,14 @@ fn read_npy<'b>(bytes: &'b [u8], kind: &str) -> Result<&'b [u8], String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn pngs_keep_every_bit() {
-        let pixels: Vec<u16> = (0..20_u16).map(|index| index.wrapping_mul(7919)).collect();
-        let read = image::load_from_memory(&png16(1, [5, 4], &pixels).unwrap()).unwrap();
-        assert_eq!(read.as_luma16().unwrap().as_raw(), &pixels);
-        let bytes: Vec<u8> = (0..20).collect();
-        let read = image::load_from_memory(&png8(1, [5, 4], &bytes).unwrap()).unwrap();
-        assert_eq!((read.width(), read.as_luma8().unwrap().as_raw()), (5, &bytes));
-    }
+    use crate::recording::low_byte_first;
 
     #[test]
     fn counts_come_back_from_either_form() {
         let pixels = [1, 2, 3, 4, 5, 60_000];
+        let rice = fits_rice_u16([8, 8], &[pixels[5]; 64], &FitsHeaders::default()).unwrap();
+        let sample = Sample { key: 7, members: vec![("image.fits".to_owned(), rice)] };
+        assert_eq!(read_image(&sample).unwrap(), [60_000; 64]);
         for (name, bytes) in [("image.png", png16(1, [3, 2], &pixels).unwrap()), ("image.npy", npy_u16([3, 2], &low_byte_first(&pixels)))] {
             let mut sample = Sample { key: 7, members: vec![(name.to_owned(), bytes)] };
             assert_eq!(read_image(&sample).unwrap(), pixels);

@@ -8,6 +8,7 @@
 //! ```
 //! A frame follows from recipe and number alone: draws are addressed (`chance`), so any frame can be made again by itself, on any machine, in any order.
 
+mod background_files;
 mod card;
 mod chance;
 mod check;
@@ -60,12 +61,11 @@ inner!(finish::finish);
 inner!(folder::{DATASET_FORMAT, DatasetFile, DescribedName, DescribedSplit});
 inner!(frame_key::{DatasetSplit, FrameKey, ShardKey});
 inner!(frame_scene::FrameScene);
-inner!(image_files::{png8, png16});
 inner!(leaks::SharedBySplits);
 inner!(pixel_labels::PIXEL_CLASSES);
 inner!(plan::DatasetPlan);
 inner!(recipe::{
-    ApartBy, BallTable, ChoiceTable, DrawLevel, DrawSpread, DrawTable, FalseStarTable, HardTable, ImageFormat, NormalTable, QuantileTable,
+    ApartBy, BackgroundTable, BallTable, ChoiceTable, DrawLevel, DrawSpread, DrawTable, FalseStarTable, HardTable, ImageFormat, NormalTable, QuantileTable,
     RECIPE_FORMAT, RecipeFile, SampleMember, SizeTable, SphereTable, SplitCounts, SplitTable,
 });
 inner!(run::{DatasetProgress, DatasetRun, ShardShare});

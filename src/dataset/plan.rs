@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 
+use super::background_files::BackgroundFiles;
 use super::check;
 use super::distribution::Distribution;
 use super::draws::Draw;
@@ -12,8 +13,9 @@ use super::error::DatasetError;
 use super::frame_key::DatasetSplit;
 use super::recipe::{ApartBy, DrawLevel, RecipeFile};
 use super::sky_regions::{NoSky, SkyRegions};
-use super::source_files::{SourceFile, sources};
+use super::source_files::{SourceFile, add_sources, sources};
 use super::telemetry::idle_effect;
+use crate::recording::FrameSize;
 use crate::scene::{Scene, preset, schema};
 
 /// Where the boresight of the one exposure stands.
@@ -42,6 +44,10 @@ pub struct DatasetPlan {
     /// In the order in which they are put in: those of the dataset first, those of the frame last.
     pub(super) draws: Vec<Draw>,
     pub(super) regions: Option<SkyRegions>,
+    /// Real frames under the stars.
+    pub(super) background: Option<BackgroundFiles>,
+    /// Columns and rows of the frames.
+    pub(super) size_px: [usize; 2],
     /// Half the diagonal of the field of the scene's camera.
     pub(super) field_radius_deg: f64,
     /// The guard in force.
@@ -76,7 +82,11 @@ impl DatasetPlan {
             }
         }
         draws.sort_by_key(|draw| draw.level);
-        let sources = sources(&recipe, &base, (folder, &scene_path))?;
+        let mut sources = sources(&recipe, &base, (folder, &scene_path))?;
+        let (size_px, is_apart) = (frame_size(&base), recipe.splits.apart_by.contains(&ApartBy::Camera));
+        let size = FrameSize { width_px: size_px[0], height_px: size_px[1] };
+        let background = BackgroundFiles::new(path, folder, &recipe, (size, is_apart))?;
+        add_sources(&mut sources, background.iter().flat_map(BackgroundFiles::names), folder)?;
         let mut plan = Self {
             path: path.to_owned(),
             sha256: hash(text, &scene_text, &sources),
@@ -88,6 +98,8 @@ impl DatasetPlan {
             base,
             draws,
             regions: None,
+            background,
+            size_px,
             field_radius_deg: 0.0,
             guard_deg: 0.0,
         };
@@ -140,6 +152,11 @@ impl DatasetPlan {
 
     /// Tries the scene with every draw at its middle, each at its ends with the others at their middle, and all at their ends at once. Gives the first.
     fn try_draws(&self) -> Result<Scene, DatasetError> {
+        for index in 1..self.background.as_ref().map_or(0, BackgroundFiles::len) {
+            let mut scene = self.base.clone();
+            self.background.iter().for_each(|files| files.put_first(index, &mut scene));
+            self.build("with its background", scene)?;
+        }
         // What can be switched off is on while others are tried.
         let middle = |draw: &Draw| if draw.is_switch() { 0.0 } else { 0.5 };
         let scene = self.tried("with every draw at its middle", &middle)?;
@@ -164,6 +181,7 @@ impl DatasetPlan {
             let wrong = |message| DatasetError::Parse { path: self.path.clone(), message };
             draw.apply(&mut scene, value).map_err(wrong)?;
         }
+        self.background.iter().for_each(|files| files.put_first(0, &mut scene));
         let built = self.build(place, scene.clone())?;
         match idle_effect(&built, &scene) {
             None => Ok(built),
@@ -176,6 +194,14 @@ impl DatasetPlan {
         let wrong = |source| DatasetError::Scene { path: self.path.clone(), place: place.to_owned(), source: Box::new(source) };
         Scene::from_table(&self.scene_path, scene).map_err(wrong)
     }
+}
+
+/// Columns and rows of a scene's frames; 0 where the scene does not say, which is refused when it is checked.
+fn frame_size(scene: &Table) -> [usize; 2] {
+    ["width_px", "height_px"].map(|key| {
+        let side = scene.get("camera").and_then(|camera| camera.get(key)).and_then(Value::as_integer);
+        side.and_then(|side| usize::try_from(side).ok()).unwrap_or(0)
+    })
 }
 
 fn read(path: &Path) -> Result<String, DatasetError> {

@@ -38,6 +38,9 @@ pub struct RecipeFile {
     /// What is drawn.
     #[serde(default)]
     pub draw: Vec<DrawTable>,
+    /// Real frames under the stars.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub background: Option<BackgroundTable>,
     /// Frames that are meant to be hard.
     #[serde(default)]
     pub hard: HardTable,
@@ -91,6 +94,19 @@ pub enum ImageFormat {
     Png16,
     /// NumPy array of uint16, as it is.
     Npy,
+    /// FITS, packed without loss by Rice coding.
+    FitsRice,
+}
+
+impl ImageFormat {
+    /// The file of a sample, behind the number of the frame and a dot.
+    pub(super) fn member(self) -> &'static str {
+        match self {
+            Self::Png16 => "image.png",
+            Self::Npy => "image.npy",
+            Self::FitsRice => "image.fits",
+        }
+    }
 }
 
 /// What may stand in a sample besides image and labels.
@@ -246,6 +262,19 @@ pub struct SphereTable {
 pub struct QuantileTable {
     /// The file; a path that is not absolute begins at the folder of the recipe.
     pub file: PathBuf,
+}
+
+/// `[background]`: real frames without stars take the place of read noise and dark current; counts become electrons by bias and gain of the detector.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BackgroundTable {
+    /// The files, as `darks/*.fits`: `*` and `?` in the name stand for any letters and for one. A path that is not absolute begins at the folder of the
+    /// recipe. Each frame takes one of them by chance; from files that are larger than the frame, each camera instance takes a window by chance. Splits
+    /// that are apart by camera have files of their own.
+    pub frames: String,
+    /// Whether they hold light of the sky: then the scene's even background is left out.
+    #[serde(default)]
+    pub has_sky: bool,
 }
 
 /// `[hard]`: shares of frames that are meant to be hard, labelled as such.

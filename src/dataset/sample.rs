@@ -7,12 +7,13 @@ use sha2::{Digest, Sha256};
 use super::error::DatasetError;
 use super::frame_key::FrameKey;
 use super::frame_scene::FrameScene;
-use super::image_files::{low_byte_first, npy_f32, npy_u16, png8, png16};
+use super::image_files::{fits_rice, npy_f32, npy_u16, png8, png16};
 use super::pixel_labels::{classes, distances, instances};
 use super::plan::{DatasetPlan, hexadecimal};
 use super::recipe::{ImageFormat, SampleMember};
 use super::sample_labels::{SampleLabels, is_false_star, visible_stars};
 use crate::catalog::Catalog;
+use crate::recording::low_byte_first;
 use crate::render::{Backend, PsfTables, Rendered, Renderer};
 use crate::scene::Scene;
 
@@ -77,10 +78,12 @@ impl DatasetPlan {
         let labels = SampleLabels::new(&frame, scene, (rendered, catalog), hexadecimal(&Sha256::digest(&bytes)));
         let json = serde_json::to_vec(&labels).map_err(|error| DatasetError::Encode { key, message: error.to_string() })?;
         let mut members = vec![("json", json)];
-        members.push(match self.recipe.size.image {
-            ImageFormat::Png16 => ("image.png", png16(key, size, &counts)?),
-            ImageFormat::Npy => ("image.npy", npy_u16(size, &bytes)),
-        });
+        let image = match self.recipe.size.image {
+            ImageFormat::Png16 => png16(key, size, &counts)?,
+            ImageFormat::Npy => npy_u16(size, &bytes),
+            ImageFormat::FitsRice => fits_rice(&labels, &counts)?,
+        };
+        members.push((self.recipe.size.image.member(), image));
         if let Some(flags) = &rendered.mask {
             let (of_stars, of_lights) = footprints.split_at(rendered.stars.len());
             let of_false_stars = rendered.lights.iter().zip(of_lights).filter(|(light, _)| is_false_star(light));

@@ -62,13 +62,15 @@ pub struct SampleLabels {
     pub distortion: [f64; 3],
     /// How angles are mapped to the focal plane.
     pub projection: Cow<'static, str>,
+    /// Kind of the image of a star, as `[psf]` of a scene names it.
+    pub psf: String,
     /// Width σ that stands for the image of a star.
     pub psf_sigma_px: f64,
     /// Electrons per count.
     pub gain_e_per_dn: f64,
     /// Count of an empty pixel.
     pub bias_dn: f64,
-    /// Noise of reading a pixel.
+    /// Noise of reading a pixel; with a real frame under the stars, the noise of that.
     pub read_noise_e: f64,
     /// Electrons that a pixel holds.
     pub full_well_e: f64,
@@ -76,6 +78,8 @@ pub struct SampleLabels {
     pub saturation_dn: f64,
     /// Even background.
     pub background_e_per_px_s: f64,
+    /// The real frame under the stars, a file beside the recipe; empty: none.
+    pub background_file: String,
     /// Temperature of the optics; 20 where none is stated.
     pub temperature_c: f64,
     /// Effects that are on.
@@ -294,6 +298,7 @@ impl SampleLabels {
             principal_point_px: scene.camera.principal_point_px.map(rounded),
             distortion: [scene.camera.k1, scene.camera.p1, scene.camera.p2].map(rounded),
             projection: Cow::Borrowed(scene.model.projection()),
+            psf: scene.psf_table.as_ref().map_or_else(|| "gaussian".to_owned(), |psf| psf.kind.clone()),
             psf_sigma_px: rounded(scene.detector.psf_sigma_px),
             gain_e_per_dn: rounded(detector.gain_e_per_dn),
             bias_dn: rounded(detector.bias_dn),
@@ -301,6 +306,7 @@ impl SampleLabels {
             full_well_e: rounded(detector.full_well_e),
             saturation_dn: rounded(full_dn),
             background_e_per_px_s: rounded(scene.sky.even_e_per_px_s()),
+            background_file: frame.background.clone().unwrap_or_default(),
             temperature_c: rounded(exposure.telemetry.temperature_c.unwrap_or(USUAL_TEMPERATURE_C)),
             effects: effects.chain(others).chain(scene.glow_ids().map(str::to_owned)).collect(),
             saturated_share: rounded(full as f64 / rendered.pixels_dn.len().max(1) as f64),

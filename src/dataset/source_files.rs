@@ -81,6 +81,20 @@ pub(super) fn sources(recipe: &RecipeFile, scene: &Table, (folder, scene_path): 
     Ok(found)
 }
 
+/// Adds files by their names, as seen from the recipe in its folder.
+pub(super) fn add_sources<'n>(
+    sources: &mut Vec<SourceFile>,
+    names: impl Iterator<Item = &'n str>,
+    folder: &Path,
+) -> Result<(), DatasetError> {
+    for name in names {
+        let path = folder.join(name);
+        let bytes = std::fs::read(&path).map_err(|source| DatasetError::Read { path: path.display().to_string(), source })?;
+        sources.push(SourceFile { name: name.to_owned(), bytes: bytes.into() });
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -8,9 +8,9 @@ use sha2::{Digest, Sha256};
 
 use super::folder::DatasetFile;
 use super::frame_key::{FrameKey, ShardKey};
-use super::image_files::{low_byte_first, read_image};
+use super::image_files::read_image;
 use super::plan::hexadecimal;
-use super::recipe::{ImageFormat, SampleMember};
+use super::recipe::SampleMember;
 use super::run::DatasetProgress;
 use super::sample_labels::SampleLabels;
 use super::samples::{Sample, samples_of};
@@ -19,6 +19,7 @@ use super::table_columns::TableWriter;
 use super::verify_labels::LabelMeasure;
 use super::verify_masks::MaskMeasure;
 use super::verify_result::{Remake, SeenFrame, VerifyCheck, VerifyFault};
+use crate::recording::low_byte_first;
 
 /// A shard that is looked at, and what was found.
 pub(super) struct ShardCheck<'a> {
@@ -272,17 +273,13 @@ impl<'a> ShardCheck<'a> {
 
 /// The members that every sample has, in order.
 fn members(dataset: &DatasetFile) -> Vec<&'static str> {
-    let image = match dataset.image {
-        ImageFormat::Png16 => "image.png",
-        ImageFormat::Npy => "image.npy",
-    };
     let more = dataset.members.iter().map(|member| match member {
         SampleMember::Mask => "mask.png",
         SampleMember::Distance => "distance.png",
         SampleMember::Instances => "instances.png",
         SampleMember::Clean => "clean.npy",
     });
-    let mut members: Vec<&str> = [image, "json"].into_iter().chain(more).collect();
+    let mut members: Vec<&str> = [dataset.image.member(), "json"].into_iter().chain(more).collect();
     members.sort_unstable();
     members
 }

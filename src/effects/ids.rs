@@ -40,8 +40,12 @@ pub const STRAY_LIGHT: &str = <detector::stray_light::StrayLight as super::Centr
 pub const ADC: &str = <detector::adc::Adc as super::pixel::PixelEffect>::ID;
 /// See [`sky::background`].
 pub const BACKGROUND: &str = <sky::background::Background as super::pixel::PixelEffect>::ID;
+/// See [`detector::banding`].
+pub const BANDING: &str = <detector::banding::Banding as super::pixel::PixelEffect>::ID;
 /// See [`detector::blooming`].
 pub const BLOOMING: &str = <detector::blooming::Blooming as super::pixel::pass::PassHead>::ID;
+/// See [`detector::dark_current`].
+pub const DARK_CURRENT: &str = <detector::dark_current::DarkCurrent as super::pixel::PixelEffect>::ID;
 /// See [`detector::hot_pixels`].
 pub const HOT_PIXELS: &str = <detector::hot_pixels::HotPixels as super::pixel::PixelEffect>::ID;
 /// See [`detector::nonlinearity`].

@@ -34,7 +34,7 @@ impl Imager {
         let context = self.plan.context(exposure, &self.plan.light(exposure, planes)?);
         let up_to = |plan: Plan| -> Result<Vec<f32>, ImagingError> {
             let lit = plan.light(exposure, planes)?;
-            Ok(on_cpu::electrons_in(&plan, Some(Stage::Digital), &lit, exposure, &context))
+            Ok(on_cpu::electrons_in(&plan, Some(Stage::Digital), (&lit, &[]), exposure, &context))
         };
         let before = up_to(self.plan.only(|effect| rank(effect) < Some(last)))?;
         let after = up_to(self.plan.only(|effect| rank(effect) <= Some(last)))?;

@@ -153,6 +153,12 @@ pub enum ImagingError {
         /// Pixels along each side of a joined one.
         factor: usize,
     },
+    /// What no GPU does.
+    #[error("{what} is rendered on the CPU alone: choose --backend cpu")]
+    OnCpuAlone {
+        /// A key of the scene.
+        what: &'static str,
+    },
     /// Counts asked of a chain without a converter.
     #[error("counts were asked for, but the converter (adc) is not switched on; add it or ask for electrons")]
     NoConverter,
@@ -311,6 +317,27 @@ impl Imager {
         Ok(Image16 { width_px: self.plan.width_px, height_px: self.plan.height_px, pixels_dn })
     }
 
+    /// The same with electrons that reading adds to each pixel right before the converter, row by row. On the CPU alone.
+    pub(crate) fn expose_on(
+        &self,
+        exposure: &FrameExposure<'_>,
+        planes: &[PlaneLight<'_>],
+        read_e: &[f32],
+    ) -> Result<Image16, ImagingError> {
+        let (width_px, height_px) = (self.plan.width_px, self.plan.height_px);
+        if read_e.len() != width_px * height_px {
+            return Err(ImagingError::BadSky { given: read_e.len(), expected: width_px * height_px });
+        }
+        if !self.plan.has_converter() {
+            return Err(ImagingError::NoConverter);
+        }
+        let lit = self.plan.light(exposure, planes)?;
+        match &self.runner {
+            Runner::Cpu => Ok(Image16 { width_px, height_px, pixels_dn: on_cpu::counts(&self.plan, &lit, read_e, exposure) }),
+            Runner::Gpu(_) => Err(ImagingError::OnCpuAlone { what: "detector.dark_frame" }),
+        }
+    }
+
     /// Counts, row by row, joined where that is asked for.
     fn counts(&self, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>], joining: Option<Joining>) -> Result<Vec<u16>, ImagingError> {
         if !self.plan.has_converter() {
@@ -319,7 +346,7 @@ impl Imager {
         let lit = self.plan.light(exposure, planes)?;
         match &self.runner {
             Runner::Cpu => {
-                let counts = on_cpu::counts(&self.plan, &lit, exposure);
+                let counts = on_cpu::counts(&self.plan, &lit, &[], exposure);
                 Ok(joining.map(|joining| joining.binning.join_counts(&counts, self.plan.width_px)).unwrap_or(counts))
             }
             Runner::Gpu(gpu) => Ok(gpu.counts(&self.plan, &lit, exposure, joining)?),

@@ -15,9 +15,9 @@ pub struct NoiseFree<'a> {
     pub(super) plan: Plan,
     exposure: FrameExposure<'a>,
     context: ExposureContext,
-    light: Pixels,
+    light: Pixels<'a>,
     /// What follows the light, pixel by pixel, with the converter.
-    counts: Pixels,
+    counts: Pixels<'a>,
     full_well_e: Option<f64>,
     saturation_dn: Option<f32>,
     read_noise_e: f64,
@@ -109,7 +109,7 @@ impl NoiseFree<'_> {
 
     fn frame(&self, stage: Option<Stage>, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Vec<f32>, ImagingError> {
         let lit: Lit<'_> = self.plan.light(exposure, planes)?;
-        Ok(on_cpu::electrons_in(&self.plan, stage, &lit, &self.exposure, &self.context))
+        Ok(on_cpu::electrons_in(&self.plan, stage, (&lit, &[]), &self.exposure, &self.context))
     }
 
     /// Electrons of the sky in the pixels of a stamp, before any effect.
@@ -125,7 +125,7 @@ impl NoiseFree<'_> {
     }
 
     /// Sends the pixels of a stamp through effects.
-    fn apply(&self, effects: &Pixels, stamp: &Stamp, pixels: &mut [f32]) {
+    fn apply(&self, effects: &Pixels<'_>, stamp: &Stamp, pixels: &mut [f32]) {
         for (row, run) in pixels.chunks_exact_mut(stamp.width_px.max(1)).enumerate() {
             effects.apply((stamp.top_px + row) * self.plan.width_px + stamp.left_px, run);
         }

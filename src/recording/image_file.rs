@@ -164,11 +164,64 @@ pub fn load(path: &Path) -> Result<Frame, FrameProblem> {
     }
 }
 
+/// Columns and rows of an image file, without its pixels.
+pub(crate) fn size_of(path: &Path) -> Result<FrameSize, FrameProblem> {
+    probe(path, None).map(|probe| probe.size)
+}
+
+/// A file of bare counts ([`super::ImageFileForm::Raw16`]) that a recording names: it has no head, so the recording says the size.
+pub(super) fn is_raw(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("raw"))
+}
+
+/// Refuses bare counts of another length than their frame. Cameras' own files of that ending are told by their first bytes.
+pub(super) fn probe_raw(path: &Path, size: FrameSize) -> Result<Probe, FrameProblem> {
+    let file = open(path)?;
+    let found = file.metadata().map_err(FrameProblem::Read)?.len();
+    let expected = 2 * (size.width_px * size.height_px) as u64;
+    if found == expected {
+        return Ok(Probe { size, fits: None, exif: None, more_images: false });
+    }
+    let mut head = Vec::new();
+    file.take(300).read_to_end(&mut head).map_err(FrameProblem::Read)?;
+    match kind(&head) {
+        Err(foreign @ (FrameProblem::OtherKind { .. } | FrameProblem::EmptyFile)) => Err(foreign),
+        _ => {
+            let message = format!(
+                "it has {found} bytes, but {size} of bare counts are {expected}, 16 bits each, low byte first; correct [camera] or copy the file again"
+            );
+            Err(FrameProblem::Decode { kind: "raw", message })
+        }
+    }
+}
+
+/// Reads bare counts of 16 bits.
+pub(super) fn load_raw(path: &Path, size: FrameSize) -> Result<MaskedFrame, FrameProblem> {
+    probe_raw(path, size)?;
+    let mut bytes = Vec::new();
+    open(path)?.take(MAXIMUM_FILE_BYTES).read_to_end(&mut bytes).map_err(FrameProblem::Read)?;
+    let pixels_dn: Vec<f32> = bytes.as_chunks().0.iter().map(|pair| f32::from(u16::from_le_bytes(*pair))).collect();
+    let FrameSize { width_px, height_px } = size;
+    if pixels_dn.len() != width_px * height_px {
+        return Err(FrameProblem::Truncated {
+            kind: "raw",
+            expected_bytes: 2 * (width_px * height_px) as u64,
+            found_bytes: bytes.len() as u64,
+        });
+    }
+    MaskedFrame::new(Frame { width_px, height_px, pixels_dn, saturation_dn: f32::from(u16::MAX) }).ok_or(FrameProblem::NothingDefined)
+}
+
 /// Reads the pixels of an image file; those without a value (NaN, infinite, BLANK) are marked, and have the median of the others.
 pub(super) fn load_masked(path: &Path, plane: Option<Plane>) -> Result<MaskedFrame, FrameProblem> {
     let file = open(path)?;
     let mut bytes = Vec::new();
     file.take(MAXIMUM_FILE_BYTES).read_to_end(&mut bytes).map_err(FrameProblem::Read)?;
+    of_bytes(bytes, plane)
+}
+
+/// Reads the pixels of an image file that is in memory.
+pub(crate) fn of_bytes(mut bytes: Vec<u8>, plane: Option<Plane>) -> Result<MaskedFrame, FrameProblem> {
     if is_gzip(&bytes) {
         bytes = unpacked(bytes.as_slice())?;
     }

@@ -18,6 +18,7 @@ mod fits;
 mod fits_tiles;
 mod foreign;
 mod image_file;
+mod image_form;
 mod manifest;
 mod open;
 mod output;
@@ -46,6 +47,8 @@ use crate::frame::{Frame, MaskedFrame};
 pub(crate) use circumstances::Offsets;
 pub use error::{FrameProblem, FrameSize, ManifestKey, RecordingError};
 pub use image_file::load as load_image;
+pub(crate) use image_file::{of_bytes as image_of_bytes, size_of as image_size};
+pub(crate) use image_form::{fits_rice_u16, low_byte_first, png_u8, png_u16};
 pub use manifest::FORMAT;
 pub use output::{OutputError, write_file};
 pub use schema::CameraInfo;
@@ -53,6 +56,7 @@ pub use star_list::{ListedStar, StarList};
 pub use told::{GivenCircumstances, ToldError};
 pub use write::{FitsHeaders, write_fits_u16, write_manifest, write_png_u16};
 inner!(schema::{RecordingFrameTable, RecordingMountTable, RecordingFile, STAR_LIST_FORMAT, RecordingSiteTable, StarListRow});
+inner!(image_form::{ImageFileForm, write_image});
 inner!(output::{OutputDirectory, OutputFile, ResultFolder, abandon, check_file});
 inner!(write::{manifest_text, write_fits_f32, star_list_text, write_fits_with, write_manifest_of, write_fits_u8});
 
@@ -281,7 +285,11 @@ impl Recording {
             .frame_path(frame)
             .ok_or_else(|| RecordingError::NoPixels { path: self.manifest.clone().unwrap_or_else(|| self.directory.clone()), frame })?;
         let fault = |problem| RecordingError::Frame { file: path.clone(), problem: Box::new(problem), place: entry.place.clone() };
-        let mut masked = image_file::load_masked(&path, self.plane).map_err(fault)?;
+        let read = match entry.size.filter(|_| self.form == Form::Manifest && image_file::is_raw(&path)) {
+            Some(size) => image_file::load_raw(&path, size),
+            None => image_file::load_masked(&path, self.plane),
+        };
+        let mut masked = read.map_err(fault)?;
         let loaded = &mut masked.frame;
         let found = FrameSize { width_px: loaded.width_px, height_px: loaded.height_px };
         if let Some(expected) = entry.size.filter(|expected| *expected != found) {

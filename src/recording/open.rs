@@ -265,7 +265,9 @@ fn from_manifest(path: &Path, options: OpenOptions) -> Result<Recording, Recordi
                 entry.size = Some(camera_size);
                 return listed_stars.faults.remove(&number).map_or(Ok(entry), Err);
             }
-            let probe = image_file::probe(&file, options.plane).map_err(fault)?;
+            let probe =
+                if image_file::is_raw(&file) { image_file::probe_raw(&file, camera_size) } else { image_file::probe(&file, options.plane) };
+            let probe = probe.map_err(fault)?;
             if probe.size != camera_size {
                 let expected_from = format!("the camera ({}, line {width_line}, width_px and height_px) is", path.display());
                 return Err(fault(FrameProblem::WrongSize { found: probe.size, expected: camera_size, expected_from }));

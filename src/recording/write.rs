@@ -10,9 +10,9 @@ use fitsio_pure::BLOCK_SIZE;
 use fitsio_pure::header::{Card, serialize_header};
 use fitsio_pure::value::Value;
 use hifitime::{Duration, Epoch};
-use image::{ExtendedColorType, ImageEncoder};
 use serde::Serialize;
 
+use super::image_form::png_u16;
 use super::output::{OutputError, write_file};
 use super::schema::{RecordingFile, RecordingFrameTable, RecordingMountTable, RecordingSiteTable};
 use super::{CameraInfo, FrameEntry, ListedStar, Recording, Site, StarList, manifest, time};
@@ -42,6 +42,15 @@ pub struct FitsHeaders {
     pub gain_e_per_dn: Option<f64>,
 }
 
+/// A card: keyword, value, comment.
+type FitsCard = (&'static str, Value, &'static str);
+
+/// What the headers of a frame say, and who wrote them.
+pub(super) fn fits_cards(headers: &FitsHeaders) -> impl Iterator<Item = FitsCard> {
+    let creator = ("CREATOR", Value::String(concat!("boresight ", env!("CARGO_PKG_VERSION")).to_owned()), "");
+    headers.cards().into_iter().chain([creator])
+}
+
 impl FitsHeaders {
     /// What a manifest says of the same frame.
     #[must_use]
@@ -57,7 +66,7 @@ impl FitsHeaders {
         }
     }
 
-    fn cards(&self) -> Vec<(&'static str, Value, &'static str)> {
+    fn cards(&self) -> Vec<FitsCard> {
         let mut cards = Vec::new();
         if let Some(middle) = self.time_utc {
             let start = middle - Duration::from_seconds(self.exposure_s.unwrap_or(0.0) / 2.0);
@@ -155,9 +164,8 @@ fn write_fits_and(
         ("BSCALE", Value::Float(1.0), ""),
         ("ROWORDER", Value::String("TOP-DOWN".to_owned()), "the first row stored is the top one"),
     ];
-    let creator = ("CREATOR", Value::String(concat!("boresight ", env!("CARGO_PKG_VERSION")).to_owned()), "");
     let mut cards = Vec::new();
-    for (keyword, value, comment) in mandatory.into_iter().chain(unit).chain(headers.cards()).chain([creator]) {
+    for (keyword, value, comment) in mandatory.into_iter().chain(unit).chain(fits_cards(headers)) {
         let mut card = Card::new(keyword, value).map_err(encode)?;
         card.comment = Some(comment.to_owned()).filter(|comment| !comment.is_empty());
         cards.push(card);
@@ -178,16 +186,11 @@ fn write_fits_and(
 /// Writes a 16-bit grey PNG image.
 pub fn write_png_u16(path: &Path, width_px: usize, height_px: usize, pixels_dn: &[u16]) -> Result<(), OutputError> {
     check_count(path, width_px, height_px, pixels_dn.len())?;
-    let fault = |message: String| OutputError::Encode { path: path.to_owned(), message };
-    let side = |length: usize| u32::try_from(length).map_err(|_| fault(format!("{length} px are too many")));
-    let mut bytes = Vec::new();
-    image::codecs::png::PngEncoder::new(&mut bytes)
-        .write_image(bytemuck::cast_slice(pixels_dn), side(width_px)?, side(height_px)?, ExtendedColorType::L16)
-        .map_err(|error| fault(error.to_string()))?;
+    let bytes = png_u16([width_px, height_px], pixels_dn).map_err(|message| OutputError::Encode { path: path.to_owned(), message })?;
     write_file(path, &bytes)
 }
 
-fn check_count(path: &Path, width_px: usize, height_px: usize, pixels: usize) -> Result<(), OutputError> {
+pub(super) fn check_count(path: &Path, width_px: usize, height_px: usize, pixels: usize) -> Result<(), OutputError> {
     if width_px.checked_mul(height_px) == Some(pixels) {
         return Ok(());
     }

@@ -86,6 +86,8 @@ impl<'a> Renderer<'a> {
 
     /// The same with tables of point spreads that earlier scenes made; what is missing is added.
     pub(crate) fn with_tables(scene: &'a Scene, catalog: &'a Catalog, backend: Backend, tables: &PsfTables) -> Result<Self, ImagingError> {
+        // What a real frame adds is put in on the CPU alone.
+        let backend = if scene.dark_frame.is_some() && backend == Backend::Auto { Backend::Cpu } else { backend };
         let config = ImagingConfig {
             width_px: scene.own_psf.own_per_px * scene.camera.width_px,
             height_px: scene.own_psf.own_per_px * scene.camera.height_px,
@@ -200,7 +202,13 @@ impl<'a> Renderer<'a> {
             let stamps = others.iter().zip(&lights[tracks.len()..]).map(stamp).collect::<Result<Vec<_>, ImagingError>>()?;
             let of_own = |own_dn: &[u16]| mask(&self.imager, &chain, &exposure, &lit.planes, own_dn, &stamps, self.own_width_px());
             Some(match self.scene.binning {
-                None => of_own(&pixels_dn)?,
+                None => {
+                    let mut mask = of_own(&pixels_dn)?;
+                    if let Some(dark) = &self.scene.dark_frame {
+                        mask.iter_mut().zip(dark.hot()).for_each(|(flags, is_hot)| *flags |= if is_hot { MaskFlag::HOT } else { 0 });
+                    }
+                    mask
+                }
                 Some(binning) => {
                     let own = of_own(&vec![0; pixels_dn.len() * binning.factor * binning.factor])?;
                     let full_dn = self.scene.detector.joined(self.scene.binning).full_pixel_dn();
@@ -244,9 +252,10 @@ impl<'a> Renderer<'a> {
 
     /// The counts of an exposure.
     fn counts(&self, exposure: &FrameExposure<'_>, planes: &[PlaneLight<'_>]) -> Result<Image16, ImagingError> {
-        match &self.binned {
-            Some(binned) => binned.expose_with(exposure, planes),
-            None => self.imager.expose_with(exposure, planes),
+        match (&self.binned, &self.scene.dark_frame) {
+            (Some(binned), _) => binned.expose_with(exposure, planes),
+            (None, Some(dark)) => self.imager.expose_on(exposure, planes, &dark.electrons),
+            (None, None) => self.imager.expose_with(exposure, planes),
         }
     }
 

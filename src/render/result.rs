@@ -39,6 +39,8 @@ pub struct SimulateResult {
     /// The folder of the masks, where they were asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub masks: Option<String>,
+    /// Number in the scene of the first frame rendered.
+    pub first_frame: usize,
     /// Frames rendered.
     pub frames: usize,
     /// Star images rendered.
@@ -63,7 +65,7 @@ pub struct SimulatedTruth<'a, Frames = Vec<TrueFrame>> {
     /// Id of the law of its lens.
     pub projection: &'static str,
     /// The parameters of that law, by name.
-    pub projection_parameters: BTreeMap<&'static str, f64>,
+    pub projection_parameters: BTreeMap<String, f64>,
     /// The camera that the recording declares.
     pub nominal: &'a Camera,
     /// Of the detector's own pixels.
@@ -71,9 +73,12 @@ pub struct SimulatedTruth<'a, Frames = Vec<TrueFrame>> {
     /// How pixels are joined, where they are.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub binning: Option<Binning>,
-    /// The image of a star, where the scene has a table of it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub psf: Option<&'a PsfTable>,
+    /// The image of a star: as the scene has it, or the Gaussian of `[detector]`.
+    pub psf: PsfTable,
+    /// What works on pixels, in no order: what every camera has, and what the scene lists.
+    pub pixel_effects: Vec<TruthEffect>,
+    /// What lights the sky between the stars unevenly.
+    pub sky_lights: Vec<TruthEffect>,
     /// The sky.
     pub sky: &'a SkyTable,
     /// The place on the ground, if it is there.
@@ -91,8 +96,10 @@ pub struct SimulatedTruth<'a, Frames = Vec<TrueFrame>> {
 /// The truth of one frame.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct TrueFrame {
-    /// Its number.
+    /// Its number in the scene, as in stars.csv.
     pub frame: usize,
+    /// Its image, within the folder of the recording.
+    pub file: String,
     /// Its expected electrons, within the folder of the truth, where they were asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clean_file: Option<String>,
@@ -117,13 +124,13 @@ pub struct TrueFrame {
     pub zenith_icrs: Option<[f64; 3]>,
 }
 
-/// A displacement in force.
+/// An effect in force.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct TruthEffect {
     /// Its id.
-    pub id: &'static str,
+    pub id: String,
     /// Its parameters, by name.
-    pub parameters: BTreeMap<&'static str, f64>,
+    pub parameters: BTreeMap<String, f64>,
 }
 
 /// What a parameter of an effect on pixels does to measured stars.

@@ -141,7 +141,9 @@ impl Seen {
         let is_full = chain.is_full(stamp, &seen);
         let sent_e: Vec<f64> = stamp.electrons.iter().map(|electrons| f64::from(*electrons)).collect();
         let (left_px, top_px, width_px) = (stamp.left_px, stamp.top_px, stamp.width_px);
-        let own = Self { left_px, top_px, width_px, light: seen, sent_e, read_variance: chain.read_noise_e().powi(2), is_full };
+        // A dark frame stands in the place of read noise; pixels are not joined then.
+        let read_noise_e = scene.dark_frame.as_ref().map_or(chain.read_noise_e(), |dark| dark.noise_e);
+        let own = Self { left_px, top_px, width_px, light: seen, sent_e, read_variance: read_noise_e.powi(2), is_full };
         let Some(binning) = scene.binning else { return own };
         let joined = Joined::new(binning.factor, stamp);
         let light = StampLight { electrons: joined.sums(&own.light.electrons), background_e: joined.sums(&own.light.background_e) };

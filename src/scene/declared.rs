@@ -1,7 +1,5 @@
 //! What the recording of a scene declares: the nominal camera and not the true one, and its frames.
 
-use std::path::PathBuf;
-
 use super::Scene;
 use crate::camera::Camera;
 use crate::recording::{CameraInfo, Form, FrameEntry, FrameSize, Mount, Recording, Shutter, Site};
@@ -35,15 +33,16 @@ pub fn declared_recording(scene: &Scene) -> Recording {
     Recording { mount, site, form: Form::Manifest, ..Recording::new(camera) }
 }
 
-/// Its frames, one after the other; the file of each has this ending.
-pub fn declared_frames<'s>(scene: &'s Scene, ending: &'s str) -> impl Iterator<Item = FrameEntry> + 's {
+/// What it says of an exposure; the file is not known here.
+#[must_use]
+pub fn declared_entry(scene: &Scene, number: usize) -> FrameEntry {
     let Camera { width_px, height_px, .. } = scene.nominal;
-    scene.exposures.iter().enumerate().map(move |(number, exposure)| FrameEntry {
-        file: Some(PathBuf::from(format!("frames/{number:04}.{ending}"))),
+    let exposure = scene.exposures.get(number);
+    FrameEntry {
         number,
         size: Some(FrameSize { width_px, height_px }),
         time_utc: exposure.time,
         exposure_s: Some(exposure.exposure_s),
         ..exposure.telemetry.entry()
-    })
+    }
 }

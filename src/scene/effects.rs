@@ -1,8 +1,10 @@
 //! `[[effects]]` of a scene: any displacement, any pixel effect and any light of the sky of the registries with parameters of its own, beside what
 //! `sky.physics` has at its known size and what `[detector]` and `[sky]` say of the everyday ones.
 
+use std::sync::Arc;
+
 use super::sky_light::GlowSetting;
-use super::{DetectorTable, EffectTable, Exposures, SceneError, SkyTable};
+use super::{DetectorTable, EffectTable, Exposure, Exposures, PsfTable, SceneError, SkyTable};
 use crate::camera::{Model, SkyChain, Term};
 use crate::effects::detector::adc::full_scale_dn;
 use crate::effects::ids;
@@ -84,6 +86,51 @@ pub(super) fn check_telemetry(path: &str, tables: &[EffectTable], terms: &[Term]
         }
     }
     Ok(())
+}
+
+/// Refuses an image of a star that follows the temperature where an exposure has none.
+pub(super) fn check_psf_telemetry(path: &str, psf: Option<&PsfTable>, exposures: &Exposures) -> Result<(), SceneError> {
+    let terms = psf.map_or(&[][..], |psf| &psf.vary);
+    let Some(index) = terms.iter().position(|term| term.temperature > 0 && term.coefficient != 0.0) else { return Ok(()) };
+    let has_none = |exposure: Arc<Exposure>| exposure.sky.observation().temperature_offset_k.is_none();
+    match exposures.kinds().position(has_none) {
+        None => Ok(()),
+        Some(number) => {
+            let message = format!(
+                "psf.vary[{index}]: the term follows the temperature and does nothing in exposure {number}: the temperature of the frames is not known; say temperature_c of each of [[frames]], or leave the term out"
+            );
+            Err(SceneError::Parse { path: path.to_owned(), message })
+        }
+    }
+}
+
+#[cfg(feature = "bench")]
+/// What of an exposure an effect follows by the ends of its parameters' names, counted from the mean over the exposures.
+type Followed = (&'static str, &'static str, fn(&Observation) -> Option<f64>);
+#[cfg(feature = "bench")]
+const FOLLOWED: [Followed; 3] = [
+    ("_per_kelvin", "temperature", |known| known.temperature_offset_k),
+    ("_per_hour", "time", |known| known.time_offset_h),
+    ("_per_hpa", "pressure", |known| known.pressure_offset_hpa),
+];
+
+/// Effects behind the lens that do nothing since what they follow is the same in all exposures.
+#[cfg(feature = "bench")]
+pub(super) fn idle(model: &Model, exposures: &Exposures) -> Vec<String> {
+    let mut told = Vec::new();
+    for (id, parameters) in model.terms() {
+        let Some(effect) = displacement(id) else { continue };
+        for (spec, _) in effect.parameters().iter().zip(parameters).filter(|(_, value)| **value != 0.0) {
+            let Some((_, what, of)) = FOLLOWED.iter().find(|(end, ..)| spec.name.ends_with(end)) else { continue };
+            if exposures.kinds().all(|exposure| of(exposure.sky.observation()).is_none_or(|offset| offset == 0.0)) {
+                let name = spec.name;
+                told.push(format!(
+                    "{id}.{name} counts from the mean {what} of the exposures and does nothing: the {what} is the same in all of them"
+                ));
+            }
+        }
+    }
+    told
 }
 
 /// The parameters of a pixel effect: those that are given; else, where `[detector]` has a key of that name, its value; else the value at which

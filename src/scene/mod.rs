@@ -5,6 +5,7 @@
 
 mod binning;
 mod check;
+mod dark_frame;
 mod declared;
 mod detector;
 #[cfg(feature = "bench")]
@@ -38,7 +39,7 @@ pub use tables::{
     GhostTable, JitterTable, LineTable, MountTable, NominalTable, OrbitTable, PixelTable, PsfTable, QuantumEfficiencyTable, SceneFile,
     SeriesTable, SiteTable, SkyTable, StreakKind, StreakTable, TrueCameraTable, VaryTable,
 };
-inner!(declared::{declared_frames, declared_recording});
+inner!(declared::{declared_entry, declared_recording});
 inner!(schema::FORMAT);
 inner!(file::DEMO_TOML);
 inner!(lights::{LIGHT_PAGES, LightForm, LightKind, LightPage, OtherLight});
@@ -48,6 +49,7 @@ inner!(psf::{Psf, PsfNodes, Spot, Third});
 inner!(spline::RotationSpline);
 inner!(track::{Sample, StarTrack});
 
+use dark_frame::DarkFrame;
 use sky_light::SkyLight;
 
 use crate::camera::{Camera, GroundSite, Model, ObserverError, Physics, PhysicsError, SkyChain, Term};
@@ -151,6 +153,8 @@ pub struct Scene {
     pub psf: Psf,
     /// The same as written, if it was.
     pub psf_table: Option<PsfTable>,
+    /// A real dark frame in the place of read noise.
+    pub(crate) dark_frame: Option<DarkFrame>,
     /// Ghosts of bright stars.
     pub ghosts: Vec<GhostTable>,
     /// Trails of satellites and meteors.
@@ -221,6 +225,20 @@ impl Scene {
     /// What lights the sky between the stars unevenly: effects by their ids.
     pub(crate) fn glow_ids(&self) -> impl Iterator<Item = &'static str> + '_ {
         self.sky_light.glow_ids()
+    }
+
+    /// What lights the sky between the stars unevenly, with its parameters by name.
+    #[cfg(feature = "bench")]
+    pub fn glows(&self) -> impl Iterator<Item = (&'static str, std::collections::BTreeMap<String, f64>)> + '_ {
+        self.sky_light.glows()
+    }
+
+    /// Effects that follow what is measured beside the frames, counted from its mean over the exposures, and do nothing since it is the same in all of
+    /// them: a sentence for each.
+    #[cfg(feature = "bench")]
+    #[must_use]
+    pub fn idle_effects(&self) -> Vec<String> {
+        effects::idle(&self.model, &self.exposures)
     }
 
     /// Reads and checks a scene file.
@@ -306,6 +324,7 @@ impl SceneFile {
         let is_fixed = self.mount.is_some_and(|mount| mount.kind == Mount::Fixed);
         let exposures = self.exposures(path, physics, &terms)?;
         effects::check_telemetry(path, &self.effects, &terms, &exposures)?;
+        effects::check_psf_telemetry(path, self.psf.as_ref(), &exposures)?;
         let mut sky = self.sky.clone();
         let sky_light = SkyLight::new(path, &mut sky, glows, [self.camera.width_px, self.camera.height_px], exposures.kinds())?;
         let size_px = [camera.width_px, camera.height_px];
@@ -320,7 +339,9 @@ impl SceneFile {
         let own_psf = psf.on_own_pixels(binning.map_or(1, |binning| binning.factor)).map_err(wrong_psf)?;
         work::check(path, &self, &own_psf)?;
         let saturation_dn = Some(self.detector.top_dn());
-        let detector = DetectorTable { psf_sigma_px: psf.typical_px, saturation_dn, ..self.detector.clone() };
+        let dark_frame = dark_frame::read(path, &self.detector, &pixels, (size_px, binning.is_some()))?;
+        let read_noise_e = dark_frame.as_ref().map_or(self.detector.read_noise_e, |dark| dark.noise_e);
+        let detector = DetectorTable { psf_sigma_px: psf.typical_px, saturation_dn, read_noise_e, ..self.detector.clone() };
         let colour_response = detector.colour_response();
         let colour_filters = detector.colour_filters.as_ref().map(|table| table.response(detector.quantum_efficiency.as_ref()));
         let mut pixels = pixels;
@@ -329,7 +350,8 @@ impl SceneFile {
         {
             pixels.push(EffectSetting::new(ids::BAYER, &[("red_relative", red), ("blue_relative", blue)]));
         }
-        let pixel_effects = effects::of_camera(&self.detector, &self.sky_of_own_pixel(&sky), &pixels);
+        let mut pixel_effects = effects::of_camera(&self.detector, &self.sky_of_own_pixel(&sky), &pixels);
+        pixel_effects.retain(|effect| dark_frame.is_none() || effect.id != ids::READ_NOISE);
         Ok(Scene {
             seed: self.seed,
             first_frame: self.first_frame,
@@ -349,6 +371,7 @@ impl SceneFile {
             own_psf,
             psf,
             psf_table: self.psf,
+            dark_frame,
             ghosts: self.ghosts,
             streaks: self.streaks,
             cosmic_rays: self.cosmic_rays,

@@ -2,17 +2,17 @@
 
 use std::path::Path;
 
-use super::error::SuiteError;
 use super::suite_file::{ScalingTable, SystemImage};
-use crate::recording::{FitsHeaders, write_fits_u16};
+use crate::recording::{FitsHeaders, ImageFileForm, OutputError, write_image};
 
-/// How images end.
-pub(super) fn ending(image: SystemImage) -> &'static str {
+/// The form of its files.
+pub(super) fn file_form(image: SystemImage) -> ImageFileForm {
     match image {
-        SystemImage::Png8 | SystemImage::Png16 => "png",
-        SystemImage::Tiff16 => "tif",
-        SystemImage::Fits => "fits",
-        SystemImage::Raw16 => "raw",
+        SystemImage::Png8 => ImageFileForm::Png8,
+        SystemImage::Png16 => ImageFileForm::Png16,
+        SystemImage::Tiff16 => ImageFileForm::Tiff16,
+        SystemImage::Fits => ImageFileForm::Fits,
+        SystemImage::Raw16 => ImageFileForm::Raw16,
     }
 }
 
@@ -55,27 +55,18 @@ impl ScalingTable {
 }
 
 /// Writes a frame; `top_dn` is the largest count of the camera.
-pub(super) fn write_image(
+pub(super) fn write_scaled(
     path: &Path,
-    [width_px, height_px]: [usize; 2],
+    size_px: [usize; 2],
     pixels_dn: &[u16],
     (image, top_dn, scaling): (SystemImage, f64, Option<&ScalingTable>),
     headers: &FitsHeaders,
-) -> Result<(), SuiteError> {
-    let wrong = |message: String| SuiteError::Write { path: path.display().to_string(), source: std::io::Error::other(message) };
-    let written = |bytes: Vec<u8>| std::fs::write(path, bytes).map_err(|source| SuiteError::Write { path: path.display().to_string(), source });
-    let of16 = || scaled16(pixels_dn, scaling);
-    match image {
-        SystemImage::Fits => Ok(write_fits_u16(path, width_px, height_px, &of16(), headers)?),
-        SystemImage::Png8 => written(crate::dataset::png8(0, [width_px, height_px], &scaled8(pixels_dn, top_dn, scaling)).map_err(|error| wrong(error.to_string()))?),
-        SystemImage::Png16 => written(crate::dataset::png16(0, [width_px, height_px], &of16()).map_err(|error| wrong(error.to_string()))?),
-        SystemImage::Raw16 => written(of16().iter().flat_map(|count| count.to_le_bytes()).collect()),
-        SystemImage::Tiff16 => {
-            let picture = image::ImageBuffer::<image::Luma<u16>, Vec<u16>>::from_raw(width_px as u32, height_px as u32, of16());
-            let picture = picture.ok_or_else(|| wrong("the frame has another size".to_owned()))?;
-            picture.save_with_format(path, image::ImageFormat::Tiff).map_err(|error| wrong(error.to_string()))
-        }
+) -> Result<(), OutputError> {
+    if image == SystemImage::Png8 {
+        let bytes: Vec<u16> = scaled8(pixels_dn, top_dn, scaling).into_iter().map(u16::from).collect();
+        return write_image(path, ImageFileForm::Png8, size_px, (&bytes, 8), headers);
     }
+    write_image(path, file_form(image), size_px, (&scaled16(pixels_dn, scaling), 16), headers)
 }
 
 #[cfg(test)]

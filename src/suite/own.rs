@@ -21,7 +21,7 @@ use crate::pipeline::{
     identify_frames, measure_frames, physics_in_force,
 };
 use crate::recording::{FrameEntry, Recording, RecordingError, SkippedFrame};
-use crate::scene::{declared_frames, declared_recording};
+use crate::scene::{declared_entry, declared_recording};
 
 /// What a diagnosis named.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -74,8 +74,7 @@ pub(super) fn answers(case: &str, own: &OwnTable, (batch, frames): (&FrameBatch,
 /// The frames as a recording that lies in memory.
 fn recording_of(batch: &FrameBatch, frames: &[HandedFrame]) -> Recording {
     let mut recording = declared_recording(&batch.scene);
-    let all: Vec<FrameEntry> = declared_frames(&batch.scene, "fits").collect();
-    let own = frames.iter().enumerate().map(|(number, frame)| FrameEntry { file: None, number, ..all[frame.in_scene].clone() });
+    let own = frames.iter().enumerate().map(|(number, frame)| FrameEntry { number, ..declared_entry(&batch.scene, frame.in_scene) });
     recording.frames = own.collect();
     recording
 }

@@ -17,6 +17,13 @@ pub struct DetectorTable {
     pub bias_dn: f64,
     /// Read noise (standard deviation).
     pub read_noise_e: f64,
+    /// A dark frame of the camera (FITS, TIFF, PNG, …) in the place of read noise and dark current: its counts less `bias_dn`, times `gain_e_per_dn`, are
+    /// what reading a pixel adds. It holds as many pixels as the frame or more. A path that is not absolute begins at the folder of the scene.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dark_frame: Option<String>,
+    /// Column and row of the dark frame at which the frame begins.
+    #[serde(skip_serializing_if = "is_corner")]
+    pub dark_frame_corner_px: [usize; 2],
     /// Bits of the converter, 8 to 16.
     pub bits: u32,
     /// Highest count of the converter; the end of its bits, 2^bits − 1, if absent.
@@ -44,6 +51,8 @@ impl Default for DetectorTable {
             gain_e_per_dn: 2.0,
             bias_dn: 200.0,
             read_noise_e: 5.0,
+            dark_frame: None,
+            dark_frame_corner_px: [0; 2],
             bits: 16,
             saturation_dn: None,
             full_well_e: 1.0e5,
@@ -52,6 +61,10 @@ impl Default for DetectorTable {
             colour_filters: None,
         }
     }
+}
+
+fn is_corner(place: &[usize; 2]) -> bool {
+    *place == [0; 2]
 }
 
 /// `[detector.quantum_efficiency]`: a curve through the points given, straight between them and nothing beyond; only its shape counts.

@@ -37,6 +37,25 @@ pub struct PsfTable {
     pub image_has_pixel: bool,
 }
 
+impl PsfTable {
+    /// A round Gaussian, the same all over the field.
+    #[must_use]
+    pub fn gaussian(sigma_px: f64) -> Self {
+        Self {
+            kind: "gaussian".to_owned(),
+            parameters: BTreeMap::from([("sigma_px".to_owned(), sigma_px)]),
+            vary: Vec::new(),
+            field_nodes: default_field_nodes(),
+            depth_nodes: default_depth_nodes(),
+            reach_px: None,
+            pixel: None,
+            image: None,
+            image_points_per_px: None,
+            image_has_pixel: false,
+        }
+    }
+}
+
 fn default_field_nodes() -> [usize; 2] {
     [5, 5]
 }

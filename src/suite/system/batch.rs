@@ -12,7 +12,7 @@ use super::filled::{Places, command};
 use super::handover::{Handover, write};
 use super::process::{ProcessEnd, run};
 use crate::recording::{FrameEntry, write_manifest_of};
-use crate::scene::{declared_frames, declared_recording};
+use crate::scene::{declared_entry, declared_recording};
 
 /// Hands a folder over: `frames/NNNNNN.ending`, `frames.csv` and, for programs that know it, `recording.toml`.
 pub(super) fn answers(table: &SystemTable, handover: &Handover<'_>, batch: &FrameBatch, frames: &[HandedFrame]) -> Result<Vec<ObservedAnswer>, SuiteError> {
@@ -27,9 +27,10 @@ pub(super) fn answers(table: &SystemTable, handover: &Handover<'_>, batch: &Fram
         list += &format!("{},frames/{},{time},{}\n", frame.number, handover.image_name(frame.number), frame.truth.exposure_s);
     }
     write(&folder.join("frames.csv"), list.as_bytes())?;
-    let names: BTreeMap<usize, String> = frames.iter().map(|frame| (frame.in_scene, handover.image_name(frame.number))).collect();
-    let entries = declared_frames(&batch.scene, "fits")
-        .filter_map(|entry| Some(FrameEntry { file: Some(format!("frames/{}", names.get(&entry.number)?).into()), ..entry }));
+    let entries = frames.iter().map(|frame| {
+        let file = Some(format!("frames/{}", handover.image_name(frame.number)).into());
+        FrameEntry { file, ..declared_entry(&batch.scene, frame.in_scene) }
+    });
     write_manifest_of(&folder, &declared_recording(&batch.scene), entries)?;
     let answer = handover.folder.path().join("answer");
     let places = Places { answer: Some(&answer), recording: Some(&folder), truth: Some(&images), size_px: handover.size_px, ..Places::default() };

@@ -7,10 +7,10 @@ use tempfile::TempDir;
 
 use super::super::error::SuiteError;
 use super::super::frames::{FrameBatch, HandedFrame};
-use super::super::images::{ending, write_image};
+use super::super::images::{file_form, write_scaled};
 use super::super::suite_file::{SystemImage, SystemTable};
 use crate::recording::FitsHeaders;
-use crate::scene::{declared_frames, declared_recording};
+use crate::scene::{declared_entry, declared_recording};
 
 /// A folder for the files of a batch of frames, which goes with it.
 #[derive(Debug)]
@@ -32,7 +32,8 @@ impl<'a> Handover<'a> {
         let made = if shared.is_dir() { tempfile::Builder::new().prefix("boresight-").tempdir_in(shared).or_else(|_| tempfile::tempdir()) } else { tempfile::tempdir() };
         let folder = made.map_err(|source| SuiteError::Write { path: "a folder for images".to_owned(), source })?;
         let recording = declared_recording(scene);
-        let headers = declared_frames(scene, ending(table.image)).map(|entry| FitsHeaders::new(&recording.camera, recording.site.as_ref(), &entry)).collect();
+        let header = |number| FitsHeaders::new(&recording.camera, recording.site.as_ref(), &declared_entry(scene, number));
+        let headers = (0..scene.exposures.len()).map(header).collect();
         let camera = json!({
             "width_px": scene.nominal.width_px, "height_px": scene.nominal.height_px, "focal_length_px": scene.nominal.focal_length_px,
             "principal_point_px": scene.nominal.principal_point_px, "k1": scene.nominal.k1,
@@ -50,14 +51,14 @@ impl<'a> Handover<'a> {
 
     /// What the image of a frame is called within its folder.
     pub(super) fn image_name(&self, number: usize) -> String {
-        format!("{number:06}.{}", ending(self.table.image))
+        format!("{number:06}.{}", file_form(self.table.image).ending())
     }
 
     /// Writes the image of a frame.
     pub(super) fn write_image(&self, folder: &Path, frame: &HandedFrame) -> Result<PathBuf, SuiteError> {
         let path = folder.join(self.image_name(frame.number));
         let Self { table, size_px, top_dn, headers, .. } = self;
-        write_image(&path, *size_px, &frame.pixels_dn, (table.image, *top_dn, table.scaling.as_ref()), &headers[frame.in_scene])?;
+        write_scaled(&path, *size_px, &frame.pixels_dn, (table.image, *top_dn, table.scaling.as_ref()), &headers[frame.in_scene])?;
         if table.image == SystemImage::Raw16 {
             let [width_px, height_px] = size_px;
             let head = json!({"width_px": width_px, "height_px": height_px, "type": "uint16", "byte_order": "little", "first_row": "top"});
