@@ -259,7 +259,7 @@ pub fn angle_between_rad(a: [f64; 4], b: [f64; 4]) -> f64 {
 
 /// A convention that answers agree with.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Agreement {
+pub struct ConventionAgreement {
     /// The convention.
     pub conventions: Conventions,
     /// Answers that agree with the truth under it.
@@ -271,7 +271,7 @@ pub struct Agreement {
 /// Which conventions the answers agree with: truths and written attitudes in pairs; within `tolerance_rad`; the best first. Mirrored axes are among them: the
 /// quaternion is then compared with that which a program writes that takes a mirrored matrix for a rotation.
 #[must_use]
-pub fn agreements(pairs: &[(Attitude, WrittenAttitude)], tolerance_rad: f64) -> Vec<Agreement> {
+pub fn agreements(pairs: &[(Attitude, WrittenAttitude)], tolerance_rad: f64) -> Vec<ConventionAgreement> {
     let of = |conventions: Conventions| {
         let angle = |(truth, written): &(Attitude, WrittenAttitude)| match written {
             WrittenAttitude::Quaternion(numbers) => {
@@ -285,9 +285,9 @@ pub fn agreements(pairs: &[(Attitude, WrittenAttitude)], tolerance_rad: f64) -> 
         };
         let mut angles: Vec<f64> = pairs.iter().map(angle).filter(|angle| *angle <= tolerance_rad).collect();
         angles.sort_by(f64::total_cmp);
-        Agreement { conventions, agreeing: angles.len(), median_rad: angles.get(angles.len() / 2).copied().unwrap_or(f64::INFINITY) }
+        ConventionAgreement { conventions, agreeing: angles.len(), median_rad: angles.get(angles.len() / 2).copied().unwrap_or(f64::INFINITY) }
     };
-    let mut all: Vec<Agreement> = Conventions::of_attitudes().into_iter().map(of).filter(|one| one.agreeing > 0).collect();
+    let mut all: Vec<ConventionAgreement> = Conventions::of_attitudes().into_iter().map(of).filter(|one| one.agreeing > 0).collect();
     all.sort_by(|a, b| b.agreeing.cmp(&a.agreeing).then(a.median_rad.total_cmp(&b.median_rad)));
     all
 }
@@ -307,7 +307,7 @@ mod tests {
         for own in Conventions::of_attitudes() {
             let pairs: Vec<_> = truths.iter().map(|truth| (*truth, WrittenAttitude::Quaternion(own.write(truth)))).collect();
             let all = agreements(&pairs, 1e-6);
-            let full: Vec<&Agreement> = all.iter().filter(|one| one.agreeing == pairs.len()).collect();
+            let full: Vec<&ConventionAgreement> = all.iter().filter(|one| one.agreeing == pairs.len()).collect();
             assert!(full.iter().any(|one| one.conventions == own), "{}", own.words());
             // Others are none, but where two conventions are one and the same rule.
             found += full.len();

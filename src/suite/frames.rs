@@ -19,7 +19,7 @@ use crate::scene::{Scene, SiteTable};
 
 /// What is true of a frame.
 #[derive(Clone, Debug)]
-pub struct FrameTruth {
+pub struct TestedTruth {
     /// The attitude at the middle of the exposure.
     pub attitude: Attitude,
     /// Velocity of the camera, barycentric, ICRS axes.
@@ -42,7 +42,7 @@ pub struct HandedFrame {
     /// Its number in its scene.
     pub in_scene: usize,
     /// What is true of it.
-    pub truth: FrameTruth,
+    pub truth: TestedTruth,
     /// Counts, row by row, the first row on top.
     pub pixels_dn: Vec<u16>,
 }
@@ -65,7 +65,7 @@ impl FrameBatch {
         let one = |&(in_scene, number, place): &(usize, usize, DesignPlace)| {
             let rendered = renderer.render(in_scene).map_err(wrong)?;
             let exposure = self.scene.exposures.get(in_scene);
-            let truth = FrameTruth {
+            let truth = TestedTruth {
                 attitude: exposure.attitude,
                 velocity_km_s: exposure.sky.observation().velocity_km_s,
                 time: exposure.time,

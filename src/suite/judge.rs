@@ -73,15 +73,15 @@ fn requirement(plan: &SuitePlan, own: &PlannedRequirement, scores: &CaseScores, 
 
 /// Why a metric has no sample.
 fn nothing(metric: &Metric, scores: &CaseScores) -> String {
-    use super::metric::Needs;
+    use super::metric::AnswerNeeds;
     let right = scores.frames.iter().filter(|frame| frame.is_right).count();
     match metric.needs {
-        Needs::Attitude | Needs::Design if right == 0 => "nothing to judge: no answer is right (acquisition.correct_rate says how many are)".to_owned(),
-        Needs::Design => "nothing to judge: too few fields have answers to all of their frames".to_owned(),
-        Needs::Centroids => "nothing to judge: the answers hold no centroids (write centroids.csv beside the answer)".to_owned(),
-        Needs::Names => "nothing to judge: the answers hold no centroids with ids (write centroids.csv with the column id)".to_owned(),
-        Needs::Camera => "nothing to judge: the answers hold no camera with what this needs (write camera.json beside the answer)".to_owned(),
-        Needs::Sequence => "nothing to judge: no answer was lost and found again".to_owned(),
+        AnswerNeeds::Attitude | AnswerNeeds::Design if right == 0 => "nothing to judge: no answer is right (acquisition.correct_rate says how many are)".to_owned(),
+        AnswerNeeds::Design => "nothing to judge: too few fields have answers to all of their frames".to_owned(),
+        AnswerNeeds::Centroids => "nothing to judge: the answers hold no centroids (write centroids.csv beside the answer)".to_owned(),
+        AnswerNeeds::Names => "nothing to judge: the answers hold no centroids with ids (write centroids.csv with the column id)".to_owned(),
+        AnswerNeeds::Camera => "nothing to judge: the answers hold no camera with what this needs (write camera.json beside the answer)".to_owned(),
+        AnswerNeeds::Sequence => "nothing to judge: no answer was lost and found again".to_owned(),
         _ => "nothing to judge: the answers hold nothing of it".to_owned(),
     }
 }

@@ -4,7 +4,7 @@ use super::verdict::SampleKind;
 
 /// What of an answer a metric needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Needs {
+pub enum AnswerNeeds {
     /// An answer, whatever is in it.
     Answer,
     /// Attitudes.
@@ -111,7 +111,7 @@ pub struct Metric {
     /// The kind of its statistics.
     pub kind: SampleKind,
     /// What answers must hold.
-    pub needs: Needs,
+    pub needs: AnswerNeeds,
 }
 
 /// How the names of a group of metrics end.
@@ -141,40 +141,40 @@ struct Row {
     quantity: Quantity,
     ends: Ends,
     unit: &'static str,
-    needs: Needs,
+    needs: AnswerNeeds,
     what: &'static str,
 }
 
-const fn row(name: &'static str, quantity: Quantity, ends: Ends, unit: &'static str, needs: Needs, what: &'static str) -> Row {
+const fn row(name: &'static str, quantity: Quantity, ends: Ends, unit: &'static str, needs: AnswerNeeds, what: &'static str) -> Row {
     Row { name, quantity, ends, unit, needs, what }
 }
 
 const ROWS: &[Row] = &[
-    row("acquisition.correct_rate", Quantity::Correct, Ends::Share, "", Needs::Answer, "share of frames with a right attitude"),
-    row("acquisition.false_rate", Quantity::False, Ends::Share, "", Needs::Answer, "share of frames with an attitude that is wrong"),
-    row("acquisition.none_rate", Quantity::None, Ends::Share, "", Needs::Answer, "share of frames without an attitude"),
-    row("acquisition.first_frames", Quantity::FirstFrames, Ends::Sizes, "frames", Needs::Sequence, "frames until the first right attitude of a sequence"),
-    row("acquisition.again_frames", Quantity::AgainFrames, Ends::Sizes, "frames", Needs::Sequence, "frames until a right attitude after one was lost"),
-    row("attitude.cross_boresight_arcsec", Quantity::CrossBoresight, Ends::Errors, "arcsec", Needs::Attitude, "angle between boresight and true boresight, of right answers"),
-    row("attitude.about_boresight_arcsec", Quantity::AboutBoresight, Ends::Errors, "arcsec", Needs::Attitude, "error of the roll, of right answers"),
-    row("ecss.cross_boresight_arcsec", Quantity::CrossBoresight, Ends::Ecss, "arcsec", Needs::Design, "the same split by its cause, one sigma of both axes together"),
-    row("ecss.about_boresight_arcsec", Quantity::AboutBoresight, Ends::Ecss, "arcsec", Needs::Design, "the same of the roll"),
-    row("centroids.error_px", Quantity::CentroidError, Ends::Rms, "px", Needs::Centroids, "measured minus true position, 2-D"),
-    row("centroids.s_curve_px", Quantity::SCurve, Ends::Count, "px", Needs::Centroids, "amplitude of the error in step with the place within the pixel"),
-    row("centroids.completeness", Quantity::Completeness, Ends::Stars, "", Needs::Centroids, "share of the stars that are found (signal-to-noise ratio of 10 or more)"),
-    row("centroids.false_per_frame", Quantity::FalseStars, Ends::Count, "", Needs::Centroids, "centroids without a star near them"),
-    row("identification.right_rate", Quantity::RightNames, Ends::Stars, "", Needs::Names, "share of the stars (signal-to-noise ratio of 10 or more) that are named rightly"),
-    row("identification.wrong_rate", Quantity::WrongNames, Ends::Share, "", Needs::Names, "share of the named stars that are others"),
-    row("identification.missed_rate", Quantity::MissedNames, Ends::Stars, "", Needs::Names, "share of the stars that are not named rightly"),
-    row("calibration.focal_length_relative", Quantity::FocalLength, Ends::Errors, "", Needs::Camera, "relative error of the focal length, one value a camera"),
-    row("calibration.pulls", Quantity::Pulls, Ends::Rms, "", Needs::Camera, "errors of the camera over their stated standard errors"),
-    row("calibration.map_error_px", Quantity::MapError, Ends::Sizes, "px", Needs::Camera, "error of pixel to direction over the frame, rms, after the best rotation"),
-    row("diagnosis.right_name_rate", Quantity::RightDiagnosis, Ends::Share, "", Needs::Diagnosis, "share of the nights of which all hidden effects are named"),
-    row("diagnosis.false_name_rate", Quantity::FalseDiagnosis, Ends::Share, "", Needs::Diagnosis, "share of the nights of which an effect is named that is not there"),
-    row("latency_s", Quantity::Latency, Ends::Sizes, "s", Needs::Answer, "from handing over a frame to its answer"),
-    row("memory_mib", Quantity::Memory, Ends::Largest, "MiB", Needs::Answer, "peak resident memory of a process (Linux)"),
-    row("crashes.rate", Quantity::Crashes, Ends::Share, "", Needs::Answer, "share of frames at which the program ended by itself"),
-    row("time_outs.rate", Quantity::TimeOuts, Ends::Share, "", Needs::Answer, "share of frames without an answer in time"),
+    row("acquisition.correct_rate", Quantity::Correct, Ends::Share, "", AnswerNeeds::Answer, "share of frames with a right attitude"),
+    row("acquisition.false_rate", Quantity::False, Ends::Share, "", AnswerNeeds::Answer, "share of frames with an attitude that is wrong"),
+    row("acquisition.none_rate", Quantity::None, Ends::Share, "", AnswerNeeds::Answer, "share of frames without an attitude"),
+    row("acquisition.first_frames", Quantity::FirstFrames, Ends::Sizes, "frames", AnswerNeeds::Sequence, "frames until the first right attitude of a sequence"),
+    row("acquisition.again_frames", Quantity::AgainFrames, Ends::Sizes, "frames", AnswerNeeds::Sequence, "frames until a right attitude after one was lost"),
+    row("attitude.cross_boresight_arcsec", Quantity::CrossBoresight, Ends::Errors, "arcsec", AnswerNeeds::Attitude, "angle between boresight and true boresight, of right answers"),
+    row("attitude.about_boresight_arcsec", Quantity::AboutBoresight, Ends::Errors, "arcsec", AnswerNeeds::Attitude, "error of the roll, of right answers"),
+    row("ecss.cross_boresight_arcsec", Quantity::CrossBoresight, Ends::Ecss, "arcsec", AnswerNeeds::Design, "the same split by its cause, one sigma of both axes together"),
+    row("ecss.about_boresight_arcsec", Quantity::AboutBoresight, Ends::Ecss, "arcsec", AnswerNeeds::Design, "the same of the roll"),
+    row("centroids.error_px", Quantity::CentroidError, Ends::Rms, "px", AnswerNeeds::Centroids, "measured minus true position, 2-D"),
+    row("centroids.s_curve_px", Quantity::SCurve, Ends::Count, "px", AnswerNeeds::Centroids, "amplitude of the error in step with the place within the pixel"),
+    row("centroids.completeness", Quantity::Completeness, Ends::Stars, "", AnswerNeeds::Centroids, "share of the stars that are found (signal-to-noise ratio of 10 or more)"),
+    row("centroids.false_per_frame", Quantity::FalseStars, Ends::Count, "", AnswerNeeds::Centroids, "centroids without a star near them"),
+    row("identification.right_rate", Quantity::RightNames, Ends::Stars, "", AnswerNeeds::Names, "share of the stars (signal-to-noise ratio of 10 or more) that are named rightly"),
+    row("identification.wrong_rate", Quantity::WrongNames, Ends::Share, "", AnswerNeeds::Names, "share of the named stars that are others"),
+    row("identification.missed_rate", Quantity::MissedNames, Ends::Stars, "", AnswerNeeds::Names, "share of the stars that are not named rightly"),
+    row("calibration.focal_length_relative", Quantity::FocalLength, Ends::Errors, "", AnswerNeeds::Camera, "relative error of the focal length, one value a camera"),
+    row("calibration.pulls", Quantity::Pulls, Ends::Rms, "", AnswerNeeds::Camera, "errors of the camera over their stated standard errors"),
+    row("calibration.map_error_px", Quantity::MapError, Ends::Sizes, "px", AnswerNeeds::Camera, "error of pixel to direction over the frame, rms, after the best rotation"),
+    row("diagnosis.right_name_rate", Quantity::RightDiagnosis, Ends::Share, "", AnswerNeeds::Diagnosis, "share of the nights of which all hidden effects are named"),
+    row("diagnosis.false_name_rate", Quantity::FalseDiagnosis, Ends::Share, "", AnswerNeeds::Diagnosis, "share of the nights of which an effect is named that is not there"),
+    row("latency_s", Quantity::Latency, Ends::Sizes, "s", AnswerNeeds::Answer, "from handing over a frame to its answer"),
+    row("memory_mib", Quantity::Memory, Ends::Largest, "MiB", AnswerNeeds::Answer, "peak resident memory of a process (Linux)"),
+    row("crashes.rate", Quantity::Crashes, Ends::Share, "", AnswerNeeds::Answer, "share of frames at which the program ended by itself"),
+    row("time_outs.rate", Quantity::TimeOuts, Ends::Share, "", AnswerNeeds::Answer, "share of frames without an answer in time"),
 ];
 
 impl Ends {

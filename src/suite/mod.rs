@@ -1,18 +1,34 @@
-//! Suite.
+//! Suite: a star tracker, our own pipeline or any program, held against requirements on frames whose truth is known.
+//!
+//! ```text
+//!   SUITE.toml ──► SuitePlan ──► frames, truth ──► system under test ──► answers ──► scores ──► verdicts ──► test.json, JUnit, page
+//!     suite_file     plan          frames            own, system          answers     score      judge        junit, github, page
+//! ```
+//! Frames follow from suite, case and number alone (`attitudes`, `frames`), so that they are the same every time and can be made again one by one.
+//! `intervals`, `sample` and `components` are the statistics, `verdict` and `looks` what is made of them. `faults` names what is wrong with a system,
+//! `smallest` what of a scene a failure needs.
+
 mod answers;
 mod attitudes;
+mod baseline;
 mod components;
 mod conventions;
 mod error;
 mod failures;
 mod faults;
 mod frames;
+mod github;
+mod guess;
 mod images;
+mod init;
 mod intervals;
 mod judge;
+mod junit;
 mod looks;
 mod metric;
 mod own;
+mod page;
+mod page_plot;
 mod plan;
 mod result;
 mod run;
@@ -30,9 +46,15 @@ mod when;
 inner!(answers::{AnswerFile, AnswerStatus, AnsweredCamera, AnsweredStar, TrackerAnswer, read_answers, usual_conventions});
 inner!(attitudes::DesignPlace);
 inner!(components::{pooled, strata});
-inner!(conventions::{Agreement, Conventions, PixelOrigin, QuaternionOrder, RotationWay, SignedAxes, WrittenAttitude, agreements});
+inner!(conventions::{ConventionAgreement, Conventions, PixelOrigin, QuaternionOrder, RotationWay, SignedAxes, WrittenAttitude, agreements});
 inner!(error::SuiteError);
 inner!(faults::SystemFault);
+inner!(baseline::compared);
+inner!(github::{annotations, summary});
+inner!(guess::{GUESS_FRAMES, Guess, guess_conventions});
+inner!(init::{SuiteSource, init_suite});
+inner!(page::{FramePicture, page});
+inner!(junit::{junit, measured_words, number, requirement_words});
 inner!(intervals::{Bounded, Risk});
 inner!(looks::{looks, spent});
 inner!(metric::{Metric, listed, names});
@@ -43,6 +65,6 @@ inner!(result::{
 });
 inner!(failures::{FailureFrame, folder_name});
 inner!(run::{SuiteOptions, SuiteProgress, SuiteRun, run_suite});
-inner!(sample::{Sample, Stratum, Unit});
+inner!(sample::{MetricSample, Stratum, Unit});
 inner!(suite_file::{AnswerForm, RequirementLevel, SUITE_FORMAT, SuiteFile, SystemImage, SystemMode});
-inner!(verdict::{ErrorRates, Limit, RequirementVerdict, SampleKind, fewest_frames, frames_to_decide, verdict});
+inner!(verdict::{ErrorRates, RequirementLimit, RequirementVerdict, SampleKind, fewest_frames, frames_to_decide, verdict});

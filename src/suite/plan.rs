@@ -7,11 +7,11 @@ use toml::{Spanned, Table, Value};
 use super::attitudes::{AttitudePlan, read_list};
 use super::conventions::{Conventions, PixelOrigin, SignedAxes};
 use super::error::SuiteError;
-use super::metric::{Metric, Needs, Statistic};
+use super::metric::{Metric, AnswerNeeds, Statistic};
 use super::suite_file::{
     AttitudeKind, AttitudeTable, CaseTable, FrameCount, RequirementLevel, RequirementTable, SUITE_FORMAT, SuiteFile, SystemTable,
 };
-use super::verdict::{Limit, fewest_frames};
+use super::verdict::{RequirementLimit, fewest_frames};
 use super::when::When;
 use crate::dataset::{DatasetPlan, PlaceKind, ScenePath};
 use crate::scene::{Scene, preset, schema};
@@ -58,6 +58,7 @@ pub struct PlannedCase {
     pub(super) about_within_rad: f64,
     pub(super) night_frames: usize,
     pub(super) hidden: Vec<String>,
+    size_px: [usize; 2],
     /// Its requirements.
     pub requirements: Vec<PlannedRequirement>,
 }
@@ -78,7 +79,7 @@ pub struct PlannedRequirement {
     /// The metric.
     pub metric: Metric,
     /// The limit.
-    pub limit: Limit,
+    pub limit: RequirementLimit,
     /// How sure a PASS is to be.
     pub confidence: f64,
     /// What hangs on it.
@@ -89,6 +90,12 @@ pub struct PlannedRequirement {
 }
 
 impl PlannedCase {
+    /// Columns and rows of its frames.
+    #[must_use]
+    pub fn size_px(&self) -> [usize; 2] {
+        self.size_px
+    }
+
     /// How many values the sweep has; without one, one.
     #[must_use]
     pub fn values(&self) -> usize {
@@ -196,6 +203,9 @@ impl Checker<'_> {
         if !(system.timeout_s > 0.0 && system.timeout_s <= 3600.0) {
             return Err(format!("system.timeout_s = {} must be above 0, 3600 at most", system.timeout_s));
         }
+        if let Some(fault) = system.scaling.as_ref().and_then(super::suite_file::ScalingTable::fault) {
+            return Err(fault);
+        }
         if !(1..=64).contains(&system.workers) {
             return Err(format!("system.workers = {} must be from 1 to 64", system.workers));
         }
@@ -254,9 +264,9 @@ impl Checker<'_> {
             FrameCount::Word(word) => return Err(wrong(format!("frames = {word:?}; give a number or \"auto\""))),
         };
         check_numbers(case, &table).map_err(&wrong)?;
-        let focal_length_px = first_scene(&case.name, &frames_of)?.camera.focal_length_px;
+        let camera = first_scene(&case.name, &frames_of)?.camera;
         let list = self.list(&table).map_err(&wrong)?;
-        let attitudes = AttitudePlan::new(self.file.seed, &case.name, table, list, focal_length_px);
+        let attitudes = AttitudePlan::new(self.file.seed, &case.name, table, list, camera.focal_length_px);
         let about_within = case.about_within_arcsec.unwrap_or(20.0 * case.within_arcsec);
         let mut planned = PlannedCase {
             name: case.name.clone(),
@@ -270,6 +280,7 @@ impl Checker<'_> {
             about_within_rad: about_within * crate::units::ARCSEC_RAD,
             night_frames: case.night_frames,
             hidden: case.hidden.clone(),
+            size_px: [camera.width_px, camera.height_px],
             requirements: Vec::new(),
         };
         for value in 0..planned.values() {
@@ -341,8 +352,8 @@ impl Checker<'_> {
         let wrong = |message: String| self.wrong(line, message);
         let metric = Metric::find(&table.metric).map_err(&wrong)?;
         let limit = match (table.at_least, table.at_most) {
-            (Some(limit), None) => Limit::AtLeast(limit),
-            (None, Some(limit)) => Limit::AtMost(limit),
+            (Some(limit), None) => RequirementLimit::AtLeast(limit),
+            (None, Some(limit)) => RequirementLimit::AtMost(limit),
             _ => return Err(wrong("a requirement has either at_least or at_most; write one of them".to_owned())),
         };
         if !limit.value().is_finite() {
@@ -359,15 +370,15 @@ impl Checker<'_> {
         let fewest = fewest_frames(metric.kind, limit, 1.0 - confidence).unwrap_or(1);
         // Nights, sequences and fields hold several frames each.
         let per_unit = match metric.needs {
-            Needs::Diagnosis => case.night_frames,
-            Needs::Camera if self.file.system.is_none() => case.night_frames,
-            Needs::Sequence => case.attitudes.frames_per_field(),
+            AnswerNeeds::Diagnosis => case.night_frames,
+            AnswerNeeds::Camera if self.file.system.is_none() => case.night_frames,
+            AnswerNeeds::Sequence => case.attitudes.frames_per_field(),
             _ => 1,
         };
         let (needed, given) = (fewest * per_unit, case.frames.unwrap_or(case.max_frames));
         if needed > given && table.level == RequirementLevel::Minimum {
             let key = if case.frames.is_some() { "frames" } else { "max_frames" };
-            let number = if let Limit::AtLeast(limit) | Limit::AtMost(limit) = limit { limit } else { 0.0 };
+            let number = limit.value();
             return Err(wrong(format!(
                 "{} {} {number} cannot be shown at a confidence of {confidence} by {given} frames: without a single failure it takes {needed}; \
                  set {key} = {needed} or more, or frames = \"auto\" with max_frames = {needed} or more",
@@ -393,10 +404,10 @@ impl Checker<'_> {
             }
             _ => {}
         }
-        if metric.needs == Needs::Sequence {
+        if metric.needs == AnswerNeeds::Sequence {
             design(&[AttitudeKind::Scan], "\"scan\", which has sequences")?;
         }
-        if metric.needs == Needs::Diagnosis && (self.file.system.is_some() || !self.file.own.diagnose) {
+        if metric.needs == AnswerNeeds::Diagnosis && (self.file.system.is_some() || !self.file.own.diagnose) {
             return Err(format!("{name} is of boresight's own diagnosis: leave [system] out and write diagnose = true into [own]"));
         }
         Ok(())

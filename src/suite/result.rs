@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::faults::SystemFault;
 use super::suite_file::RequirementLevel;
-use super::verdict::{Limit, RequirementVerdict};
+use super::verdict::{RequirementLimit, RequirementVerdict};
 use crate::provenance::Provenance;
 
 /// The name of the file format.
@@ -94,7 +94,7 @@ pub struct RequirementResult {
     /// Its line in the suite.
     pub line: usize,
     /// What is required.
-    pub limit: Limit,
+    pub limit: RequirementLimit,
     /// How sure a PASS is.
     pub confidence: f64,
     /// What hangs on it.

@@ -4,7 +4,7 @@ use super::error::SuiteError;
 use super::failures::{FailureFrame, failure_frames, folder_name, one_frame};
 use super::judge::{Look, case_value, requirements};
 use super::looks::looks;
-use super::metric::Needs;
+use super::metric::AnswerNeeds;
 use super::plan::{PlannedCase, SuitePlan};
 use super::result::{CaseResult, CaseValueResult, RequirementResult, SmallestFailure};
 use super::runner::{CaseRun, Runner};
@@ -88,7 +88,7 @@ fn small(
     let Some((index, line)) = values.iter().enumerate().find_map(|(index, (value, _))| Some((index, failed(value)?))) else { return Ok(None) };
     let Some(requirement) = case.requirements.iter().find(|own| own.line == line) else { return Ok(None) };
     if !matches!(requirement.metric.kind, SampleKind::Share | SampleKind::Quantile(_) | SampleKind::Mean | SampleKind::Square)
-        || matches!(requirement.metric.needs, Needs::Diagnosis | Needs::Sequence)
+        || matches!(requirement.metric.needs, AnswerNeeds::Diagnosis | AnswerNeeds::Sequence)
     {
         return Ok(None);
     }

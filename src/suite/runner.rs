@@ -5,7 +5,7 @@ use std::time::Instant;
 use super::conventions::Conventions;
 use super::error::SuiteError;
 use super::frames::{FrameBatch, HandedFrame};
-use super::metric::Needs;
+use super::metric::AnswerNeeds;
 use super::own;
 use super::plan::{PlannedCase, SuitePlan};
 use super::result::SpentSeconds;
@@ -93,7 +93,7 @@ impl<'a> Runner<'a> {
 
     /// The answers of boresight, a night at a time.
     fn own(&self, case: &PlannedCase, batch: &FrameBatch, frames: &[HandedFrame], run: &mut CaseRun) -> Result<Vec<super::system::ObservedAnswer>, SuiteError> {
-        let calibrates = case.requirements.iter().any(|requirement| requirement.metric.needs == Needs::Camera);
+        let calibrates = case.requirements.iter().any(|requirement| requirement.metric.needs == AnswerNeeds::Camera);
         let mut all = Vec::with_capacity(frames.len());
         for night in frames.chunks(case.night_frames) {
             // What is left at the end is no whole night: it is neither calibrated nor diagnosed.

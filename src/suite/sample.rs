@@ -13,7 +13,7 @@ pub struct Unit {
 
 /// A measured quantity.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Sample {
+pub enum MetricSample {
     /// A share of frames: each is a hit or none.
     Share {
         /// Frames that are a hit.
@@ -63,7 +63,7 @@ pub struct Stratum {
     pub values: f64,
 }
 
-impl Sample {
+impl MetricSample {
     /// How many independent units there are.
     #[must_use]
     pub fn units(&self) -> usize {

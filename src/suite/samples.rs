@@ -6,7 +6,7 @@ use super::answers::AnswerStatus;
 use super::components::{pooled, strata};
 use super::metric::{Metric, Quantity, Statistic};
 use super::own::NightAnswer;
-use super::sample::{Sample, Stratum, Unit};
+use super::sample::{MetricSample, Stratum, Unit};
 use super::score::{AttitudeError, CameraScore, ScoredFrame, SeenStar};
 use crate::units::ARCSEC_RAD;
 
@@ -25,11 +25,11 @@ pub(super) struct CaseScores {
 
 impl CaseScores {
     /// The sample of a metric; `None`: the answers hold nothing of it.
-    pub(super) fn sample(&self, metric: &Metric) -> Option<Sample> {
+    pub(super) fn sample(&self, metric: &Metric) -> Option<MetricSample> {
         let frames = &self.frames;
         let share = |is_hit: &dyn Fn(&ScoredFrame) -> bool| {
             let hits = frames.iter().filter(|frame| is_hit(frame)).count() as u64;
-            Some(Sample::Share { hits, trials: frames.len() as u64 })
+            Some(MetricSample::Share { hits, trials: frames.len() as u64 })
         };
         match metric.quantity {
             Quantity::Correct => share(&|frame| frame.is_right),
@@ -54,7 +54,7 @@ impl CaseScores {
     }
 
     /// Samples of attitude errors in arcsec, of right answers: `axes` gives the components, `size` the whole.
-    fn attitude(&self, statistic: Statistic, axes: &dyn Fn(&AttitudeError) -> Vec<f64>, size: &dyn Fn(&AttitudeError) -> f64) -> Option<Sample> {
+    fn attitude(&self, statistic: Statistic, axes: &dyn Fn(&AttitudeError) -> Vec<f64>, size: &dyn Fn(&AttitudeError) -> f64) -> Option<MetricSample> {
         let components: Vec<Vec<f64>> =
             self.errors().map(|(_, error)| axes(&error).into_iter().map(|own| own / ARCSEC_RAD).collect()).collect();
         let count = components.first()?.len();
@@ -62,9 +62,9 @@ impl CaseScores {
         match statistic {
             Statistic::Rms => {
                 let unit = |own: &Vec<f64>| Unit { sum: own.iter().map(|own| own * own).sum(), count: count as f64 };
-                Some(Sample::RootMeanSquare { units: components.iter().map(unit).collect(), factor: count as f64 })
+                Some(MetricSample::RootMeanSquare { units: components.iter().map(unit).collect(), factor: count as f64 })
             }
-            Statistic::Bias => Some(Sample::Bias(self.field_means(&components, count).unwrap_or_else(|| (0..count).map(axis).collect()))),
+            Statistic::Bias => Some(MetricSample::Bias(self.field_means(&components, count).unwrap_or_else(|| (0..count).map(axis).collect()))),
             Statistic::TemporalNoise => self.component(axes, count, 0),
             Statistic::PixelSpatial => self.component(axes, count, 1),
             Statistic::FovSpatial => self.component(axes, count, 2),
@@ -85,7 +85,7 @@ impl CaseScores {
     }
 
     /// A component of variance, both axes together where there are two.
-    fn component(&self, axes: &dyn Fn(&AttitudeError) -> Vec<f64>, count: usize, level: usize) -> Option<Sample> {
+    fn component(&self, axes: &dyn Fn(&AttitudeError) -> Vec<f64>, count: usize, level: usize) -> Option<MetricSample> {
         let mut all: BTreeMap<usize, BTreeMap<usize, Vec<Vec<f64>>>> = BTreeMap::new();
         for (frame, error) in self.errors() {
             let own = axes(&error).into_iter().map(|own| own / ARCSEC_RAD).collect();
@@ -108,7 +108,7 @@ impl CaseScores {
             first
         };
         let upto: Option<Vec<Stratum>> = both[..=level].iter().copied().collect();
-        Some(Sample::Component { strata: upto?, level })
+        Some(MetricSample::Component { strata: upto?, level })
     }
 
     /// Frames until the first right answer of each whole sequence; of one without any, one more than it has.
@@ -140,7 +140,7 @@ impl CaseScores {
         self.frames.chunk_by(|a, b| a.place.sequence == b.place.sequence)
     }
 
-    fn stars(&self, metric: &Metric) -> Option<Sample> {
+    fn stars(&self, metric: &Metric) -> Option<MetricSample> {
         let snr = if let Statistic::Snr(snr) = metric.statistic { snr } else { SEEN_SNR };
         let told: Vec<(&ScoredFrame, &Vec<SeenStar>)> = self.frames.iter().filter_map(|frame| Some((frame, frame.stars.as_ref()?))).collect();
         if told.is_empty() {
@@ -156,7 +156,7 @@ impl CaseScores {
                 }
                 Unit { sum, count }
             };
-            Some(Sample::ShareOfStars(told.iter().map(unit).collect()))
+            Some(MetricSample::ShareOfStars(told.iter().map(unit).collect()))
         };
         match metric.quantity {
             Quantity::Completeness => share(&|star| star.error_px.is_some()),
@@ -164,22 +164,22 @@ impl CaseScores {
             Quantity::MissedNames => share(&|star| !star.is_named),
             Quantity::WrongNames => {
                 let units: Vec<Unit> = told.iter().map(|(frame, _)| Unit { sum: frame.misnamed as f64, count: frame.named as f64 }).collect();
-                units.iter().any(|unit| unit.count > 0.0).then_some(Sample::ShareOfStars(units))
+                units.iter().any(|unit| unit.count > 0.0).then_some(MetricSample::ShareOfStars(units))
             }
-            Quantity::FalseStars => Some(Sample::Mean(told.iter().map(|(frame, _)| frame.false_stars as f64).collect())),
-            Quantity::SCurve => Some(Sample::Bias(s_curve(&told))),
+            Quantity::FalseStars => Some(MetricSample::Mean(told.iter().map(|(frame, _)| frame.false_stars as f64).collect())),
+            Quantity::SCurve => Some(MetricSample::Bias(s_curve(&told))),
             _ => centroid_errors(&told, metric.statistic),
         }
     }
 
-    fn camera(&self, metric: &Metric) -> Option<Sample> {
+    fn camera(&self, metric: &Metric) -> Option<MetricSample> {
         let cameras = &self.cameras;
         match metric.quantity {
             Quantity::FocalLength => {
                 let values: Vec<f64> = cameras.iter().filter_map(|camera| camera.focal_length_relative).collect();
                 match metric.statistic {
-                    Statistic::Bias => some_of(Sample::Bias(vec![values])),
-                    Statistic::Rms => some_of(Sample::RootMeanSquare { units: values.iter().map(|own| Unit { sum: own * own, count: 1.0 }).collect(), factor: 1.0 }),
+                    Statistic::Bias => some_of(MetricSample::Bias(vec![values])),
+                    Statistic::Rms => some_of(MetricSample::RootMeanSquare { units: values.iter().map(|own| Unit { sum: own * own, count: 1.0 }).collect(), factor: 1.0 }),
                     other => sizes(values.iter().map(|own| own.abs()).collect(), other),
                 }
             }
@@ -187,16 +187,16 @@ impl CaseScores {
                 let unit = |camera: &CameraScore| Unit { sum: camera.pulls.iter().map(|own| own * own).sum(), count: camera.pulls.len() as f64 };
                 match metric.statistic {
                     Statistic::Bias => {
-                        some_of(Sample::Bias(vec![cameras.iter().flat_map(|camera| camera.pulls.first().copied()).collect()]))
+                        some_of(MetricSample::Bias(vec![cameras.iter().flat_map(|camera| camera.pulls.first().copied()).collect()]))
                     }
-                    _ => some_of(Sample::RootMeanSquare { units: cameras.iter().map(unit).collect(), factor: 1.0 }),
+                    _ => some_of(MetricSample::RootMeanSquare { units: cameras.iter().map(unit).collect(), factor: 1.0 }),
                 }
             }
             _ => sizes(cameras.iter().filter_map(|camera| camera.map_px).collect(), metric.statistic),
         }
     }
 
-    fn diagnosis(&self, quantity: Quantity) -> Option<Sample> {
+    fn diagnosis(&self, quantity: Quantity) -> Option<MetricSample> {
         if self.nights.is_empty() {
             return None;
         }
@@ -205,11 +205,11 @@ impl CaseScores {
             Quantity::RightDiagnosis => self.hidden.iter().all(|id| named(night, id)),
             _ => night.named.iter().flatten().any(|id| !self.hidden.contains(id)),
         };
-        Some(Sample::Share { hits: self.nights.iter().filter(is_hit).count() as u64, trials: self.nights.len() as u64 })
+        Some(MetricSample::Share { hits: self.nights.iter().filter(is_hit).count() as u64, trials: self.nights.len() as u64 })
     }
 }
 
-fn some_of(sample: Sample) -> Option<Sample> {
+fn some_of(sample: MetricSample) -> Option<MetricSample> {
     (sample.units() > 0).then_some(sample)
 }
 
@@ -222,29 +222,29 @@ fn most_common(counts: impl Iterator<Item = usize>) -> Option<usize> {
 }
 
 /// Mean, quantile or largest of sizes.
-fn sizes(values: Vec<f64>, statistic: Statistic) -> Option<Sample> {
+fn sizes(values: Vec<f64>, statistic: Statistic) -> Option<MetricSample> {
     if values.is_empty() {
         return None;
     }
     Some(match statistic {
-        Statistic::Quantile(share) => Sample::Quantile { values, share },
-        Statistic::Max => Sample::Largest(values),
-        _ => Sample::Mean(values),
+        Statistic::Quantile(share) => MetricSample::Quantile { values, share },
+        Statistic::Max => MetricSample::Largest(values),
+        _ => MetricSample::Mean(values),
     })
 }
 
 /// Errors of the centroids of clean stars.
-fn centroid_errors(told: &[(&ScoredFrame, &Vec<SeenStar>)], statistic: Statistic) -> Option<Sample> {
+fn centroid_errors(told: &[(&ScoredFrame, &Vec<SeenStar>)], statistic: Statistic) -> Option<MetricSample> {
     let of_frame = |stars: &Vec<SeenStar>| -> Vec<[f64; 2]> {
         stars.iter().filter(|star| star.is_clean && star.snr >= SEEN_SNR).filter_map(|star| star.error_px).collect()
     };
     let all: Vec<Vec<[f64; 2]>> = told.iter().map(|(_, stars)| of_frame(stars)).filter(|errors| !errors.is_empty()).collect();
     if statistic == Statistic::Bias {
         let mean = |errors: &Vec<[f64; 2]>, axis: usize| errors.iter().map(|error| error[axis]).sum::<f64>() / errors.len() as f64;
-        return some_of(Sample::Bias((0..2).map(|axis| all.iter().map(|errors| mean(errors, axis)).collect()).collect()));
+        return some_of(MetricSample::Bias((0..2).map(|axis| all.iter().map(|errors| mean(errors, axis)).collect()).collect()));
     }
     let unit = |errors: &Vec<[f64; 2]>| Unit { sum: errors.iter().flatten().map(|own| own * own).sum(), count: 2.0 * errors.len() as f64 };
-    some_of(Sample::RootMeanSquare { units: all.iter().map(unit).collect(), factor: 2.0 })
+    some_of(MetricSample::RootMeanSquare { units: all.iter().map(unit).collect(), factor: 2.0 })
 }
 
 /// The S-curve of both axes: twice the mean product of the error with sine and cosine of the place within the pixel, frame by frame.

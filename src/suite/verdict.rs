@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::intervals::{Bounded, Risk};
-use super::sample::Sample;
+use super::sample::MetricSample;
 
 /// What is known of a requirement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -38,14 +38,14 @@ impl RequirementVerdict {
 /// On which side of the limit the value is to be.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
-pub enum Limit {
+pub enum RequirementLimit {
     /// Not above.
     AtMost(f64),
     /// Not below.
     AtLeast(f64),
 }
 
-impl Limit {
+impl RequirementLimit {
     /// The number.
     #[must_use]
     pub fn value(self) -> f64 {
@@ -101,7 +101,7 @@ pub struct ErrorRates {
 
 /// The verdict.
 #[must_use]
-pub fn verdict(bounded: &Bounded, limit: Limit) -> RequirementVerdict {
+pub fn verdict(bounded: &Bounded, limit: RequirementLimit) -> RequirementVerdict {
     let [must_keep, breaks] = limit.sides(bounded);
     if limit.holds(must_keep) {
         RequirementVerdict::Pass
@@ -115,15 +115,15 @@ pub fn verdict(bounded: &Bounded, limit: Limit) -> RequirementVerdict {
 /// About how many frames it takes in all until a requirement is decided, if what they show stays as it is; `None` where no number is enough (the value
 /// is at its limit) or where more than `MOST` are needed. `frames` showed the sample.
 #[must_use]
-pub fn frames_to_decide(sample: &Sample, limit: Limit, errors: ErrorRates, frames: usize) -> Option<usize> {
+pub fn frames_to_decide(sample: &MetricSample, limit: RequirementLimit, errors: ErrorRates, frames: usize) -> Option<usize> {
     const MOST: f64 = 1e9;
     let risk = limit.risk(errors);
     let decided = |times: f64| {
         let bounded = match sample {
-            Sample::Share { hits, trials } => {
+            MetricSample::Share { hits, trials } => {
                 super::intervals::share((*hits as f64 * times).round(), (*trials as f64 * times).round(), risk)
             }
-            Sample::Quantile { values, share } => grown_quantile(values, *share, times, risk)?,
+            MetricSample::Quantile { values, share } => grown_quantile(values, *share, times, risk)?,
             other => shrunk(&other.bounds(risk)?, times),
         };
         Some(verdict(&bounded, limit) != RequirementVerdict::Undecided)
@@ -171,13 +171,13 @@ fn grown_quantile(values: &[f64], share: f64, times: f64, risk: Risk) -> Option<
 
 /// The fewest frames that could decide a requirement for the good, if nothing went wrong in any; `None`: the kind sets no such number.
 #[must_use]
-pub fn fewest_frames(kind: SampleKind, limit: Limit, false_pass: f64) -> Option<usize> {
+pub fn fewest_frames(kind: SampleKind, limit: RequirementLimit, false_pass: f64) -> Option<usize> {
     let frames = |share: f64| (false_pass.ln() / share.ln()).ceil() as usize;
     match (kind, limit) {
-        (SampleKind::Share, Limit::AtLeast(share)) if share > 0.0 && share < 1.0 => Some(frames(share)),
-        (SampleKind::Share, Limit::AtMost(share)) if share > 0.0 && share < 1.0 => Some(frames(1.0 - share)),
-        (SampleKind::Quantile(share), Limit::AtMost(_)) => Some(frames(share)),
-        (SampleKind::Quantile(share), Limit::AtLeast(_)) => Some(frames(1.0 - share)),
+        (SampleKind::Share, RequirementLimit::AtLeast(share)) if share > 0.0 && share < 1.0 => Some(frames(share)),
+        (SampleKind::Share, RequirementLimit::AtMost(share)) if share > 0.0 && share < 1.0 => Some(frames(1.0 - share)),
+        (SampleKind::Quantile(share), RequirementLimit::AtMost(_)) => Some(frames(share)),
+        (SampleKind::Quantile(share), RequirementLimit::AtLeast(_)) => Some(frames(1.0 - share)),
         (SampleKind::Mean | SampleKind::Square, _) => Some(2),
         _ => None,
     }

@@ -1,7 +1,7 @@
 //! What the verdicts of a suite claim, against the scatter of many suites: at the exact limit a PASS is as rare as asked for, and where the truth is
 //! better by four standard errors no suite fails.
 
-use boresight::suite::{ErrorRates, Limit, RequirementVerdict, Sample, Unit, looks, pooled, spent, strata, verdict};
+use boresight::suite::{ErrorRates, RequirementLimit, RequirementVerdict, MetricSample, Unit, looks, pooled, spent, strata, verdict};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
@@ -13,7 +13,7 @@ const MOST_OF_1000: usize = 66;
 /// A kind of metric: how a sample grows by frames, from the distance of the truth to the limit in its own units.
 struct Kind {
     name: &'static str,
-    limit: Limit,
+    limit: RequirementLimit,
     /// Frames of a suite.
     frames: usize,
     /// The sample of frames drawn with the truth better than the limit by so many standard errors.
@@ -21,7 +21,7 @@ struct Kind {
 }
 
 /// All frames of a suite, of which the first ones can be looked at.
-struct Frames(Box<dyn Fn(usize) -> Sample>);
+struct Frames(Box<dyn Fn(usize) -> MetricSample>);
 
 fn normal(chance: &mut Pcg64) -> f64 {
     StandardNormal.sample(chance)
@@ -32,7 +32,7 @@ const RATE: f64 = 0.05;
 fn draw_share(chance: &mut Pcg64, frames: usize, better: f64) -> Frames {
     let truth = RATE - better * (RATE * (1.0 - RATE) / frames as f64).sqrt();
     let hits: Vec<bool> = (0..frames).map(|_| chance.random::<f64>() < truth).collect();
-    Frames(Box::new(move |n| Sample::Share { hits: hits[..n].iter().filter(|hit| **hit).count() as u64, trials: n as u64 }))
+    Frames(Box::new(move |n| MetricSample::Share { hits: hits[..n].iter().filter(|hit| **hit).count() as u64, trials: n as u64 }))
 }
 
 /// Twenty stars a frame; in one of ten frames all are missed together more often.
@@ -49,7 +49,7 @@ fn draw_stars(chance: &mut Pcg64, frames: usize, better: f64) -> Frames {
             Unit { sum: sum as f64, count: STARS as f64 }
         })
         .collect();
-    Frames(Box::new(move |n| Sample::ShareOfStars(units[..n].to_vec())))
+    Frames(Box::new(move |n| MetricSample::ShareOfStars(units[..n].to_vec())))
 }
 
 /// The 90th percentile of an exponential quantity; the limit is ln 10.
@@ -57,14 +57,14 @@ fn draw_quantile(chance: &mut Pcg64, frames: usize, better: f64) -> Frames {
     let error = (0.9_f64 * 0.1 / frames as f64).sqrt() / 0.1;
     let scale = (10.0_f64.ln() - better * error) / 10.0_f64.ln();
     let values: Vec<f64> = (0..frames).map(|_| -scale * (1.0 - chance.random::<f64>()).ln()).collect();
-    Frames(Box::new(move |n| Sample::Quantile { values: values[..n].to_vec(), share: 0.9 }))
+    Frames(Box::new(move |n| MetricSample::Quantile { values: values[..n].to_vec(), share: 0.9 }))
 }
 
 /// The size of a mean; the limit is 1.
 fn draw_mean(chance: &mut Pcg64, frames: usize, better: f64) -> Frames {
     let truth = 1.0 - better * 2.0 / (frames as f64).sqrt();
     let values: Vec<f64> = (0..frames).map(|_| truth + 2.0 * normal(chance)).collect();
-    Frames(Box::new(move |n| Sample::Mean(values[..n].to_vec())))
+    Frames(Box::new(move |n| MetricSample::Mean(values[..n].to_vec())))
 }
 
 /// The length of a mean vector of two axes; the limit is 1.
@@ -72,7 +72,7 @@ fn draw_bias(chance: &mut Pcg64, frames: usize, better: f64) -> Frames {
     let truth = 1.0 - better * 2.0 / (frames as f64).sqrt();
     let axis = |chance: &mut Pcg64, middle: f64| -> Vec<f64> { (0..frames).map(|_| middle + 2.0 * normal(chance)).collect() };
     let axes = [axis(chance, 0.8 * truth), axis(chance, -0.6 * truth)];
-    Frames(Box::new(move |n| Sample::Bias(axes.iter().map(|axis| axis[..n].to_vec()).collect())))
+    Frames(Box::new(move |n| MetricSample::Bias(axes.iter().map(|axis| axis[..n].to_vec()).collect())))
 }
 
 /// The root mean square of normal errors of two axes; the limit is 1.
@@ -80,27 +80,27 @@ fn draw_rms(chance: &mut Pcg64, frames: usize, better: f64) -> Frames {
     let square = 1.0 - better * (1.0 / frames as f64).sqrt();
     let mut one = || square * (normal(chance).powi(2) + normal(chance).powi(2));
     let units: Vec<Unit> = (0..frames).map(|_| Unit { sum: one(), count: 2.0 }).collect();
-    Frames(Box::new(move |n| Sample::RootMeanSquare { units: units[..n].to_vec(), factor: 1.0 }))
+    Frames(Box::new(move |n| MetricSample::RootMeanSquare { units: units[..n].to_vec(), factor: 1.0 }))
 }
 
 const KINDS: [Kind; 6] = [
-    Kind { name: "share of frames", limit: Limit::AtMost(RATE), frames: 640, draw: draw_share },
-    Kind { name: "share of stars", limit: Limit::AtMost(RATE), frames: 160, draw: draw_stars },
-    Kind { name: "quantile", limit: Limit::AtMost(std::f64::consts::LN_10), frames: 320, draw: draw_quantile },
-    Kind { name: "mean", limit: Limit::AtMost(1.0), frames: 160, draw: draw_mean },
-    Kind { name: "bias", limit: Limit::AtMost(1.0), frames: 160, draw: draw_bias },
-    Kind { name: "rms", limit: Limit::AtMost(1.0), frames: 160, draw: draw_rms },
+    Kind { name: "share of frames", limit: RequirementLimit::AtMost(RATE), frames: 640, draw: draw_share },
+    Kind { name: "share of stars", limit: RequirementLimit::AtMost(RATE), frames: 160, draw: draw_stars },
+    Kind { name: "quantile", limit: RequirementLimit::AtMost(std::f64::consts::LN_10), frames: 320, draw: draw_quantile },
+    Kind { name: "mean", limit: RequirementLimit::AtMost(1.0), frames: 160, draw: draw_mean },
+    Kind { name: "bias", limit: RequirementLimit::AtMost(1.0), frames: 160, draw: draw_bias },
+    Kind { name: "rms", limit: RequirementLimit::AtMost(1.0), frames: 160, draw: draw_rms },
 ];
 
 fn errors(requirements: usize) -> ErrorRates {
     ErrorRates { false_pass: 1.0 - CONFIDENCE, false_fail: (1.0 - CONFIDENCE) / requirements as f64 }
 }
 
-fn fixed(frames: &Frames, count: usize, limit: Limit, errors: ErrorRates) -> RequirementVerdict {
+fn fixed(frames: &Frames, count: usize, limit: RequirementLimit, errors: ErrorRates) -> RequirementVerdict {
     verdict(&(frames.0)(count).bounds(limit.risk(errors)).unwrap(), limit)
 }
 
-fn auto(frames: &Frames, most: usize, limit: Limit, errors: ErrorRates) -> RequirementVerdict {
+fn auto(frames: &Frames, most: usize, limit: RequirementLimit, errors: ErrorRates) -> RequirementVerdict {
     let looks = looks(20, most);
     let count = looks.len();
     let at = |(index, look): (usize, usize)| fixed(frames, look, limit, spent(errors, index, count));
@@ -110,7 +110,7 @@ fn auto(frames: &Frames, most: usize, limit: Limit, errors: ErrorRates) -> Requi
 #[test]
 fn at_the_exact_limit_few_suites_pass() {
     for kind in &KINDS {
-        for (way, judge) in [("fixed", fixed as fn(&Frames, usize, Limit, ErrorRates) -> RequirementVerdict), ("auto", auto)] {
+        for (way, judge) in [("fixed", fixed as fn(&Frames, usize, RequirementLimit, ErrorRates) -> RequirementVerdict), ("auto", auto)] {
             let mut chance = Pcg64::seed_from_u64(1);
             let mut one = || judge(&(kind.draw)(&mut chance, kind.frames, 0.0), kind.frames, kind.limit, errors(1));
             let verdicts: Vec<RequirementVerdict> = (0..1000).map(|_| one()).collect();
@@ -129,7 +129,7 @@ fn at_the_exact_limit_few_suites_pass() {
 #[test]
 fn ten_requirements_pass_no_oftener_than_one() {
     for kind in &KINDS {
-        for (way, judge) in [("fixed", fixed as fn(&Frames, usize, Limit, ErrorRates) -> RequirementVerdict), ("auto", auto)] {
+        for (way, judge) in [("fixed", fixed as fn(&Frames, usize, RequirementLimit, ErrorRates) -> RequirementVerdict), ("auto", auto)] {
             let mut chance = Pcg64::seed_from_u64(2);
             let (mut passes, mut all_at_limit, mut fails) = (0, 0, 0);
             for _ in 0..1000 {
@@ -152,7 +152,7 @@ fn ten_requirements_pass_no_oftener_than_one() {
 #[test]
 fn no_suite_fails_where_the_truth_is_better_by_four_standard_errors() {
     for kind in &KINDS {
-        for (way, judge) in [("fixed", fixed as fn(&Frames, usize, Limit, ErrorRates) -> RequirementVerdict), ("auto", auto)] {
+        for (way, judge) in [("fixed", fixed as fn(&Frames, usize, RequirementLimit, ErrorRates) -> RequirementVerdict), ("auto", auto)] {
             let mut chance = Pcg64::seed_from_u64(3);
             let mut counts = [0_usize; 3];
             for _ in 0..3000 {
@@ -203,8 +203,8 @@ fn components_of_variance_are_those_that_were_put_in() {
         let [x, y] = [axis(), axis()].map(|values| strata(&values));
         let both: Vec<_> = x.into_iter().zip(y).map(|(x, y)| pooled(x, y).unwrap()).collect();
         for (level, truth) in truth.into_iter().enumerate() {
-            let limit = Limit::AtMost(truth);
-            let bounded = Sample::Component { strata: both.clone(), level }.bounds(limit.risk(errors(1))).unwrap();
+            let limit = RequirementLimit::AtMost(truth);
+            let bounded = MetricSample::Component { strata: both.clone(), level }.bounds(limit.risk(errors(1))).unwrap();
             sums[level] += bounded.value * bounded.value / 1000.0;
             passes[level] += usize::from(verdict(&bounded, limit) == RequirementVerdict::Pass);
         }
@@ -221,7 +221,7 @@ fn components_of_variance_are_those_that_were_put_in() {
 fn heavy_tails_cost_degrees_of_freedom() {
     let mut chance = Pcg64::seed_from_u64(6);
     let square = 0.95 + 0.05 * 100.0;
-    let limit = Limit::AtMost(1.0);
+    let limit = RequirementLimit::AtMost(1.0);
     let mut passes = 0;
     for _ in 0..1000 {
         let mut one = || {
@@ -229,7 +229,7 @@ fn heavy_tails_cost_degrees_of_freedom() {
             (scale * normal(&mut chance)).powi(2) / square
         };
         let units: Vec<Unit> = (0..2000).map(|_| Unit { sum: one(), count: 1.0 }).collect();
-        let bounded = Sample::RootMeanSquare { units, factor: 1.0 }.bounds(limit.risk(errors(1))).unwrap();
+        let bounded = MetricSample::RootMeanSquare { units, factor: 1.0 }.bounds(limit.risk(errors(1))).unwrap();
         passes += usize::from(verdict(&bounded, limit) == RequirementVerdict::Pass);
     }
     println!("heavy tails: {passes} PASS of 1000 at the exact limit");
