@@ -5,11 +5,21 @@
 //! kind: Graybill & Wang, J. Am. Stat. Assoc. 75, 869 (1980); Burdick & Graybill, *Confidence Intervals on Variance Components* (1992), 3.3.
 
 use super::intervals::{Bounded, Risk, chi_squared, fisher_f, mean_square};
-use super::sample::Stratum;
+
+/// A level of a nested design.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stratum {
+    /// Mean square of the level.
+    pub mean_square: f64,
+    /// Its degrees of freedom.
+    pub freedom: f64,
+    /// How many values each mean of this level is of.
+    pub values: f64,
+}
 
 /// The variance of a level with its bounds. `strata` go from the innermost level on.
 #[must_use]
-pub fn component(strata: &[Stratum], level: usize, risk: Risk) -> Bounded {
+pub(super) fn component(strata: &[Stratum], level: usize, risk: Risk) -> Bounded {
     let own = strata[level];
     if level == 0 {
         return mean_square(own.mean_square, own.freedom, risk);

@@ -250,7 +250,7 @@ fn quaternion_of_any(m: &Matrix3<f64>) -> [f64; 4] {
 
 /// The angle between two quaternions as rotations, rad; the sign of a quaternion has no meaning.
 #[must_use]
-pub fn angle_between_rad(a: [f64; 4], b: [f64; 4]) -> f64 {
+pub(super) fn angle_between_rad(a: [f64; 4], b: [f64; 4]) -> f64 {
     let dot: f64 = a.iter().zip(&b).map(|(a, b)| a * b).sum();
     let minus = dot.signum();
     let chord: f64 = a.iter().zip(&b).map(|(a, b)| (a - minus * b).powi(2)).sum::<f64>().sqrt();

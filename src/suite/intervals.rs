@@ -28,7 +28,7 @@ pub struct Risk {
 
 /// The share of hits among trials (Clopper–Pearson); both need not be whole numbers, where trials are worth less than one each.
 #[must_use]
-pub fn share(hits: f64, trials: f64, risk: Risk) -> Bounded {
+pub(super) fn share(hits: f64, trials: f64, risk: Risk) -> Bounded {
     let misses = trials - hits;
     let lower = if hits <= 0.0 { 0.0 } else { inv_beta_reg(hits, misses + 1.0, risk.lower) };
     let upper = if misses <= 0.0 { 1.0 } else { inv_beta_reg(hits + 1.0, misses, 1.0 - risk.upper) };
@@ -37,13 +37,13 @@ pub fn share(hits: f64, trials: f64, risk: Risk) -> Bounded {
 
 /// The probability of at most `k` hits among `n` trials of probability `p`.
 #[must_use]
-pub fn binomial_at_most(k: u64, n: u64, p: f64) -> f64 {
+pub(super) fn binomial_at_most(k: u64, n: u64, p: f64) -> f64 {
     if k >= n { 1.0 } else { beta_reg((n - k) as f64, k as f64 + 1.0, 1.0 - p) }
 }
 
 /// A quantile between order statistics; `values` are sorted. Without enough of them a side has no bound.
 #[must_use]
-pub fn quantile(values: &[f64], share: f64, risk: Risk) -> Bounded {
+pub(super) fn quantile(values: &[f64], share: f64, risk: Risk) -> Bounded {
     let count = values.len() as u64;
     let at = |rank: u64| values[rank as usize - 1];
     let least = |wanted: &dyn Fn(u64) -> bool| {
@@ -74,7 +74,7 @@ fn interpolated(values: &[f64], share: f64) -> f64 {
 
 /// The mean of a normal quantity with its standard error and degrees of freedom.
 #[must_use]
-pub fn mean(value: f64, standard_error: f64, freedom: f64, risk: Risk) -> Bounded {
+pub(super) fn mean(value: f64, standard_error: f64, freedom: f64, risk: Risk) -> Bounded {
     if freedom < 1.0 {
         return Bounded { value, lower: f64::NEG_INFINITY, upper: f64::INFINITY };
     }
@@ -87,7 +87,7 @@ pub fn mean(value: f64, standard_error: f64, freedom: f64, risk: Risk) -> Bounde
 
 /// A mean square with its degrees of freedom.
 #[must_use]
-pub fn mean_square(value: f64, freedom: f64, risk: Risk) -> Bounded {
+pub(super) fn mean_square(value: f64, freedom: f64, risk: Risk) -> Bounded {
     if freedom < 1.0 {
         return Bounded { value, lower: 0.0, upper: f64::INFINITY };
     }
@@ -100,7 +100,7 @@ pub fn mean_square(value: f64, freedom: f64, risk: Risk) -> Bounded {
 
 /// The quantile of Student's t.
 #[must_use]
-pub fn student_t(share: f64, freedom: f64) -> f64 {
+pub(super) fn student_t(share: f64, freedom: f64) -> f64 {
     if share < 0.5 {
         return -student_t(1.0 - share, freedom);
     }
@@ -111,7 +111,7 @@ pub fn student_t(share: f64, freedom: f64) -> f64 {
 
 /// The quantile of χ²: from the approximation of Wilson & Hilferty (PNAS 17, 684, 1931) by bisection.
 #[must_use]
-pub fn chi_squared(share: f64, freedom: f64) -> f64 {
+pub(super) fn chi_squared(share: f64, freedom: f64) -> f64 {
     let half = 0.5 * freedom;
     // The smaller tail has more digits.
     let is_below = |x: f64| if share < 0.5 { gamma_lr(half, 0.5 * x) < share } else { gamma_ur(half, 0.5 * x) > 1.0 - share };
@@ -132,7 +132,7 @@ pub fn chi_squared(share: f64, freedom: f64) -> f64 {
 
 /// The quantile of Fisher's F, by bisection; `below` degrees of freedom in the denominator, infinite ones included.
 #[must_use]
-pub fn fisher_f(share: f64, above: f64, below: f64) -> f64 {
+pub(super) fn fisher_f(share: f64, above: f64, below: f64) -> f64 {
     if below.is_infinite() {
         return chi_squared(share, above) / above;
     }

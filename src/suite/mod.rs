@@ -35,6 +35,7 @@ mod run;
 mod runner;
 mod sample;
 mod samples;
+mod scene_tables;
 mod score;
 mod smallest;
 mod suite_file;
@@ -45,7 +46,7 @@ mod when;
 
 inner!(answers::{AnswerFile, AnswerStatus, AnsweredCamera, AnsweredStar, TrackerAnswer, read_answers, usual_conventions});
 inner!(attitudes::DesignPlace);
-inner!(components::{pooled, strata});
+inner!(components::{Stratum, pooled, strata});
 inner!(conventions::{ConventionAgreement, Conventions, PixelOrigin, QuaternionOrder, RotationWay, SignedAxes, WrittenAttitude, agreements});
 inner!(error::SuiteError);
 inner!(faults::SystemFault);
@@ -65,6 +66,6 @@ inner!(result::{
 });
 inner!(failures::{FailureFrame, folder_name});
 inner!(run::{SuiteOptions, SuiteProgress, SuiteRun, run_suite});
-inner!(sample::{MetricSample, Stratum, Unit});
+inner!(sample::{MetricSample, Unit});
 inner!(suite_file::{AnswerForm, RequirementLevel, SUITE_FORMAT, SuiteFile, SystemImage, SystemMode});
 inner!(verdict::{ErrorRates, RequirementLimit, RequirementVerdict, SampleKind, fewest_frames, frames_to_decide, verdict});

@@ -8,12 +8,13 @@ use super::attitudes::{AttitudePlan, read_list};
 use super::conventions::{Conventions, PixelOrigin, SignedAxes};
 use super::error::SuiteError;
 use super::metric::{Metric, AnswerNeeds, Statistic};
+use super::scene_tables::{check_pointable, dotted, put, with_frames};
 use super::suite_file::{
     AttitudeKind, AttitudeTable, CaseTable, FrameCount, RequirementLevel, RequirementTable, SUITE_FORMAT, SuiteFile, SystemTable,
 };
 use super::verdict::{RequirementLimit, fewest_frames};
 use super::when::When;
-use crate::dataset::{DatasetPlan, PlaceKind, ScenePath};
+use crate::dataset::{DatasetPlan, ScenePath};
 use crate::scene::{Scene, preset, schema};
 use crate::toml_file::{Lines, suggestion, tables};
 
@@ -329,7 +330,7 @@ impl Checker<'_> {
             put(&found, &mut tables, value).map_err(|message| format!("set: {message}"))?;
         }
         if attitudes.kind != AttitudeKind::Scene {
-            super::frames::check_pointable(&tables)?;
+            check_pointable(&tables)?;
         }
         Ok(CaseFrames::Scene { path, tables: Box::new(tables) })
     }
@@ -433,20 +434,6 @@ fn check_numbers(case: &CaseTable, table: &AttitudeTable) -> Result<(), String> 
     Ok(())
 }
 
-/// A path with `[2]` as `.2`.
-pub(super) fn dotted(path: &str) -> String {
-    path.replace('[', ".").replace(']', "")
-}
-
-/// Sets a value; an effect or a table is switched on and off by a truth value.
-pub(super) fn put(path: &ScenePath, tables: &mut Table, value: &Value) -> Result<(), String> {
-    match (&path.kind, value) {
-        (PlaceKind::Effect | PlaceKind::Table, Value::Boolean(is_on)) => path.switch(tables, *is_on),
-        (PlaceKind::Number, Value::Integer(number)) => path.set(tables, Value::Float(*number as f64)),
-        _ => path.set(tables, value.clone()),
-    }
-}
-
 fn planned_sweep(sweep: &super::suite_file::SweepTable) -> Result<PlannedSweep, String> {
     if sweep.values.is_empty() {
         return Err("sweep.values is empty; give at least one value".to_owned());
@@ -461,7 +448,7 @@ fn planned_sweep(sweep: &super::suite_file::SweepTable) -> Result<PlannedSweep, 
 fn first_scene(case: &str, frames_of: &CaseFrames) -> Result<Scene, SuiteError> {
     match frames_of {
         CaseFrames::Scene { path, tables } => {
-            let text = super::frames::with_frames(tables, &[(crate::coordinates::Attitude::from_pointing(0.0, 0.0, 0.0), 0)], false);
+            let text = with_frames(tables, &[(crate::coordinates::Attitude::from_pointing(0.0, 0.0, 0.0), 0)], false);
             Scene::parse(path, &text).map_err(|source| SuiteError::Scene { case: case.to_owned(), source })
         }
         CaseFrames::Dataset(plan) => {

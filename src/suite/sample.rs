@@ -1,5 +1,6 @@
 //! What was measured over frames, by the kind of its statistics, and the bounds of its true value.
 
+use super::components::{Stratum, component};
 use super::intervals::{Bounded, Risk, fisher_f, mean, mean_square, quantile, share, student_t};
 
 /// Sums of one independent unit, mostly a frame: stars of one frame share its attitude and its clouds.
@@ -52,17 +53,6 @@ pub enum MetricSample {
     Largest(Vec<f64>),
 }
 
-/// A level of a nested design.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stratum {
-    /// Mean square of the level.
-    pub mean_square: f64,
-    /// Its degrees of freedom.
-    pub freedom: f64,
-    /// How many values each mean of this level is of.
-    pub values: f64,
-}
-
 impl MetricSample {
     /// How many independent units there are.
     #[must_use]
@@ -99,7 +89,7 @@ impl MetricSample {
                 let (square, freedom) = mean_square_of(units);
                 rooted(scaled(mean_square(square, freedom, risk), *factor))
             }
-            Self::Component { strata, level } => rooted(super::components::component(strata, *level, risk)),
+            Self::Component { strata, level } => rooted(component(strata, *level, risk)),
             Self::Largest(values) => {
                 let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
                 Bounded { value: largest, lower: largest, upper: largest }

@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use super::answers::AnswerStatus;
-use super::components::{pooled, strata};
+use super::components::{Stratum, pooled, strata};
 use super::metric::{Metric, Quantity, Statistic};
 use super::own::NightAnswer;
-use super::sample::{MetricSample, Stratum, Unit};
+use super::sample::{MetricSample, Unit};
 use super::score::{AttitudeError, CameraScore, ScoredFrame, SeenStar};
 use crate::units::ARCSEC_RAD;
 

@@ -17,7 +17,7 @@ pub(super) const SAME_STAR_PX: f64 = 3.0;
 
 /// The error of an attitude, in the camera's own axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AttitudeError {
+pub(super) struct AttitudeError {
     /// Where the answered boresight lies beside the true one, along x and y, rad.
     pub boresight_rad: [f64; 2],
     /// The angle between them.
@@ -29,7 +29,7 @@ pub struct AttitudeError {
 impl AttitudeError {
     /// Of an answer against the truth.
     #[must_use]
-    pub fn of(answer: &Attitude, truth: &Attitude) -> Self {
+    pub(super) fn of(answer: &Attitude, truth: &Attitude) -> Self {
         let seen = truth.camera_from_icrs * Vector3::from(answer.rows()[2]);
         let turn = (answer.camera_from_icrs * truth.camera_from_icrs.inverse()).scaled_axis();
         let across = seen.x.hypot(seen.y);

@@ -5,9 +5,10 @@ use toml::{Table, Value};
 
 use super::error::SuiteError;
 use super::intervals::Risk;
-use super::plan::{PlannedCase, PlannedRequirement, put};
+use super::plan::{PlannedCase, PlannedRequirement};
 use super::result::SmallestFailure;
 use super::runner::{CaseRun, Runner};
+use super::scene_tables::put;
 use super::switches::{Switch, switches};
 use super::verdict::SampleKind;
 

@@ -1,6 +1,6 @@
 //! The header that `solve-field` writes (`.wcs`): world coordinates of the frame, from which the attitude follows.
 
-use super::{AnswerFile, AnswerStatus, TrackerAnswer};
+use super::types::{AnswerFile, AnswerStatus, TrackerAnswer};
 use crate::exchange::{Format, import};
 use crate::suite::conventions::WrittenAttitude;
 

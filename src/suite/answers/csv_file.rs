@@ -1,6 +1,6 @@
 //! Answers as a table: `frame,status,qi,qj,qk,qw[,ra_deg,dec_deg,roll_deg][,time_s][,error]`, columns in any order.
 
-use super::{AnswerFile, AnswerStatus, TrackerAnswer};
+use super::types::{AnswerFile, AnswerStatus, TrackerAnswer};
 use crate::suite::conventions::WrittenAttitude;
 use crate::toml_file::suggestion;
 
@@ -95,7 +95,7 @@ pub(super) fn check(attitude: &WrittenAttitude) -> Result<(), String> {
     match attitude {
         WrittenAttitude::Quaternion(numbers) => {
             let norm = numbers.iter().map(|own| own * own).sum::<f64>().sqrt();
-            if (norm - 1.0).abs() <= super::super::conventions::MOST_OFF_UNIT {
+            if (norm - 1.0).abs() <= crate::suite::conventions::MOST_OFF_UNIT {
                 Ok(())
             } else {
                 Err(format!("the quaternion has the length {norm:.4}, and one of a rotation has 1"))

@@ -3,7 +3,7 @@
 use serde::Deserialize;
 
 use super::csv_file::check;
-use super::{AnswerFile, AnswerStatus, AnsweredCamera, AnsweredStar, TrackerAnswer};
+use super::types::{AnswerFile, AnswerStatus, AnsweredCamera, AnsweredStar, TrackerAnswer};
 use crate::suite::conventions::WrittenAttitude;
 use crate::toml_file::with_suggestion;
 

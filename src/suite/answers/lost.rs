@@ -1,7 +1,7 @@
 //! The attitude file of LOST (`--print-attitude`): a key and a number a line. Source: UWCubeSat/lost, src/io.cpp.
 
 use super::csv_file::check;
-use super::{AnswerFile, AnswerStatus, TrackerAnswer};
+use super::types::{AnswerFile, AnswerStatus, TrackerAnswer};
 use crate::suite::conventions::WrittenAttitude;
 
 /// Reads an attitude.

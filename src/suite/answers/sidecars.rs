@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::{AnsweredCamera, AnsweredStar};
+use super::types::{AnsweredCamera, AnsweredStar};
 use crate::toml_file::with_suggestion;
 
 /// A row of `centroids.csv`.

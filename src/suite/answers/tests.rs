@@ -1,4 +1,6 @@
 use super::*;
+use crate::suite::conventions::WrittenAttitude;
+use crate::suite::suite_file::AnswerForm;
 
 fn faults(form: AnswerForm, text: &str) -> Vec<String> {
     read_answers(form, text.as_bytes(), [100, 80]).faults

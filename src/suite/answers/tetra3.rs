@@ -6,7 +6,7 @@
 use serde_json::Value;
 
 use super::csv_file::check;
-use super::{AnswerFile, AnswerStatus, AnsweredStar, TrackerAnswer};
+use super::types::{AnswerFile, AnswerStatus, AnsweredStar, TrackerAnswer};
 use crate::suite::conventions::WrittenAttitude;
 
 /// Reads a dictionary, or one a line.

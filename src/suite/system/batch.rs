@@ -7,8 +7,8 @@ use super::super::answers::{AnswerStatus, TrackerAnswer, camera_of, centroids_of
 use super::super::error::SuiteError;
 use super::super::frames::{FrameBatch, HandedFrame};
 use super::super::suite_file::SystemTable;
-use super::ObservedAnswer;
 use super::filled::{Places, command};
+use super::observed::ObservedAnswer;
 use super::handover::{Handover, write};
 use super::process::{ProcessEnd, run};
 use crate::recording::{FrameEntry, write_manifest_of};

@@ -11,8 +11,8 @@ use super::super::answers::{AnswerStatus, TrackerAnswer, read_stream_line};
 use super::super::error::SuiteError;
 use super::super::frames::HandedFrame;
 use super::super::suite_file::SystemTable;
-use super::ObservedAnswer;
 use super::filled::{Places, command};
+use super::observed::ObservedAnswer;
 use super::handover::Handover;
 use super::process::{LastWords, in_own_group, kill, peak_mib, words_of};
 
