@@ -8,7 +8,7 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test interop learner bench-dataset slurm readme claims surface check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind blind-pixels blind-pixels-score held-out peers catalog fuzz zoo cluster-chaos runtime
+.PHONY: help demo test interop learner bench-dataset slurm readme claims surface check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind blind-pixels blind-pixels-score held-out peers trackers suite catalog fuzz zoo cluster-chaos runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
@@ -30,6 +30,8 @@ help:
 	@echo "make peers    the calibrator beside tetra3rs, scipy and OpenCV: benches/peers (takes PyPI and half an hour)"
 	@echo "make claims   compares the figures quoted from studies with the pages of docs/studies"
 	@echo "make fuzz     damaged inputs over all readers: docs/studies/fuzz.txt; FUZZ=\"--cases N --seed S\""
+	@echo "make suite    our own pipeline against its requirements (tests/suites/own.toml): outputs/suite; two minutes on two cores"
+	@echo "make trackers tetra3rs, cedar-solve, astrometry.net, LOST through one suite: docs/studies/trackers.md; PyPI and Debian; TRACKERS_FRAMES=60"
 	@echo "make cluster-chaos  100 runs of boresight-cluster with kills: docs/studies/cluster-chaos.md; an hour, after make interop, can be stopped and gone on with; CHAOS=\"--runs N --seed S\""
 	@echo "make slurm    a real Slurm on this machine (Debian's slurm-wlm, needs root; after make interop): a dataset by an array and by Parsl, the same hashes"
 	@echo "make bench-dataset  what a labelled frame costs, 20,000 of them, beside SatSim (takes PyPI): docs/studies/dataset.txt; 20 minutes"
@@ -191,6 +193,22 @@ peers: runtime
 	@if [ -f "$$BORESIGHT_RECORDINGS/tetra3_esa2019/recording.toml" ]; then \
 	set -x; $(PEERS)/bin/python benches/peers/esa2019.py "$$BORESIGHT_RECORDINGS/tetra3_esa2019" $(PEERS_GIVEN); \
 	else echo "peers: esa2019.py is left out, BORESIGHT_RECORDINGS names no folder with tetra3_esa2019"; fi
+
+# tetra3rs, cedar-solve, astrometry.net (Debian, with its Tycho-2 indexes) and, where LOST_BIN names it, LOST through one suite; takes PyPI and Debian.
+TRACKERS := target/trackers
+TRACKERS_FRAMES ?= 60
+trackers: export PYTHONDONTWRITEBYTECODE := 1
+trackers: runtime
+	$(if $(filter file,$(origin PEERS_PROGRAM)),$(CARGO) build --locked --release --bin boresight)
+	test -x $(TRACKERS)/bin/python || python3 -m venv $(TRACKERS)
+	$(TRACKERS)/bin/python -m pip install --quiet numpy pillow tetra3rs==0.14.0 cedar-solve || echo "trackers: going on without what could not be installed" >&2
+	command -v solve-field >/dev/null || .ci/apt astrometry.net astrometry-data-tycho2-10-19-littleendian || echo "trackers: going on without astrometry.net" >&2
+	$(TRACKERS)/bin/python benches/peers/trackers/run.py $(PEERS_PROGRAM) $(TRACKERS_FRAMES) docs/studies/trackers.md
+
+# Our own pipeline against its suite: two minutes on two cores at most.
+suite: runtime
+	$(CARGO) build --locked --release --bin boresight
+	$(or $(CARGO_TARGET_DIR),target)/release/boresight test tests/suites/own.toml -o outputs/suite --force --junit outputs/suite.xml $(SUITE)
 
 # Damaged inputs over all readers, bounded and by a seed; the page has the seed and the commit. `make test` holds a short run of it.
 FUZZ ?= --cases 21000 --seed 1

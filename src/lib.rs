@@ -142,6 +142,8 @@ pub mod rng;
 #[cfg(feature = "bench")]
 pub mod statistics;
 #[cfg(feature = "bench")]
+pub mod suite;
+#[cfg(feature = "bench")]
 pub mod units;
 
 #[cfg(not(feature = "bench"))]

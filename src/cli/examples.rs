@@ -61,6 +61,13 @@ Examples:
   boresight demo
   boresight demo --force --misidentify 0 --backend cpu";
 
+pub(crate) const TEST: &str = "\
+Examples:
+  boresight test --init machine-vision-35mm > my-suite.toml
+  boresight test suite.toml -o tested --junit tested.xml
+  boresight test suite.toml --seed 2 --undecided pass
+  boresight test --metrics";
+
 pub(crate) const CATALOG: &str = "\
 Examples:
   boresight catalog import table.csv -o deep.bin

@@ -36,6 +36,8 @@ mod signals;
 mod signature;
 mod simulate;
 mod simulated_truth;
+mod test;
+mod test_text;
 mod told;
 mod update;
 mod write_camera;
@@ -133,6 +135,9 @@ enum Verb {
     /// `run` on a built-in scene: a night of the real sky
     #[command(after_help = examples::DEMO)]
     Demo(run::DemoArgs),
+    /// Test a star tracker, ours or another, on frames whose truth is known, against requirements
+    #[command(after_help = examples::TEST)]
+    Test(test::TestArgs),
     /// Make a deeper catalogue from star tables of other programs
     #[command(subcommand, after_help = examples::CATALOG)]
     Catalog(catalog::CatalogCommand),
@@ -185,6 +190,7 @@ pub(crate) fn main() -> ExitCode {
         Verb::Import(args) => import::import(args),
         Verb::Run(args) => run::run(args),
         Verb::Demo(args) => run::demo(args),
+        Verb::Test(args) => test::test(args),
         Verb::Catalog(command) => catalog::catalog(command),
         Verb::Blind(args) => blind::blind(args),
         Verb::Effects(args) => effects::effects(args),

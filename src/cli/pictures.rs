@@ -182,3 +182,27 @@ pub(crate) fn probability(p: f64) -> String {
         _ => "0 (below 1e-300)".to_owned(),
     }
 }
+
+/// A frame of a suite with the true places of its stars and those that were answered. Whether there is a picture: a build may draw none.
+pub(super) fn answered_frame(path: &Path, frame: &boresight::suite::FailureFrame) -> Result<bool> {
+    /// An answer nearer than this to a star is that star's.
+    const SAME_PX: f64 = 3.0;
+    let [width_px, height_px] = frame.size_px;
+    let image = boresight::frame::Frame {
+        width_px,
+        height_px,
+        pixels_dn: frame.pixels_dn.iter().map(|count| f32::from(*count)).collect(),
+        saturation_dn: 65_535.0,
+    };
+    let near = |[x, y]: [f64; 2], others: &[[f64; 2]]| others.iter().any(|[u, v]| (u - x).hypot(v - y) <= SAME_PX);
+    let mark = |[x_px, y_px]: [f64; 2], kind, label: Option<&str>| report::Mark { x_px, y_px, label: label.map(str::to_owned), kind };
+    // A star with an answer, one without, and an answer without a star.
+    let stars = frame.stars_px.iter().map(|place| {
+        let kind = if near(*place, &frame.centroids_px) { report::MarkKind::Identified } else { report::MarkKind::Detected };
+        mark(*place, kind, None)
+    });
+    let lonely = frame.centroids_px.iter().filter(|place| !near(**place, &frame.stars_px));
+    let marks: Vec<report::Mark> = stars.chain(lonely.map(|place| mark(*place, report::MarkKind::Rejected, None))).collect();
+    report::frame_picture(path, &image, &marks, &[])?;
+    Ok(path.exists())
+}

@@ -7,7 +7,7 @@ use boresight::calibrate::{Calibration, Method, Status, calibrate, mapping_error
 use boresight::camera::{Camera, PARAMETER_NAMES, PARAMETER_UNITS};
 use boresight::effects::ids;
 use boresight::identify::ControlPoints;
-use boresight::pipeline::{CameraRow, ParameterRow, PreparedPoints, RUN_FORMAT, RunResult};
+use boresight::pipeline::{CameraRow, ParameterRow, PreparedPoints, RUN_FORMAT, RunLimit, RunResult};
 use boresight::provenance::Provenance;
 use boresight::recording::{ImageFileForm, Recording, ResultFolder, write_file};
 use boresight::scene::{DEMO_TOML, Scene};
@@ -48,6 +48,9 @@ struct CommonArgs {
     detection_threshold: Option<f64>,
     #[command(flatten)]
     solve: SolveArgs,
+    /// A limit on the result, as mapping_error_rms_px<=0.05; exit code 3 where it is not kept; may be given several times
+    #[arg(long, value_name = "METRIC<=VALUE", value_parser = clap::value_parser!(RunLimit), help_heading = heading::STATISTICS)]
+    require: Vec<RunLimit>,
     /// Write the recording, the results and the pictures into this folder [default: outputs/NAME]
     #[arg(short, long, value_name = "DIR", value_parser = super::options::folder(), help_heading = heading::OUTPUT)]
     output: Option<PathBuf>,
@@ -160,7 +163,7 @@ fn night(
     let [_, _, bundle] = &solutions;
 
     let wrong = wrong_identifications(&recording_path, &true_points)?;
-    let object = RunResult {
+    let mut object = RunResult {
         format: RUN_FORMAT,
         parameters: parameter_rows(scene, &solutions),
         cameras: camera_rows(scene, &solutions),
@@ -173,8 +176,10 @@ fn night(
         misidentify_seed: solve.misidentify_seed,
         misidentified_rejected: rejected(&points.misidentified, bundle),
         notes: points.notes.clone(),
+        requirements: Vec::new(),
         provenance,
     };
+    object.requirements = args.require.iter().map(|limit| limit.judged(&object)).collect();
     write_file(&target.join("run.json"), output::json_text(&object)?.as_bytes())?;
     write_truth_of_points(&recording_path, &points)?;
     write_calibrations(target, &solutions, &object.provenance)?;
@@ -185,7 +190,8 @@ fn night(
         output::print_page(&text(&object, target))?;
     }
     let converged = matches!(&bundle.result, Ok(calibration) if calibration.status == Status::Converged);
-    Ok(if converged && frames_identified > 0 { Answer::Yes } else { Answer::No })
+    let is_met = object.requirements.iter().all(|limit| limit.is_met);
+    Ok(if converged && frames_identified > 0 && is_met { Answer::Yes } else { Answer::No })
 }
 
 /// Writes the calibration of each method that has one.
@@ -384,6 +390,10 @@ fn text(object: &RunResult, target: &Path) -> String {
     );
     for note in &object.notes {
         text += &format!("{note}\n");
+    }
+    for limit in &object.requirements {
+        let value = limit.value.map_or_else(|| "not known".to_owned(), pictures::significant);
+        text += &format!("{}: {} {} {}, it is {value}\n", if limit.is_met { "met" } else { "NOT MET" }, limit.metric, limit.sign, limit.limit);
     }
     text += &format!(
         "rendered on {}; recording, truth, results and pictures are in {}\n",

@@ -5,15 +5,13 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::{Context, Result};
-use boresight::camera::Camera;
 use boresight::catalog::Catalog;
 use boresight::provenance::{Provenance, word};
 use boresight::recording::{
-    CameraInfo, FitsHeaders, Form, FrameEntry, FrameSize, ImageFileForm, Mount, OutputDirectory, Recording, Shutter, Site, write_file,
-    write_fits_f32, write_fits_u16, write_image, write_manifest_of,
+    FitsHeaders, FrameEntry, ImageFileForm, OutputDirectory, Recording, write_file, write_fits_f32, write_fits_u16, write_image, write_manifest_of,
 };
 use boresight::render::{Rendered, Renderer, SIMULATE_FORMAT, SimulateResult};
-use boresight::scene::Scene;
+use boresight::scene::{Scene, declared_entry, declared_recording};
 use clap::{Args, ValueEnum};
 
 use super::options::{BackendChoice, SceneArgs, heading};
@@ -206,7 +204,7 @@ pub(crate) fn write_recording(
         .with_masks(wanted.masks)
         .with_pixel_shifts(!wanted.no_pixel_shifts);
     provenance.adapter = Some(renderer.adapter());
-    let recording = declared(scene);
+    let recording = declared_recording(scene);
     tracing::info!(
         "{} frames of {} × {} px to render on {}",
         numbers.len(),
@@ -279,47 +277,10 @@ fn write_frame(
     Ok(())
 }
 
-/// The recording as its manifest will declare it, without its frames: with the nominal camera, not the true one.
-fn declared(scene: &Scene) -> Recording {
-    let Camera { width_px, height_px, principal_point_px, focal_length_px, k1, p1, p2 } = scene.nominal;
-    let detector = scene.detector.joined(scene.binning);
-    let camera = CameraInfo {
-        width_px,
-        height_px,
-        focal_length_px: Some(focal_length_px),
-        principal_point_px: Some(principal_point_px),
-        k1: Some(k1),
-        p1: Some(p1),
-        p2: Some(p2),
-        gain_e_per_dn: Some(detector.gain_e_per_dn),
-        bias_dn: Some(detector.bias_dn),
-        read_noise_e: Some(detector.read_noise_e),
-        saturation_dn: Some(detector.full_pixel_dn()),
-        zero_point_e_per_s: Some(scene.detector.zero_point_e_per_s),
-        shutter: scene.nominal_line_time_us.map(|_| Shutter::Rolling),
-        line_time_us: scene.nominal_line_time_us,
-        first_row: scene.first_row,
-        passband: Some("V".into()),
-        ..CameraInfo::default()
-    };
-    let site = scene.site.as_ref().map(Site::from);
-    let mount = Some(if scene.is_fixed { Mount::Fixed } else { Mount::Free });
-    Recording { mount, site, form: Form::Manifest, ..Recording::new(camera) }
-}
-
 /// Frames of it with their numbers, one after the other.
 fn entries(scene: &Scene, form: ImageFileForm, numbers: Range<usize>) -> impl Iterator<Item = (usize, FrameEntry)> {
-    let Camera { width_px, height_px, .. } = scene.nominal;
     numbers.map(move |number| {
-        let exposure = scene.exposures.get(number);
-        let entry = FrameEntry {
-            file: Some(PathBuf::from(frame_file(number, form))),
-            number,
-            size: Some(FrameSize { width_px, height_px }),
-            time_utc: exposure.time,
-            exposure_s: Some(exposure.exposure_s),
-            ..exposure.telemetry.entry()
-        };
-        (number, entry)
+        let file = Some(PathBuf::from(frame_file(number, form)));
+        (number, FrameEntry { file, ..declared_entry(scene, number) })
     })
 }

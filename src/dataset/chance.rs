@@ -18,7 +18,7 @@ const PERMUTATION: u32 = 0x8000_0000;
 
 /// The random numbers of one thing that is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct AddressedChance {
+pub struct AddressedChance {
     key: [u32; 4],
     level: u32,
 }
@@ -36,19 +36,22 @@ pub(super) struct Stratum {
 
 impl AddressedChance {
     /// Of what goes by `name` under a seed, on a level.
-    pub(super) fn new(seed: u64, level: u32, name: &str) -> Self {
+    #[must_use]
+    pub fn new(seed: u64, level: u32, name: &str) -> Self {
         let hash = Sha256::digest(name.as_bytes());
         let word = |at: usize| u32::from_le_bytes([hash[at], hash[at + 1], hash[at + 2], hash[at + 3]]);
         Self { key: [seed as u32, (seed >> 32) as u32, word(0), word(4)], level }
     }
 
     /// Four words for an index.
-    pub(super) fn words(&self, index: u64, number: u32) -> [u32; 4] {
+    #[must_use]
+    pub fn words(&self, index: u64, number: u32) -> [u32; 4] {
         threefry4x32([index as u32, (index >> 32) as u32, self.level, number], self.key)
     }
 
     /// A number from 0 to below 1 for an index; each `number` is another.
-    pub(super) fn uniform(&self, index: u64, number: u32) -> f64 {
+    #[must_use]
+    pub fn uniform(&self, index: u64, number: u32) -> f64 {
         let [low, high, ..] = self.words(index, number);
         unit(low, high)
     }

@@ -52,6 +52,8 @@ mod verify_splits;
 mod verify_sums;
 mod whole_dataset;
 
+inner!(chance::AddressedChance);
+inner!(contact_sheet::{base64, escaped});
 inner!(error::DatasetError);
 inner!(drawn_shares::DrawnShares);
 inner!(export::{ExportCounts, ExportForm, export_dataset});
@@ -69,6 +71,7 @@ inner!(recipe::{
 inner!(run::{DatasetProgress, DatasetRun, ShardShare});
 inner!(sample::DatasetSample);
 inner!(sample_labels::{LightColumns, SAMPLE_FORMAT, SampleLabels});
+inner!(scene_path::{PlaceKind, ScenePath});
 inner!(shard::{HashedFile, SHARD_FORMAT, ShardMark});
 inner!(shard_statistics::ShardStatistics);
 inner!(table_columns::{TableCells, TableColumn, TableFile, TableWriter});

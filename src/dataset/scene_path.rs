@@ -8,7 +8,7 @@ use crate::toml_file::suggestion;
 
 /// What stands at a place.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum PlaceKind {
+pub enum PlaceKind {
     /// A number.
     Number,
     /// A whole number.
@@ -27,7 +27,7 @@ pub(super) enum PlaceKind {
 
 impl PlaceKind {
     /// In words.
-    pub(super) fn words(&self) -> String {
+    pub fn words(&self) -> String {
         match self {
             Self::Number => "a number".to_owned(),
             Self::Integer => "a whole number".to_owned(),
@@ -53,12 +53,12 @@ enum Step {
 
 /// A place in a scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct ScenePath {
+pub struct ScenePath {
     /// As written.
-    pub(super) text: String,
+    pub text: String,
     steps: Vec<Step>,
     /// What stands there.
-    pub(super) kind: PlaceKind,
+    pub kind: PlaceKind,
 }
 
 /// The schema behind a reference, and behind "this or nothing".
@@ -141,7 +141,7 @@ fn property<'s>(node: &'s Schema, key: &str, before: &str) -> Result<&'s Schema,
 
 impl ScenePath {
     /// Finds a path in the schema of scenes; else the sentence that says why not.
-    pub(super) fn find(root: &Schema, text: &str) -> Result<Self, String> {
+    pub fn find(root: &Schema, text: &str) -> Result<Self, String> {
         let (mut node, mut steps, mut before) = (root, Vec::new(), String::new());
         let mut kind = PlaceKind::Table;
         let mut words = text.split('.').peekable();
@@ -199,7 +199,7 @@ impl ScenePath {
     }
 
     /// Sets the value there; what is missing on the way is made.
-    pub(super) fn set(&self, scene: &mut Table, value: Value) -> Result<(), String> {
+    pub fn set(&self, scene: &mut Table, value: Value) -> Result<(), String> {
         let mut whole = Value::Table(std::mem::take(scene));
         let done = self.place(&mut whole).map(|place| *place = value);
         if let Value::Table(table) = whole {
@@ -209,7 +209,7 @@ impl ScenePath {
     }
 
     /// The value there, if there is one.
-    pub(super) fn get<'v>(&self, scene: &'v Table) -> Option<&'v Value> {
+    pub fn get<'v>(&self, scene: &'v Table) -> Option<&'v Value> {
         let (first, rest) = self.steps.split_first()?;
         let Step::Key(key) = first else { return None };
         rest.iter().try_fold(scene.get(key)?, |at, step| match step {
@@ -254,7 +254,7 @@ impl ScenePath {
     }
 
     /// Switches an effect or a table on or off. Off: it is taken out; on: it is there, an effect with its typical parameters if the scene has none.
-    pub(super) fn switch(&self, scene: &mut Table, is_on: bool) -> Result<(), String> {
+    pub fn switch(&self, scene: &mut Table, is_on: bool) -> Result<(), String> {
         if let [Step::Key(_), Step::Effect(id)] = self.steps.as_slice() {
             let list = scene.entry("effects").or_insert_with(|| Value::Array(Vec::new()));
             let Value::Array(list) = list else { return Err("effects is no list".to_owned()) };

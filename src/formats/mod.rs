@@ -27,6 +27,8 @@ use crate::pipeline::{RUN_FORMAT, RunResult};
 use crate::recording::{FORMAT as RECORDING_FORMAT, RecordingFile, STAR_LIST_FORMAT, StarListRow};
 use crate::render::{SIGNATURE_FORMAT, SIMULATE_FORMAT, SignatureResult, SimulateResult, SimulatedTruth, TRUTH_FORMAT};
 use crate::scene::{self, PRESET_FORMAT, PresetList};
+#[cfg(feature = "bench")]
+use crate::suite::{SUITE_FORMAT, SuiteFile, SuiteResult, TEST_FORMAT};
 
 /// One kind of file, or what a verb prints with `--json`.
 #[derive(Clone, Copy, Debug)]
@@ -104,6 +106,8 @@ pub static FORMATS: &[FileFormat] = &[
     FileFormat::of_result::<ImportResult>("import", IMPORT_FORMAT, "the camera of another program"),
     FileFormat::of_result::<RunResult>("run", RUN_FORMAT, "a simulated night against its truth"),
     FileFormat::of_result::<RunResult>("demo", RUN_FORMAT, "the same of the built-in scene"),
+    #[cfg(feature = "bench")]
+    FileFormat::of_result::<SuiteResult>("test", TEST_FORMAT, "a star tracker against requirements"),
     FileFormat::of_result::<catalog::CatalogImportResult>("catalog-import", catalog::IMPORT_FORMAT, "a catalogue that was made"),
     #[cfg(feature = "bench")]
     FileFormat::of_result::<BlindResult>("blind", SCORE_FORMAT, "the steps of the benchmark"),
@@ -112,6 +116,8 @@ pub static FORMATS: &[FileFormat] = &[
     FileFormat::of_result::<PresetList>("preset", PRESET_FORMAT, "scenes of real cameras"),
     FileFormat::of_result::<DoctorResult>("doctor", DOCTOR_FORMAT, "GPU adapters, and whether they can be trusted"),
     FileFormat { name: "scene", format: scene::FORMAT, what: "a scene file", make: |_| scene::schema() },
+    #[cfg(feature = "bench")]
+    FileFormat::of_input::<SuiteFile>("suite", SUITE_FORMAT, "requirements of a star tracker"),
     FileFormat::of_input::<RecipeFile>("recipe", RECIPE_FORMAT, "a recipe of a dataset"),
     FileFormat::of_input::<RecordingFile>("recording", RECORDING_FORMAT, "recording.toml"),
     FileFormat::of_input::<Vec<StarListRow>>("star-list", STAR_LIST_FORMAT, "the lines of a star list (CSV), columns as keys"),

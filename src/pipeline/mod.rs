@@ -15,6 +15,7 @@ mod pixels;
 mod prepare;
 mod recording_conditions;
 mod result;
+mod run_limit;
 mod sky_views;
 mod star_list;
 mod star_measurements;
@@ -33,6 +34,7 @@ pub use prepare::{DiagnosisInput, DiagnosisRequest, PreparedPoints, control_poin
 pub use recording_conditions::surroundings;
 inner!(recording_conditions::{image_conditions, looks_through_air, measured_noise, stamp_camera});
 inner!(result::{CameraRow, ParameterRow, RUN_FORMAT, RunResult});
+inner!(run_limit::{RunLimit, RunRequirement});
 inner!(identified::{circumstances, physics_in_force, take_identifications});
 inner!(learnt_image::take_phase_bias_off);
 inner!(one_camera::{check_focal_lengths, check_sizes});

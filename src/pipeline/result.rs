@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use super::run_limit::RunRequirement;
 use crate::provenance::Provenance;
 
 /// The name of the file format.
@@ -35,6 +36,9 @@ pub struct RunResult {
     pub misidentified_rejected: usize,
     /// What was left out, and whether fewer identifications were made wrong than asked for, one sentence each.
     pub notes: Vec<String>,
+    /// The limits that were asked for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub requirements: Vec<RunRequirement>,
     /// How the file came about.
     pub provenance: Provenance,
 }

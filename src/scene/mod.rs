@@ -6,6 +6,7 @@
 mod binning;
 mod check;
 mod dark_frame;
+mod declared;
 mod detector;
 #[cfg(feature = "bench")]
 pub mod effect_demo;
@@ -40,6 +41,7 @@ pub use tables::{
     GhostTable, JitterTable, LineTable, MountTable, NominalTable, OrbitTable, PixelTable, PsfTable, QuantumEfficiencyTable, SceneFile,
     SeriesTable, SiteTable, SkyTable, StreakKind, StreakTable, TrueCameraTable, VaryTable,
 };
+inner!(declared::{declared_entry, declared_recording});
 inner!(schema::FORMAT);
 inner!(file::DEMO_TOML);
 inner!(lights::{LIGHT_PAGES, LightForm, LightKind, LightPage, OtherLight});

@@ -46,6 +46,7 @@ mod sky_light;
 mod spreads;
 mod stages;
 mod star_images;
+mod suite;
 mod summary;
 mod surface;
 mod thresholds;
