@@ -14,11 +14,11 @@ use crate::catalog::Catalog;
 use crate::diagnose::{Channel, DeclaredDetector, DiagnoseOptions, Diagnosis, EffectState, ImageMeasurements, diagnose_recording};
 use crate::frame::Frame;
 use crate::identify::IdentifyOptions;
-use crate::pipeline::{stamp_camera, star_measurements};
 use crate::pipeline::{
     DiagnosisInput, DiagnosisRequest, MeasureOptions, Measured, PipelineError, SkyChoice, control_points, diagnosis_request,
     identify_frames, looks_through_air, measure_frames, sky_views,
 };
+use crate::pipeline::{stamp_camera, star_measurements};
 use crate::recording::{FitsHeaders, Form, FrameEntry, FrameSize, Recording, write_fits_u16, write_manifest};
 
 /// The recording, as it would be read back from its folder.

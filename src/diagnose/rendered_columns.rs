@@ -205,8 +205,9 @@ impl ColumnRenderer<'_> {
     fn unit(&self, effect: &dyn AnyDisplacement, parameter: usize, pair: &[Scene; 2]) -> Option<f64> {
         let camera = self.joint.model().camera();
         let at = |offset: f64| -> StarLayout { grid(REFERENCE_FLUX_E * 10.0_f64.powf(-0.4 * offset), camera, self.looks) };
-        let formula =
-            |plate: &StarLayout| -> Moved { plate.iter().map(|(k, star)| (*k, unit_shift(effect, parameter, star, camera, self.looks))).collect() };
+        let formula = |plate: &StarLayout| -> Moved {
+            plate.iter().map(|(k, star)| (*k, unit_shift(effect, parameter, star, camera, self.looks))).collect()
+        };
         let one = at(0.0);
         let is_moved = formula(&one).values().flatten().any(|along| *along != 0.0);
         let (found, formula) = if is_moved {

@@ -5,9 +5,7 @@ use std::collections::BTreeMap;
 use super::options::ImageConditions;
 use crate::camera::Camera;
 use crate::effects::pixel::pixel_effect;
-use crate::effects::{
-    AnyDisplacement, Context, Light, Observation, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE, StarImage, StarState,
-};
+use crate::effects::{AnyDisplacement, Context, Light, Observation, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE, StarImage, StarState};
 use crate::imaging::EffectSetting;
 use crate::render::TestStar;
 use crate::scene::Scene;
@@ -21,15 +19,17 @@ const LAMBDA_N_OF_SIGMA: f64 = 2.13;
 /// Stars that are rendered together: each with its number among the star images.
 pub(super) type StarLayout = Vec<(usize, TestStar)>;
 
+/// Places that are taken, by the cell that they lie in.
+type Taken = BTreeMap<[i64; 2], Vec<[f64; 2]>>;
+
 /// Distributes stars over few frames, on each no two nearer than `room_px`. Stars beside the frame are left out.
 pub(super) fn layouts(stars: impl Iterator<Item = (usize, TestStar)>, size_px: [usize; 2], room_px: f64) -> Vec<StarLayout> {
     let cell = |star: &TestStar| [star.x_px, star.y_px].map(|at| (at / room_px).floor() as i64);
-    let is_inside =
-        |star: &TestStar| [star.x_px, star.y_px].iter().zip(size_px).all(|(at, side)| *at > -0.5 && *at < side as f64 - 0.5);
-    let mut found: Vec<(StarLayout, BTreeMap<[i64; 2], Vec<[f64; 2]>>)> = Vec::new();
+    let is_inside = |star: &TestStar| [star.x_px, star.y_px].iter().zip(size_px).all(|(at, side)| *at > -0.5 && *at < side as f64 - 0.5);
+    let mut found: Vec<(StarLayout, Taken)> = Vec::new();
     for (index, star) in stars.filter(|(_, star)| is_inside(star)) {
         let [column, row] = cell(&star);
-        let has_room = |taken: &BTreeMap<[i64; 2], Vec<[f64; 2]>>| {
+        let has_room = |taken: &Taken| {
             let near = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| [column + dx, row + dy]));
             near.filter_map(|cell| taken.get(&cell)).flatten().all(|at| (at[0] - star.x_px).hypot(at[1] - star.y_px) >= room_px)
         };

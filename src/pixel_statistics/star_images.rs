@@ -145,7 +145,14 @@ impl ImageFrame<'_> {
         let (flux_dn, flux_variance) = wide.light(&pixels, noise)?;
         let is_within = |(x, y, _): &&(f64, f64, f64)| (x - centre[0]).hypot(y - centre[1]) < REACH_OF_LIGHT * weight_px;
         let within_ring_dn = pixels.iter().filter(is_within).map(|(_, _, counts)| counts).sum();
-        sums.shape(&pixels, noise).map(|shape| SummedImage { found_px: found, centre_px: centre, flux_dn, flux_variance, within_ring_dn, ..shape })
+        sums.shape(&pixels, noise).map(|shape| SummedImage {
+            found_px: found,
+            centre_px: centre,
+            flux_dn,
+            flux_variance,
+            within_ring_dn,
+            ..shape
+        })
     }
 
     /// Mean of a ring about a star, what other stars light left out; and its pixels.

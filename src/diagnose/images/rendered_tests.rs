@@ -51,7 +51,7 @@ fn stars_that_share_a_frame_change_as_stars_alone() {
             }
         }
         for k in 0..6 {
-            assert!(off[k] <= 0.05_f64.powi(2) * whole[k] + 1e-12 * shared.len() as f64, "{id} {k}: {:?} of {:?}", off, whole);
+            assert!(off[k] <= 0.05_f64.powi(2) * whole[k] + 1e-12 * shared.len() as f64, "{id} {k}: {off:?} of {whole:?}");
         }
     }
 }
