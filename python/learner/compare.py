@@ -67,7 +67,7 @@ def main(program: str, network_file: str, folder: str, *recordings: str) -> None
     work = Path(folder)
     work.mkdir(parents=True, exist_ok=True)
     bands = " | ".join(f"V {low:g} to {high:g}" if low > 0 else f"V < {high:g}" for low, high in BANDS)
-    print(f"| recording | way | {bands} | points beside, a frame |\n|---|---|{'---|' * len(BANDS)}---|")
+    print(f"| recording, frames | way | {bands} | points beside, a frame |\n|---|---|{'---|' * len(BANDS)}---|")
     for recording in recordings:
         identified = ran(program, "identify", recording, "--wcs", "apparent")
         detected = ran(program, "detect", recording)
@@ -89,7 +89,7 @@ def main(program: str, network_file: str, folder: str, *recordings: str) -> None
             raise SystemExit(f"{recording}: bright stars are {np.median(apart):.2f} px from where camera and attitude put them")
         for way, sum in sums.items():
             shares = " | ".join(f"{sum[2 * band + 1]} of {sum[2 * band]}" for band in range(len(BANDS)))
-            print(f"| {Path(recording).stem}, {len(frames)} frames | {way} | {shares} | {sum[-1] / max(len(frames), 1):.1f} |")
+            print(f"| {Path(recording).stem}, {len(frames)} | {way} | {shares} | {sum[-1] / max(len(frames), 1):.1f} |")
 
 
 if __name__ == "__main__":

@@ -215,7 +215,7 @@ def polars_reads_every_light(made):
 def torch_reads_every_sample(made, python):
     """torch's DataLoader with no, 2 and 4 workers, and with more workers than there are shards; in a Python of its own."""
     into, workers, said = os.path.join(made.folder, "torch.npz"), (0, 2, 4, 7), []
-    for kind in made.recipes:
+    for kind in ("png", "npy"):
         for split in FRAMES:
             said = ran(python, os.path.join(HERE, "torch_loader.py"), LOADERS, made.at(kind), split, into, *workers).split()
             with np.load(into) as read:
