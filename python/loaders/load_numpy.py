@@ -1,4 +1,4 @@
-"""Samples of a dataset with numpy and Pillow alone: `for sample in samples("DIR", "train"): sample["image"]`."""
+"""Samples of a dataset with numpy and Pillow alone (and astropy for FITS): `for sample in samples("DIR", "train"): sample["image"]`."""
 
 import io
 import json
@@ -14,6 +14,10 @@ def decoded(name: str, data: bytes):
     """A member of a sample: labels as a dictionary, images as they are stored: uint16 counts, uint8 masks and distances, float32 electrons."""
     if name.endswith("json"):
         return json.loads(data)
+    if name.endswith("fits"):
+        from astropy.io import fits  # needed for images = "fits-rice" alone
+
+        return fits.getdata(io.BytesIO(data), 1).astype(np.uint16)
     return np.load(io.BytesIO(data)) if name.endswith("npy") else np.asarray(Image.open(io.BytesIO(data)))
 
 

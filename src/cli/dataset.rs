@@ -7,17 +7,26 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use boresight::catalog::Catalog;
 use boresight::dataset::{
-    DatasetFile, DatasetPlan, DatasetProgress, DatasetRun, DatasetSplit, FrameKey, SampleMember, ShardKey, ShardShare,
+    DatasetFile, DatasetPlan, DatasetProgress, DatasetRun, DatasetSplit, DrawTable, FrameKey, SampleMember, ShardKey, ShardShare,
 };
 use boresight::recording::write_file;
 use boresight::render::PsfTables;
 use boresight::report::ParquetTables;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use indicatif::ProgressBar;
 
 use super::dataset_steps::DatasetStep;
 use super::options::heading;
 use super::{Answer, Usage, output};
+
+/// Where the frames of a dataset are rendered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum DatasetBackend {
+    /// The CPU
+    Cpu,
+    /// Any Vulkan adapter, a software one (lavapipe) included; an error where there is none
+    Gpu,
+}
 
 /// Arguments of `dataset`.
 #[derive(Debug, Args)]
@@ -46,6 +55,9 @@ pub(crate) struct DatasetArgs {
     /// Read stars from this CSV file instead of the built-in Hipparcos stars
     #[arg(long, value_name = "FILE", help_heading = heading::CATALOGUE)]
     catalog: Option<PathBuf>,
+    /// Where to render. The CPU gives the same bytes on every machine; a GPU gives its own, which never stand beside others in one DIR
+    #[arg(long, value_enum, default_value_t = DatasetBackend::Cpu, help_heading = heading::RENDERING)]
+    backend: DatasetBackend,
     /// Replace the dataset of another recipe that DIR holds
     #[arg(long)]
     force: bool,
@@ -67,7 +79,10 @@ pub(crate) fn dataset(args: &DatasetArgs) -> Result<Answer> {
         (None, Some(recipe)) => recipe,
         (None, None) => return Err(Usage("dataset needs a recipe: boresight dataset RECIPE.toml -o DIR".to_owned()).into()),
     };
-    let plan = DatasetPlan::open(recipe)?;
+    let mut plan = DatasetPlan::open(recipe)?;
+    if args.backend == DatasetBackend::Gpu {
+        plan = plan.on_gpu()?;
+    }
     let catalog = super::options::open_catalog(args.catalog.as_deref())?;
     if let Some(number) = args.scene {
         let scene = plan.frame_scene(frame(&plan, number)?)?.scene;
@@ -166,6 +181,15 @@ fn one_frame(mut plan: DatasetPlan, catalog: &Catalog, key: FrameKey, folder: &P
     Ok(Answer::Yes)
 }
 
+/// A draw in a line, as the recipe has it.
+fn drawn(draw: &DrawTable) -> Result<String> {
+    let mut table = toml::Table::try_from(draw).context("writing a draw as TOML")?;
+    let mut word = |key: &str| table.remove(key).and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default();
+    let (level, path, spread) = (word("per"), word("path"), word("spread"));
+    let how: Vec<String> = table.iter().map(|(key, value)| format!("{key} = {value}")).collect();
+    Ok(format!("drawn per {level}, {spread}: {path}, {}\n", how.join(", ")))
+}
+
 /// Tells what would be made.
 fn told(plan: &DatasetPlan, catalog: &Catalog, json: bool) -> Result<Answer> {
     /// Frames by which time and bytes are estimated.
@@ -219,7 +243,7 @@ fn told(plan: &DatasetPlan, catalog: &Catalog, json: bool) -> Result<Answer> {
         text += &format!("{a} and {b}: nearest boresights {nearest}, shared cameras {}, shared stars {stars}\n", leak.shared_cameras);
     }
     for draw in &plan.recipe.draw {
-        text += &format!("drawn: {}\n", draw.path);
+        text += &drawn(draw)?;
     }
     output::print(&text)?;
     Ok(Answer::Yes)

@@ -8,6 +8,7 @@ use super::chance::AddressedChance;
 use super::error::DatasetError;
 use super::frame_key::{DatasetSplit, FrameKey};
 use super::recipe::{BackgroundTable, DrawLevel, RecipeFile};
+use super::scene_path::set;
 use crate::recording::{FrameSize, image_size};
 
 /// A file of `[background]`.
@@ -121,17 +122,17 @@ impl BackgroundFiles {
     /// Puts a file into a scene, with its window from a place; gives its name.
     fn put(&self, index: usize, scene: &mut Table, corner: [usize; 2]) -> String {
         let BackgroundFile { name, path, .. } = &self.files[index];
-        super::frame_scene::set(scene, "detector", "dark_frame", Value::String(path.clone()));
-        let corner = corner.map(|place| Value::Integer(place as i64)).to_vec();
-        super::frame_scene::set(scene, "detector", "dark_frame_corner_px", Value::Array(corner));
+        set(scene, "detector", "dark_frame", Value::String(path.clone()));
+        let corner = corner.map(|place| Value::Integer(place.cast_signed() as i64)).to_vec();
+        set(scene, "detector", "dark_frame_corner_px", Value::Array(corner));
         if self.has_sky {
-            super::frame_scene::set(scene, "sky", "background_e_per_px_s", Value::Float(0.0));
+            set(scene, "sky", "background_e_per_px_s", Value::Float(0.0));
         }
         name.clone()
     }
 
     /// Puts a file into a scene that is tried.
-    pub(super) fn put_first(&self, index: usize, scene: &mut Table) {
+    pub(super) fn put_on_trial(&self, index: usize, scene: &mut Table) {
         self.put(index, scene, [0; 2]);
     }
 

@@ -10,7 +10,7 @@ use super::error::DatasetError;
 use super::frame_key::{DatasetSplit, FrameKey, ShardKey};
 use super::leaks::SharedBySplits;
 use super::pixel_labels::PIXEL_CLASSES;
-use super::plan::{DatasetPlan, hexadecimal};
+use super::plan::{CPU, DatasetPlan, hexadecimal};
 use super::recipe::{ImageFormat, SampleMember};
 use super::shard::{HashedFile, ShardMark, done, write_bytes, write_json, write_text};
 use super::source_files::SourceFile;
@@ -34,7 +34,7 @@ pub struct DatasetFile {
     pub seed: u64,
     /// Version of the program.
     pub version: String,
-    /// On what frames are rendered.
+    /// On what frames are rendered: `cpu`, or the adapter and its driver.
     pub backend: String,
     /// Hash of recipe, scene, tables, catalogue and version: of everything that the frames follow from.
     pub recipe_sha256: String,
@@ -151,6 +151,10 @@ impl DatasetPlan {
         let mut hasher = Sha256::new();
         hasher.update(&self.sha256);
         hasher.update(&catalog.sha256);
+        // What a GPU makes never stands beside what a CPU or another one makes.
+        if self.adapter != CPU {
+            hasher.update(&self.adapter);
+        }
         hexadecimal(&hasher.finalize())
     }
 
@@ -176,7 +180,7 @@ impl DatasetPlan {
             licence: recipe.licence.clone().unwrap_or_default(),
             seed: recipe.seed,
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            backend: "cpu".to_owned(),
+            backend: self.adapter.clone(),
             recipe_sha256: self.identity(catalog),
             scene_sha256: self.scene_sha256.clone(),
             catalog: catalog.source.clone(),

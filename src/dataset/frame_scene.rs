@@ -10,6 +10,7 @@ use super::error::DatasetError;
 use super::frame_key::{DatasetSplit, FrameKey};
 use super::plan::{BORESIGHT, DatasetPlan};
 use super::recipe::{DrawLevel, FalseStarTable};
+use super::scene_path::set;
 use crate::camera::observation;
 use crate::dual::dot;
 use crate::scene::{Scene, SceneFile, SiteTable};
@@ -199,13 +200,6 @@ impl DatasetPlan {
 
 /// No star is as bright.
 const NO_STARS: f64 = -99.0;
-
-pub(super) fn set(scene: &mut Table, table: &str, key: &str, value: Value) {
-    let table = scene.entry(table).or_insert_with(|| Value::Table(Table::new()));
-    if let Value::Table(table) = table {
-        table.insert(key.to_owned(), value);
-    }
-}
 
 /// The zenith of a scene's exposure, where it has a site and a time.
 fn zenith(scene: &Table) -> Option<[f64; 3]> {

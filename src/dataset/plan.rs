@@ -15,9 +15,12 @@ use super::recipe::{ApartBy, DrawLevel, RecipeFile};
 use super::sky_regions::{NoSky, SkyRegions};
 use super::source_files::{SourceFile, add_sources, sources};
 use super::telemetry::idle_effect;
+use crate::gpu::{Backend, Gpu, GpuError, Need};
 use crate::recording::FrameSize;
 use crate::scene::{Scene, preset, schema};
 
+/// What is said of the CPU.
+pub(super) const CPU: &str = "cpu";
 /// Where the boresight of the one exposure stands.
 pub(super) const BORESIGHT: &str = "frames.boresight_radec_deg";
 const ROLL: &str = "frames.roll_deg";
@@ -44,6 +47,10 @@ pub struct DatasetPlan {
     /// In the order in which they are put in: those of the dataset first, those of the frame last.
     pub(super) draws: Vec<Draw>,
     pub(super) regions: Option<SkyRegions>,
+    /// Where frames are rendered.
+    pub(super) backend: Backend,
+    /// On what, as `dataset.json` says it: `cpu`, or the adapter and its driver.
+    pub(super) adapter: String,
     /// Real frames under the stars.
     pub(super) background: Option<BackgroundFiles>,
     /// Columns and rows of the frames.
@@ -64,6 +71,10 @@ impl DatasetPlan {
 
     /// Checks the text of a recipe; `path` is used in messages, and files that it names begin at `folder`.
     pub fn parse(path: &str, text: &str, folder: &Path) -> Result<Self, DatasetError> {
+        Self::checked(path, text, folder).map_err(|error| with_line(error, path, text))
+    }
+
+    fn checked(path: &str, text: &str, folder: &Path) -> Result<Self, DatasetError> {
         let recipe = RecipeFile::parse(path, text)?;
         check::check(path, &recipe)?;
         let (scene_path, scene_text) = scene_text(path, &recipe.scene, folder)?;
@@ -98,6 +109,8 @@ impl DatasetPlan {
             base,
             draws,
             regions: None,
+            backend: Backend::Cpu,
+            adapter: CPU.to_owned(),
             background,
             size_px,
             field_radius_deg: 0.0,
@@ -106,6 +119,14 @@ impl DatasetPlan {
         plan.field_radius_deg = field_radius_deg(&plan.try_draws()?);
         plan.share_out_sky()?;
         Ok(plan)
+    }
+
+    /// The same with frames rendered on a GPU: other bytes, within the tolerance of the twins, so another dataset.
+    pub fn on_gpu(mut self) -> Result<Self, DatasetError> {
+        let wrong = |source: GpuError| DatasetError::Imaging { path: self.path.clone(), key: 0, source: source.into() };
+        let gpu = Gpu::open(Need::Any).map_err(wrong)?;
+        (self.backend, self.adapter) = (Backend::Gpu, gpu.adapter().to_string());
+        Ok(self)
     }
 
     /// Whether a split is the first that has frames.
@@ -152,14 +173,12 @@ impl DatasetPlan {
 
     /// Tries the scene with every draw at its middle, each at its ends with the others at their middle, and all at their ends at once. Gives the first.
     fn try_draws(&self) -> Result<Scene, DatasetError> {
-        for index in 1..self.background.as_ref().map_or(0, BackgroundFiles::len) {
-            let mut scene = self.base.clone();
-            self.background.iter().for_each(|files| files.put_first(index, &mut scene));
-            self.build("with its background", scene)?;
-        }
         // What can be switched off is on while others are tried.
         let middle = |draw: &Draw| if draw.is_switch() { 0.0 } else { 0.5 };
         let scene = self.tried("with every draw at its middle", &middle)?;
+        for index in 1..self.background.as_ref().map_or(0, BackgroundFiles::len) {
+            self.tried_on(index, "with every draw at its middle", &middle)?;
+        }
         for draw in &self.draws {
             for (words, at) in draw.ends() {
                 let place = format!("the draw of {} {words}", draw.path.text);
@@ -174,6 +193,11 @@ impl DatasetPlan {
     }
 
     fn tried(&self, place: &str, unit: &dyn Fn(&Draw) -> f64) -> Result<Scene, DatasetError> {
+        self.tried_on(0, place, unit)
+    }
+
+    /// The same on a file of `[background]`, if there are any.
+    fn tried_on(&self, index: usize, place: &str, unit: &dyn Fn(&Draw) -> f64) -> Result<Scene, DatasetError> {
         let mut scene = self.base.clone();
         let (switches, values): (Vec<&Draw>, Vec<&Draw>) = self.draws.iter().partition(|draw| draw.is_switch());
         for draw in values.into_iter().chain(switches) {
@@ -181,7 +205,7 @@ impl DatasetPlan {
             let wrong = |message| DatasetError::Parse { path: self.path.clone(), message };
             draw.apply(&mut scene, value).map_err(wrong)?;
         }
-        self.background.iter().for_each(|files| files.put_first(0, &mut scene));
+        self.background.iter().for_each(|files| files.put_on_trial(index, &mut scene));
         let built = self.build(place, scene.clone())?;
         match idle_effect(&built, &scene) {
             None => Ok(built),
@@ -193,6 +217,21 @@ impl DatasetPlan {
     pub(super) fn build(&self, place: &str, scene: Table) -> Result<Scene, DatasetError> {
         let wrong = |source| DatasetError::Scene { path: self.path.clone(), place: place.to_owned(), source: Box::new(source) };
         Scene::from_table(&self.scene_path, scene).map_err(wrong)
+    }
+}
+
+/// The same with the line of the recipe that it speaks of.
+fn with_line(error: DatasetError, recipe: &str, text: &str) -> DatasetError {
+    let at = |key: &str| crate::toml_file::line_of(text, key).map_or_else(|| recipe.to_owned(), |line| format!("{recipe}: line {line}"));
+    match error {
+        DatasetError::Value { path, key, value, remedy } if path == recipe => DatasetError::Value { path: at(&key), key, value, remedy },
+        DatasetError::Scene { path, place, source } if path == recipe => {
+            let draws = RecipeFile::parse(recipe, text).map(|recipe| recipe.draw).unwrap_or_default();
+            let of_place = draws.iter().position(|draw| place.starts_with(&format!("the draw of {} ", draw.path)));
+            let path = of_place.map_or(path, |number| at(&format!("draw[{number}].path")));
+            DatasetError::Scene { path, place, source }
+        }
+        other => other,
     }
 }
 
@@ -332,7 +371,7 @@ pub(super) mod tests {
         assert_eq!(draw("path = \"camera.focal_length_px\"\nuniform = [200, 400]"), Ok(()));
         assert_eq!(
             draw("path = \"camera.focal_length_px\"\nuniform = [0, 400]").unwrap_err(),
-            "r.toml: the draw of camera.focal_length_px at its lower end: ./scene.toml: camera.focal_length_px = 0 must lie between 0.01 and 1e8 px"
+            "r.toml: line 11: the draw of camera.focal_length_px at its lower end: ./scene.toml: camera.focal_length_px = 0 must lie between 0.01 and 1e8 px"
         );
         let upper = draw("path = \"frames.exposure_s\"\nuniform = [1, 1.5e5]").unwrap_err();
         assert!(upper.contains("at its upper end: ./scene.toml: frames[0].exposure_s = "), "{upper}");
@@ -360,7 +399,7 @@ pub(super) mod tests {
         assert!((plan.field_radius_deg - (40.0_f64 / 300.0).atan().to_degrees()).abs() < 0.2, "{}", plan.field_radius_deg);
         assert_eq!(plan.guard_deg, plan.field_radius_deg);
         let refused = apart("guard_deg = 80.0").unwrap_err();
-        assert!(refused.starts_with("r.toml: splits.guard_deg = 80.00 leaves a split no sky to point at; "), "{refused}");
+        assert!(refused.starts_with("r.toml: line 11: splits.guard_deg = 80.00 leaves a split no sky to point at; "), "{refused}");
         let largest: f64 = refused.split("point at; ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
         assert!(apart(&format!("guard_deg = {largest}")).is_ok());
         let pointed =

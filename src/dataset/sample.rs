@@ -14,7 +14,7 @@ use super::recipe::{ImageFormat, SampleMember};
 use super::sample_labels::{SampleLabels, is_false_star, visible_stars};
 use crate::catalog::Catalog;
 use crate::recording::low_byte_first;
-use crate::render::{Backend, PsfTables, Rendered, Renderer};
+use crate::render::{PsfTables, Rendered, Renderer};
 use crate::scene::Scene;
 
 /// A sample.
@@ -59,10 +59,10 @@ impl DatasetPlan {
         self.recipe.size.members.contains(&member)
     }
 
-    /// Renders a frame on the CPU.
+    /// Renders a frame.
     fn rendered(&self, scene: &Scene, catalog: &Catalog, tables: &PsfTables, key: FrameKey) -> Result<Rendered, DatasetError> {
         let wrong = |source| DatasetError::Imaging { path: self.path.clone(), key: key.number(), source };
-        let renderer = Renderer::with_tables(scene, catalog, Backend::Cpu, tables).map_err(wrong)?;
+        let renderer = Renderer::with_tables(scene, catalog, self.backend, tables).map_err(wrong)?;
         let renderer = renderer.with_pixel_shifts(false).with_footprints(true);
         let renderer = renderer.with_clean(self.wants(SampleMember::Clean)).with_masks(self.wants(SampleMember::Mask));
         renderer.render(0).map_err(wrong)
@@ -127,6 +127,7 @@ mod tests {
     use super::*;
     use crate::dataset::frame_key::DatasetSplit;
     use crate::dataset::plan::tests::{SCENE, plan_of, recipe};
+    use crate::render::Backend;
 
     const FRAME: FrameKey = FrameKey { split: DatasetSplit::Train, index: 3 };
 

@@ -287,6 +287,14 @@ fn place_of_effect(list: &[Value], id: &str) -> Option<usize> {
     list.iter().position(|effect| effect.get("id").and_then(Value::as_str).is_some_and(|other| id_of(other) == id))
 }
 
+/// Sets a key of a table of a scene.
+pub(super) fn set(scene: &mut Table, table: &str, key: &str, value: Value) {
+    let table = scene.entry(table).or_insert_with(|| Value::Table(Table::new()));
+    if let Value::Table(table) = table {
+        table.insert(key.to_owned(), value);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

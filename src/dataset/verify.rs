@@ -7,7 +7,7 @@ use super::chance::AddressedChance;
 use super::error::DatasetError;
 use super::folder::{DatasetFile, RECIPE};
 use super::frame_key::{DatasetSplit, FrameKey, ShardKey};
-use super::plan::DatasetPlan;
+use super::plan::{CPU, DatasetPlan};
 use super::run::{DatasetProgress, on_threads};
 use super::table_columns::TableWriter;
 use super::verify_labels::LabelMeasure;
@@ -79,7 +79,13 @@ fn plan_of(folder: &Path, dataset: &DatasetFile, catalog: &Catalog, recipe: Opti
         return Err(not_again(format!("{first} is not kept in the folder; give --recipe with the recipe where it was")));
     }
     let own = folder.join(RECIPE);
-    let plan = DatasetPlan::open(recipe.unwrap_or(&own)).map_err(|error| not_again(error.to_string()))?;
+    let mut plan = DatasetPlan::open(recipe.unwrap_or(&own)).map_err(|error| not_again(error.to_string()))?;
+    if dataset.backend != CPU {
+        plan = plan.on_gpu().map_err(|error| not_again(format!("they are from {}, and {error}", dataset.backend)))?;
+        if plan.adapter != dataset.backend {
+            return Err(not_again(format!("they are from {}, and here is {}", dataset.backend, plan.adapter)));
+        }
+    }
     if plan.identity(catalog) == dataset.recipe_sha256 {
         Ok(plan)
     } else if catalog.sha256 == dataset.catalog_sha256 {

@@ -184,15 +184,13 @@ pub(super) fn probe_raw(path: &Path, size: FrameSize) -> Result<Probe, FrameProb
     }
     let mut head = Vec::new();
     file.take(300).read_to_end(&mut head).map_err(FrameProblem::Read)?;
-    match kind(&head) {
-        Err(foreign @ (FrameProblem::OtherKind { .. } | FrameProblem::EmptyFile)) => Err(foreign),
-        _ => {
-            let message = format!(
-                "it has {found} bytes, but {size} of bare counts are {expected}, 16 bits each, low byte first; correct [camera] or copy the file again"
-            );
-            Err(FrameProblem::Decode { kind: "raw", message })
-        }
+    if let Err(foreign @ (FrameProblem::OtherKind { .. } | FrameProblem::EmptyFile)) = kind(&head) {
+        return Err(foreign);
     }
+    let message = format!(
+        "it has {found} bytes, but {size} of bare counts are {expected}, 16 bits each, low byte first; correct [camera] or copy the file again"
+    );
+    Err(FrameProblem::Decode { kind: "raw", message })
 }
 
 /// Reads bare counts of 16 bits.

@@ -104,35 +104,6 @@ pub(super) fn check_psf_telemetry(path: &str, psf: Option<&PsfTable>, exposures:
     }
 }
 
-#[cfg(feature = "bench")]
-/// What of an exposure an effect follows by the ends of its parameters' names, counted from the mean over the exposures.
-type Followed = (&'static str, &'static str, fn(&Observation) -> Option<f64>);
-#[cfg(feature = "bench")]
-const FOLLOWED: [Followed; 3] = [
-    ("_per_kelvin", "temperature", |known| known.temperature_offset_k),
-    ("_per_hour", "time", |known| known.time_offset_h),
-    ("_per_hpa", "pressure", |known| known.pressure_offset_hpa),
-];
-
-/// Effects behind the lens that do nothing since what they follow is the same in all exposures.
-#[cfg(feature = "bench")]
-pub(super) fn idle(model: &Model, exposures: &Exposures) -> Vec<String> {
-    let mut told = Vec::new();
-    for (id, parameters) in model.terms() {
-        let Some(effect) = displacement(id) else { continue };
-        for (spec, _) in effect.parameters().iter().zip(parameters).filter(|(_, value)| **value != 0.0) {
-            let Some((_, what, of)) = FOLLOWED.iter().find(|(end, ..)| spec.name.ends_with(end)) else { continue };
-            if exposures.kinds().all(|exposure| of(exposure.sky.observation()).is_none_or(|offset| offset == 0.0)) {
-                let name = spec.name;
-                told.push(format!(
-                    "{id}.{name} counts from the mean {what} of the exposures and does nothing: the {what} is the same in all of them"
-                ));
-            }
-        }
-    }
-    told
-}
-
 /// The parameters of a pixel effect: those that are given; else, where `[detector]` has a key of that name, its value; else the value at which
 /// the effect does nothing, or where there is none the typical one.
 fn setting(effect: &dyn AnyPixelEffect, table: &EffectTable, detector: &DetectorTable) -> Result<EffectSetting, String> {

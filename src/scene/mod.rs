@@ -11,6 +11,8 @@ mod detector;
 #[cfg(feature = "bench")]
 pub mod effect_demo;
 mod effects;
+#[cfg(feature = "bench")]
+mod effects_told;
 mod exposures;
 mod file;
 mod lights;
@@ -227,20 +229,6 @@ impl Scene {
         self.sky_light.glow_ids()
     }
 
-    /// What lights the sky between the stars unevenly, with its parameters by name.
-    #[cfg(feature = "bench")]
-    pub fn glows(&self) -> impl Iterator<Item = (&'static str, std::collections::BTreeMap<String, f64>)> + '_ {
-        self.sky_light.glows()
-    }
-
-    /// Effects that follow what is measured beside the frames, counted from its mean over the exposures, and do nothing since it is the same in all of
-    /// them: a sentence for each.
-    #[cfg(feature = "bench")]
-    #[must_use]
-    pub fn idle_effects(&self) -> Vec<String> {
-        effects::idle(&self.model, &self.exposures)
-    }
-
     /// Reads and checks a scene file.
     pub fn open(path: &std::path::Path) -> Result<Self, SceneError> {
         let name = path.display().to_string();
@@ -338,20 +326,13 @@ impl SceneFile {
         };
         let own_psf = psf.on_own_pixels(binning.map_or(1, |binning| binning.factor)).map_err(wrong_psf)?;
         work::check(path, &self, &own_psf)?;
-        let saturation_dn = Some(self.detector.top_dn());
         let dark_frame = dark_frame::read(path, &self.detector, &pixels, (size_px, binning.is_some()))?;
         let read_noise_e = dark_frame.as_ref().map_or(self.detector.read_noise_e, |dark| dark.noise_e);
+        let saturation_dn = Some(self.detector.top_dn());
         let detector = DetectorTable { psf_sigma_px: psf.typical_px, saturation_dn, read_noise_e, ..self.detector.clone() };
         let colour_response = detector.colour_response();
         let colour_filters = detector.colour_filters.as_ref().map(|table| table.response(detector.quantum_efficiency.as_ref()));
-        let mut pixels = pixels;
-        if let Some([red, blue]) = colour_filters.as_ref().and_then(FilterResponse::white)
-            && pixels.iter().all(|other| other.id != ids::BAYER)
-        {
-            pixels.push(EffectSetting::new(ids::BAYER, &[("red_relative", red), ("blue_relative", blue)]));
-        }
-        let mut pixel_effects = effects::of_camera(&self.detector, &self.sky_of_own_pixel(&sky), &pixels);
-        pixel_effects.retain(|effect| dark_frame.is_none() || effect.id != ids::READ_NOISE);
+        let pixel_effects = self.pixel_effects(&sky, pixels, colour_filters.as_ref());
         Ok(Scene {
             seed: self.seed,
             first_frame: self.first_frame,
@@ -381,6 +362,18 @@ impl SceneFile {
             site: self.site,
             exposures,
         })
+    }
+
+    /// What works on pixels: of those that are listed, what the filters of the mosaic bring, and what every camera has; a dark frame is read noise.
+    fn pixel_effects(&self, sky: &SkyTable, mut listed: Vec<EffectSetting>, filters: Option<&FilterResponse>) -> Vec<EffectSetting> {
+        if let Some([red, blue]) = filters.and_then(FilterResponse::white)
+            && listed.iter().all(|other| other.id != ids::BAYER)
+        {
+            listed.push(EffectSetting::new(ids::BAYER, &[("red_relative", red), ("blue_relative", blue)]));
+        }
+        let mut effects = effects::of_camera(&self.detector, &self.sky_of_own_pixel(sky), &listed);
+        effects.retain(|effect| self.detector.dark_frame.is_none() || effect.id != ids::READ_NOISE);
+        effects
     }
 
     /// The sky as one of the detector's own pixels sees it.

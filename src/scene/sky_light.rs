@@ -5,7 +5,6 @@
 //! but for a few edges (the horizon, the circle of a fisheye): they are evaluated on squares, interpolated by parabolas within, and squares on
 //! which that misses by more than [`TOLERANCE`] are cut into four, down to single pixels. The sky stands still during an exposure, as in its middle.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -45,7 +44,7 @@ impl std::fmt::Debug for GlowSetting {
 /// What lights the sky between the stars unevenly.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SkyLight {
-    glows: Vec<GlowSetting>,
+    pub(super) glows: Vec<GlowSetting>,
     /// Electrons per pixel and second, row by row.
     image: Option<Arc<[f32]>>,
 }
@@ -54,15 +53,6 @@ impl SkyLight {
     /// The glows, by their ids.
     pub(super) fn glow_ids(&self) -> impl Iterator<Item = &'static str> + '_ {
         self.glows.iter().map(|setting| setting.glow.id())
-    }
-
-    /// The same with their parameters by name.
-    pub(super) fn glows(&self) -> impl Iterator<Item = (&'static str, BTreeMap<String, f64>)> + '_ {
-        let named = |setting: &GlowSetting| {
-            let names = setting.glow.parameters().iter().map(|spec| spec.name.to_owned());
-            (setting.glow.id(), names.zip(setting.parameters.iter().copied()).collect())
-        };
-        self.glows.iter().map(named)
     }
 
     /// Checks that every exposure has what the models need, and reads the image. Where these give the sky, an even background that nobody asked for

@@ -76,7 +76,11 @@ class Made:
     def __init__(self, program, folder):
         self.program, self.folder = program, folder
         self.recipes = {}
-        for kind, recipe in (("png", RECIPE), ("npy", RECIPE.replace("png16", "npy").replace('"distance"]', '"distance", "clean"]'))):
+        for kind, recipe in (
+            ("png", RECIPE),
+            ("npy", RECIPE.replace("png16", "npy").replace('"distance"]', '"distance", "clean"]')),
+            ("rice", RECIPE.replace("png16", "fits-rice")),
+        ):
             os.makedirs(os.path.join(folder, kind))
             self.recipes[kind] = os.path.join(folder, kind, "recipe.toml")
             for name, text in (("sky.toml", SCENE), ("recipe.toml", recipe)):
@@ -114,7 +118,7 @@ class Made:
 
 
 def numpy_reads_every_sample(made):
-    """numpy and Pillow, of PNG and of arrays."""
+    """numpy and Pillow, of PNG and of arrays; astropy, of FITS packed by Rice coding."""
     from load_numpy import samples
 
     for kind in made.recipes:
@@ -125,7 +129,7 @@ def numpy_reads_every_sample(made):
                 more = {"clean": sample["clean"]} if kind == "npy" else {}
                 made.same(keys[-1], sample["image"], sample["json"], mask=sample["mask"], distance=sample["distance"], **more)
             made.all(keys, split)
-    return f"{2 * len(made.alone)} samples"
+    return f"{len(made.recipes) * len(made.alone)} samples"
 
 
 def astropy_reads_the_same_of_simulate(made):
@@ -211,7 +215,7 @@ def polars_reads_every_light(made):
 def torch_reads_every_sample(made, python):
     """torch's DataLoader with no, 2 and 4 workers, and with more workers than there are shards; in a Python of its own."""
     into, workers, said = os.path.join(made.folder, "torch.npz"), (0, 2, 4, 7), []
-    for kind in made.recipes:
+    for kind in ("png", "npy"):
         for split in FRAMES:
             said = ran(python, os.path.join(HERE, "torch_loader.py"), LOADERS, made.at(kind), split, into, *workers).split()
             with np.load(into) as read:

@@ -120,7 +120,7 @@ fn the_same_scene_gives_the_same_bytes() {
         kept.map(|(path, bytes)| (path.strip_prefix(&target).unwrap().to_owned(), bytes)).collect::<Vec<_>>()
     };
     let one = render("one", &["--backend", "cpu", "--threads", "1"]);
-    assert_eq!(one.len(), 3 + 1 + 1 + 1, "three frames, the manifest, the stars, the mark of the program");
+    assert_eq!(one.len(), 3 + 1 + 1 + 1 + 1, "three frames, the manifest, the stars, the scene, the mark of the program");
     assert_eq!(one, render("two", &["--backend", "cpu", "--threads", "2", "--noise", "exact"]));
     assert_ne!(one, render("other", &["--backend", "cpu", "--seed", "5"]));
     let gpu = render("gpu", &["--backend", "gpu"]);

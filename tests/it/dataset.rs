@@ -70,6 +70,14 @@ fn a_dataset_is_the_same_for_any_threads_processes_and_kills() {
     assert!(early.code == 1 && early.stderr.contains("4 of 8 shards are not made, the first is train/000000.tar"), "{}", early.stderr);
     made(&recipe, &at("parts"), &["--shard", "0/2"]);
     assert!(one == files(&at("parts")), "in two parts");
+    // As on a machine without these instructions: the system's mathematics takes other ways then.
+    let old = Command::new(assert_cmd::cargo::cargo_bin("boresight"))
+        .args(["dataset", text(&recipe), "-o", text(&at("old")), "--quiet"])
+        .env("GLIBC_TUNABLES", "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4,-AVX,-AVX512F,-AVX2_Usable,-FMA_Usable")
+        .stdout(Stdio::null())
+        .status()
+        .unwrap();
+    assert!(old.success() && one == files(&at("old")), "without AVX2 and FMA");
     // Killed at different times, and gone on with: what was in the making goes with the next run.
     for delay_ms in [0, 15, 40, 90] {
         let target = at("cut");
@@ -97,6 +105,38 @@ fn a_dataset_is_the_same_for_any_threads_processes_and_kills() {
     let finished = run(&["dataset", "finish", text(&at("cut"))]);
     assert!(finished.code == 0 && finished.stdout.contains("16 frames in 8 shards; whole"), "{}{}", finished.stdout, finished.stderr);
     assert!(one == files(&at("cut")), "finished anew");
+}
+
+#[test]
+fn frames_of_a_gpu_say_so_and_never_stand_beside_those_of_the_cpu() {
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = recipe_in(folder.path(), &RECIPE.replace("train = 12, test = 4", "train = 2, test = 2"));
+    let [cpu, gpu] = ["cpu", "gpu"].map(|name| folder.path().join(name));
+    made(&recipe, &cpu, &[]);
+    made(&recipe, &gpu, &["--backend", "gpu"]);
+    let adapter = |set: &Path| {
+        let told: Value = serde_json::from_slice(&std::fs::read(set.join("dataset.json")).unwrap()).unwrap();
+        told["backend"].as_str().unwrap().to_owned()
+    };
+    assert_eq!(adapter(&cpu), "cpu");
+    assert!(adapter(&gpu).len() > 5 && adapter(&gpu) != "cpu", "{}", adapter(&gpu));
+    crate::common::log_gpu_test("frames_of_a_gpu_say_so_and_never_stand_beside_those_of_the_cpu", &adapter(&gpu));
+    for (set, more) in [(&gpu, &[][..]), (&cpu, &["--backend", "gpu"][..])] {
+        let ran = run(&[&["dataset", text(&recipe), "-o", text(set)], more].concat());
+        assert!(ran.code == 1 && ran.stderr.contains("holds a dataset of another recipe"), "{}", ran.stderr);
+    }
+    let looked_at = run(&["dataset", "verify", text(&gpu)]);
+    assert!(looked_at.code == 0 && looked_at.stdout.contains("4 frames made again"), "{}{}", looked_at.stdout, looked_at.stderr);
+    // Within the tolerance of the twins: no count differs by more than one.
+    let image = |set: &Path| {
+        let (one, name) = (folder.path().join("one"), "000000001.image.png");
+        let backend = if set == cpu { "cpu" } else { "gpu" };
+        let ran = run(&["dataset", text(&recipe), "--frame", "1", "-o", text(&one), "--force", "--backend", backend]);
+        assert_eq!(ran.code, 0, "{}", ran.stderr);
+        image::open(one.join(name)).unwrap().into_luma16().into_raw()
+    };
+    let differ = image(&cpu).iter().zip(image(&gpu)).map(|(cpu, gpu)| cpu.abs_diff(gpu)).max().unwrap();
+    assert!(differ <= 1, "a count differs by {differ}");
 }
 
 #[test]
@@ -203,5 +243,6 @@ fn frames_and_scenes_are_had_one_by_one() {
     let plan = run(&["dataset", text(&recipe), "--plan"]);
     assert!(plan.code == 0 && plan.stdout.contains("tiny: 16 frames in 8 shards of 2;"), "{}{}", plan.stdout, plan.stderr);
     assert!(plan.stdout.contains("train and test: nearest boresights ") && plan.stdout.contains("shared cameras 0, shared stars 0.00 %"));
+    assert!(plan.stdout.contains("drawn per frame, even: frames.rate_deg_s, ball = { radius = 0.5 }\n"), "{}", plan.stdout);
     assert!(!at("set").exists());
 }

@@ -137,6 +137,19 @@ def processes(run: str) -> dict[int, tuple[int, list[str]]]:
     return found
 
 
+def interchange(driver: int) -> int:
+    """The process of Parsl that a driver started and all tasks go through; Parsl gives it no environment, so it is told by its parent."""
+    for pid in map(int, filter(str.isdigit, os.listdir("/proc"))):
+        try:
+            words = Path(f"/proc/{pid}/cmdline").read_bytes()
+            parent = int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+        except OSError:  # it has ended
+            continue
+        if parent == driver and b"interchange" in words:
+            return pid
+    raise AssertionError(f"the driver {driver} has no interchange")
+
+
 class Killer(threading.Thread):
     """Kills so many processes of a driver by SIGKILL, of kinds and after pauses drawn from a seed."""
 

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import stat
 import subprocess
 import time
@@ -91,6 +92,25 @@ def test_a_driver_that_was_killed_is_gone_on_with(work, reference):
     assert kit.hashes(work / "set") == reference
     code, told = kit.status(path, "--check")
     assert code == 0 and told["orphans"] == [] and not (work / ".boresight-cluster").exists()
+
+
+def test_a_dead_interchange_ends_the_run_with_a_sentence(work, reference):
+    """All tasks go through it, and Parsl waits for it for ever."""
+    path = kit.cluster(work, "set")
+    driver = kit.start(path)
+    while len(list((work / "set").glob("shards/*.json"))) < 3:
+        assert driver.poll() is None, driver.communicate()[1]
+        time.sleep(0.02)
+    run = str(next((work / ".boresight-cluster").glob(f"cluster-{driver.pid}-*")))
+    os.kill(kit.interchange(driver.pid), signal.SIGKILL)
+    begun = time.monotonic()
+    out, err = driver.communicate(timeout=90)
+    assert driver.returncode == 1 and err.count("the interchange of Parsl, through which all tasks go, ended with -9") >= 1, err
+    assert time.monotonic() - begun < 60
+    assert not kit.processes(run), "what the driver started is gone with it"
+    code, out, err = kit.ran(path)
+    assert code == 0 and f"{kit.SHARDS} to do" not in err, err
+    assert kit.hashes(work / "set") == reference
 
 
 def test_poison_is_tried_once_and_named(work, reference):

@@ -14,6 +14,8 @@ from .work import Job, Unit
 
 # A try that ended because its worker or its node was lost costs this much of one of its own failures.
 COST_OF_LOSS = 0.25
+# A look at whether Parsl's interchange still lives, seconds: without it no task ends any more, and Parsl itself waits for ever.
+WATCH_S = 1.0
 # So many blocks may fail one after another without a task that ended in between: more than bad luck, and few enough where no block ever starts.
 MAX_LOST_BLOCKS = 10
 
@@ -149,12 +151,30 @@ def run(job: Job, units: list[Unit], say: Callable[[int, int], None]) -> dict[st
                 slots.release()
 
             for unit in units:
-                slots.acquire()
+                while not slots.acquire(timeout=WATCH_S):
+                    _watch(executor)
+                _watch(executor)
                 future = app(command_of(cluster, python, unit.number, len(job.units)))
                 future.add_done_callback(lambda future, unit=unit: ended(unit, future))
+            looked = time.monotonic()
             while counts["done"] + counts["failed"] < len(units):
                 time.sleep(0.05)
+                if time.monotonic() - looked > WATCH_S:
+                    _watch(executor)
+                    looked = time.monotonic()
     return failed
+
+
+def _watch(executor) -> None:
+    """Ends the run where the interchange is gone. Parsl's own way out waits for answers of it, so that is stopped first."""
+    process = executor.interchange_proc
+    if process is None or process.poll() is None:
+        return
+    error = ClusterError(
+        f"the interchange of Parsl, through which all tasks go, ended with {process.returncode}; what is done stays, so run the same command again"
+    )
+    executor.set_bad_state_and_fail_all(error)
+    raise error
 
 
 def _task(command: str) -> str:

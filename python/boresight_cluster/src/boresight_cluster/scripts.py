@@ -60,6 +60,8 @@ def _named_files(path: Path, found: dict[str, Path]) -> None:
         elif isinstance(value, list):
             for one in value:
                 walk(one)
+        elif isinstance(value, str) and any(letter in value for letter in "*?") and any(path.parent.glob(value.lstrip("/"))):
+            raise NeverError(f"{path}: names the files {value}, which a ConfigMap does not hold; put them into the image")
         elif isinstance(value, str) and value and len(value) < 256 and "\n" not in value and (path.parent / value).is_file():
             if "/" in value:
                 raise NeverError(f"{path}: names {value}, and a ConfigMap has no folders; put it beside the file, or into the image")
