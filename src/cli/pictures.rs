@@ -198,11 +198,11 @@ pub(super) fn answered_frame(path: &Path, frame: &boresight::suite::FailureFrame
     let mark = |[x_px, y_px]: [f64; 2], kind, label: Option<&str>| report::Mark { x_px, y_px, label: label.map(str::to_owned), kind };
     // A star with an answer, one without, and an answer without a star.
     let stars = frame.stars_px.iter().map(|place| {
-        let kind = if near(*place, &frame.centroids_px) { report::MarkKind::Identified } else { report::MarkKind::Detected };
+        let kind = if near(*place, &frame.centroids_px) { report::MarkKind::Answered } else { report::MarkKind::Unanswered };
         mark(*place, kind, None)
     });
     let lonely = frame.centroids_px.iter().filter(|place| !near(**place, &frame.stars_px));
-    let marks: Vec<report::Mark> = stars.chain(lonely.map(|place| mark(*place, report::MarkKind::Rejected, None))).collect();
+    let marks: Vec<report::Mark> = stars.chain(lonely.map(|place| mark(*place, report::MarkKind::Starless, None))).collect();
     report::frame_picture(path, &image, &marks, &[])?;
     Ok(path.exists())
 }

@@ -393,7 +393,8 @@ fn text(object: &RunResult, target: &Path) -> String {
     }
     for limit in &object.requirements {
         let value = limit.value.map_or_else(|| "not known".to_owned(), pictures::significant);
-        text += &format!("{}: {} {} {}, it is {value}\n", if limit.is_met { "met" } else { "NOT MET" }, limit.metric, limit.sign, limit.limit);
+        text +=
+            &format!("{}: {} {} {}, it is {value}\n", if limit.is_met { "met" } else { "NOT MET" }, limit.metric, limit.sign, limit.limit);
     }
     text += &format!(
         "rendered on {}; recording, truth, results and pictures are in {}\n",

@@ -8,7 +8,8 @@ use anyhow::{Context, Result};
 use boresight::catalog::Catalog;
 use boresight::provenance::{Provenance, word};
 use boresight::recording::{
-    FitsHeaders, FrameEntry, ImageFileForm, OutputDirectory, Recording, write_file, write_fits_f32, write_fits_u16, write_image, write_manifest_of,
+    FitsHeaders, FrameEntry, ImageFileForm, OutputDirectory, Recording, write_file, write_fits_f32, write_fits_u16, write_image,
+    write_manifest_of,
 };
 use boresight::render::{Rendered, Renderer, SIMULATE_FORMAT, SimulateResult};
 use boresight::scene::{Scene, declared_entry, declared_recording};

@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use anyhow::{Context, Result, bail};
-use boresight::recording::{ImageFileForm, FitsHeaders, ResultFolder, write_file, write_image};
+use boresight::recording::{FitsHeaders, ImageFileForm, ResultFolder, write_file, write_image};
 use boresight::report::table;
 use boresight::scene::{Scene, preset};
 use boresight::suite::{
-    AnswerForm, FramePicture, RequirementVerdict, SuiteOptions, SuitePlan, SuiteProgress, SuiteResult, SuiteRun, SuiteSource, TEST_FORMAT, annotations,
-    compared, guess_conventions, init_suite, junit, listed, page, read_answers, run_suite, summary,
+    AnswerForm, FramePicture, RequirementVerdict, SuiteOptions, SuitePlan, SuiteProgress, SuiteResult, SuiteRun, SuiteSource, TEST_FORMAT,
+    annotations, compared, guess_conventions, init_suite, junit, listed, page, read_answers, run_suite, summary,
 };
 use clap::{Args, ValueEnum};
 use indicatif::ProgressBar;
@@ -97,7 +97,7 @@ pub(crate) fn test(args: &TestArgs) -> Result<Answer> {
     let catalog = super::options::open_catalog(args.catalog.as_deref())?;
     if args.guess_conventions {
         let guess = guess_conventions(&plan, &catalog)?;
-        output::print_page(&guess.sentences.iter().map(|sentence| format!("{sentence}\n")).collect::<String>())?;
+        output::print_page(&(guess.sentences.join("\n") + "\n"))?;
         return Ok(if guess.agree_as_declared * 5 >= guess.answered * 4 && guess.answered > 0 { Answer::Yes } else { Answer::No });
     }
     run(args, &plan, &catalog, path)
@@ -168,7 +168,10 @@ fn write_files(folder: &ResultFolder, args: &TestArgs, object: &SuiteResult, don
         write_image(&at.join("frame.png"), ImageFileForm::Png16, frame.size_px, (&frame.pixels_dn, frame.bits), &FitsHeaders::default())?;
         let picture = at.join("picture.png");
         if pictures::answered_frame(&picture, frame)? {
-            shown.push(FramePicture { folder: frame.folder.clone(), png: std::fs::read(&picture).with_context(|| format!("reading {}", picture.display()))? });
+            shown.push(FramePicture {
+                folder: frame.folder.clone(),
+                png: std::fs::read(&picture).with_context(|| format!("reading {}", picture.display()))?,
+            });
         }
     }
     for (path, scene) in &done.scenes {
@@ -188,7 +191,9 @@ fn init(name: &str) -> Result<String> {
     } else if let Some(found) = preset(name) {
         (found.toml.to_owned(), format!("preset = {name:?}"))
     } else {
-        return Err(Usage(format!("there is no preset {name}; `boresight preset list` lists them, and a scene's name ends in .toml")).into());
+        return Err(
+            Usage(format!("there is no preset {name}; `boresight preset list` lists them, and a scene's name ends in .toml")).into()
+        );
     };
     let scene = Scene::parse(name, &text)?;
     Ok(init_suite(&SuiteSource { key, scene: &scene, is_fixed: scene.is_fixed }))
@@ -204,7 +209,11 @@ fn check_answer(plan: &SuitePlan, file: &Path) -> Result<Answer> {
     for fault in &read.faults {
         text += &format!("{}: {fault}\n", file.display());
     }
-    let unread = read.answers.iter().filter(|(_, answer)| answer.attitude.as_ref().is_some_and(|written| plan.conventions.read(written).is_none())).count();
+    let unread = read
+        .answers
+        .iter()
+        .filter(|(_, answer)| answer.attitude.as_ref().is_some_and(|written| plan.conventions.read(written).is_none()))
+        .count();
     if unread > 0 {
         text += &format!("{}: {unread} attitudes are no rotations under the declared conventions\n", file.display());
     }

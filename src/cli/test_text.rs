@@ -44,8 +44,11 @@ fn of_case(case: &CaseResult) -> String {
             rows.push(row);
         }
     }
-    let header: &[&str] =
-        if case.sweep.is_some() { &["verdict", "at", "requirement", "measured, with bounds", "frames"] } else { &["verdict", "requirement", "measured, with bounds", "frames"] };
+    let header: &[&str] = if case.sweep.is_some() {
+        &["verdict", "at", "requirement", "measured, with bounds", "frames"]
+    } else {
+        &["verdict", "requirement", "measured, with bounds", "frames"]
+    };
     if rows.is_empty() {
         text += "  nothing is required\n";
     } else {

@@ -69,6 +69,7 @@ fn figure(sample: &Sample) -> Result<String, String> {
 }
 
 /// Text that HTML takes as it is.
+#[must_use]
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

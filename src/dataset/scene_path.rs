@@ -27,6 +27,7 @@ pub enum PlaceKind {
 
 impl PlaceKind {
     /// In words.
+    #[must_use]
     pub fn words(&self) -> String {
         match self {
             Self::Number => "a number".to_owned(),
@@ -209,6 +210,7 @@ impl ScenePath {
     }
 
     /// The value there, if there is one.
+    #[must_use]
     pub fn get<'v>(&self, scene: &'v Table) -> Option<&'v Value> {
         let (first, rest) = self.steps.split_first()?;
         let Step::Key(key) = first else { return None };

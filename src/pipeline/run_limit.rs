@@ -51,8 +51,9 @@ impl FromStr for RunLimit {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let split = text.split_once("<=").map(|parts| (parts, true)).or_else(|| text.split_once(">=").map(|parts| (parts, false)));
-        let ((name, number), is_most) =
-            split.ok_or_else(|| format!("write a metric, <= or >=, and a number: mapping_error_rms_px<=0.05; the metrics are {}", METRICS.join(", ")))?;
+        let ((name, number), is_most) = split.ok_or_else(|| {
+            format!("write a metric, <= or >=, and a number: mapping_error_rms_px<=0.05; the metrics are {}", METRICS.join(", "))
+        })?;
         let name = name.trim();
         let metric = METRICS.into_iter().find(|known| *known == name).ok_or_else(|| match suggestion(name, &METRICS) {
             Some(near) => format!("there is no metric {name}; did you mean {near}?"),

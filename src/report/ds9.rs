@@ -15,9 +15,9 @@ pub fn ds9_regions(marks: &[Mark], title: &str) -> String {
     for mark in marks.iter().filter(|mark| mark.x_px.is_finite() && mark.y_px.is_finite()) {
         let (x, y) = (mark.x_px + 1.0, mark.y_px + 1.0);
         let (shape, colour) = match mark.kind {
-            MarkKind::Identified => (format!("circle({x:.4},{y:.4},{RADIUS_PX})"), "green"),
-            MarkKind::Detected => (format!("point({x:.4},{y:.4})"), "yellow"),
-            MarkKind::Rejected => (format!("circle({x:.4},{y:.4},{RADIUS_PX})"), "red"),
+            MarkKind::Identified | MarkKind::Answered => (format!("circle({x:.4},{y:.4},{RADIUS_PX})"), "green"),
+            MarkKind::Detected | MarkKind::Unanswered => (format!("point({x:.4},{y:.4})"), "yellow"),
+            MarkKind::Rejected | MarkKind::Starless => (format!("circle({x:.4},{y:.4},{RADIUS_PX})"), "red"),
         };
         let point = if mark.kind == MarkKind::Detected { " point=box" } else { "" };
         // Braces hold the text; one inside would end it.

@@ -9,6 +9,12 @@ pub enum MarkKind {
     Identified,
     /// Identified, and rejected by the calibration or known to be wrong.
     Rejected,
+    /// A true star that an answer has.
+    Answered,
+    /// A true star that an answer lacks.
+    Unanswered,
+    /// A place of an answer where no star is.
+    Starless,
 }
 
 /// A mark on a frame.

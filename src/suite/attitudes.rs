@@ -123,6 +123,7 @@ impl AttitudePlan {
 /// Reads a list of attitudes: `ra_deg,dec_deg,roll_deg`.
 pub(super) fn read_list(text: &str) -> Result<Vec<Attitude>, String> {
     #[derive(serde::Deserialize)]
+    #[allow(clippy::struct_field_names, reason = "the columns of the file")]
     struct Row {
         ra_deg: f64,
         dec_deg: f64,
@@ -152,7 +153,8 @@ mod tests {
     #[test]
     fn uniform_attitudes_cover_the_sphere_evenly() {
         let plan = plan(AttitudeKind::Uniform);
-        let sums = (0..4000).map(|index| boresight(&plan.frame(index, None).0)).fold([0.0; 3], |sums, xyz| [0, 1, 2].map(|k| sums[k] + xyz[k]));
+        let sums =
+            (0..4000).map(|index| boresight(&plan.frame(index, None).0)).fold([0.0; 3], |sums, xyz| [0, 1, 2].map(|k| sums[k] + xyz[k]));
         assert!(sums.iter().all(|sum| sum.abs() / 4000.0 < 0.03), "{sums:?}");
         let up = [0.0, 0.6, 0.8];
         let lowest = plan.table.lowest_altitude_deg.to_radians().sin();

@@ -42,13 +42,20 @@ pub fn compared(path: &Path, cases: &[CaseResult]) -> Result<BaselineResult, Sui
     let wrong = |message: String| SuiteError::Parse { path: name.clone(), message };
     let earlier: Earlier = serde_json::from_str(&text).map_err(|error| wrong(format!("is no result of `boresight test`: {error}")))?;
     if earlier.format != TEST_FORMAT {
-        return Err(wrong(format!("format = {:?} is no result of `boresight test`; give its results.json ({TEST_FORMAT})", earlier.format)));
+        return Err(wrong(format!(
+            "format = {:?} is no result of `boresight test`; give its results.json ({TEST_FORMAT})",
+            earlier.format
+        )));
     }
     let mut found = BaselineResult { file: name.clone(), worse: Vec::new(), missing: Vec::new() };
     for case in &earlier.cases {
         for value in &case.values {
             for own in &value.requirements {
-                let now = cases.iter().filter(|other| other.name == case.name).flat_map(|other| &other.values).filter(|other| other.words == value.words);
+                let now = cases
+                    .iter()
+                    .filter(|other| other.name == case.name)
+                    .flat_map(|other| &other.values)
+                    .filter(|other| other.words == value.words);
                 let now = now.flat_map(|value| &value.requirements).find(|other| other.metric == own.metric);
                 match (now, &own.measured) {
                     (None, _) => found.missing.push(place(&case.name, &value.words, &own.metric)),
@@ -56,7 +63,14 @@ pub fn compared(path: &Path, cases: &[CaseResult]) -> Result<BaselineResult, Sui
                         if let Some(worse) = now.measured.as_ref().and_then(|measured| worse(before, measured, now.limit)) {
                             let place = place(&case.name, &value.words, &own.metric);
                             let (case, words, metric) = (case.name.clone(), value.words.clone(), own.metric.clone());
-                            found.worse.push(WorseMetric { case, words, metric, before: before.value, now: worse, sentence: format!("{place}: {} before, {} now", number(before.value), number(worse)) });
+                            found.worse.push(WorseMetric {
+                                case,
+                                words,
+                                metric,
+                                before: before.value,
+                                now: worse,
+                                sentence: format!("{place}: {} before, {} now", number(before.value), number(worse)),
+                            });
                         }
                     }
                     _ => {}
@@ -75,8 +89,12 @@ fn place(case: &str, words: &str, metric: &str) -> String {
 /// The value, if it is worse by more than both intervals.
 fn worse(before: &MeasuredMetric, now: &MeasuredMetric, limit: RequirementLimit) -> Option<f64> {
     let is_worse = match limit {
-        RequirementLimit::AtMost(_) => before.upper.is_some_and(|upper| now.value > upper) && now.lower.is_some_and(|lower| lower > before.value),
-        RequirementLimit::AtLeast(_) => before.lower.is_some_and(|lower| now.value < lower) && now.upper.is_some_and(|upper| upper < before.value),
+        RequirementLimit::AtMost(_) => {
+            before.upper.is_some_and(|upper| now.value > upper) && now.lower.is_some_and(|lower| lower > before.value)
+        }
+        RequirementLimit::AtLeast(_) => {
+            before.lower.is_some_and(|lower| now.value < lower) && now.upper.is_some_and(|upper| upper < before.value)
+        }
     };
     is_worse.then_some(now.value)
 }
@@ -86,7 +104,14 @@ mod tests {
     use super::*;
 
     fn measured(value: f64, half: f64) -> MeasuredMetric {
-        MeasuredMetric { metric: String::new(), unit: String::new(), value, lower: Some(value - half), upper: Some(value + half), units: 10 }
+        MeasuredMetric {
+            metric: String::new(),
+            unit: String::new(),
+            value,
+            lower: Some(value - half),
+            upper: Some(value + half),
+            units: 10,
+        }
     }
 
     #[test]

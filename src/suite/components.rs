@@ -60,11 +60,11 @@ pub fn strata(values: &[Vec<Vec<f64>>]) -> [Option<Stratum>; 3] {
     let field_mean = |field: usize| of(&(0..places).map(|place| place_mean(field, place)).collect::<Vec<_>>());
     let whole = of(&(0..fields).map(field_mean).collect::<Vec<_>>());
     let (mut noise, mut of_places, mut of_fields) = (0.0, 0.0, 0.0);
-    for field in 0..fields {
+    for (field, own) in values.iter().enumerate() {
         of_fields += (field_mean(field) - whole).powi(2);
-        for place in 0..places {
+        for (place, exposures) in own.iter().enumerate().take(places) {
             of_places += (place_mean(field, place) - field_mean(field)).powi(2);
-            noise += values[field][place][..repeats].iter().map(|value| (value - place_mean(field, place)).powi(2)).sum::<f64>();
+            noise += exposures[..repeats].iter().map(|value| (value - place_mean(field, place)).powi(2)).sum::<f64>();
         }
     }
     let [f, p, r] = [fields, places, repeats].map(|count| count as f64);

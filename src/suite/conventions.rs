@@ -54,7 +54,11 @@ impl SignedAxes {
 
     /// Reads "x right, y down, z out along the boresight": three axes in the order x, y, z; each in a word of the frame.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let fault = || format!("axes = {text:?} is none; write where each axis points, as in \"x right, y down, z out\" (right, left, down, up, out, in)");
+        let fault = || {
+            format!(
+                "axes = {text:?} is none; write where each axis points, as in \"x right, y down, z out\" (right, left, down, up, out, in)"
+            )
+        };
         let parts: Vec<&str> = text.split(',').map(str::trim).collect();
         let [x, y, z] = parts.as_slice() else { return Err(fault()) };
         let axis = |part: &str, name: &str| -> Option<(usize, i8)> {
@@ -214,16 +218,16 @@ fn rotation_of(numbers: [f64; 4], order: QuaternionOrder) -> Option<UnitQuaterni
     };
     let quaternion = Quaternion::new(w, i, j, k);
     let norm = quaternion.norm();
-    (norm.is_finite() && (norm - 1.0).abs() < MOST_OFF_UNIT).then(|| UnitQuaternion::from_quaternion(quaternion))
+    (norm.is_finite() && (norm - 1.0).abs() < MAX_OFF_UNIT).then(|| UnitQuaternion::from_quaternion(quaternion))
 }
 
 /// A quaternion whose length is off by more is no rotation.
-pub(super) const MOST_OFF_UNIT: f64 = 1e-2;
+pub(super) const MAX_OFF_UNIT: f64 = 1e-2;
 
 /// The attitude of a rotation matrix; `None` for a mirrored one and for what is no rotation.
 fn attitude_of(matrix: Matrix3<f64>) -> Option<Attitude> {
     let off = (matrix * matrix.transpose() - Matrix3::identity()).abs().max();
-    if !off.is_finite() || off > 2.0 * MOST_OFF_UNIT || matrix.determinant() < 0.0 {
+    if !off.is_finite() || off > 2.0 * MAX_OFF_UNIT || matrix.determinant() < 0.0 {
         return None;
     }
     Some(Attitude::new(UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&matrix))))
@@ -285,7 +289,11 @@ pub fn agreements(pairs: &[(Attitude, WrittenAttitude)], tolerance_rad: f64) -> 
         };
         let mut angles: Vec<f64> = pairs.iter().map(angle).filter(|angle| *angle <= tolerance_rad).collect();
         angles.sort_by(f64::total_cmp);
-        ConventionAgreement { conventions, agreeing: angles.len(), median_rad: angles.get(angles.len() / 2).copied().unwrap_or(f64::INFINITY) }
+        ConventionAgreement {
+            conventions,
+            agreeing: angles.len(),
+            median_rad: angles.get(angles.len() / 2).copied().unwrap_or(f64::INFINITY),
+        }
     };
     let mut all: Vec<ConventionAgreement> = Conventions::of_attitudes().into_iter().map(of).filter(|one| one.agreeing > 0).collect();
     all.sort_by(|a, b| b.agreeing.cmp(&a.agreeing).then(a.median_rad.total_cmp(&b.median_rad)));

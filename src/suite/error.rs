@@ -37,7 +37,7 @@ pub enum SuiteError {
         /// The case.
         case: String,
         /// What is wrong with it.
-        source: crate::scene::SceneError,
+        source: Box<crate::scene::SceneError>,
     },
     /// A recipe of a case.
     #[error("the case {case:?}: {source}")]
@@ -53,7 +53,7 @@ pub enum SuiteError {
         /// The case.
         case: String,
         /// Why.
-        source: crate::imaging::ImagingError,
+        source: Box<crate::imaging::ImagingError>,
     },
     /// The own pipeline cannot go on.
     #[error("the case {case:?}: {source}")]
@@ -61,7 +61,7 @@ pub enum SuiteError {
         /// The case.
         case: String,
         /// Why.
-        source: crate::pipeline::PipelineError,
+        source: Box<crate::pipeline::PipelineError>,
     },
     /// The program under test cannot be started.
     #[error("the system under test cannot be started: {program}: {source}; name a program that is there, or give its path")]

@@ -59,7 +59,9 @@ pub(super) fn failure_frames(
     for own in worst {
         let Some(scored) = scores.frames.iter().find(|frame| frame.number == own.frame) else { continue };
         let Some(batch) = case.batches(value, own.frame..own.frame + 1)?.into_iter().next() else { continue };
-        let Some(frame) = batch.render(&case.name, runner.catalog, &crate::render::PsfTables::default())?.into_iter().next() else { continue };
+        let Some(frame) = batch.render(&case.name, runner.catalog, &crate::render::PsfTables::default())?.into_iter().next() else {
+            continue;
+        };
         let mut folder = format!("failures/{}", folder_name(&case.name));
         if !words.is_empty() {
             folder += &format!("/{}", folder_name(words));

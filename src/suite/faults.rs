@@ -98,7 +98,9 @@ fn convention(pairs: &[(Attitude, WrittenAttitude)], declared: &Conventions) -> 
     let best = all.first().filter(|best| best.agreeing * 10 >= pairs.len() * 8)?;
     // Of conventions that agree alike, that which differs least from what is declared is meant.
     let differs = |own: &Conventions| {
-        u8::from(own.rotation != declared.rotation) + u8::from(own.quaternion != declared.quaternion) + 2 * u8::from(own.axes != declared.axes)
+        u8::from(own.rotation != declared.rotation)
+            + u8::from(own.quaternion != declared.quaternion)
+            + 2 * u8::from(own.axes != declared.axes)
     };
     let alike = all.iter().filter(|own| own.agreeing == best.agreeing && own.median_rad < 2.0 * best.median_rad + 1e-9);
     let own = alike.min_by_key(|own| differs(&own.conventions)).unwrap_or(best);
@@ -137,7 +139,8 @@ fn convention_words(own: &Conventions, declared: &Conventions) -> (&'static str,
 
 /// What tells axes from the declared ones.
 fn axes_words(own: &SignedAxes, declared: &SignedAxes) -> (&'static str, String) {
-    let flipped: Vec<usize> = (0..3).filter(|axis| own.0[*axis].0 == declared.0[*axis].0 && own.0[*axis].1 != declared.0[*axis].1).collect();
+    let flipped: Vec<usize> =
+        (0..3).filter(|axis| own.0[*axis].0 == declared.0[*axis].0 && own.0[*axis].1 != declared.0[*axis].1).collect();
     let same_order = (0..3).all(|axis| own.0[axis].0 == declared.0[axis].0);
     let letters = ["x", "y", "z"];
     match (same_order, flipped.as_slice()) {
@@ -190,7 +193,12 @@ fn constant(read: &[(&ScoredFrame, Attitude)], camera: &Camera) -> Option<System
         (mean, (square / kept.len() as f64).sqrt())
     };
     let [(x, error_x), (y, error_y)] = [axis(0), axis(1)];
-    shifted([x, y], [error_x, error_y], [camera.width_px, camera.height_px], "the attitudes are those of pixels that are off by the same amount in every frame")
+    shifted(
+        [x, y],
+        [error_x, error_y],
+        [camera.width_px, camera.height_px],
+        "the attitudes are those of pixels that are off by the same amount in every frame",
+    )
 }
 
 /// Names a shift of all pixels, px, with its standard errors.
@@ -199,7 +207,10 @@ fn shifted([x, y]: [f64; 2], [error_x, error_y]: [f64; 2], [width, height]: [usi
     let middle = [(width as f64 - 1.0) / 2.0, (height as f64 - 1.0) / 2.0];
     let near_middle = |own: f64, middle: f64| (own.abs() - middle).abs() < 2.0 + 0.01 * middle;
     if near_middle(x, middle[0]) && near_middle(y, middle[1]) {
-        return Some(fault("origin-in-the-middle", format!("the origin of the pixels is in the middle of the frame and not at its first pixel: {how}, {amount}")));
+        return Some(fault(
+            "origin-in-the-middle",
+            format!("the origin of the pixels is in the middle of the frame and not at its first pixel: {how}, {amount}"),
+        ));
     }
     let is_near = |own: f64, error: f64, size: f64| (own.abs() - size).abs() < (3.0 * error).clamp(0.08, 0.15) && error < 0.1;
     for (size, name, words) in [
@@ -211,7 +222,8 @@ fn shifted([x, y]: [f64; 2], [error_x, error_y]: [f64; 2], [width, height]: [usi
         }
     }
     let sure = |own: f64, error: f64| own.abs() > 6.0 * error.max(1e-6);
-    (x.hypot(y) > 0.25 && (sure(x, error_x) || sure(y, error_y))).then(|| fault("constant-offset", format!("{how}, {amount}: another boresight or principal point")))
+    (x.hypot(y) > 0.25 && (sure(x, error_x) || sure(y, error_y)))
+        .then(|| fault("constant-offset", format!("{how}, {amount}: another boresight or principal point")))
 }
 
 /// Errors that follow the velocity of the camera: the regression of the boresight's error on that which stellar aberration makes has a slope of 1.
@@ -222,7 +234,8 @@ fn aberration(read: &[(&ScoredFrame, Attitude)]) -> Option<SystemFault> {
         // The boresight of the catalogue's directions lies behind that of the light by the velocity across it.
         let across = |row: [f64; 3]| -row.iter().zip(&velocity).map(|(a, b)| a * b).sum::<f64>() / LIGHT_KM_S;
         let error = super::score::AttitudeError::of(read, &frame.truth);
-        (error.cross_rad < 10.0 * 60.0 * ARCSEC_RAD).then(|| [[across(rows[0]), error.boresight_rad[0]], [across(rows[1]), error.boresight_rad[1]]])
+        (error.cross_rad < 10.0 * 60.0 * ARCSEC_RAD)
+            .then(|| [[across(rows[0]), error.boresight_rad[0]], [across(rows[1]), error.boresight_rad[1]]])
     };
     let pairs: Vec<[f64; 2]> = read.iter().filter_map(pair).flatten().collect();
     if pairs.len() < 10 {
@@ -246,11 +259,14 @@ fn aberration(read: &[(&ScoredFrame, Attitude)]) -> Option<SystemFault> {
     let k = pe / pp;
     let freedom = (pairs.len() - 3) as f64;
     let error = ((ee - k * pe).max(0.0) / freedom / pp).sqrt();
-    (k > 5.0 * error && (k - 1.0).abs() < (3.0 * error).max(0.1).min(0.4)).then(|| {
+    (k > 5.0 * error && (k - 1.0).abs() < (3.0 * error).clamp(0.1, 0.4)).then(|| {
         let arcsec = (pp / pairs.len() as f64 * 2.0).sqrt() / ARCSEC_RAD;
         fault("aberration", format!("stellar aberration is left out: the boresight follows the velocity of the camera with {k:.2} ± {error:.2} of its size ({arcsec:.1}\" rms)"))
     })
 }
+
+/// A place of the frame turned or moved.
+type Turn = Box<dyn Fn([f64; 2]) -> [f64; 2]>;
 
 /// What centroids show: flips and shifts of the frame.
 fn place_faults(frames: &[ScoredFrame], camera: &Camera) -> Vec<SystemFault> {
@@ -259,15 +275,26 @@ fn place_faults(frames: &[ScoredFrame], camera: &Camera) -> Vec<SystemFault> {
     if told.is_empty() {
         return Vec::new();
     }
-    type Turn = Box<dyn Fn([f64; 2]) -> [f64; 2]>;
     let middle = [(width - 1.0) / 2.0, (height - 1.0) / 2.0];
     let turns: [(&'static str, &'static str, Turn); 6] = [
         ("", "", Box::new(|place| place)),
-        ("y-flipped", "the y axis of the pixels is flipped: rows are counted from the bottom", Box::new(move |[x, y]| [x, height - 1.0 - y])),
-        ("mirrored", "the x axis of the pixels is flipped: the image is mirrored left to right", Box::new(move |[x, y]| [width - 1.0 - x, y])),
+        (
+            "y-flipped",
+            "the y axis of the pixels is flipped: rows are counted from the bottom",
+            Box::new(move |[x, y]| [x, height - 1.0 - y]),
+        ),
+        (
+            "mirrored",
+            "the x axis of the pixels is flipped: the image is mirrored left to right",
+            Box::new(move |[x, y]| [width - 1.0 - x, y]),
+        ),
         ("turned", "the frame is turned by half a turn", Box::new(move |[x, y]| [width - 1.0 - x, height - 1.0 - y])),
         ("transposed", "rows and columns are exchanged", Box::new(|[x, y]| [y, x])),
-        ("origin-in-the-middle", "the origin of the pixels is in the middle of the frame and not at its first pixel", Box::new(move |[x, y]| [x + middle[0], y + middle[1]])),
+        (
+            "origin-in-the-middle",
+            "the origin of the pixels is in the middle of the frame and not at its first pixel",
+            Box::new(move |[x, y]| [x + middle[0], y + middle[1]]),
+        ),
     ];
     let hits = |turn: &Turn| {
         let near = |frame: &ScoredFrame, place: [f64; 2]| {
@@ -301,7 +328,8 @@ fn place_shift(told: &[&ScoredFrame], size_px: [usize; 2]) -> Option<SystemFault
         (middle, 1.6 * spread / (own.len() as f64).sqrt())
     };
     let [(x, error_x), (y, error_y)] = [axis(0), axis(1)];
-    shifted([x, y], [error_x, error_y], size_px, "centroids are off by the same amount everywhere").filter(|fault| fault.name != "constant-offset" || x.hypot(y) > 0.25)
+    shifted([x, y], [error_x, error_y], size_px, "centroids are off by the same amount everywhere")
+        .filter(|fault| fault.name != "constant-offset" || x.hypot(y) > 0.25)
 }
 
 /// Names of stars that are others.
@@ -313,7 +341,9 @@ fn names(frames: &[ScoredFrame]) -> Vec<SystemFault> {
         return Vec::new();
     }
     let share = 100.0 * misnamed as f64 / named as f64;
-    let sentence = format!("{share:.1} % of the star identifications are wrong: {misnamed} of {named} stars bear the name of another, in frames whose attitude is right");
+    let sentence = format!(
+        "{share:.1} % of the star identifications are wrong: {misnamed} of {named} stars bear the name of another, in frames whose attitude is right"
+    );
     vec![fault("wrong-ids", sentence)]
 }
 
@@ -326,14 +356,20 @@ fn cameras(scores: &CaseScores) -> Vec<SystemFault> {
         && middle.abs() > 3.0 * spread / (values.len() as f64).sqrt()
     {
         let word = if middle > 0.0 { "long" } else { "short" };
-        all.push(fault("focal-length", format!("the focal length is {:.3} % too {word} (camera.json, {} cameras)", 100.0 * middle.abs(), values.len())));
+        all.push(fault(
+            "focal-length",
+            format!("the focal length is {:.3} % too {word} (camera.json, {} cameras)", 100.0 * middle.abs(), values.len()),
+        ));
     }
     let points: Vec<[f64; 2]> = scores.cameras.iter().filter_map(|camera| camera.principal_point_px).collect();
     let axis = |axis: usize| middle_of(&points.iter().map(|point| point[axis]).collect::<Vec<_>>());
     if let (Some((x, spread_x)), Some((y, spread_y))) = (axis(0), axis(1))
         && ((x.abs() - 0.5).abs() < 0.02 && (y.abs() - 0.5).abs() < 0.02 && spread_x < 0.05 && spread_y < 0.05)
     {
-        all.push(fault("half-pixel-origin", format!("the principal point is half a pixel off, ({x:+.2}, {y:+.2}) px: the origin of its pixels is a corner")));
+        all.push(fault(
+            "half-pixel-origin",
+            format!("the principal point is half a pixel off, ({x:+.2}, {y:+.2}) px: the origin of its pixels is a corner"),
+        ));
     }
     all
 }

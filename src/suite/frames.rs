@@ -59,7 +59,7 @@ pub(super) struct FrameBatch {
 impl FrameBatch {
     /// Renders the frames.
     pub(super) fn render(&self, case: &str, catalog: &Catalog, tables: &PsfTables) -> Result<Vec<HandedFrame>, SuiteError> {
-        let wrong = |source| SuiteError::Imaging { case: case.to_owned(), source };
+        let wrong = |source| SuiteError::Imaging { case: case.to_owned(), source: Box::new(source) };
         let renderer = Renderer::with_tables(&self.scene, catalog, Backend::Cpu, tables).map_err(wrong)?.with_pixel_shifts(false);
         let one = |&(in_scene, number, place): &(usize, usize, DesignPlace)| {
             let rendered = renderer.render(in_scene).map_err(wrong)?;
@@ -138,7 +138,7 @@ impl PlannedCase {
             return Err(SuiteError::Parse { path: self.name.clone(), message: "a recipe has no tables of a scene".to_owned() });
         };
         let (text, frames) = self.scene_of(tables, range);
-        let scene = Scene::parse(path, &text).map_err(|source| SuiteError::Scene { case: self.name.clone(), source })?;
+        let scene = Scene::parse(path, &text).map_err(|source| SuiteError::Scene { case: self.name.clone(), source: Box::new(source) })?;
         let frames = frames.into_iter().filter(|(in_scene, ..)| *in_scene < scene.exposures.len()).collect();
         Ok(FrameBatch { scene, frames })
     }
@@ -150,7 +150,8 @@ impl PlannedCase {
             CaseFrames::Scene { path, .. } if self.attitudes.table.kind == AttitudeKind::Scene => {
                 let wrong = |message| SuiteError::Parse { path: path.clone(), message };
                 let text = self.scene_text(value, 0..1).map_err(wrong)?.unwrap_or_default();
-                let scene = Scene::parse(path, &text).map_err(|source| SuiteError::Scene { case: self.name.clone(), source })?;
+                let scene =
+                    Scene::parse(path, &text).map_err(|source| SuiteError::Scene { case: self.name.clone(), source: Box::new(source) })?;
                 Ok(scene.exposures.len())
             }
             CaseFrames::Scene { .. } => Ok(usize::MAX),

@@ -7,9 +7,9 @@ use super::suite_file::RequirementLevel;
 use super::verdict::RequirementVerdict;
 
 /// What GitHub shows.
-const MOST_ANNOTATIONS: usize = 10;
+const MAX_ANNOTATIONS: usize = 10;
 /// Less than GitHub's limit, in bytes.
-const MOST_SUMMARY: usize = 900_000;
+const MAX_SUMMARY_BYTES: usize = 900_000;
 
 type Row<'r> = (&'r CaseResult, &'r CaseValueResult, &'r RequirementResult);
 
@@ -52,7 +52,7 @@ fn title(case: &CaseResult, value: &CaseValueResult) -> String {
 #[must_use]
 pub fn annotations(result: &SuiteResult) -> String {
     let bad: Vec<Row<'_>> = rows(result).into_iter().filter(|(_, _, own)| own.verdict != RequirementVerdict::Pass).collect();
-    let shown = if bad.len() > MOST_ANNOTATIONS { MOST_ANNOTATIONS - 1 } else { bad.len() };
+    let shown = if bad.len() > MAX_ANNOTATIONS { MAX_ANNOTATIONS - 1 } else { bad.len() };
     let file = escaped(&result.suite).replace(':', "%3A").replace(',', "%2C");
     let mut text = String::new();
     for (case, value, own) in &bad[..shown] {
@@ -61,7 +61,7 @@ pub fn annotations(result: &SuiteResult) -> String {
             (RequirementLevel::Minimum, _) => "warning",
             _ => "notice",
         };
-        let reasons = own.reasons.iter().map(|reason| format!("\n{reason}")).collect::<String>();
+        let reasons = own.reasons.iter().flat_map(|reason| ["\n", reason]).collect::<String>();
         let message = escaped(&format!("{}: {}, measured {}{reasons}", own.verdict.word(), requirement_words(own), measured_words(own)));
         text += &format!("::{kind} file={file},line={},title={}::{message}\n", own.line, title(case, value));
     }
@@ -98,14 +98,14 @@ pub fn summary(result: &SuiteResult) -> String {
             value.frames,
             cell(&own.reasons.join(" ")),
         );
-        if text.len() + row.len() > MOST_SUMMARY {
+        if text.len() + row.len() > MAX_SUMMARY_BYTES {
             text += &format!("\n{} more rows are left out.\n", all.len() - place);
             break;
         }
         text += &row;
     }
     for small in result.cases.iter().filter_map(|case| case.smallest_failure.as_ref()) {
-        if text.len() < MOST_SUMMARY {
+        if text.len() < MAX_SUMMARY_BYTES {
             text += &format!("\nSmallest failure: {}\n", small.sentence);
         }
     }

@@ -78,8 +78,11 @@ fn guessed(plan: &SuitePlan, (seen, size_px): (&[(HandedFrame, ObservedAnswer)],
     let agree_as_declared = pairs.iter().filter(read).count();
     let all = agreements(&pairs, AGREES_RAD);
     let most = all.first().map_or(0, |best| best.agreeing);
-    let agreeing: Vec<(String, usize)> =
-        all.iter().filter(|own| own.agreeing == most && most * 5 >= pairs.len() * 4).map(|own| (own.conventions.words(), own.agreeing)).collect();
+    let agreeing: Vec<(String, usize)> = all
+        .iter()
+        .filter(|own| own.agreeing == most && most * 5 >= pairs.len() * 4)
+        .map(|own| (own.conventions.words(), own.agreeing))
+        .collect();
     let origin = origin(seen, size_px);
     let mut sentences = Vec::new();
     let frames = seen.len();
@@ -96,10 +99,16 @@ fn guessed(plan: &SuitePlan, (seen, size_px): (&[(HandedFrame, ObservedAnswer)],
     } else if let Some((words, count)) = agreeing.first() {
         sentences.push(format!("{count} of {} answers agree with {words}; {agree_as_declared} with what is declared", pairs.len()));
         if agreeing.len() > 1 {
-            sentences.push(format!("{} other conventions agree as well, so more frames or other attitudes are needed to tell them apart", agreeing.len() - 1));
+            sentences.push(format!(
+                "{} other conventions agree as well, so more frames or other attitudes are needed to tell them apart",
+                agreeing.len() - 1
+            ));
         }
     } else {
-        sentences.push(format!("none of the 2 × 2 × 48 conventions agrees with more than {most} of {} answers: they are wrong, or of another sky", pairs.len()));
+        sentences.push(format!(
+            "none of the 2 × 2 × 48 conventions agrees with more than {most} of {} answers: they are wrong, or of another sky",
+            pairs.len()
+        ));
     }
     match &origin {
         Some((words, rms)) => sentences.push(format!("centroids agree best with pixel_origin = {words} ({rms:.3} px rms from the stars)")),
@@ -110,7 +119,8 @@ fn guessed(plan: &SuitePlan, (seen, size_px): (&[(HandedFrame, ObservedAnswer)],
 
 /// The origin of pixels under which centroids lie nearest to stars.
 fn origin(seen: &[(HandedFrame, ObservedAnswer)], size_px: [usize; 2]) -> Option<(String, f64)> {
-    let origins = [("0.0", PixelOrigin::At(0.0)), ("0.5", PixelOrigin::At(0.5)), ("1.0", PixelOrigin::At(1.0)), ("\"middle\"", PixelOrigin::Middle)];
+    let origins =
+        [("0.0", PixelOrigin::At(0.0)), ("0.5", PixelOrigin::At(0.5)), ("1.0", PixelOrigin::At(1.0)), ("\"middle\"", PixelOrigin::Middle)];
     let of = |origin: PixelOrigin| -> Option<(usize, f64)> {
         let conventions = Conventions { pixel_origin: origin, ..Conventions::default() };
         let mut squares = Vec::new();
@@ -118,7 +128,8 @@ fn origin(seen: &[(HandedFrame, ObservedAnswer)], size_px: [usize; 2]) -> Option
             let Some(centroids) = &own.answer.centroids else { continue };
             for star in centroids {
                 let [x, y] = conventions.pixel([star.x, star.y], size_px);
-                let nearest = frame.truth.stars.iter().filter(|star| star.snr > 5.0).map(|star| (star.x_mean_px - x).hypot(star.y_mean_px - y));
+                let nearest =
+                    frame.truth.stars.iter().filter(|star| star.snr > 5.0).map(|star| (star.x_mean_px - x).hypot(star.y_mean_px - y));
                 let nearest = nearest.fold(f64::INFINITY, f64::min);
                 if nearest < SAME_STAR_PX {
                     squares.push(nearest * nearest);
@@ -129,7 +140,8 @@ fn origin(seen: &[(HandedFrame, ObservedAnswer)], size_px: [usize; 2]) -> Option
         let kept = &squares[..squares.len() * 9 / 10];
         (!kept.is_empty()).then(|| (kept.len(), (kept.iter().sum::<f64>() / kept.len() as f64).sqrt()))
     };
-    let all: Vec<(&str, usize, f64)> = origins.iter().filter_map(|(words, origin)| of(*origin).map(|(count, rms)| (*words, count, rms))).collect();
+    let all: Vec<(&str, usize, f64)> =
+        origins.iter().filter_map(|(words, origin)| of(*origin).map(|(count, rms)| (*words, count, rms))).collect();
     let most = all.iter().map(|(_, count, _)| *count).max()?;
     let best = all.into_iter().filter(|(_, count, _)| *count * 2 > most).min_by(|a, b| a.2.total_cmp(&b.2))?;
     Some((best.0.to_owned(), best.2))

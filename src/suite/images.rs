@@ -45,7 +45,9 @@ impl ScalingTable {
     pub(super) fn fault(&self) -> Option<String> {
         let Self { black_dn, white_dn, gamma } = *self;
         let is_good = black_dn.is_finite() && white_dn > black_dn && (0.1..=10.0).contains(&gamma);
-        (!is_good).then(|| format!("system.scaling: white_dn = {white_dn} must be above black_dn = {black_dn}, and gamma = {gamma} from 0.1 to 10"))
+        (!is_good).then(|| {
+            format!("system.scaling: white_dn = {white_dn} must be above black_dn = {black_dn}, and gamma = {gamma} from 0.1 to 10")
+        })
     }
 
     fn of(&self, count: u16, top: f64) -> f64 {

@@ -50,7 +50,11 @@ pub(super) fn quantile(values: &[f64], share: f64, risk: Risk) -> Bounded {
         let (mut low, mut high) = (1, count + 1);
         while low < high {
             let middle = u64::midpoint(low, high);
-            if wanted(middle) { high = middle } else { low = middle + 1 }
+            if wanted(middle) {
+                high = middle;
+            } else {
+                low = middle + 1;
+            }
         }
         low
     };
@@ -122,7 +126,11 @@ pub(super) fn chi_squared(share: f64, freedom: f64) -> f64 {
         if middle <= low || middle >= high {
             break;
         }
-        if is_below(middle) { low = middle } else { high = middle }
+        if is_below(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
         if high - low < 1e-12 * high {
             break;
         }
@@ -146,7 +154,11 @@ pub(super) fn fisher_f(share: f64, above: f64, below: f64) -> f64 {
     }
     for _ in 0..200 {
         let middle = f64::midpoint(low, high);
-        if is_below(middle) { low = middle } else { high = middle }
+        if is_below(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
         if high - low < 1e-12 * high {
             break;
         }

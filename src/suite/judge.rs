@@ -76,11 +76,17 @@ fn nothing(metric: &Metric, scores: &CaseScores) -> String {
     use super::metric::AnswerNeeds;
     let right = scores.frames.iter().filter(|frame| frame.is_right).count();
     match metric.needs {
-        AnswerNeeds::Attitude | AnswerNeeds::Design if right == 0 => "nothing to judge: no answer is right (acquisition.correct_rate says how many are)".to_owned(),
+        AnswerNeeds::Attitude | AnswerNeeds::Design if right == 0 => {
+            "nothing to judge: no answer is right (acquisition.correct_rate says how many are)".to_owned()
+        }
         AnswerNeeds::Design => "nothing to judge: too few fields have answers to all of their frames".to_owned(),
         AnswerNeeds::Centroids => "nothing to judge: the answers hold no centroids (write centroids.csv beside the answer)".to_owned(),
-        AnswerNeeds::Names => "nothing to judge: the answers hold no centroids with ids (write centroids.csv with the column id)".to_owned(),
-        AnswerNeeds::Camera => "nothing to judge: the answers hold no camera with what this needs (write camera.json beside the answer)".to_owned(),
+        AnswerNeeds::Names => {
+            "nothing to judge: the answers hold no centroids with ids (write centroids.csv with the column id)".to_owned()
+        }
+        AnswerNeeds::Camera => {
+            "nothing to judge: the answers hold no camera with what this needs (write camera.json beside the answer)".to_owned()
+        }
         AnswerNeeds::Sequence => "nothing to judge: no answer was lost and found again".to_owned(),
         _ => "nothing to judge: the answers hold nothing of it".to_owned(),
     }
@@ -88,16 +94,32 @@ fn nothing(metric: &Metric, scores: &CaseScores) -> String {
 
 fn measured(name: &str, metric: &Metric, units: usize, bounded: &super::intervals::Bounded) -> MeasuredMetric {
     let finite = |bound: f64| bound.is_finite().then_some(bound);
-    MeasuredMetric { metric: name.to_owned(), unit: metric.unit.to_owned(), value: bounded.value, lower: finite(bounded.lower), upper: finite(bounded.upper), units }
+    MeasuredMetric {
+        metric: name.to_owned(),
+        unit: metric.unit.to_owned(),
+        value: bounded.value,
+        lower: finite(bounded.lower),
+        upper: finite(bounded.upper),
+        units,
+    }
 }
 
 /// The whole result of a case at a value of its sweep.
-pub(super) fn case_value(plan: &SuitePlan, case: &PlannedCase, value: usize, run: &CaseRun, mut requirements: Vec<RequirementResult>) -> CaseValueResult {
+pub(super) fn case_value(
+    plan: &SuitePlan,
+    case: &PlannedCase,
+    value: usize,
+    run: &CaseRun,
+    mut requirements: Vec<RequirementResult>,
+) -> CaseValueResult {
     let scores = &run.scores;
     let faults = run.camera.as_ref().map(|camera| faults(scores, &plan.conventions, camera)).unwrap_or_default();
-    let is_bad = |own: &RequirementResult| own.verdict == RequirementVerdict::Fail || own.verdict == RequirementVerdict::Undecided && own.measured.is_none();
+    let is_bad = |own: &RequirementResult| {
+        own.verdict == RequirementVerdict::Fail || own.verdict == RequirementVerdict::Undecided && own.measured.is_none()
+    };
     let any_bad = requirements.iter().any(is_bad);
-    let untold = if any_bad && faults.is_empty() { untold(scores) } else { None };
+    let is_foreign = plan.file.system.is_some();
+    let untold = if any_bad && faults.is_empty() && is_foreign { untold(scores) } else { None };
     for own in requirements.iter_mut().filter(|own| is_bad(own)) {
         own.reasons.extend(faults.iter().map(|fault| fault.sentence.clone()));
         own.reasons.extend(untold.clone());
@@ -138,7 +160,9 @@ fn told(frame: &ScoredFrame) -> WorstFrame {
     let words = frame.words.as_ref().map_or_else(String::new, |words| format!(": {words}"));
     let answer = match (frame.status, frame.is_right, &frame.error) {
         (AnswerStatus::Solved, true, Some(error)) => format!("right, {:.1}\" off", error.cross_rad / ARCSEC_RAD),
-        (AnswerStatus::Solved, _, Some(error)) => format!("wrong: {:.4}° across and {:.4}° about the boresight off", error.cross_rad.to_degrees(), error.about_rad.to_degrees()),
+        (AnswerStatus::Solved, _, Some(error)) => {
+            format!("wrong: {:.4}° across and {:.4}° about the boresight off", error.cross_rad.to_degrees(), error.about_rad.to_degrees())
+        }
         (AnswerStatus::Solved, _, None) => "wrong: no rotation under the declared conventions".to_owned(),
         (AnswerStatus::None, ..) => format!("none{words}"),
         (AnswerStatus::Error, ..) => format!("an error of its own{words}"),

@@ -94,7 +94,7 @@ pub fn number(value: f64) -> String {
     let size = value.abs();
     if value == 0.0 || !value.is_finite() {
         format!("{value}")
-    } else if size >= 1e5 || size < 1e-3 {
+    } else if !(1e-3..1e5).contains(&size) {
         format!("{value:.3e}")
     } else {
         let digits = (3 - size.log10().floor() as i32).clamp(0, 6) as usize;
@@ -109,7 +109,8 @@ fn first_line(own: &RequirementResult) -> String {
 }
 
 fn details(case: &CaseResult, value: &CaseValueResult, own: &RequirementResult) -> String {
-    let mut lines = vec![format!("{}: {}, measured {} in {} frames", own.verdict.word(), requirement_words(own), measured_words(own), value.frames)];
+    let mut lines =
+        vec![format!("{}: {}, measured {} in {} frames", own.verdict.word(), requirement_words(own), measured_words(own), value.frames)];
     lines.extend(own.reasons.iter().map(|reason| format!("- {reason}")));
     if let Some(small) = &case.smallest_failure {
         lines.push(format!("- {}", small.sentence));

@@ -8,7 +8,7 @@ use super::error::SuiteError;
 use super::frames::{FrameBatch, HandedFrame};
 use super::suite_file::{OwnCentroid, OwnTable};
 use super::system::ObservedAnswer;
-use crate::calibrate::{Calibration, CalibrateOptions, Status, calibrate};
+use crate::calibrate::{CalibrateOptions, Calibration, Status, calibrate};
 use crate::camera::{Camera, Physics};
 use crate::catalog::Catalog;
 use crate::coordinates::{Attitude, PixelPoint};
@@ -17,8 +17,8 @@ use crate::effects::ids;
 use crate::frame::Frame;
 use crate::identify::{IdentifyOptions, Solution};
 use crate::pipeline::{
-    Centroid, DiagnosisInput, DiagnosisRequest, IdentifiedFrame, MeasureOptions, Measured, MeasuredFrame, SkyChoice, control_points, diagnosis_request,
-    identify_frames, measure_frames, physics_in_force,
+    Centroid, DiagnosisInput, DiagnosisRequest, IdentifiedFrame, MeasureOptions, Measured, MeasuredFrame, SkyChoice, control_points,
+    diagnosis_request, identify_frames, measure_frames, physics_in_force,
 };
 use crate::recording::{FrameEntry, Recording, RecordingError, SkippedFrame};
 use crate::scene::{declared_entry, declared_recording};
@@ -37,8 +37,14 @@ pub(super) struct OwnAnswers {
 }
 
 /// Measures, identifies and, where the suite asks for it, calibrates and diagnoses frames of one night. `calibrates`: whether a metric needs cameras.
-pub(super) fn answers(case: &str, own: &OwnTable, (batch, frames): (&FrameBatch, &[HandedFrame]), catalog: &Catalog, calibrates: bool) -> Result<OwnAnswers, SuiteError> {
-    let wrong = |source| SuiteError::Pipeline { case: case.to_owned(), source };
+pub(super) fn answers(
+    case: &str,
+    own: &OwnTable,
+    (batch, frames): (&FrameBatch, &[HandedFrame]),
+    catalog: &Catalog,
+    calibrates: bool,
+) -> Result<OwnAnswers, SuiteError> {
+    let wrong = |source| SuiteError::Pipeline { case: case.to_owned(), source: Box::new(source) };
     let recording = recording_of(batch, frames);
     let centroid = match own.centroid {
         OwnCentroid::Windowed => Centroid::Windowed,
@@ -55,7 +61,8 @@ pub(super) fn answers(case: &str, own: &OwnTable, (batch, frames): (&FrameBatch,
         }))
     };
     let mut measured = measure_frames(recording, load, &options, || ()).map_err(wrong)?;
-    let search = IdentifyOptions { nominal_focal_length_px: measured.recording.camera.nominal_focal_length_px(), ..IdentifyOptions::default() };
+    let search =
+        IdentifyOptions { nominal_focal_length_px: measured.recording.camera.nominal_focal_length_px(), ..IdentifyOptions::default() };
     let identified = identify_frames(&measured, catalog, &SkyChoice::from(Physics::Known), &search, || ()).map_err(wrong)?;
     let solved = if calibrates || own.calibrate { camera_of(&measured, &identified, catalog) } else { None };
     let mut answers: Vec<ObservedAnswer> = frames.iter().map(|_| ObservedAnswer::default()).collect();
@@ -97,7 +104,13 @@ fn answer_of(frame: &MeasuredFrame, identified: &IdentifiedFrame, catalog: &Cata
 
 /// The attitude that puts the named stars where they are, with a camera that is known: the solution by singular values of Wahba's problem (Markley,
 /// J. Astronaut. Sci. 36, 245, 1988), each star by its stated variance. `None` for mirrored images.
-fn attitude_under(camera: &Camera, frame: &MeasuredFrame, identified: &IdentifiedFrame, solution: &Solution, catalog: &Catalog) -> Option<Attitude> {
+fn attitude_under(
+    camera: &Camera,
+    frame: &MeasuredFrame,
+    identified: &IdentifiedFrame,
+    solution: &Solution,
+    catalog: &Catalog,
+) -> Option<Attitude> {
     if solution.parity < 0 {
         return None;
     }
@@ -152,7 +165,8 @@ fn answered(calibration: &Calibration) -> AnsweredCamera {
 /// What the diagnosis of a night's positions names.
 fn named(measured: &mut Measured, catalog: &Catalog) -> Result<Vec<String>, crate::pipeline::PipelineError> {
     let choice = SkyChoice { physics: Physics::List(vec![ids::PROPER_MOTION.to_owned()]), assumes_time: true };
-    let search = IdentifyOptions { nominal_focal_length_px: measured.recording.camera.nominal_focal_length_px(), ..IdentifyOptions::default() };
+    let search =
+        IdentifyOptions { nominal_focal_length_px: measured.recording.camera.nominal_focal_length_px(), ..IdentifyOptions::default() };
     let identified = identify_frames(measured, catalog, &choice, &search, || ())?;
     let prepared = control_points(measured, &identified, catalog, None, false)?;
     let asked = DiagnosisInput { catalog, choice: &choice, max_magnitude: None, trusted: false };

@@ -45,14 +45,20 @@ pub fn page(result: &SuiteResult, pictures: &[FramePicture], commands: &[String]
     page += &overview(result);
     if let Some(baseline) = &result.baseline {
         page += &format!("<h2>Against {}</h2>\n", escaped(&baseline.file));
-        page += &if baseline.worse.is_empty() { "<p>Nothing became worse by more than its bounds.</p>\n".to_owned() } else { list(baseline.worse.iter().map(|own| own.sentence.as_str())) };
+        page += &if baseline.worse.is_empty() {
+            "<p>Nothing became worse by more than its bounds.</p>\n".to_owned()
+        } else {
+            list(baseline.worse.iter().map(|own| own.sentence.as_str()))
+        };
     }
     for case in &result.cases {
         page += &of_case(case, pictures);
     }
     page += &words();
     page += "<h2>To have it again</h2>\n";
-    page += &commands.iter().map(|command| format!("<p><code>{}</code></p>\n", escaped(command))).collect::<String>();
+    for command in commands {
+        page += &format!("<p><code>{}</code></p>\n", escaped(command));
+    }
     page += "</body></html>\n";
     page
 }
@@ -62,7 +68,8 @@ fn badge(verdict: RequirementVerdict) -> String {
 }
 
 fn list<'a>(items: impl Iterator<Item = &'a str>) -> String {
-    format!("<ul>{}</ul>\n", items.map(|item| format!("<li>{}</li>", escaped(item))).collect::<String>())
+    let lines: Vec<String> = items.map(|item| format!("<li>{}</li>", escaped(item))).collect();
+    format!("<ul>{}</ul>\n", lines.concat())
 }
 
 /// A row for each case: its name, and its verdict at each value of the sweep.
@@ -140,7 +147,11 @@ fn of_value(value: &CaseValueResult, pictures: &[FramePicture]) -> String {
 }
 
 fn row(own: &RequirementResult) -> String {
-    let level = if own.level == RequirementLevel::Minimum { String::new() } else { format!(" <span class=\"quiet\">({})</span>", own.level.word()) };
+    let level = if own.level == RequirementLevel::Minimum {
+        String::new()
+    } else {
+        format!(" <span class=\"quiet\">({})</span>", own.level.word())
+    };
     format!(
         "<tr><td>{}<td>{}{level}<td>{}<td class=\"n\">{}<td>{}</tr>\n",
         badge(own.verdict),
@@ -154,10 +165,16 @@ fn row(own: &RequirementResult) -> String {
 /// The terms, for readers who did not write the suite.
 fn words() -> String {
     const TERMS: [(&str, &str); 6] = [
-        ("PASS, FAIL, UNDECIDED", "A requirement is met if the one-sided bound of its value, at the stated confidence, keeps the limit; broken if the opposite bound breaks it; else the frames do not tell."),
+        (
+            "PASS, FAIL, UNDECIDED",
+            "A requirement is met if the one-sided bound of its value, at the stated confidence, keeps the limit; broken if the opposite bound breaks it; else the frames do not tell.",
+        ),
         ("right, wrong, none", "An attitude within the stated angles of the truth; another attitude; no attitude."),
         ("bias", "The size of the mean error: what all frames have in common (ECSS-E-ST-60-20C)."),
-        ("FOV spatial error", "Standard deviation from field to field: distortion, and what else follows the stars that are seen (the same)."),
+        (
+            "FOV spatial error",
+            "Standard deviation from field to field: distortion, and what else follows the stars that are seen (the same).",
+        ),
         ("pixel spatial error", "Standard deviation over places within a pixel of one field: unevenness of pixels, S-curve (the same)."),
         ("temporal noise", "Standard deviation from exposure to exposure at one place (the same)."),
     ];

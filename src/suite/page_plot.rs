@@ -65,7 +65,12 @@ fn plot_of(sweep: &str, metric: &str, points: &[Point<'_>]) -> String {
         let value = low + margin + (high - low - 2.0 * margin) * f64::from(step) / 3.0;
         svg += &format!(
             "<text x=\"{}\" y=\"{:.1}\" text-anchor=\"end\" fill=\"#555\">{}</text><line x1=\"{}\" x2=\"{LEFT}\" y1=\"{:.1}\" y2=\"{:.1}\" stroke=\"#bbb\"/>",
-            LEFT - 7.0, y(value) + 4.0, number(value), LEFT - 4.0, y(value), y(value)
+            LEFT - 7.0,
+            y(value) + 4.0,
+            number(value),
+            LEFT - 4.0,
+            y(value),
+            y(value)
         );
     }
     for (index, point) in points.iter().enumerate() {
@@ -82,13 +87,22 @@ fn plot_of(sweep: &str, metric: &str, points: &[Point<'_>]) -> String {
              <line x1=\"{2:.1}\" x2=\"{2:.1}\" y1=\"{4:.1}\" y2=\"{5:.1}\" stroke=\"{colour}\" stroke-width=\"2\"/>\
              <circle cx=\"{2:.1}\" cy=\"{6:.1}\" r=\"4\" fill=\"{colour}\"/>\
              <text x=\"{2:.1}\" y=\"{7:.1}\" text-anchor=\"middle\" fill=\"#555\">{8}</text>",
-            x(index) - half, x(index) + half, x(index), y(limit), ends(lower, HEIGHT - BOTTOM), ends(upper, TOP), y(value), HEIGHT - BOTTOM + 15.0,
+            x(index) - half,
+            x(index) + half,
+            x(index),
+            y(limit),
+            ends(lower, HEIGHT - BOTTOM),
+            ends(upper, TOP),
+            y(value),
+            HEIGHT - BOTTOM + 15.0,
             escaped(&point.label)
         );
     }
     svg += &format!(
         "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text></svg>\n",
-        LEFT + (WIDTH - LEFT - RIGHT) / 2.0, HEIGHT - 8.0, escaped(sweep)
+        LEFT + (WIDTH - LEFT - RIGHT) / 2.0,
+        HEIGHT - 8.0,
+        escaped(sweep)
     );
     format!("<figure>{svg}<figcaption>Dots: measured, with one-sided bounds. Dashed: the limit.</figcaption></figure>\n")
 }

@@ -7,14 +7,16 @@ use toml::{Spanned, Table, Value};
 use super::attitudes::{AttitudePlan, read_list};
 use super::conventions::{Conventions, PixelOrigin, SignedAxes};
 use super::error::SuiteError;
-use super::metric::{Metric, AnswerNeeds, Statistic};
-use super::scene_tables::{check_pointable, dotted, put, with_frames};
+use super::metric::{AnswerNeeds, Metric, Statistic};
+use super::scene_tables::{check_pointable, dotted, list_exposures, put, with_frames};
 use super::suite_file::{
-    AttitudeKind, AttitudeTable, CaseTable, FrameCount, RequirementLevel, RequirementTable, SUITE_FORMAT, SuiteFile, SystemTable,
+    AttitudeKind, AttitudeTable, CaseTable, FrameCount, RequirementLevel, RequirementTable, SUITE_FORMAT, SuiteFile, SystemMode,
+    SystemTable,
 };
 use super::verdict::{RequirementLimit, fewest_frames};
 use super::when::When;
 use crate::dataset::{DatasetPlan, ScenePath};
+use crate::effects::{DISPLACEMENTS, displacement};
 use crate::scene::{Scene, preset, schema};
 use crate::toml_file::{Lines, suggestion, tables};
 
@@ -138,7 +140,8 @@ impl SuitePlan {
         let cases = file.cases.iter().map(|case| checker.case(case)).collect::<Result<Vec<_>, _>>()?;
         for (index, case) in cases.iter().enumerate() {
             if let Some(first) = cases[..index].iter().find(|other| other.name == case.name) {
-                return Err(checker.wrong(case.line, format!("the name {:?} is that of the case in line {}; give it another", case.name, first.line)));
+                return Err(checker
+                    .wrong(case.line, format!("the name {:?} is that of the case in line {}; give it another", case.name, first.line)));
             }
         }
         Ok(Self { path: path.to_owned(), conventions, cases, text, file })
@@ -186,18 +189,17 @@ impl Checker<'_> {
         if self.file.format != SUITE_FORMAT {
             return Err(wrong(format!("format = {:?} is no suite; write format = {SUITE_FORMAT:?}", self.file.format)));
         }
-        self.confidence(self.file.confidence).map_err(wrong)?;
+        Self::confidence(self.file.confidence).map_err(wrong)?;
         if self.file.cases.is_empty() {
             return Err(wrong("there is no [[case]]; `boresight test --init PRESET` writes a suite to begin from".to_owned()));
         }
         match &self.file.system {
             None => Ok(Conventions::default()),
-            Some(system) => self.system(system).map_err(wrong),
+            Some(system) => Self::system(system).map_err(wrong),
         }
     }
 
-    fn system(&self, system: &SystemTable) -> Result<Conventions, String> {
-        use super::suite_file::SystemMode;
+    fn system(system: &SystemTable) -> Result<Conventions, String> {
         if system.command.is_empty() {
             return Err("system.command is empty; name the program and its arguments".to_owned());
         }
@@ -242,7 +244,7 @@ impl Checker<'_> {
         Ok(conventions)
     }
 
-    fn confidence(&self, confidence: f64) -> Result<(), String> {
+    fn confidence(confidence: f64) -> Result<(), String> {
         if (0.5..1.0).contains(&confidence) { Ok(()) } else { Err(format!("confidence = {confidence} must be from 0.5 to below 1")) }
     }
 
@@ -254,7 +256,7 @@ impl Checker<'_> {
         }
         let table = case.attitudes.table();
         let frames_of = self.frames_of(case, &table).map_err(&wrong)?;
-        let sweep = case.sweep.as_ref().map(|sweep| planned_sweep(sweep)).transpose().map_err(&wrong)?;
+        let sweep = case.sweep.as_ref().map(planned_sweep).transpose().map_err(&wrong)?;
         if sweep.is_some() && matches!(frames_of, CaseFrames::Dataset(_)) {
             return Err(wrong("a recipe draws its values itself; leave sweep out, or name a scene".to_owned()));
         }
@@ -265,6 +267,12 @@ impl Checker<'_> {
             FrameCount::Word(word) => return Err(wrong(format!("frames = {word:?}; give a number or \"auto\""))),
         };
         check_numbers(case, &table).map_err(&wrong)?;
+        if let Some(id) = case.hidden.iter().find(|id| displacement(id).is_none()) {
+            let known: Vec<&str> = DISPLACEMENTS.iter().map(|effect| effect.id()).collect();
+            let meant =
+                suggestion(id, &known).map_or_else(|| "`boresight effects` lists them".to_owned(), |near| format!("did you mean {near}?"));
+            return Err(wrong(format!("hidden: there is no effect {id}; {meant}")));
+        }
         let camera = first_scene(&case.name, &frames_of)?.camera;
         let list = self.list(&table).map_err(&wrong)?;
         let attitudes = AttitudePlan::new(self.file.seed, &case.name, table, list, camera.focal_length_px);
@@ -310,20 +318,25 @@ impl Checker<'_> {
         let (path, text) = match (&case.scene, &case.preset) {
             (Some(scene), _) => {
                 let path: PathBuf = self.folder.join(scene);
-                let text = std::fs::read_to_string(&path).map_err(|error| format!("scene = {scene:?} cannot be read: {}: {error}", path.display()))?;
+                let text = std::fs::read_to_string(&path)
+                    .map_err(|error| format!("scene = {scene:?} cannot be read: {}: {error}", path.display()))?;
                 (path.display().to_string(), text)
             }
             (None, name) => {
                 let name = name.as_deref().unwrap_or_default();
                 let found = preset(name).ok_or_else(|| {
                     let names: Vec<&str> = crate::scene::PRESETS.iter().map(|preset| preset.name).collect();
-                    let meant = suggestion(name, &names).map_or_else(|| format!("there are {}", names.join(", ")), |near| format!("did you mean {near}?"));
+                    let meant = suggestion(name, &names)
+                        .map_or_else(|| format!("there are {}", names.join(", ")), |near| format!("did you mean {near}?"));
                     format!("there is no preset {name:?}; {meant}")
                 })?;
                 (format!("preset {name}"), found.toml.to_owned())
             }
         };
         let mut tables: Table = tables(&text).map_err(|message| format!("{path}: {message}"))?;
+        if attitudes.kind != AttitudeKind::Scene {
+            list_exposures(&mut tables);
+        }
         let root = schema();
         for (place, value) in &case.set {
             let found = ScenePath::find(&root, &dotted(place)).map_err(|message| format!("set: {message}"))?;
@@ -339,10 +352,13 @@ impl Checker<'_> {
         match (table.kind, &table.file) {
             (AttitudeKind::List, Some(file)) => {
                 let path = self.folder.join(file);
-                let text = std::fs::read_to_string(&path).map_err(|error| format!("attitudes: {} cannot be read: {error}", path.display()))?;
+                let text =
+                    std::fs::read_to_string(&path).map_err(|error| format!("attitudes: {} cannot be read: {error}", path.display()))?;
                 read_list(&text).map_err(|message| format!("attitudes: {}: {message}", path.display()))
             }
-            (AttitudeKind::List, None) => Err("attitudes of the kind list need a file: attitudes = { kind = \"list\", file = \"attitudes.csv\" }".to_owned()),
+            (AttitudeKind::List, None) => {
+                Err("attitudes of the kind list need a file: attitudes = { kind = \"list\", file = \"attitudes.csv\" }".to_owned())
+            }
             (_, Some(_)) => Err("attitudes.file is read by the kind list alone; leave it out, or write kind = \"list\"".to_owned()),
             (_, None) => Ok(Vec::new()),
         }
@@ -361,7 +377,7 @@ impl Checker<'_> {
             return Err(wrong(format!("{} is no limit; give a finite number", limit.value())));
         }
         let confidence = table.confidence.unwrap_or(self.file.confidence);
-        self.confidence(confidence).map_err(&wrong)?;
+        Self::confidence(confidence).map_err(&wrong)?;
         let when = match (&table.when, &case.sweep) {
             (None, _) => None,
             (Some(when), None) => return Err(wrong(format!("when = {when:?}, and the case has no sweep; leave it out"))),
@@ -416,11 +432,17 @@ impl Checker<'_> {
 }
 
 fn check_numbers(case: &CaseTable, table: &AttitudeTable) -> Result<(), String> {
-    let positive = |name: &str, value: f64| if value > 0.0 && value.is_finite() { Ok(()) } else { Err(format!("{name} = {value} must be above 0")) };
+    let positive =
+        |name: &str, value: f64| if value > 0.0 && value.is_finite() { Ok(()) } else { Err(format!("{name} = {value} must be above 0")) };
     positive("within_arcsec", case.within_arcsec)?;
     positive("about_within_arcsec", case.about_within_arcsec.unwrap_or(1.0))?;
     positive("attitudes.step_px", table.step_px)?;
-    for (name, count) in [("max_frames", case.max_frames), ("night_frames", case.night_frames), ("attitudes.repeats", table.repeats), ("attitudes.sequence", table.sequence)] {
+    for (name, count) in [
+        ("max_frames", case.max_frames),
+        ("night_frames", case.night_frames),
+        ("attitudes.repeats", table.repeats),
+        ("attitudes.sequence", table.sequence),
+    ] {
         if count == 0 {
             return Err(format!("{name} = 0 must be at least 1"));
         }
@@ -449,7 +471,7 @@ fn first_scene(case: &str, frames_of: &CaseFrames) -> Result<Scene, SuiteError> 
     match frames_of {
         CaseFrames::Scene { path, tables } => {
             let text = with_frames(tables, &[(crate::coordinates::Attitude::from_pointing(0.0, 0.0, 0.0), 0)], false);
-            Scene::parse(path, &text).map_err(|source| SuiteError::Scene { case: case.to_owned(), source })
+            Scene::parse(path, &text).map_err(|source| SuiteError::Scene { case: case.to_owned(), source: Box::new(source) })
         }
         CaseFrames::Dataset(plan) => {
             let key = crate::dataset::FrameKey { split: crate::dataset::DatasetSplit::Test, index: 0 };

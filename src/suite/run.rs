@@ -47,7 +47,12 @@ pub struct SuiteOptions {
 }
 
 /// Runs the cases.
-pub fn run_suite(plan: &SuitePlan, catalog: &Catalog, options: &SuiteOptions, progress: &dyn SuiteProgress) -> Result<SuiteRun, SuiteError> {
+pub fn run_suite(
+    plan: &SuitePlan,
+    catalog: &Catalog,
+    options: &SuiteOptions,
+    progress: &dyn SuiteProgress,
+) -> Result<SuiteRun, SuiteError> {
     let mut runner = Runner::new(plan, catalog);
     let is_meant = |case: &&PlannedCase| options.only.is_empty() || options.only.iter().any(|name| case.name.contains(name.as_str()));
     let mut all = SuiteRun::default();
@@ -84,15 +89,22 @@ fn small(
     values: &[(CaseValueResult, Vec<usize>)],
     scenes: &mut Vec<(String, String)>,
 ) -> Result<Option<SmallestFailure>, SuiteError> {
-    let failed = |value: &CaseValueResult| value.requirements.iter().find(|own| own.verdict == RequirementVerdict::Fail).map(|own| own.line);
-    let Some((index, line)) = values.iter().enumerate().find_map(|(index, (value, _))| Some((index, failed(value)?))) else { return Ok(None) };
+    let failed =
+        |value: &CaseValueResult| value.requirements.iter().find(|own| own.verdict == RequirementVerdict::Fail).map(|own| own.line);
+    let Some((index, line)) = values.iter().enumerate().find_map(|(index, (value, _))| Some((index, failed(value)?))) else {
+        return Ok(None);
+    };
     let Some(requirement) = case.requirements.iter().find(|own| own.line == line) else { return Ok(None) };
     if !matches!(requirement.metric.kind, SampleKind::Share | SampleKind::Quantile(_) | SampleKind::Mean | SampleKind::Square)
         || matches!(requirement.metric.needs, AnswerNeeds::Diagnosis | AnswerNeeds::Sequence)
     {
         return Ok(None);
     }
-    let is_good = |at: &usize| values.get(*at).is_some_and(|(value, _)| value.requirements.iter().any(|own| own.line == line && own.verdict == RequirementVerdict::Pass));
+    let is_good = |at: &usize| {
+        values
+            .get(*at)
+            .is_some_and(|(value, _)| value.requirements.iter().any(|own| own.line == line && own.verdict == RequirementVerdict::Pass))
+    };
     let good = index.checked_sub(1).filter(is_good).or_else(|| Some(index + 1).filter(is_good));
     let (value, worst) = &values[index];
     let failing = Failing { requirement, value: index, good, worst: worst.clone(), frames: value.frames };
@@ -104,18 +116,22 @@ fn small(
     Ok(Some(found))
 }
 
-fn value_of(runner: &mut Runner<'_>, case: &PlannedCase, value: usize, progress: &dyn SuiteProgress) -> Result<(CaseValueResult, CaseScores), SuiteError> {
+fn value_of(
+    runner: &mut Runner<'_>,
+    case: &PlannedCase,
+    value: usize,
+    progress: &dyn SuiteProgress,
+) -> Result<(CaseValueResult, CaseScores), SuiteError> {
     let there_are = case.frames_there_are(value)?;
-    let numbers: Vec<usize> = match case.frames {
-        Some(frames) => vec![frames.min(there_are)],
-        None => {
-            // Whole fields and nights at each look.
-            let unit = case.attitudes.frames_per_field().max(case.night_frames);
-            let whole = |frames: usize| (frames.div_ceil(unit) * unit).min(there_are);
-            let mut all: Vec<usize> = looks(FIRST_LOOK, case.max_frames).into_iter().map(whole).collect();
-            all.dedup();
-            all
-        }
+    let numbers: Vec<usize> = if let Some(frames) = case.frames {
+        vec![frames.min(there_are)]
+    } else {
+        // Whole fields and nights at each look.
+        let unit = case.attitudes.frames_per_field().max(case.night_frames);
+        let whole = |frames: usize| (frames.div_ceil(unit) * unit).min(there_are);
+        let mut all: Vec<usize> = looks(FIRST_LOOK, case.max_frames).into_iter().map(whole).collect();
+        all.dedup();
+        all
     };
     progress.begin(&case.name, &case.value_words(value), numbers.last().copied().unwrap_or(0));
     let mut run = CaseRun::default();
@@ -127,7 +143,11 @@ fn value_of(runner: &mut Runner<'_>, case: &PlannedCase, value: usize, progress:
         decided = if decided.is_empty() {
             now
         } else {
-            decided.into_iter().zip(now).map(|(before, now)| if before.verdict == RequirementVerdict::Undecided { now } else { before }).collect()
+            decided
+                .into_iter()
+                .zip(now)
+                .map(|(before, now)| if before.verdict == RequirementVerdict::Undecided { now } else { before })
+                .collect()
         };
         if decided.iter().all(|own| own.verdict != RequirementVerdict::Undecided) {
             break;

@@ -43,7 +43,14 @@ impl<'a> Runner<'a> {
     }
 
     /// Adds the frames from the number that `run` has to `upto`; `done` is told how many were added.
-    pub(super) fn extend(&mut self, case: &PlannedCase, value: usize, run: &mut CaseRun, upto: usize, done: &dyn Fn(usize)) -> Result<(), SuiteError> {
+    pub(super) fn extend(
+        &mut self,
+        case: &PlannedCase,
+        value: usize,
+        run: &mut CaseRun,
+        upto: usize,
+        done: &dyn Fn(usize),
+    ) -> Result<(), SuiteError> {
         run.scores.hidden.clone_from(&case.hidden);
         // Nights of the own pipeline are not cut, nor are fields of a design.
         let whole = if self.foreign.is_none() { case.night_frames } else { 1 };
@@ -92,7 +99,13 @@ impl<'a> Runner<'a> {
     }
 
     /// The answers of boresight, a night at a time.
-    fn own(&self, case: &PlannedCase, batch: &FrameBatch, frames: &[HandedFrame], run: &mut CaseRun) -> Result<Vec<super::system::ObservedAnswer>, SuiteError> {
+    fn own(
+        &self,
+        case: &PlannedCase,
+        batch: &FrameBatch,
+        frames: &[HandedFrame],
+        run: &mut CaseRun,
+    ) -> Result<Vec<super::system::ObservedAnswer>, SuiteError> {
         let calibrates = case.requirements.iter().any(|requirement| requirement.metric.needs == AnswerNeeds::Camera);
         let mut all = Vec::with_capacity(frames.len());
         for night in frames.chunks(case.night_frames) {
@@ -111,7 +124,9 @@ impl<'a> Runner<'a> {
 /// A principal point counts pixels as centroids do.
 fn in_our_pixels(camera: &super::answers::AnsweredCamera, conventions: &Conventions, is_own: bool) -> super::answers::AnsweredCamera {
     let mut camera = *camera;
-    if let (super::conventions::PixelOrigin::At(first), Some(point), false) = (conventions.pixel_origin, &mut camera.principal_point_px, is_own) {
+    if let (super::conventions::PixelOrigin::At(first), Some(point), false) =
+        (conventions.pixel_origin, &mut camera.principal_point_px, is_own)
+    {
         *point = point.map(|own| own - first);
     }
     camera

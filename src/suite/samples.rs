@@ -54,7 +54,12 @@ impl CaseScores {
     }
 
     /// Samples of attitude errors in arcsec, of right answers: `axes` gives the components, `size` the whole.
-    fn attitude(&self, statistic: Statistic, axes: &dyn Fn(&AttitudeError) -> Vec<f64>, size: &dyn Fn(&AttitudeError) -> f64) -> Option<MetricSample> {
+    fn attitude(
+        &self,
+        statistic: Statistic,
+        axes: &dyn Fn(&AttitudeError) -> Vec<f64>,
+        size: &dyn Fn(&AttitudeError) -> f64,
+    ) -> Option<MetricSample> {
         let components: Vec<Vec<f64>> =
             self.errors().map(|(_, error)| axes(&error).into_iter().map(|own| own / ARCSEC_RAD).collect()).collect();
         let count = components.first()?.len();
@@ -64,7 +69,9 @@ impl CaseScores {
                 let unit = |own: &Vec<f64>| Unit { sum: own.iter().map(|own| own * own).sum(), count: count as f64 };
                 Some(MetricSample::RootMeanSquare { units: components.iter().map(unit).collect(), factor: count as f64 })
             }
-            Statistic::Bias => Some(MetricSample::Bias(self.field_means(&components, count).unwrap_or_else(|| (0..count).map(axis).collect()))),
+            Statistic::Bias => {
+                Some(MetricSample::Bias(self.field_means(&components, count).unwrap_or_else(|| (0..count).map(axis).collect())))
+            }
             Statistic::TemporalNoise => self.component(axes, count, 0),
             Statistic::PixelSpatial => self.component(axes, count, 1),
             Statistic::FovSpatial => self.component(axes, count, 2),
@@ -142,7 +149,8 @@ impl CaseScores {
 
     fn stars(&self, metric: &Metric) -> Option<MetricSample> {
         let snr = if let Statistic::Snr(snr) = metric.statistic { snr } else { SEEN_SNR };
-        let told: Vec<(&ScoredFrame, &Vec<SeenStar>)> = self.frames.iter().filter_map(|frame| Some((frame, frame.stars.as_ref()?))).collect();
+        let told: Vec<(&ScoredFrame, &Vec<SeenStar>)> =
+            self.frames.iter().filter_map(|frame| Some((frame, frame.stars.as_ref()?))).collect();
         if told.is_empty() {
             return None;
         }
@@ -163,7 +171,8 @@ impl CaseScores {
             Quantity::RightNames => share(&|star| star.is_named),
             Quantity::MissedNames => share(&|star| !star.is_named),
             Quantity::WrongNames => {
-                let units: Vec<Unit> = told.iter().map(|(frame, _)| Unit { sum: frame.misnamed as f64, count: frame.named as f64 }).collect();
+                let units: Vec<Unit> =
+                    told.iter().map(|(frame, _)| Unit { sum: frame.misnamed as f64, count: frame.named as f64 }).collect();
                 units.iter().any(|unit| unit.count > 0.0).then_some(MetricSample::ShareOfStars(units))
             }
             Quantity::FalseStars => Some(MetricSample::Mean(told.iter().map(|(frame, _)| frame.false_stars as f64).collect())),
@@ -179,15 +188,19 @@ impl CaseScores {
                 let values: Vec<f64> = cameras.iter().filter_map(|camera| camera.focal_length_relative).collect();
                 match metric.statistic {
                     Statistic::Bias => some_of(MetricSample::Bias(vec![values])),
-                    Statistic::Rms => some_of(MetricSample::RootMeanSquare { units: values.iter().map(|own| Unit { sum: own * own, count: 1.0 }).collect(), factor: 1.0 }),
+                    Statistic::Rms => some_of(MetricSample::RootMeanSquare {
+                        units: values.iter().map(|own| Unit { sum: own * own, count: 1.0 }).collect(),
+                        factor: 1.0,
+                    }),
                     other => sizes(values.iter().map(|own| own.abs()).collect(), other),
                 }
             }
             Quantity::Pulls => {
-                let unit = |camera: &CameraScore| Unit { sum: camera.pulls.iter().map(|own| own * own).sum(), count: camera.pulls.len() as f64 };
+                let unit =
+                    |camera: &CameraScore| Unit { sum: camera.pulls.iter().map(|own| own * own).sum(), count: camera.pulls.len() as f64 };
                 match metric.statistic {
                     Statistic::Bias => {
-                        some_of(MetricSample::Bias(vec![cameras.iter().flat_map(|camera| camera.pulls.first().copied()).collect()]))
+                        some_of(MetricSample::Bias(vec![cameras.iter().filter_map(|camera| camera.pulls.first().copied()).collect()]))
                     }
                     _ => some_of(MetricSample::RootMeanSquare { units: cameras.iter().map(unit).collect(), factor: 1.0 }),
                 }

@@ -38,6 +38,16 @@ pub(super) fn check_pointable(tables: &Table) -> Result<(), String> {
     Ok(())
 }
 
+/// Gives a scene with a series an exposure that paths lead to; the series goes on to tell the times.
+pub(super) fn list_exposures(tables: &mut Table) {
+    if !tables.contains_key("frames") {
+        let made: Vec<Value> = templates(tables).into_iter().map(Value::Table).collect();
+        if !made.is_empty() {
+            tables.insert("frames".to_owned(), Value::Array(made));
+        }
+    }
+}
+
 /// The exposures of a scene that frames are made after.
 pub(super) fn templates(tables: &Table) -> Vec<Table> {
     if let Some(frames) = tables.get("frames").and_then(Value::as_array) {
@@ -89,7 +99,7 @@ pub(super) fn with_frames(tables: &Table, frames: &[(Attitude, usize)], keeps_ex
         let made: Vec<Value> = made.collect();
         scene.remove("series");
         scene.insert("frames".to_owned(), Value::Array(made));
-        scene.insert("first_frame".to_owned(), Value::Integer(frames.first().map_or(0, |(_, number)| *number as i64)));
+        scene.insert("first_frame".to_owned(), Value::Integer(frames.first().map_or(0, |(_, number)| number.cast_signed() as i64)));
     }
     toml::to_string(&scene).unwrap_or_default()
 }

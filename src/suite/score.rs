@@ -17,6 +17,7 @@ pub(super) const SAME_STAR_PX: f64 = 3.0;
 
 /// The error of an attitude, in the camera's own axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(clippy::struct_field_names, reason = "units stand in names")]
 pub(super) struct AttitudeError {
     /// Where the answered boresight lies beside the true one, along x and y, rad.
     pub boresight_rad: [f64; 2],
@@ -151,9 +152,10 @@ fn star_scores(own: &mut ScoredFrame, truth: &[TrueStar], answer: &TrackerAnswer
         let place_px = [star.x_mean_px, star.y_mean_px];
         let own_centroid = centroid_of[index];
         let error_px = own_centroid.map(|at| [0, 1].map(|axis| own.places_px[at][axis] - place_px[axis]));
-        let is_named = centroids.iter().zip(&own.places_px).any(|(given, [x, y])| {
-            given.hip == Some(star.hip) && (x - place_px[0]).hypot(y - place_px[1]) <= SAME_STAR_PX
-        });
+        let is_named = centroids
+            .iter()
+            .zip(&own.places_px)
+            .any(|(given, [x, y])| given.hip == Some(star.hip) && (x - place_px[0]).hypot(y - place_px[1]) <= SAME_STAR_PX);
         SeenStar { snr: star.snr, is_clean: !star.saturated && !star.blended && !star.edge, error_px, place_px, is_named }
     };
     own.stars = Some(truth.iter().enumerate().filter(|(_, star)| star.snr >= 2.0).map(seen).collect());

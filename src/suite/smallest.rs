@@ -54,7 +54,11 @@ impl Trials<'_, '_> {
 }
 
 /// Makes a failure of a scene small; also the tables that are left. `None`: the few frames of a trial do not show it.
-pub(super) fn smallest(runner: &mut Runner<'_>, case: &PlannedCase, failing: &Failing<'_>) -> Result<Option<(SmallestFailure, Table)>, SuiteError> {
+pub(super) fn smallest(
+    runner: &mut Runner<'_>,
+    case: &PlannedCase,
+    failing: &Failing<'_>,
+) -> Result<Option<(SmallestFailure, Table)>, SuiteError> {
     let of_table = |message| SuiteError::Parse { path: case.name.clone(), message };
     let Some(mut tables) = case.tables(failing.value).map_err(of_table)? else { return Ok(None) };
     // Shares: frames that failed, and as many others. Other metrics: the first frames, so that none is chosen for its error.
@@ -69,12 +73,7 @@ pub(super) fn smallest(runner: &mut Runner<'_>, case: &PlannedCase, failing: &Fa
         return Ok(None);
     }
     let fails_between = between(&mut trials, case, failing)?;
-    if let (Some([_, first_bad]), Some(sweep)) = (fails_between, &case.sweep) {
-        put(&sweep.path, &mut tables, &Value::Float(first_bad)).map_err(of_table)?;
-        if !trials.fails(&tables)? {
-            tables = case.tables(failing.value).map_err(of_table)?.unwrap_or_default();
-        }
-    }
+    // At the value that failed, and not at the edge, where every trifle decides.
     let (mut superfluous, mut needed): (Vec<Switch>, Vec<Switch>) = (Vec::new(), Vec::new());
     for switch in switches(&tables) {
         let without = switch.off(&tables);

@@ -249,7 +249,7 @@ fn usual_night() -> usize {
 
 /// How many frames.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "frames is a number or \"auto\"")]
 pub enum FrameCount {
     /// So many.
     Exactly(usize),
@@ -259,7 +259,10 @@ pub enum FrameCount {
 
 /// Where the camera points: a word, or a table with more.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
-#[serde(untagged)]
+#[serde(
+    untagged,
+    expecting = "attitudes is one of uniform, list, scan, dither, stare, nested, scene, or a table with one of them as its kind"
+)]
 pub enum Attitudes {
     /// A kind with its usual numbers.
     Kind(AttitudeKind),

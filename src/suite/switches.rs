@@ -20,8 +20,13 @@ enum What {
     OfFrames(&'static str),
 }
 
-const TABLES: [(&str, &str); 5] =
-    [("jitter", "jitter"), ("cosmic_rays", "cosmic rays"), ("ghosts", "ghosts"), ("streaks", "streaks"), ("psf", "the shape of the star image")];
+const TABLES: [(&str, &str); 5] = [
+    ("jitter", "jitter"),
+    ("cosmic_rays", "cosmic rays"),
+    ("ghosts", "ghosts"),
+    ("streaks", "streaks"),
+    ("psf", "the shape of the star image"),
+];
 const KEYS: [(&str, &str, Option<i64>, &str); 13] = [
     ("camera", "line_time_us", None, "rolling shutter"),
     ("camera", "k1", Some(0), "radial distortion"),

@@ -113,10 +113,10 @@ pub fn verdict(bounded: &Bounded, limit: RequirementLimit) -> RequirementVerdict
 }
 
 /// About how many frames it takes in all until a requirement is decided, if what they show stays as it is; `None` where no number is enough (the value
-/// is at its limit) or where more than `MOST` are needed. `frames` showed the sample.
+/// is at its limit) or where more than `MAX_FRAMES` are needed. `frames` showed the sample.
 #[must_use]
 pub fn frames_to_decide(sample: &MetricSample, limit: RequirementLimit, errors: ErrorRates, frames: usize) -> Option<usize> {
-    const MOST: f64 = 1e9;
+    const MAX_FRAMES: f64 = 1e9;
     let risk = limit.risk(errors);
     let decided = |times: f64| {
         let bounded = match sample {
@@ -131,7 +131,7 @@ pub fn frames_to_decide(sample: &MetricSample, limit: RequirementLimit, errors: 
     let mut high = 1.0;
     while !decided(high)? {
         high *= 2.0;
-        if high * frames as f64 > MOST {
+        if high * frames as f64 > MAX_FRAMES {
             return None;
         }
     }

@@ -24,6 +24,9 @@ impl Comparison {
     }
 }
 
+/// Makes a comparison of its limit.
+type Make = fn(f64) -> Comparison;
+
 /// Comparisons that all must hold.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct When(Vec<Comparison>);
@@ -32,7 +35,7 @@ impl When {
     /// Reads `rate <= 1.0 and rate > 0`; `name` is what the sweep is called.
     pub(super) fn parse(text: &str, name: &str) -> Result<Self, String> {
         let one = |part: &str| {
-            const SIGNS: [(&str, fn(f64) -> Comparison); 6] = [
+            const SIGNS: [(&str, Make); 6] = [
                 ("<=", Comparison::AtMost),
                 (">=", Comparison::AtLeast),
                 ("==", Comparison::Equal),

@@ -52,23 +52,12 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("exchange", &["calibrate"]),
     ("pipeline", &["diagnose", "calibrate", "identify", "detect", "pixel_statistics"]),
     ("blind", &["pipeline", "diagnose", "calibrate", "identify", "detect"]),
-    (
-        "suite",
-        &[
-            "imaging",
-            "scene",
-            "render",
-            "dataset",
-            "detect",
-            "identify",
-            "calibrate",
-            "diagnose",
-            "pipeline",
-            "exchange",
-        ],
-    ),
+    ("suite", &["imaging", "scene", "render", "dataset", "detect", "identify", "calibrate", "diagnose", "pipeline", "exchange"]),
     ("error", &["imaging", "scene", "render", "dataset", "detect", "identify", "calibrate", "diagnose", "exchange", "pipeline"]),
-    ("formats", &["imaging", "scene", "render", "dataset", "detect", "identify", "calibrate", "diagnose", "pipeline", "blind", "suite", "exchange"]),
+    (
+        "formats",
+        &["imaging", "scene", "render", "dataset", "detect", "identify", "calibrate", "diagnose", "pipeline", "blind", "suite", "exchange"],
+    ),
     ("report", &["imaging", "scene", "render", "dataset", "detect", "identify", "calibrate", "diagnose"]),
     (
         "cli",

@@ -496,6 +496,7 @@ fn every_example_runs() {
         table += &format!("{},{},{}\n", ra.to_degrees(), dec.to_degrees(), star.magnitude);
     }
     std::fs::write(folder.path().join("table.csv"), table).unwrap();
+    crate::suite::suite_in(folder.path());
     crate::dataset::recipe_in(folder.path(), &crate::dataset::RECIPE.replace("train = 12", "train = 24"));
     let program = assert_cmd::cargo::cargo_bin("boresight");
     let path = format!("{}:{}", program.parent().unwrap().display(), std::env::var("PATH").unwrap());

@@ -15,8 +15,8 @@ HERE = Path(__file__).resolve().parent
 WIDTH_DEG = 13.9
 
 SYSTEMS = {
-    "boresight (windowed)": "[own]\ncentroid = \"windowed\"\n",
-    "boresight (fitted)": "[own]\ncentroid = \"gaussian\"\n",
+    "boresight (windowed)": '[own]\ncentroid = "windowed"\n',
+    "boresight (fitted)": '[own]\ncentroid = "gaussian"\n',
     "tetra3rs": f"""[system]
 name = "tetra3rs"
 command = [{json.dumps(sys.executable)}, {json.dumps(str(HERE / "solvers.py"))}, "tetra3rs", "{WIDTH_DEG}"]

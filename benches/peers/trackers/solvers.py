@@ -19,7 +19,7 @@ def tetra3rs_solver(width_deg: float):
         found = tetra3rs.extract_centroids(counts.astype(np.float32))
         velocity = list(tetra3rs.earth_barycentric_velocity(datetime.fromisoformat(time_utc)))
         solved = database.solve_from_centroids(
-            found.centroids, fov_estimate_deg=width_deg, fov_max_error=0.1 * width_deg, image_shape=counts.shape, observer_velocity_km_s=velocity
+            found.centroids, fov_estimate_deg=width_deg, fov_max_error_deg=0.1 * width_deg, image_shape=counts.shape, observer_velocity_km_s=velocity
         )
         if not isinstance(solved, tetra3rs.SolveResult):
             return {"status": "none"}

@@ -133,9 +133,9 @@ fn pixels(sheet: &Canvas, frame: &Frame, stretch: &Stretch, enlarge: usize) -> D
 
 fn colour(kind: MarkKind) -> RGBColor {
     match kind {
-        MarkKind::Detected => ORANGE,
-        MarkKind::Identified => MINT,
-        MarkKind::Rejected => RED,
+        MarkKind::Detected | MarkKind::Unanswered => ORANGE,
+        MarkKind::Identified | MarkKind::Answered => MINT,
+        MarkKind::Rejected | MarkKind::Starless => RED,
     }
 }
 
@@ -143,13 +143,13 @@ fn colour(kind: MarkKind) -> RGBColor {
 fn symbol(sheet: &Canvas, (x, y): Place, kind: MarkKind) -> Drawn {
     let colour = colour(kind);
     match kind {
-        MarkKind::Identified => sheet.circle((x, y), RADIUS, colour, 1.5),
-        MarkKind::Detected => {
+        MarkKind::Identified | MarkKind::Answered => sheet.circle((x, y), RADIUS, colour, 1.5),
+        MarkKind::Detected | MarkKind::Unanswered => {
             let side = RADIUS * 0.8;
             let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(i, j)| (x + i * side, y + j * side));
             sheet.line(&corners, colour, 1.0)
         }
-        MarkKind::Rejected => {
+        MarkKind::Rejected | MarkKind::Starless => {
             sheet.circle((x, y), RADIUS, colour, 1.5)?;
             let (near, far) = (RADIUS * 0.75, RADIUS * 1.5);
             for (i, j) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
@@ -256,7 +256,14 @@ fn names(
 
 fn legend(sheet: &Canvas, marks: &[(Place, &Mark)], (named, nameable): (usize, usize), stretch: &Stretch, size: (usize, usize)) -> Drawn {
     let (mut x, y) = (MARGIN.0 as f64 + RADIUS, size.1 as f64 - 22.0);
-    let kinds = [(MarkKind::Identified, "identified"), (MarkKind::Detected, "detected only"), (MarkKind::Rejected, "rejected")];
+    let kinds = [
+        (MarkKind::Identified, "identified"),
+        (MarkKind::Detected, "detected only"),
+        (MarkKind::Rejected, "rejected"),
+        (MarkKind::Answered, "stars answered"),
+        (MarkKind::Unanswered, "stars not answered"),
+        (MarkKind::Starless, "answers without a star"),
+    ];
     for (kind, what) in kinds {
         let count = marks.iter().filter(|(_, mark)| mark.kind == kind).count();
         if count == 0 {

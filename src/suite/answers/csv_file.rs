@@ -15,7 +15,8 @@ pub(super) fn read(text: &str) -> AnswerFile {
     };
     let mut file = AnswerFile::default();
     for name in header.iter().filter(|name| !COLUMNS.contains(&name.as_str())) {
-        let meant = suggestion(name, &COLUMNS).map_or_else(|| format!("it may have {}", COLUMNS.join(", ")), |near| format!("did you mean {near}?"));
+        let meant = suggestion(name, &COLUMNS)
+            .map_or_else(|| format!("it may have {}", COLUMNS.join(", ")), |near| format!("did you mean {near}?"));
         file.faults.push(format!("line 1: there is no column {name}; {meant}"));
     }
     let place = |name: &str| header.iter().position(|own| own == name);
@@ -79,8 +80,9 @@ fn row<'r>(
     };
     let quaternion = all(["qi", "qj", "qk", "qw"])?;
     let pointing = all(["ra_deg", "dec_deg", "roll_deg", "roll_deg"])?;
-    let attitude =
-        quaternion.map(WrittenAttitude::Quaternion).or_else(|| pointing.map(|[ra, dec, roll, _]| WrittenAttitude::RaDecRoll([ra, dec, roll])));
+    let attitude = quaternion
+        .map(WrittenAttitude::Quaternion)
+        .or_else(|| pointing.map(|[ra, dec, roll, _]| WrittenAttitude::RaDecRoll([ra, dec, roll])));
     if status == AnswerStatus::Solved {
         let Some(attitude) = attitude else { return Err(format!("line {line}: status is solved, and the attitude is missing")) };
         check(&attitude).map_err(|fault| format!("line {line}: {fault}"))?;
@@ -95,7 +97,7 @@ pub(super) fn check(attitude: &WrittenAttitude) -> Result<(), String> {
     match attitude {
         WrittenAttitude::Quaternion(numbers) => {
             let norm = numbers.iter().map(|own| own * own).sum::<f64>().sqrt();
-            if (norm - 1.0).abs() <= crate::suite::conventions::MOST_OFF_UNIT {
+            if (norm - 1.0).abs() <= crate::suite::conventions::MAX_OFF_UNIT {
                 Ok(())
             } else {
                 Err(format!("the quaternion has the length {norm:.4}, and one of a rotation has 1"))
@@ -111,7 +113,11 @@ pub(super) fn check(attitude: &WrittenAttitude) -> Result<(), String> {
         WrittenAttitude::Matrix(rows) => {
             let product = |a: usize, b: usize| (0..3).map(|k| rows[a][k] * rows[b][k]).sum::<f64>();
             let off = (0..3).flat_map(|a| (0..3).map(move |b| (a, b))).map(|(a, b)| (product(a, b) - f64::from(u8::from(a == b))).abs());
-            if off.fold(0.0, f64::max) < 0.02 { Ok(()) } else { Err("the matrix is no rotation: its rows are not perpendicular unit vectors".to_owned()) }
+            if off.fold(0.0, f64::max) < 0.02 {
+                Ok(())
+            } else {
+                Err("the matrix is no rotation: its rows are not perpendicular unit vectors".to_owned())
+            }
         }
     }
 }

@@ -1,3 +1,5 @@
+//! Answers in every form, with what can be wrong with them.
+
 use super::*;
 use crate::suite::conventions::WrittenAttitude;
 use crate::suite::suite_file::AnswerForm;
@@ -14,7 +16,10 @@ fn tables_are_read_and_their_faults_named() {
     assert_eq!(file.answers[0].1.attitude, Some(WrittenAttitude::Quaternion([0.0, 0.0, 0.0, 1.0])));
     assert_eq!(file.answers[2].1.error.as_deref(), Some("no light"));
     let pointing = "status,ra_deg,dec_deg,roll_deg\nsolved,10,20,30\n";
-    assert_eq!(read_answers(AnswerForm::Csv, pointing.as_bytes(), [1, 1]).of_frame(7).attitude, Some(WrittenAttitude::RaDecRoll([10.0, 20.0, 30.0])));
+    assert_eq!(
+        read_answers(AnswerForm::Csv, pointing.as_bytes(), [1, 1]).of_frame(7).attitude,
+        Some(WrittenAttitude::RaDecRoll([10.0, 20.0, 30.0]))
+    );
     for (text, named) in [
         ("frame,status,qi,qj,qk,qw\n0,solved,0,0,0\n", "line 2"),
         ("frame,status,qi,qj,qk,qw\n0,solved,0,0,0,2\n", "line 2: the quaternion has the length 2.0000"),
@@ -67,5 +72,8 @@ fn lost_and_tetra3_are_read_as_they_write() {
     let tetra3 = r#"{"RA": 10.0, "Dec": -20.0, "Roll": 350.0, "FOV": 11.4, "T_solve": 3.0, "T_extract": 2.0}"#;
     let answer = read_answers(AnswerForm::Tetra3, tetra3.as_bytes(), [1, 1]).of_frame(0);
     assert_eq!((answer.attitude, answer.time_s), (Some(WrittenAttitude::RaDecRoll([10.0, -20.0, -350.0])), Some(0.005)));
-    assert_eq!(read_answers(AnswerForm::Tetra3, br#"{"RA": null, "Dec": null, "Roll": null}"#, [1, 1]).of_frame(0).status, AnswerStatus::None);
+    assert_eq!(
+        read_answers(AnswerForm::Tetra3, br#"{"RA": null, "Dec": null, "Roll": null}"#, [1, 1]).of_frame(0).status,
+        AnswerStatus::None
+    );
 }

@@ -96,7 +96,8 @@ impl AnswerFile {
     #[must_use]
     pub fn of_frame(self, frame: usize) -> TrackerAnswer {
         let count = self.answers.len();
-        let own = self.answers.into_iter().find(|(number, _)| number.is_none_or(|number| number == frame) || count == 1 && *number == Some(0));
+        let own =
+            self.answers.into_iter().find(|(number, _)| number.is_none_or(|number| number == frame) || count == 1 && *number == Some(0));
         match (own, self.faults.first()) {
             (_, Some(fault)) => TrackerAnswer::without(AnswerStatus::Unreadable, Some(fault.clone())),
             (Some((_, answer)), None) => answer,

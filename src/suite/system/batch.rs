@@ -8,14 +8,19 @@ use super::super::error::SuiteError;
 use super::super::frames::{FrameBatch, HandedFrame};
 use super::super::suite_file::SystemTable;
 use super::filled::{Places, command};
-use super::observed::ObservedAnswer;
 use super::handover::{Handover, write};
+use super::observed::ObservedAnswer;
 use super::process::{ProcessEnd, run};
 use crate::recording::{FrameEntry, write_manifest_of};
 use crate::scene::{declared_entry, declared_recording};
 
 /// Hands a folder over: `frames/NNNNNN.ending`, `frames.csv` and, for programs that know it, `recording.toml`.
-pub(super) fn answers(table: &SystemTable, handover: &Handover<'_>, batch: &FrameBatch, frames: &[HandedFrame]) -> Result<Vec<ObservedAnswer>, SuiteError> {
+pub(super) fn answers(
+    table: &SystemTable,
+    handover: &Handover<'_>,
+    batch: &FrameBatch,
+    frames: &[HandedFrame],
+) -> Result<Vec<ObservedAnswer>, SuiteError> {
     let folder = handover.folder.path().join("recording");
     let images = folder.join("frames");
     std::fs::create_dir_all(&images).map_err(|source| SuiteError::Write { path: images.display().to_string(), source })?;
@@ -33,7 +38,8 @@ pub(super) fn answers(table: &SystemTable, handover: &Handover<'_>, batch: &Fram
     });
     write_manifest_of(&folder, &declared_recording(&batch.scene), entries)?;
     let answer = handover.folder.path().join("answer");
-    let places = Places { answer: Some(&answer), recording: Some(&folder), truth: Some(&images), size_px: handover.size_px, ..Places::default() };
+    let places =
+        Places { answer: Some(&answer), recording: Some(&folder), truth: Some(&images), size_px: handover.size_px, ..Places::default() };
     let program = table.command.first().cloned().unwrap_or_default();
     let limit = Duration::from_secs_f64(table.timeout_s * frames.len() as f64);
     let run = run(command(&table.command, &places), limit).map_err(|source| SuiteError::Start { program, source })?;
@@ -48,7 +54,8 @@ pub(super) fn answers(table: &SystemTable, handover: &Handover<'_>, batch: &Fram
     let read = std::fs::read(&answer).ok();
     let file = read.map(|bytes| read_answers(table.answer, &bytes, handover.size_px)).unwrap_or_default();
     let fault = file.faults.first().cloned();
-    let mut by_frame: BTreeMap<usize, TrackerAnswer> = file.answers.into_iter().filter_map(|(number, answer)| Some((number?, answer))).collect();
+    let mut by_frame: BTreeMap<usize, TrackerAnswer> =
+        file.answers.into_iter().filter_map(|(number, answer)| Some((number?, answer))).collect();
     let beside = |name: &str| std::fs::read_to_string(handover.folder.path().join(name)).ok();
     let mut centroids = beside("centroids.csv").map(|text| centroids_of(&text)).transpose().unwrap_or_default();
     let camera = beside("camera.json").and_then(|text| camera_of(&text).ok());

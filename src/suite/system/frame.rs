@@ -10,8 +10,8 @@ use super::super::error::SuiteError;
 use super::super::frames::HandedFrame;
 use super::super::suite_file::SystemTable;
 use super::filled::{Places, command};
-use super::observed::ObservedAnswer;
 use super::handover::Handover;
+use super::observed::ObservedAnswer;
 use super::process::{ProcessEnd, run};
 
 /// Hands frames over, each to a process of its own.
@@ -31,7 +31,14 @@ fn one(table: &SystemTable, handover: &Handover<'_>, frame: &HandedFrame) -> Res
     let image = handover.write_image(&folder, frame)?;
     let truth = handover.write_truth(&folder, frame)?;
     let answer = folder.join("answer");
-    let places = Places { image: Some(&image), answer: Some(&answer), truth: truth.as_deref(), frame: Some(frame), size_px: handover.size_px, ..Places::default() };
+    let places = Places {
+        image: Some(&image),
+        answer: Some(&answer),
+        truth: truth.as_deref(),
+        frame: Some(frame),
+        size_px: handover.size_px,
+        ..Places::default()
+    };
     let command = command(&table.command, &places);
     let program = table.command.first().cloned().unwrap_or_default();
     let run = run(command, Duration::from_secs_f64(table.timeout_s)).map_err(|source| SuiteError::Start { program, source })?;
@@ -61,7 +68,13 @@ fn answer_in(table: &SystemTable, folder: &Path, path: &Path, number: usize, siz
     let mut answer = read_answers(table.answer, &bytes, size_px).of_frame(number);
     if let Ok(text) = std::fs::read_to_string(folder.join("centroids.csv")) {
         match centroids_of(&text) {
-            Ok(mut all) => answer.centroids = all.remove(&Some(number)).or_else(|| all.remove(&None)).or_else(|| all.pop_first().map(|(_, stars)| stars)).or(Some(Vec::new())),
+            Ok(mut all) => {
+                answer.centroids = all
+                    .remove(&Some(number))
+                    .or_else(|| all.remove(&None))
+                    .or_else(|| all.pop_first().map(|(_, stars)| stars))
+                    .or(Some(Vec::new()));
+            }
             Err(fault) => return unreadable(fault),
         }
     }

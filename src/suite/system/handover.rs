@@ -29,7 +29,11 @@ impl<'a> Handover<'a> {
         let scene = &batch.scene;
         // Memory, where the machine has such a folder: files are read once.
         let shared = Path::new("/dev/shm");
-        let made = if shared.is_dir() { tempfile::Builder::new().prefix("boresight-").tempdir_in(shared).or_else(|_| tempfile::tempdir()) } else { tempfile::tempdir() };
+        let made = if shared.is_dir() {
+            tempfile::Builder::new().prefix("boresight-").tempdir_in(shared).or_else(|_| tempfile::tempdir())
+        } else {
+            tempfile::tempdir()
+        };
         let folder = made.map_err(|source| SuiteError::Write { path: "a folder for images".to_owned(), source })?;
         let recording = declared_recording(scene);
         let header = |number| FitsHeaders::new(&recording.camera, recording.site.as_ref(), &declared_entry(scene, number));
@@ -79,8 +83,12 @@ impl<'a> Handover<'a> {
 
     /// What is true of a frame: for programs that try the harness itself.
     fn truth(&self, frame: &HandedFrame) -> serde_json::Value {
-        let stars: Vec<serde_json::Value> =
-            frame.truth.stars.iter().map(|star| json!([star.x_mean_px, star.y_mean_px, star.electrons_landed, star.hip, star.snr])).collect();
+        let stars: Vec<serde_json::Value> = frame
+            .truth
+            .stars
+            .iter()
+            .map(|star| json!([star.x_mean_px, star.y_mean_px, star.electrons_landed, star.hip, star.snr]))
+            .collect();
         json!({
             "frame": frame.number, "camera_from_icrs": frame.truth.attitude, "velocity_km_s": frame.truth.velocity_km_s,
             "time_utc": frame.truth.time.map(|time| time.to_isoformat() + "Z"), "exposure_s": frame.truth.exposure_s,

@@ -26,7 +26,7 @@ pub(super) struct LastWords {
 }
 
 impl LastWords {
-    const MOST: usize = 4096;
+    const MAX_BYTES: usize = 4096;
 
     pub(super) fn of(mut stream: impl Read + Send + 'static) -> Self {
         let kept = Arc::new(Mutex::new(VecDeque::new()));
@@ -39,7 +39,7 @@ impl LastWords {
                 }
                 let mut kept = own.lock().unwrap_or_else(PoisonError::into_inner);
                 kept.extend(&piece[..count]);
-                let over = kept.len().saturating_sub(Self::MOST);
+                let over = kept.len().saturating_sub(Self::MAX_BYTES);
                 kept.drain(..over);
             }
         });

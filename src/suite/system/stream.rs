@@ -12,8 +12,8 @@ use super::super::error::SuiteError;
 use super::super::frames::HandedFrame;
 use super::super::suite_file::SystemTable;
 use super::filled::{Places, command};
-use super::observed::ObservedAnswer;
 use super::handover::Handover;
+use super::observed::ObservedAnswer;
 use super::process::{LastWords, in_own_group, kill, peak_mib, words_of};
 
 /// A process with its streams.

@@ -62,6 +62,7 @@ fn make() -> Made {
         });
     std::fs::write(at.join("table.csv"), table).unwrap();
     crate::dataset::recipe_in(at, crate::dataset::RECIPE);
+    crate::suite::suite_in(at);
     let few = ["--nulls", "20", "--quiet"];
     let list = ["--family", "null", "--to", "1", "-o", "hidden", "--json"];
     let simulate = ["simulate", "scene.toml", "-o", "night", "--backend", "cpu", "--json"];
@@ -88,6 +89,7 @@ fn make() -> Made {
         ("export", vec!["export", "cal/calibrate.json", "--to", "opencv", "-o", "camera.yml", "--json"]),
         ("import", vec!["import", "camera.yml", "--json"]),
         ("run", vec!["run", "scene.toml", "-o", "ran", "--backend", "cpu", "--misidentify", "0.1", "--json"]),
+        ("test", vec!["test", "suite.toml", "--json"]),
         ("catalog-import", vec!["catalog", "import", "table.csv", "-o", "bright.catalog", "--json"]),
         ("blind", [&["blind", "generate"][..], &list].concat()),
         ("blind", [&["blind", "run", "--nulls", "20"][..], &list].concat()),
@@ -126,6 +128,7 @@ fn add_inputs(at: &Path, made: &mut Made) {
         add("scene", preset.toml);
     }
     add("recipe", crate::dataset::RECIPE);
+    add("suite", crate::suite::SUITE);
     add("recording", &std::fs::read_to_string(at.join("night/recording.toml")).unwrap());
     add(
         "recording",

@@ -80,7 +80,10 @@ fn a_tracker_without_a_fault_is_told_of_none() {
 fn what_attitudes_cannot_show_is_said() {
     let (code, names, sentences) = found("false-per-1000=300", false);
     assert_eq!((code, names.len()), (3, 0), "{names:?}");
-    assert!(sentences.contains("one cannot tell a wrong focal length and wrong star identifications (write camera.json and centroids.csv"), "{sentences}");
+    assert!(
+        sentences.contains("one cannot tell a wrong focal length and wrong star identifications (write camera.json and centroids.csv"),
+        "{sentences}"
+    );
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! What the verdicts of a suite claim, against the scatter of many suites: at the exact limit a PASS is as rare as asked for, and where the truth is
 //! better by four standard errors no suite fails.
 
-use boresight::suite::{ErrorRates, RequirementLimit, RequirementVerdict, MetricSample, Unit, looks, pooled, spent, strata, verdict};
+use boresight::suite::{ErrorRates, MetricSample, RequirementLimit, RequirementVerdict, Unit, looks, pooled, spent, strata, verdict};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
