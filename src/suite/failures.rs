@@ -38,7 +38,9 @@ pub fn folder_name(words: &str) -> String {
     let plain = |letter: char| if letter.is_alphanumeric() || letter == '.' { letter.to_ascii_lowercase() } else { '-' };
     let name: String = words.chars().map(plain).collect();
     let parts: Vec<&str> = name.split('-').filter(|part| !part.is_empty()).collect();
-    parts.join("-").trim_matches('.').to_owned()
+    let name = parts.join("-");
+    let name = name.trim_matches(['.', '-']);
+    if name.is_empty() { "case".to_owned() } else { name.to_owned() }
 }
 
 /// The text of a scene of one frame of a case.
@@ -108,6 +110,6 @@ mod tests {
     #[test]
     fn names_of_folders_are_plain() {
         assert_eq!(super::folder_name("Lost in space, slewing: 0.5 °/s"), "lost-in-space-slewing-0.5-s");
-        assert_eq!(super::folder_name("../x"), "x");
+        assert_eq!((super::folder_name("../x").as_str(), super::folder_name("…").as_str()), ("x", "case"));
     }
 }

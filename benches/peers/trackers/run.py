@@ -1,6 +1,6 @@
 """tetra3rs, cedar-solve, astrometry.net and, where LOST_BIN names it, LOST through one suite beside boresight: a page of figures.
 
-`python run.py BORESIGHT FRAMES PAGE`. A program that is not there is named as left out.
+`python run.py BORESIGHT FRAMES PAGE [NOTE]`. A program that is not there is named as left out.
 """
 
 import json
@@ -104,12 +104,13 @@ def main() -> None:
     for name in SYSTEMS:
         rows.append(row(name, boresight, frames))
         print(rows[-1], flush=True)
+    note = " " + sys.argv[4] if len(sys.argv) > 4 else ""
     version = subprocess.run([boresight, "--version"], capture_output=True, text=True).stdout.strip()
     page.write_text(
         "# Star trackers through one suite\n\n"
         f"`make trackers` ({version}): {frames} frames of 1024², {WIDTH_DEG} degrees wide, by chance over the sky, the same for all; right within 120 arcsec. Stellar aberration is in the\n"
         "frames: cedar-solve and astrometry.net leave it out by design, and the suite names it. The latency of a program that is started for each frame (astrometry.net, LOST)\n"
-        "has its start in it; that of boresight is without the image file.\n\n"
+        f"has its start in it; that of boresight is without the image file.{note}\n\n"
         "| system | frames | right | wrong | none | boresight rms/arcsec | p95/arcsec | latency p50/ms | faults named |\n|---|---|---|---|---|---|---|---|---|\n"
         + "\n".join(rows)
         + "\n"

@@ -16,7 +16,8 @@ def tetra3rs_solver(width_deg: float):
     database = tetra3rs.SolverDatabase.generate_from_gaia(max_fov_deg=1.2 * width_deg, min_fov_deg=0.8 * width_deg, epoch_proper_motion_year=2026.2)
 
     def solve(counts: np.ndarray, time_utc: str) -> dict:
-        found = tetra3rs.extract_centroids(counts.astype(np.float32))
+        # Its default of 5 sigma takes noise of these frames for stars by the hundred, some of them the brightest: then it finds no match.
+        found = tetra3rs.extract_centroids(counts.astype(np.float32), sigma_threshold=15.0)
         velocity = list(tetra3rs.earth_barycentric_velocity(datetime.fromisoformat(time_utc)))
         solved = database.solve_from_centroids(
             found.centroids, fov_estimate_deg=width_deg, fov_max_error_deg=0.1 * width_deg, image_shape=counts.shape, observer_velocity_km_s=velocity

@@ -31,7 +31,7 @@ pub(super) fn folder(suite: &str) -> tempfile::TempDir {
 }
 
 /// A suite of a scene that lies beside it as scene.toml, for the tests of all verbs.
-pub(crate) const SUITE: &str = "format = \"boresight-suite/1\"\n[[case]]\nname = \"all sky\"\nscene = \"scene.toml\"\nframes = 12\nattitudes = \"uniform\"\n\
+pub(crate) const SUITE: &str = "format = \"boresight-suite/1\"\n[[case]]\nname = \"all sky\"\nscene = \"scene.toml\"\nframes = 12\nattitudes = \"uniform\"\nwithin_arcsec = 900\n\
                                 sweep = { path = \"detector.read_noise_e\", values = [5.0, 6.0], name = \"noise\" }\n\
                                 [[case.require]]\nmetric = \"acquisition.correct_rate\"\nat_least = 0.7\nwhen = \"noise <= 6\"\n\
                                 [[case.require]]\nmetric = \"attitude.cross_boresight_arcsec.rms\"\nat_most = 1e-6\nlevel = \"stretch\"\n";
