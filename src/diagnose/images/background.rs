@@ -9,13 +9,13 @@ mod tests;
 
 use std::collections::BTreeMap;
 
+use super::expected_stars::StarMeasurement;
 use super::proposed::{ChannelState, Pixels};
 use super::rows::{Kind, Parameter, Question, Row, Rows, Shared, Shown};
 use super::sky_columns::{Asked, asked};
 use super::sky_light::SkyLight;
 use super::sky_noise::{MIN_FIELDS, SkyNoise, polynomials};
 use super::sky_view::glows;
-use super::stars::StarMeasurement;
 use crate::diagnose::channels::Channel;
 
 /// Name of the rows.

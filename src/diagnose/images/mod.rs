@@ -9,6 +9,7 @@ mod copies;
 mod copies_tests;
 mod counted;
 mod ends_and_rays;
+mod expected_stars;
 mod halo;
 mod jitter;
 mod judge;
@@ -41,12 +42,12 @@ mod transfer_tests;
 mod turns;
 mod withheld;
 
+pub use expected_stars::StarMeasurement;
 pub use noise::DeclaredDetector;
 pub use rendered::StampCamera;
 pub use report::ImageMeasurements;
 pub(super) use report::add_images;
 pub use sky_view::SkyView;
-pub use stars::StarMeasurement;
 
 /// aᵀ·b; the library's own product with a transposed matrix is many times slower.
 fn products(a: &nalgebra::DMatrix<f64>, b: &nalgebra::DMatrix<f64>) -> nalgebra::DMatrix<f64> {

@@ -1,7 +1,7 @@
 //! Patterns without a name that the rows of stars are held against: where a mismatch shows that no effect explains.
 
+use super::expected_stars::StarMeasurement;
 use super::rows::{Question, Rows};
-use super::stars::StarMeasurement;
 
 /// A pattern over the rows of one kind, and the covariate that it follows.
 pub(super) fn patterns(rows: &Rows, stars: &[StarMeasurement]) -> Vec<Question> {

@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use super::expected_stars::StarMeasurement;
 use super::row_fit::RowFit;
 use super::row_noise::weight;
 use super::rows::{Kind, KindNoise, Rows};
-use super::stars::{MAGNITUDE, SIZE, StarMeasurement};
+use super::stars::{MAGNITUDE, SIZE};
 use crate::diagnose::image_profiles::{ImageProfile, ImageShape, ShapeCell};
 use crate::diagnose::profile_bin::ProfileBin;
 

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
-use super::stars::ExpectedStar;
+use super::expected_stars::ExpectedStar;
 use crate::camera::Camera;
 use crate::diagnose::options::ImageConditions;
 use crate::diagnose::stamp_scenes::{StarLayout, gaussian, grid, layouts, room_px, scene, told, unit_shift, with_stage};

@@ -1,6 +1,9 @@
+//! Columns that are rendered: as of stars alone, as of the formulas, and found in light and shape.
+
+use super::super::expected_stars::StarMeasurement;
 use super::super::judge::{Asked, judge};
 use super::super::rows::Rows;
-use super::super::stars::{StarMeasurement, rows_of_stars};
+use super::super::stars::rows_of_stars;
 use super::super::tests::{FRAMES, asked, found, nothing, size, stars as drawn};
 use super::*;
 use crate::effects::detector::charge_transfer_inefficiency::ChargeTransferInefficiency;
@@ -17,7 +20,7 @@ fn stamps() -> StampCamera {
 
 /// Stars of which nothing is missing, as the rows expect them.
 fn expected(stars: &[StarMeasurement]) -> Vec<ExpectedStar> {
-    super::super::stars::expected_bright(stars)
+    super::super::expected_stars::expected_bright(stars)
 }
 
 fn numbers(response: &ImageResponse) -> [f64; 6] {

@@ -3,10 +3,10 @@
 use std::f64::consts::TAU;
 
 use super::counted::Counted;
+use super::expected_stars::StarMeasurement;
 use super::judge::{Judged, Pixels, judge};
 use super::noise::DeclaredDetector;
 use super::single_frames::single_frames;
-use super::stars::StarMeasurement;
 use super::tests::{FRAMES, asked, nothing, stars};
 use crate::pixel_statistics::{FrameNoise, PixelStatistics};
 

@@ -8,7 +8,7 @@
 
 use std::collections::BTreeMap;
 
-use super::stars::StarMeasurement;
+use super::expected_stars::StarMeasurement;
 use crate::pixel_statistics::SkyMesh;
 use crate::statistics::{median, median_in_place};
 

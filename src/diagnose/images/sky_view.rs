@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use super::expected_stars::StarMeasurement;
 use super::rows::{Parameter, Shown};
 use super::sky_columns::Asked;
 use super::sky_light::SkyLight;
-use super::stars::StarMeasurement;
 use crate::effects::sky::airglow::Airglow;
 use crate::effects::sky::glow::{Circumstances, Needs, SKY_GLOWS, SkyGlow};
 use crate::statistics::median_in_place;

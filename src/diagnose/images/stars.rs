@@ -2,13 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use super::expected_stars::{StarMeasurement, expected_bright};
 use super::rendered::{self, RenderedColumn, StampCamera};
 use super::rows::{Kind, Parameter, Question, Row, Rows, Shared, Shown};
-use crate::detect::Moments;
 use crate::diagnose::causes::IMAGE_CAUSES;
 use crate::diagnose::channels::Channel;
-use crate::effects::{IMAGE_EFFECTS, ImageContext, ImageEffect, ImageResponse, MAGNITUDES};
-use crate::statistics::median;
+use crate::effects::{IMAGE_EFFECTS, ImageEffect, ImageResponse, MAGNITUDES};
 
 /// Name of the rows that tell the brightness of stars.
 pub(super) const MAGNITUDE: &str = "magnitude less the catalogue's";
@@ -17,37 +16,12 @@ pub(super) const SIZE: &str = "size of the image";
 /// Of those that tell their elongation along x and along the diagonal.
 pub(super) const ELONGATION: &str = "elongation along x";
 pub(super) const DIAGONAL: &str = "elongation along the diagonal";
-/// Stars that are expected to be fainter than this are found where noise has made them brighter, and tell that.
-const MIN_SNR: f64 = 10.0;
-/// Fewer bright stars tell no zero point of a frame.
-const MIN_ZERO: usize = 5;
 /// Harmonics of the place in the pixel that are nuisance parameters, and the rows that there must be.
 const HARMONICS: &[(f64, usize)] = &[(1.0, 60), (2.0, 200)];
 /// Fewer rows of a kind are no kind.
 const MIN_ROWS: usize = 30;
 /// An effect is asked for where so large a part of the stars has what it depends on.
 const MIN_KNOWN: f64 = 0.75;
-
-/// What was measured of one star image beside its place.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StarMeasurement {
-    /// The control point that it belongs to.
-    pub point: usize,
-    /// Number of its frame in the recording.
-    pub frame: usize,
-    /// Number of its star.
-    pub star: usize,
-    /// V of the catalogue.
-    pub magnitude: f64,
-    /// Light above the background, DN.
-    pub flux_dn: f64,
-    /// Its standard error.
-    pub flux_sigma_dn: f64,
-    /// Moments, where they were measured.
-    pub moments: Option<Moments>,
-    /// What brightness and shape may depend on.
-    pub image: ImageContext,
-}
 
 /// The kinds in which a star has rows, in this order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,16 +82,6 @@ impl StarKind {
             Self::SkewY => response.skewness[1],
         }
     }
-}
-
-/// A star that is bright enough by the catalogue, what depends on its brightness taken at the expected one.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct ExpectedStar {
-    pub(super) star: StarMeasurement,
-    /// Expected light, DN.
-    pub(super) flux_dn: f64,
-    /// Expected signal-to-noise ratio.
-    snr: f64,
 }
 
 /// A star's row of a kind.
@@ -194,40 +158,6 @@ fn phases(phase_px: &[[f64; 2]]) -> Vec<Vec<f64>> {
         .flat_map(|harmonic| [0, 1].into_iter().flat_map(move |axis| [f64::sin, f64::cos].map(|of| (axis, harmonic, of as fn(f64) -> f64))))
         .map(|(axis, harmonic, of)| column(axis, harmonic, of))
         .collect()
-}
-
-/// The stars that are bright enough by the catalogue, whatever was measured of them, each with its expected signal-to-noise ratio. A choice by the
-/// measured flux would prefer what noise has made brighter, and a column that holds it would follow the errors of the fluxes: what depends on
-/// brightness is taken at the expected one. The zero point is that of the frame's bright stars.
-pub(super) fn expected_bright(stars: &[StarMeasurement]) -> Vec<ExpectedStar> {
-    let is_bright = |star: &&StarMeasurement| star.flux_dn > 3.0 * MIN_SNR * star.flux_sigma_dn && star.magnitude.is_finite();
-    let zero_point = |star: &StarMeasurement| -2.5 * star.flux_dn.log10() - star.magnitude;
-    let all: Vec<f64> = stars.iter().filter(is_bright).map(zero_point).collect();
-    // The error of a flux hardly hangs on the flux of a faint star: that of the typical faint one stands for all.
-    let faint: Vec<f64> = stars.iter().filter(|star| !is_bright(star)).map(|star| star.flux_sigma_dn).collect();
-    let (Some(common), Some(sigma_dn)) =
-        (median(&all), median(&faint).or_else(|| median(&stars.iter().map(|star| star.flux_sigma_dn).collect::<Vec<_>>())))
-    else {
-        return Vec::new();
-    };
-    let mut by_frame: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
-    for star in stars.iter().filter(is_bright) {
-        by_frame.entry(star.frame).or_default().push(zero_point(star));
-    }
-    let by_frame: BTreeMap<usize, f64> =
-        by_frame.into_iter().filter(|(_, own)| own.len() >= MIN_ZERO).filter_map(|(frame, own)| Some((frame, median(&own)?))).collect();
-    // A peak is lower where charge has moved, and by the place in the pixel: what a star of so much light has on average stands for it.
-    let per_dn = median(&stars.iter().filter(is_bright).filter_map(|star| Some(star.image.fullness? / star.flux_dn)).collect::<Vec<_>>());
-    let expected = |star: &StarMeasurement| {
-        let zero_point = by_frame.get(&star.frame).copied().unwrap_or(common);
-        let flux_dn = 10.0_f64.powf(-0.4 * (star.magnitude + zero_point));
-        let ratio = flux_dn / star.flux_dn;
-        let mut own = *star;
-        own.image.fullness = own.image.fullness.and(per_dn).map(|per_dn| per_dn * flux_dn);
-        own.image.relative_flux = own.image.relative_flux.map(|flux| flux * ratio);
-        ExpectedStar { star: own, flux_dn, snr: flux_dn / sigma_dn }
-    };
-    stars.iter().filter(|star| star.flux_dn > 0.0).map(expected).filter(|own| own.snr > MIN_SNR).collect()
 }
 
 /// The question of a column that was rendered; nothing where too few stars have it.

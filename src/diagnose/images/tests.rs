@@ -4,9 +4,9 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
+use super::expected_stars::StarMeasurement;
 use super::judge::{Asked, Judged, Pixels, judge};
 use super::noise::DeclaredDetector;
-use super::stars::StarMeasurement;
 use crate::detect::Moments;
 use crate::effects::ImageContext;
 use crate::pixel_statistics::{Estimate, FrameNoise, PixelStatistics};

@@ -6,10 +6,10 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
+use super::super::expected_stars::StarMeasurement;
 use super::super::judge::{Judged, Pixels, judge};
 use super::super::noise::DeclaredDetector;
 use super::super::sky_view::SkyView;
-use super::super::stars::StarMeasurement;
 use super::super::tests::{Added, FRAMES, asked, found, nothing, size, stars};
 use crate::diagnose::channels::Channel;
 use crate::effects::sky::glow::{Circumstances, Moon, sky_glow};
