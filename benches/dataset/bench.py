@@ -134,7 +134,7 @@ def main() -> None:
         line = (
             f"{'SatSim ' + version.stdout.strip() + ': 512², 100 stars, FITS and annotations, on the CPU':<74} {asked.satsim_frames:>7} {each:>15.1f}"
         )
-        ratio = f"SatSim takes {each / first:.0f} times as long for a frame as the first row (target: 20)."
+        ratio = f"SatSim takes {each / first:.1f} times as long for a frame as the first row (target: 20)."
         text += [line, "", ratio]
         print(f"{line}\n\n{ratio}")
         wrong += [ratio] if each < 20 * first else []
