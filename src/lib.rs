@@ -66,7 +66,7 @@
 //! | `gpu` | wgpu: frames rendered on a GPU | the CPU does the same; `Backend::Gpu` says that there is none |
 //! | `plots` | pictures (PNG) of results | they are left out, with a warning |
 //! | `parquet` | Parquet beside the CSV tables | CSV alone |
-//! | `bench` | the benchmark of concealed recordings; inner rooms become public for the project's own tests and studies | a small interface |
+//! | `bench` | datasets, suites of tests, pages and the benchmark of concealed recordings, for the program; inner rooms become public for the project's own tests and studies | a small interface |
 //!
 //! All are on by default. A library that identifies and calibrates needs none of them: `boresight = { version = "0.1", default-features = false }`. What is
 //! public with `bench` alone may change in any version.
@@ -147,11 +147,7 @@ pub mod suite;
 pub mod units;
 
 #[cfg(not(feature = "bench"))]
-mod dataset;
-#[cfg(not(feature = "bench"))]
 mod dual;
-#[cfg(not(feature = "bench"))]
-mod formats;
 #[cfg(not(feature = "bench"))]
 mod gpu;
 #[cfg(not(feature = "bench"))]
@@ -160,8 +156,6 @@ mod guard;
 mod imaging;
 #[cfg(not(feature = "bench"))]
 mod pixel_statistics;
-#[cfg(not(feature = "bench"))]
-mod report;
 #[cfg(not(feature = "bench"))]
 mod rng;
 #[cfg(not(feature = "bench"))]

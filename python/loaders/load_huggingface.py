@@ -43,7 +43,7 @@ def features(folder: str | Path) -> Features:
     }
     labels |= {"effects": Sequence(Value("string")), "lights": {name: Sequence(Value(kind)) for name, kind in LIGHTS.items()}}
     if said["image"] != "png16" or "clean" in said["members"]:
-        raise ValueError("datasets reads PNG members alone: take load_numpy, or of .npy load_webdataset or load_torch")
+        raise ValueError("datasets reads PNG members alone: take load_numpy, load_webdataset or load_torch")
     images = {f"{name}.png": Image() for name in ("image", *said["members"])}
     return Features({"__key__": Value("string"), "__url__": Value("string"), "json": labels} | images)
 

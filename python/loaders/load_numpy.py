@@ -15,7 +15,7 @@ def decoded(name: str, data: bytes):
     if name.endswith("json"):
         return json.loads(data)
     if name.endswith("fits"):
-        from astropy.io import fits  # needed for images = "fits-rice" alone
+        from astropy.io import fits  # needed for image = "fits-rice" alone
 
         return fits.getdata(io.BytesIO(data), 1).astype(np.uint16)
     return np.load(io.BytesIO(data)) if name.endswith("npy") else np.asarray(Image.open(io.BytesIO(data)))

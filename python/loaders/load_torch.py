@@ -15,7 +15,12 @@ def decoded(name: str, data: bytes):
     """A member; counts as float32, which holds 16 bits exactly: torch before 2.3 has no uint16."""
     if name.endswith("json"):
         return json.loads(data)
-    pixels = np.load(io.BytesIO(data)) if name.endswith("npy") else np.asarray(Image.open(io.BytesIO(data)))
+    if name.endswith("fits"):
+        from astropy.io import fits  # needed for image = "fits-rice" alone
+
+        pixels = fits.getdata(io.BytesIO(data), 1)
+    else:
+        pixels = np.load(io.BytesIO(data)) if name.endswith("npy") else np.asarray(Image.open(io.BytesIO(data)))
     return torch.from_numpy(pixels.astype(np.uint8 if pixels.dtype == np.uint8 else np.float32))
 
 

@@ -15,6 +15,10 @@ def decoded(name: str, data: bytes):
         return json.loads(data)
     if name.endswith(".npy"):
         return np.load(io.BytesIO(data))
+    if name.endswith(".fits"):
+        from astropy.io import fits  # needed for image = "fits-rice" alone
+
+        return fits.getdata(io.BytesIO(data), 1).astype(np.uint16)
     return np.asarray(Image.open(io.BytesIO(data))) if name.endswith(".png") else None
 
 

@@ -113,14 +113,18 @@ pub(super) fn student_t(share: f64, freedom: f64) -> f64 {
     if y < 1.0 { (freedom * (1.0 - y) / y).sqrt() } else { 0.0 }
 }
 
-/// The quantile of χ²: from the approximation of Wilson & Hilferty (PNAS 17, 684, 1931) by bisection.
+/// The quantile of χ², by bisection.
 #[must_use]
 pub(super) fn chi_squared(share: f64, freedom: f64) -> f64 {
     let half = 0.5 * freedom;
     // The smaller tail has more digits.
     let is_below = |x: f64| if share < 0.5 { gamma_lr(half, 0.5 * x) < share } else { gamma_ur(half, 0.5 * x) > 1.0 - share };
     let spread = (2.0 * freedom).sqrt();
-    let (mut low, mut high) = (0.0, freedom + 10.0 * spread + 60.0);
+    crossing(0.0, freedom + 10.0 * spread + 60.0, is_below)
+}
+
+/// Where `is_below` turns from true to false between two numbers, by bisection to the last digits.
+fn crossing(mut low: f64, mut high: f64, is_below: impl Fn(f64) -> bool) -> f64 {
     for _ in 0..200 {
         let middle = f64::midpoint(low, high);
         if middle <= low || middle >= high {
@@ -148,22 +152,11 @@ pub(super) fn fisher_f(share: f64, above: f64, below: f64) -> f64 {
         let y = above * x / above.mul_add(x, below);
         beta_reg(0.5 * above, 0.5 * below, y) < share
     };
-    let (mut low, mut high) = (0.0, 1.0);
+    let mut high = 1.0;
     while is_below(high) && high < 1e12 {
         high *= 2.0;
     }
-    for _ in 0..200 {
-        let middle = f64::midpoint(low, high);
-        if is_below(middle) {
-            low = middle;
-        } else {
-            high = middle;
-        }
-        if high - low < 1e-12 * high {
-            break;
-        }
-    }
-    f64::midpoint(low, high)
+    crossing(0.0, high, is_below)
 }
 
 #[cfg(test)]

@@ -150,10 +150,10 @@ def astropy_reads_the_same_of_simulate(made):
 
 
 def webdataset_reads_every_sample(made):
-    """webdataset with our decoder, of PNG and of arrays, in order and shuffled by shards."""
+    """webdataset with our decoder, of PNG, arrays and FITS, in order and shuffled by shards."""
     from load_webdataset import pipeline
 
-    for kind, end in (("png", "png"), ("npy", "npy")):
+    for kind, end in (("png", "png"), ("npy", "npy"), ("rice", "fits")):
         for split, more in ((split, more) for split in FRAMES for more in ({}, {"shardshuffle": 100})):
             keys = []
             for sample in pipeline(made.at(kind), split, **more):
@@ -161,7 +161,7 @@ def webdataset_reads_every_sample(made):
                 clean = {"clean": sample["clean.npy"]} if kind == "npy" else {}
                 made.same(keys[-1], sample[f"image.{end}"], sample["json"], mask=sample["mask.png"], distance=sample["distance.png"], **clean)
             made.all(keys, split)
-    return f"{4 * len(made.alone)} samples"
+    return f"{6 * len(made.alone)} samples"
 
 
 def eight_bits_are_caught(made):
@@ -215,7 +215,7 @@ def polars_reads_every_light(made):
 def torch_reads_every_sample(made, python):
     """torch's DataLoader with no, 2 and 4 workers, and with more workers than there are shards; in a Python of its own."""
     into, workers, said = os.path.join(made.folder, "torch.npz"), (0, 2, 4, 7), []
-    for kind in ("png", "npy"):
+    for kind in made.recipes:
         for split in FRAMES:
             said = ran(python, os.path.join(HERE, "torch_loader.py"), LOADERS, made.at(kind), split, into, *workers).split()
             with np.load(into) as read:

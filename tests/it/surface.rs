@@ -8,11 +8,12 @@ use crate::house::{relative, root, source_files};
 const FEATURES: [&str; 5] = ["cli", "gpu", "plots", "parquet", "bench"];
 
 /// The crates that a feature brings, as the code names them, and where below `src` they may be named.
-const GATED: [(&str, &[&str], &str); 4] = [
+const GATED: [(&str, &[&str], &str); 5] = [
     ("cli", &["anyhow", "clap", "clap_complete", "clap_mangen", "indicatif", "signal_hook", "terminal_size", "tracing_subscriber"], "cli"),
     ("gpu", &["pollster", "wgpu"], "gpu"),
     ("plots", &["epaint_default_fonts", "plotters", "plotters_backend", "skrifa", "zeno"], "report/drawing"),
     ("parquet", &["parquet"], "report/parquet_file.rs"),
+    ("bench", &["quick_junit"], "suite"),
 ];
 
 fn manifest() -> toml::Table {

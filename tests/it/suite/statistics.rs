@@ -9,6 +9,8 @@ use rand_pcg::Pcg64;
 const CONFIDENCE: f64 = 0.95;
 /// Of 1000 suites at a probability of 5 %, 66 or fewer pass in 99 of 100 cases.
 const MOST_OF_1000: usize = 66;
+/// The same of 10,000.
+const MOST_OF_10_000: usize = 551;
 
 /// A kind of metric: how a sample grows by frames, from the distance of the truth to the limit in its own units.
 struct Kind {
@@ -179,14 +181,15 @@ fn bounds_without_a_margin_pass_half_of_the_suites() {
     assert!((400..600).contains(&pass), "{pass}");
 }
 
-/// The components of a nested design: what is put in comes out, and at the exact limit few suites pass.
+/// The components of a nested design: what is put in comes out, and at the exact limit few suites pass. Satterthwaite's degrees of freedom are an
+/// approximation, so ten thousand suites are counted.
 #[test]
 fn components_of_variance_are_those_that_were_put_in() {
     let truth = [0.7_f64, 0.5, 0.9]; // noise, pixel, field
-    let mut chance = Pcg64::seed_from_u64(7);
+    let mut chance = Pcg64::seed_from_u64(5);
     let mut passes = [0; 3];
     let mut sums = [0.0; 3];
-    for _ in 0..1000 {
+    for _ in 0..10_000 {
         let mut axis = || -> Vec<Vec<Vec<f64>>> {
             let fields = (0..12).map(|_| {
                 let field = truth[2] * normal(&mut chance);
@@ -205,13 +208,13 @@ fn components_of_variance_are_those_that_were_put_in() {
         for (level, truth) in truth.into_iter().enumerate() {
             let limit = RequirementLimit::AtMost(truth);
             let bounded = MetricSample::Component { strata: both.clone(), level }.bounds(limit.risk(errors(1))).unwrap();
-            sums[level] += bounded.value * bounded.value / 1000.0;
+            sums[level] += bounded.value * bounded.value / 10_000.0;
             passes[level] += usize::from(verdict(&bounded, limit) == RequirementVerdict::Pass);
         }
     }
-    println!("components: {passes:?} PASS of 1000 at the exact limit");
+    println!("components: {passes:?} PASS of 10,000 at the exact limit");
     for ((pass, sum), truth) in passes.into_iter().zip(sums).zip(truth) {
-        assert!((5..=MOST_OF_1000).contains(&pass), "{passes:?}");
+        assert!((300..=MOST_OF_10_000).contains(&pass), "{passes:?}");
         assert!((sum - truth * truth).abs() < 0.03, "{sums:?}");
     }
 }
