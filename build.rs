@@ -2,12 +2,15 @@
 //!
 //! Of what: the variable of that name in the environment, if it is set; else the commit that is checked out here, with `-dirty` where tracked files
 //! differ from it; else that of a crate from a registry. Builds for development do not ask git, since each commit would compile them anew.
+//!
+//! Also shortens the JSON Schemas that the program holds.
 
 use std::path::Path;
 use std::process::Command;
 
-fn main() {
+fn main() -> std::io::Result<()> {
     println!("cargo::rerun-if-changed=build.rs");
+    schemas()?;
     println!("cargo::rerun-if-env-changed=BORESIGHT_COMMIT");
     let root = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();
     let given = std::env::var("BORESIGHT_COMMIT").ok();
@@ -16,6 +19,45 @@ fn main() {
     if let Some(commit) = found.filter(|commit| is_plausible(commit)) {
         println!("cargo::rustc-env=BORESIGHT_COMMIT={commit}");
     }
+    Ok(())
+}
+
+/// The JSON Schemas without the spaces and line ends that make them readable, which are two fifths of their text, for the program to hold.
+fn schemas() -> std::io::Result<()> {
+    let out = std::env::var("OUT_DIR").unwrap_or_default();
+    for (from, to) in [("src/formats/schemas", "schemas"), ("src/scene/schema.json", "scene-schema.json")] {
+        println!("cargo::rerun-if-changed={from}");
+        let to = Path::new(&out).join(to);
+        if Path::new(from).is_file() {
+            shorten(Path::new(from), &to)?;
+            continue;
+        }
+        std::fs::create_dir_all(&to)?;
+        for entry in std::fs::read_dir(from)? {
+            let file = entry?.path();
+            if let Some(name) = file.file_name() {
+                shorten(&file, &to.join(name))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+fn shorten(from: &Path, to: &Path) -> std::io::Result<()> {
+    let text = std::fs::read_to_string(from)?;
+    let (mut is_word, mut is_escaped) = (false, false);
+    let short: String = text
+        .chars()
+        .filter(|c| {
+            let keeps = is_word || !c.is_ascii_whitespace();
+            if *c == '"' && !is_escaped {
+                is_word = !is_word;
+            }
+            is_escaped = *c == '\\' && !is_escaped;
+            keeps
+        })
+        .collect();
+    std::fs::write(to, short)
 }
 
 /// Letters and digits, and what marks a changed tree; so that nothing else gets into results.

@@ -12,6 +12,7 @@ use crate::camera::Camera;
 use crate::coordinates::PixelPoint;
 use crate::effects::ids;
 use crate::identify::ControlPoints;
+use crate::statistics::order::descending;
 
 /// So many star images stand as far out as the circle reaches, or farther: fewer may be wrong identifications.
 const FARTHEST: usize = 3;
@@ -36,7 +37,7 @@ impl LitCircle {
         let centre_px = points.nominal.principal_point_px;
         let from_centre = |x_px: f64, y_px: f64| (x_px - centre_px[0]).hypot(y_px - centre_px[1]);
         let mut radii: Vec<f64> = points.points.iter().map(|point| from_centre(point.x_px, point.y_px)).collect();
-        radii.sort_by(|a, b| b.total_cmp(a));
+        descending(&mut radii, |a| *a);
         let radius_px = MARGIN * radii.get(FARTHEST - 1)?;
         let (right, bottom) = (points.nominal.width_px as f64 - 1.0, points.nominal.height_px as f64 - 1.0);
         let corners = [(0.0, 0.0), (right, 0.0), (0.0, bottom), (right, bottom)];

@@ -32,6 +32,7 @@ use super::geometry::{Matrix6, Scaling, Vector6};
 use super::pairs::{FrameStars, Pairs};
 use super::{CalibrateError, Iteration, Status};
 use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES};
+use crate::statistics::order::descending;
 
 /// Smallest ratio of the eigenvalues of AᵀPA (in pixels of mapping) at which its solution still has correct digits.
 const SMALLEST_EIGENVALUE_RATIO: f64 = 1e-13;
@@ -177,7 +178,7 @@ pub(super) fn combination(vector: &Vector6) -> String {
     let largest = vector.amax();
     let mut parts: Vec<(f64, &str)> =
         vector.iter().zip(PARAMETER_NAMES).filter(|(v, _)| v.abs() > 0.2 * largest).map(|(v, name)| (*v, name)).collect();
-    parts.sort_by(|a, b| b.0.abs().total_cmp(&a.0.abs()));
+    descending(&mut parts, |a| a.0.abs());
     parts.iter().map(|(_, name)| *name).collect::<Vec<_>>().join(", ")
 }
 

@@ -10,6 +10,7 @@ use super::plan::DatasetPlan;
 use crate::catalog::Catalog;
 use crate::coordinates::Direction;
 use crate::dual::dot;
+use crate::statistics::order::ascending;
 
 /// What two splits share.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -90,7 +91,7 @@ fn shared(names: [&str; 2], a: &Seen, b: &Seen) -> SharedBySplits {
 /// The smallest angle between two sets of directions, by their heights in order: nothing farther in height can be nearer.
 pub(super) fn nearest_rad(a: &[[f64; 3]], b: &[[f64; 3]]) -> Option<f64> {
     let mut sorted: Vec<&[f64; 3]> = b.iter().collect();
-    sorted.sort_by(|one, other| one[2].total_cmp(&other[2]));
+    ascending(&mut sorted, |one| one[2]);
     // The smallest square of a chord so far.
     let mut nearest = f64::INFINITY;
     let chord = |one: &[f64; 3], other: &[f64; 3]| {

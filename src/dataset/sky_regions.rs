@@ -7,6 +7,7 @@
 
 use super::chance::AddressedChance;
 use crate::dual::dot;
+use crate::statistics::order::ascending;
 
 /// Parts along the side of a cell.
 const PARTS: usize = 16;
@@ -187,7 +188,7 @@ fn distances_rad(owner: &[usize], side: usize, up_to_rad: f64) -> Vec<f64> {
         let lowest = if up_to_rad + slack + reach < std::f64::consts::PI { (up_to_rad + slack + reach).cos() } else { -2.0 };
         let others = (0..owner.len()).filter(|other| owner[*other] != owner[cell] && dot(middles[cell], middles[*other]) >= lowest);
         let mut others: Vec<(f64, usize)> = others.map(|other| (angle_rad(middles[cell], middles[other]), other)).collect();
-        others.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ascending(&mut others, |a| a.0);
         others
     };
     let others: Vec<Vec<(f64, usize)>> = (0..owner.len()).into_par_iter().map(of_cell).collect();

@@ -14,6 +14,7 @@ use super::psf::Profile;
 use super::stamp::{Photons, Stamp};
 use crate::statistics::cholesky::inverse;
 use crate::statistics::median;
+use crate::statistics::order::descending;
 
 /// A star that may tell the image: its pixels and how a Gaussian fits them.
 #[derive(Clone, Debug)]
@@ -115,7 +116,7 @@ pub(super) fn learn_with(chosen: &[&PsfStar], most: Terms) -> (Option<EmpiricalP
 /// The brightest stars, as many as have so many pixels.
 pub(super) fn brightest(stars: &[PsfStar], most_pixels: usize) -> Vec<&PsfStar> {
     let mut chosen: Vec<&PsfStar> = stars.iter().collect();
-    chosen.sort_by(|a, b| b.snr.total_cmp(&a.snr));
+    descending(&mut chosen, |a| a.snr);
     let mut pixels = 0;
     chosen.retain(|s| {
         pixels += s.stamp.data.len();

@@ -11,6 +11,7 @@ use super::fit::Freedom;
 use super::image_model::Model;
 use super::psf::Profile;
 use crate::statistics::cholesky::{inverse, solve};
+use crate::statistics::order::ascending;
 use crate::statistics::{mad_sigma, median};
 
 /// A star with its pixels, and where the sky says that it is.
@@ -175,7 +176,7 @@ fn less_smooth(stars: &[PredictedStar], measured: &[Option<Place>], own: &[usize
 fn scatter_px(measured: &[Option<Place>], off: &[Option<[f64; 2]>]) -> f64 {
     let mut told: Vec<(f64, [f64; 2])> =
         measured.iter().zip(off).filter_map(|(place, off)| Some((place.as_ref()?.variance_px2(), (*off)?))).collect();
-    told.sort_by(|a, b| a.0.total_cmp(&b.0));
+    ascending(&mut told, |a| a.0);
     told.truncate(told.len().div_ceil(2));
     let both: Vec<f64> = told.iter().flat_map(|(_, off)| *off).collect();
     let noise = median(&told.iter().map(|(variance, _)| *variance).collect::<Vec<_>>()).unwrap_or(0.0);

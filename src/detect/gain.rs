@@ -10,6 +10,7 @@ use super::fit::{Fit, Freedom};
 use super::image_model::Model;
 use super::stamp::Scene;
 use crate::statistics::cholesky::inverse;
+use crate::statistics::order::ascending;
 
 /// Stars fainter than this tell nothing, brighter than that tell more of the Gaussian's misfit than of photons.
 const SNR_RANGE: (f64, f64) = (8.0, 60.0);
@@ -65,7 +66,7 @@ pub(super) fn variance_per_dn(scene: &Scene<'_>, samples: &[Sample], until: f64)
     let mut chosen: Vec<&Sample> = samples.iter().filter(|s| s.snr > SNR_RANGE.0 && s.snr < SNR_RANGE.1).collect();
     if chosen.len() < MIN_STARS {
         chosen = samples.iter().filter(|s| s.snr > SNR_RANGE.0).collect();
-        chosen.sort_by(|a, b| a.snr.total_cmp(&b.snr));
+        ascending(&mut chosen, |a| a.snr);
     }
     // spread over the list, not its first
     let step = chosen.len().div_ceil(MAX_STARS).max(1);

@@ -7,6 +7,7 @@ use super::companion::{Image, IsolatedFit};
 use super::field_fit::FieldFit;
 use super::stamp::Scene;
 use crate::statistics::cholesky::solve;
+use crate::statistics::order::ascending;
 use crate::statistics::{mad_sigma, median};
 
 /// Stars that tell what images are like: from this signal-to-noise ratio on, so many near by, at least and at most.
@@ -116,7 +117,7 @@ impl ReferenceStars {
 
 /// The value below which a share of the weight lies.
 fn weighted_quantile(mut values: Vec<(f64, f64)>, share: f64) -> f64 {
-    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    ascending(&mut values, |a| a.0);
     let below = share * values.iter().map(|v| v.1).sum::<f64>();
     let mut sum = 0.0;
     let reaches = |v: &&(f64, f64)| {

@@ -7,6 +7,7 @@
 use super::gain::{GainStatistics, pooled};
 use super::image_model::axis_shares;
 use crate::frame::Frame;
+use crate::statistics::order::ascending;
 
 /// Fainter stars tell nothing, brighter ones more of their image than of photons.
 const SNR_RANGE: (f64, f64) = (8.0, 60.0);
@@ -36,7 +37,7 @@ pub(super) struct Way {
 /// The value that these stars tell together; 0 where there are too few.
 pub(super) fn variance_per_dn(frame: &Frame, mut stars: Vec<WindowStar>, way: Way) -> f64 {
     stars.retain(|star| star.snr > SNR_RANGE.0);
-    stars.sort_by(|a, b| a.snr.total_cmp(&b.snr));
+    ascending(&mut stars, |a| a.snr);
     let in_range = stars.iter().filter(|star| star.snr < SNR_RANGE.1).count();
     stars.truncate(if in_range < MIN_STARS { FAINTEST } else { in_range });
     let told: Vec<GainStatistics> = stars.iter().filter_map(|star| told(frame, star, way)).collect();

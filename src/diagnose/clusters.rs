@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::noise::NoiseModel;
 use super::star_images::{REACH_PX, StarImages};
+use crate::statistics::order::ascending;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Chance puts so many large residuals into a group with less than this probability (as −ln), all groups counted.
@@ -41,7 +42,7 @@ pub(super) fn coherent(stars: &StarImages, noise: &NoiseModel, residual_px: &[f6
     let mut flagged = vec![false; count];
     for _ in 0..TURNS {
         let mut order: Vec<usize> = (0..count).filter(|k| allowed[*k] && !flagged[*k]).collect();
-        order.sort_by(|a, b| square(white[*a]).total_cmp(&square(white[*b])));
+        ascending(&mut order, |a| square(white[*a]));
         let sorted: Vec<f64> = order.iter().map(|k| square(white[*k])).collect();
         // −ln of the share of images that are as large: exponentially distributed, whatever the tails.
         let rareness = |k: usize| {

@@ -9,6 +9,7 @@ use super::null_distribution::NullDistribution;
 use super::omnibus::among_covariates;
 use super::permutation::Permutations;
 use super::scan::{Asks, Scan};
+use crate::statistics::order::descending;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// So many are named.
@@ -28,7 +29,7 @@ pub(super) fn ranked(evidence: &Evidence, stand: &FitState, scan: &Scan) -> Vec<
         }
     }
     let mut all: Vec<(usize, f64, f64)> = best.into_iter().enumerate().filter_map(|(k, b)| b.map(|(s, e)| (k, s, e))).collect();
-    all.sort_by(|a, b| b.1.total_cmp(&a.1));
+    descending(&mut all, |a| a.1);
     all
 }
 

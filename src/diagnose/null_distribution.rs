@@ -14,6 +14,7 @@ use rayon::prelude::*;
 
 use super::linear_fit::Fit;
 use super::scan::{Asks, Scan};
+use crate::statistics::order::descending;
 use crate::statistics::significance::{family_wise_p_value, neg_ln_chi2_sf};
 
 /// Simulated recordings drawn together.
@@ -40,7 +41,7 @@ impl Scan {
     /// Simulated recordings `from..to` without any effect.
     pub(super) fn chance(&self, fit: &Fit, take: &[bool], seed: u64, from: usize, to: usize) -> NullDistribution {
         let [hypotheses, covariates] = self.simulated(fit, take, seed, from, to).map(|mut values| {
-            values.sort_by(|a, b| b.total_cmp(a));
+            descending(&mut values, |a| *a);
             values
         });
         NullDistribution { nulls: to - from, hypotheses, covariates }
@@ -111,7 +112,7 @@ impl NullDistribution {
         self.nulls += more.nulls;
         for (own, others) in [(&mut self.hypotheses, more.hypotheses), (&mut self.covariates, more.covariates)] {
             own.extend(others);
-            own.sort_by(|a, b| b.total_cmp(a));
+            descending(own, |a| *a);
         }
         self
     }

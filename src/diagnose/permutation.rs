@@ -17,6 +17,7 @@ use super::fit_state::FitState;
 use super::linear_fit::FrameSums;
 use super::linear_system::Whitened;
 use super::scan::{Asks, MIN_SHARE, Scan};
+use crate::statistics::order::descending;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Permutations of a covariate.
@@ -71,7 +72,7 @@ pub(super) fn permute(evidence: &Evidence, stand: &FitState, scan: &Scan, seed: 
 }
 
 fn sorted(mut values: Vec<f64>) -> Vec<f64> {
-    values.sort_by(|a, b| b.total_cmp(a));
+    descending(&mut values, |a| *a);
     values
 }
 

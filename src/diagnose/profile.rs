@@ -19,6 +19,7 @@ use super::linear_fit::Fit;
 use super::linear_system::Whitened;
 use super::profile_bin::ProfileBin;
 use super::star_images::REACH_PX;
+use crate::statistics::order::ascending;
 
 /// Bins.
 const BINS: usize = 12;
@@ -90,7 +91,7 @@ impl<'a> Drawn<'a> {
     /// Images in order of a value, cut into bins of equal numbers.
     fn in_order(&self, value: impl Fn(usize) -> f64) -> Vec<Vec<usize>> {
         let mut order: Vec<usize> = self.taken.iter().copied().filter(|k| value(*k).is_finite()).collect();
-        order.sort_by(|a, b| value(*a).total_cmp(&value(*b)));
+        ascending(&mut order, |a| value(*a));
         order.chunks(order.len().div_ceil(BINS).max(1)).map(<[usize]>::to_vec).collect()
     }
 
@@ -195,7 +196,7 @@ fn profile(context: &Context, solved: &FinalFit, k: usize, found: &[FoundParamet
     // Against how far the effect displaces each image: bins that tell alike.
     let size = |k: usize| drawn.model_px[k][0].hypot(drawn.model_px[k][1]);
     let mut order = drawn.taken.clone();
-    order.sort_by(|a, b| size(*a).total_cmp(&size(*b)));
+    ascending(&mut order, |a| size(*a));
     let mut bins: Vec<Vec<usize>> = vec![Vec::new(); BINS];
     let mut sum = 0.0;
     for k in order {

@@ -14,6 +14,7 @@ use super::linear_fit::Fit;
 use super::linear_system::Whitened;
 use super::noise::NoiseModel;
 use crate::calibrate::BundleSolution;
+use crate::statistics::order::ascending;
 use crate::statistics::student_t::cost;
 
 /// Halvings of the search over places and lengths.
@@ -111,7 +112,7 @@ fn profile(own: &Hypothesis, best: &Variant, joint: &BundleSolution, gain: &(imp
             Some((value, gain(&at_value(own, best, joint, value)?)))
         });
         seen.extend(tried.collect::<Vec<_>>());
-        seen.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ascending(&mut seen, |a| a.0);
         seen.dedup_by(|a, b| a.0 == b.0);
         let top = seen.iter().map(|(_, gain)| *gain).fold(f64::NEG_INFINITY, f64::max);
         let near = |(_, gain): &(f64, f64)| *gain > top - DEEP;

@@ -10,6 +10,7 @@ use super::star_images::REACH_PX;
 use super::stepwise::{agreement, is_observable};
 use crate::calibrate::{BundleSolution, Column};
 use crate::effects::Observation;
+use crate::statistics::order::ascending;
 use crate::statistics::significance::normal_cdf;
 
 /// Effects of a smaller cosine do not leave the same trace, however much each of them explains: neither members of a set nor listed.
@@ -63,7 +64,7 @@ pub(super) fn rivals(evidence: &Evidence, stand: &FitState, entries: &[SelectedE
             found.push(Listed { rival, in_set, entry });
         }
     }
-    found.sort_by(|a, b| a.rival.delta_bic.total_cmp(&b.rival.delta_bic));
+    ascending(&mut found, |a| a.rival.delta_bic);
     found
 }
 

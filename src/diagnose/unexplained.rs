@@ -11,6 +11,7 @@ use super::resolved::{least_p, told};
 use super::scan::{Asks, Scan};
 use super::stepwise::is_observable;
 use crate::calibrate::BundleSolution;
+use crate::statistics::order::descending;
 
 /// Covariates named at most.
 const NAMED: usize = 3;
@@ -40,8 +41,8 @@ pub(super) fn unknown(evidence: &Evidence, stand: &FitState, vetoed: &[Withheld]
             None => list.push((index, value)),
         }
     }
-    covariates.sort_by(|a, b| b.1.total_cmp(&a.1));
-    effects.sort_by(|a, b| b.1.total_cmp(&a.1));
+    descending(&mut covariates, |a| a.1);
+    descending(&mut effects, |a| a.1);
     let mut located_by: Vec<String> = Vec::new();
     for (index, surprise) in &covariates {
         let p = among_covariates(&test.chance, *surprise);

@@ -15,6 +15,7 @@ use super::noise::NoiseModel;
 use super::zenith::{supposed, turned};
 use crate::calibrate::{BundleSolution, Column};
 use crate::dual::normalize;
+use crate::statistics::order::descending;
 use crate::statistics::student_t::cost;
 
 /// Zeniths that the search starts from.
@@ -81,7 +82,7 @@ fn followed(
             Some((alone.score(&own).0, variant.zenith?))
         })
         .collect();
-    order.sort_by(|a, b| b.0.total_cmp(&a.0));
+    descending(&mut order, |a| a.0);
     let problem = Problem { evidence, joint, stand, beside, id: hypothesis.id() };
     let solved = order.iter().take(STARTS).filter_map(|(_, zenith)| problem.solve(*zenith));
     let (_, zeniths) = solved.min_by(|a, b| a.0.total_cmp(&b.0))?;

@@ -49,10 +49,15 @@ impl FileFormat {
     }
 }
 
-/// A row of the table; its schema is the file of its name.
+/// A row of the table; its schema is the file of its name, without spaces (build.rs).
 macro_rules! row {
     ($name:literal, $format:expr, $what:literal) => {
-        FileFormat { name: $name, format: $format, what: $what, text: Some(include_str!(concat!("schemas/", $name, ".json"))) }
+        FileFormat {
+            name: $name,
+            format: $format,
+            what: $what,
+            text: Some(include_str!(concat!(env!("OUT_DIR"), "/schemas/", $name, ".json"))),
+        }
     };
 }
 

@@ -6,6 +6,7 @@ use super::MeasuredFrame;
 use crate::detect::Detection;
 use crate::frame::Frame;
 use crate::recording::{FrameSize, Recording, RecordingError};
+use crate::statistics::order::ascending;
 use crate::statistics::{mad_sigma, median, median_in_place};
 
 /// Why a dark cannot be used.
@@ -162,7 +163,7 @@ pub(super) fn drop_fixed(frames: &mut [MeasuredFrame]) -> Option<String> {
         .iter()
         .map(|frame| {
             let mut places: Vec<[f64; 2]> = frame.detections.stars.iter().map(|star| [star.x_px, star.y_px]).collect();
-            places.sort_by(|a, b| a[0].total_cmp(&b[0]));
+            ascending(&mut places, |a| a[0]);
             places
         })
         .collect();

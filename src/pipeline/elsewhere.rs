@@ -8,6 +8,7 @@ use crate::detect::{Detection, Detections};
 use crate::frame::MaskedFrame;
 use crate::pixel_statistics::{CopiesFrame, ElsewhereFrame, FoundStar};
 use crate::statistics::median_in_place;
+use crate::statistics::order::descending;
 
 /// Frames that are looked at a second time, at most.
 const MAX_FRAMES: usize = 64;
@@ -64,6 +65,6 @@ fn found_stars(detections: &Detections) -> Vec<FoundStar> {
         is_full: star.flags.saturated,
     };
     let mut all: Vec<FoundStar> = detections.stars.iter().zip(discs(detections)).map(star).collect();
-    all.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn));
+    descending(&mut all, |a| a.flux_dn);
     all
 }

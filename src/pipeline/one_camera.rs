@@ -12,6 +12,7 @@ use crate::catalog::Catalog;
 use crate::coordinates::PixelPoint;
 use crate::identify::Solution;
 use crate::recording::{FrameSize, Recording};
+use crate::statistics::order::ascending;
 
 /// Files of a group that are named.
 const MAX_NAMED: usize = 12;
@@ -54,7 +55,7 @@ pub fn check_focal_lengths(measured: &Measured, identified: &[IdentifiedFrame], 
     if own.iter().any(|own| own.solution.projection != law) {
         return Ok(());
     }
-    own.sort_by(|a, b| a.focal_px().total_cmp(&b.focal_px()));
+    ascending(&mut own, Own::focal_px);
     let groups = groups(&own.iter().map(Own::focal_px).collect::<Vec<_>>());
     let groups: Vec<&[Own]> = groups.into_iter().map(|range| &own[range]).collect();
     let apart = groups.windows(2).all(|pair| pair[0].iter().all(|a| pair[1].iter().all(|b| !a.fits(b, catalog) && !b.fits(a, catalog))));

@@ -3,11 +3,12 @@
 use crate::detect::{Detection, Detections, Flags};
 use crate::identify::listed_covariance_px2;
 use crate::recording::{ListedStar, Recording};
+use crate::statistics::order::descending;
 
 /// The listed stars of a frame as detections, brightest first where the list tells brightness.
 pub(super) fn detections(recording: &Recording, stars: &[ListedStar]) -> Detections {
     let mut stars: Vec<Detection> = stars.iter().map(|star| detection(recording, star)).collect();
-    stars.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn));
+    descending(&mut stars, |a| a.flux_dn);
     Detections { width_px: recording.camera.width_px, height_px: recording.camera.height_px, background_dn: 0.0, noise_dn: 0.0, stars }
 }
 

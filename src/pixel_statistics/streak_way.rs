@@ -1,6 +1,7 @@
 //! The way of a streak: where its light is along a line, and whether it is everywhere along it.
 
 use super::line_sums::{Plane, StripLine};
+use crate::statistics::order::ascending;
 
 /// Parts of a line, and how many of the brightest may be stars.
 const PARTS: usize = 8;
@@ -102,7 +103,7 @@ pub(super) fn trimmed(plane: &Plane, line: &StripLine) -> f64 {
     if parts.len() < PARTS - TRIMMED {
         return 0.0;
     }
-    parts.sort_by(|a, b| (a.0 / a.1.sqrt()).total_cmp(&(b.0 / b.1.sqrt())));
+    ascending(&mut parts, |a| a.0 / a.1.sqrt());
     parts.truncate(PARTS - TRIMMED);
     let (sum, known) = parts.iter().fold((0.0, 0.0), |(sum, known), own| (sum + own.0, known + own.1));
     sum / known.sqrt()

@@ -14,6 +14,7 @@ use super::sky_frame::{SkyFrame, covered};
 use super::sky_pixels::SkyPixels;
 use super::streak_way::{ends, trimmed};
 use crate::statistics::median_in_place;
+use crate::statistics::order::descending;
 
 /// Frames are joined to at most so many pixels along a side: a streak is long, and its search costs N·log N.
 const MAX_SIDE: usize = 1024;
@@ -240,12 +241,12 @@ impl Searched {
             plane.lines_above(MIN_LENGTH, &HALF_WIDTHS, MIN_SNR, |line| {
                 all.push((is_turned, line));
                 if all.len() >= 64 * LOOKED_AT {
-                    all.sort_by(|a, b| b.1.snr.total_cmp(&a.1.snr));
+                    descending(&mut all, |a| f64::from(a.1.snr));
                     all.truncate(LOOKED_AT);
                 }
             });
         }
-        all.sort_by(|a, b| b.1.snr.total_cmp(&a.1.snr));
+        descending(&mut all, |a| f64::from(a.1.snr));
         let stands =
             |(is_turned, line): &&(bool, StripLine)| trimmed(if *is_turned { &turned } else { &self.plane }, line) > MIN_TRIMMED_SNR;
         let (is_turned, line) = all.iter().take(LOOKED_AT).find(stands)?;

@@ -4,6 +4,7 @@ use super::pixel_shift::PixelShift;
 use crate::coordinates::PixelPoint;
 use crate::imaging::{Binning, BinningPlace, NoiseFree, Stamp, StampLight};
 use crate::scene::{LightKind, OtherLight, Scene, StarTrack};
+use crate::statistics::order::ascending;
 use serde::{Deserialize, Serialize};
 
 /// One star in one frame; a row of `truth/stars.csv`.
@@ -294,7 +295,7 @@ pub(super) fn blended(tracks: &[StarTrack], reach_px: f64, share: f64) -> Vec<bo
     let columns: Vec<[f64; 2]> = trails.iter().map(|points| range(points, |point| point.x_px)).collect();
     let rows: Vec<[f64; 2]> = trails.iter().map(|points| range(points, |point| point.y_px)).collect();
     let mut order: Vec<usize> = (0..tracks.len()).collect();
-    order.sort_by(|a, b| columns[*a][0].total_cmp(&columns[*b][0]));
+    ascending(&mut order, |a| columns[*a][0]);
     let mut blended = vec![false; tracks.len()];
     for (rank, &a) in order.iter().enumerate() {
         for &b in order[rank + 1..].iter().take_while(|b| columns[**b][0] - columns[a][1] < reach_px) {

@@ -11,7 +11,7 @@ use crate::effects::{DISPLACEMENTS, ParameterSpec};
 pub const FORMAT: &str = "boresight-scene/1";
 
 /// The tables of the scene file as the types say them, without the effects of the build; a test holds the file against the types.
-const TABLES: &str = include_str!("schema.json");
+const TABLES: &str = include_str!(concat!(env!("OUT_DIR"), "/scene-schema.json"));
 
 /// The schema (draft 2020-12).
 #[must_use]

@@ -1,8 +1,9 @@
-//! Statistics used by several modules: robust location and scale, significance, crowding.
+//! Statistics used by several modules: robust location and scale, significance, crowding, order.
 
 pub(crate) mod cholesky;
 pub mod crowding;
 pub(crate) mod levenberg_marquardt;
+pub mod order;
 pub mod robust;
 pub mod significance;
 pub(crate) mod student_t;

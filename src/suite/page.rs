@@ -10,7 +10,7 @@ use crate::dataset::{base64, escaped};
 const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:64rem;margin:2rem auto;padding:0 1rem;color:#222;background:#fff}\
     h1{font-size:1.6rem}h2{font-size:1.25rem;margin-top:2.4rem;border-top:1px solid #ddd;padding-top:1rem}h3{font-size:1rem;margin:1.2rem 0 .3rem}\
     table{border-collapse:collapse;width:100%}td,th{padding:.25rem .6rem;text-align:left;border-bottom:1px solid #ddd;vertical-align:top}\
-    td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}svg{max-width:100%;height:auto}code{background:#f3f3f3;padding:0 .2em}\
+    td.n,th.n{text-align:right;white-space:nowrap;font-variant-numeric:tabular-nums}svg{max-width:100%;height:auto}code{background:#f3f3f3;padding:0 .2em}\
     .v{display:inline-block;min-width:6.6em;padding:0 .4em;border-radius:.25em;color:#fff;text-align:center;font-weight:600;font-size:.85em}\
     .PASS{background:#2a7f3f}.FAIL{background:#b3261e}.UNDECIDED{background:#8a6d00}.box{border-left:4px solid #b3261e;padding:.1rem .8rem;margin:.6rem 0;\
     background:#fbf3f2}.quiet{color:#666}figure{display:inline-block;margin:.4rem .8rem .4rem 0;max-width:30rem;vertical-align:top}\

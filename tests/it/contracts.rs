@@ -140,12 +140,16 @@ fn schemas_in_files_are_those_of_the_types() {
     for format in FORMATS {
         let made = made_of_its_type(format).unwrap_or_else(|| panic!("no type is named for {}", format.name));
         let text = serde_json::to_string_pretty(&made).unwrap() + "\n";
-        let file = if format.name == "scene" { "src/scene/schema.json".to_owned() } else { format!("src/formats/schemas/{}.json", format.name) };
+        let file =
+            if format.name == "scene" { "src/scene/schema.json".to_owned() } else { format!("src/formats/schemas/{}.json", format.name) };
         if std::env::var("INSTA_UPDATE").is_ok_and(|update| update == "always") {
             std::fs::write(root.join(&file), &text).unwrap();
         }
         let written = std::fs::read_to_string(root.join(&file)).unwrap();
-        assert!(written == text, "{file} is not what the type says now: INSTA_UPDATE=always cargo test --test it contracts::schemas writes it anew");
+        assert!(
+            written == text,
+            "{file} is not what the type says now: INSTA_UPDATE=always cargo test --test it contracts::schemas writes it anew"
+        );
     }
     let files = std::fs::read_dir(root.join("src/formats/schemas")).unwrap().count();
     assert_eq!(files, FORMATS.len() - 1, "a schema whose format is gone");

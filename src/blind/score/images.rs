@@ -10,6 +10,7 @@ use super::{Ladder, NullScore, Pulls, Rate};
 use crate::blind::answer::Answer;
 use crate::blind::generate::images::{HiddenImage, PixelKind, Reckoned};
 use crate::blind::generate::{Family, TrueEffect, Truth};
+use crate::statistics::order::ascending;
 
 /// What is named without being there: ids and how often.
 pub type Names = BTreeMap<String, usize>;
@@ -192,7 +193,7 @@ fn ladders(given: &[Pair]) -> Vec<ImageLadder> {
         for (place, shares) in reached {
             own.rungs[place].reached = crate::statistics::median(&shares).unwrap_or(1.0);
         }
-        own.rungs.sort_by(|a, b| a.multiple.total_cmp(&b.multiple));
+        ascending(&mut own.rungs, |a| a.multiple);
         curve.finish();
         own.half = curve.half;
         own

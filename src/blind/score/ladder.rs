@@ -1,5 +1,6 @@
 //! Detection against strength: the curve, and where it crosses one half.
 
+use crate::statistics::order::ascending;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -42,7 +43,7 @@ impl Ladder {
     }
 
     pub(super) fn finish(&mut self) {
-        self.rungs.sort_by(|a, b| a.multiple.total_cmp(&b.multiple));
+        ascending(&mut self.rungs, |a| a.multiple);
         self.half = half(&self.rungs);
     }
 }

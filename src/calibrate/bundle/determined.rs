@@ -9,6 +9,7 @@ use crate::calibrate::calibration::Combination;
 use crate::calibrate::coverage::Coverage;
 use crate::calibrate::geometry::GRID;
 use crate::calibrate::lit::lit_grid;
+use crate::statistics::order::{ascending, descending};
 
 /// Of a combination with a singular value below this the standard error is taken from the cost itself.
 const HARDLY: f64 = 0.1;
@@ -69,7 +70,7 @@ fn in_words(direction: &[f64], names: &[String]) -> String {
     let largest = direction.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
     let mut parts: Vec<(f64, &String)> =
         direction.iter().zip(names).filter(|(v, _)| v.abs() > 0.2 * largest).map(|(v, name)| (v.abs(), name)).collect();
-    parts.sort_by(|a, b| b.0.total_cmp(&a.0));
+    descending(&mut parts, |a| a.0);
     parts.into_iter().map(|(_, name)| name.as_str()).collect::<Vec<_>>().join(", ")
 }
 
@@ -85,7 +86,7 @@ pub(super) fn combinations(map: &[MapColumns], covariance: &DMatrix<f64>, names:
     let length: Vec<f64> = (0..n).map(|k| information[(k, k)].max(0.0).sqrt()).collect();
     let eigen = DMatrix::from_fn(n, n, |i, j| information[(i, j)] / (length[i] * length[j])).symmetric_eigen();
     let mut order: Vec<usize> = (0..n).collect();
-    order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+    ascending(&mut order, |a| eigen.eigenvalues[*a]);
     let of = |k: usize| {
         let singular_value = eigen.eigenvalues[k].max(0.0).sqrt();
         let shares = eigen.eigenvectors.column(k);
@@ -102,7 +103,7 @@ pub(super) fn combinations(map: &[MapColumns], covariance: &DMatrix<f64>, names:
             .filter(|(_, share)| share.abs() >= SMALL_SHARE)
             .map(|(name, share)| (name.clone(), *share))
             .collect();
-        parameters.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+        descending(&mut parameters, |a| a.1.abs());
         let sentence = (parameters.len() > 1 && singular_value < BADLY).then(|| {
             let list: Vec<&str> = parameters.iter().map(|(name, _)| name.as_str()).collect();
             let (last, rest) = list.split_last().map_or(("", &[][..]), |(last, rest)| (*last, rest));

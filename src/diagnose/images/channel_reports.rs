@@ -12,6 +12,7 @@ use crate::diagnose::diagnosis::{Diagnosis, Finding, RemainderMap, Unknown};
 use crate::diagnose::wording;
 use crate::effects::sky::glow::sky_glow;
 use crate::effects::{IMAGE_EFFECTS, ImageEffect};
+use crate::statistics::order::ascending;
 
 /// What is found in 95 of 100 recordings lies so many standard errors above the threshold.
 pub(super) const NINETY_FIVE: f64 = 1.645;
@@ -62,7 +63,7 @@ fn detectable(judged: &Judged, channel: Channel) -> Vec<Detectable> {
         })
         .collect();
     let relative = |own: &Detectable| own.size_95.map_or(f64::INFINITY, |size| size / own.ordinary);
-    all.sort_by(|a, b| relative(a).total_cmp(&relative(b)));
+    ascending(&mut all, |a| relative(a));
     if channel == Channel::Background {
         // Of an effect with many shapes that which shows worst stands for all.
         let mut listed = BTreeSet::new();

@@ -8,6 +8,7 @@ use super::rows::{Question, Rows};
 use super::selection::{chance, directions};
 use crate::diagnose::channels::Channel;
 use crate::diagnose::null_distribution::family_p;
+use crate::statistics::order::descending;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// A covariate locates what is left below this probability among all.
@@ -44,7 +45,7 @@ pub(super) fn channel_states(
                     (!basis.is_empty()).then(|| (neg_ln_chi2_sf(basis.len() as f64, statistic), question.follows))
                 })
                 .collect();
-            found.sort_by(|a, b| b.0.total_cmp(&a.0));
+            descending(&mut found, |a| a.0);
             let by_chance = chance(rows, fit, &own, nulls, seed ^ 0x5eed_0000 ^ stream);
             let p_value = found.first().map_or(1.0, |(surprise, _)| family_p(&by_chance, *surprise));
             let mut located: Vec<String> = Vec::new();

@@ -9,6 +9,7 @@ use super::rows::{Kind, KindNoise, Rows};
 use super::stars::{MAGNITUDE, SIZE};
 use crate::diagnose::image_profiles::{ImageProfile, ImageShape, ShapeCell};
 use crate::diagnose::profile_bin::ProfileBin;
+use crate::statistics::order::ascending;
 
 /// Bins of a profile, and star images in one, at least.
 const MAX_BINS: usize = 14;
@@ -43,7 +44,7 @@ pub(super) fn profiles(rows: &Rows, stars: &[StarMeasurement], before: &[f64], a
             };
             let mut own: Vec<Told> =
                 (0..kind.rows.len()).filter(|k| after.take[range.start + k]).filter_map(told).filter(Told::is_finite).collect();
-            own.sort_by(|a, b| a.at.total_cmp(&b.at));
+            ascending(&mut own, |a| a.at);
             let varies = own.first().zip(own.last()).is_some_and(|(first, last)| last.at > first.at);
             if varies && own.len() >= 2 * MIN_IN_BIN {
                 all.push(ImageProfile::new(kind.channel, kind.name, unit, covariate, bins(kind, noise, &own)));

@@ -11,6 +11,7 @@ use super::row_fit::{Projected, RowFit};
 use super::rows::{Question, Rows};
 use crate::effects::detector::brighter_fatter::BrighterFatter;
 use crate::effects::pixel::pass::PassHead;
+use crate::statistics::order::descending;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Effects at most.
@@ -188,7 +189,7 @@ pub(in crate::diagnose) fn chance(rows: &Rows, fit: &RowFit, questions: &[&Quest
         most
     };
     let mut all: Vec<f64> = (0..nulls).into_par_iter().map(simulate).collect();
-    all.sort_by(|a, b| b.total_cmp(a));
+    descending(&mut all, |a| *a);
     all
 }
 
