@@ -13,7 +13,7 @@ pub(super) const MIN_FOR_PRINCIPAL: usize = 12;
 /// So many pairs tell the distortion.
 pub(super) const MIN_FOR_KAPPA: usize = 8;
 /// Steps of a fit at most.
-const MOST_STEPS: usize = 8;
+const MOST_STEPS: usize = 24;
 /// A fit is at rest when its last step moved the image by less than this, px …
 pub(super) const AT_REST_PX: f64 = 1e-4;
 /// … and near enough to it, where other pairs are looked for from there, at this.
@@ -161,24 +161,6 @@ pub(super) fn fit(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], pairs:
     Some(pose)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_rotation_stays_one_over_many_steps() {
-        for angle in [0.1, 1.0, 2.0, 3.1] {
-            let start = Rotation3::new(Vector3::new(0.36, -0.48, 0.8) * angle);
-            // As the search begins: axes from vectors of single precision.
-            let mut rotation = start.matrix() * (1.0 + 3e-6);
-            for _ in 0..60 {
-                rotation = orthonormal(&rotation);
-            }
-            assert!((rotation.determinant() - 1.0).abs() < 1e-12, "{angle}: {}", rotation.determinant());
-            assert!((rotation - start.matrix()).norm() < 1e-5, "{angle}");
-        }
-    }
-}
 #[cfg(test)]
 mod tests {
     use super::*;
