@@ -13,7 +13,7 @@ pub(super) const MIN_FOR_PRINCIPAL: usize = 12;
 /// So many pairs tell the distortion.
 pub(super) const MIN_FOR_KAPPA: usize = 8;
 /// Steps of a fit at most.
-const MOST_STEPS: usize = 24;
+const MAX_STEPS: usize = 24;
 /// A fit is at rest when its last step moved the image by less than this, px …
 pub(super) const AT_REST_PX: f64 = 1e-4;
 /// … and near enough to it, where other pairs are looked for from there, at this.
@@ -151,7 +151,7 @@ pub(super) fn fit(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], pairs:
     let fisheye = pose.projection != Projection::Pinhole && pairs.len() >= MIN_FOR_PRINCIPAL;
     let step = if fisheye { step::<FREE_OF_FISHEYE> } else { step::<FREE> };
     let (mut pose, mut scratch) = (*pose, Scratch::default());
-    for _ in 0..MOST_STEPS {
+    for _ in 0..MAX_STEPS {
         let (next, moved) = step(&pose, points.corner_px, &sightings, fit_kappa, &mut scratch)?;
         pose = next;
         if moved < rest_px {

@@ -32,39 +32,39 @@ impl FramePlane {
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "inlined into loops over many stars")]
     pub(super) fn ideal(&self, [x, y, z]: [&[f32; LANES]; 3]) -> [[f32; LANES]; 2] {
-        let mut at = [[0.0; LANES]; 2];
+        let (mut at_x, mut at_y) = ([0.0; LANES], [0.0; LANES]);
         let along = |row: [f32; 3], lane: usize| row[0] * x[lane] + row[1] * y[lane] + row[2] * z[lane];
         for lane in 0..LANES {
             let depth = along(self.rows[2], lane);
             let scale = 1.0 / depth;
             let is_seen = depth > MIN_DEPTH;
-            at[0][lane] = if is_seen { along(self.rows[0], lane) * scale } else { f32::INFINITY };
-            at[1][lane] = if is_seen { along(self.rows[1], lane) * scale } else { f32::INFINITY };
+            at_x[lane] = if is_seen { along(self.rows[0], lane) * scale } else { f32::INFINITY };
+            at_y[lane] = if is_seen { along(self.rows[1], lane) * scale } else { f32::INFINITY };
         }
-        at
+        [at_x, at_y]
     }
 
     /// Where they appear with it.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "inlined into loops over many stars")]
     pub(super) fn places(&self, directions: [&[f32; LANES]; 3]) -> [[f32; LANES]; 2] {
-        let mut at = self.ideal(directions);
+        let [mut at_x, mut at_y] = self.ideal(directions);
         if self.bend == 0.0 {
-            return at;
+            return [at_x, at_y];
         }
-        for lane in 0..LANES {
+        for (x, y) in at_x.iter_mut().zip(&mut at_y) {
             // The factor q of the radius: q − c·q³ = 1.
-            let bent = self.bend * (at[0][lane] * at[0][lane] + at[1][lane] * at[1][lane]);
+            let bent = self.bend * (*x * *x + *y * *y);
             let mut q = 1.0_f32;
             for _ in 0..STEPS {
                 let slope = (1.0 - 3.0 * bent * q * q).max(MIN_SLOPE);
                 q -= (q - bent * q * q * q - 1.0) / slope;
             }
-            let folds = 1.0 - 3.0 * bent * q * q < MIN_SLOPE || (q - bent * q * q * q - 1.0).abs() > LEFT || !(q > 0.0);
+            let folds = 1.0 - 3.0 * bent * q * q < MIN_SLOPE || (q - bent * q * q * q - 1.0).abs() > LEFT || q.is_nan() || q <= 0.0;
             let q = if folds { f32::INFINITY } else { q };
-            (at[0][lane], at[1][lane]) = (at[0][lane] * q, at[1][lane] * q);
+            (*x, *y) = (*x * q, *y * q);
         }
-        at
+        [at_x, at_y]
     }
 }
 
@@ -95,15 +95,12 @@ mod tests {
                 let direction = rotation.transpose() * Vector3::new(0.3 * a, 0.3 * b, if i % 7 == 0 { -1.0 } else { 1.0 }).normalize();
                 let [x, y, z] = [0, 1, 2].map(|axis| [direction[axis] as f32; LANES]);
                 let [px, py] = plane.places([&x, &y, &z]).map(|lanes| f64::from(lanes[LANES - 1]));
-                match pose.project(&direction, points.corner_px) {
-                    Some([x, y]) => {
-                        inside += 1;
-                        assert!((px - x).hypot(py - y) < 0.01, "{kappa}: {px} {x} {py} {y}");
-                    }
-                    None => {
-                        behind += 1;
-                        assert!(!px.is_finite() || !py.is_finite() || px.hypot(py) > 1000.0, "{kappa}: {px} {py}");
-                    }
+                if let Some([x, y]) = pose.project(&direction, points.corner_px) {
+                    inside += 1;
+                    assert!((px - x).hypot(py - y) < 0.01, "{kappa}: {px} {x} {py} {y}");
+                } else {
+                    behind += 1;
+                    assert!(!px.is_finite() || !py.is_finite() || px.hypot(py) > 1000.0, "{kappa}: {px} {py}");
                 }
             }
             assert!(inside > 1000 && behind > 200, "{inside} {behind}");

@@ -118,7 +118,7 @@ impl<'a> LaidSky<'a> {
         let (mut close, mut in_frame) = (Vec::new(), MagnitudeCounts::new());
         // Single precision and the catalogue's own directions are enough to see what is far from all detections; not for directions that an
         // effect of the sky may have moved by more than the slack.
-        if pose.projection == Projection::Pinhole && std::ptr::eq(self.apparent, &*self.index.vectors) {
+        if pose.projection == Projection::Pinhole && std::ptr::eq(self.apparent, self.index.vectors.as_slice()) {
             let (zones, magnitudes) = self.index.whole_sky();
             let plane = FramePlane::new(pose, self.points);
             let (half_x, half_y) = (half_x as f32, half_y as f32);

@@ -103,7 +103,7 @@ impl Overlay {
         }
         for one in near.iter().filter(|one| (one.rank as usize) < stars_used) {
             let (point, star) = (&mut points[one.point as usize], &mut stars[one.rank as usize]);
-            if !(*point | *star) {
+            if !*point && !*star {
                 (*point, *star) = (true, true);
                 pair(one);
             }

@@ -81,6 +81,9 @@ struct Batch {
 /// Focal lengths to try, each with its half step in ln f, and whether they are few.
 type Pass = (Vec<(f64, f64)>, bool);
 
+/// Points without the distortion that is held to be, and their map.
+type Mapped = (Vec<[f64; 2]>, PointMap);
+
 /// One search pass over a frame: which of its points, through which lens, what is tried.
 pub(super) struct SearchPass<'a> {
     /// The frame's points.
@@ -159,7 +162,7 @@ impl Search<'_> {
             // Of how many of the brightest detections each stage has tried all triangles, at each focal length.
             let mut tried = vec![vec![0_usize; stages.len()]; focal_lengths.len()];
             // The points of each distortion and number of judges, and their map: many stages ask for the same.
-            let mut mapped: Vec<((f64, usize), (Vec<[f64; 2]>, PointMap))> = Vec::new();
+            let mut mapped: Vec<((f64, usize), Mapped)> = Vec::new();
             for (number, stage) in stages.iter().enumerate().filter(|(_, stage)| all_stages || !stage.narrow_only) {
                 let covers = |s: &Stage| s.kappa == stage.kappa && s.coarser == stage.coarser && s.ratio_tolerance >= stage.ratio_tolerance;
                 let (kappa, corner_px) = (stage.kappa, self.points.corner_px);

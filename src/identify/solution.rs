@@ -26,7 +26,7 @@ const MERGE_PX: f64 = 2.5;
 /// Within this part of the frame's size a detection may belong to a star at first.
 const FIRST_RADIUS: f64 = 0.006;
 /// Turns of naming stars and fitting the pose to them.
-const MOST_TURNS: usize = 4;
+const MAX_TURNS: usize = 4;
 
 /// More pixels than these a side are a mistake.
 const MAX_SIDE_PX: usize = 1_000_000;
@@ -138,7 +138,7 @@ pub(super) fn solve(
     let sky = LaidSky::new(detections, points, catalog, index, apparent, (parity_of(&pose), radius_px));
     let mut near = sky.near_detections(&pose);
     let (mut fitted, mut settled) = (Vec::new(), None);
-    for _ in 0..MOST_TURNS {
+    for _ in 0..MAX_TURNS {
         let matches = sky.matches(&pose, &mut near, radius_px);
         let pairs: Vec<Pair> = matches.iter().filter_map(|m| Some((point_of[m.detection]?, m.star as u32))).collect();
         // The same pairs lead to where the pose is already.
