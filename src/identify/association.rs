@@ -31,7 +31,7 @@ pub(super) const MEDIAN_LENGTH: f64 = 1.177_410_022_515_474_7;
 pub(super) struct Pair {
     /// Index of the detection.
     pub(super) detection: usize,
-    /// Index of the star in the list of those in the frame.
+    /// Index of the star in the list of those that pairs name.
     pub(super) star: usize,
     /// The square of their distance, px².
     pub(super) distance2_px2: f64,
@@ -39,9 +39,15 @@ pub(super) struct Pair {
 
 /// The pairs that are sure.
 ///
-/// `detection_mag`: −2.5·log10 of each detection's flux (`None` where it has none); `star_mag`: V of each star in the frame;
-/// `pairs`: all within a radius.
-pub(super) fn sure_pairs(mut pairs: Vec<Pair>, detection_mag: &[Option<f64>], star_mag: &[f64], field: Field) -> Vec<Pair> {
+/// `detection_mag`: −2.5·log10 of each detection's flux (`None` where it has none); `star_mag`: V of the stars that pairs name, `in_frame`: of all
+/// in the frame; `pairs`: all within a radius.
+pub(super) fn sure_pairs(
+    mut pairs: Vec<Pair>,
+    detection_mag: &[Option<f64>],
+    star_mag: &[f64],
+    in_frame: &MagnitudeCounts,
+    field: Field,
+) -> Vec<Pair> {
     let area_px2 = field.area_px2;
     pairs
         .sort_unstable_by(|a, b| a.distance2_px2.total_cmp(&b.distance2_px2).then(a.detection.cmp(&b.detection)).then(a.star.cmp(&b.star)));
@@ -53,14 +59,13 @@ pub(super) fn sure_pairs(mut pairs: Vec<Pair>, detection_mag: &[Option<f64>], st
             nearest.push(*pair);
         }
     }
-    let by_chance = field.share_by_chance(&nearest, detection_mag.len(), star_mag.len());
-    let Some(middle2_px2) = field.middle_of_true(&nearest, by_chance, star_mag.len()) else { return Vec::new() };
+    let by_chance = field.share_by_chance(&nearest, detection_mag.len(), in_frame.count());
+    let Some(middle2_px2) = field.middle_of_true(&nearest, by_chance, in_frame.count()) else { return Vec::new() };
     let sigma_px = (middle2_px2.sqrt() / MEDIAN_LENGTH).max(MIN_SIGMA_PX);
     let zero_points: Vec<f64> = nearest.iter().filter_map(|pair| Some(star_mag[pair.star] - detection_mag[pair.detection]?)).collect();
     let brightness = zero_point(&zero_points);
     let lone = Sorted::new((0..detection_mag.len()).filter(|&d| !of_detection[d]).filter_map(|d| detection_mag[d]));
     let paired = Sorted::new((0..detection_mag.len()).filter(|&d| of_detection[d]).filter_map(|d| detection_mag[d]));
-    let all_stars = Sorted::new(star_mag.iter().copied());
     let found_stars = Sorted::new((0..star_mag.len()).filter(|&s| of_star[s]).map(|s| star_mag[s]));
     // So often a star has a detection near it that is none of its own.
     let unrelated = (detection_mag.len() - nearest.len()) as f64 + by_chance * nearest.len() as f64;
@@ -71,12 +76,13 @@ pub(super) fn sure_pairs(mut pairs: Vec<Pair>, detection_mag: &[Option<f64>], st
             return place * area_px2 / (detection_mag.len() - nearest.len()).max(1) as f64;
         };
         let off = mag + zero - star_mag[pair.star];
-        let bright = 0.375 / sigma_mag * (1.0 + off * off / (4.0 * sigma_mag * sigma_mag)).powf(-2.5);
+        let tail = 1.0 + off * off / (4.0 * sigma_mag * sigma_mag);
+        let bright = 0.375 / (sigma_mag * tail * tail * tail.sqrt());
         let unrelated = lone.within(mag, SAME_DETECTION_MAG) as f64 + by_chance * paired.within(mag, SAME_DETECTION_MAG) as f64;
         let density = (unrelated + 0.5) / (2.0 * SAME_DETECTION_MAG * area_px2);
         // Whether this very star was found is the question: it does not speak for itself.
         let found = found_stars.within(star_mag[pair.star], SAME_STAR_MAG) - usize::from(of_star[pair.star]);
-        let alike = all_stars.within(star_mag[pair.star], SAME_STAR_MAG) as f64;
+        let alike = in_frame.within(star_mag[pair.star], SAME_STAR_MAG).max(1.0);
         ((found as f64 - alike * met_by_chance).max(0.0) + 0.5) / alike * place * bright / density
     };
     let weights: Vec<f64> = pairs.iter().map(weight).collect();
@@ -87,6 +93,41 @@ pub(super) fn sure_pairs(mut pairs: Vec<Pair>, detection_mag: &[Option<f64>], st
     }
     let sure = |(pair, w): (&Pair, &f64)| (*w >= SURE * (sum_detection[pair.detection] + sum_star[pair.star] - w)).then_some(*pair);
     pairs.iter().zip(&weights).filter_map(sure).collect()
+}
+
+/// How many stars of a frame have which magnitude.
+#[derive(Clone, Debug)]
+pub(super) struct MagnitudeCounts {
+    count: usize,
+    of: [u32; MAGNITUDE_BINS],
+}
+
+/// Bins of magnitudes: the first begins at the first number, and so wide are they.
+const MAGNITUDE_BINS: usize = 512;
+const FIRST_MAG: f64 = -3.0;
+const BIN_MAG: f64 = 0.05;
+
+impl MagnitudeCounts {
+    pub(super) fn new() -> Self {
+        Self { count: 0, of: [0; MAGNITUDE_BINS] }
+    }
+
+    pub(super) fn add(&mut self, magnitude: f32) {
+        self.count += 1;
+        self.of[((magnitude - FIRST_MAG as f32) * (1.0 / BIN_MAG) as f32).clamp(0.0, (MAGNITUDE_BINS - 1) as f32) as usize] += 1;
+    }
+
+    fn count(&self) -> usize {
+        self.count
+    }
+
+    /// How many lie within `reach` of `middle`, those of the bins at the ends by parts.
+    fn within(&self, middle: f64, reach: f64) -> f64 {
+        let [low, high] = [middle - reach, middle + reach].map(|end| ((end - FIRST_MAG) / BIN_MAG).clamp(0.0, MAGNITUDE_BINS as f64));
+        let [first, last] = [low, high].map(|end| (end as usize).min(MAGNITUDE_BINS - 1));
+        let all = self.of[first..=last].iter().sum::<u32>();
+        f64::from(all) - (low - first as f64) * f64::from(self.of[first]) - (last as f64 + 1.0 - high) * f64::from(self.of[last])
+    }
 }
 
 /// Where pairs are looked for.
@@ -158,6 +199,25 @@ impl Sorted {
 mod tests {
     use super::*;
 
+    fn counts(magnitudes: &[f64]) -> MagnitudeCounts {
+        magnitudes.iter().fold(MagnitudeCounts::new(), |mut counts, magnitude| {
+            counts.add(*magnitude as f32);
+            counts
+        })
+    }
+
+    #[test]
+    fn magnitudes_are_counted_to_a_part_of_a_bin() {
+        let all: Vec<f64> = (0..10_000).map(|i| 12.0 * (f64::from(i) * 0.618_034).fract()).chain([-9.0, 60.0]).collect();
+        let counts = counts(&all);
+        for middle in [-2.0, 0.4, 3.03, 6.0, 11.9] {
+            let exact = all.iter().filter(|magnitude| (**magnitude - middle).abs() <= 0.375).count() as f64;
+            let within = counts.within(middle, 0.375);
+            assert!((within - exact).abs() < 6.0, "{middle}: {within} {exact}");
+        }
+        assert_eq!(counts.count(), all.len());
+    }
+
     /// Ten stars, each with its detection 0.3 px away; further pairs as given.
     fn named(further: &[Pair], detection_mag: &[f64], star_mag: &[f64]) -> Vec<(usize, usize)> {
         let mut pairs: Vec<Pair> = (0..10).map(|i| Pair { detection: i, star: i, distance2_px2: 0.09 }).collect();
@@ -166,7 +226,8 @@ mod tests {
         let detections: Vec<_> = own.iter().chain(detection_mag).map(|m| Some(m - 20.0)).collect();
         let stars: Vec<_> = own.iter().chain(star_mag).copied().collect();
         let field = Field { area_px2: 1e6, radius_px: 3.0 };
-        let mut named: Vec<_> = sure_pairs(pairs, &detections, &stars, field).iter().map(|pair| (pair.detection, pair.star)).collect();
+        let mut named: Vec<_> =
+            sure_pairs(pairs, &detections, &stars, &counts(&stars), field).iter().map(|pair| (pair.detection, pair.star)).collect();
         named.sort_unstable();
         named
     }
@@ -220,7 +281,7 @@ mod tests {
                 }
             }
         }
-        let named = sure_pairs(pairs, &detection_mag, &star_mag, Field { area_px2: side * side, radius_px });
+        let named = sure_pairs(pairs, &detection_mag, &star_mag, &counts(&star_mag), Field { area_px2: side * side, radius_px });
         let right = named.iter().filter(|pair| pair.detection == pair.star).count();
         assert!(named.len() - right <= 1 && right >= 12, "{right} right of {}", named.len());
     }
@@ -229,7 +290,7 @@ mod tests {
     fn without_brightness_places_decide() {
         let pairs = vec![Pair { detection: 0, star: 0, distance2_px2: 0.01 }, Pair { detection: 1, star: 1, distance2_px2: 0.04 }];
         let field = Field { area_px2: 1e6, radius_px: 3.0 };
-        assert_eq!(sure_pairs(pairs, &[None, None], &[3.0, 4.0], field).len(), 2);
-        assert!(sure_pairs(Vec::new(), &[], &[], field).is_empty());
+        assert_eq!(sure_pairs(pairs, &[None, None], &[3.0, 4.0], &counts(&[3.0, 4.0]), field).len(), 2);
+        assert!(sure_pairs(Vec::new(), &[], &[], &counts(&[]), field).is_empty());
     }
 }

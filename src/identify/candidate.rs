@@ -4,8 +4,8 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::index_scale::{IndexScale, LANES, Neighbours, Shape};
 use super::point_map::PointMap;
+use super::pose::Pose;
 use super::projection::Projection;
-use super::refine::Pose;
 
 /// A candidate is given up at this ln of the likelihood over that of chance, and passed on at the other.
 const GIVE_UP: f64 = -2.6;
@@ -192,7 +192,7 @@ pub(super) fn undistort([x, y]: [f64; 2], kappa: f64, corner_px: f64) -> [f64; 2
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identify::refine::Points;
+    use crate::identify::pose::Points;
     use crate::units::DEG_RAD;
 
     #[test]

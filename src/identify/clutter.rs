@@ -2,7 +2,7 @@
 //!
 //! What they are is not decided here. A frame that has many of them is searched without them first, and then as it is.
 
-use super::refine::Points;
+use super::pose::Points;
 
 /// Within the radius around a point in which by chance so many others stand …
 const BY_CHANCE: f64 = 0.3;

@@ -7,6 +7,8 @@
 //! hypotheses, depths and radii that were tried: [`over_all_tries`], by which a hypothesis is accepted. It is a bound, and mostly
 //! a hundred times too large; what is stated is [`calibrated_false_match_probability`], which follows how often chance does as well.
 
+use std::sync::LazyLock;
+
 use crate::units::DEG_RAD;
 
 /// ln of the probability that a Poisson variable of the given mean is `at_least` or more.
@@ -34,7 +36,14 @@ pub(super) fn ln_poisson_tail(mean: f64, at_least: usize) -> f64 {
 
 /// ln n!.
 fn ln_factorial(n: usize) -> f64 {
-    (2..=n).map(|i| (i as f64).ln()).sum()
+    static FIRST: LazyLock<[f64; 512]> = LazyLock::new(|| {
+        let mut sum = 0.0;
+        std::array::from_fn(|n| {
+            sum += (n.max(1) as f64).ln();
+            sum
+        })
+    });
+    FIRST.get(n).copied().unwrap_or_else(|| (2..=n).map(|i| (i as f64).ln()).sum())
 }
 
 /// A bound on the probability that any of `hypotheses` tries would have given a match at least as good, from ln of the probability of
@@ -42,6 +51,12 @@ fn ln_factorial(n: usize) -> f64 {
 pub(super) fn over_all_tries(ln_one: f64, hypotheses: f64) -> f64 {
     let n = hypotheses.max(1.0);
     (ln_one + n.ln() + (1.0 + n.ln()).ln()).exp().min(1.0)
+}
+
+/// ln of the probability of one below which [`over_all_tries`] stays below `most`.
+pub(super) fn ln_below(most: f64, hypotheses: f64) -> f64 {
+    let n = hypotheses.max(1.0);
+    most.ln() - n.ln() - (1.0 + n.ln()).ln()
 }
 
 /// The probability by which a match is stated to be one of chance: the share of searches in which detections that have nothing to do with
@@ -80,6 +95,16 @@ mod tests {
         }
         assert_eq!(ln_poisson_tail(0.3, 0), 0.0);
         assert_eq!(ln_poisson_tail(0.0, 2), f64::NEG_INFINITY);
+    }
+
+    #[test]
+    fn below_this_probability_of_one_all_tries_stay_below_the_limit() {
+        for n in [1.0, 20.0, 3e5] {
+            for most in [1e-6, 1e-3] {
+                let limit = ln_below(most, n);
+                assert!(over_all_tries(limit - 1e-9, n) < most && over_all_tries(limit + 1e-9, n) > most, "{n} {most}");
+            }
+        }
     }
 
     #[test]

@@ -2,9 +2,11 @@
 
 use nalgebra::Vector3;
 
+use super::fit::{AT_REST_PX, MIN_FOR_KAPPA, fit};
 use super::index::Index;
+use super::overlay::Overlay;
+use super::pose::{Pair, Points, Pose};
 use super::projection::Projection;
-use super::refine::{self, Overlay, Points, Pose};
 use crate::units::DEG_RAD;
 
 /// A fisheye is looked for among the points around the middle, as far out as half of all points are and a little more: there the laws of
@@ -55,7 +57,7 @@ pub(super) fn widen(found: &Pose, from_px: f64, points: &Points, index: &Index, 
             // Twice where more is known of the lens with every turn.
             for _ in 0..2 {
                 let pairs = pairs(&pose, &part, index, vectors);
-                pose = refine::fit(&pose, &part, vectors, &pairs, pairs.len() >= 8).unwrap_or(pose);
+                pose = fit(&pose, &part, vectors, &pairs, pairs.len() >= MIN_FOR_KAPPA, AT_REST_PX).unwrap_or(pose);
             }
             if reach_px >= points.corner_px {
                 return pose;
@@ -91,10 +93,10 @@ pub(super) fn matched(found: &Pose, reach_px: f64, points: &Points, index: &Inde
 }
 
 /// The stars laid over the points, as many as there are points, and those that belong together.
-fn pairs(pose: &Pose, points: &Points, index: &Index, vectors: &[Vector3<f64>]) -> Vec<refine::Pair> {
+fn pairs(pose: &Pose, points: &Points, index: &Index, vectors: &[Vector3<f64>]) -> Vec<Pair> {
     let count = points.centred_px.len();
     let boresight = Vector3::from(pose.rotation.row(2).transpose());
     let near = index.brightest_within(&boresight, pose.reach_rad(points, 1.15), 3 * count);
     let overlay = Overlay::new(pose, points, vectors, &near, count);
-    overlay.pairs(pose, points, count, usize::MAX, BELONGS * points.size_px)
+    overlay.pairs(pose, points, count, BELONGS * points.size_px)
 }

@@ -5,14 +5,21 @@ use std::time::Duration;
 
 use nalgebra::Vector3;
 
+use super::frame_plane::FramePlane;
 use super::index_scale::IndexScale;
-use super::sky::Zones;
+use super::pose::{Points, Pose};
+use super::projection::Projection;
+use super::sky::{LANES, Zones};
 use crate::catalog::Catalog;
 use crate::units::DEG_RAD;
 
 /// Width of the scales: the first, and the factor from one to the next.
 const FIRST_WIDTH_RAD: f64 = 3.0 * DEG_RAD;
 const LEVELS: usize = 12;
+/// Stars are looked for so much further than a frame reaches, since its pose is not known better at first.
+const MARGIN: f64 = 1.15;
+/// The part of the circle around a square frame that the frame covers.
+const OF_CIRCLE: f64 = std::f64::consts::FRAC_2_PI;
 
 /// What an index holds, for people.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -32,8 +39,10 @@ pub struct IndexSize {
 #[derive(Debug)]
 pub struct Index {
     pub(super) vectors: Vec<Vector3<f64>>,
+    magnitudes: Vec<f32>,
     /// All stars, the brightest quarter, the brightest sixteenth … for cone searches that want only the brightest.
     prefixes: OnceLock<Vec<(usize, Zones)>>,
+    zone_magnitudes: OnceLock<Vec<f32>>,
     levels: [OnceLock<IndexScale>; LEVELS],
 }
 
@@ -42,12 +51,19 @@ impl Index {
     #[must_use]
     pub fn new(catalog: &Catalog) -> Self {
         let vectors = catalog.stars.iter().map(|star| Vector3::from(star.direction.xyz)).collect();
-        Self { vectors, prefixes: OnceLock::new(), levels: [const { OnceLock::new() }; LEVELS] }
+        let magnitudes = catalog.stars.iter().map(|star| star.magnitude as f32).collect();
+        Self {
+            vectors,
+            magnitudes,
+            prefixes: OnceLock::new(),
+            zone_magnitudes: OnceLock::new(),
+            levels: [const { OnceLock::new() }; LEVELS],
+        }
     }
 
     /// Builds everything now (otherwise each part is built when first needed) and says how large the scales are.
     pub fn build(&self) -> IndexSize {
-        self.prefixes();
+        self.whole_sky();
         for number in 0..LEVELS {
             self.level(number);
         }
@@ -79,16 +95,22 @@ impl Index {
 
     fn prefixes(&self) -> &[(usize, Zones)] {
         self.prefixes.get_or_init(|| {
-            let mut all = Vec::new();
             let mut count = self.vectors.len();
-            loop {
-                all.push((count, Zones::new(&self.vectors, 0..count as u32, 4.0 * DEG_RAD)));
-                if count < 1000 {
-                    return all;
-                }
+            let mut all = vec![(count, Zones::new(&self.vectors, 0..count as u32, 4.0 * DEG_RAD))];
+            while count >= 1000 {
                 count /= 4;
+                let fewer = all[all.len() - 1].1.first(&self.vectors, count);
+                all.push((count, fewer));
             }
+            all
         })
+    }
+
+    /// All stars, and their magnitudes in the order of the zones.
+    pub(super) fn whole_sky(&self) -> (&Zones, &[f32]) {
+        let zones = &self.prefixes()[0].1;
+        let magnitudes = || zones.ids().iter().map(|id| self.magnitudes[*id as usize]).collect();
+        (zones, self.zone_magnitudes.get_or_init(magnitudes))
     }
 
     fn level(&self, number: usize) -> &IndexScale {
@@ -105,6 +127,40 @@ impl Index {
                 found.clear();
                 zones.within(&self.vectors, centre, radius_rad, &mut found);
                 if found.len() >= wanted {
+                    break;
+                }
+            }
+        }
+        found.sort_unstable();
+        found
+    }
+
+    /// The same for a frame: those that may be in it, wherever its pose is refined to. So many are `wanted` in the whole circle around it.
+    pub(super) fn brightest_near(&self, pose: &Pose, points: &Points, wanted: usize) -> Vec<u32> {
+        let boresight = Vector3::from(pose.rotation.row(2).transpose());
+        let radius_rad = pose.reach_rad(points, MARGIN);
+        if pose.projection != Projection::Pinhole {
+            return self.brightest_within(&boresight, radius_rad, wanted);
+        }
+        let wanted_in_frame = (OF_CIRCLE * wanted as f64) as usize;
+        let plane = FramePlane::new(pose, points);
+        let [half_x, half_y] = points.half_px.map(|half| (half * MARGIN * (1.0 - pose.kappa.min(0.0))) as f32);
+        let share = (1.0 - radius_rad.min(std::f64::consts::PI).cos()) / 2.0;
+        let mut found = Vec::new();
+        for (count, zones) in self.prefixes().iter().rev() {
+            if *count == self.vectors.len() || *count as f64 * share > 1.5 * wanted as f64 {
+                found.clear();
+                zones.runs(&boresight, radius_rad, |run| {
+                    for place in run.clone().step_by(LANES) {
+                        let [x, y] = plane.ideal(zones.lanes(place));
+                        for (lane, id) in zones.ids()[place..run.end.min(place + LANES)].iter().enumerate() {
+                            if x[lane].abs() <= half_x && y[lane].abs() <= half_y {
+                                found.push(*id);
+                            }
+                        }
+                    }
+                });
+                if found.len() >= wanted_in_frame {
                     break;
                 }
             }

@@ -1,6 +1,6 @@
 //! Occupancy map of a frame's detections, one bit a cell.
 
-use super::refine::Points;
+use super::pose::Points;
 
 /// Radius within which a catalogue star must find a detection, over the size of the frame.
 const CHECK_RADIUS: f64 = 0.0085;

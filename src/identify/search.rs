@@ -11,8 +11,9 @@ use super::candidate::{Context, LONGER, Trial, undistort};
 use super::index::Index;
 use super::index_scale::{Ranges, Window};
 use super::point_map::PointMap;
+use super::pose::{Points, Pose};
 use super::projection::Projection;
-use super::refine::{self, Points, Pose, Supported};
+use super::refine::{self, Supported};
 use super::search_plan::FramePoints;
 use super::stages::Choice::{Brightest, Drawn};
 use super::stages::{DRAWN_FROM, Stage};
@@ -80,6 +81,9 @@ struct Batch {
 /// Focal lengths to try, each with its half step in ln f, and whether they are few.
 type Pass = (Vec<(f64, f64)>, bool);
 
+/// Points without the distortion that is held to be, and their map.
+type Mapped = (Vec<[f64; 2]>, PointMap);
+
 /// One search pass over a frame: which of its points, through which lens, what is tried.
 pub(super) struct SearchPass<'a> {
     /// The frame's points.
@@ -113,6 +117,8 @@ struct Search<'a> {
     tally: Tally,
     /// Hypotheses at which the stage goes on to the next focal length.
     most: u64,
+    /// Memory for triangles, kept from one focal length to the next.
+    batch: Batch,
     found: Option<Found>,
 }
 
@@ -130,7 +136,8 @@ pub(super) fn search<'a>(
     for look in search_plan::search_passes(seen, options) {
         let SearchPass { frame, points, projection, stages } = &look;
         let (projection, stages) = (*projection, *stages);
-        let mut search = Search { points, projection, stages, index, apparent, options, deadline, tally, most: 0, found: None };
+        let mut search =
+            Search { points, projection, stages, index, apparent, options, deadline, tally, most: 0, batch: Batch::default(), found: None };
         if !search.run() {
             let limit = deadline.map_or(Duration::ZERO, |(_, limit)| limit);
             return search
@@ -154,12 +161,20 @@ impl Search<'_> {
             let all_stages = narrow || self.options.near.is_some();
             // Of how many of the brightest detections each stage has tried all triangles, at each focal length.
             let mut tried = vec![vec![0_usize; stages.len()]; focal_lengths.len()];
+            // The points of each distortion and number of judges, and their map: many stages ask for the same.
+            let mut mapped: Vec<((f64, usize), Mapped)> = Vec::new();
             for (number, stage) in stages.iter().enumerate().filter(|(_, stage)| all_stages || !stage.narrow_only) {
                 let covers = |s: &Stage| s.kappa == stage.kappa && s.coarser == stage.coarser && s.ratio_tolerance >= stage.ratio_tolerance;
                 let (kappa, corner_px) = (stage.kappa, self.points.corner_px);
-                let judges = self.points.centred_px.iter().take(stage.judges());
-                let ideal: Vec<[f64; 2]> = judges.map(|p| undistort(*p, kappa, corner_px)).collect();
-                let map = PointMap::new(&ideal, self.points);
+                let asked = (kappa, stage.judges().min(self.points.centred_px.len()));
+                let place = mapped.iter().position(|(of, _)| *of == asked).unwrap_or_else(|| {
+                    let judges = self.points.centred_px.iter().take(asked.1);
+                    let ideal: Vec<[f64; 2]> = judges.map(|p| undistort(*p, kappa, corner_px)).collect();
+                    let map = PointMap::new(&ideal, self.points);
+                    mapped.push((asked, (ideal, map)));
+                    mapped.len() - 1
+                });
+                let (ideal, map) = &mapped[place].1;
                 for (&focal_length, tried) in focal_lengths.iter().zip(&mut tried) {
                     if self.tally.hypotheses > begun + MAX_HYPOTHESES {
                         self.tally.was_cut = true;
@@ -169,7 +184,7 @@ impl Search<'_> {
                     // Triangles of detections that an earlier stage with the same settings has tried are not tried again.
                     let before = stages[..number].iter().zip(&*tried).filter(|(s, _)| covers(s));
                     let done = before.map(|(_, tried)| *tried).max().unwrap_or(0);
-                    let Some(reached) = self.try_focal_length(stage, done, (&ideal, &map), focal_length) else { return false };
+                    let Some(reached) = self.try_focal_length(stage, done, (ideal, map), focal_length) else { return false };
                     tried[number] = reached;
                 }
             }
@@ -273,11 +288,14 @@ impl Search<'_> {
             ideal[..used].iter().map(|at| self.projection.ray(*at, focal_px).unwrap_or(nowhere)).collect()
         };
         let rays = rays_at(focal_px);
-        let mut batch = Batch { cos_near, rays_at_longer: rays_at(focal_px * (1.0 + LONGER)), ..Batch::default() };
-        match stage.choice {
+        let mut batch = std::mem::take(&mut self.batch);
+        (batch.cos_near, batch.rays_at_longer) = (cos_near, rays_at(focal_px * (1.0 + LONGER)));
+        let reached = match stage.choice {
             Brightest(_) => self.try_brightest(&context, &mut batch, &rays, done),
             Drawn(wanted) => self.try_drawn(&context, &mut batch, &rays, wanted),
-        }
+        };
+        self.batch = batch;
+        reached
     }
 
     /// Tries all triangles of the brightest detections, except those of the `done` brightest; the answer is that of [`Self::try_focal_length`].
@@ -386,15 +404,15 @@ impl Search<'_> {
         if self.options.parity.is_some_and(|parity| f64::from(parity) != pose.parity) || !trial.checks_out(context, triangle, &pose) {
             return true;
         }
-        let boresight = Vector3::from(pose.rotation.row(2).transpose());
-        let radius = pose.reach_rad(self.points, 1.15);
         let judges = context.judges;
-        let near = self.index.brightest_within(&boresight, radius, 5 * self.points.centred_px.len().clamp(8, judges));
-        let Some(Supported { pose, ln_best, ln_probability, judges }) = refine::refine(&pose, self.points, self.apparent, &near, judges)
+        let tried = self.tally.hypotheses as f64;
+        let near = self.index.brightest_near(&pose, self.points, 5 * self.points.centred_px.len().clamp(8, judges));
+        let ln_enough = false_match::ln_below(self.options.max_false_match_probability, tried);
+        let Some(Supported { pose, ln_best, ln_probability, judges }) =
+            refine::refine(&pose, self.points, self.apparent, &near, judges, ln_enough)
         else {
             return true;
         };
-        let tried = self.tally.hypotheses as f64;
         let bound = false_match::over_all_tries(ln_probability, tried);
         // What was tried before this search counts in what is stated; accepted is what this search finds by itself, as the others did.
         let of_all = tried + self.options.hypotheses_before as f64;

@@ -2,8 +2,8 @@
 
 use std::borrow::Cow;
 
+use super::pose::Points;
 use super::projection::Projection;
-use super::refine::Points;
 use super::search::SearchPass;
 use super::stages::{FISHEYE_STAGES, STAGES};
 use super::{IdentifyOptions, fisheye};

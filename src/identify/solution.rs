@@ -2,10 +2,12 @@
 
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
-use super::association::{self, sure_pairs};
+use super::association;
 use super::fisheye;
+use super::fit::{AT_REST_PX, MIN_FOR_KAPPA, fit};
+use super::laid_sky::{LaidSky, unmirrored_x};
+use super::pose::{Pair, Points, Pose};
 use super::projection::Projection;
-use super::refine::{self, Pair, Points, Pose};
 use super::refusal::Refusal;
 use super::search::Found;
 use super::search_plan::FramePoints;
@@ -14,17 +16,17 @@ use crate::camera::{Camera, Model};
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Attitude, CameraAxes, Direction, PixelPoint};
 use crate::detect::Detections;
-use crate::statistics::{mad_sigma, median, median_in_place};
+use crate::statistics::median_in_place;
 use crate::units::DEG_RAD;
 
 /// Stars are picked from so many detections, the brightest, where many look like none.
 const MAX_LOOKED_THROUGH: usize = 4 * MAX_DETECTIONS;
 /// Detections nearer to a brighter one than this are not used in the search, px: halves of one star image.
 const MERGE_PX: f64 = 2.5;
-/// A star is not a clean control point if another of similar brightness stands this near, px.
-const CROWDED_PX: f64 = 3.0;
-/// What similar means, magnitudes.
-const CROWDED_MAG: f64 = 2.0;
+/// Within this part of the frame's size a detection may belong to a star at first.
+const FIRST_RADIUS: f64 = 0.006;
+/// Turns of naming stars and fitting the pose to them.
+const MAX_TURNS: usize = 4;
 
 /// More pixels than these a side are a mistake.
 const MAX_SIDE_PX: usize = 1_000_000;
@@ -128,34 +130,35 @@ pub(super) fn solve(
         Projection::Pinhole => found.pose,
         _ => fisheye::widen(&found.pose, found.reach_px, points, index, apparent),
     };
-    let boresight = Vector3::from(pose.rotation.row(2).transpose());
-    let near = index.brightest_within(&boresight, pose.reach_rad(points, 1.2), usize::MAX);
     let mut point_of = vec![None; detections.stars.len()];
     for (point, &detection) in points.detection.iter().enumerate() {
         point_of[detection] = Some(point);
     }
-    let mut radius_px = 0.006 * points.size_px;
-    let middle_px = points.half_px.map(|half| half - 0.5);
-    let matches_of = |pose: &Pose, radius_px: f64| {
-        let laid = Laid { width_px: detections.width_px, height_px: detections.height_px, parity: parity_of(pose) };
-        let pixel = |star: usize| {
-            let [x, y] = pose.project(&apparent[star], points.corner_px)?;
-            Some(PixelPoint { x_px: x + middle_px[0], y_px: y + middle_px[1] })
-        };
-        laid.matches(detections, catalog, pixel, near.iter().map(|&star| star as usize), radius_px)
-    };
-    for _ in 0..4 {
-        let matches = matches_of(&pose, radius_px);
+    let mut radius_px = FIRST_RADIUS * points.size_px;
+    let sky = LaidSky::new(detections, points, catalog, index, apparent, (parity_of(&pose), radius_px));
+    let mut near = sky.near_detections(&pose);
+    let (mut fitted, mut settled) = (Vec::new(), None);
+    for _ in 0..MAX_TURNS {
+        let matches = sky.matches(&pose, &mut near, radius_px);
         let pairs: Vec<Pair> = matches.iter().filter_map(|m| Some((point_of[m.detection]?, m.star as u32))).collect();
-        let Some(fitted) = refine::fit(&pose, points, apparent, &pairs, pairs.len() >= 8) else { break };
-        pose = fitted;
+        // The same pairs lead to where the pose is already.
+        let is_fitted = pairs == fitted;
+        if !is_fitted {
+            let Some(next) = fit(&pose, points, apparent, &pairs, pairs.len() >= MIN_FOR_KAPPA, AT_REST_PX) else { break };
+            (pose, fitted) = (next, pairs);
+        }
         // Five robust standard deviations.
         let mut lengths: Vec<f64> = matches.iter().map(|m| (m.residual_px[0].powi(2) + m.residual_px[1].powi(2)).sqrt()).collect();
         let sigma_px = median_in_place(&mut lengths).map_or(1.0, |median| median / association::MEDIAN_LENGTH);
+        let before_px = radius_px;
         radius_px = (5.0 * sigma_px).clamp(1.5_f64.min(radius_px), radius_px);
+        if is_fitted && radius_px == before_px {
+            settled = Some(matches);
+            break;
+        }
     }
     // Those of this very pose: pairs of an earlier turn would carry another's residuals.
-    let matches = matches_of(&pose, radius_px);
+    let matches = settled.unwrap_or_else(|| sky.matches(&pose, &mut near, radius_px));
     if matches.len() < MIN_MATCHES {
         return Identification::NotIdentified { reason: Refusal::TooFewMatches { matches: matches.len() }, hypotheses: found.hypotheses };
     }
@@ -215,97 +218,6 @@ fn attitude_of(pose: &Pose) -> Attitude {
 
 fn parity_of(pose: &Pose) -> i8 {
     if pose.parity < 0.0 { -1 } else { 1 }
-}
-
-/// The sky laid over a frame.
-struct Laid {
-    width_px: usize,
-    height_px: usize,
-    parity: i8,
-}
-
-impl Laid {
-    /// The detections and catalogue stars that belong together: surely, uncrowded, of plausible brightness. `pixel` says where
-    /// in the un-mirrored frame a star of the catalogue belongs.
-    fn matches(
-        &self,
-        detections: &Detections,
-        catalog: &Catalog,
-        pixel: impl Fn(usize) -> Option<PixelPoint>,
-        candidates: impl Iterator<Item = usize>,
-        radius_px: f64,
-    ) -> Vec<Match> {
-        let margin = radius_px.max(CROWDED_PX);
-        let inside = |c: f64, size: usize| c > -0.5 - margin && c < size as f64 - 0.5 + margin;
-        // (y, x, star), sorted by y so that neighbours are found in a narrow band.
-        let mut stars: Vec<(f64, f64, usize)> = candidates
-            .filter_map(|star| {
-                let point = pixel(star)?;
-                (inside(point.x_px, self.width_px) && inside(point.y_px, self.height_px)).then_some((point.y_px, point.x_px, star))
-            })
-            .collect();
-        stars.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.2.cmp(&b.2)));
-        let band = |y: f64, reach: f64| {
-            let start = stars.partition_point(|s| s.0 < y - reach);
-            stars.iter().enumerate().skip(start).take_while(move |(_, s)| s.0 <= y + reach)
-        };
-        let mut pairs = Vec::new();
-        for (number, detection) in detections.stars.iter().enumerate() {
-            if !(detection.x_px.is_finite() && detection.y_px.is_finite()) {
-                continue;
-            }
-            let x = unmirrored_x(self.parity, self.width_px, detection.x_px);
-            for (star, &(star_y, star_x, _)) in band(detection.y_px, radius_px) {
-                let distance2_px2 = (x - star_x).powi(2) + (detection.y_px - star_y).powi(2);
-                if distance2_px2 <= radius_px * radius_px {
-                    pairs.push(association::Pair { detection: number, star, distance2_px2 });
-                }
-            }
-        }
-        let bright = |flux: f64| (flux > 0.0 && flux.is_finite()).then(|| -2.5 * flux.log10());
-        let detection_mag: Vec<Option<f64>> = detections.stars.iter().map(|detection| bright(detection.flux_dn)).collect();
-        let star_mag: Vec<f64> = stars.iter().map(|&(_, _, star)| catalog.stars[star].magnitude).collect();
-        let field = association::Field { area_px2: (self.width_px * self.height_px) as f64, radius_px };
-        let of = |pair: association::Pair| {
-            let ((star_y, star_x, star), detection) = (stars[pair.star], &detections.stars[pair.detection]);
-            let x = unmirrored_x(self.parity, self.width_px, detection.x_px);
-            Match { detection: pair.detection, star, residual_px: [x - star_x, detection.y_px - star_y] }
-        };
-        let mut matches: Vec<Match> = sure_pairs(pairs, &detection_mag, &star_mag, field).into_iter().map(of).collect();
-        let crowded = |m: &Match| {
-            let detection = &detections.stars[m.detection];
-            let x = unmirrored_x(self.parity, self.width_px, detection.x_px) - m.residual_px[0];
-            let y = detection.y_px - m.residual_px[1];
-            band(y, CROWDED_PX).any(|(_, &(other_y, other_x, other))| {
-                other != m.star
-                    && (other_x - x).powi(2) + (other_y - y).powi(2) < CROWDED_PX * CROWDED_PX
-                    && catalog.stars[other].magnitude < catalog.stars[m.star].magnitude + CROWDED_MAG
-            })
-        };
-        matches.retain(|m| !crowded(m));
-        drop_implausible_brightness(&mut matches, detections, catalog);
-        let flux = |m: &Match| detections.stars[m.detection].flux_dn;
-        matches.sort_by(|a, b| flux(b).total_cmp(&flux(a)).then(a.detection.cmp(&b.detection)));
-        matches
-    }
-}
-
-/// Drops matches that are far brighter or fainter than the others say: a hot pixel on a faint star, a star missed beside a planet.
-fn drop_implausible_brightness(matches: &mut Vec<Match>, detections: &Detections, catalog: &Catalog) {
-    let zero_point = |m: &Match| {
-        let flux = detections.stars[m.detection].flux_dn;
-        (flux > 0.0 && flux.is_finite()).then(|| catalog.stars[m.star].magnitude + 2.5 * flux.log10())
-    };
-    let known: Vec<f64> = matches.iter().filter_map(zero_point).collect();
-    let Some((middle, sigma)) = median(&known).zip(mad_sigma(&known)).filter(|_| known.len() >= 8) else { return };
-    // Colours and saturation move bright stars by a magnitude or two in any camera.
-    let limit = (5.0 * sigma).max(2.5);
-    matches.retain(|m| zero_point(m).is_none_or(|value| (value - middle).abs() <= limit));
-}
-
-/// Column in the un-mirrored image.
-fn unmirrored_x(parity: i8, width_px: usize, x_px: f64) -> f64 {
-    if parity < 0 { width_px as f64 - 1.0 - x_px } else { x_px }
 }
 
 impl Solution {

@@ -4,7 +4,7 @@
 //! The brightest of every part of the frame come first, then the second of every part, and so on; parts that hold many more points than most come
 //! last in each round.
 
-use super::refine::Points;
+use super::pose::Points;
 use crate::statistics::crowding::crowding;
 
 /// The points spread over the frame; `None` if the brightest are that already.

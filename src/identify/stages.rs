@@ -50,7 +50,9 @@ const fn narrow_only(choice: Choice, ratio_tolerance: f64, kappa: f64, coarser: 
 
 /// From the likely and cheap to the rest: sparser stars for images that show only few, more detections for false stars,
 /// distortions of either sign, a wider tolerance for noise.
-pub(super) const STAGES: [Stage; 19] = [
+pub(super) const STAGES: [Stage; 21] = [
+    stage(Brightest(5), 0.003, 0.0, 0),
+    stage(Brightest(7), 0.003, 0.0, 0),
     stage(Brightest(10), 0.003, 0.0, 0),
     stage(Brightest(7), 0.003, 0.0, 2),
     stage(Brightest(16), 0.003, 0.0, 0),

@@ -1,0 +1,107 @@
+//! Points of a frame, and the pose that is held of its camera: attitude, focal length, distortion.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::projection::Projection;
+
+/// Detections ready to be matched: centred on the middle of the frame, brightest first.
+#[derive(Clone, Debug)]
+pub(super) struct Points {
+    /// Position relative to the middle of the frame, px (not un-mirrored).
+    pub(super) centred_px: Vec<[f64; 2]>,
+    /// Index into the detections.
+    pub(super) detection: Vec<usize>,
+    /// Half the width and half the height, px.
+    pub(super) half_px: [f64; 2],
+    /// √(width·height), px: the size of the frame in which lengths are measured.
+    pub(super) size_px: f64,
+    /// Half the diagonal, px: the unit of radius for κ.
+    pub(super) corner_px: f64,
+    /// No point is further from the middle than this, px.
+    pub(super) reach_px: f64,
+}
+
+impl Points {
+    /// The area in which there can be points, px²: the frame, or the disc within reach.
+    pub(super) fn area_px2(&self) -> f64 {
+        let frame = 4.0 * self.half_px[0] * self.half_px[1];
+        let disc = std::f64::consts::PI * self.reach_px * self.reach_px;
+        if self.reach_px < self.corner_px { frame.min(disc) } else { frame }
+    }
+
+    /// Some of the points, in the order given.
+    pub(super) fn only(&self, some: &[usize]) -> Self {
+        Self {
+            centred_px: some.iter().map(|&point| self.centred_px[point]).collect(),
+            detection: some.iter().map(|&point| self.detection[point]).collect(),
+            ..*self
+        }
+    }
+
+    /// The first of the points.
+    pub(super) fn first(mut self, count: usize) -> Self {
+        self.centred_px.truncate(count);
+        self.detection.truncate(count);
+        self
+    }
+}
+
+/// A hypothesis about how the camera is turned and what it is like.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pose {
+    /// camera_from_icrs.
+    pub(super) rotation: Matrix3<f64>,
+    /// Focal length, px.
+    pub(super) focal_px: f64,
+    /// Relative displacement at the corner: the point at radius r belongs at r·(1 − κ·(r/corner)²); κ = k1·corner².
+    pub(super) kappa: f64,
+    /// −1 if mirrored.
+    pub(super) parity: f64,
+    /// The law of the lens.
+    pub(super) projection: Projection,
+    /// The principal point, relative to the middle of the un-mirrored frame, px: that middle, but of fisheyes.
+    pub(super) principal_px: [f64; 2],
+}
+
+impl Pose {
+    /// Where a direction (ICRS axes) appears, relative to the middle of the un-mirrored frame, px.
+    pub(super) fn project(&self, direction: &Vector3<f64>, corner_px: f64) -> Option<[f64; 2]> {
+        let v = self.rotation * direction;
+        if !self.projection.sees(v.z) {
+            return None;
+        }
+        let scale = self.focal_px * self.projection.scale(v.z)[0];
+        let ideal = [scale * v.x, scale * v.y];
+        // r_ideal = r (1 − κ r²): Newton's method in the one radius, in units of the corner.
+        let target = (ideal[0] * ideal[0] + ideal[1] * ideal[1]).sqrt() / corner_px;
+        if target > 3.0 {
+            return None;
+        }
+        let [x0, y0] = self.principal_px;
+        if self.kappa == 0.0 || target == 0.0 {
+            return Some([ideal[0] + x0, ideal[1] + y0]);
+        }
+        let mut r = target;
+        for _ in 0..8 {
+            let slope = 1.0 - 3.0 * self.kappa * r * r;
+            if slope < 0.05 {
+                return None; // beyond the fold
+            }
+            let step = (target - r * (1.0 - self.kappa * r * r)) / slope;
+            r += step;
+            if step.abs() < 1e-12 {
+                break;
+            }
+        }
+        (r > 0.0 && r.is_finite()).then(|| [ideal[0] * r / target + x0, ideal[1] * r / target + y0])
+    }
+
+    /// The angle from the boresight within which all that the points can be stands, with a margin; rad.
+    pub(super) fn reach_rad(&self, points: &Points, margin: f64) -> f64 {
+        let share = points.reach_px / points.corner_px;
+        self.projection.angle_rad(points.reach_px * (1.0 - self.kappa.min(0.0) * share * share) * margin / self.focal_px)
+    }
+}
+
+/// A matched pair: index into the points, index into the catalogue.
+pub(super) type Pair = (usize, u32);
