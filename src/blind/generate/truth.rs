@@ -1,6 +1,5 @@
 //! What is true of a concealed recording, as it stands in its sealed file.
 
-use crate::statistics::order::descending;
 use serde::{Deserialize, Serialize};
 
 use super::family::{Family, Trap};
@@ -109,7 +108,7 @@ impl Truth {
                 .map(|(id, span)| Alike { id: (*id).to_owned(), cos: fisher.cosine(&left, span) })
                 .filter(|alike| alike.cos >= ALIKE_FROM)
                 .collect();
-            descending(&mut alike, |a| a.cos);
+            alike.sort_by(|a, b| b.cos.total_cmp(&a.cos));
             TrueEffect {
                 id: one.kind.id().to_owned(),
                 label: one.kind.label().to_owned(),

@@ -7,7 +7,6 @@ use super::camera::{Conditions, ImageWorld, SIZE_PX, SkyStar};
 use super::hidden::{Causes, HiddenImage};
 use super::kind::PixelKind;
 use super::spread::{Blur, coma, trail};
-use crate::statistics::order::descending;
 
 /// Radius over which glare falls off, px.
 const GLARE_PX: f64 = 25.0;
@@ -96,7 +95,7 @@ fn glare(light: &mut [f64], frame: &Conditions, causes: Causes<'_>) {
         return;
     }
     let mut stars: Vec<&SkyStar> = frame.stars.iter().collect();
-    descending(&mut stars, |a| a.electrons);
+    stars.sort_by(|a, b| b.electrons.total_cmp(&a.electrons));
     let reach = SIZE_PX as f64 / GLARE_PX;
     let norm = (std::f64::consts::PI * GLARE_PX * GLARE_PX * (1.0 + reach * reach).ln()).recip();
     for star in stars.into_iter().take(BRIGHTEST) {
