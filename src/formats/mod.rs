@@ -1,11 +1,11 @@
 //! The files that the program reads and writes: what each is called, its format string and its JSON Schema.
 //!
-//! The schemas lie in `schemas/`, one file each. They are made of the very types that are written ([`made_of_its_type`]), and a test holds each file
+//! The schemas lie in `schemas/`, one file each. They are made of the very types that are written ([`schema_of_type`]), and a test holds each file
 //! against its type, so that a schema cannot say anything else; only the file is part of the program, since the code that makes it is thirty times as large.
 //! Results may have more keys than their schema names: within a number N of `boresight-<verb>/N` keys are added, and none is removed or changes its
 //! meaning.
 
-mod made;
+mod schema_of_type;
 
 use serde_json::Value;
 
@@ -25,7 +25,7 @@ use crate::render::{SIGNATURE_FORMAT, SIMULATE_FORMAT, TRUTH_FORMAT};
 use crate::scene::{self, PRESET_FORMAT};
 use crate::suite::{SUITE_FORMAT, TEST_FORMAT};
 
-pub use made::made_of_its_type;
+pub use schema_of_type::schema_of_type;
 
 /// One kind of file, or what a verb prints with `--json`.
 #[derive(Clone, Copy, Debug)]

@@ -43,7 +43,7 @@ pub use tables::{
 };
 inner!(declared::{declared_entry, declared_recording});
 inner!(schema::FORMAT);
-inner!(schema::schema_of_its_type);
+inner!(schema::schema_of_type);
 inner!(file::DEMO_TOML);
 inner!(lights::{LIGHT_PAGES, LightForm, LightKind, LightPage, OtherLight});
 inner!(motion::{EARTH_RATE_RAD_S, Motion});

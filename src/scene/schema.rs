@@ -25,7 +25,7 @@ pub fn schema() -> Value {
 
 /// What `schema.json` has to say: tests alone ask for it, so that the program is without the code that makes it.
 #[must_use]
-pub fn schema_of_its_type() -> Value {
+pub fn schema_of_type() -> Value {
     let mut schema = schemars::schema_for!(SceneFile).to_value();
     if let Some(table) = schema.as_object_mut() {
         table.insert("$id".to_owned(), json!(FORMAT));

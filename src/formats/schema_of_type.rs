@@ -22,11 +22,12 @@ use crate::suite::{SuiteFile, SuiteResult};
 
 use super::FileFormat;
 
-/// The schema that the type of this format has now; the file of it in `schemas/` says the same, or a test fails.
+/// The schema that the type of this format has now; its file in `schemas/` says the same, or a test fails. Of scenes it is `src/scene/schema.json`,
+/// which is without the effects of the build.
 ///
 /// `None` for a name that is not in the table.
 #[must_use]
-pub fn made_of_its_type(format: &FileFormat) -> Option<Value> {
+pub fn schema_of_type(format: &FileFormat) -> Option<Value> {
     let schema = match format.name {
         "simulate" => result::<SimulateResult>(),
         "truth" => result::<SimulatedTruth<'static>>(),
@@ -51,7 +52,7 @@ pub fn made_of_its_type(format: &FileFormat) -> Option<Value> {
         "signature" => result::<SignatureResult>(),
         "preset" => result::<PresetList>(),
         "doctor" => result::<DoctorResult>(),
-        "scene" => return Some(scene::schema_of_its_type()),
+        "scene" => return Some(scene::schema_of_type()),
         "suite" => input::<SuiteFile>(),
         "recipe" => input::<RecipeFile>(),
         "recording" => input::<RecordingFile>(),
