@@ -108,6 +108,7 @@ pub mod catalog;
 pub mod coordinates;
 pub mod detect;
 pub mod diagnose;
+#[macro_use]
 pub mod effects;
 pub mod exchange;
 pub mod frame;
@@ -134,6 +135,8 @@ pub mod guard;
 #[cfg(feature = "bench")]
 pub mod imaging;
 #[cfg(feature = "bench")]
+pub mod parallel;
+#[cfg(feature = "bench")]
 pub mod pixel_statistics;
 #[cfg(feature = "bench")]
 pub mod report;
@@ -154,6 +157,8 @@ mod gpu;
 mod guard;
 #[cfg(not(feature = "bench"))]
 mod imaging;
+#[cfg(not(feature = "bench"))]
+mod parallel;
 #[cfg(not(feature = "bench"))]
 mod pixel_statistics;
 #[cfg(not(feature = "bench"))]

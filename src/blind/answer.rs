@@ -10,6 +10,7 @@ use super::BlindError;
 use super::generate::Family;
 use super::pixels::PixelAnswer;
 use super::rivals::RivalFits;
+use crate::statistics::order::sort_by_key;
 
 /// A parameter as found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -177,7 +178,7 @@ pub fn answers(directory: &Path, family: Family) -> Result<Vec<Answer>, BlindErr
     };
     let mut answers: Vec<Answer> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
     // The first answer counts: there are no second tries.
-    answers.sort_by_key(|answer| answer.index);
+    sort_by_key(&mut answers, |answer| answer.index);
     answers.dedup_by_key(|answer| answer.index);
     Ok(answers)
 }

@@ -3,8 +3,6 @@
 
 use std::collections::BTreeMap;
 
-use rayon::prelude::*;
-
 use super::bundle::{self, Noise, Problem, Run, Solved, State, scales};
 use super::check::check_points;
 use super::{CalibrateError, CalibrateOptions, select};
@@ -12,6 +10,7 @@ use crate::camera::{Model, Term};
 use crate::coordinates::{Apparent, Attitude, Direction};
 use crate::effects::{Observation, Segment, Signature, displacement};
 use crate::identify::ControlPoints;
+use crate::parallel;
 
 /// Own parameters of a frame at most: its attitude, and its rates where they are solved.
 pub const MAX_FRAME_PARAMETERS: usize = bundle::MAX_FRAME_PARAMETERS;
@@ -152,7 +151,7 @@ impl BundleSolution {
             });
             found
         };
-        (0..problem.exposures.len()).into_par_iter().with_min_len(4).flat_map_iter(of).collect()
+        parallel::map_numbers(problem.exposures.len(), of).into_iter().flatten().collect()
     }
 
     /// The same star images as the solution simulates them, without errors: every star's light sent through the model the way a renderer sends
@@ -180,7 +179,7 @@ impl BundleSolution {
             });
             found
         };
-        (0..problem.exposures.len()).into_par_iter().with_min_len(4).flat_map_iter(of).collect()
+        parallel::map_numbers(problem.exposures.len(), of).into_iter().flatten().collect()
     }
 
     /// The same problem with other measured positions, by control point; images of which none is given keep theirs. Not solved yet: see
@@ -305,7 +304,7 @@ fn columns(problem: &Problem, state: &State) -> Vec<Column> {
         });
         own
     };
-    let parts: Vec<Vec<Column>> = (0..problem.exposures.len()).into_par_iter().with_min_len(4).map(of).collect();
+    let parts: Vec<Vec<Column>> = parallel::map_numbers(problem.exposures.len(), of);
     let mut all: Vec<Column> = vec![Column::new(); count];
     for part in parts {
         for (column, own) in all.iter_mut().zip(part) {

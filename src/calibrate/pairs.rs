@@ -12,6 +12,7 @@ use super::geometry::{LocalDirection, Matrix6, Scaling, Vector6};
 use crate::camera::{Camera, PARAMETER_COUNT};
 use crate::coordinates::PixelPoint;
 use crate::dual::dot;
+use crate::parallel;
 
 /// Pairs that one task works on, about.
 const CHUNK_PAIRS: usize = 4096;
@@ -73,13 +74,10 @@ pub(super) struct NormalEquations {
 impl Pairs {
     /// The pairs of the frames, linearised at a camera. Every frame's pairs stand in the order (0,1), (0,2), …, (1,2), ….
     pub(super) fn at(frames: &[FrameStars], camera: &Camera, scaling: &Scaling) -> Self {
-        let linearised: Vec<Vec<PairStar>> = frames
-            .par_iter()
-            .map(|frame| {
-                let star = |star: &Star| PairStar { v: star.direction, local: scaling.local_direction(camera, star.pixel) };
-                frame.stars.iter().map(star).collect()
-            })
-            .collect();
+        let linearised: Vec<Vec<PairStar>> = parallel::map(frames, |frame| {
+            let star = |star: &Star| PairStar { v: star.direction, local: scaling.local_direction(camera, star.pixel) };
+            frame.stars.iter().map(star).collect()
+        });
         let (mut chunks, mut count) = (Vec::new(), 0);
         for (frame, stars) in linearised.iter().enumerate() {
             let mut first = 0;
@@ -159,19 +157,15 @@ impl Pairs {
     /// Gives every pair its new weight: `weight(p, u², aᵀ·N⁻¹·a)`. `whitening` is L⁻¹ of N = L·Lᵀ.
     pub(super) fn reweigh(&self, weights: &mut [f64], step: &Vector6, whitening: &Matrix6, weight: impl Fn(f64, f64, f64) -> f64 + Sync) {
         let shifts = self.shifts(step);
-        let whitened: Vec<Vec<LocalDirection>> = self
-            .frames
-            .par_iter()
-            .map(|stars| {
-                stars
-                    .iter()
-                    .map(|star| {
-                        let by_parameter = star.local.by_parameter.map(|row| (whitening * Vector6::from(row)).into());
-                        LocalDirection { by_parameter, ..star.local }
-                    })
-                    .collect()
-            })
-            .collect();
+        let whitened: Vec<Vec<LocalDirection>> = parallel::map(&self.frames, |stars| {
+            stars
+                .iter()
+                .map(|star| {
+                    let by_parameter = star.local.by_parameter.map(|row| (whitening * Vector6::from(row)).into());
+                    LocalDirection { by_parameter, ..star.local }
+                })
+                .collect()
+        });
         self.with_weights_mut(weights).into_par_iter().for_each(|(chunk, weights)| {
             let (shifts, whitened) = (&shifts[chunk.frame], &whitened[chunk.frame]);
             self.for_pair_indices(chunk, |t, i, j| {
@@ -204,7 +198,7 @@ impl Pairs {
     /// Where each star's measured direction goes with a step.
     fn shifts(&self, step: &Vector6) -> Vec<Vec<[f64; 3]>> {
         let shift = |star: &PairStar| star.local.by_parameter.map(|row| row.iter().zip(step.iter()).map(|(a, b)| a * b).sum());
-        self.frames.par_iter().map(|stars| stars.iter().map(shift).collect()).collect()
+        parallel::map(&self.frames, |stars| stars.iter().map(shift).collect())
     }
 
     /// u = a·ΔX − R of one pair.

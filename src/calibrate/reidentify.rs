@@ -17,6 +17,7 @@ use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, CameraAxes, Direction, Icrs, PixelPoint};
 use crate::effects::{self, Context, StarState};
 use crate::identify::{ControlPoint, ControlPoints};
+use crate::statistics::order::sort_by_key;
 
 /// Rounds at most.
 const ROUNDS: usize = 8;
@@ -147,7 +148,7 @@ fn identified_anew(
     for index in gone.into_iter().rev() {
         next.points.remove(index);
     }
-    next.points.sort_by_key(|point| point.frame);
+    sort_by_key(&mut next.points, |point| point.frame);
     (next, change)
 }
 

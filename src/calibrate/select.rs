@@ -23,6 +23,7 @@ use super::pairs::{FrameStars, Star};
 use super::{CalibrateOptions, Method};
 use crate::coordinates::PixelPoint;
 use crate::identify::{ControlPoint, ControlPoints};
+use crate::statistics::order::sort_by;
 
 /// Error per axis that real centroids have beyond their photon noise (pixel phase, PSF mismatch), px.
 pub(super) const CENTROID_FLOOR_PX: f64 = 0.05;
@@ -138,7 +139,7 @@ fn mark_duplicates(points: &[ControlPoint], reasons: &mut [Option<LeftOutReason>
 /// Rule 4: those of the candidates that do more harm than good.
 fn imprecise(candidates: &[usize], sigma: &[f64]) -> Vec<usize> {
     let mut sorted = candidates.to_vec();
-    sorted.sort_by(|a, b| sigma[*a].total_cmp(&sigma[*b]).then(a.cmp(b)));
+    sort_by(&mut sorted, |a, b| sigma[*a].total_cmp(&sigma[*b]).then(a.cmp(b)));
     let mut sum = 0.0;
     let values: Vec<f64> = (1_u32..)
         .zip(&sorted)

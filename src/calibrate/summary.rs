@@ -2,9 +2,6 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::Vector3;
-use rayon::prelude::*;
-
 use super::calibration::{Calibration, FrameResult, ParameterEstimate};
 use super::coverage::Coverage;
 use super::geometry::Scaling;
@@ -19,7 +16,9 @@ use super::variable_weights::PairSolution;
 use super::{CalibrateError, CalibrateOptions, held_out};
 use crate::camera::{Camera, PARAMETER_COUNT, PARAMETER_NAMES, PARAMETER_UNITS};
 use crate::identify::{ControlPoint, ControlPoints};
+use crate::parallel;
 use crate::units::ARCSEC_RAD;
+use nalgebra::Vector3;
 
 /// Makes the result.
 pub(super) fn summarise(
@@ -179,7 +178,7 @@ fn interstar_angle_rms_arcsec(pairs: &Pairs, used: &[Vec<bool>]) -> Option<f64> 
     let (mut sum, mut count) = (0.0, 0_usize);
     for (frame, used) in used.iter().enumerate() {
         let stars: Vec<_> = pairs.stars(frame).iter().zip(used).filter(|(_, used)| **used).map(|(star, _)| star).collect();
-        let sums: Vec<f64> = (0..stars.len()).into_par_iter().map(|i| of_star(&stars, i)).collect();
+        let sums: Vec<f64> = parallel::map_numbers(stars.len(), |i| of_star(&stars, i));
         sum += sums.iter().sum::<f64>();
         count += stars.len() * stars.len().saturating_sub(1) / 2;
     }

@@ -8,6 +8,7 @@ use crate::catalog::{Catalog, Star};
 use crate::coordinates::{Apparent, Direction, Icrs};
 use crate::effects::sky::proper_motion::ProperMotion;
 use crate::effects::{Context, DISPLACEMENTS, Displacement as _, Light, Observation, RefractionConstants, Segment, Sensor, StarState};
+use crate::statistics::order::sort_by_key;
 
 /// Which effects of known size a model contains: the argument of `--physics`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -110,7 +111,7 @@ impl Physics {
 /// Says which words would have been understood, the most similar first.
 fn suggestion(given: &str) -> String {
     let mut ids: Vec<&str> = known_effects().chain(["known", "none"]).collect();
-    ids.sort_by_key(|id| strsim::damerau_levenshtein(given, id));
+    sort_by_key(&mut ids, |id| strsim::damerau_levenshtein(given, id));
     if strsim::damerau_levenshtein(given, ids[0]) <= 3 {
         format!("did you mean {}?", ids[0])
     } else {

@@ -15,6 +15,7 @@ use super::foreign::{ForeignStar, ForeignTable, read};
 use super::{Catalog, CatalogError, Star};
 use crate::coordinates::{Direction, Icrs};
 use crate::statistics::mad_sigma;
+use crate::statistics::order::sort_by;
 use crate::units::ARCSEC_RAD;
 
 /// Stars of a table that is not Hipparcos's have numbers from here on.
@@ -105,7 +106,7 @@ fn of_csv(path: &Path) -> Result<ForeignTable, CatalogError> {
 
 /// Leaves of stars at the same place the first, in order of place.
 fn keep_once(stars: &mut Vec<ForeignStar>) {
-    stars.sort_by(|a, b| a.direction.xyz[2].total_cmp(&b.direction.xyz[2]).then(a.magnitude.total_cmp(&b.magnitude)));
+    sort_by(stars, |a, b| a.direction.xyz[2].total_cmp(&b.direction.xyz[2]).then(a.magnitude.total_cmp(&b.magnitude)));
     let mut kept: Vec<ForeignStar> = Vec::with_capacity(stars.len());
     for star in stars.iter() {
         let is_near = |other: &&ForeignStar| star.direction.xyz[2] - other.direction.xyz[2] < SAME_RAD;
@@ -199,7 +200,7 @@ fn pairs(table: &ForeignTable, rows: &Catalog, hipparcos: &Catalog, years: f64, 
             .map(|row| (rows.stars[row].direction.angle_rad(&place), rows.stars[row].hip as usize))
             .filter(|(_, row)| !taken[*row])
             .collect();
-        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        sort_by(&mut near, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         if let Some(&(_, row)) = near.first().filter(|_| is_known || near.len() == 1) {
             taken[row] = true;
             pairs.push(Pair { hipparcos: number, row });

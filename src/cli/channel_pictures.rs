@@ -7,6 +7,7 @@ use anyhow::Result;
 use boresight::diagnose::{Diagnosis, ImageProfile, ShapeCell};
 use boresight::pixel_statistics::{LineMeans, PixelHistogram, PixelStatistics, SkyMesh, TransferPoint};
 use boresight::report::{FieldMap, Plot, ProfilePlot, ProfilePoint, Series, SeriesStyle, Vector};
+use boresight::statistics::order::sort_by;
 
 use super::diagnose_text::with_error;
 use super::pictures::significant;
@@ -133,7 +134,7 @@ fn interpolated(known: &[([f64; 2], f64)], size: (usize, usize)) -> Vec<f64> {
 fn photon_transfer(pixels: &PixelStatistics) -> Option<ProfilePlot> {
     let line = pixels.photon_transfer.as_ref()?;
     let mut points = pixels.transfer_points.clone();
-    points.sort_by(|a, b| a.level_dn.total_cmp(&b.level_dn));
+    sort_by(&mut points, |a, b| a.level_dn.total_cmp(&b.level_dn));
     let of_bin = |bin: &[TransferPoint]| {
         let weights: Vec<f64> = bin.iter().map(|point| point.sigma_dn2.powi(-2)).collect();
         let sum: f64 = weights.iter().sum();

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use boresight::diagnose::{Bound, Diagnosis, EffectState, EffectStatus, Finding, FitQuality, FoundParameter, Rival, Unknown, Verdict};
 use boresight::report::table;
+use boresight::statistics::order::sort_by;
 
 use super::calibrate_text::{with_sigma, wrapped};
 use super::pictures::{probability, significant};
@@ -263,7 +264,7 @@ fn effects(all: &[EffectStatus]) -> String {
         EffectState::NotApplicable => 5,
     };
     let mut tested: Vec<&EffectStatus> = all.iter().filter(|effect| order(effect.status) < 4).collect();
-    tested.sort_by(|a, b| {
+    sort_by(&mut tested, |a, b| {
         let p = |effect: &EffectStatus| effect.p_value.unwrap_or(1.0);
         order(a.status).cmp(&order(b.status)).then(p(a).total_cmp(&p(b))).then(a.id.cmp(&b.id))
     });

@@ -10,6 +10,7 @@ use super::plan::DatasetPlan;
 use crate::catalog::Catalog;
 use crate::coordinates::Direction;
 use crate::dual::dot;
+use crate::parallel;
 use crate::statistics::order::ascending;
 
 /// What two splits share.
@@ -61,7 +62,7 @@ impl DatasetPlan {
         let (size, cameras) = (&self.recipe.size, &self.recipe.cameras);
         let frames = size.frames.of(split).min(MAX_FRAMES);
         let key = |index| FrameKey { split, index };
-        let boresights: Vec<Option<[f64; 3]>> = (0..frames).into_par_iter().map(|index| self.boresight(key(index))).collect();
+        let boresights: Vec<Option<[f64; 3]>> = parallel::map_numbers(frames as usize, |index| self.boresight(key(index as u64)));
         let boresights: Vec<[f64; 3]> = boresights.into_iter().flatten().collect();
         let radius_rad = self.field_radius_deg.to_radians();
         let faintest = self.faintest_magnitude();

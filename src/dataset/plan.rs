@@ -18,6 +18,7 @@ use super::telemetry::idle_effect;
 use crate::gpu::{Backend, Gpu, GpuError, Need};
 use crate::recording::FrameSize;
 use crate::scene::{Scene, preset, schema};
+use crate::statistics::order::sort_by_key;
 
 /// What is said of the CPU.
 pub(super) const CPU: &str = "cpu";
@@ -92,7 +93,7 @@ impl DatasetPlan {
                 draws.extend(Draw::implied(recipe.seed, ROLL, Distribution::Uniform([0.0, 360.0]), &root));
             }
         }
-        draws.sort_by_key(|draw| draw.level);
+        sort_by_key(&mut draws, |draw| draw.level);
         let mut sources = sources(&recipe, &base, (folder, &scene_path))?;
         let (size_px, is_apart) = (frame_size(&base), recipe.splits.apart_by.contains(&ApartBy::Camera));
         let size = FrameSize { width_px: size_px[0], height_px: size_px[1] };

@@ -16,6 +16,7 @@ use crate::catalog::Catalog;
 use crate::recording::low_byte_first;
 use crate::render::{PsfTables, Rendered, Renderer};
 use crate::scene::Scene;
+use crate::statistics::order::sort_by_key;
 
 /// A sample.
 #[derive(Clone, Debug)]
@@ -98,7 +99,7 @@ impl DatasetPlan {
         if let Some(clean_e) = &rendered.clean_e {
             members.push(("clean.npy", npy_f32(size, clean_e)));
         }
-        members.sort_by_key(|(name, _)| *name);
+        sort_by_key(&mut members, |(name, _)| *name);
         Ok(DatasetSample {
             members,
             labels,

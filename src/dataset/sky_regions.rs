@@ -7,6 +7,7 @@
 
 use super::chance::AddressedChance;
 use crate::dual::dot;
+use crate::parallel;
 use crate::statistics::order::ascending;
 
 /// Parts along the side of a cell.
@@ -171,7 +172,6 @@ fn owners(seed: u64, shares: &[u64], side: usize) -> Vec<usize> {
 
 /// For each part how far it is from the cells of other splits, at least; what is farther than `up_to_rad` counts as that far.
 fn distances_rad(owner: &[usize], side: usize, up_to_rad: f64) -> Vec<f64> {
-    use rayon::prelude::*;
     let fine = side * PARTS;
     let slack = 2.0 * radius_rad(fine);
     let reach = 2.0 * radius_rad(side);
@@ -191,7 +191,7 @@ fn distances_rad(owner: &[usize], side: usize, up_to_rad: f64) -> Vec<f64> {
         ascending(&mut others, |a| a.0);
         others
     };
-    let others: Vec<Vec<(f64, usize)>> = (0..owner.len()).into_par_iter().map(of_cell).collect();
+    let others: Vec<Vec<(f64, usize)>> = parallel::map_numbers(owner.len(), of_cell);
     let distance = |part: usize| {
         let (own, at) = (cell_of(part, fine, side), middle(part, fine));
         let (mut nearest, mut cosine) = (std::f64::consts::PI, -1.0_f64);
@@ -204,7 +204,7 @@ fn distances_rad(owner: &[usize], side: usize, up_to_rad: f64) -> Vec<f64> {
         }
         (nearest - slack).clamp(0.0, up_to_rad)
     };
-    (0..12 * fine * fine).into_par_iter().map(distance).collect()
+    parallel::map_numbers(12 * fine * fine, distance)
 }
 
 #[cfg(test)]

@@ -19,6 +19,7 @@ use super::verify_sums::sum_faults;
 use crate::catalog::Catalog;
 use crate::provenance::Provenance;
 use crate::render::PsfTables;
+use crate::statistics::order::sort_by_key;
 
 /// How a dataset is looked at.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -124,7 +125,7 @@ pub fn verify(
     };
     on_threads(&dataset.shards(), options.threads, &look)?;
     let mut found = findings.into_inner().unwrap_or_else(PoisonError::into_inner);
-    found.seen.sort_by_key(|frame| frame.key);
+    sort_by_key(&mut found.seen, |frame| frame.key);
     let mut told = |check: VerifyCheck, faults: Vec<String>| {
         found.faults.extend(faults.into_iter().map(|fault| VerifyFault { check, fault }));
     };

@@ -3,10 +3,9 @@
 //! Cells as in SExtractor (Bertin & Arnouts 1996, A&AS 117, 393, section 2), with iterated clipping in place of the mode
 //! formula, since the median of coarsely quantised counts cannot resolve a step.
 
-use rayon::prelude::*;
-
 use super::black::{self, CutNoise};
 use crate::frame::Frame;
+use crate::parallel;
 use crate::statistics::{Clipped, clipped, median_in_place};
 
 /// Side of a mesh cell, px: above ten times any usual star's width, fine enough for glow at the edge of a detector.
@@ -208,44 +207,38 @@ impl Background {
         least: f64,
         usable: impl Fn(usize) -> bool + Sync,
     ) -> Vec<Option<(Clipped, usize)>> {
-        let bands: Vec<Vec<Option<(Clipped, usize)>>> = y_edges
-            .par_windows(2)
-            .map(|band| {
-                let mut cells = vec![Vec::with_capacity(4 * CELL_PX * CELL_PX); self.cells_x];
-                let mut residual = vec![0.0; frame.width_px];
-                for y in band[0]..band[1] {
-                    self.subtract_row(frame, y, &mut residual);
-                    let row = y * frame.width_px;
-                    for (cell, edge) in cells.iter_mut().zip(x_edges.windows(2)) {
-                        cell.extend((edge[0]..edge[1]).filter(|&x| usable(row + x)).map(|x| residual[x]));
-                    }
+        let bands: Vec<Vec<Option<(Clipped, usize)>>> = parallel::map_numbers(y_edges.len().saturating_sub(1), |band| {
+            let mut cells = vec![Vec::with_capacity(4 * CELL_PX * CELL_PX); self.cells_x];
+            let mut residual = vec![0.0; frame.width_px];
+            for y in y_edges[band]..y_edges[band + 1] {
+                self.subtract_row(frame, y, &mut residual);
+                let row = y * frame.width_px;
+                for (cell, edge) in cells.iter_mut().zip(x_edges.windows(2)) {
+                    cell.extend((edge[0]..edge[1]).filter(|&x| usable(row + x)).map(|x| residual[x]));
                 }
-                cells.iter().map(|values| clipped(values, least).map(|c| (c, values.len()))).collect()
-            })
-            .collect();
+            }
+            cells.iter().map(|values| clipped(values, least).map(|c| (c, values.len()))).collect()
+        });
         bands.into_iter().flatten().collect()
     }
 
     fn measure_cells(&mut self, frame: &Frame, masked: &[bool], x_edges: &[usize], y_edges: &[usize], least: f64) {
         let cells = self.cells_x * (y_edges.len() - 1);
-        let measured: Vec<Option<(f32, f32)>> = (0..cells)
-            .into_par_iter()
-            .map(|cell| {
-                let (cx, cy) = (cell % self.cells_x, cell / self.cells_x);
-                let mut values = Vec::with_capacity(4 * CELL_PX * CELL_PX);
-                for y in y_edges[cy]..y_edges[cy + 1] {
-                    let row = y * frame.width_px;
-                    let (from, to) = (row + x_edges[cx], row + x_edges[cx + 1]);
-                    let offset = self.row_offset[y];
-                    let pixels = frame.pixels_dn[from..to].iter().zip(&masked[from..to]);
-                    values.extend(pixels.filter(|(_, out)| !**out).map(|(v, _)| v - offset));
-                }
-                if values.len() * 4 < (x_edges[cx + 1] - x_edges[cx]) * (y_edges[cy + 1] - y_edges[cy]) {
-                    return None;
-                }
-                clipped(&values, least).map(|c| (c.mean as f32, c.sigma.max(self.floor_dn) as f32))
-            })
-            .collect();
+        let measured: Vec<Option<(f32, f32)>> = parallel::map_numbers(cells, |cell| {
+            let (cx, cy) = (cell % self.cells_x, cell / self.cells_x);
+            let mut values = Vec::with_capacity(4 * CELL_PX * CELL_PX);
+            for y in y_edges[cy]..y_edges[cy + 1] {
+                let row = y * frame.width_px;
+                let (from, to) = (row + x_edges[cx], row + x_edges[cx + 1]);
+                let offset = self.row_offset[y];
+                let pixels = frame.pixels_dn[from..to].iter().zip(&masked[from..to]);
+                values.extend(pixels.filter(|(_, out)| !**out).map(|(v, _)| v - offset));
+            }
+            if values.len() * 4 < (x_edges[cx + 1] - x_edges[cx]) * (y_edges[cy + 1] - y_edges[cy]) {
+                return None;
+            }
+            clipped(&values, least).map(|c| (c.mean as f32, c.sigma.max(self.floor_dn) as f32))
+        });
         let fallback = || {
             let middle = |pick: fn(&(f32, f32)) -> f32| {
                 median_in_place(&mut measured.iter().flatten().map(|m| f64::from(pick(m))).collect::<Vec<_>>())
@@ -292,17 +285,14 @@ impl Background {
         if frame.width_px < MIN_COLUMNS {
             return false;
         }
-        let rows: Vec<(f64, f64)> = (0..frame.height_px)
-            .into_par_iter()
-            .map(|y| {
-                let mut residual = vec![0.0; frame.width_px];
-                self.subtract_row(frame, y, &mut residual);
-                let start = y * frame.width_px;
-                let kept: Vec<f32> =
-                    residual.iter().zip(&masked[start..start + frame.width_px]).filter(|(_, out)| !**out).map(|(v, _)| *v).collect();
-                clipped(&kept, least).map_or((0.0, 0.0), |c| (c.mean, c.sigma.max(self.floor_dn) / (c.kept.max(1) as f64).sqrt()))
-            })
-            .collect();
+        let rows: Vec<(f64, f64)> = parallel::map_numbers(frame.height_px, |y| {
+            let mut residual = vec![0.0; frame.width_px];
+            self.subtract_row(frame, y, &mut residual);
+            let start = y * frame.width_px;
+            let kept: Vec<f32> =
+                residual.iter().zip(&masked[start..start + frame.width_px]).filter(|(_, out)| !**out).map(|(v, _)| *v).collect();
+            clipped(&kept, least).map_or((0.0, 0.0), |c| (c.mean, c.sigma.max(self.floor_dn) / (c.kept.max(1) as f64).sqrt()))
+        });
         let mean_square = rows.iter().map(|r| r.0 * r.0).sum::<f64>() / rows.len() as f64;
         let expected = rows.iter().map(|r| r.1 * r.1).sum::<f64>() / rows.len() as f64;
         if mean_square < 4.0 * expected {

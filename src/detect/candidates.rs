@@ -1,11 +1,10 @@
 //! Candidate positions for the fit: peaks of the matched filter, less the side lobes of brighter stars, with saturated pixels merged.
 
-use rayon::prelude::*;
-
 use super::background::Background;
 use super::filter_run::Search;
 use super::image_model::{Model, Shape, radius_px};
 use crate::frame::Frame;
+use crate::parallel;
 
 /// A place to fit a star at.
 #[derive(Clone, Copy, Debug)]
@@ -201,9 +200,8 @@ pub(super) fn neighbours(models: &[Model]) -> Vec<Vec<usize>> {
         let reach = a.radius as f64 + 2.5 * b.shape.axes_px().0;
         (a.x - b.x).abs() < reach && (a.y - b.y).abs() < reach
     };
-    models
-        .par_iter()
-        .enumerate()
-        .map(|(i, own)| grid.near(own.x, own.y).filter(|&j| j != i && touches(own, &models[j])).collect())
-        .collect()
+    parallel::map_numbers(models.len(), |i| {
+        let own = &models[i];
+        grid.near(own.x, own.y).filter(|&j| j != i && touches(own, &models[j])).collect()
+    })
 }

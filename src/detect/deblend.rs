@@ -5,8 +5,6 @@
 //! fitted together (`blend_fit`). Light at the same offset beside the reference stars belongs to the optics and makes no second star. A star that
 //! is clearly blended but cannot be split stays one, is flagged, and its error includes the possible shift by the companion.
 
-use rayon::prelude::*;
-
 use super::blend_fit::{BlendFit, WidthFactor};
 use super::companion::{CompanionMap, IsolatedFit};
 use super::field_fit::FieldFit;
@@ -16,6 +14,7 @@ use super::psf::Profile;
 use super::reference_stars::{Local, ReferenceStar, ReferenceStars, Share, expected};
 use super::stamp::{Scene, Stamp};
 use super::work::PARTED;
+use crate::parallel;
 
 /// Fainter stars cannot be two.
 const MIN_SNR: f64 = 10.0;
@@ -66,7 +65,8 @@ pub(super) struct Deblender<'a> {
 impl Deblender<'_> {
     /// Looks at all stars that seem to be no lone ones. Which these are costs little to tell, and each of them much: work is shared out among them alone.
     pub(super) fn deblend_all(&self) -> Vec<(usize, DeblendOutcome)> {
-        let odd: Vec<(usize, Local<'_>, f64)> = (0..self.stars.fits.len()).into_par_iter().filter_map(|i| self.odd(i)).collect();
+        let odd: Vec<(usize, Local<'_>, f64)> =
+            parallel::map_numbers(self.stars.fits.len(), |i| self.odd(i)).into_iter().flatten().collect();
         let judge = |(i, local, allowed): &(usize, Local<'_>, f64)| {
             let verdict = self.judge(*i, self.stars.fits[*i].as_ref()?, local, *allowed)?;
             Some((*i, verdict))

@@ -1,8 +1,7 @@
 //! Saturated and hot pixels, which take no part in fits.
 
-use rayon::prelude::*;
-
 use crate::frame::Frame;
+use crate::parallel;
 
 /// A lone pixel counts as hot from this many σ of its background on.
 const HOT_SIGMA: f32 = 8.0;
@@ -35,7 +34,7 @@ pub(super) fn saturation_dn(frame: &Frame) -> f32 {
 pub(super) fn hot_pixels(normalised: &[f32], width: usize) -> Vec<bool> {
     let height = normalised.len() / width;
     let mut hot = vec![false; normalised.len()];
-    hot.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+    parallel::for_each_part(&mut hot, width, |y, row| {
         for (x, hot) in row.iter_mut().enumerate() {
             let own = normalised[y * width + x];
             if own < HOT_SIGMA {

@@ -4,14 +4,13 @@
 //! position, flux and background of every star, so that few iterations suffice and errors of the first positions leave no trace. A prior
 //! regularises what few stars determine: a correction is small against the image, and smaller in its wings.
 
-use rayon::prelude::*;
-
 use super::epsf::{Conditions, EmpiricalPsf, FIELD_TERMS, FREEDOM_BY_SKY, Grid, PsfReport, Terms};
 use super::epsf_step::{Turn, Unknowns};
 use super::fit::Freedom;
 use super::image_model::{Model, Shape, radius_px};
 use super::psf::Profile;
 use super::stamp::{Photons, Stamp};
+use crate::parallel;
 use crate::statistics::cholesky::inverse;
 use crate::statistics::median;
 use crate::statistics::order::descending;
@@ -229,7 +228,7 @@ fn judge(stars: &[&PsfStar], psf: &EmpiricalPsf) -> Vec<(f64, f64)> {
         let deviance = star.photons.deviance(&star.stamp, &profile, model.flux_dn, offset);
         (deviance + place, used.saturating_sub(count).max(1) as f64 + of_sky)
     };
-    stars.par_iter().map(of).collect()
+    parallel::map(stars, of)
 }
 
 /// The image of these stars, from `start` on if there is one.
@@ -287,7 +286,7 @@ struct Look<'a> {
 impl<'a> Look<'a> {
     /// `None` where more than half cannot be fitted.
     fn at(stars: &[&'a PsfStar], mut models: Vec<Model>, psf: &EmpiricalPsf) -> Option<Self> {
-        let found: Vec<Option<Turn<'_>>> = stars.par_iter().zip(&models).map(|(star, model)| turn(star, *model, psf)).collect();
+        let found: Vec<Option<Turn<'_>>> = parallel::map_numbers(stars.len(), |number| turn(stars[number], models[number], psf));
         for (model, turn) in models.iter_mut().zip(&found) {
             if let Some(turn) = turn {
                 *model = turn.model;

@@ -9,6 +9,7 @@ use statrs::distribution::{ContinuousCDF, Normal};
 
 use super::image_model::{Shape, Window};
 use super::psf::Profile;
+use crate::parallel;
 use crate::statistics::clipped;
 
 /// Rows that one task filters.
@@ -155,7 +156,7 @@ impl Kernel {
     pub(super) fn apply(&self, normalised: &[f32], width: usize) -> Vec<f32> {
         let height = normalised.len() / width;
         let mut out = vec![0.0_f32; normalised.len()];
-        out.par_chunks_mut(BAND_ROWS * width).enumerate().for_each(|(band, out)| {
+        parallel::for_each_part(&mut out, BAND_ROWS * width, |band, out| {
             let first = band * BAND_ROWS;
             self.apply_band(normalised, width, height, first, out);
         });

@@ -23,6 +23,8 @@ use super::stamp::Scene;
 use super::work::{DESCRIBED, PARTED, WEIGHED, Work};
 use super::{DetectError, DetectOptions, Detection, Detections, Flags};
 use crate::frame::Frame;
+use crate::parallel;
+use crate::statistics::order::sort_by;
 
 /// Smallest side of a frame, px: a star's window.
 const MIN_SIDE_PX: usize = 9;
@@ -156,7 +158,7 @@ fn chosen(scene: &Scene<'_>, stars: &FieldFit, search: &Search, most: usize) -> 
             chosen.push((i, detection(scene, fit, candidate, stars.is_blended(i), search.scatter).wider_by(wider)));
         }
     }
-    chosen.sort_by(|(_, a), (_, b)| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
+    sort_by(&mut chosen, |(_, a), (_, b)| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
     chosen.truncate(most);
     chosen
 }
@@ -207,7 +209,7 @@ fn learnable(scene: &Scene<'_>, stars: &FieldFit, search: &Search, most: usize) 
         })
     };
     let chosen: Vec<usize> = (0..stars.candidates.len()).filter(clean).take(most).collect();
-    chosen.into_par_iter().map(keep).collect::<Vec<_>>().into_iter().flatten().collect()
+    parallel::map(&chosen, |index| keep(*index)).into_iter().flatten().collect()
 }
 
 /// Whether any count is no number: a look without branches, which is quick.

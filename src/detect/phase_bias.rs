@@ -5,8 +5,6 @@
 //! left is a Fourier series of the phases along both axes, to second order, at a few places of the frame, brightnesses, colours and temperatures; a
 //! star's bias lies between these.
 
-use rayon::prelude::*;
-
 use super::epsf::{Conditions, EmpiricalPsf};
 use super::fit::{Freedom, SNR_FOR_WIDTH};
 use super::image_model::{Model, Window, radius_px};
@@ -14,6 +12,7 @@ use super::psf::Profile;
 use super::stamp::{Photons, Stamp};
 use super::windowed;
 use crate::frame::Frame;
+use crate::parallel;
 use crate::statistics::cholesky::inverse;
 
 /// How places were measured.
@@ -87,7 +86,7 @@ impl PhaseBias {
             }
             series(&psf.under([at[3], at[4]]), estimator, noise, [at[0], at[1]], at[2].exp())
         };
-        let series = (0..count).into_par_iter().map(series).collect::<Option<Vec<Series>>>()?;
+        let series = parallel::map_numbers(count, series).into_iter().collect::<Option<Vec<Series>>>()?;
         Some(Self { nodes, series })
     }
 

@@ -3,11 +3,10 @@
 //! Bernstein & Jarvis 2002 (AJ 123, 583), section 3: moments under a Gaussian weight that is matched to the object until it
 //! has the object's own shape. For a Gaussian image of matrix C under a weight W the measured matrix is (C⁻¹ + W⁻¹)⁻¹.
 
-use rayon::prelude::*;
-
 use super::filter::Peak;
 use super::image_model::{PIXEL_VARIANCE, Shape};
 use super::trail::Trail;
+use crate::parallel;
 use crate::statistics::{mad_sigma, median};
 
 /// Below this σ along the short axis it is a lone pixel, or a cosmic ray, px.
@@ -68,10 +67,7 @@ pub(super) fn typical(residual: &[f32], width: usize, unusable: &[bool], peaks: 
     // the very brightest may be saturated or galaxies of their own; a share of the list, spread over it, tells the rule
     let step = (bright.len() / MAX_PEAKS).clamp(1, 4);
     let chosen: Vec<&Peak> = bright.into_iter().step_by(step).take(2 * MAX_PEAKS).collect();
-    let shapes: Vec<Shape> = chosen
-        .par_iter()
-        .map(|p| adaptive_moments(residual, width, unusable, p, WIDEST_PX))
-        .collect::<Vec<_>>()
+    let shapes: Vec<Shape> = parallel::map(&chosen, |p| adaptive_moments(residual, width, unusable, p, WIDEST_PX))
         .into_iter()
         .flatten()
         .filter(|s| s.axes_px().1 > SHARPEST_PX)

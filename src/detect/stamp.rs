@@ -6,6 +6,7 @@ use super::image_model::{Model, Window};
 use super::psf::Profile;
 use super::work::Work;
 use crate::frame::Frame;
+use crate::statistics::order::sort_by;
 
 /// Residuals of a single pixel beyond this many σ are no noise: a hot pixel, a cosmic ray, another star.
 const OUTLIER_SIGMA: f64 = 6.0;
@@ -125,7 +126,7 @@ impl Photons {
                 worst.push((excess, i));
             }
         }
-        worst.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        sort_by(&mut worst, |a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         worst.truncate(stamp.data.len() / 30 + 1);
         for (_, i) in &worst {
             stamp.used[*i] = false;

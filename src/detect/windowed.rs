@@ -15,6 +15,7 @@ use super::window::{Bell, Bells, Noise, Scratch, weighted};
 use super::window_gain::{self, Way, WindowStar};
 use super::{DetectError, DetectOptions, Detection, Detections, Flags};
 use crate::frame::Frame;
+use crate::statistics::order::sort_by;
 use crate::statistics::{clipped, median_in_place};
 
 /// Side of a cell of the background, px, about.
@@ -61,7 +62,7 @@ pub fn detect_windowed(frame: &Frame, options: &DetectOptions, bad: Option<&[boo
     }
     let mut stars: Vec<Detection> = places.iter().filter_map(|place| window.measure(*place, normal, &mut scratch)).collect();
     flag_neighbours(&mut stars, 2.0 * window.radius as f64);
-    stars.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
+    sort_by(&mut stars, |a, b| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
     stars.truncate(options.max_stars);
     let (background_dn, noise_dn) = mesh.typical();
     Ok(Detections { width_px: frame.width_px, height_px: frame.height_px, background_dn, noise_dn, stars })
@@ -499,7 +500,7 @@ pub(super) fn centre(frame: &Frame, start: [f64; 2], sigma_px: f64) -> Option<[f
 
 /// Marks stars in each other's windows; they are sorted by rows nearly.
 fn flag_neighbours(stars: &mut Vec<Detection>, reach_px: f64) {
-    stars.sort_by(|a, b| a.y_px.total_cmp(&b.y_px).then(a.x_px.total_cmp(&b.x_px)));
+    sort_by(stars, |a, b| a.y_px.total_cmp(&b.y_px).then(a.x_px.total_cmp(&b.x_px)));
     stars.dedup_by(|a, b| (a.x_px - b.x_px).powi(2) + (a.y_px - b.y_px).powi(2) < 0.25);
     for i in 0..stars.len() {
         let mut j = i + 1;

@@ -6,7 +6,7 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
 
-use rayon::prelude::*;
+use crate::parallel;
 
 /// What a pixel costs to be drawn and weighed, nanoseconds of a usual core: of a round image, of any ellipse.
 pub(super) const ROUND_NS: u64 = 20;
@@ -83,7 +83,7 @@ impl Work {
         while done.len() < of.len() && !self.is_spent(part) {
             let before = self.spent();
             let now = &of[done.len()..(done.len() + together).min(of.len())];
-            let results: Vec<Option<R>> = now.par_iter().map(|one| Some(each(one))).collect();
+            let results: Vec<Option<R>> = parallel::map(now, |one| Some(each(one)));
             done.extend(results);
             let each_ns = ((self.spent() - before) as f64 / now.len() as f64).max(1.0);
             together = ((PART * self.allowed_ns as f64 / each_ns) as usize).clamp(MIN_BATCH, MAX_BATCH);

@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::verdict::{Bound, Verdict};
+use crate::statistics::order::sort_by_key;
 
 /// A way in which a recording may differ from its simulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
@@ -201,7 +202,7 @@ impl Channels {
             }
         }
         // What nobody looked at stands last.
-        groups.sort_by_key(|(verdict, _)| *verdict == ChannelVerdict::NotLookedAt);
+        sort_by_key(&mut groups, |(verdict, _)| *verdict == ChannelVerdict::NotLookedAt);
         groups.iter().map(|(verdict, names)| format!("{}: {}", names.join(", "), verdict.words())).collect::<Vec<_>>().join("; ")
     }
 }

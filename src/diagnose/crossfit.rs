@@ -6,8 +6,6 @@
 //! a mean below zero, whatever the threshold, since each fold's choice is made without the errors that score it. That holds for the list of all
 //! proposals alone; those that all images propose together have been chosen with every error in hand, and those named have passed the test besides.
 
-use rayon::prelude::*;
-
 use super::evidence::Evidence;
 use super::fit_state::{FitState, SelectedEffect, basis, columns, cosine};
 use super::folds::{Fold, Folds, goes_by_stars, threshold};
@@ -19,6 +17,7 @@ use super::refine::refine;
 use super::stepwise::select;
 use crate::calibrate::{BundleSolution, Column};
 use crate::identify::ControlPoints;
+use crate::parallel;
 use crate::statistics::significance::{chi_squared_quantile, normal_cdf};
 
 /// Effects with a larger cosine leave the same trace: what one gains the other would.
@@ -130,12 +129,12 @@ impl CrossFit {
         (whole, hypotheses): (f64, f64),
     ) -> Self {
         let folds = Folds::new(evidence);
-        let by_stars: Vec<bool> = evidence.hypotheses.par_iter().map(|own| goes_by_stars(own, joint, evidence, points)).collect();
+        let by_stars: Vec<bool> = parallel::map(&evidence.hypotheses, |own| goes_by_stars(own, joint, evidence, points));
         let of = |fold: &Fold| {
             let least = threshold(whole, hypotheses, fold.share());
             turn(evidence, joint, fold, begin, least, &by_stars)
         };
-        let turns = folds.all.par_iter().map(of).collect();
+        let turns = parallel::map(&folds.all, of);
         Self { folds, turns, by_stars, owners: Vec::new() }
     }
 

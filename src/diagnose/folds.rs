@@ -10,6 +10,7 @@ use super::hypotheses::Hypothesis;
 use crate::calibrate::BundleSolution;
 use crate::effects::{Context, Light, Segment};
 use crate::identify::ControlPoints;
+use crate::statistics::order::sort_by_key;
 use crate::statistics::significance::{chi_squared_quantile, neg_ln_chi2_sf};
 
 /// Fewer frames are not left out in turn.
@@ -142,7 +143,7 @@ fn star_order(evidence: &Evidence) -> Vec<usize> {
         });
     }
     let mut order: Vec<usize> = (0..count).collect();
-    order.sort_by_key(|star| (hashes[*star], *star));
+    sort_by_key(&mut order, |star| (hashes[*star], *star));
     let mut place = vec![0; count];
     for (at, star) in order.into_iter().enumerate() {
         place[star] = at;

@@ -10,10 +10,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use nalgebra::{DMatrix, DMatrixView};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
 
 use super::linear_fit::Fit;
 use super::scan::{Asks, Scan};
+use crate::parallel;
 use crate::statistics::order::descending;
 use crate::statistics::significance::{family_wise_p_value, neg_ln_chi2_sf};
 
@@ -59,30 +59,27 @@ impl Scan {
             .collect();
         let tables: Vec<Arc<Table>> = self.groups.iter().map(|group| Table::of(group.rank)).collect();
         let batches: Vec<(usize, usize)> = (from..to).step_by(BATCH).map(|first| (first, (first + BATCH).min(to))).collect();
-        let largest: Vec<[Vec<f64>; 2]> = batches
-            .into_par_iter()
-            .map(|(first, last)| {
-                let rows = self.columns.nrows();
-                let nulls = last - first;
-                let mut noise = vec![0.0_f32; rows * nulls];
-                let mut c = Vec::with_capacity(nulls);
-                for (null, column) in (first..last).zip(noise.chunks_exact_mut(rows)) {
-                    let mut rng = Pcg64Mcg::seed_from_u64(seed ^ (null as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-                    let mut square = 0.0;
-                    for k in (0..take.len()).filter(|k| take[*k]) {
-                        let size = sizes[rng.random_range(0..sizes.len())];
-                        let [x, y] = directions[rng.random_range(0..DIRECTIONS)];
-                        column[2 * k] = (size * x) as f32;
-                        column[2 * k + 1] = (size * y) as f32;
-                        square += size * size;
-                    }
-                    c.push(square / (2.0 * sizes.len() as f64));
+        let largest: Vec<[Vec<f64>; 2]> = parallel::map(&batches, |&(first, last)| {
+            let rows = self.columns.nrows();
+            let nulls = last - first;
+            let mut noise = vec![0.0_f32; rows * nulls];
+            let mut c = Vec::with_capacity(nulls);
+            for (null, column) in (first..last).zip(noise.chunks_exact_mut(rows)) {
+                let mut rng = Pcg64Mcg::seed_from_u64(seed ^ (null as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+                let mut square = 0.0;
+                for k in (0..take.len()).filter(|k| take[*k]) {
+                    let size = sizes[rng.random_range(0..sizes.len())];
+                    let [x, y] = directions[rng.random_range(0..DIRECTIONS)];
+                    column[2 * k] = (size * x) as f32;
+                    column[2 * k + 1] = (size * y) as f32;
+                    square += size * size;
                 }
-                // One line for each recording: the library's product is fast in this order.
-                let z = DMatrixView::from_slice_with_strides(&noise, nulls, rows, rows, 1) * &self.columns;
-                self.largest(&z, &c, &tables)
-            })
-            .collect();
+                c.push(square / (2.0 * sizes.len() as f64));
+            }
+            // One line for each recording: the library's product is fast in this order.
+            let z = DMatrixView::from_slice_with_strides(&noise, nulls, rows, rows, 1) * &self.columns;
+            self.largest(&z, &c, &tables)
+        });
         [0, 1].map(|which| largest.iter().flat_map(|most| &most[which]).copied().collect())
     }
 

@@ -7,6 +7,7 @@ use super::fit_state::{FitState, SelectedEffect, UNOBSERVABLE, amplitude, surviv
 use super::hypotheses::Hypothesis;
 use super::zenith::with_zenith;
 use crate::effects::{OrdinarySize, UsualSize};
+use crate::statistics::order::sort_by;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// A normal number is above −SURE with 95 %.
@@ -107,7 +108,7 @@ pub(super) fn detectable(
         });
     }
     let ratio = |own: &Detectable| own.size_95.map_or(f64::INFINITY, |size| size / own.ordinary);
-    all.sort_by(|a, b| ratio(a).total_cmp(&ratio(b)).then(a.id.cmp(&b.id)));
+    sort_by(&mut all, |a, b| ratio(a).total_cmp(&ratio(b)).then(a.id.cmp(&b.id)));
     all
 }
 

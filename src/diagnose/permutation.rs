@@ -9,7 +9,6 @@
 use nalgebra::{DMatrix, DMatrixView};
 use rand::{SeedableRng, seq::SliceRandom};
 use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
 
 use super::covariates::Separated;
 use super::evidence::Evidence;
@@ -17,6 +16,7 @@ use super::fit_state::FitState;
 use super::linear_fit::FrameSums;
 use super::linear_system::Whitened;
 use super::scan::{Asks, MIN_SHARE, Scan};
+use crate::parallel;
 use crate::statistics::order::descending;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
@@ -108,37 +108,34 @@ fn among_images(evidence: &Evidence, stand: &FitState, scan: &Scan, seed: u64) -
     let square: f64 = stand.fit.psi.iter().map(|value| value * value).sum();
     let c = square / (free as f64).max(1.0);
     let batches: Vec<usize> = (0..DEALS).step_by(BATCH).collect();
-    let largest: Vec<Vec<f64>> = batches
-        .into_par_iter()
-        .map(|first| {
-            let deals = BATCH.min(DEALS - first);
-            let mut dealt = vec![0.0_f32; rows * deals];
-            for (deal, column) in (first..).zip(dealt.chunks_exact_mut(rows)) {
-                let mut rng = Pcg64Mcg::seed_from_u64(seed ^ (deal as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-                for own in &frames {
-                    let mut order = own.clone();
-                    order.shuffle(&mut rng);
-                    for (to, from) in own.iter().zip(&order) {
-                        column[2 * to] = stand.fit.psi[2 * from] as f32;
-                        column[2 * to + 1] = stand.fit.psi[2 * from + 1] as f32;
-                    }
+    let largest: Vec<Vec<f64>> = parallel::map(&batches, |&first| {
+        let deals = BATCH.min(DEALS - first);
+        let mut dealt = vec![0.0_f32; rows * deals];
+        for (deal, column) in (first..).zip(dealt.chunks_exact_mut(rows)) {
+            let mut rng = Pcg64Mcg::seed_from_u64(seed ^ (deal as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+            for own in &frames {
+                let mut order = own.clone();
+                order.shuffle(&mut rng);
+                for (to, from) in own.iter().zip(&order) {
+                    column[2 * to] = stand.fit.psi[2 * from] as f32;
+                    column[2 * to + 1] = stand.fit.psi[2 * from + 1] as f32;
                 }
             }
-            let z = DMatrixView::from_slice_with_strides(&dealt, deals, rows, rows, 1) * &columns;
-            (0..deals)
-                .map(|deal| {
-                    let mut column = 0;
-                    let mut most = 0.0_f64;
-                    for rank in &ranks {
-                        let t: f64 = (column..column + rank).map(|j| f64::from(z[(deal, j)]).powi(2)).sum::<f64>() / c;
-                        most = most.max(neg_ln_chi2_sf(*rank as f64, t));
-                        column += rank;
-                    }
-                    most
-                })
-                .collect()
-        })
-        .collect();
+        }
+        let z = DMatrixView::from_slice_with_strides(&dealt, deals, rows, rows, 1) * &columns;
+        (0..deals)
+            .map(|deal| {
+                let mut column = 0;
+                let mut most = 0.0_f64;
+                for rank in &ranks {
+                    let t: f64 = (column..column + rank).map(|j| f64::from(z[(deal, j)]).powi(2)).sum::<f64>() / c;
+                    most = most.max(neg_ln_chi2_sf(*rank as f64, t));
+                    column += rank;
+                }
+                most
+            })
+            .collect()
+    });
     kind.largest = sorted(largest.into_iter().flatten().collect());
     kind
 }
@@ -210,14 +207,11 @@ fn among_frames(evidence: &Evidence, stand: &FitState, seed: u64) -> Kind {
     if frames < MIN_FRAMES || patterns.iter().all(Vec::is_empty) {
         return Kind { seen, ..Kind::default() };
     }
-    let largest = (0..DEALS)
-        .into_par_iter()
-        .map(|deal| {
-            let mut order = in_order.clone();
-            order.shuffle(&mut Pcg64Mcg::seed_from_u64(seed ^ (deal as u64 + 1).wrapping_mul(0xd134_2543_de82_ef95)));
-            patterns.iter().map(|own| most(own, &order)).fold(0.0, f64::max)
-        })
-        .collect();
+    let largest = parallel::map_numbers(DEALS, |deal| {
+        let mut order = in_order.clone();
+        order.shuffle(&mut Pcg64Mcg::seed_from_u64(seed ^ (deal as u64 + 1).wrapping_mul(0xd134_2543_de82_ef95)));
+        patterns.iter().map(|own| most(own, &order)).fold(0.0, f64::max)
+    });
     Kind { largest: sorted(largest), seen }
 }
 

@@ -12,8 +12,6 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use rayon::prelude::*;
-
 use super::options::ImageConditions;
 use super::stamp_scenes::{StarLayout, coma, gaussian, grid, layouts, room_px, scene, told, unit_shift, with_stage};
 use super::star_images::{StarImages, WITHIN_REACH_PX};
@@ -25,6 +23,7 @@ use crate::effects::{AnyDisplacement, DISPLACEMENTS, MAX_SHIFTS, REFERENCE_FLUX_
 use crate::frame::Frame;
 use crate::identify::ControlPoints;
 use crate::imaging::EffectSetting;
+use crate::parallel;
 use crate::render::{MeasuredStar, PsfTables, StampRenderer, TestStar, signature};
 use crate::scene::Scene;
 
@@ -256,7 +255,7 @@ impl ColumnRenderer<'_> {
             let found = told(signature(&less, &more, 1.0, &design, measure))?;
             Some(plate.iter().zip(found).filter_map(|((index, _), found)| found.map(|found| (*index, [found.x_px, found.y_px]))).collect())
         };
-        let parts: Vec<Vec<(usize, [f64; 2])>> = plates.par_iter().map(of).collect::<Option<_>>()?;
+        let parts: Vec<Vec<(usize, [f64; 2])>> = parallel::map(plates, of).into_iter().collect::<Option<_>>()?;
         Some(parts.into_iter().flatten().collect())
     }
 }

@@ -9,15 +9,15 @@
 
 use std::collections::BTreeMap;
 
-use rand::{SeedableRng, seq::SliceRandom};
-use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
-
 use super::diagnosis::HalfNights;
 use super::final_fit::FinalFit;
 use super::null_distribution::family_p;
 use super::options::DiagnoseOptions;
 use super::scan::{Asks, Scan};
+use crate::parallel;
+use crate::statistics::order::sort_by;
+use rand::{SeedableRng, seq::SliceRandom};
+use rand_pcg::Pcg64Mcg;
 
 /// Simulations of each split.
 const NULLS: usize = 200;
@@ -40,39 +40,36 @@ pub(super) fn half_nights(solved: &FinalFit, options: &DiagnoseOptions) -> Optio
         return None;
     }
     let nights_seed = options.seed ^ 0x0068_616c_7665_735f;
-    let mut splits: Vec<Split> = (0..options.half_nights)
-        .into_par_iter()
-        .map(|split| {
-            let seed = options.seed ^ (split as u64 + 1).wrapping_mul(0xd134_2543_de82_ef95);
-            let mut order: Vec<usize> = (0..frames).collect();
-            order.shuffle(&mut Pcg64Mcg::seed_from_u64(seed));
-            let mut sign = vec![1.0; frames];
-            for place in &order[..frames / 2] {
-                sign[*place] = -1.0;
+    let mut splits: Vec<Split> = parallel::map_numbers(options.half_nights, |split| {
+        let seed = options.seed ^ (split as u64 + 1).wrapping_mul(0xd134_2543_de82_ef95);
+        let mut order: Vec<usize> = (0..frames).collect();
+        order.shuffle(&mut Pcg64Mcg::seed_from_u64(seed));
+        let mut sign = vec![1.0; frames];
+        for place in &order[..frames / 2] {
+            sign[*place] = -1.0;
+        }
+        let mut evidence = solved.evidence.clone();
+        for column in
+            evidence.hypotheses.iter_mut().flat_map(|hypothesis| &mut hypothesis.variants).flat_map(|variant| &mut variant.columns)
+        {
+            for (value, place) in column.iter_mut().zip(&evidence.stars.place) {
+                *value = value.map(|component| component * sign[*place]);
             }
-            let mut evidence = solved.evidence.clone();
-            for column in
-                evidence.hypotheses.iter_mut().flat_map(|hypothesis| &mut hypothesis.variants).flat_map(|variant| &mut variant.columns)
-            {
-                for (value, place) in column.iter_mut().zip(&evidence.stars.place) {
-                    *value = value.map(|component| component * sign[*place]);
-                }
-            }
-            evidence.covariates = std::sync::Arc::default();
-            let stand = &solved.stand;
-            let scan = Scan::new(&evidence, &stand.noise, &stand.system, &stand.fit, |_| true);
-            let of = |group: &super::scan::Group| match group.asks {
-                Asks::Hypothesis(index, _) => (group.surprise(), solved.evidence.hypotheses[index].id()),
-                Asks::Covariate(_) => (0.0, ""),
-            };
-            let (most, id) = scan.groups.iter().map(of).max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or_default();
-            let reference = scan.chance(&stand.fit, &stand.take, seed, 0, NULLS).hypotheses;
-            let [nights, _] = scan.simulated(&stand.fit, &stand.take, nights_seed, 0, NIGHTS);
-            let simulated = nights.into_iter().map(|most| family_p(&reference, most)).collect();
-            Split { p_value: family_p(&reference, most), id, simulated }
-        })
-        .collect();
-    splits.sort_by(|a, b| a.p_value.total_cmp(&b.p_value).then(a.id.cmp(b.id)));
+        }
+        evidence.covariates = std::sync::Arc::default();
+        let stand = &solved.stand;
+        let scan = Scan::new(&evidence, &stand.noise, &stand.system, &stand.fit, |_| true);
+        let of = |group: &super::scan::Group| match group.asks {
+            Asks::Hypothesis(index, _) => (group.surprise(), solved.evidence.hypotheses[index].id()),
+            Asks::Covariate(_) => (0.0, ""),
+        };
+        let (most, id) = scan.groups.iter().map(of).max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or_default();
+        let reference = scan.chance(&stand.fit, &stand.take, seed, 0, NULLS).hypotheses;
+        let [nights, _] = scan.simulated(&stand.fit, &stand.take, nights_seed, 0, NIGHTS);
+        let simulated = nights.into_iter().map(|most| family_p(&reference, most)).collect();
+        Split { p_value: family_p(&reference, most), id, simulated }
+    });
+    sort_by(&mut splits, |a, b| a.p_value.total_cmp(&b.p_value).then(a.id.cmp(b.id)));
     let p_values: Vec<f64> = splits.iter().map(|split| split.p_value).collect();
     let mut largest: BTreeMap<String, usize> = BTreeMap::new();
     for split in &splits {

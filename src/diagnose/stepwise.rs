@@ -7,6 +7,7 @@ use super::linear_system::Whitened;
 use super::noise::NoiseModel;
 use super::omitted_nature::is_needed;
 use super::scan::{Asks, Scan};
+use crate::statistics::order::sort_by;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// A formula takes the place of the column that was rendered if it is better by this surprise.
@@ -189,7 +190,7 @@ pub(super) fn choose(evidence: &Evidence, stand: &FitState, found: &[Candidate])
     // Of those that leave the same trace one whose size is what the recording tells; else that which need not be many times larger than
     // its trace.
     let raw_size = |entry: SelectedEffect| 1.0 / survival(stand, &white(entry)).max(f64::MIN_POSITIVE);
-    class.sort_by(|a, b| {
+    sort_by(&mut class, |a, b| {
         let name = |candidate: &Candidate| evidence.hypotheses[candidate.entry.hypothesis].effect.facts().name_rank;
         b.agrees.cmp(&a.agrees).then(name(a).cmp(&name(b))).then(raw_size(a.entry).total_cmp(&raw_size(b.entry)))
     });

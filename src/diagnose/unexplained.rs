@@ -12,6 +12,7 @@ use super::scan::{Asks, Scan};
 use super::stepwise::is_observable;
 use crate::calibrate::BundleSolution;
 use crate::statistics::order::descending;
+use crate::statistics::order::sort_by_key;
 
 /// Covariates named at most.
 const NAMED: usize = 3;
@@ -63,7 +64,7 @@ pub(super) fn unknown(evidence: &Evidence, stand: &FitState, vetoed: &[Withheld]
         .collect();
     // Names that were tried and vetoed stand first.
     let is_vetoed = |id: &str| vetoed.iter().any(|own| evidence.hypotheses[own.entry.hypothesis].id() == id);
-    resembles.sort_by_key(|resemblance| !is_vetoed(&resemblance.id));
+    sort_by_key(&mut resembles, |resemblance| !is_vetoed(&resemblance.id));
     let residual_px = stand.noise.unwhiten(&evidence.images, &evidence.place, &stand.fit.residual);
     let places: Vec<[f64; 2]> = evidence.predicted_px(super::star_images::REACH_PX).collect();
     let of = |k: usize| -> Left {

@@ -9,6 +9,9 @@
 //! The folder says where the light meets the effect: [`sky`], [`optics`], [`motion`] or [`detector`].
 //! The documentation of an effect's module is its page.
 
+#[macro_use]
+mod page; // its macro is used below and in `scene`
+
 #[cfg(feature = "bench")]
 pub mod detector;
 #[cfg(not(feature = "bench"))]
@@ -38,7 +41,6 @@ mod centroid;
 mod displacement;
 mod facts;
 mod image_response;
-mod page;
 mod registry;
 mod rendering;
 mod result;
@@ -57,6 +59,7 @@ inner!(displacement::invert);
 inner!(facts::{ModelGroup, id_of, stem_of});
 inner!(image_response::{IMAGE_EFFECTS, ImageContext, ImageEffect, ImageResponse, MAGNITUDES});
 inner!(page::{PAGE_HEADINGS, page_as_text, page_of});
+pub(crate) use page::{head, head_length};
 inner!(star_image::{MAX_SHIFTS, MAX_SIGNATURES, REFERENCE_FLUX_E, REFERENCE_MAGNITUDE});
 
 pub use crate::dual::{Dual, Jet, Real};

@@ -6,6 +6,7 @@ use crate::catalog::Catalog;
 use crate::coordinates::Direction;
 use crate::detect::{Detection, Detections};
 use crate::effects::{StarImage, StarState};
+use crate::statistics::order::sort_by_key;
 
 /// A frame whose identification was tried.
 #[derive(Clone, Copy, Debug)]
@@ -88,7 +89,7 @@ pub fn control_points(
             }
         }));
     }
-    points.sort_by_key(|point| point.frame);
+    sort_by_key(&mut points, |point| point.frame);
     tell_gradient(&mut points);
     (ControlPoints { projection, nominal_is_found, parity, ..ControlPoints::new(nominal, attitudes, points) }, left_out)
 }

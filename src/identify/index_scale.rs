@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use nalgebra::Vector3;
 
 use super::sky::Zones;
+use crate::statistics::order::sort_by_key;
 
 /// A star is in a scale's triangles if fewer than this many brighter ones stand in the disc of area w² around it.
 const INDEX_STARS: usize = 18;
@@ -349,7 +350,7 @@ fn in_threads<T: Send>(items: &[u32], work: impl Fn(&[u32]) -> Vec<T> + Sync) ->
         }
         all
     });
-    done.sort_by_key(|(number, _)| *number);
+    sort_by_key(&mut done, |(number, _)| *number);
     done.into_iter().flat_map(|(_, part)| part).collect()
 }
 

@@ -9,6 +9,7 @@ use super::{ControlPoint, ControlPoints, wrong_camera};
 use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Direction};
 use crate::effects::StarState;
+use crate::statistics::order::sort_by;
 use crate::units::DEG_RAD;
 
 /// Kinds of deliberately wrong identifications.
@@ -131,7 +132,7 @@ fn near_neighbour(point: &ControlPoint, catalog: &Catalog, rng: &mut Pcg64Mcg) -
         .map(|(number, star)| (star.direction.xyz[0] * x + star.direction.xyz[1] * y + star.direction.xyz[2] * z, number))
         .filter(|(cosine, _)| *cosine > cos_most)
         .collect();
-    near.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    sort_by(&mut near, |a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     near.truncate(NEAREST);
     (!near.is_empty()).then(|| near[rng.random_range(0..near.len())].1)
 }

@@ -17,6 +17,7 @@ use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Attitude, CameraAxes, Direction, PixelPoint};
 use crate::detect::Detections;
 use crate::statistics::median_in_place;
+use crate::statistics::order::sort_by;
 use crate::units::DEG_RAD;
 
 /// Stars are picked from so many detections, the brightest, where many look like none.
@@ -90,7 +91,7 @@ pub(super) fn usable_points(detections: &Detections) -> FramePoints {
         })
         .collect();
     let flux = |number: usize| Some(detections.stars[number].flux_dn).filter(|flux| flux.is_finite()).unwrap_or(f64::MIN);
-    order.sort_by(|&a, &b| flux(b).total_cmp(&flux(a)).then(a.cmp(&b)));
+    sort_by(&mut order, |&a, &b| flux(b).total_cmp(&flux(a)).then(a.cmp(&b)));
     let mut points = Points {
         centred_px: Vec::new(),
         detection: Vec::new(),

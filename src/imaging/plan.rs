@@ -10,6 +10,7 @@ use crate::effects::pixel::{
     AnyPixelEffect, ExposureContext, PIXEL_EFFECTS, POINT_SPREADS, SeparablePsf, SeparableStar, Stage, Work, pixel_effect, separable_psf,
 };
 use crate::rng::StageKey;
+use crate::statistics::order::sort_by_key;
 
 /// A pixel effect that is switched on.
 #[derive(Clone, Debug, PartialEq)]
@@ -129,7 +130,7 @@ impl Plan {
             known: POINT_SPREADS.iter().map(|spread| spread.id()).collect::<Vec<_>>().join(", "),
         })?;
         let mut effects = config.effects.iter().map(Enabled::new).collect::<Result<Vec<_>, _>>()?;
-        effects.sort_by_key(|enabled| PIXEL_EFFECTS.iter().position(|effect| effect.id() == enabled.effect.id()));
+        sort_by_key(&mut effects, |enabled| PIXEL_EFFECTS.iter().position(|effect| effect.id() == enabled.effect.id()));
         if let Some(pair) = effects.windows(2).find(|pair| pair[0].effect.id() == pair[1].effect.id()) {
             return Err(ImagingError::EffectTwice { id: pair[0].effect.id() });
         }

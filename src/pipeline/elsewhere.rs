@@ -1,11 +1,10 @@
 //! The second look at the frames, for what bright stars leave at other places: the stars of a frame and of the one before must be known.
 
-use rayon::prelude::*;
-
 use super::dark::Dark;
 use super::{MeasuredFrame, pixels::discs};
 use crate::detect::{Detection, Detections};
 use crate::frame::MaskedFrame;
+use crate::parallel;
 use crate::pixel_statistics::{CopiesFrame, ElsewhereFrame, FoundStar};
 use crate::statistics::median_in_place;
 use crate::statistics::order::descending;
@@ -23,7 +22,7 @@ pub(super) fn elsewhere(
     let stars: Vec<Vec<FoundStar>> = frames.iter().map(|frame| found_stars(&frame.detections)).collect();
     let step = frames.len().div_ceil(MAX_FRAMES).max(1);
     let looked_at: Vec<usize> = (0..frames.len()).filter(|place| place / 2 % step == 0).collect();
-    looked_at.into_par_iter().filter_map(|place| one(frames, &stars, place, dark, &load)).collect()
+    parallel::map(&looked_at, |place| one(frames, &stars, *place, dark, &load)).into_iter().flatten().collect()
 }
 
 fn one(

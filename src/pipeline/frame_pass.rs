@@ -3,15 +3,15 @@
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use rayon::prelude::*;
-
 use super::measure::{Centroid, MeasureOptions};
 use super::pixels::{Counts, StoppedField, frame_statistics, star_images};
 use super::{MeasuredFrame, PipelineError};
 use crate::detect::{Aids, DetectOptions, Detection, Detections, EmpiricalPsf, PsfStar, detect_aided, detect_windowed};
 use crate::frame::MaskedFrame;
+use crate::parallel;
 use crate::pixel_statistics::FrameStatistics;
 use crate::recording::{Recording, RecordingError, SkippedFrame};
+use crate::statistics::order::sort_by;
 
 /// Frames with fewer stars are looked at a second time.
 const FEW: usize = 30;
@@ -62,7 +62,7 @@ where
     L: Fn(&Recording, usize) -> Result<Result<MaskedFrame, SkippedFrame>, RecordingError> + Sync,
 {
     pub(super) fn all(&self, done: &(impl Fn() + Sync)) -> Result<Vec<OneMeasured>, PipelineError> {
-        (0..self.recording.frames.len()).into_par_iter().map(|index| self.one(index, done)).collect()
+        parallel::try_map_numbers(self.recording.frames.len(), |index| self.one(index, done))
     }
 
     fn one(&self, index: usize, done: &(impl Fn() + Sync)) -> Result<OneMeasured, PipelineError> {
@@ -148,5 +148,5 @@ fn add_missing(detections: &mut Detections, quick: Detections) {
     };
     let missing: Vec<Detection> = quick.stars.into_iter().filter(|star| is_missing(star)).collect();
     detections.stars.extend(missing);
-    detections.stars.sort_by(|a, b| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
+    sort_by(&mut detections.stars, |a, b| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
 }

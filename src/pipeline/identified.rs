@@ -12,6 +12,7 @@ use crate::effects::Observation;
 use crate::identify::{
     ASSUMED_EPOCH_YR, AttitudePrior, Identification, IdentifyOptions, Index, Projection, Refusal, Solution, common_projection, identify,
 };
+use crate::parallel;
 use crate::recording::Recording;
 use crate::statistics::median;
 use crate::units::DEG_RAD;
@@ -71,10 +72,8 @@ pub fn identify_frames(
         index.build(); // on nobody's time
     }
     let known = circumstances(&measured.recording)?;
-    let (mut frames, searched): (Vec<IdentifiedFrame>, Vec<Duration>) = measured
-        .frames
-        .par_iter()
-        .map(|frame| -> Result<(IdentifiedFrame, Duration), PipelineError> {
+    let (mut frames, searched): (Vec<IdentifiedFrame>, Vec<Duration>) =
+        parallel::map(&measured.frames, |frame| -> Result<(IdentifiedFrame, Duration), PipelineError> {
             let start = Instant::now();
             let sky = sky_chain(&known, frame, physics)?;
             let directions = sky.apparent_all(catalog);
@@ -86,6 +85,7 @@ pub fn identify_frames(
             done();
             Ok((IdentifiedFrame { identification, sky, seconds: frame.seconds + start.elapsed().as_secs_f64() }, searched))
         })
+        .into_iter()
         .collect::<Result<Vec<_>, _>>()?
         .into_iter()
         .unzip();

@@ -19,7 +19,7 @@
 //! Frames of a still scene repeat their stars and their fixed pattern, so all frames count as one: N is the mean number of a frame.
 
 use super::compression_combs::{BINS_PER_DN, BLOCK, Coefficient, CoefficientComb, MIN_QUANTISER_DN, Scan, TABLE, TOLD, table};
-use rayon::prelude::*;
+use crate::parallel;
 use serde::{Deserialize, Serialize};
 
 const BINS: usize = 4096;
@@ -211,7 +211,7 @@ impl BlockDct {
     fn in_units(&self, step_dn: f64) -> CompressionStatistics {
         let coefficients: Vec<Coefficient> = (0..BLOCK * BLOCK).filter_map(|index| self.coefficient(index)).collect();
         let smallest_dn = MIN_QUANTISER_DN.max(0.6 * step_dn);
-        let scans: Vec<Scan> = coefficients.par_iter().map(|coefficient| coefficient.scan(smallest_dn, step_dn)).collect();
+        let scans: Vec<Scan> = parallel::map(&coefficients, |coefficient| coefficient.scan(smallest_dn, step_dn));
         let trials: f64 = scans.iter().map(|scan| scan.trials).sum();
         let combs: Vec<CoefficientComb> =
             coefficients.iter().zip(&scans).filter_map(|(coefficient, scan)| coefficient.comb(scan, trials, step_dn)).collect();

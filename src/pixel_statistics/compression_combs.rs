@@ -1,7 +1,8 @@
 //! The combs that a quantiser leaves in the histograms of block coefficients: equations in `compression`.
 
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+
+use crate::parallel;
 
 /// The comb of one coefficient.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
@@ -187,7 +188,7 @@ pub(super) fn table(coefficients: &[Coefficient], smallest_dn: f64, step_dn: f64
     // From where the coarsest entry is visible to where the finest is at the end of the histogram.
     let (low, ratio) = (smallest_dn / 121.0, 1.004_f64);
     let trials = ((MAX_QUANTISER_DN / 10.0 / low).ln() / ratio.ln()).ceil().max(1.0) as usize;
-    let scores: Vec<f64> = (0..trials).into_par_iter().map(|index| score(low * ratio.powf(index as f64))).collect();
+    let scores: Vec<f64> = parallel::map_numbers(trials, |index| score(low * ratio.powf(index as f64)));
     let best = scores.iter().copied().fold(0.0, f64::max);
     let mut peak = scores.iter().rposition(|score| *score >= 0.8 * best).unwrap_or(0);
     while peak > 0 && scores[peak - 1] > scores[peak] {

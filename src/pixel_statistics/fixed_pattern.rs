@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::lines::{Estimate, FrameLines};
 use super::sky_pixels::{BLOCK_PX, SkyPixels};
+use crate::parallel;
 
 /// Values are kept in steps of 1/16 standard deviation, up to eight of them.
 const STEPS: f32 = 16.0;
@@ -244,7 +245,7 @@ fn pairs(chosen: &[&PatternFrame], weights: &[[f64; 2]], share: f64, is_bias_kno
             by_exposure: weights[*a][1] * weights[*b][1],
         })
     };
-    both.par_iter().filter_map(of).collect()
+    parallel::map(&both, of).into_iter().flatten().collect()
 }
 
 /// Pixels in chunks: sums of floats in one order at any number of threads.
@@ -255,7 +256,7 @@ fn sums(chosen: &[&PatternFrame], weights: &[[f64; 2]], share: f64) -> Sums {
     let of_chunk = |start: &usize| {
         (*start..(start + CHUNK).min(pixels)).fold(Sums::default(), |sums, index| sums.add(of_pixel(chosen, weights, share, index)))
     };
-    chunks.par_iter().map(of_chunk).collect::<Vec<_>>().into_iter().fold(Sums::default(), Sums::add)
+    parallel::map(&chunks, of_chunk).into_iter().fold(Sums::default(), Sums::add)
 }
 
 fn of_pixel(chosen: &[&PatternFrame], weights: &[[f64; 2]], share: f64, index: usize) -> Sums {

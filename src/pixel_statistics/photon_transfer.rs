@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use super::sky_pixels::Block;
 use crate::statistics::median;
+use crate::statistics::order::sort_by;
 
 /// Groups of blocks of like level that are kept of a frame.
 const GROUPS: usize = 12;
@@ -46,7 +47,7 @@ pub(super) fn points(frame: usize, blocks: &[Block], shape: [usize; 2]) -> Vec<T
     let is_dark =
         |(block, level): &(&Block, f64)| block.level_dn - level < MAX_ABOVE_SIGMAS * (block.variance_dn2 / block.pixels as f64).sqrt();
     let mut sorted: Vec<(&Block, f64)> = blocks.iter().zip(surface).filter(is_dark).collect();
-    sorted.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.place.cmp(&b.0.place)));
+    sort_by(&mut sorted, |a, b| a.1.total_cmp(&b.1).then(a.0.place.cmp(&b.0.place)));
     let groups = (sorted.len() / MIN_BLOCKS).clamp(1, GROUPS);
     let size = sorted.len().div_ceil(groups).max(1);
     sorted.chunks(size).filter(|group| group.len() >= MIN_BLOCKS).filter_map(|group| point(frame, group)).collect()

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::sky_frame::{SkyFrame, covered};
 use super::sky_pixels::{BLOCK_PX, SkyPixels};
 use crate::statistics::median_in_place;
+use crate::statistics::order::sort_by;
 
 /// A pixel stands out by so much at least, in standard deviations of the sky.
 const MIN_SIGMAS: f64 = 6.5;
@@ -77,7 +78,7 @@ impl RayFrame {
         };
         let mut candidates: Vec<Candidate> = (0..all.len()).filter_map(candidate).collect();
         let sharpness = |own: &Candidate| own.around[4] - 0.25 * [1, 3, 5, 7].into_iter().map(|place| own.around[place]).sum::<f64>();
-        candidates.sort_by(|a, b| sharpness(b).total_cmp(&sharpness(a)).then(a.index.cmp(&b.index)));
+        sort_by(&mut candidates, |a, b| sharpness(b).total_cmp(&sharpness(a)).then(a.index.cmp(&b.index)));
         candidates.truncate(MAX_CANDIDATES);
         for own in &mut candidates {
             own.group = groups.of_pixel(own.index);

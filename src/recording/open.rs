@@ -10,6 +10,7 @@ use super::fits::{FitsHeader, FitsMetadata};
 use super::image_file::{self, FITS_ENDINGS, IMAGE_ENDINGS, Probe};
 use super::manifest::{self, ListedFrame, Manifest};
 use super::{CameraInfo, Form, FrameEntry, OpenOptions, Recording, Site, SkippedFrame, StarList, star_list, time};
+use crate::statistics::order::sort_by_key;
 
 pub(super) fn open(paths: &[&Path], options: OpenOptions) -> Result<Recording, RecordingError> {
     let Some(first) = paths.first() else {
@@ -123,7 +124,7 @@ fn from_images(directory: PathBuf, files: &[PathBuf], form: Form, given: &Path, 
         return Err(RecordingError::Empty { path: given.to_owned(), hint: all_skipped(&skipped) });
     }
     if form == Form::FitsFolder && kept.iter().all(|(entry, ..)| entry.time_utc.is_some()) {
-        kept.sort_by_key(|(entry, ..)| entry.time_utc);
+        sort_by_key(&mut kept, |(entry, ..)| entry.time_utc);
     }
     let mut notes = more;
     let (camera, site) = shared(&kept, &mut notes);

@@ -1,7 +1,5 @@
 //! From a star's way over the frame to points of light.
 
-use rayon::prelude::*;
-
 use super::mosaic;
 use super::psf_tables::PsfTables;
 use crate::coordinates::PixelPoint;
@@ -12,6 +10,7 @@ use crate::effects::optics::gaussian_psf::GaussianPsf;
 use crate::effects::optics::tables::AtlasBuilder;
 use crate::effects::pixel::{Atlas, Psf2d, SeparablePsf};
 use crate::imaging::{Imager, ImagingError, PlacedStar, PlaneLight, PointSource, Stamp};
+use crate::parallel;
 use crate::scene::{LightForm, OtherLight, Psf, PsfKind, Sample, Spot, StarTrack};
 use crate::units::DEG_RAD;
 
@@ -112,7 +111,7 @@ impl Spreader {
                 };
                 builder.table(image, &psf.pixel)
             };
-            let tables: Vec<Vec<f32>> = (0..psf.nodes.count()).into_par_iter().map(table).collect();
+            let tables: Vec<Vec<f32>> = parallel::map_numbers(psf.nodes.count(), table);
             for table in &tables {
                 builder.add(table);
             }

@@ -23,11 +23,10 @@ inner!(signature::{MeasuredStar, StampRenderer, TestStar, signature});
 
 use std::collections::HashMap;
 
-use rayon::prelude::*;
-
 use crate::catalog::Catalog;
 use crate::effects::optics::tables::PixelResponse;
 use crate::imaging::{BinnedImager, FrameExposure, Imager, ImagingConfig, PlaneLight, Stage};
+use crate::parallel;
 use crate::scene::{OtherLight, Psf, Scene, StarTrack};
 use light::{FrameLight, Spreader, StarLight};
 use mask::{joined_mask, mask};
@@ -176,7 +175,7 @@ impl<'a> Renderer<'a> {
         let planes = self.spreader.planes(&frame);
         let chain = self.imager.noise_free(&exposure, &planes)?;
         let seen = |light: &StarLight| Ok(self.spreader.stamp(light, &self.imager)?.map(|stamp| Seen::new(self.scene, &chain, &stamp)));
-        let seen = lights.par_iter().map(seen).collect::<Result<Vec<_>, ImagingError>>()?;
+        let seen = parallel::try_map::<_, _, ImagingError>(&lights, seen)?;
         let landed: Vec<Landed> = seen.iter().map(|seen| seen.as_ref().map_or_else(Landed::default, Seen::landed)).collect();
         let footprints = self.asked.footprints.then(|| self.footprints(&lights, &seen)).transpose()?;
         let binned = self.binned.as_ref().filter(|_| self.asked.pixel_shifts);
@@ -239,7 +238,7 @@ impl<'a> Renderer<'a> {
             Some(seen) => Footprint::new(self.scene, &self.spreader, &self.imager, light, seen),
             None => Ok(Footprint::default()),
         };
-        lights.par_iter().zip(seen).map(of_one).collect()
+        parallel::try_map_numbers(lights.len(), |number| of_one((&lights[number], &seen[number])))
     }
 
     /// Expected electrons of the frame's pixels.
@@ -314,7 +313,7 @@ impl<'a> Renderer<'a> {
         let (width_px, margin_px) = self.reach(index);
         let tracks = self.scene.star_tracks(self.catalog, index, width_px, margin_px);
         let others = self.scene.other_lights(index, &tracks);
-        let mut lights: Vec<StarLight> = tracks.par_iter().map(|track| self.spreader.light(track)).collect();
+        let mut lights: Vec<StarLight> = parallel::map(&tracks, |track| self.spreader.light(track));
         lights.extend(others.iter().map(|other| self.spreader.other(other)));
         if let Some(filters) = &self.scene.colour_filters {
             let of_stars: HashMap<u32, Option<f64>> = tracks.iter().map(|track| (track.hip, track.colour)).collect();

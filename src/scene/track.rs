@@ -15,6 +15,7 @@ use crate::catalog::{Catalog, Star};
 use crate::coordinates::{Direction, PixelPoint};
 use crate::effects::ids;
 use crate::effects::{Context, Observation, StarImage as ImageState, StarState};
+use crate::parallel;
 
 /// Trails longer than this (in widths of the point spread) are summed up piece by piece.
 const LONGEST_PIECE: f64 = 40.0;
@@ -205,11 +206,10 @@ impl Scene {
     /// If `index` is not below the number of exposures.
     #[must_use]
     pub fn star_tracks(&self, catalog: &Catalog, index: usize, width_px: f64, margin_px: f64) -> Vec<StarTrack> {
-        use rayon::prelude::*;
         let exposure = &*self.exposures.get(index);
         let candidates: Vec<&Star> = self.candidates(catalog, exposure, margin_px);
         let epoch_yr = catalog.epoch_yr;
-        candidates.into_par_iter().filter_map(|star| self.track(star, epoch_yr, exposure, width_px, margin_px)).collect()
+        parallel::map(&candidates, |star| self.track(star, epoch_yr, exposure, width_px, margin_px)).into_iter().flatten().collect()
     }
 
     /// Some of the stars that light frame number `index`, and how many candidates each stands for: enough to tell what all of them cost.

@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::coordinates::Attitude;
+use crate::statistics::order::sort_by;
 
 /// Which way the rotation goes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -296,7 +297,7 @@ pub fn agreements(pairs: &[(Attitude, WrittenAttitude)], tolerance_rad: f64) -> 
         }
     };
     let mut all: Vec<ConventionAgreement> = Conventions::of_attitudes().into_iter().map(of).filter(|one| one.agreeing > 0).collect();
-    all.sort_by(|a, b| b.agreeing.cmp(&a.agreeing).then(a.median_rad.total_cmp(&b.median_rad)));
+    sort_by(&mut all, |a, b| b.agreeing.cmp(&a.agreeing).then(a.median_rad.total_cmp(&b.median_rad)));
     all
 }
 

@@ -3,7 +3,6 @@
 use std::ops::Range;
 
 use hifitime::Epoch;
-use rayon::prelude::*;
 use toml::{Table, Value};
 
 use super::attitudes::DesignPlace;
@@ -14,6 +13,7 @@ use super::suite_file::AttitudeKind;
 use crate::catalog::Catalog;
 use crate::coordinates::Attitude;
 use crate::dataset::{DatasetSplit, FrameKey};
+use crate::parallel;
 use crate::render::{Backend, PsfTables, Renderer, TrueStar};
 use crate::scene::Scene;
 
@@ -73,7 +73,7 @@ impl FrameBatch {
             };
             Ok(HandedFrame { number, place, in_scene, truth, pixels_dn: rendered.pixels_dn })
         };
-        self.frames.par_iter().map(one).collect()
+        parallel::try_map(&self.frames, one)
     }
 }
 

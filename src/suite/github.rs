@@ -5,6 +5,7 @@ use super::junit::{measured_words, requirement_words};
 use super::result::{CaseResult, CaseValueResult, RequirementResult, SuiteResult};
 use super::suite_file::RequirementLevel;
 use super::verdict::RequirementVerdict;
+use crate::statistics::order::sort_by_key;
 
 /// What GitHub shows.
 const MAX_ANNOTATIONS: usize = 10;
@@ -34,7 +35,7 @@ fn rows(result: &SuiteResult) -> Vec<Row<'_>> {
         };
         (u8::from(verdict == 2), level, verdict)
     };
-    all.sort_by_key(rank);
+    sort_by_key(&mut all, rank);
     all
 }
 

@@ -10,6 +10,7 @@ use super::runner::CaseRun;
 use super::samples::CaseScores;
 use super::score::ScoredFrame;
 use super::verdict::{ErrorRates, RequirementVerdict, frames_to_decide, verdict};
+use crate::statistics::order::sort_by;
 use crate::units::ARCSEC_RAD;
 
 /// A look at a case among those that its error is spent over.
@@ -152,7 +153,7 @@ pub(super) fn worst(scores: &CaseScores) -> Vec<WorstFrame> {
         (AnswerStatus::Solved, true) => frame.error.map_or(0.0, |error| error.cross_rad),
     };
     let mut order: Vec<&ScoredFrame> = scores.frames.iter().collect();
-    order.sort_by(|a, b| badness(b).total_cmp(&badness(a)).then(a.number.cmp(&b.number)));
+    sort_by(&mut order, |a, b| badness(b).total_cmp(&badness(a)).then(a.number.cmp(&b.number)));
     order.into_iter().take(KEPT).map(told).collect()
 }
 

@@ -11,6 +11,7 @@ use crate::calibrate::mapping_error_px;
 use crate::camera::Camera;
 use crate::coordinates::Attitude;
 use crate::render::TrueStar;
+use crate::statistics::order::sort_by;
 
 /// A centroid nearer than this to a star is that star's.
 pub(super) const SAME_STAR_PX: f64 = 3.0;
@@ -133,7 +134,7 @@ fn star_scores(own: &mut ScoredFrame, truth: &[TrueStar], answer: &TrackerAnswer
         }
     }
     // Brighter stars first among those at a place: a faint one beside them is not what was found.
-    pairs.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    sort_by(&mut pairs, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let (mut star_of, mut centroid_of) = (vec![None; centroids.len()], vec![None; truth.len()]);
     for (_, star, centroid) in pairs {
         if star_of[centroid].is_none() && centroid_of[star].is_none() && truth[star].snr >= 1.0 {

@@ -2,11 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::{Field, Row};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
 use serde_json::Value;
 
 use crate::cli::{run, text};
@@ -78,33 +80,63 @@ fn a_dataset_is_the_same_for_any_threads_processes_and_kills() {
         .status()
         .unwrap();
     assert!(old.success() && one == files(&at("old")), "without AVX2 and FMA");
-    // Killed at different times, and gone on with: what was in the making goes with the next run.
-    for delay_ms in [0, 15, 40, 90] {
-        let target = at("cut");
-        let mut child = Command::new(assert_cmd::cargo::cargo_bin("boresight"))
-            .args(["dataset", text(&recipe), "-o", text(&target), "--threads", "1", "--quiet"])
-            .stdout(Stdio::null())
-            .spawn()
-            .unwrap();
-        let begun = Instant::now();
-        while !target.join("train").exists() && begun.elapsed() < Duration::from_secs(20) {
-            std::thread::sleep(Duration::from_millis(1));
-        }
-        std::thread::sleep(Duration::from_millis(delay_ms));
-        let _ = child.kill();
-        child.wait().unwrap();
-    }
-    made(&recipe, &at("cut"), &[]);
-    assert!(one == files(&at("cut")), "after kills");
-    let again = run(&["dataset", text(&recipe), "-o", text(&at("cut"))]);
+    let again = run(&["dataset", text(&recipe), "-o", text(&at("two"))]);
     assert!(again.stdout.contains("0 shards made, 8 were done before; whole"), "{}", again.stdout);
     // What is written at the end is written again as it was.
     for name in ["README.md", "croissant.json", "statistics.html", "SHA256SUMS"] {
-        std::fs::remove_file(at("cut").join(name)).unwrap();
+        std::fs::remove_file(at("two").join(name)).unwrap();
     }
-    let finished = run(&["dataset", "finish", text(&at("cut"))]);
+    let finished = run(&["dataset", "finish", text(&at("two"))]);
     assert!(finished.code == 0 && finished.stdout.contains("16 frames in 8 shards; whole"), "{}{}", finished.stdout, finished.stderr);
-    assert!(one == files(&at("cut")), "finished anew");
+    assert!(one == files(&at("two")), "finished anew");
+}
+
+/// Twenty kills, at times drawn from a seed, for each way to share the work: at 1, 2 and 4 threads in one process, and in four processes.
+#[test]
+fn a_dataset_killed_at_random_times_is_the_same() {
+    const KILLS: usize = 20;
+    const LONGEST_MS: u64 = 150;
+    let folder = tempfile::tempdir().unwrap();
+    let recipe = recipe_in(folder.path(), RECIPE);
+    let (whole, cut) = (folder.path().join("whole"), folder.path().join("cut"));
+    made(&recipe, &whole, &[]);
+    let whole = files(&whole);
+    let mut rng = Pcg64Mcg::seed_from_u64(20);
+    for (threads, processes) in [("1", 1), ("2", 1), ("4", 1), ("1", 4)] {
+        let _ = std::fs::remove_dir_all(&cut);
+        let mut unfinished = 0;
+        for _ in 0..KILLS {
+            // Whole before it was killed: that one is looked at, and the next begins from nothing.
+            if cut.join("SHA256SUMS").exists() {
+                assert!(whole == files(&cut), "{threads} threads, {processes} processes");
+                std::fs::remove_dir_all(&cut).unwrap();
+            }
+            let begin = |part: usize| {
+                let share = format!("{part}/{processes}");
+                Command::new(assert_cmd::cargo::cargo_bin("boresight"))
+                    .args(["dataset", text(&recipe), "-o", text(&cut), "--threads", threads, "--shard", &share, "--quiet"])
+                    .stdout(Stdio::null())
+                    .stderr(Stdio::null())
+                    .spawn()
+                    .unwrap()
+            };
+            let children: Vec<Child> = (0..processes).map(begin).collect();
+            let begun = Instant::now();
+            while !cut.join("train").exists() && begun.elapsed() < Duration::from_secs(20) {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            for mut child in children {
+                std::thread::sleep(Duration::from_millis(rng.random_range(0..LONGEST_MS / processes as u64)));
+                unfinished += usize::from(child.try_wait().unwrap().is_none());
+                let _ = child.kill(); // SIGKILL
+                child.wait().unwrap();
+            }
+        }
+        // A kill of what has ended already tries nothing.
+        assert!(unfinished >= KILLS / 2, "{unfinished} of {} at work when killed", KILLS * processes);
+        made(&recipe, &cut, &["--threads", threads]);
+        assert!(whole == files(&cut), "{threads} threads, {processes} processes, after {unfinished} kills");
+    }
 }
 
 #[test]

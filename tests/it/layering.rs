@@ -30,6 +30,7 @@ const BASEMENT: &[&str] = &[
     "frame",
     "gpu",
     "guard",
+    "parallel",
     "provenance",
     "recording",
     "rng",

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use super::images::{ImageRung, ImageScore, Names};
+use crate::statistics::order::sort_by_key;
 
 /// The page; `commit` is the program's.
 #[must_use]
@@ -22,7 +23,7 @@ fn line(page: &mut String, text: &str) {
 
 fn names(names: &Names) -> String {
     let mut all: Vec<(&String, &usize)> = names.iter().collect();
-    all.sort_by_key(|(_, count)| std::cmp::Reverse(**count));
+    sort_by_key(&mut all, |(_, count)| std::cmp::Reverse(**count));
     let told: Vec<String> = all.into_iter().map(|(name, count)| format!("{name} {count}")).collect();
     if told.is_empty() { "–".to_owned() } else { told.join(", ") }
 }

@@ -14,6 +14,7 @@ use super::noise::{Noise, Sample, Totals, Whitened};
 use super::normal::{Eliminated, FrameSums, MAX_LOCAL, MAX_PARAMETERS, Reduced, WIDTH};
 use super::problem::{Attitudes, FrameParameters, Problem, Row, State};
 use crate::camera::PARAMETER_NAMES;
+use crate::parallel;
 
 /// A step below this (px of mapping) ends the search for the noise.
 const HOLD_NOISE_PX: f64 = 1e-3;
@@ -99,7 +100,7 @@ pub(in crate::calibrate) fn scales(problem: &Problem, state: &State) -> Vec<f64>
         });
         (sums, count)
     };
-    let parts: Vec<_> = (0..problem.exposures.len()).into_par_iter().with_min_len(8).map(of).collect();
+    let parts: Vec<_> = parallel::map_numbers(problem.exposures.len(), of);
     let (mut sums, mut count) = ([0.0; MAX_PARAMETERS], 0_usize);
     for (part, images) in parts {
         count += images;
@@ -198,7 +199,7 @@ impl Problem {
             cost += sums.prior_cost();
             (sums, samples, weights, cost, chi_squared, totals)
         };
-        let parts: Vec<_> = (0..self.exposures.len()).into_par_iter().with_min_len(4).map(of).collect();
+        let parts: Vec<_> = parallel::map_numbers(self.exposures.len(), of);
         let (frames, samples, weights) = (Vec::new(), Vec::new(), Vec::new());
         let mut pass = Pass { frames, samples, weights, cost: 0.0, chi_squared: 0.0, totals: Totals::default() };
         for (sums, samples, weights, cost, chi_squared, totals) in parts {

@@ -14,6 +14,8 @@ use rayon::prelude::*;
 use super::problem::{Exposure, Problem, State, earth_from_icrs};
 use crate::camera::Model;
 use crate::coordinates::PixelPoint;
+use crate::parallel;
+use crate::statistics::order::sort_by_key;
 
 /// Images agree with an attitude within this share of the frame's diagonal, before the distortion is known.
 pub(super) const TOLERANCE: f64 = 0.006;
@@ -91,7 +93,7 @@ pub(super) fn focal_length_factors(problem: &Problem, model: &Model) -> Vec<f64>
     let smooth: Vec<u32> =
         (0..cells).map(|cell| (cell.saturating_sub(HALF)..(cell + HALF + 1).min(cells)).map(|k| counts[k]).sum()).collect();
     let mut order: Vec<usize> = (0..cells).collect();
-    order.sort_by_key(|cell| (std::cmp::Reverse(smooth[*cell]), *cell));
+    sort_by_key(&mut order, |cell| (std::cmp::Reverse(smooth[*cell]), *cell));
     let mut factors: Vec<f64> = Vec::new();
     for cell in order {
         if smooth[cell] == 0 || factors.len() == 3 {
@@ -200,12 +202,7 @@ pub(crate) fn optimal_rotation(profile: &Matrix3<f64>) -> Option<UnitQuaternion<
 
 /// For each frame the attitude that most of its images agree on, and how many images agree in all.
 pub(super) fn attitudes(problem: &Problem, tolerance_rad: f64) -> (Vec<Option<UnitQuaternion<f64>>>, usize) {
-    let found: Vec<_> = problem
-        .exposures
-        .par_iter()
-        .with_min_len(4)
-        .map(|exposure| attitude(exposure, &rays(&problem.model, exposure), tolerance_rad))
-        .collect();
+    let found: Vec<_> = parallel::map(&problem.exposures, |exposure| attitude(exposure, &rays(&problem.model, exposure), tolerance_rad));
     let agreeing = found.iter().flatten().map(|(_, agreeing)| agreeing).sum();
     (found.into_iter().map(|found| found.map(|(attitude, _)| attitude)).collect(), agreeing)
 }

@@ -2,6 +2,7 @@
 //! ([`ModelGroup`]).
 
 use crate::effects::{DISPLACEMENTS, ModelGroup};
+use crate::statistics::order::sort_by_key;
 
 /// A set of names that are let free together.
 pub(super) type Group = &'static [&'static str];
@@ -15,7 +16,7 @@ pub(super) const CENTRE: &[&str] = &["x0", "y0"];
 /// What the effects add to the reference model, in the order of preference.
 fn of_effects() -> Vec<ModelGroup> {
     let mut groups: Vec<ModelGroup> = DISPLACEMENTS.iter().flat_map(|effect| effect.facts().model_groups).copied().collect();
-    groups.sort_by_key(|group| group.preference); // stable: the order of the light decides between equals
+    sort_by_key(&mut groups, |group| group.preference); // stable: the order of the light decides between equals
     groups
 }
 

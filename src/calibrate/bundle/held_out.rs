@@ -6,13 +6,13 @@
 //! camera of the others; the star images are judged that the full solution uses.
 
 use nalgebra::{DMatrix, DVector, UnitQuaternion, Vector3};
-use rayon::prelude::*;
 
 use super::noise::Whitened;
 use super::normal::Reduced;
 use super::problem::{Attitudes, Problem, Row, State};
 use super::{Adjusted, Solved};
 use crate::calibrate::held_out::folds;
+use crate::parallel;
 
 /// 2-D rms of the held-out star images, px; `None` with fewer than two frames, or where one part alone determines the camera.
 pub(in crate::calibrate) fn rms_px(solved: &Solved) -> Option<f64> {
@@ -23,24 +23,20 @@ pub(in crate::calibrate) fn rms_px(solved: &Solved) -> Option<f64> {
     }
     let folds = folds(active.len());
     let shared = problem.shared_count();
-    let parts: Vec<Reduced> = active
-        .par_iter()
-        .with_min_len(4)
-        .map(|exposure| {
-            let mut own = Reduced::zero(shared);
-            let held = |index: usize, _: &Row, _: &Whitened| adjusted.weights[*exposure][index];
-            let sums = problem.frame_sums(
-                &adjusted.state.values,
-                problem.own(&adjusted.state, *exposure),
-                &adjusted.noise,
-                &adjusted.scale,
-                *exposure,
-                held,
-            );
-            sums.eliminate(0.0, &mut own);
-            own
-        })
-        .collect();
+    let parts: Vec<Reduced> = parallel::map(&active, |exposure| {
+        let mut own = Reduced::zero(shared);
+        let held = |index: usize, _: &Row, _: &Whitened| adjusted.weights[*exposure][index];
+        let sums = problem.frame_sums(
+            &adjusted.state.values,
+            problem.own(&adjusted.state, *exposure),
+            &adjusted.noise,
+            &adjusted.scale,
+            *exposure,
+            held,
+        );
+        sums.eliminate(0.0, &mut own);
+        own
+    });
     let mut total = Reduced::zero(shared);
     for part in &parts {
         total.matrix += &part.matrix;
@@ -63,12 +59,8 @@ pub(in crate::calibrate) fn rms_px(solved: &Solved) -> Option<f64> {
             moved(problem, adjusted, &rest)
         })
         .collect();
-    let squares: Vec<Option<(f64, usize)>> = active
-        .par_iter()
-        .enumerate()
-        .with_min_len(4)
-        .map(|(place, exposure)| judged(problem, adjusted, states[place % folds].as_ref()?, *exposure))
-        .collect();
+    let squares: Vec<Option<(f64, usize)>> =
+        parallel::map_numbers(active.len(), |place| judged(problem, adjusted, states[place % folds].as_ref()?, active[place]));
     let (mut sum, mut count) = (0.0, 0_usize);
     for one in squares {
         let (square, images) = one?;

@@ -2,13 +2,12 @@
 
 use nalgebra::{DMatrix, Matrix2x3, Matrix3, SMatrix, Vector2, Vector3};
 
-use rayon::prelude::*;
-
 use super::normal::{FrameSums, Reduced, WIDTH};
 use super::problem::{Attitudes, Problem, State};
 use super::reference::Reference;
 use crate::camera::{Model, PARAMETER_COUNT};
 use crate::coordinates::PixelPoint;
+use crate::parallel;
 
 /// The map's columns at one pixel.
 pub(in crate::calibrate) struct MapColumns {
@@ -128,7 +127,7 @@ pub(in crate::calibrate) fn coverage(
         sums.eliminate(0.0, &mut seen);
         (seen.matrix, images)
     };
-    let parts: Vec<_> = weights.par_iter().enumerate().with_min_len(8).map(of).collect();
+    let parts: Vec<_> = parallel::map_numbers(weights.len(), |number| of((number, &weights[number])));
     let (mut seen, mut images) = (DMatrix::<f64>::zeros(n, n), 0_usize);
     for (part, of_part) in parts {
         seen += part;

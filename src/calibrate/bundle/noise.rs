@@ -12,11 +12,11 @@
 //! themselves. Source: Dempster, Laird and Rubin, J. R. Stat. Soc. B 39, 1 (1977); for mixtures in image matching: Hartley and
 //! Zisserman, Multiple View Geometry (2004), section 4.7; MLESAC, Torr and Zisserman, CVIU 78, 138 (2000).
 
-use rayon::prelude::*;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 use super::memory::NoiseMemory;
 use super::problem::Image;
+use crate::parallel;
 
 /// A frame is taken for worse than the others if its own χ² has less than this probability.
 const FRAME_PROBABILITY: f64 = 1e-4;
@@ -229,7 +229,7 @@ impl Noise {
             let improbable = far && ChiSquared::new(degrees).is_ok_and(|chi| chi.sf(square) < FRAME_PROBABILITY);
             Some(if improbable { square / degrees } else { 1.0 })
         };
-        let found: Vec<Option<f64>> = samples.par_iter().zip(frames_lost).with_min_len(32).map(factor).collect();
+        let found: Vec<Option<f64>> = parallel::map_numbers(samples.len(), |number| factor((&samples[number], &frames_lost[number])));
         for (factor, found) in self.frame_factors.iter_mut().zip(found) {
             *factor = found.unwrap_or(*factor);
         }

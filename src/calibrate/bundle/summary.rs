@@ -1,8 +1,5 @@
 //! Result of a bundle adjustment: residuals, covariance, poorly determined combinations, held-out frames, warnings.
 
-use nalgebra::{DMatrix, Vector3};
-use rayon::prelude::*;
-
 use super::adjust::Turn;
 use super::determined::{combinations, covariance, coverage, weakest};
 use super::solved::left_open;
@@ -17,7 +14,9 @@ use crate::calibrate::select::Selection;
 use crate::calibrate::{CalibrateError, CalibrateOptions};
 use crate::coordinates::{Apparent, Attitude, Direction, PixelPoint};
 use crate::identify::ControlPoints;
+use crate::parallel;
 use crate::units::ARCSEC_RAD;
+use nalgebra::{DMatrix, Vector3};
 
 /// A residual above this (px) is found by inverting the distortion, not by the linearisation.
 const FAR_PX: f64 = 10.0;
@@ -140,7 +139,7 @@ fn sums(points: &ControlPoints, solved: &Solved, residuals: &[Vec<Option<[f64; 2
             distinct.push((control.hip, if control.hip == 0 { control.star.direction.map(f64::to_bits) } else { [0; 3] }));
         }
     }
-    distinct.par_sort_unstable();
+    distinct.sort_unstable();
     distinct.dedup();
     Sums { square, stars, angles, predicted, distinct: distinct.len() }
 }
@@ -226,7 +225,7 @@ fn residuals(solved: &Solved) -> Vec<Vec<Option<[f64; 2]>>> {
         }
         found
     };
-    (0..problem.exposures.len()).into_par_iter().with_min_len(8).map(of).collect()
+    parallel::map_numbers(problem.exposures.len(), of)
 }
 
 fn frame_results(solved: &Solved, residuals: &[Vec<Option<[f64; 2]>>]) -> Vec<FrameResult> {
@@ -282,7 +281,7 @@ fn interstar_angle_rms_arcsec(solved: &Solved) -> Option<f64> {
         }
         (sum, count)
     };
-    let parts: Vec<(f64, usize)> = (0..problem.exposures.len()).into_par_iter().with_min_len(4).map(of).collect();
+    let parts: Vec<(f64, usize)> = parallel::map_numbers(problem.exposures.len(), of);
     let (sum, count) = parts.into_iter().fold((0.0, 0), |(sum, count), (square, pairs)| (sum + square, count + pairs));
     (count > 0).then(|| (sum / count as f64).sqrt() / ARCSEC_RAD)
 }

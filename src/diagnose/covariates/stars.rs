@@ -6,6 +6,7 @@ use super::patterns::{LINEAR, binned, legendre, times};
 use crate::calibrate::{BundleSolution, Column};
 use crate::diagnose::star_images::StarImages;
 use crate::identify::ControlPoints;
+use crate::statistics::order::sort_by;
 
 /// Degree of a map that a covariate multiplies.
 const PRODUCT_DEGREE: usize = 3;
@@ -87,7 +88,7 @@ pub(super) fn stars(stars: &StarImages) -> Option<Covariate> {
         seen[*star] += 1;
     }
     let mut often: Vec<usize> = (0..seen.len()).filter(|star| seen[*star] >= STAR_IMAGES).collect();
-    often.sort_by(|a, b| seen[*b].cmp(&seen[*a]).then(a.cmp(b)));
+    sort_by(&mut often, |a, b| seen[*b].cmp(&seen[*a]).then(a.cmp(b)));
     often.truncate(MAX_STARS);
     let values: Vec<f64> = stars.star.iter().map(|star| often.iter().position(|own| own == star).map_or(f64::NAN, |k| k as f64)).collect();
     let of = |(star, axis): (usize, usize)| -> Column {

@@ -24,6 +24,8 @@ use crate::effects::CentroidShift;
 use crate::effects::detector::amplifier_step::AmplifierStep;
 use crate::effects::detector::brighter_fatter::BrighterFatter;
 use crate::effects::pixel::pass::PassHead;
+use crate::statistics::order::sort_by;
+use crate::statistics::order::sort_by_key;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Simulations at most: more tell nothing that their tail does not.
@@ -124,9 +126,9 @@ pub(in crate::diagnose) fn judge(
         .collect();
     let mut answers = answers(&rows, &fit, &accepted);
     // Of an effect with many shapes the most surprising answers for all.
-    answers.sort_by(|a, b| rows.questions[a.question].id.cmp(rows.questions[b.question].id).then(b.surprise.total_cmp(&a.surprise)));
+    sort_by(&mut answers, |a, b| rows.questions[a.question].id.cmp(rows.questions[b.question].id).then(b.surprise.total_cmp(&a.surprise)));
     answers.dedup_by_key(|answer| rows.questions[answer.question].id);
-    answers.sort_by_key(|answer| answer.question);
+    sort_by_key(&mut answers, |answer| answer.question);
     let others = answers
         .into_iter()
         .map(|answer| NotProposed {

@@ -18,6 +18,7 @@ use crate::effects::{
     AnyDisplacement, CentroidShift, DISPLACEMENTS, IMAGE_EFFECTS, ImageEffect, ImageResponse, REFERENCE_FLUX_E, Rendering, StarState, ids,
 };
 use crate::frame::Frame;
+use crate::parallel;
 use crate::pixel_statistics::{ImageFrame, StarDisc, SummedImage};
 use crate::render::{PsfTables, StampRenderer, TestStar};
 use crate::scene::Scene;
@@ -59,7 +60,7 @@ pub(super) struct RenderedColumn {
 pub(super) fn of_images(stars: &[ExpectedStar], stamps: &StampCamera) -> Vec<RenderedColumn> {
     let Some(bench) = Bench::new(stars, stamps) else { return Vec::new() };
     let column = |effect: &&'static dyn ImageEffect| bench.of_image(*effect, stars);
-    IMAGE_EFFECTS.par_iter().filter_map(column).collect()
+    parallel::map(IMAGE_EFFECTS, column).into_iter().flatten().collect()
 }
 
 /// The columns of effects that move centres.
@@ -153,7 +154,8 @@ impl<'a> Bench<'a> {
             let changes = plate.iter().zip(less.into_iter().zip(more));
             Some(changes.filter_map(|((point, _), (less, more))| Some((*point, change(&less?, &more?)))).collect())
         };
-        let found: BTreeMap<usize, ImageResponse> = plates.par_iter().map(of).collect::<Option<Vec<_>>>()?.into_iter().flatten().collect();
+        let found: BTreeMap<usize, ImageResponse> =
+            parallel::map(plates, of).into_iter().collect::<Option<Vec<_>>>()?.into_iter().flatten().collect();
         (found.len() >= MIN_STARS).then_some(found)
     }
 

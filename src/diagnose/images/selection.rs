@@ -4,13 +4,13 @@ use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
 use statrs::function::beta::beta_reg;
 
 use super::row_fit::{Projected, RowFit};
 use super::rows::{Question, Rows};
 use crate::effects::detector::brighter_fatter::BrighterFatter;
 use crate::effects::pixel::pass::PassHead;
+use crate::parallel;
 use crate::statistics::order::descending;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
@@ -104,7 +104,7 @@ fn surprise(rank: usize, statistic: f64, means: Option<(f64, usize)>) -> f64 {
 /// The answers to all questions that are not yet accepted.
 pub(in crate::diagnose) fn answers(rows: &Rows, fit: &RowFit, accepted: &[usize]) -> Vec<Answer> {
     let free: Vec<usize> = (0..rows.questions.len()).filter(|index| !accepted.contains(index)).collect();
-    free.into_par_iter().filter_map(|index| answer(rows, fit, index)).collect()
+    parallel::map(&free, |index| answer(rows, fit, *index)).into_iter().flatten().collect()
 }
 
 /// Columns of accepted questions.
@@ -167,7 +167,7 @@ pub(in crate::diagnose) fn cosine(rows: &Rows, fit: &RowFit, one: usize, other: 
 /// is bounded and has the variance one: the scores of all questions are drawn together as normal numbers with the products of their directions as
 /// covariance. Where few rows decide, tails are shorter than normal ones, and the probability is an upper bound.
 pub(in crate::diagnose) fn chance(rows: &Rows, fit: &RowFit, questions: &[&Question], nulls: usize, seed: u64) -> Vec<f64> {
-    let bases: Vec<Vec<DVector<f64>>> = questions.par_iter().map(|question| directions(rows, fit, &question.columns)).collect();
+    let bases: Vec<Vec<DVector<f64>>> = parallel::map(questions, |question| directions(rows, fit, &question.columns));
     let width: usize = bases.iter().map(Vec::len).sum();
     if width == 0 {
         return vec![0.0; nulls];
@@ -188,7 +188,7 @@ pub(in crate::diagnose) fn chance(rows: &Rows, fit: &RowFit, questions: &[&Quest
         }
         most
     };
-    let mut all: Vec<f64> = (0..nulls).into_par_iter().map(simulate).collect();
+    let mut all: Vec<f64> = parallel::map_numbers(nulls, simulate);
     descending(&mut all, |a| *a);
     all
 }

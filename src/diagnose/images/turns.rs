@@ -1,11 +1,10 @@
 //! Proof on what took no part: effects are chosen and sized without a third of the frames and a third of the stars, and scored on those stars in
 //! those frames.
 
-use rayon::prelude::*;
-
 use super::row_fit::RowFit;
 use super::rows::{KNOWN_BEFOREHAND, Row, Rows};
 use super::selection::{cosine, select};
+use crate::parallel;
 
 /// Blocks of frames, at most.
 const BLOCKS: usize = 3;
@@ -94,7 +93,7 @@ pub(in crate::diagnose) fn held_out(rows: &Rows, all: &RowFit, (found, given): (
         }
         credited
     };
-    let by_turn: Vec<Vec<Option<HeldOut>>> = turns.par_iter().map(of_turn).collect();
+    let by_turn: Vec<Vec<Option<HeldOut>>> = parallel::map(&turns, of_turn);
     (0..found.len())
         .map(|k| {
             let mut sum = HeldOut { by_kind: vec![0.0; rows.kinds.len()], chosen: [0, turns.len()], ..HeldOut::default() };

@@ -91,7 +91,7 @@ impl PixelEffect for Adc {
         ParameterSpec { name: "bits", unit: "", typical: 16.0, range: (8.0, 16.0) },
     ];
     const WGSL: &'static str = include_str!("../../../shaders/adc.wgsl");
-    const SOURCE: &'static str = include_str!("adc.rs");
+    const SOURCE: &'static str = page_source!("adc.rs");
     type Uniforms = AdcUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(AdcUniforms { dn_per_e, bias_and_half_dn, full_well_e, top_dn });
 

@@ -90,7 +90,7 @@ impl CentroidShift for AmplifierStep {
     }
 
     fn source() -> &'static str {
-        include_str!("amplifier_step.rs")
+        page_source!("amplifier_step.rs")
     }
 }
 
@@ -127,7 +127,7 @@ impl PixelEffect for AmplifierHalves {
         ParameterSpec { name: "offset_e", unit: "e-", typical: 5.0, range: (-1e6, 1e6) },
     ];
     const WGSL: &'static str = include_str!("../../../shaders/amplifier_step.wgsl");
-    const SOURCE: &'static str = include_str!("amplifier_step.rs");
+    const SOURCE: &'static str = page_source!("amplifier_step.rs");
     type Uniforms = AmplifierStepUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(AmplifierStepUniforms { gain, offset_e, first_row_below, width });
 

@@ -82,7 +82,7 @@ impl PixelEffect for Banding {
     const DRAWS: bool = true;
     const RNG_STAGE: u32 = 6;
     const WGSL: &'static str = include_str!("../../../shaders/banding.wgsl");
-    const SOURCE: &'static str = include_str!("banding.rs");
+    const SOURCE: &'static str = page_source!("banding.rs");
     type Uniforms = BandingUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(BandingUniforms { row_sigma_e, column_sigma_e, width });
 

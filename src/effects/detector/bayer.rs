@@ -88,7 +88,7 @@ impl CentroidShift for Bayer {
     }
 
     fn source() -> &'static str {
-        include_str!("bayer.rs")
+        page_source!("bayer.rs")
     }
 }
 
@@ -124,7 +124,7 @@ impl PixelEffect for BayerMosaic {
         ParameterSpec { name: "blue_relative", unit: "", typical: 0.5, range: (0.0, 10.0) },
     ];
     const WGSL: &'static str = include_str!("../../../shaders/bayer.wgsl");
-    const SOURCE: &'static str = include_str!("bayer.rs");
+    const SOURCE: &'static str = page_source!("bayer.rs");
     type Uniforms = BayerUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(BayerUniforms { red, blue, width });
 

@@ -73,7 +73,7 @@ impl PassHead for Blooming {
     ];
     const CONSERVES_CHARGE: bool = true;
     const WGSL: &'static str = include_str!("../../../shaders/blooming.wgsl");
-    const SOURCE: &'static str = include_str!("blooming.rs");
+    const SOURCE: &'static str = page_source!("blooming.rs");
     type Uniforms = BloomingUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(BloomingUniforms { full_well_e, half_kept });
 

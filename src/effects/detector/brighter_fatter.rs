@@ -118,7 +118,7 @@ impl PassHead for BrighterFatter {
     ];
     const CONSERVES_CHARGE: bool = true;
     const WGSL: &'static str = include_str!("../../../shaders/brighter_fatter.wgsl");
-    const SOURCE: &'static str = include_str!("brighter_fatter.rs");
+    const SOURCE: &'static str = page_source!("brighter_fatter.rs");
     type Uniforms = BrighterFatterUniforms;
     const FIELDS: &'static [(&'static str, usize)] =
         uniform_fields!(BrighterFatterUniforms { half_shift_per_e, w_00, w_01, w_02, w_10, w_11, w_12, w_20, w_21, w_22 });

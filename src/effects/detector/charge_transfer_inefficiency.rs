@@ -116,7 +116,7 @@ impl CentroidShift for ChargeTransferInefficiency {
     }
 
     fn source() -> &'static str {
-        include_str!("charge_transfer_inefficiency.rs")
+        page_source!("charge_transfer_inefficiency.rs")
     }
 }
 
@@ -177,7 +177,7 @@ impl PassHead for TrappedCharge {
     ];
     const CONSERVES_CHARGE: bool = true;
     const WGSL: &'static str = include_str!("../../../shaders/charge_transfer_inefficiency.wgsl");
-    const SOURCE: &'static str = include_str!("charge_transfer_inefficiency.rs");
+    const SOURCE: &'static str = page_source!("charge_transfer_inefficiency.rs");
     type Uniforms = TrappedChargeUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(TrappedChargeUniforms {
         traps_per_px,

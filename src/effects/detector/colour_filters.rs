@@ -51,7 +51,7 @@ pub const PARAMETERS: &[ParameterSpec] = &[
 /// The page's text.
 #[must_use]
 pub fn source() -> &'static str {
-    include_str!("colour_filters.rs")
+    page_source!("colour_filters.rs")
 }
 
 /// The filter over a pixel: 0 red, 1 green, 2 blue.

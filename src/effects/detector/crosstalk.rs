@@ -61,7 +61,7 @@ impl PassHead for Crosstalk {
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "relative", unit: "", typical: 5e-4, range: (-0.5, 0.5) }];
     const CONSERVES_CHARGE: bool = false;
     const WGSL: &'static str = include_str!("../../../shaders/crosstalk.wgsl");
-    const SOURCE: &'static str = include_str!("crosstalk.rs");
+    const SOURCE: &'static str = page_source!("crosstalk.rs");
     type Uniforms = CrosstalkUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(CrosstalkUniforms { relative });
 

@@ -81,7 +81,7 @@ impl PixelEffect for DarkCurrent {
     const DRAWS: bool = true;
     const RNG_STAGE: u32 = 4;
     const WGSL: &'static str = include_str!("../../../shaders/dark_current.wgsl");
-    const SOURCE: &'static str = include_str!("dark_current.rs");
+    const SOURCE: &'static str = page_source!("dark_current.rs");
     type Uniforms = DarkCurrentUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(DarkCurrentUniforms { mean_e, log_sigma, log_mean });
 

@@ -84,6 +84,6 @@ impl Displacement for DetectorTilt {
     }
 
     fn source() -> &'static str {
-        include_str!("detector_tilt.rs")
+        page_source!("detector_tilt.rs")
     }
 }

@@ -88,7 +88,7 @@ impl PixelEffect for Dnl {
     const DRAWS: bool = true;
     const RNG_STAGE: u32 = 7;
     const WGSL: &'static str = include_str!("../../../shaders/dnl.wgsl");
-    const SOURCE: &'static str = include_str!("dnl.rs");
+    const SOURCE: &'static str = page_source!("dnl.rs");
     type Uniforms = DnlUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(DnlUniforms { edge_sigma_dn, dn_per_e, e_per_dn, bias_dn });
 

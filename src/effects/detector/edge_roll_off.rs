@@ -116,6 +116,6 @@ impl Displacement for EdgeRollOff {
     }
 
     fn source() -> &'static str {
-        include_str!("edge_roll_off.rs")
+        page_source!("edge_roll_off.rs")
     }
 }

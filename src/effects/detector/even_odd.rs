@@ -83,7 +83,7 @@ impl CentroidShift for EvenOdd {
     }
 
     fn source() -> &'static str {
-        include_str!("even_odd.rs")
+        page_source!("even_odd.rs")
     }
 }
 
@@ -118,7 +118,7 @@ impl PixelEffect for EvenOddGain {
     const STAGE: Stage = Stage::Readout;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "gain_relative", unit: "", typical: 0.01, range: (-0.5, 0.5) }];
     const WGSL: &'static str = include_str!("../../../shaders/even_odd.wgsl");
-    const SOURCE: &'static str = include_str!("even_odd.rs");
+    const SOURCE: &'static str = page_source!("even_odd.rs");
     type Uniforms = EvenOddUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(EvenOddUniforms { even, odd, width });
 

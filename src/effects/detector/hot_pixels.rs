@@ -113,7 +113,7 @@ impl PixelEffect for HotPixels {
     const DRAWS: bool = true;
     const RNG_STAGE: u32 = 5;
     const WGSL: &'static str = include_str!("../../../shaders/hot_pixels.wgsl");
-    const SOURCE: &'static str = include_str!("hot_pixels.rs");
+    const SOURCE: &'static str = page_source!("hot_pixels.rs");
     type Uniforms = HotPixelsUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(HotPixelsUniforms { hot_below, dead_above, blinks_below, mean_e });
 

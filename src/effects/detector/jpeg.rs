@@ -95,7 +95,7 @@ impl PassHead for Jpeg {
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "table_scale_dn", unit: "DN", typical: 1.0, range: (1e-3, 1e4) }];
     const CONSERVES_CHARGE: bool = false;
     const WGSL: &'static str = include_str!("../../../shaders/jpeg.wgsl");
-    const SOURCE: &'static str = include_str!("jpeg.rs");
+    const SOURCE: &'static str = page_source!("jpeg.rs");
     type Uniforms = JpegUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(JpegUniforms { table_scale_dn });
 

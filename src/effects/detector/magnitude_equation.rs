@@ -73,6 +73,6 @@ impl CentroidShift for MagnitudeEquation {
     }
 
     fn source() -> &'static str {
-        include_str!("magnitude_equation.rs")
+        page_source!("magnitude_equation.rs")
     }
 }

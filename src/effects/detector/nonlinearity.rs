@@ -68,7 +68,7 @@ impl PixelEffect for Nonlinearity {
         ParameterSpec { name: "full_well_e", unit: "e-", typical: 1e5, range: (1.0, 1e12) },
     ];
     const WGSL: &'static str = include_str!("../../../shaders/nonlinearity.wgsl");
-    const SOURCE: &'static str = include_str!("nonlinearity.rs");
+    const SOURCE: &'static str = page_source!("nonlinearity.rs");
     type Uniforms = NonlinearityUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(NonlinearityUniforms { relative_at_full, per_full_well });
 

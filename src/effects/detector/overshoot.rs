@@ -87,7 +87,7 @@ impl CentroidShift for Overshoot {
     }
 
     fn source() -> &'static str {
-        include_str!("overshoot.rs")
+        page_source!("overshoot.rs")
     }
 }
 
@@ -120,7 +120,7 @@ impl PassHead for Settling {
     ];
     const CONSERVES_CHARGE: bool = true;
     const WGSL: &'static str = include_str!("../../../shaders/overshoot.wgsl");
-    const SOURCE: &'static str = include_str!("overshoot.rs");
+    const SOURCE: &'static str = page_source!("overshoot.rs");
     type Uniforms = OvershootUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(OvershootUniforms { tail_relative, forgets });
 

@@ -188,7 +188,7 @@ impl PixelEffect for PhotonNoise {
     const RNG_STAGE: u32 = 1;
     const FAINT_BELOW_E: Option<f64> = Some(EXPANSION_FROM_E as f64);
     const WGSL: &'static str = include_str!("../../../shaders/photon_noise.wgsl");
-    const SOURCE: &'static str = include_str!("photon_noise.rs");
+    const SOURCE: &'static str = page_source!("photon_noise.rs");
     type Uniforms = ();
     const FIELDS: &'static [(&'static str, usize)] = &[];
 

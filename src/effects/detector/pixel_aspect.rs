@@ -85,6 +85,6 @@ impl Displacement for PixelAspect {
     }
 
     fn source() -> &'static str {
-        include_str!("pixel_aspect.rs")
+        page_source!("pixel_aspect.rs")
     }
 }

@@ -67,7 +67,7 @@ impl PixelEffect for Prnu {
     const DRAWS: bool = true;
     const RNG_STAGE: u32 = 3;
     const WGSL: &'static str = include_str!("../../../shaders/prnu.wgsl");
-    const SOURCE: &'static str = include_str!("prnu.rs");
+    const SOURCE: &'static str = page_source!("prnu.rs");
     type Uniforms = PrnuUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(PrnuUniforms { relative });
 

@@ -49,7 +49,7 @@ pub const PARAMETERS: &[ParameterSpec] = &[
 /// The page's text.
 #[must_use]
 pub fn source() -> &'static str {
-    include_str!("quantum_efficiency.rs")
+    page_source!("quantum_efficiency.rs")
 }
 
 /// Second radiation constant h·c/k (CODATA 2018), nm·K.

@@ -134,7 +134,7 @@ impl PixelEffect for RandomTelegraph {
     const DRAWS: bool = true;
     const RNG_STAGE: u32 = 8;
     const WGSL: &'static str = include_str!("../../../shaders/random_telegraph.wgsl");
-    const SOURCE: &'static str = include_str!("random_telegraph.rs");
+    const SOURCE: &'static str = page_source!("random_telegraph.rs");
     type Uniforms = RandomTelegraphUniforms;
     const FIELDS: &'static [(&'static str, usize)] =
         uniform_fields!(RandomTelegraphUniforms { share_below, high_share, events_per_frame, log_spread, mean_e });

@@ -67,7 +67,7 @@ impl PixelEffect for ReadNoise {
     const DRAWS: bool = true;
     const RNG_STAGE: u32 = 2;
     const WGSL: &'static str = include_str!("../../../shaders/read_noise.wgsl");
-    const SOURCE: &'static str = include_str!("read_noise.rs");
+    const SOURCE: &'static str = page_source!("read_noise.rs");
     type Uniforms = ReadNoiseUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(ReadNoiseUniforms { sigma_e });
 

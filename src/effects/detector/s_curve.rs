@@ -99,6 +99,6 @@ impl CentroidShift for SCurve {
     }
 
     fn source() -> &'static str {
-        include_str!("s_curve.rs")
+        page_source!("s_curve.rs")
     }
 }

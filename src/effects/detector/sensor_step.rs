@@ -127,6 +127,6 @@ impl Displacement for SensorStep {
     }
 
     fn source() -> &'static str {
-        include_str!("sensor_step.rs")
+        page_source!("sensor_step.rs")
     }
 }

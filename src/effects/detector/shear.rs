@@ -81,6 +81,6 @@ impl Displacement for Shear {
     }
 
     fn source() -> &'static str {
-        include_str!("shear.rs")
+        page_source!("shear.rs")
     }
 }

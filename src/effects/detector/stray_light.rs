@@ -117,7 +117,7 @@ impl CentroidShift for StrayLight {
     }
 
     fn source() -> &'static str {
-        include_str!("stray_light.rs")
+        page_source!("stray_light.rs")
     }
 }
 
@@ -156,7 +156,7 @@ impl PixelEffect for StrayLightSlope {
         ParameterSpec { name: "slope_y_e_per_px_s", unit: "e-/px²/s", typical: -0.05, range: (-1e6, 1e6) },
     ];
     const WGSL: &'static str = include_str!("../../../shaders/stray_light.wgsl");
-    const SOURCE: &'static str = include_str!("stray_light.rs");
+    const SOURCE: &'static str = page_source!("stray_light.rs");
     type Uniforms = StrayLightUniforms;
     const FIELDS: &'static [(&'static str, usize)] =
         uniform_fields!(StrayLightUniforms { slope_x_e, slope_y_e, middle_x_px, middle_y_px, width });

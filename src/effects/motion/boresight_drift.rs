@@ -92,6 +92,6 @@ impl Displacement for BoresightDrift {
     }
 
     fn source() -> &'static str {
-        include_str!("boresight_drift.rs")
+        page_source!("boresight_drift.rs")
     }
 }

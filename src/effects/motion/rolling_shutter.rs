@@ -108,6 +108,6 @@ impl Displacement for RollingShutter {
     }
 
     fn source() -> &'static str {
-        include_str!("rolling_shutter.rs")
+        page_source!("rolling_shutter.rs")
     }
 }

@@ -94,7 +94,7 @@ impl ImageKind for AiryPsf {
         })
     }
     fn source(&self) -> &'static str {
-        include_str!("airy_psf.rs")
+        page_source!("airy_psf.rs")
     }
 }
 

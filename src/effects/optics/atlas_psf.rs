@@ -146,7 +146,7 @@ impl Psf2d for AtlasPsf {
         8 * (4 * (4 + 1) + 1) + 1
     }
     fn source(&self) -> &'static str {
-        include_str!("atlas_psf.rs")
+        page_source!("atlas_psf.rs")
     }
     fn add_plane(&self, star: &Psf2dStar, atlas: &Atlas, rows: &mut Rows<'_>) {
         atlas_psf(star, atlas, rows);

@@ -92,6 +92,6 @@ impl Displacement for BrownConrady {
     }
 
     fn source() -> &'static str {
-        include_str!("brown_conrady.rs")
+        page_source!("brown_conrady.rs")
     }
 }

@@ -94,7 +94,7 @@ impl CentroidShift for Coma {
     }
 
     fn source() -> &'static str {
-        include_str!("coma.rs")
+        page_source!("coma.rs")
     }
 }
 

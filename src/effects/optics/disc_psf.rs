@@ -103,7 +103,7 @@ impl Psf2d for DiscPsf {
         9
     }
     fn source(&self) -> &'static str {
-        include_str!("disc_psf.rs")
+        page_source!("disc_psf.rs")
     }
     fn add_plane(&self, star: &Psf2dStar, _: &Atlas, rows: &mut Rows<'_>) {
         disc_psf(star, rows);

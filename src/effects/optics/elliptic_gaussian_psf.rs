@@ -110,7 +110,7 @@ impl Psf2d for EllipticGaussianPsf {
         9
     }
     fn source(&self) -> &'static str {
-        include_str!("elliptic_gaussian_psf.rs")
+        page_source!("elliptic_gaussian_psf.rs")
     }
     fn add_plane(&self, star: &Psf2dStar, _: &Atlas, rows: &mut Rows<'_>) {
         elliptic_gaussian_psf(star, rows);

@@ -102,6 +102,6 @@ impl Displacement for Equidistant {
     }
 
     fn source() -> &'static str {
-        include_str!("equidistant.rs")
+        page_source!("equidistant.rs")
     }
 }

@@ -106,6 +106,6 @@ impl Displacement for Equisolid {
     }
 
     fn source() -> &'static str {
-        include_str!("equisolid.rs")
+        page_source!("equisolid.rs")
     }
 }

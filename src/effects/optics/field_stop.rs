@@ -73,7 +73,7 @@ impl PixelEffect for FieldStop {
         ParameterSpec { name: "centre_y_px", unit: "px", typical: -2.0, range: (-1e5, 1e5) },
     ];
     const WGSL: &'static str = include_str!("../../../shaders/field_stop.wgsl");
-    const SOURCE: &'static str = include_str!("field_stop.rs");
+    const SOURCE: &'static str = page_source!("field_stop.rs");
     type Uniforms = FieldStopUniforms;
     const FIELDS: &'static [(&'static str, usize)] =
         uniform_fields!(FieldStopUniforms { centre_x_px, centre_y_px, outer_px, per_px, width });

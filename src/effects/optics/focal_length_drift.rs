@@ -90,6 +90,6 @@ impl Displacement for FocalLengthDrift {
     }
 
     fn source() -> &'static str {
-        include_str!("focal_length_drift.rs")
+        page_source!("focal_length_drift.rs")
     }
 }

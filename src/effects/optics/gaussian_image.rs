@@ -57,6 +57,6 @@ impl ImageKind for GaussianImage {
         grid.transfer(|fx, fy| Complex::new(of(fx) * of(fy), 0.0))
     }
     fn source(&self) -> &'static str {
-        include_str!("gaussian_image.rs")
+        page_source!("gaussian_image.rs")
     }
 }

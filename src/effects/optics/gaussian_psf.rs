@@ -145,7 +145,7 @@ impl SeparablePsf for GaussianPsf {
         include_str!("../../../shaders/gaussian_psf.wgsl")
     }
     fn source(&self) -> &'static str {
-        include_str!("gaussian_psf.rs")
+        page_source!("gaussian_psf.rs")
     }
     fn reach(&self, electrons: f64, sigma_px: f64) -> i32 {
         let sigmas = (2.0 * (electrons / FAINTEST_E).max(1.0).ln()).sqrt().clamp(5.5, 8.0);

@@ -147,7 +147,7 @@ impl Displacement for KannalaBrandt {
     }
 
     fn source() -> &'static str {
-        include_str!("kannala_brandt.rs")
+        page_source!("kannala_brandt.rs")
     }
 }
 

@@ -88,6 +88,6 @@ impl Displacement for LateralColour {
     }
 
     fn source() -> &'static str {
-        include_str!("lateral_colour.rs")
+        page_source!("lateral_colour.rs")
     }
 }

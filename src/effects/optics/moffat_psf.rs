@@ -65,6 +65,6 @@ impl ImageKind for MoffatPsf {
         grid.transfer_of_density(|x, y| density * (1.0 + (x * x + y * y) / (alpha * alpha)).powf(-beta))
     }
     fn source(&self) -> &'static str {
-        include_str!("moffat_psf.rs")
+        page_source!("moffat_psf.rs")
     }
 }

@@ -91,6 +91,6 @@ impl Displacement for Pinhole {
     }
 
     fn source() -> &'static str {
-        include_str!("pinhole.rs")
+        page_source!("pinhole.rs")
     }
 }

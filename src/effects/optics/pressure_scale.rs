@@ -83,6 +83,6 @@ impl Displacement for PressureScale {
     }
 
     fn source() -> &'static str {
-        include_str!("pressure_scale.rs")
+        page_source!("pressure_scale.rs")
     }
 }

@@ -92,7 +92,7 @@ impl Displacement for ProjectionMismatch {
     }
 
     fn source() -> &'static str {
-        include_str!("projection.rs")
+        page_source!("projection.rs")
     }
 }
 

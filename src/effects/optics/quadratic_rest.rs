@@ -93,6 +93,6 @@ impl Displacement for QuadraticRest {
     }
 
     fn source() -> &'static str {
-        include_str!("quadratic_rest.rs")
+        page_source!("quadratic_rest.rs")
     }
 }

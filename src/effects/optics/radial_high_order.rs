@@ -100,6 +100,6 @@ impl Displacement for RadialHighOrder {
     }
 
     fn source() -> &'static str {
-        include_str!("radial_high_order.rs")
+        page_source!("radial_high_order.rs")
     }
 }

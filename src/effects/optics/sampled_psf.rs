@@ -98,5 +98,5 @@ impl SampledImage {
 /// The text of this file, whose head is its page.
 #[must_use]
 pub fn source() -> &'static str {
-    include_str!("sampled_psf.rs")
+    page_source!("sampled_psf.rs")
 }

@@ -83,6 +83,6 @@ impl Displacement for Spiral {
     }
 
     fn source() -> &'static str {
-        include_str!("spiral.rs")
+        page_source!("spiral.rs")
     }
 }

@@ -101,6 +101,6 @@ impl Displacement for Stereographic {
     }
 
     fn source() -> &'static str {
-        include_str!("stereographic.rs")
+        page_source!("stereographic.rs")
     }
 }

@@ -85,6 +85,6 @@ impl Displacement for ThermalDistortion {
     }
 
     fn source() -> &'static str {
-        include_str!("thermal_distortion.rs")
+        page_source!("thermal_distortion.rs")
     }
 }

@@ -84,6 +84,6 @@ impl Displacement for ThermalFocalLength {
     }
 
     fn source() -> &'static str {
-        include_str!("thermal_focal_length.rs")
+        page_source!("thermal_focal_length.rs")
     }
 }

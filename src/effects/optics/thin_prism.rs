@@ -88,6 +88,6 @@ impl Displacement for ThinPrism {
     }
 
     fn source() -> &'static str {
-        include_str!("thin_prism.rs")
+        page_source!("thin_prism.rs")
     }
 }

@@ -59,7 +59,7 @@ impl PixelEffect for VeilingGlare {
     const STAGE: Stage = Stage::Light;
     const PARAMETERS: &'static [ParameterSpec] = &[ParameterSpec { name: "share", unit: "", typical: 0.02, range: (0.0, 1.0) }];
     const WGSL: &'static str = include_str!("../../../shaders/veiling_glare.wgsl");
-    const SOURCE: &'static str = include_str!("veiling_glare.rs");
+    const SOURCE: &'static str = page_source!("veiling_glare.rs");
     type Uniforms = VeilingGlareUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(VeilingGlareUniforms { kept, veil_e_per_px });
 

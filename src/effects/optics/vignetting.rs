@@ -77,7 +77,7 @@ impl PixelEffect for Vignetting {
         ParameterSpec { name: "loss_fourth_order", unit: "", typical: 0.05, range: (-1.0, 1.0) },
     ];
     const WGSL: &'static str = include_str!("../../../shaders/vignetting.wgsl");
-    const SOURCE: &'static str = include_str!("vignetting.rs");
+    const SOURCE: &'static str = page_source!("vignetting.rs");
     type Uniforms = VignettingUniforms;
     const FIELDS: &'static [(&'static str, usize)] =
         uniform_fields!(VignettingUniforms { middle_x_px, middle_y_px, inverse_radius2, tan2_corner, loss_second, loss_fourth, width });

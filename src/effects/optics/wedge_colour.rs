@@ -86,6 +86,6 @@ impl Displacement for WedgeColour {
     }
 
     fn source() -> &'static str {
-        include_str!("wedge_colour.rs")
+        page_source!("wedge_colour.rs")
     }
 }

@@ -177,7 +177,7 @@ impl ImageKind for ZernikePsf {
         grid.transfer_of_samples(coarser, |x, y| field[index(y) * far.side + index(x)].norm_sqr() / total)
     }
     fn source(&self) -> &'static str {
-        include_str!("zernike_psf.rs")
+        page_source!("zernike_psf.rs")
     }
 }
 

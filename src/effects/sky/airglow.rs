@@ -54,7 +54,7 @@ impl SkyGlow for Airglow {
         10.0_f64.powf(-0.4 * (parameters[0] + circumstances.extinction_mag_per_airmass * (slant - 1.0))) * slant
     }
     fn source(&self) -> &'static str {
-        include_str!("airglow.rs")
+        page_source!("airglow.rs")
     }
 }
 

@@ -62,7 +62,7 @@ impl PixelEffect for Background {
     const PARAMETERS: &'static [ParameterSpec] =
         &[ParameterSpec { name: "background_e_per_px_s", unit: "e-/px/s", typical: 50.0, range: (0.0, 1e9) }];
     const WGSL: &'static str = include_str!("../../../shaders/background.wgsl");
-    const SOURCE: &'static str = include_str!("background.rs");
+    const SOURCE: &'static str = page_source!("background.rs");
     type Uniforms = BackgroundUniforms;
     const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(BackgroundUniforms { electrons_per_px });
 

@@ -91,6 +91,6 @@ impl Displacement for ChromaticRefraction {
     }
 
     fn source() -> &'static str {
-        include_str!("chromatic_refraction.rs")
+        page_source!("chromatic_refraction.rs")
     }
 }

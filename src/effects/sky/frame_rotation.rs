@@ -75,6 +75,6 @@ impl Displacement for FrameRotation {
     }
 
     fn source() -> &'static str {
-        include_str!("frame_rotation.rs")
+        page_source!("frame_rotation.rs")
     }
 }

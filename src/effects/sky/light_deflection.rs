@@ -98,6 +98,6 @@ impl Displacement for LightDeflection {
     }
 
     fn source() -> &'static str {
-        include_str!("light_deflection.rs")
+        page_source!("light_deflection.rs")
     }
 }

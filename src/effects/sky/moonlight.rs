@@ -81,7 +81,7 @@ impl SkyGlow for Moonlight {
         parameters[0] * NANOLAMBERT * scattering(angle_deg) * illuminance * through(cos_moon) * (1.0 - through(cosine))
     }
     fn source(&self) -> &'static str {
-        include_str!("moonlight.rs")
+        page_source!("moonlight.rs")
     }
 }
 

@@ -81,6 +81,6 @@ impl Displacement for Parallax {
     }
 
     fn source() -> &'static str {
-        include_str!("parallax.rs")
+        page_source!("parallax.rs")
     }
 }

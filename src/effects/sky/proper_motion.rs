@@ -100,6 +100,6 @@ impl Displacement for ProperMotion {
     }
 
     fn source() -> &'static str {
-        include_str!("proper_motion.rs")
+        page_source!("proper_motion.rs")
     }
 }

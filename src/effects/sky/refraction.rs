@@ -202,6 +202,6 @@ impl Displacement for Refraction {
     }
 
     fn source() -> &'static str {
-        include_str!("refraction.rs")
+        page_source!("refraction.rs")
     }
 }

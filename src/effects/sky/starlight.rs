@@ -107,7 +107,7 @@ impl SkyGlow for Starlight {
         parameters[0] * light * S10 * circumstances.transmission(direction)
     }
     fn source(&self) -> &'static str {
-        include_str!("starlight.rs")
+        page_source!("starlight.rs")
     }
 }
 

@@ -122,6 +122,6 @@ impl Displacement for StellarAberration {
     }
 
     fn source() -> &'static str {
-        include_str!("stellar_aberration.rs")
+        page_source!("stellar_aberration.rs")
     }
 }

@@ -86,6 +86,6 @@ impl Displacement for TimeTag {
     }
 
     fn source() -> &'static str {
-        include_str!("time_tag.rs")
+        page_source!("time_tag.rs")
     }
 }

@@ -89,7 +89,7 @@ impl SkyGlow for Twilight {
         parameters[0] * light * UNIT_NANOLAMBERTS * NANOLAMBERT
     }
     fn source(&self) -> &'static str {
-        include_str!("twilight.rs")
+        page_source!("twilight.rs")
     }
 }
 

@@ -113,7 +113,7 @@ impl SkyGlow for ZodiacalLight {
         parameters[0] * table / PER_S10 * S10 * circumstances.transmission(direction)
     }
     fn source(&self) -> &'static str {
-        include_str!("zodiacal_light.rs")
+        page_source!("zodiacal_light.rs")
     }
 }
 

@@ -7,6 +7,7 @@ use plotters::style::text_anchor::{HPos, VPos};
 
 use super::canvas::{BLUE, Canvas, Drawn, INK, PALE, PAPER, Place, VERMILION, picture, short, tick_step};
 use crate::report::{ProfilePlot, ProfilePoint, ReportError};
+use crate::statistics::order::sort_by;
 
 const SIZE: (usize, usize) = (900, 560);
 const LEFT: f64 = 100.0;
@@ -38,7 +39,7 @@ impl ProfilePlot {
     pub fn write(&self, path: &Path) -> Result<(), ReportError> {
         let finite = |bin: &&ProfilePoint| [bin.at, bin.mean, bin.sigma, bin.model].iter().all(|number| number.is_finite());
         let mut bins: Vec<ProfilePoint> = self.bins.iter().filter(finite).copied().collect();
-        bins.sort_by(|a, b| a.at.total_cmp(&b.at));
+        sort_by(&mut bins, |a, b| a.at.total_cmp(&b.at));
         if bins.is_empty() {
             return Err(ReportError::Empty { path: path.to_owned(), what: "no bin is finite" });
         }

@@ -7,6 +7,7 @@ use plotters::style::text_anchor::{HPos, VPos};
 
 use super::canvas::{BLUE, Canvas, Drawn, INK, ORANGE, PALE, PAPER, PURPLE, VERMILION, picture};
 use crate::report::{Rank, RankKind, Ranking, ReportError};
+use crate::statistics::order::sort_by;
 
 const WIDTH: f64 = 900.0;
 const RIGHT: f64 = 96.0;
@@ -39,7 +40,9 @@ impl Ranking {
             return Err(ReportError::Empty { path: path.to_owned(), what: "no hypothesis has a score" });
         }
         let order = |kind: RankKind| kind as u8;
-        ranks.sort_by(|a, b| b.deviations.total_cmp(&a.deviations).then(order(a.kind).cmp(&order(b.kind))).then(a.label.cmp(&b.label)));
+        sort_by(&mut ranks, |a, b| {
+            b.deviations.total_cmp(&a.deviations).then(order(a.kind).cmp(&order(b.kind))).then(a.label.cmp(&b.label))
+        });
         let height = TOP + ranks.len() as f64 * BAR + AXIS + LEGEND;
         picture(path, (WIDTH as usize, height.ceil() as usize), PAPER, |sheet| self.draw(sheet, &ranks))
     }

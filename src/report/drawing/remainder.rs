@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::report::{FieldMap, ReportError, Vector};
+use crate::statistics::order::sort_by;
 
 /// Points along each side of the picture's background.
 const SIDE: usize = 41;
@@ -64,7 +65,7 @@ impl Crossings {
         };
         let (columns, rows) = (lines(0), lines(1));
         let mut points = points.to_vec();
-        points.sort_by(|a, b| {
+        sort_by(&mut points, |a, b| {
             let row = |y: f64| rows.partition_point(|line| *line < y - 1e-6);
             row(a[1]).cmp(&row(b[1])).then(a[0].total_cmp(&b[0]))
         });

@@ -53,7 +53,7 @@ pub(super) const PARAMETERS: &[ParameterSpec] = &[
 
 /// The page's text.
 pub(super) fn source() -> &'static str {
-    include_str!("cosmic_rays.rs")
+    page_source!("cosmic_rays.rs")
 }
 
 /// The key of its random numbers.

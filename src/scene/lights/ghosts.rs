@@ -45,7 +45,7 @@ pub(super) fn parameters() -> &'static [ParameterSpec] {
 
 /// The page's text.
 pub(super) fn source() -> &'static str {
-    include_str!("ghosts.rs")
+    page_source!("ghosts.rs")
 }
 
 impl Scene {

@@ -53,7 +53,7 @@ pub(super) const PARAMETERS: &[ParameterSpec] = &[
 
 /// The page's text.
 pub(super) fn source() -> &'static str {
-    include_str!("streaks.rs")
+    page_source!("streaks.rs")
 }
 
 /// The key of its random numbers.

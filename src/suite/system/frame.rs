@@ -3,8 +3,6 @@
 use std::path::Path;
 use std::time::Duration;
 
-use rayon::prelude::*;
-
 use super::super::answers::{AnswerStatus, TrackerAnswer, camera_of, centroids_of, read_answers};
 use super::super::error::SuiteError;
 use super::super::frames::HandedFrame;
@@ -13,6 +11,7 @@ use super::filled::{Places, command};
 use super::handover::Handover;
 use super::observed::ObservedAnswer;
 use super::process::{ProcessEnd, run};
+use crate::parallel;
 
 /// Hands frames over, each to a process of its own.
 pub(super) fn answers(table: &SystemTable, handover: &Handover<'_>, frames: &[HandedFrame]) -> Result<Vec<ObservedAnswer>, SuiteError> {
@@ -22,7 +21,7 @@ pub(super) fn answers(table: &SystemTable, handover: &Handover<'_>, frames: &[Ha
     // Processes wait on each other's account: a pool of its own, beside that which renders.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(table.workers).build();
     let pool = pool.map_err(|error| SuiteError::Start { program: "threads".to_owned(), source: std::io::Error::other(error) })?;
-    pool.install(|| frames.par_iter().map(|frame| one(table, handover, frame)).collect())
+    pool.install(|| parallel::try_map(frames, |frame| one(table, handover, frame)))
 }
 
 fn one(table: &SystemTable, handover: &Handover<'_>, frame: &HandedFrame) -> Result<ObservedAnswer, SuiteError> {
