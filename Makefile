@@ -8,7 +8,7 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test interop learner bench-dataset slurm readme claims surface check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind blind-pixels blind-pixels-score held-out peers trackers suite catalog fuzz zoo cluster-chaos runtime
+.PHONY: help demo test interop learner bench-dataset slurm readme claims surface check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind blind-pixels blind-pixels-score held-out peers trackers suite catalog fuzz zoo cluster-chaos cluster-overhead runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
@@ -33,6 +33,7 @@ help:
 	@echo "make suite    our own pipeline against its requirements (tests/suites/own.toml): outputs/suite; two minutes on two cores"
 	@echo "make trackers tetra3rs, cedar-solve, astrometry.net, LOST through one suite: docs/studies/trackers.md; PyPI and Debian; TRACKERS_FRAMES=60"
 	@echo "make cluster-chaos  100 runs of boresight-cluster with kills: docs/studies/cluster-chaos.md; an hour, after make interop, can be stopped and gone on with; CHAOS=\"--runs N --seed S\""
+	@echo "make cluster-overhead  what the driver of boresight-cluster costs beside processes of the program: docs/studies/cluster-overhead.txt; five minutes, after make interop"
 	@echo "make slurm    a real Slurm on this machine (Debian's slurm-wlm, needs root; after make interop): a dataset by an array and by Parsl, the same hashes"
 	@echo "make bench-dataset  what a labelled frame costs, 20,000 of them, beside SatSim (takes PyPI): docs/studies/dataset.txt; 20 minutes"
 	@echo "make learner  trains a small network on a made dataset and finds the stars of real frames, beside detect: docs/studies/learner.txt; RECORDINGS=DIR, takes PyPI and Debian's torch, 10 minutes"
@@ -224,6 +225,13 @@ cluster-chaos:
 	@test -x target/interop/venv/bin/python || { echo "cluster-chaos: run make interop first, which installs what this needs" >&2; exit 1; }
 	target/interop/venv/bin/python -m pip install --quiet --disable-pip-version-check python/boresight_cluster
 	BORESIGHT_BINARY=$(abspath $(PROGRAM)) target/interop/venv/bin/python python/boresight_cluster/tests/chaos_study.py $(CHAOS) --folder outputs/cluster-chaos --page docs/studies/cluster-chaos.md
+
+cluster-overhead: export PYTHONDONTWRITEBYTECODE := 1
+cluster-overhead:
+	$(CARGO) build --locked --release --bin boresight
+	@test -x target/interop/venv/bin/python || { echo "cluster-overhead: run make interop first, which installs what this needs" >&2; exit 1; }
+	target/interop/venv/bin/python -m pip install --quiet --disable-pip-version-check python/boresight_cluster
+	BORESIGHT_BINARY=$(abspath $(PEERS_PROGRAM)) target/interop/venv/bin/python python/boresight_cluster/tests/overhead_study.py --page docs/studies/cluster-overhead.txt
 
 # Figures of README.md and docs/ that are quoted from studies, against the studies' pages; a study itself is run by its own target.
 claims:

@@ -11,16 +11,31 @@ fn rank(effect: &dyn AnyPixelEffect) -> Option<usize> {
 }
 
 impl Imager {
-    /// What an effect alone makes of a frame whose pixels hold one electron each, row by row; `None` where it is not switched on.
-    pub fn of_one_electron(&self, id: &str, exposure: &FrameExposure<'_>) -> Result<Option<Vec<f32>>, ImagingError> {
+    /// What an effect of single pixels alone makes of pixels that hold one electron each, block by block: `see` gets the index of the first pixel
+    /// of a block, row by row, and its electrons. It is not called where the effect is not switched on.
+    pub fn on_single_electrons(
+        &self,
+        id: &str,
+        exposure: &FrameExposure<'_>,
+        mut see: impl FnMut(usize, &[f32]),
+    ) -> Result<(), ImagingError> {
+        const BLOCK_PX: usize = 4096; // stays in a core's cache
         if !self.plan.has(id) {
-            return Ok(None);
+            return Ok(());
         }
         let alone = self.plan.only(|effect| effect.id() == id);
-        let ones = vec![1.0; alone.width_px * alone.height_px];
-        let exposure = FrameExposure { stars: &[], sky_e: &ones, ..*exposure };
-        let lit = alone.light(&exposure, &[])?;
-        Ok(Some(on_cpu::electrons(&alone, Some(Stage::Digital), &lit, &exposure)))
+        let exposure = FrameExposure { stars: &[], sky_e: &[], ..*exposure };
+        let context = alone.context(&exposure, &alone.light(&exposure, &[])?);
+        let segments = alone.segments(Some(Stage::Digital));
+        let pixels = on_cpu::Pixels::new(&alone, segments.first().map_or(&[], |segment| segment.pixels), &exposure, &context);
+        let (mut block, count) = ([0.0; BLOCK_PX], alone.width_px * alone.height_px);
+        for first in (0..count).step_by(BLOCK_PX) {
+            let block = &mut block[..BLOCK_PX.min(count - first)];
+            block.fill(1.0);
+            pixels.apply(first, block);
+            see(first, block);
+        }
+        Ok(())
     }
 
     /// The frame just before an effect and just after it, with all noise, row by row; `None` where it is not switched on.

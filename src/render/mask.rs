@@ -73,13 +73,13 @@ pub(super) fn mask(
     width_px: usize,
 ) -> Result<Vec<u16>, ImagingError> {
     let mut mask = vec![0; pixels_dn.len()];
-    if let Some(of_one) = imager.of_one_electron(ids::HOT_PIXELS, exposure)? {
-        mark(&mut mask, MaskFlag::HOT, &of_one, |electrons| *electrons > 1.0);
-        mark(&mut mask, MaskFlag::DEAD, &of_one, |electrons| *electrons == 0.0);
-    }
-    if let Some(of_one) = imager.of_one_electron(ids::RANDOM_TELEGRAPH, exposure)? {
-        mark(&mut mask, MaskFlag::TELEGRAPH, &of_one, |electrons| *electrons > 1.0);
-    }
+    imager.on_single_electrons(ids::HOT_PIXELS, exposure, |first, electrons| {
+        mark(&mut mask[first..], MaskFlag::HOT, electrons, |electrons| *electrons > 1.0);
+        mark(&mut mask[first..], MaskFlag::DEAD, electrons, |electrons| *electrons == 0.0);
+    })?;
+    imager.on_single_electrons(ids::RANDOM_TELEGRAPH, exposure, |first, electrons| {
+        mark(&mut mask[first..], MaskFlag::TELEGRAPH, electrons, |electrons| *electrons > 1.0);
+    })?;
     if let Some(full_dn) = imager.saturation_dn() {
         mark(&mut mask, MaskFlag::SATURATED, pixels_dn, |count| f32::from(*count) >= full_dn);
     }

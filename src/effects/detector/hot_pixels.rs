@@ -38,6 +38,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::dark_current::freed_e;
 use crate::effects::ParameterSpec;
+use crate::effects::pixel::first_words::FirstWords;
 use crate::effects::pixel::lanes::{BLOCK_PX, vectorised};
 use crate::effects::pixel::math::{poly_ln, unit_interval};
 use crate::effects::pixel::pattern::{fixed_words, word_limit};
@@ -73,12 +74,20 @@ vectorised! {
 /// The twin.
 fn hot_pixels(uniforms: &HotPixelsUniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
     let mut first = [0; BLOCK_PX];
+    let kept = FirstWords::of(key);
     for (block, pixels) in (0..).zip(pixels.chunks_mut(BLOCK_PX)) {
         let first_pixel = first_pixel.wrapping_add(block * BLOCK_PX as u32);
+        if let Some([smallest, largest]) = kept.extremes(first_pixel, pixels.len())
+            && smallest >= uniforms.hot_below
+            && largest <= uniforms.dead_above
+        {
+            continue;
+        }
         let first = &mut first[..pixels.len()];
         if first_words(uniforms, key, first_pixel, first) {
             defects(uniforms, key, first_pixel, first, pixels);
         }
+        kept.keep(first_pixel, first);
     }
 }
 
@@ -139,6 +148,27 @@ impl PixelEffect for HotPixels {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// What is kept of a frame changes nothing in those behind it, with few defects or many.
+    #[test]
+    fn a_frame_is_the_same_before_and_after_others() {
+        let frame = |seed: u64, hot_per_million: f64, first_pixel: u32| {
+            let mut pixels = vec![7.0_f32; 100_000];
+            let parameters = [hot_per_million, 100.0, 0.3, hot_per_million / 10.0, 20.0, 6.5];
+            let uniforms = HotPixels::uniforms(&parameters, &ExposureContext { exposure_s: 1.0, ..ExposureContext::default() });
+            hot_pixels(&uniforms, StageKey { seed, frame: 2, stage: HotPixels::RNG_STAGE }, first_pixel, &mut pixels);
+            pixels
+        };
+        for (rate, other) in [(3000.0, 30.0), (30.0, 3000.0)] {
+            let seed = 1_000_000 + rate as u64;
+            let whole = frame(seed, rate, 0);
+            assert!(whole.iter().any(|electrons| *electrons != 7.0));
+            let _ = frame(seed, other, 0);
+            assert_eq!(whole, frame(seed, rate, 0), "{rate}");
+            // From elsewhere on, where blocks lie otherwise.
+            assert_eq!(whole[777..], frame(seed, rate, 777)[..100_000 - 777], "{rate}");
+        }
+    }
 
     /// Numbers, levels and blinking, within 4.5 standard errors of their laws.
     #[test]
