@@ -69,7 +69,7 @@ mod tests {
     fn what_two_frames_share_is_the_variance_of_the_offsets() {
         let wave = |k: usize, turns: f64| (std::f64::consts::TAU * turns * k as f64 / 512.0).sin();
         let list = |own: f64, parity: f64| -> Vec<f32> {
-            let of = |k: usize| 0.3 * wave(k, 37.0) + wave(k, own) + if k % 2 == 0 { parity } else { -parity };
+            let of = |k: usize| 0.3 * wave(k, 37.0) + wave(k, own) + if k.is_multiple_of(2) { parity } else { -parity };
             (0..512).map(|k| of(k) as f32).collect()
         };
         let (one, other) = (list(101.0, 2.0), list(67.0, 3.0));
