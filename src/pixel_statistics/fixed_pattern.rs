@@ -94,6 +94,17 @@ impl PatternFrame {
         self.value(index).unwrap_or(0.0)
     }
 
+    /// Of frames of one size, in their order, the places of those of which no two share a pointing.
+    pub(super) fn places_of_different(frames: &[&Self]) -> Vec<usize> {
+        let mut chosen: Vec<usize> = Vec::new();
+        for (place, frame) in frames.iter().enumerate() {
+            if !chosen.iter().any(|known| frames[*known].shares_pointing(frame)) {
+                chosen.push(place);
+            }
+        }
+        chosen
+    }
+
     /// Columns and rows.
     pub(super) fn size_px(&self) -> [usize; 2] {
         [self.width_px, self.values.len() / self.width_px.max(1)]

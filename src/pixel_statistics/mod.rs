@@ -16,6 +16,7 @@ mod events;
 mod field_stop;
 mod fixed_pattern;
 mod halos;
+mod line_pairs;
 mod line_sums;
 mod lines;
 mod neighbours;
@@ -49,6 +50,7 @@ pub use field_stop::StopCircle;
 pub(crate) use field_stop::{MIN_STOP_FRAMES, StopFrame};
 pub use fixed_pattern::{FixedPattern, PatternPair};
 pub(crate) use halos::{FrameHalo, HALO_CONTROLS, HALO_RADII_PX, halo_share};
+pub(crate) use line_pairs::LinePair;
 pub use lines::{Estimate, FrameNoise, LineStatistics};
 pub use neighbours::NeighbourCorrelation;
 pub(crate) use partner_places::{CONTROLS, CopiesFrame, FoundStar, LOOKS, Partner, PartnerSum};
@@ -218,6 +220,9 @@ pub struct PixelStatistics {
     /// What bright stars leave at other places.
     #[serde(skip)]
     pub(crate) elsewhere: Vec<ElsewhereFrame>,
+    /// Rows and columns of frames of different pointings, frame against frame.
+    #[serde(skip)]
+    pub(crate) line_pairs: Vec<LinePair>,
     /// Means of rows, columns and pixels, for pictures.
     #[serde(skip)]
     pub means: PixelMeans,
@@ -243,6 +248,7 @@ impl PixelStatistics {
         let mut lines = Vec::with_capacity(frames.len());
         let (mut patterns, mut rays) = (Vec::new(), Vec::with_capacity(frames.len()));
         let mut of_streaks = Vec::with_capacity(frames.len());
+        let line_pairs = line_pairs::line_pairs(&frames);
         for frame in frames {
             lines.push(frame.lines);
             patterns.extend(frame.compared);
@@ -270,6 +276,7 @@ impl PixelStatistics {
             codes,
             compression,
             elsewhere: Vec::new(),
+            line_pairs,
         }
     }
 }

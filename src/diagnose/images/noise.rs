@@ -9,7 +9,7 @@ use crate::effects::detector::brighter_fatter::BrighterFatter;
 use crate::effects::detector::{banding, bayer, dark_current, even_odd, prnu};
 use crate::effects::pixel::{PixelEffect, pass::PassHead};
 use crate::effects::{CentroidShift, ids};
-use crate::pixel_statistics::{Estimate, FrameNoise, PatternPair, PixelStatistics, TransferPoint};
+use crate::pixel_statistics::{Estimate, FrameNoise, LinePair, PatternPair, PixelStatistics, TransferPoint};
 
 /// The numbers of the detector as the recording declares them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -53,6 +53,8 @@ const BAYER: &str = <bayer::Bayer as CentroidShift>::ID;
 const PRNU: &str = <prnu::Prnu as PixelEffect>::ID;
 const ROWS: &str = "banding of rows";
 const COLUMNS: &str = "banding of columns";
+const SAME_ROWS: &str = "banding of rows that is the same in all frames";
+const SAME_COLUMNS: &str = "banding of columns that is the same in all frames";
 const BRIGHTER_FATTER: &str = <BrighterFatter as PassHead>::ID;
 /// Of the variance of the offsets of rows (or columns) so much is seen in the pixels of a block: its plane takes an eighth.
 const LINES_IN_BLOCK: f64 = 0.9;
@@ -157,6 +159,8 @@ pub(super) fn ordinary(id: &str) -> Option<(f64, &'static str)> {
 const EFFECTS: &[Effect] = &[
     (ROWS, BANDING, &[parameter("row_sigma_dn", "DN", Shown::Root)], "row", Some(1.0)),
     (COLUMNS, BANDING, &[parameter("column_sigma_dn", "DN", Shown::Root)], "x", Some(1.0)),
+    (SAME_ROWS, BANDING, &[parameter("row_sigma_dn", "DN", Shown::Root)], "row", Some(1.0)),
+    (SAME_COLUMNS, BANDING, &[parameter("column_sigma_dn", "DN", Shown::Root)], "x", Some(1.0)),
     (EVEN_ODD, EVEN_ODD, &[parameter("relative", "", Shown::Same)], "pixel-parity-x", None),
     (
         BAYER,
@@ -186,21 +190,27 @@ fn numbers(pixels: &PixelStatistics, pick: impl Fn(&FrameNoise) -> Option<Estima
     pixels.by_frame.iter().filter_map(told).collect()
 }
 
-/// Variances of row and column offsets, one after the other.
+/// Variances of row and column offsets: those of each frame, one after the other, and those that two frames share. Of lines that are offset anew in
+/// every frame two share nothing; of lines that are always the same two share as much as one has. The numbers of one frame and of pairs are products of
+/// different noise, and independent.
 fn lines(pixels: &PixelStatistics) -> Option<NoiseKind> {
     let rows = numbers(pixels, |frame| frame.row_variance_dn2);
     let columns = numbers(pixels, |frame| frame.column_variance_dn2);
-    let [of_rows, of_columns] = [1.0, 0.0].map(|own| {
-        let column = vec![own; rows.len()].into_iter().chain(vec![1.0 - own; columns.len()]);
-        column.collect::<Vec<f64>>()
-    });
-    let numbers: Vec<_> = rows.into_iter().chain(columns).collect();
-    (!numbers.is_empty()).then(|| NoiseKind {
-        name: "variance of rows and columns",
-        numbers,
-        common: Vec::new(),
-        columns: vec![(ROWS, 0, of_rows), (COLUMNS, 0, of_columns)],
-    })
+    let shared = |pick: fn(&LinePair) -> Option<Estimate>| -> Vec<(usize, f64, f64)> {
+        pixels.line_pairs.iter().filter_map(|pair| pick(pair).map(|own| (pair.frames[0], own.value, own.sigma))).collect()
+    };
+    let groups = [rows, columns, shared(|pair| pair.rows), shared(|pair| pair.columns)];
+    // Which groups an offset shows in.
+    let column = |shows: [bool; 4]| -> Vec<f64> {
+        groups.iter().zip(shows).flat_map(|(group, shows)| vec![f64::from(u8::from(shows)); group.len()]).collect()
+    };
+    let mut columns = vec![(ROWS, 0, column([true, false, false, false])), (COLUMNS, 0, column([false, true, false, false]))];
+    if !pixels.line_pairs.is_empty() {
+        columns.push((SAME_ROWS, 0, column([true, false, true, false])));
+        columns.push((SAME_COLUMNS, 0, column([false, true, false, true])));
+    }
+    let numbers: Vec<_> = groups.into_iter().flatten().collect();
+    (!numbers.is_empty()).then(|| NoiseKind { name: "variance of rows and columns", numbers, common: Vec::new(), columns })
 }
 
 /// Half the differences of odd and even columns, rows and diagonals: in proportion to the light, with the sign of the page of even-odd, by which even
@@ -276,7 +286,13 @@ fn transfer(pixels: &PixelStatistics, detector: &DeclaredDetector) -> Option<Noi
         pixels.by_frame.iter().map(|frame| (frame.frame, frame.exposure_s.unwrap_or(1.0))).collect();
     // Unequal dark current is a part of the scatter of the pixels of a block, as it is of what two frames share.
     let by_dark = with(0.0, &|point| exposures.get(&point.frame).map_or(1.0, |time| time * time));
-    let mut columns = vec![(ROWS, 0, by_lines.clone()), (COLUMNS, 0, by_lines), (DARK, 0, by_dark)];
+    let mut columns = vec![
+        (ROWS, 0, by_lines.clone()),
+        (COLUMNS, 0, by_lines.clone()),
+        (SAME_ROWS, 0, by_lines.clone()),
+        (SAME_COLUMNS, 0, by_lines),
+        (DARK, 0, by_dark),
+    ];
     // At one level alone gain, read noise and bias are one number.
     let is_gain_told = !is_told || spread(points.iter().map(|point| point.level_dn - bias)) > MIN_SPREAD;
     if is_gain_told {

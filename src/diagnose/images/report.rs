@@ -113,7 +113,7 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
         set_status(diagnosis, status);
     }
     let numbers: Vec<usize> = places.keys().copied().collect();
-    counted.extend(single_frames(&judged, images.pixels, images.detector.bias_dn, &numbers));
+    counted.extend(single_frames(&judged, images.pixels, (images.detector.bias_dn, images.looks_through_air), &numbers));
     counted.extend(jitter(&judged, images.looks_through_air));
     counted.extend(images.pixels.map_or_else(Vec::new, |pixels| elsewhere(&pixels.elsewhere)));
     for (channel, state) in &judged.channels {
@@ -160,6 +160,7 @@ fn of_frames(pixels: &PixelStatistics, places: &BTreeMap<usize, usize>) -> Pixel
     own.sky.retain(|mesh| places.contains_key(&mesh.frame));
     own.transfer_points.retain(|point| places.contains_key(&point.frame));
     own.fixed_pattern.pairs.retain(|pair| pair.frames.iter().all(|frame| places.contains_key(frame)));
+    own.line_pairs.retain(|pair| pair.frames.iter().all(|frame| places.contains_key(frame)));
     own
 }
 

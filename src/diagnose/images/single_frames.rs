@@ -19,10 +19,17 @@ use crate::statistics::{mad_sigma, median};
 
 /// Fewer frames tell nothing of one among them.
 const MIN_FRAMES: usize = 5;
-/// A clear night's transparency differs by so much from frame to frame, magnitudes.
-const CLEAR_MAG: f64 = 0.02;
-/// A frame that differs by less is no finding, whatever its significance, magnitudes.
-const MIN_MAG: f64 = 0.08;
+/// From frame to frame the light differs by so much anyway, and a frame that differs by less is no finding, whatever its significance; magnitudes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Steady {
+    scatter_mag: f64,
+    least_mag: f64,
+}
+
+/// The transparency of a clear night.
+const THROUGH_AIR: Steady = Steady { scatter_mag: 0.02, least_mag: 0.08 };
+/// Where there is no air the shutter alone differs.
+const IN_SPACE: Steady = Steady { scatter_mag: 0.005, least_mag: 0.02 };
 /// Stars and sky differ by the same factor within this share of it.
 const SAME_SHARE: f64 = 0.25;
 /// Of what is added to the elongation by a motion so much at least is added to the size, and so much at most.
@@ -43,12 +50,17 @@ struct Level {
     sky: Option<f64>,
 }
 
-/// All that single frames show. `numbers`: of every place among the frames that are tested the frame's number.
-pub(super) fn single_frames(judged: &Judged, pixels: Option<&PixelStatistics>, bias_dn: Option<f64>, numbers: &[usize]) -> Vec<Counted> {
+/// All that single frames show, with the counts of no light and whether the camera looks through air. `numbers`: of every place among the frames that are tested the frame's number.
+pub(super) fn single_frames(
+    judged: &Judged,
+    pixels: Option<&PixelStatistics>,
+    (bias_dn, looks_through_air): (Option<f64>, bool),
+    numbers: &[usize],
+) -> Vec<Counted> {
     let mut all: Vec<Counted> = Vec::new();
     let levels = levels(judged, pixels, bias_dn, numbers);
     if levels.len() >= MIN_FRAMES {
-        all.extend(uneven(&levels));
+        all.extend(uneven(&levels, if looks_through_air { THROUGH_AIR } else { IN_SPACE }));
     }
     // Where the declared rates tell it the frames by themselves need not.
     let is_told = judged.proposed.iter().any(|own| own.against.is_empty() && judged.rows.questions[own.question].id == MOTION_SMEAR);
@@ -78,16 +90,16 @@ fn levels(judged: &Judged, pixels: Option<&PixelStatistics>, bias_dn: Option<f64
 }
 
 /// Frames whose zero points lie off those of the others.
-fn uneven(levels: &[Level]) -> Vec<Counted> {
+fn uneven(levels: &[Level], steady: Steady) -> Vec<Counted> {
     let scatter = |values: Vec<f64>| mad_sigma(&values).unwrap_or(0.0);
-    let floor = scatter(levels.iter().map(|level| level.stars).collect()).max(CLEAR_MAG);
+    let floor = scatter(levels.iter().map(|level| level.stars).collect()).max(steady.scatter_mag);
     let sky_scatter = scatter(levels.iter().filter_map(|level| level.sky).collect());
     let surprise = |level: &Level| {
         let sigma = floor.hypot(level.sigma);
         // One of so many frames.
         (neg_ln_chi2_sf(1.0, (level.stars / sigma).powi(2)) - (levels.len() as f64).ln()).clamp(0.0, MAX_SURPRISE)
     };
-    let is_off = |level: &&Level| level.stars.abs() > MIN_MAG && Counted::is_surprising(surprise(level));
+    let is_off = |level: &&Level| level.stars.abs() > steady.least_mag && Counted::is_surprising(surprise(level));
     // Where the sky of the frames differs by more than the stars do it tells nothing.
     let is_sky_told = |level: &Level| level.sky.filter(|_| sky_scatter < 0.5 * level.stars.abs());
     let is_exposure = |level: &Level| match is_sky_told(level) {

@@ -37,6 +37,10 @@ fn skies(factor: f64) -> PixelStatistics {
 
 /// What single frames show of stars of which one frame has `factor` times the light.
 fn told(seed: u64, factor: f64, sky: f64) -> Vec<(String, f64)> {
+    told_through(true, seed, factor, sky)
+}
+
+fn told_through(looks_through_air: bool, seed: u64, factor: f64, sky: f64) -> Vec<(String, f64)> {
     let mut stars = stars(seed, nothing);
     for star in stars.iter_mut().filter(|star| star.frame == ODD) {
         star.flux_dn *= factor;
@@ -44,7 +48,7 @@ fn told(seed: u64, factor: f64, sky: f64) -> Vec<(String, f64)> {
     }
     let statistics = skies(sky);
     let numbers: Vec<usize> = (0..FRAMES).collect();
-    found(single_frames(&judged(&stars, &statistics), Some(&statistics), Some(BIAS_DN), &numbers))
+    found(single_frames(&judged(&stars, &statistics), Some(&statistics), (Some(BIAS_DN), looks_through_air), &numbers))
 }
 
 fn found(counted: Vec<Counted>) -> Vec<(String, f64)> {
@@ -70,6 +74,17 @@ fn stars_and_sky_tell_clouds_from_an_exposure() {
     }
 }
 
+/// Six hundredths are what air does on a clear night; in space nothing does.
+#[test]
+fn without_air_a_small_difference_is_one() {
+    for seed in 40..44 {
+        assert_eq!(told_through(true, seed, 0.94, 0.94), [], "seed {seed}");
+        assert_eq!(told_through(false, seed, 1.0, 1.0), [], "seed {seed}");
+        let own = told_through(false, seed, 0.94, 0.94);
+        assert!(matches!(&own[..], [(id, more)] if id == "exposure-time" && (more + 0.06).abs() < 0.02), "seed {seed}: {own:?}");
+    }
+}
+
 /// Images drawn out by `length_px`, in every frame along another direction; no rates are known.
 fn moved(seed: u64, length_px: f64) -> Vec<(String, f64)> {
     let mut stars = stars(seed, nothing);
@@ -85,7 +100,7 @@ fn moved(seed: u64, length_px: f64) -> Vec<(String, f64)> {
         }
     }
     let numbers: Vec<usize> = (0..FRAMES).collect();
-    found(single_frames(&judged(&stars, &PixelStatistics::default()), None, None, &numbers))
+    found(single_frames(&judged(&stars, &PixelStatistics::default()), None, (None, true), &numbers))
 }
 
 #[test]

@@ -9,7 +9,7 @@ use super::judge::{Asked, Judged, Pixels, judge};
 use super::noise::DeclaredDetector;
 use crate::detect::Moments;
 use crate::effects::ImageContext;
-use crate::pixel_statistics::{Estimate, FrameNoise, PixelStatistics};
+use crate::pixel_statistics::{Estimate, FrameNoise, LinePair, PixelStatistics};
 
 pub(super) const FRAMES: usize = 12;
 const STARS: usize = 60;
@@ -180,4 +180,45 @@ fn lines_that_are_offset_are_banding_however_much() {
         let [value, _] = size(&judged, "banding").unwrap();
         assert!((value / variance - 1.0).abs() < 0.05, "{value} for {variance}");
     }
+}
+
+/// Columns that are the same in all frames, too weak for one frame: the pairs of frames tell them. What pairs share is nothing without them.
+#[test]
+fn columns_that_stay_are_told_by_pairs_of_frames() {
+    let of = |variance: f64| {
+        let noise = |k: usize| (k as f64 * 2.399).sin() * 2.0_f64.sqrt();
+        let estimate = |value: f64, sigma: f64, k: usize| Some(Estimate { value: value + sigma * noise(k), sigma });
+        let frame = |frame: usize| FrameNoise {
+            frame,
+            exposure_s: None,
+            level_dn: 200.0,
+            sigma_dn: 2.6,
+            row_variance_dn2: estimate(0.0, 0.001, frame),
+            column_variance_dn2: estimate(variance, 0.001, frame + 50),
+            parity_dn: None,
+            middle_step_dn: None,
+        };
+        let pairs = (0..FRAMES).flat_map(|one| (one + 1..FRAMES).map(move |other| [one, other]));
+        let pair = |(k, frames): (usize, [usize; 2])| LinePair {
+            frames,
+            rows: estimate(0.0, 0.001, k + 100),
+            columns: estimate(variance, 0.001, k + 300),
+        };
+        let pixels = PixelStatistics {
+            by_frame: (0..FRAMES).map(frame).collect(),
+            line_pairs: pairs.enumerate().map(pair).collect(),
+            ..PixelStatistics::default()
+        };
+        let places = (0..FRAMES).map(|frame| (frame, frame)).collect();
+        let detector = DeclaredDetector::default();
+        let noise = Some(&Pixels { statistics: &pixels, detector: &detector, places: &places, views: &[] });
+        judge(&stars(3, nothing), noise, FRAMES, &asked(1e-3), &[]).unwrap()
+    };
+    assert_eq!(found(&of(0.0)), Vec::<&str>::new());
+    // Eight tenths of a standard error in a frame.
+    let judged = of(0.0008);
+    assert_eq!(found(&judged), ["banding"], "{:?}", judged.proposed);
+    assert_eq!(judged.rows.questions[judged.proposed[0].question].parameters[0].name, "column_sigma_dn");
+    let [value, sigma] = size(&judged, "banding").unwrap();
+    assert!((value / 0.0008 - 1.0).abs() < 0.2 && sigma < 0.00015, "{value} ± {sigma}");
 }

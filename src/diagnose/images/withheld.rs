@@ -5,6 +5,7 @@ use super::judge::{Judged, Proposed};
 use crate::diagnose::causes::{COMPRESSION, GAIN_NOISE};
 use crate::diagnose::channels::{Channel, ChannelVerdict};
 use crate::diagnose::diagnosis::{Diagnosis, EffectState, Finding};
+use crate::effects::detector::amplifier_step::AmplifierStep;
 use crate::effects::detector::brighter_fatter::BrighterFatter;
 use crate::effects::detector::charge_transfer_inefficiency::ChargeTransferInefficiency;
 use crate::effects::detector::{even_odd, magnitude_equation, overshoot, s_curve};
@@ -58,7 +59,27 @@ fn beside_others(diagnosis: &Diagnosis, judged: &Judged, proposed: &Proposed, by
     let by_images = judged.proposed.iter().filter(|own| own.against.is_empty()).map(id);
     let by_places = diagnosis.findings.iter().map(|finding| finding.id.as_str());
     let there: Vec<&str> = by_places.chain(by_images).chain(by_count.iter().copied()).collect();
-    done_by_others(id(proposed), is_of_noise, &there)
+    done_by_others(id(proposed), is_of_noise, &there).or_else(|| by_two_gains(judged, proposed))
+}
+
+/// Of halves with two gains the declared gain is that of neither, or of one: the noise of all pixels shows one that is off by up to the step.
+fn by_two_gains(judged: &Judged, proposed: &Proposed) -> Option<String> {
+    const STEP: &str = <AmplifierStep as CentroidShift>::ID;
+    let id = |own: &Proposed| judged.rows.questions[own.question].id;
+    let first = |own: &Proposed| own.sizes.first().copied();
+    let is_step = |own: &&Proposed| {
+        id(own) == STEP && own.against.is_empty() && judged.rows.questions[own.question].parameters[0].name == "gain_relative"
+    };
+    let step = judged.proposed.iter().find(is_step).and_then(first)?;
+    let gain = first(proposed).filter(|_| id(proposed) == GAIN_NOISE)?;
+    let beside = proposed.sizes.get(1).copied().unwrap_or([0.0, 1.0]);
+    is_within_step(gain, beside, step).then(|| format!("{STEP} gives the two halves gains that differ by as much"))
+}
+
+/// Whether the ratio of a gain (less one) is no farther off than a step of the gains, and nothing but a gain is (sizes with their errors).
+fn is_within_step(gain: [f64; 2], beside: [f64; 2], step: [f64; 2]) -> bool {
+    const SIGMAS: f64 = 3.0;
+    gain[0].abs() < step[0].abs() + SIGMAS * gain[1].hypot(step[1]) && beside[0].abs() < SIGMAS * beside[1]
 }
 
 /// Whether a gain that nothing else speaks against seems wrong since something that is there changes the noise.
@@ -79,6 +100,15 @@ fn done_by_others(id: &str, is_of_noise: bool, there: &[&str]) -> Option<String>
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn two_gains_explain_one_that_is_off_by_no_more_than_their_difference() {
+        let step = [-0.0393, 0.0007];
+        assert!(is_within_step([0.0287, 0.0037], [-1.1, 3.5], step));
+        assert!(!is_within_step([0.08, 0.0037], [-1.1, 3.5], step));
+        // A read noise that is wrong is no matter of two gains.
+        assert!(!is_within_step([0.0287, 0.0037], [30.0, 3.5], step));
+    }
 
     #[test]
     fn a_gain_is_not_wrong_where_charge_is_lost_or_blocks_are_rounded() {

@@ -74,7 +74,8 @@ impl<'w> Noiseless<'w> {
                     let slope_e = SLOPE_SHARE * self.world.frames[number].sky_e[0];
                     FrameChange { left: of_background(&change, base, quiet, slope_e), ..FrameChange::default() }
                 } else {
-                    of_stamps(&change, base, quiet, &self.stamps[number], catalogue)
+                    let of = if hidden.kind == PixelKind::IntrapixelResponse { of_all_light } else { of_stamps };
+                    of(&change, base, quiet, &self.stamps[number], catalogue)
                 }
             })
             .collect();
@@ -156,6 +157,20 @@ fn of_stamps(change: &[f64], base: &[f64], quiet: f64, stamps: &[Stamp], catalog
         all.width.add(taken[4], covariance[(4, 4)]);
         let whole: f64 = (0..SIDE * SIDE).map(|k| seen[k] * seen[k] * weights[k]).sum();
         all.left += (whole - taken.dot(&right)).max(0.0);
+    }
+    all
+}
+
+/// The same of an effect that is a part of the image: what the pixels see of a star is the image that the lens draws, folded with their response, and
+/// which of the two it is no stamp tells (Anderson & King, PASP 112, 1360 (2000), 2). Pixels of one response without gaps count the same light wherever
+/// a star lies, so that all the light of a star is what the place in the pixel changes.
+fn of_all_light(change: &[f64], base: &[f64], quiet: f64, stamps: &[Stamp], catalogue: f64) -> FrameChange {
+    let mut all = FrameChange::default();
+    for stamp in stamps {
+        let pixels = (0..SIDE * SIDE).map(|k| stamp.corner + k / SIDE * SIZE_PX + k % SIDE);
+        let (seen, variance) =
+            pixels.fold((0.0, 0.0), |(seen, variance), pixel| (seen + change[pixel], variance + base[pixel].max(0.0) + quiet));
+        all.light.add(seen / stamp.electrons, variance / stamp.electrons.powi(2) + catalogue * catalogue);
     }
     all
 }

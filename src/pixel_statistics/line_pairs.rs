@@ -1,0 +1,85 @@
+//! Rows and columns that are offset alike in all frames: frame against frame.
+//!
+//! An offset that stays with the line is in the means of that line in two frames, and the noise of the two is independent: over the lines, the
+//! covariance of the two frames' means is the variance of the offsets. Of F frames all F(F − 1)/2 pairs tell it, which is the information of the mean of all
+//! frames, where each frame alone tells √F times less. Frames of one pointing share the stars that were not found, and are not compared.
+
+use super::FrameStatistics;
+use super::fixed_pattern::{MIN_FRAMES, PatternFrame};
+use super::lines::{Estimate, FrameLines, KEPT_BY_PLANE};
+use super::sky_pixels::BLOCK_PX;
+
+/// Two frames of different pointings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LinePair {
+    /// Numbers of the frames.
+    pub(crate) frames: [usize; 2],
+    /// Variance of what rows are offset by in both, DN².
+    pub(crate) rows: Option<Estimate>,
+    /// The same of columns.
+    pub(crate) columns: Option<Estimate>,
+}
+
+/// All pairs of the frames that are compared.
+pub(super) fn line_pairs(frames: &[FrameStatistics]) -> Vec<LinePair> {
+    let compared: Vec<(&PatternFrame, &FrameLines)> =
+        frames.iter().filter_map(|frame| Some((frame.compared.as_ref()?, &frame.lines))).collect();
+    let Some(size_px) = compared.first().map(|(frame, _)| frame.size_px()) else { return Vec::new() };
+    let compared: Vec<(&PatternFrame, &FrameLines)> = compared.into_iter().filter(|(frame, _)| frame.size_px() == size_px).collect();
+    let patterns: Vec<&PatternFrame> = compared.iter().map(|(frame, _)| *frame).collect();
+    let chosen: Vec<(&PatternFrame, &FrameLines)> =
+        PatternFrame::places_of_different(&patterns).into_iter().map(|place| compared[place]).collect();
+    if chosen.len() < MIN_FRAMES {
+        return Vec::new();
+    }
+    let of_pair = |one: &(&PatternFrame, &FrameLines), other: &(&PatternFrame, &FrameLines)| LinePair {
+        frames: [one.0.frame, other.0.frame],
+        rows: covariance(&one.1.row_means, &other.1.row_means),
+        columns: covariance(&one.1.column_means, &other.1.column_means),
+    };
+    chosen.iter().enumerate().flat_map(|(k, one)| chosen[k + 1..].iter().map(move |other| of_pair(one, other))).collect()
+}
+
+/// Covariance of two lists over the lines that both have; lines of two kinds are no offsets, so the means of odd and even ones are taken out.
+fn covariance(one: &[f32], other: &[f32]) -> Option<Estimate> {
+    let both = one.iter().zip(other).enumerate().filter(|(_, (a, b))| !a.is_nan() && !b.is_nan());
+    let all: Vec<(usize, [f64; 2])> = both.map(|(line, (a, b))| (line % 2, [f64::from(*a), f64::from(*b)])).collect();
+    if all.len() < 2 * BLOCK_PX {
+        return None;
+    }
+    let mean = [0, 1].map(|parity| {
+        let own = all.iter().filter(|(of, _)| *of == parity);
+        let (sum, count) = own.fold(([0.0; 2], 0.0), |(sum, count), (_, value)| ([sum[0] + value[0], sum[1] + value[1]], count + 1.0_f64));
+        sum.map(|sum| sum / count.max(1.0))
+    });
+    let count = all.len() as f64;
+    let rest = |(parity, value): &(usize, [f64; 2])| [0, 1].map(|which| value[which] - mean[*parity][which]);
+    let product = |a: usize, b: usize| all.iter().map(rest).map(|own| own[a] * own[b]).sum::<f64>() / count;
+    let kept = KEPT_BY_PLANE * (1.0 - 2.0 / count);
+    let sigma = (product(0, 0) * product(1, 1) / count).sqrt() / kept;
+    (sigma > 0.0).then(|| Estimate { value: product(0, 1) / kept, sigma })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lines whose offsets are the same in both lists, beside noise of each list's own and a difference of odd and even lines.
+    #[test]
+    fn what_two_frames_share_is_the_variance_of_the_offsets() {
+        let wave = |k: usize, turns: f64| (std::f64::consts::TAU * turns * k as f64 / 512.0).sin();
+        let list = |own: f64, parity: f64| -> Vec<f32> {
+            let of = |k: usize| 0.3 * wave(k, 37.0) + wave(k, own) + if k.is_multiple_of(2) { parity } else { -parity };
+            (0..512).map(|k| of(k) as f32).collect()
+        };
+        let (one, other) = (list(101.0, 2.0), list(67.0, 3.0));
+        let found = covariance(&one, &other).unwrap();
+        let kept = KEPT_BY_PLANE * (1.0 - 2.0 / 512.0);
+        assert!((found.value * kept - 0.5 * 0.09).abs() < 1e-6, "{found:?}");
+        // Both have the variance ½(0.3² + 1).
+        assert!((found.sigma * kept - 0.545 / 512.0_f64.sqrt()).abs() < 1e-6, "{found:?}");
+        let mut cut = other;
+        cut[..500].fill(f32::NAN);
+        assert_eq!(covariance(&one, &cut), None);
+    }
+}
