@@ -4,7 +4,6 @@
 //! covariance of the two frames' means is the variance of the offsets. Of F frames all F(F − 1)/2 pairs tell it, which is the information of the mean of all
 //! frames, where each frame alone tells √F times less. Frames of one pointing share the stars that were not found, and are not compared.
 
-use super::FrameStatistics;
 use super::fixed_pattern::{MIN_FRAMES, PatternFrame};
 use super::lines::{Estimate, FrameLines, KEPT_BY_PLANE};
 use super::sky_pixels::BLOCK_PX;
@@ -21,9 +20,7 @@ pub(crate) struct LinePair {
 }
 
 /// All pairs of the frames that are compared.
-pub(super) fn line_pairs(frames: &[FrameStatistics]) -> Vec<LinePair> {
-    let compared: Vec<(&PatternFrame, &FrameLines)> =
-        frames.iter().filter_map(|frame| Some((frame.compared.as_ref()?, &frame.lines))).collect();
+pub(super) fn line_pairs(compared: Vec<(&PatternFrame, &FrameLines)>) -> Vec<LinePair> {
     let Some(size_px) = compared.first().map(|(frame, _)| frame.size_px()) else { return Vec::new() };
     let compared: Vec<(&PatternFrame, &FrameLines)> = compared.into_iter().filter(|(frame, _)| frame.size_px() == size_px).collect();
     let patterns: Vec<&PatternFrame> = compared.iter().map(|(frame, _)| *frame).collect();

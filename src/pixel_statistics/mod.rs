@@ -248,7 +248,8 @@ impl PixelStatistics {
         let mut lines = Vec::with_capacity(frames.len());
         let (mut patterns, mut rays) = (Vec::new(), Vec::with_capacity(frames.len()));
         let mut of_streaks = Vec::with_capacity(frames.len());
-        let line_pairs = line_pairs::line_pairs(&frames);
+        let compared = frames.iter().filter_map(|frame| Some((frame.compared.as_ref()?, &frame.lines))).collect();
+        let line_pairs = line_pairs::line_pairs(compared);
         for frame in frames {
             lines.push(frame.lines);
             patterns.extend(frame.compared);

@@ -158,8 +158,10 @@ fn long_scene(folder: &Path) -> PathBuf {
     short_night(folder, &[("count = 12", "count = 100000")])
 }
 
+/// A run that signals end, also where this test was started with them ignored (a job of a script, `nohup`): the program keeps to that.
 fn begin(scene: &Path, target: &Path) -> Child {
-    let mut command = program();
+    let mut command = Command::new("env");
+    command.args(["--default-signal=INT,TERM", text(Path::new(program().get_program()))]);
     command.args(["simulate", text(scene), "-o", text(target), "--backend", "cpu", "--threads", "1"]);
     command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
 }

@@ -3,24 +3,16 @@
 //! The camera shakes by another amount in each exposure, and adds its variance to that of every image. A camera that looks through air sees the same of
 //! seeing, so that it has this name in space alone. What goes with temperature, time or a declared rate is taken off before.
 
-use super::counted::{Counted, MAX_SURPRISE};
+use super::counted::Counted;
+use super::frame_widths::{frame_means, scatter};
 use super::judge::Judged;
-use super::stars::SIZE;
 use crate::diagnose::causes::JITTER;
 use crate::diagnose::channels::Channel;
-use crate::statistics::significance::neg_ln_chi2_sf;
-
-/// Fewer frames tell no scatter, and fewer stars of one no width.
-const MIN_FRAMES: usize = 5;
-const MIN_STARS: usize = 5;
 
 /// What the mean widths of the frames say; nothing where they cannot.
 pub(super) fn jitter(judged: &Judged, looks_through_air: bool) -> Option<Counted> {
-    let means = frame_means(judged)?;
-    let total: f64 = means.iter().map(|(_, variance)| variance.recip()).sum();
-    let mean = means.iter().map(|(value, variance)| value / variance).sum::<f64>() / total;
-    let chi2: f64 = means.iter().map(|(value, variance)| (value - mean).powi(2) / variance).sum();
-    let surprise = neg_ln_chi2_sf((means.len() - 1) as f64, chi2).min(MAX_SURPRISE);
+    let means = frame_means(&judged.rows, &judged.fit)?;
+    let (mean, surprise) = scatter(&means);
     // From the steadiest frame to the mean one, the noise of a minimum taken off.
     let scatter = means.iter().map(|(value, _)| (value - mean).powi(2)).sum::<f64>() / (means.len() - 1) as f64;
     let noise = means.iter().map(|(_, variance)| variance).sum::<f64>() / means.len() as f64;
@@ -35,21 +27,44 @@ pub(super) fn jitter(judged: &Judged, looks_through_air: bool) -> Option<Counted
     Some(if looks_through_air { counted.withheld("the air does the same: its seeing differs from frame to frame") } else { counted })
 }
 
-/// Mean size of the images of each frame less what the findings make of it, with its variance, px².
-fn frame_means(judged: &Judged) -> Option<Vec<(f64, f64)>> {
-    let kind = judged.rows.kinds.iter().position(|kind| kind.name == SIZE)?;
-    let (own, noise) = (&judged.rows.kinds[kind], &judged.fit.noise[kind]);
-    let range = judged.rows.ranges()[kind].clone();
-    let mut sums: std::collections::BTreeMap<usize, (f64, f64, usize)> = std::collections::BTreeMap::new();
-    for (row, k) in own.rows.iter().zip(range).filter(|(row, k)| judged.fit.take[*k] && row.point.is_some()) {
-        let variance = noise.variance(row);
-        // What is far off its frame counts little: a blend.
-        let off = judged.fit.rest[k] / (variance + noise.shared).sqrt();
-        let weight = super::row_noise::weight(off) / variance;
-        let sum = sums.entry(row.frame).or_default();
-        *sum = (sum.0 + weight * judged.fit.rest[k], sum.1 + weight, sum.2 + 1);
+#[cfg(test)]
+mod tests {
+    use super::super::judge::{Asked, judge};
+    use super::super::tests::{FRAMES, asked, found, nothing, stars};
+    use super::*;
+
+    /// Names where images are wider by `added_px2` of their frame and its time, in space; with that of the scatter, if it has one.
+    fn told(seed: u64, added_px2: impl Fn(usize, f64) -> f64) -> Vec<&'static str> {
+        let mut stars = stars(seed, nothing);
+        for star in &mut stars {
+            // Frames are not taken in the order of their numbers: what is left out lies between others.
+            let time_h = ((5 * star.frame) % FRAMES) as f64 / 2.0 - 2.75;
+            star.image.time_offset_h = Some(time_h);
+            let more = added_px2(star.frame, time_h);
+            let moments = star.moments.as_mut().unwrap();
+            moments.second_px2[0] += more;
+            moments.second_px2[2] += more;
+        }
+        let judged = judge(&stars, None, FRAMES, &Asked { looks_through_air: false, ..asked(1e-4) }, &[]).unwrap();
+        let scatter = jitter(&judged, false).and_then(|own| own.found_id());
+        found(&judged).into_iter().chain(scatter).collect()
     }
-    let means: Vec<(f64, f64)> =
-        sums.into_values().filter(|(_, _, stars)| *stars >= MIN_STARS).map(|(sum, weight, _)| (sum / weight, weight.recip())).collect();
-    (means.len() >= MIN_FRAMES).then_some(means)
+
+    /// So small a drift, beside what shakes, that its frames are no trend beyond chance among all effects; their scatter is there all the same, and
+    /// follows the time.
+    #[test]
+    fn a_drift_of_the_focus_is_no_jitter() {
+        let drift = |_: usize, time_h: f64| 0.018 * time_h;
+        let names: Vec<_> = (0..12).map(|seed| told(seed, drift)).collect();
+        let right = names.iter().filter(|names| names.first() == Some(&"focus-drift")).count();
+        assert!(right >= 9, "{names:?}");
+    }
+
+    #[test]
+    fn a_scatter_that_follows_nothing_is_jitter() {
+        // No order of the frames.
+        let shake = |frame: usize, _: f64| 0.05 * (7.3 * (frame as f64 + 1.0).powi(2)).sin();
+        let names: Vec<_> = (20..32).map(|seed| told(seed, shake)).collect();
+        assert!(names.iter().all(|names| **names == ["jitter"]), "{names:?}");
+    }
 }

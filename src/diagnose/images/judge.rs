@@ -6,6 +6,7 @@ use super::background::{Background, add_background};
 use super::channel_states::channel_states;
 use super::confirmed;
 use super::expected_stars::StarMeasurement;
+use super::frame_widths::{Trend, trend};
 use super::light_lost::take_size_out_of_flux;
 use super::noise::add_noise;
 use super::patterns::patterns;
@@ -50,6 +51,8 @@ pub(in crate::diagnose) struct Asked {
     pub(in crate::diagnose) other_questions: f64,
     /// How the stars are rendered for columns of effects on pixels; formulas stand in where that is not known.
     pub(in crate::diagnose) stamps: Option<StampCamera>,
+    /// Whether the camera looks through air.
+    pub(in crate::diagnose) looks_through_air: bool,
 }
 
 /// An effect that was not proposed.
@@ -115,7 +118,12 @@ pub(in crate::diagnose) fn judge(
     let questions = independent(&by_chance);
     // −ln of the probability that a single question may have for the family of all to have α.
     let threshold = -(-(-asked.alpha).ln_1p() / (questions + asked.other_questions)).ln();
-    let (accepted, fit) = select(&rows, &all, &given, threshold);
+    let (mut accepted, mut fit) = select(&rows, &all, &given, threshold);
+    let trend = if asked.looks_through_air { None } else { trend(&rows, &all, (&accepted, &fit), threshold) };
+    if let Some(trend) = &trend {
+        accepted.push(trend.question);
+        (accepted, fit) = select(&rows, &all, &accepted, threshold);
+    }
     let held = held_out(&rows, &fit, (&accepted, &given), -TURN_P.ln());
     let mut proposed: Vec<Proposed> = accepted
         .iter()
@@ -124,21 +132,10 @@ pub(in crate::diagnose) fn judge(
         .filter_map(|(k, question)| proposal(&rows, &accepted, k, *question, &fit, held[k].clone(), &by_chance))
         .map(|own| beside(&rows, &nothing, &given, own))
         .collect();
-    let mut answers = answers(&rows, &fit, &accepted);
-    // Of an effect with many shapes the most surprising answers for all.
-    sort_by(&mut answers, |a, b| rows.questions[a.question].id.cmp(rows.questions[b.question].id).then(b.surprise.total_cmp(&a.surprise)));
-    answers.dedup_by_key(|answer| rows.questions[answer.question].id);
-    sort_by_key(&mut answers, |answer| answer.question);
-    let others = answers
-        .into_iter()
-        .map(|answer| NotProposed {
-            id: rows.questions[answer.question].id,
-            // Of a size on the wrong side of zero there is no surprise, but there may be something.
-            p_value: (-if answer.surprise > 0.0 { answer.surprise } else { neg_ln_chi2_sf(answer.rank as f64, answer.statistic) }).exp(),
-            size: fit.amplitude(&rows, &rows.questions[answer.question].columns[0], |_| true),
-            question: answer.question,
-        })
-        .collect();
+    if let Some(trend) = &trend {
+        as_surprising_as(trend, &mut proposed, &by_chance);
+    }
+    let others = not_proposed(&rows, &fit, &accepted);
     let of_sky = background.iter().flat_map(|own| own.patterns.iter().cloned());
     let named: Vec<Question> = patterns(&rows, &stars).into_iter().chain(of_sky).collect();
     let looked_at = background.as_ref().filter(|own| own.why_not.is_none());
@@ -154,6 +151,33 @@ pub(in crate::diagnose) fn judge(
         channels.insert(Channel::Background, own.with_uneven(state, &sizes_of(&rows, &accepted, &fit)));
     }
     Some(Judged { rows, fit, proposed, others, unasked, channels, background, questions, threshold, profiles })
+}
+
+/// The effects that were not accepted.
+fn not_proposed(rows: &Rows, fit: &RowFit, accepted: &[usize]) -> Vec<NotProposed> {
+    let mut answers = answers(rows, fit, accepted);
+    // Of an effect with many shapes the most surprising answers for all.
+    sort_by(&mut answers, |a, b| rows.questions[a.question].id.cmp(rows.questions[b.question].id).then(b.surprise.total_cmp(&a.surprise)));
+    answers.dedup_by_key(|answer| rows.questions[answer.question].id);
+    sort_by_key(&mut answers, |answer| answer.question);
+    answers
+        .into_iter()
+        .map(|answer| NotProposed {
+            id: rows.questions[answer.question].id,
+            // Of a size on the wrong side of zero there is no surprise, but there may be something.
+            p_value: (-if answer.surprise > 0.0 { answer.surprise } else { neg_ln_chi2_sf(answer.rank as f64, answer.statistic) }).exp(),
+            size: fit.amplitude(rows, &rows.questions[answer.question].columns[0], |_| true),
+            question: answer.question,
+        })
+        .collect()
+}
+
+/// What a trend explains is as surprising as the scatter of the frames without it.
+fn as_surprising_as(trend: &Trend, proposed: &mut [Proposed], by_chance: &[f64]) {
+    for own in proposed.iter_mut().filter(|own| own.question == trend.question) {
+        own.surprise = own.surprise.max(trend.surprise);
+        own.family_p = family_p(by_chance, own.surprise);
+    }
 }
 
 /// Sizes of the columns of a fit, by question and parameter.

@@ -74,6 +74,7 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
         seed: options.seed ^ 0x1a6e_5000,
         other_questions: diagnosis.effective_hypotheses,
         stamps: images.stamps,
+        looks_through_air: images.looks_through_air,
     };
     let is_enough = stars.len() >= MIN_STARS;
     let pixels =

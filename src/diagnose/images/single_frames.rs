@@ -24,12 +24,13 @@ const MIN_FRAMES: usize = 5;
 struct Steady {
     scatter_mag: f64,
     least_mag: f64,
+    has_clouds: bool,
 }
 
 /// The transparency of a clear night.
-const THROUGH_AIR: Steady = Steady { scatter_mag: 0.02, least_mag: 0.08 };
+const THROUGH_AIR: Steady = Steady { scatter_mag: 0.02, least_mag: 0.08, has_clouds: true };
 /// Where there is no air the shutter alone differs.
-const IN_SPACE: Steady = Steady { scatter_mag: 0.005, least_mag: 0.02 };
+const IN_SPACE: Steady = Steady { scatter_mag: 0.005, least_mag: 0.02, has_clouds: false };
 /// Stars and sky differ by the same factor within this share of it.
 const SAME_SHARE: f64 = 0.25;
 /// Of what is added to the elongation by a motion so much at least is added to the size, and so much at most.
@@ -104,16 +105,16 @@ fn uneven(levels: &[Level], steady: Steady) -> Vec<Counted> {
     let is_sky_told = |level: &Level| level.sky.filter(|_| sky_scatter < 0.5 * level.stars.abs());
     let is_exposure = |level: &Level| match is_sky_told(level) {
         Some(sky) => (sky - level.stars).abs() < SAME_SHARE * level.stars.abs() + 2.0 * sky_scatter.min(floor),
-        // No sky is clearer than clear.
-        None => level.stars < 0.0,
+        // No sky is clearer than clear, and in space nothing is.
+        None => level.stars < 0.0 || !steady.has_clouds,
     };
     let mut all = Vec::new();
     let off: Vec<&Level> = levels.iter().filter(is_off).collect();
     let of = |id: &'static str| -> Vec<&Level> {
         let own = |level: &&&Level| match (is_exposure(level), level.stars > 0.0) {
             (true, _) => id == EXPOSURE_TIME,
-            (false, true) => id == CLOUDS,
-            (false, false) => id == ZERO_POINT,
+            (false, true) if steady.has_clouds => id == CLOUDS,
+            (false, _) => id == ZERO_POINT,
         };
         off.iter().filter(own).copied().collect()
     };

@@ -82,6 +82,9 @@ fn without_air_a_small_difference_is_one() {
         assert_eq!(told_through(false, seed, 1.0, 1.0), [], "seed {seed}");
         let own = told_through(false, seed, 0.94, 0.94);
         assert!(matches!(&own[..], [(id, more)] if id == "exposure-time" && (more + 0.06).abs() < 0.02), "seed {seed}: {own:?}");
+        // A sky that stays as it is tells of no exposure, and no clouds are there.
+        let own = told_through(false, seed, 0.9, 1.0);
+        assert!(matches!(&own[..], [(id, mag)] if id == "zero-point" && (mag - 0.114).abs() < 0.03), "seed {seed}: {own:?}");
     }
 }
 

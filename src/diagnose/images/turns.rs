@@ -3,7 +3,7 @@
 
 use super::row_fit::RowFit;
 use super::rows::{KNOWN_BEFOREHAND, Row, Rows};
-use super::selection::{cosine, select};
+use super::selection::{columns as columns_of, cosine, select};
 use crate::parallel;
 
 /// Blocks of frames, at most.
@@ -77,16 +77,19 @@ pub(in crate::diagnose) fn turns(rows: &Rows) -> Vec<[Vec<bool>; 2]> {
 /// What the turns say of each of the effects found by all rows; those given are in every turn.
 pub(in crate::diagnose) fn held_out(rows: &Rows, all: &RowFit, (found, given): (&[usize], &[usize]), threshold: f64) -> Vec<HeldOut> {
     let turns = turns(rows);
+    // What leaves the same trace is seen beside what is given alone: of an effect that is fitted nothing is left.
+    let beside = RowFit::under(rows, &all.take, &columns_of(rows, given), all);
     let of_turn = |[train, held]: &[Vec<bool>; 2]| -> Vec<Option<HeldOut>> {
         let (chosen, fit) = select(rows, train, given, threshold);
         let on_held = RowFit::under(rows, held, &[], &fit);
         let mut credited = vec![None; found.len()];
         let mut first = 0;
-        for question in chosen {
+        for &question in &chosen {
             let columns = &rows.questions[question].columns;
             let sizes: Vec<f64> = (0..columns.len()).map(|k| fit.size[first + k]).collect();
             first += columns.len();
-            let owner = found.iter().position(|own| *own == question || cosine(rows, all, *own, question) > SAME_TRACE);
+            let is_alike = |own: &usize| !chosen.contains(own) && cosine(rows, &beside, *own, question) > SAME_TRACE;
+            let owner = found.iter().position(|own| *own == question).or_else(|| found.iter().position(is_alike));
             if let Some(owner) = owner.filter(|owner| credited[*owner].is_none()) {
                 credited[owner] = Some(gain(rows, (held, &fit), &on_held, (columns, &sizes)));
             }
@@ -121,4 +124,30 @@ fn gain(rows: &Rows, (held, fit): (&[bool], &RowFit), before: &RowFit, (columns,
     let after = RowFit::under(&without, held, &[], fit);
     let (by_kind, square) = before.fall_to(rows, &after);
     HeldOut { delta_chi2: by_kind.iter().sum(), square, by_kind, chosen: [1, 1] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::selection::fitted;
+    use super::super::stars::rows_of_stars;
+    use super::super::tests::{FRAMES, stars};
+    use super::*;
+
+    /// Of two names of one trace the turns choose the more usual one, and the other is confirmed by that.
+    #[test]
+    fn what_leaves_the_same_trace_confirms() {
+        let dark_corners = |image: &crate::effects::ImageContext| (0.3 * (image.at[0].powi(2) + image.at[1].powi(2)), [0.0; 3]);
+        let (mut rows, ..) = rows_of_stars(&stars(3, dark_corners), FRAMES, None);
+        let own = rows.questions.iter().position(|question| question.id == "vignetting").unwrap();
+        let other = super::super::rows::Question { id: "another-name", rank: 0, ..rows.questions[own].clone() };
+        rows.questions[own].rank = 9;
+        let unlike = rows.questions.iter().position(|question| question.id == "passband").unwrap();
+        rows.questions.push(other);
+        let all = vec![true; rows.len()];
+        let credited = |found: &[usize]| held_out(&rows, &fitted(&rows, &all, found, None), (found, &[]), 4.6)[0].clone();
+        let alike = credited(&[own]);
+        assert_eq!(alike.chosen, [9, 9]);
+        assert!(alike.fails().is_none() && alike.delta_chi2 > 20.0, "{alike:?}");
+        assert_eq!(credited(&[unlike]).chosen, [0, 9]);
+    }
 }
