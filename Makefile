@@ -33,7 +33,7 @@ help:
 	@echo "make suite    our own pipeline against its requirements (tests/suites/own.toml): outputs/suite; two minutes on two cores"
 	@echo "make trackers tetra3rs, cedar-solve, astrometry.net, LOST through one suite: docs/studies/trackers.md; PyPI and Debian; TRACKERS_FRAMES=60"
 	@echo "make cluster-chaos  100 runs of boresight-cluster with kills: docs/studies/cluster-chaos.md; an hour, after make interop, can be stopped and gone on with; CHAOS=\"--runs N --seed S\""
-	@echo "make cluster-overhead  what the driver of boresight-cluster costs beside processes of the program: docs/studies/cluster-overhead.txt; five minutes, after make interop"
+	@echo "make cluster-overhead  what the driver of boresight-cluster costs beside processes of the program: docs/studies/cluster-overhead.txt; twenty minutes, after make interop"
 	@echo "make slurm    a real Slurm on this machine (Debian's slurm-wlm, needs root; after make interop): a dataset by an array and by Parsl, the same hashes"
 	@echo "make bench-dataset  what a labelled frame costs, 20,000 of them, beside SatSim (takes PyPI): docs/studies/dataset.txt; 20 minutes"
 	@echo "make learner  trains a small network on a made dataset and finds the stars of real frames, beside detect: docs/studies/learner.txt; RECORDINGS=DIR, takes PyPI and Debian's torch, 10 minutes"
