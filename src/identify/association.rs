@@ -152,14 +152,21 @@ impl MagnitudeBin {
     }
 }
 
+impl Default for MagnitudeCounts {
+    fn default() -> Self {
+        Self { count: 0, of: [0; MAGNITUDE_BINS] }
+    }
+}
+
 /// Bins of magnitudes: the first begins at the first number, and so wide are they.
 const MAGNITUDE_BINS: usize = 512;
 const FIRST_MAG: f64 = -3.0;
 const BIN_MAG: f64 = 0.05;
 
 impl MagnitudeCounts {
-    pub(super) fn new() -> Self {
-        Self { count: 0, of: [0; MAGNITUDE_BINS] }
+    pub(super) fn clear(&mut self) {
+        self.count = 0;
+        self.of.fill(0);
     }
 
     pub(super) fn add(&mut self, MagnitudeBin(bin): MagnitudeBin) {
@@ -261,7 +268,7 @@ mod tests {
     use super::*;
 
     fn counts(magnitudes: &[f64]) -> MagnitudeCounts {
-        magnitudes.iter().fold(MagnitudeCounts::new(), |mut counts, magnitude| {
+        magnitudes.iter().fold(MagnitudeCounts::default(), |mut counts, magnitude| {
             counts.add(MagnitudeBin::of(*magnitude as f32));
             counts
         })

@@ -34,7 +34,7 @@ pub(super) struct Context<'a> {
     pub(super) projection: Projection,
     pub(super) focal_px: f64,
     pub(super) half_step: f64,
-    /// The angle from the middle to the corner, rad: at the shortest focal length of the step and with distortion.
+    /// The angle from the middle to the corner, rad, where an attitude is held to be.
     pub(super) corner_rad: f64,
 }
 
@@ -73,7 +73,11 @@ impl Limits {
 
     /// Whether a star at this place can speak about a triangle of these points.
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "inlined into a loop over many stars")]
+    #[allow(
+        clippy::inline_always,
+        clippy::needless_bitwise_bool,
+        reason = "inlined into a loop over many stars, and without branches there"
+    )]
     fn allow(&self, own_px: &[[f32; 2]; 3], x: f32, y: f32) -> bool {
         // Where the measured point would be, roughly.
         let radius2 = x * x + y * y;
@@ -107,10 +111,10 @@ pub(super) struct Trial {
 }
 
 impl Trial {
-    /// From detections opposite the longest, middle and shortest side; `rays` and `rays_at_longer` are the directions of the
-    /// detections at the focal length of the context and at one longer by [`LONGER`].
-    pub(super) fn new(context: &Context<'_>, step: usize, shape: &Shape, corners: [usize; 3], rays_at_longer: &[Vector3<f64>]) -> Self {
-        let longer = (rays_at_longer[corners[1]] - rays_at_longer[corners[2]]).norm();
+    /// From detections opposite the longest, middle and shortest side; `rays` are the directions of the detections at
+    /// the focal length of the context and at one longer by [`LONGER`].
+    pub(super) fn new(context: &Context<'_>, step: usize, shape: &Shape, corners: [usize; 3], rays: &[[Vector3<f64>; 2]]) -> Self {
+        let longer = (rays[corners[1]][1] - rays[corners[2]][1]).norm();
         let from_middle2 =
             |corner: usize| context.ideal[corner][0] * context.ideal[corner][0] + context.ideal[corner][1] * context.ideal[corner][1];
         let from_middle2 = [from_middle2(corners[0]), from_middle2(corners[1]), from_middle2(corners[2])];
@@ -171,11 +175,7 @@ impl Trial {
 const HALF: usize = LANES / 2;
 
 /// A candidate's view of the sky, to single precision: from a direction to x·z and y·z, px, and to z.
-pub(super) struct View {
-    pub(super) to_x: [f32; 3],
-    pub(super) to_y: [f32; 3],
-    pub(super) to_z: [f32; 3],
-}
+pub(super) struct View(pub(super) [[f32; 3]; 3]);
 
 impl View {
     fn new(pose: &Pose) -> Self {
@@ -183,7 +183,7 @@ impl View {
             let along = |column: usize| (scale * pose.rotation[(axis, column)]) as f32;
             [along(0), along(1), along(2)]
         };
-        Self { to_x: row(0, pose.focal_px * pose.parity), to_y: row(1, pose.focal_px), to_z: row(2, 1.0) }
+        Self([row(0, pose.focal_px * pose.parity), row(1, pose.focal_px), row(2, 1.0)])
     }
 
     /// What [`Trial::checks_out`] says.
@@ -224,22 +224,23 @@ impl View {
     ) -> ([f32; HALF], [f32; HALF], [u32; HALF]) {
         let Neighbours([x, y, z]) = neighbours;
         let [x, y, z] = [&x.as_chunks::<HALF>().0[half], &y.as_chunks::<HALF>().0[half], &z.as_chunks::<HALF>().0[half]];
+        let Self([to_x, to_y, to_z]) = *self;
         let along = |row: [f32; 3], lane: usize| row[0] * x[lane] + row[1] * y[lane] + row[2] * z[lane];
         let (mut at_x, mut at_y, mut asked) = ([0.0; HALF], [0.0; HALF], [0; HALF]);
         // Zeros are no star.
         if context.projection == Projection::Pinhole {
             for lane in 0..HALF {
-                let depth = along(self.to_z, lane);
+                let depth = along(to_z, lane);
                 let scale = 1.0 / depth;
-                (at_x[lane], at_y[lane]) = (along(self.to_x, lane) * scale, along(self.to_y, lane) * scale);
+                (at_x[lane], at_y[lane]) = (along(to_x, lane) * scale, along(to_y, lane) * scale);
                 asked[lane] = u32::from((depth > 0.05) & context.limits.allow(&trial.own_px, at_x[lane], at_y[lane]));
             }
         } else {
             for lane in 0..HALF {
-                let depth = f64::from(along(self.to_z, lane));
+                let depth = f64::from(along(to_z, lane));
                 let is_seen = context.projection.sees(depth) && (x[lane] * x[lane] + y[lane] * y[lane] + z[lane] * z[lane] > 0.5);
                 let scale = context.projection.scale(depth.clamp(-0.9, 1.0))[0] as f32;
-                (at_x[lane], at_y[lane]) = (along(self.to_x, lane) * scale, along(self.to_y, lane) * scale);
+                (at_x[lane], at_y[lane]) = (along(to_x, lane) * scale, along(to_y, lane) * scale);
                 asked[lane] = u32::from(is_seen & context.limits.allow(&trial.own_px, at_x[lane], at_y[lane]));
             }
         }
@@ -327,10 +328,11 @@ mod tests {
                     corner_rad: 0.19,
                 };
                 let rays = |focal_px: f64| ideal.iter().map(|at| Projection::Pinhole.ray(*at, focal_px).unwrap()).collect::<Vec<_>>();
-                let near = rays(context.focal_px);
+                let (near, longer) = (rays(context.focal_px), rays(context.focal_px * (1.0 + LONGER)));
+                let both: Vec<_> = near.iter().zip(&longer).map(|(near, longer)| [*near, *longer]).collect();
                 let side = |a: usize, b: usize| (near[corners[a]] - near[corners[b]]).norm();
                 let shape = Shape { longest: side(1, 2), middle: 0.0, shortest: 0.0, order: [0, 1, 2] };
-                let trial = Trial::new(&context, 0, &shape, corners, &rays(context.focal_px * (1.0 + LONGER)));
+                let trial = Trial::new(&context, 0, &shape, corners, &both);
                 let pose = trial.pose(&context, stars).unwrap();
                 let checks_out = trial.checks_out(&context, stars, &pose);
                 let block = [(&context, &trial, stars); 3];

@@ -31,14 +31,13 @@ pub(super) fn check_out(candidates: &[(&Context<'_>, &Trial, [u32; 3])]) -> u32 
     let mut corners =
         Corners { stars: [[none; 3]; 3], points_px: [[none; 2]; 3], focal_px: none, per_longest: none, per_sensitivity: none };
     for (lane, (context, trial, triangle)) in candidates.iter().enumerate().take(BLOCK) {
-        for corner in 0..3 {
-            let star = context.level.direction_f32(triangle[corner]);
-            for axis in 0..3 {
-                corners.stars[corner][axis][lane] = star[axis];
+        for (lanes, star) in corners.stars.iter_mut().zip(triangle) {
+            for (lanes, component) in lanes.iter_mut().zip(context.level.direction_f32(*star)) {
+                lanes[lane] = component;
             }
-            for axis in 0..2 {
-                corners.points_px[corner][axis][lane] = trial.own_px[corner][axis];
-            }
+        }
+        for (lanes, point) in corners.points_px.iter_mut().zip(trial.own_px) {
+            (lanes[0][lane], lanes[1][lane]) = (point[0], point[1]);
         }
         corners.focal_px[lane] = context.focal_px as f32;
         corners.per_longest[lane] = (1.0 / trial.longest) as f32;
@@ -58,7 +57,7 @@ fn passing(corners: &Corners, candidates: &[(&Context<'_>, &Trial, [u32; 3])]) -
     let mut passing = 0;
     for (lane, (context, trial, triangle)) in candidates.iter().enumerate().take(BLOCK) {
         let row = |row: usize| [views[row][0][lane], views[row][1][lane], views[row][2][lane]];
-        let view = View { to_x: row(0), to_y: row(1), to_z: row(2) };
+        let view = View([row(0), row(1), row(2)]);
         passing |= u32::from(view.checks_out(context, trial, *triangle)) << lane;
     }
     passing

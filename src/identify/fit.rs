@@ -15,6 +15,9 @@ const KAPPA: usize = 4;
 pub(super) const MIN_FOR_PRINCIPAL: usize = 12;
 /// So many pairs tell the distortion.
 pub(super) const MIN_FOR_KAPPA: usize = 8;
+/// Steps are longer by this than those of reweighted least squares: with weights of Cauchy at four times the median and normal residuals these leave
+/// 0.18 of the way, so many times over.
+const OVER: f64 = 1.2;
 /// Steps of a fit at most.
 const MAX_STEPS: usize = 24;
 /// A fit is at rest when the steps that would follow move the image by less than this, px …
@@ -47,6 +50,7 @@ struct Row {
 }
 
 impl Row {
+    #[inline]
     fn new(pose: &Pose, corner2_px2: f64, (at, direction): &Sighting) -> Option<Self> {
         let [x, y] = [at[0] - pose.principal_px[0], at[1] - pose.principal_px[1]];
         let v = turned(&pose.rotation, direction);
@@ -96,7 +100,11 @@ fn step<const N: usize>(
 ) -> Option<(Pose, f64)> {
     let corner2_px2 = corner_px * corner_px;
     rows.clear();
-    rows.extend(sightings.iter().filter_map(|sighting| Row::new(pose, corner2_px2, sighting)));
+    for sighting in sightings {
+        if let Some(row) = Row::new(pose, corner2_px2, sighting) {
+            rows.push(row);
+        }
+    }
     if 2 * rows.len() <= N {
         return None;
     }
@@ -130,7 +138,7 @@ fn step<const N: usize>(
         // The same for the principal point, if it moved by a twentieth of the way to the corner.
         row[axis] += (20.0 / corner_px).powi(2);
     }
-    let delta = cholesky::solve(&normal, &right, N, 0.0)?;
+    let delta = cholesky::solve(&normal, &right, N, 0.0)?.map(|d| OVER * d);
     let turn = Rotation3::new(Vector3::new(delta[0], delta[1], delta[2]) / pose.focal_px);
     let most_px = 0.3 * corner_px;
     let shift = |axis: usize| delta.get(KAPPA + 1 + axis).copied().unwrap_or(0.0);
@@ -156,7 +164,7 @@ pub(super) fn fit(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], pairs:
     let fisheye = pose.projection != Projection::Pinhole && pairs.len() >= MIN_FOR_PRINCIPAL;
     let step = if fisheye { step::<FREE_OF_FISHEYE> } else { step::<FREE> };
     let (mut pose, mut scratch) = (*pose, Scratch::with_room(sightings.len()));
-    let mut before_px = f64::INFINITY;
+    let mut before_px = 0.0;
     for _ in 0..MAX_STEPS {
         let (next, moved_px) = step(&pose, points.corner_px, &sightings, fit_kappa, &mut scratch)?;
         pose = next;

@@ -46,10 +46,13 @@ pub(super) struct LaidSky<'a> {
 }
 
 /// Stars near detections, and all of the frame by their brightness.
+#[derive(Default)]
 pub(super) struct NearDetections {
     /// In the order of their rows when they were looked for.
     close: Vec<NearStar>,
     in_frame: MagnitudeCounts,
+    /// Memory of [`LaidSky::find_near`].
+    found: Vec<(usize, [f64; 2])>,
     /// Memory of [`LaidSky::matches`]: the stars where a pose has them, and what is made of them.
     laid: Vec<LaidStar>,
     star_mag: Vec<f64>,
@@ -161,7 +164,7 @@ impl<'a> LaidSky<'a> {
     }
 
     /// The stars that this pose, or one near it, lays near detections.
-    pub(super) fn near_detections(&self, pose: &Pose) -> NearDetections {
+    pub(super) fn find_near(&self, pose: &Pose, near: &mut NearDetections) {
         let slack_px = SLACK * self.points.size_px;
         let mut cells = Cells::new(self.points.half_px);
         for at in self.places_px.iter().filter(|at| at.iter().all(|c| c.is_finite())) {
@@ -170,7 +173,10 @@ impl<'a> LaidSky<'a> {
         let margin_px = self.reach_px.max(CROWDED_PX);
         let [half_x, half_y] = self.points.half_px.map(|half| half + margin_px);
         let boresight = Vector3::from(pose.rotation.row(2).transpose());
-        let (mut found, mut in_frame) = (Vec::with_capacity(self.places_px.len() + ROOM), MagnitudeCounts::new());
+        let NearDetections { close, found, in_frame, .. } = near;
+        found.clear();
+        found.reserve(self.places_px.len() + ROOM);
+        in_frame.clear();
         // Single precision and the catalogue's own directions are enough to see what is far from all detections; not for directions that an
         // effect of the sky may have moved by more than the slack.
         if pose.projection == Projection::Pinhole && std::ptr::eq(self.apparent, self.index.vectors.as_slice()) {
@@ -203,16 +209,8 @@ impl<'a> LaidSky<'a> {
             }
         }
         found.sort_unstable_by(|(a, [_, a_y]), (b, [_, b_y])| a_y.total_cmp(b_y).then(a.cmp(b)));
-        let close = found.into_iter().map(|(star, found_px)| NearStar { star, direction: self.apparent[star], found_px }).collect();
-        NearDetections {
-            close,
-            in_frame,
-            laid: Vec::new(),
-            star_mag: Vec::new(),
-            pairs: Vec::new(),
-            zero_points: Vec::new(),
-            association: association::Scratch::default(),
-        }
+        close.clear();
+        close.extend(found.iter().map(|&(star, found_px)| NearStar { star, direction: self.apparent[star], found_px }));
     }
 
     /// The detections and catalogue stars that belong together: surely, uncrowded, of plausible brightness. `near` is found anew if the pose
@@ -220,7 +218,7 @@ impl<'a> LaidSky<'a> {
     pub(super) fn matches(&self, pose: &Pose, near: &mut NearDetections, radius_px: f64) -> Vec<Match> {
         let corner_px = self.points.corner_px;
         if !near.lay(pose, corner_px, SLACK * self.points.size_px) {
-            *near = self.near_detections(pose);
+            self.find_near(pose, near);
             near.lay(pose, corner_px, f64::INFINITY);
         }
         let NearDetections { laid, star_mag, pairs, zero_points, association, in_frame, .. } = near;

@@ -92,7 +92,8 @@ pub(super) fn first_look(
     if ln_probability >= ln_enough {
         return None;
     }
-    let pose = fit(pose, points, vectors, &pairs, false, NEAR_REST_PX)?;
+    // One step: the rest is done by the fit to all stars.
+    let pose = fit(pose, points, vectors, &pairs, false, f64::INFINITY)?;
     Some(Supported { pose, ln_best, ln_probability, judges: used })
 }
 

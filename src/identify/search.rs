@@ -93,9 +93,8 @@ impl Batch {
 /// A stage at one focal length, with the directions of the detections that form its triangles.
 struct Step<'a> {
     context: Context<'a>,
-    rays: Vec<Vector3<f64>>,
-    /// At a focal length longer by [`LONGER`].
-    rays_at_longer: Vec<Vector3<f64>>,
+    /// At the context's focal length, and at one longer by [`LONGER`].
+    rays: Vec<[Vector3<f64>; 2]>,
     /// The cosine of the angle from the boresight held to be within which all stars of the frame lie, if one is.
     cos_near: Option<f64>,
 }
@@ -217,7 +216,7 @@ impl<'a> Search<'a> {
                 mapped.len() - 1
             });
             let mapped = &mapped[place].1;
-            if let (true, Brightest(count)) = (stage.by_triangle, stage.choice) {
+            if let (true, Brightest(count)) = (narrow && stage.by_triangle, stage.choice) {
                 let Some(reached) = self.try_by_triangle(stage, count, mapped, &focal_lengths) else { return false };
                 tried.chunks_mut(stages.len()).for_each(|tried| tried[number] = reached);
                 continue;
@@ -327,7 +326,7 @@ impl<'a> Search<'a> {
     fn try_at_all(&mut self, steps: &[Step<'_>], batch: &mut Batch, corners: [usize; 3]) -> bool {
         let [i, j, k] = corners;
         for (number, Step { rays, .. }) in steps.iter().enumerate() {
-            let side = |a: usize, b: usize| (rays[a] - rays[b]).norm();
+            let side = |a: usize, b: usize| (rays[a][0] - rays[b][0]).norm();
             if !self.try_triangle(steps, number, batch, corners, [side(j, k), side(i, k), side(i, j)]) {
                 return false;
             }
@@ -353,15 +352,19 @@ impl<'a> Search<'a> {
             projection: self.projection,
             focal_px,
             half_step,
-            corner_rad: self.projection.angle_rad(1.15 * points.reach_px * (1.0 - stage.kappa.min(0.0)) / (focal_px * (1.0 - half_step))),
+            // The angle from the middle to the corner at the shortest focal length of the step and with distortion.
+            corner_rad: match self.options.near {
+                Some(_) => {
+                    self.projection.angle_rad(1.15 * points.reach_px * (1.0 - stage.kappa.min(0.0)) / (focal_px * (1.0 - half_step)))
+                }
+                None => std::f64::consts::PI,
+            },
         };
         let cos_near = self.options.near.map(|near| near.cos_reach(context.corner_rad));
         // What lies beyond the image of a fisheye forms no triangle.
-        let nowhere = Vector3::from_element(f64::NAN);
-        let rays_at = |focal_px: f64| -> Vec<Vector3<f64>> {
-            ideal[..used].iter().map(|at| self.projection.ray(*at, focal_px).unwrap_or(nowhere)).collect()
-        };
-        Step { context, rays: rays_at(focal_px), rays_at_longer: rays_at(focal_px * (1.0 + LONGER)), cos_near }
+        let ray = |at: [f64; 2], focal_px: f64| self.projection.ray(at, focal_px).unwrap_or(Vector3::from_element(f64::NAN));
+        let rays = ideal[..used].iter().map(|at| [ray(*at, focal_px), ray(*at, focal_px * (1.0 + LONGER))]).collect();
+        Step { context, rays, cos_near }
     }
 
     /// Tries all triangles of the brightest detections, except those of the `done` brightest; the answer is that of [`Self::try_focal_length`].
@@ -370,7 +373,7 @@ impl<'a> Search<'a> {
         let mut sides = vec![0.0; used * used];
         for i in 0..used {
             for j in 0..i {
-                let side = (rays[i] - rays[j]).norm();
+                let side = (rays[i][0] - rays[j][0]).norm();
                 (sides[i * used + j], sides[j * used + i]) = (side, side);
             }
         }
@@ -409,7 +412,7 @@ impl<'a> Search<'a> {
             draws += 1;
             let mut draw = || rng.random_range(0..used);
             let corners = [draw(), draw(), draw()];
-            let chord2 = |a: usize, b: usize| (rays[corners[a]] - rays[corners[b]]).norm_squared();
+            let chord2 = |a: usize, b: usize| (rays[corners[a]][0] - rays[corners[b]][0]).norm_squared();
             let [a, b, c] = [chord2(1, 2), chord2(0, 2), chord2(0, 1)];
             if a > most * most || b > most * most || c > most * most {
                 continue;
@@ -430,10 +433,10 @@ impl<'a> Search<'a> {
 
     /// Tries one triangle of detections at one of the focal lengths, by and by. `false` = accepted or out of time, stop.
     fn try_triangle(&mut self, steps: &[Step<'_>], number: usize, batch: &mut Batch, corners: [usize; 3], sides: [f64; 3]) -> bool {
-        let Step { context, rays_at_longer, .. } = &steps[number];
+        let Step { context, rays, .. } = &steps[number];
         let Some(shape) = context.usable(sides) else { return true };
         let [longest, middle, shortest] = shape.order;
-        let trial = Trial::new(context, number, &shape, [corners[longest], corners[middle], corners[shortest]], rays_at_longer);
+        let trial = Trial::new(context, number, &shape, [corners[longest], corners[middle], corners[shortest]], rays);
         let Some(window) = context.level.window(&shape, trial.log_tolerance(context), context.ratio_tolerance) else { return true };
         batch.trials.push(trial);
         batch.windows.push(window);

@@ -71,8 +71,8 @@ impl Zones {
             }
             let block = &mut blocks[place / LANES];
             block.ids[place % LANES] = id;
-            for axis in 0..3 {
-                block.xyz[axis][place % LANES] = vectors[id as usize][axis] as f32;
+            for (lanes, component) in block.xyz.iter_mut().zip(vectors[id as usize].iter()) {
+                lanes[place % LANES] = *component as f32;
             }
         }
         for bin in 1..starts.len() {

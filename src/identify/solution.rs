@@ -5,7 +5,7 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use super::association;
 use super::fisheye;
 use super::fit::{AT_REST_PX, MIN_FOR_KAPPA, fit};
-use super::laid_sky::{LaidSky, unmirrored_x};
+use super::laid_sky::{LaidSky, NearDetections, unmirrored_x};
 use super::pose::{Pair, Points, Pose};
 use super::projection::Projection;
 use super::refusal::Refusal;
@@ -129,7 +129,8 @@ pub(super) fn solve(detections: &Detections, points: &Points, index: &Index, app
     }
     let mut radius_px = FIRST_RADIUS * points.size_px;
     let sky = LaidSky::new(detections, points, index, apparent, (parity_of(&pose), radius_px));
-    let mut near = sky.near_detections(&pose);
+    let mut near = NearDetections::default();
+    sky.find_near(&pose, &mut near);
     let (mut fitted, mut settled) = (Vec::new(), None);
     for _ in 0..MAX_TURNS {
         let matches = sky.matches(&pose, &mut near, radius_px);

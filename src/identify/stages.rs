@@ -28,8 +28,8 @@ pub(super) struct Stage {
     pub(super) coarser: i32,
     /// Too long for a search over all focal lengths.
     pub(super) narrow_only: bool,
-    /// Whether each triangle of detections is tried at all focal lengths before the next, and not all triangles at each focal length: of the
-    /// brightest stars the first triangle or two are mostly in the index, whatever the focal length.
+    /// Whether each triangle of detections is tried at all focal lengths before the next where these are few, and not all triangles at each focal
+    /// length: of the brightest stars the first triangle or two are mostly in the index, whatever the focal length.
     pub(super) by_triangle: bool,
 }
 

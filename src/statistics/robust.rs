@@ -41,7 +41,9 @@ pub fn mad_sigma(values: &[f64]) -> Option<f64> {
 /// The median and [`mad_sigma`], overwriting the values given.
 pub(crate) fn median_and_mad_sigma(values: &mut [f64]) -> Option<(f64, f64)> {
     let centre = median_in_place(values)?;
-    values.iter_mut().for_each(|v| *v = (*v - centre).abs());
+    for v in &mut *values {
+        *v = (*v - centre).abs();
+    }
     median_in_place(values).map(|mad| (centre, mad * SIGMA_PER_MAD))
 }
 
