@@ -20,7 +20,7 @@ pub(super) const MIN_FOR_KAPPA: usize = 8;
 const OVER: f64 = 1.2;
 /// Steps of a fit at most.
 const MAX_STEPS: usize = 24;
-/// A fit is at rest when the steps that would follow move the image by less than this, px …
+/// A fit is at rest when its last step moved the image by less than this, px …
 pub(super) const AT_REST_PX: f64 = 1e-4;
 /// … and near enough to it, where other pairs are looked for from there, at this.
 pub(super) const NEAR_REST_PX: f64 = 0.05;
@@ -154,7 +154,7 @@ fn step<const N: usize>(
     Some((pose, moved))
 }
 
-/// Repeats steps until all that would follow move the image by less than `rest_px`. `vectors`: the directions of the catalogue's stars in this frame.
+/// Repeats steps until one moves the image by less than `rest_px`. `vectors`: the directions of the catalogue's stars in this frame.
 pub(super) fn fit(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], pairs: &[Pair], fit_kappa: bool, rest_px: f64) -> Option<Pose> {
     let of = |&(point, star): &Pair| {
         let [x, y] = points.centred_px[point];
@@ -164,16 +164,12 @@ pub(super) fn fit(pose: &Pose, points: &Points, vectors: &[Vector3<f64>], pairs:
     let fisheye = pose.projection != Projection::Pinhole && pairs.len() >= MIN_FOR_PRINCIPAL;
     let step = if fisheye { step::<FREE_OF_FISHEYE> } else { step::<FREE> };
     let (mut pose, mut scratch) = (*pose, Scratch::with_room(sightings.len()));
-    let mut before_px = 0.0;
     for _ in 0..MAX_STEPS {
         let (next, moved_px) = step(&pose, points.corner_px, &sightings, fit_kappa, &mut scratch)?;
         pose = next;
-        // Steps shrink by about the same factor each time, so that all that would follow are known before they are made.
-        let shrinks = (moved_px / before_px).min(1.0);
-        if moved_px < rest_px || moved_px * shrinks < rest_px * (1.0 - shrinks) {
+        if moved_px < rest_px {
             break;
         }
-        before_px = moved_px;
     }
     Some(pose)
 }
