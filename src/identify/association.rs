@@ -11,7 +11,7 @@
 //! magnitude, that belong to no star. The probability of a pair is w over 1 and all w of its detection and of its star
 //! (likelihood ratio of Sutherland & Saunders, MNRAS 259, 413, 1992, section 2).
 
-use crate::statistics::{mad_sigma, median};
+use crate::statistics::median_and_mad_sigma;
 
 /// A pair is named if its probability is at least this.
 const SURE: f64 = 0.99;
@@ -37,36 +37,71 @@ pub(super) struct Pair {
     pub(super) distance2_px2: f64,
 }
 
-/// The pairs that are sure.
+/// Memory of an association, kept from one to the next.
+#[derive(Default)]
+pub(super) struct Scratch {
+    of_detection: Vec<bool>,
+    of_star: Vec<bool>,
+    nearest: Vec<Pair>,
+    zero_points: Vec<f64>,
+    lone: Counted,
+    paired: Counted,
+    found_stars: Counted,
+    weights: Vec<f64>,
+    sum_detection: Vec<f64>,
+    sum_star: Vec<f64>,
+}
+
+impl Scratch {
+    /// Gives each detection and each star the nearest partner that is left, the nearest first.
+    fn pair_up(&mut self, pairs: &[Pair], detections: usize, stars: usize) {
+        let Self { of_detection, of_star, nearest, .. } = self;
+        for (list, length) in [(&mut *of_detection, detections), (&mut *of_star, stars)] {
+            list.clear();
+            list.resize(length, false);
+        }
+        nearest.clear();
+        nearest.reserve(pairs.len());
+        for pair in pairs {
+            if !of_detection[pair.detection] && !of_star[pair.star] {
+                (of_detection[pair.detection], of_star[pair.star]) = (true, true);
+                nearest.push(*pair);
+            }
+        }
+    }
+}
+
+/// Leaves of the pairs those that are sure.
 ///
 /// `detection_mag`: −2.5·log10 of each detection's flux (`None` where it has none); `star_mag`: V of the stars that pairs name, `in_frame`: of all
 /// in the frame; `pairs`: all within a radius.
-pub(super) fn sure_pairs(
-    mut pairs: Vec<Pair>,
+pub(super) fn keep_sure(
+    pairs: &mut Vec<Pair>,
     detection_mag: &[Option<f64>],
     star_mag: &[f64],
     in_frame: &MagnitudeCounts,
     field: Field,
-) -> Vec<Pair> {
+    scratch: &mut Scratch,
+) {
     let area_px2 = field.area_px2;
     pairs
         .sort_unstable_by(|a, b| a.distance2_px2.total_cmp(&b.distance2_px2).then(a.detection.cmp(&b.detection)).then(a.star.cmp(&b.star)));
-    let (mut of_detection, mut of_star) = (vec![false; detection_mag.len()], vec![false; star_mag.len()]);
-    let mut nearest = Vec::new();
-    for pair in &pairs {
-        if !of_detection[pair.detection] && !of_star[pair.star] {
-            (of_detection[pair.detection], of_star[pair.star]) = (true, true);
-            nearest.push(*pair);
-        }
-    }
-    let by_chance = field.share_by_chance(&nearest, detection_mag.len(), in_frame.count());
-    let Some(middle2_px2) = field.middle_of_true(&nearest, by_chance, in_frame.count()) else { return Vec::new() };
+    scratch.pair_up(pairs, detection_mag.len(), star_mag.len());
+    let Scratch { of_detection, of_star, nearest, zero_points, lone, paired, found_stars, weights, sum_detection, sum_star } = scratch;
+    let (of_detection, of_star) = (&*of_detection, &*of_star);
+    let by_chance = field.share_by_chance(nearest, detection_mag.len(), in_frame.count());
+    let Some(middle2_px2) = field.middle_of_true(nearest, by_chance, in_frame.count()) else { return pairs.clear() };
     let sigma_px = (middle2_px2.sqrt() / MEDIAN_LENGTH).max(MIN_SIGMA_PX);
-    let zero_points: Vec<f64> = nearest.iter().filter_map(|pair| Some(star_mag[pair.star] - detection_mag[pair.detection]?)).collect();
-    let brightness = zero_point(&zero_points);
-    let lone = Sorted::new((0..detection_mag.len()).filter(|&d| !of_detection[d]).filter_map(|d| detection_mag[d]));
-    let paired = Sorted::new((0..detection_mag.len()).filter(|&d| of_detection[d]).filter_map(|d| detection_mag[d]));
-    let found_stars = Sorted::new((0..star_mag.len()).filter(|&s| of_star[s]).map(|s| star_mag[s]));
+    zero_points.clear();
+    zero_points.reserve(nearest.len());
+    zero_points.extend(nearest.iter().filter_map(|pair| Some(star_mag[pair.star] - detection_mag[pair.detection]?)));
+    let brightness = zero_point(zero_points);
+    let detections =
+        |is_paired: bool| (0..detection_mag.len()).filter(move |&d| of_detection[d] == is_paired).filter_map(|d| detection_mag[d]);
+    lone.take(detections(false));
+    // Where no pair is by chance they are not asked for.
+    paired.take(detections(true).filter(|_| by_chance > 0.0));
+    found_stars.take((0..star_mag.len()).filter(|&s| of_star[s]).map(|s| star_mag[s]));
     // So often a star has a detection near it that is none of its own.
     let unrelated = (detection_mag.len() - nearest.len()) as f64 + by_chance * nearest.len() as f64;
     let met_by_chance = by_chance * field.chance_within(field.radius_px * field.radius_px, unrelated as usize);
@@ -85,14 +120,19 @@ pub(super) fn sure_pairs(
         let alike = in_frame.within(star_mag[pair.star], SAME_STAR_MAG).max(1.0);
         ((found as f64 - alike * met_by_chance).max(0.0) + 0.5) / alike * place * bright / density
     };
-    let weights: Vec<f64> = pairs.iter().map(weight).collect();
-    let (mut sum_detection, mut sum_star) = (vec![1.0; detection_mag.len()], vec![0.0; star_mag.len()]);
-    for (pair, w) in pairs.iter().zip(&weights) {
+    weights.clear();
+    weights.extend(pairs.iter().map(weight));
+    for (list, length, first) in [(&mut *sum_detection, detection_mag.len(), 1.0), (&mut *sum_star, star_mag.len(), 0.0)] {
+        list.clear();
+        list.resize(length, first);
+    }
+    for (pair, w) in pairs.iter().zip(&*weights) {
         sum_detection[pair.detection] += w;
         sum_star[pair.star] += w;
     }
-    let sure = |(pair, w): (&Pair, &f64)| (*w >= SURE * (sum_detection[pair.detection] + sum_star[pair.star] - w)).then_some(*pair);
-    pairs.iter().zip(&weights).filter_map(sure).collect()
+    let mut weights = weights.iter();
+    let sure = |pair: &Pair| weights.next().is_some_and(|w| *w >= SURE * (sum_detection[pair.detection] + sum_star[pair.star] - w));
+    pairs.retain(sure);
 }
 
 /// How many stars of a frame have which magnitude.
@@ -102,19 +142,36 @@ pub(super) struct MagnitudeCounts {
     of: [u32; MAGNITUDE_BINS],
 }
 
+/// A magnitude as it is counted.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct MagnitudeBin(u16);
+
+impl MagnitudeBin {
+    pub(super) fn of(magnitude: f32) -> Self {
+        Self(((magnitude - FIRST_MAG as f32) * (1.0 / BIN_MAG) as f32).clamp(0.0, (MAGNITUDE_BINS - 1) as f32) as u16)
+    }
+}
+
+impl Default for MagnitudeCounts {
+    fn default() -> Self {
+        Self { count: 0, of: [0; MAGNITUDE_BINS] }
+    }
+}
+
 /// Bins of magnitudes: the first begins at the first number, and so wide are they.
 const MAGNITUDE_BINS: usize = 512;
 const FIRST_MAG: f64 = -3.0;
 const BIN_MAG: f64 = 0.05;
 
 impl MagnitudeCounts {
-    pub(super) fn new() -> Self {
-        Self { count: 0, of: [0; MAGNITUDE_BINS] }
+    pub(super) fn clear(&mut self) {
+        self.count = 0;
+        self.of.fill(0);
     }
 
-    pub(super) fn add(&mut self, magnitude: f32) {
+    pub(super) fn add(&mut self, MagnitudeBin(bin): MagnitudeBin) {
         self.count += 1;
-        self.of[((magnitude - FIRST_MAG as f32) * (1.0 / BIN_MAG) as f32).clamp(0.0, (MAGNITUDE_BINS - 1) as f32) as usize] += 1;
+        self.of[usize::from(bin) % MAGNITUDE_BINS] += 1;
     }
 
     fn count(&self) -> usize {
@@ -163,7 +220,7 @@ impl Field {
         let whole = self.chance_within(self.radius_px * self.radius_px, stars).max(f64::MIN_POSITIVE);
         let half = 0.5 * (1.0 - by_chance) * count;
         let excess = |(index, pair): (usize, &Pair)| {
-            let chance = by_chance * count * self.chance_within(pair.distance2_px2, stars) / whole;
+            let chance = if by_chance > 0.0 { by_chance * count * self.chance_within(pair.distance2_px2, stars) / whole } else { 0.0 };
             // The pair itself is in the middle when half of them lie before it.
             (index as f64 + 1.0 - chance > half).then_some(pair.distance2_px2)
         };
@@ -171,27 +228,38 @@ impl Field {
     }
 }
 
-/// Median and robust standard deviation; `None` of too few.
-fn zero_point(values: &[f64]) -> Option<(f64, f64)> {
+/// Median and robust standard deviation, overwriting the values; `None` of too few.
+fn zero_point(values: &mut [f64]) -> Option<(f64, f64)> {
     if values.len() < MIN_FOR_BRIGHTNESS {
         return None;
     }
-    Some((median(values)?, mad_sigma(values)?.max(MIN_SIGMA_MAG)))
+    median_and_mad_sigma(values).map(|(middle, sigma)| (middle, sigma.max(MIN_SIGMA_MAG)))
 }
 
-/// Magnitudes in order, to be counted.
-struct Sorted(Vec<f64>);
+/// Magnitudes to be counted: in order, if they are many.
+#[derive(Default)]
+struct Counted(Vec<f64>);
 
-impl Sorted {
-    fn new(values: impl Iterator<Item = f64>) -> Self {
-        let mut all: Vec<f64> = values.collect();
-        all.sort_unstable_by(f64::total_cmp);
-        Self(all)
+impl Counted {
+    /// So many are counted one by one as fast as they are put in order.
+    const FEW: usize = 64;
+
+    fn take(&mut self, values: impl Iterator<Item = f64>) {
+        self.0.clear();
+        self.0.reserve(values.size_hint().1.unwrap_or(0).min(Self::FEW));
+        self.0.extend(values);
+        if self.0.len() > Self::FEW {
+            self.0.sort_unstable_by(f64::total_cmp);
+        }
     }
 
     /// How many lie within `reach` of `middle`, ends included.
     fn within(&self, middle: f64, reach: f64) -> usize {
-        self.0.partition_point(|v| *v <= middle + reach) - self.0.partition_point(|v| *v < middle - reach)
+        let (low, high) = (middle - reach, middle + reach);
+        if self.0.len() > Self::FEW {
+            return self.0.partition_point(|v| *v <= high) - self.0.partition_point(|v| *v < low);
+        }
+        self.0.iter().filter(|v| **v <= high && **v >= low).count()
     }
 }
 
@@ -200,8 +268,8 @@ mod tests {
     use super::*;
 
     fn counts(magnitudes: &[f64]) -> MagnitudeCounts {
-        magnitudes.iter().fold(MagnitudeCounts::new(), |mut counts, magnitude| {
-            counts.add(*magnitude as f32);
+        magnitudes.iter().fold(MagnitudeCounts::default(), |mut counts, magnitude| {
+            counts.add(MagnitudeBin::of(*magnitude as f32));
             counts
         })
     }
@@ -216,6 +284,30 @@ mod tests {
             assert!((within - exact).abs() < 6.0, "{middle}: {within} {exact}");
         }
         assert_eq!(counts.count(), all.len());
+    }
+
+    fn sure_pairs(
+        mut pairs: Vec<Pair>,
+        detection_mag: &[Option<f64>],
+        star_mag: &[f64],
+        in_frame: &MagnitudeCounts,
+        field: Field,
+    ) -> Vec<Pair> {
+        keep_sure(&mut pairs, detection_mag, star_mag, in_frame, field, &mut Scratch::default());
+        pairs
+    }
+
+    #[test]
+    fn few_and_many_magnitudes_are_counted_alike() {
+        let all: Vec<f64> = (0..100).map(|i| 10.0 * (f64::from(i) * 0.618_034).fract()).collect();
+        for length in [0, 1, Counted::FEW, Counted::FEW + 1, 100] {
+            let mut counted = Counted::default();
+            counted.take(all[..length].iter().copied());
+            for middle in [-1.0, 0.0, 3.3, 9.9] {
+                let expected = all[..length].iter().filter(|v| (middle - 0.5..=middle + 0.5).contains(*v)).count();
+                assert_eq!(counted.within(middle, 0.5), expected, "{length} {middle}");
+            }
+        }
     }
 
     /// Ten stars, each with its detection 0.3 px away; further pairs as given.

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::index_scale::{IndexScale, LANES, Neighbours, Shape};
 use super::point_map::PointMap;
-use super::pose::Pose;
+use super::pose::{Points, Pose};
 use super::projection::Projection;
 
 /// A candidate is given up at this ln of the likelihood over that of chance, and passed on at the other.
@@ -24,18 +24,17 @@ pub(super) struct Context<'a> {
     pub(super) ratio_tolerance: f64,
     /// How many of the brightest detections speak about a candidate.
     pub(super) judges: usize,
+    /// Whether a candidate is weighed once before anything is fitted.
+    pub(super) looks_first: bool,
     pub(super) level: &'a IndexScale,
     /// Undistorted points: at least of the detections that form triangles.
     pub(super) ideal: &'a [[f64; 2]],
     pub(super) map: &'a PointMap,
-    pub(super) half_px: [f64; 2],
-    pub(super) corner_px: f64,
-    /// No star is asked for further from the middle than this.
-    pub(super) reach_px: f64,
+    pub(super) limits: Limits,
     pub(super) projection: Projection,
     pub(super) focal_px: f64,
     pub(super) half_step: f64,
-    /// The angle from the middle to the corner, rad: at the shortest focal length of the step and with distortion.
+    /// The angle from the middle to the corner, rad, where an attitude is held to be.
     pub(super) corner_rad: f64,
 }
 
@@ -47,26 +46,88 @@ impl Context<'_> {
     }
 }
 
+/// Where on a frame stars are asked for, to single precision.
+#[derive(Clone, Copy)]
+pub(super) struct Limits {
+    half_px: [f32; 2],
+    /// No star is asked for further from the middle than this.
+    reach2_px2: f32,
+    /// κ over the square of the corner's radius, px⁻², and the least and most of 1 − κ·r²: beyond the corner the distortion stays as it is there.
+    shrink: f32,
+    inward: [f32; 2],
+    /// Stars as near as this to a point of the triangle do not speak.
+    own_px: f32,
+}
+
+impl Limits {
+    pub(super) fn new(points: &Points, kappa: f64, map: &PointMap) -> Self {
+        let least = 1.0 - kappa as f32;
+        Self {
+            half_px: [points.half_px[0] as f32, points.half_px[1] as f32],
+            reach2_px2: (points.reach_px * points.reach_px) as f32,
+            shrink: (kappa / (points.corner_px * points.corner_px)) as f32,
+            inward: if kappa > 0.0 { [least, f32::INFINITY] } else { [f32::NEG_INFINITY, least] },
+            own_px: map.radius_px as f32,
+        }
+    }
+
+    /// Whether a star at this place can speak about a triangle of these points.
+    #[inline(always)]
+    #[allow(
+        clippy::inline_always,
+        clippy::needless_bitwise_bool,
+        reason = "inlined into a loop over many stars, and without branches there"
+    )]
+    fn allow(&self, own_px: &[[f32; 2]; 3], x: f32, y: f32) -> bool {
+        // Where the measured point would be, roughly.
+        let radius2 = x * x + y * y;
+        let inward = 1.0 - self.shrink * radius2;
+        let inward = if inward < self.inward[0] { self.inward[0] } else { inward };
+        let inward = if inward > self.inward[1] { self.inward[1] } else { inward };
+        let apart = |[own_x, own_y]: [f32; 2]| ((own_x - x).abs() >= self.own_px) | ((own_y - y).abs() >= self.own_px);
+        apart(own_px[0])
+            & apart(own_px[1])
+            & apart(own_px[2])
+            & (radius2 <= self.reach2_px2 * inward * inward)
+            & (x.abs() <= self.half_px[0] * inward)
+            & (y.abs() <= self.half_px[1] * inward)
+    }
+}
+
 /// A triangle of detections at a focal length.
 pub(super) struct Trial {
+    /// The number of the focal length among those that are tried together.
+    pub(super) step: usize,
     /// The triangle's detections, opposite the longest, middle, shortest side.
     corners: [usize; 3],
+    /// The same undistorted, px.
+    pub(super) own_px: [[f32; 2]; 3],
     /// The chord of its longest side at the context's focal length.
-    longest: f64,
+    pub(super) longest: f64,
     /// d ln longest / d ln f, about −1.
-    sensitivity: f64,
+    pub(super) sensitivity: f64,
     /// Which corner is the nearest to the middle: most of its neighbours are in the frame.
     pub(super) central: usize,
 }
 
 impl Trial {
-    /// From detections opposite the longest, middle and shortest side; `rays` and `rays_at_longer` are the directions of the
-    /// detections at the focal length of the context and at one longer by [`LONGER`].
-    pub(super) fn new(context: &Context<'_>, shape: &Shape, corners: [usize; 3], rays_at_longer: &[Vector3<f64>]) -> Self {
-        let longer = (rays_at_longer[corners[1]] - rays_at_longer[corners[2]]).norm();
-        let from_middle2 = corners.map(|corner| context.ideal[corner].iter().map(|c| c * c).sum::<f64>());
+    /// From detections opposite the longest, middle and shortest side; `rays` are the directions of the detections at
+    /// the focal length of the context and at one longer by [`LONGER`].
+    pub(super) fn new(context: &Context<'_>, step: usize, shape: &Shape, corners: [usize; 3], rays: &[[Vector3<f64>; 2]]) -> Self {
+        let longer = (rays[corners[1]][1] - rays[corners[2]][1]).norm();
+        let from_middle2 =
+            |corner: usize| context.ideal[corner][0] * context.ideal[corner][0] + context.ideal[corner][1] * context.ideal[corner][1];
+        let from_middle2 = [from_middle2(corners[0]), from_middle2(corners[1]), from_middle2(corners[2])];
         let central = (1..3).fold(0, |best, side| if from_middle2[side] < from_middle2[best] { side } else { best });
-        Self { corners, longest: shape.longest, sensitivity: ln_near_1(longer / shape.longest) / LONGER, central }
+        let own = |side: usize| [context.ideal[corners[side]][0] as f32, context.ideal[corners[side]][1] as f32];
+        Self {
+            step,
+            corners,
+            own_px: [own(0), own(1), own(2)],
+            longest: shape.longest,
+            sensitivity: ln_near_1(longer / shape.longest) / LONGER,
+            central,
+        }
     }
 
     /// Half the width of the window in ln(longest): the step of the focal length, and noise of a pixel or two.
@@ -87,79 +148,101 @@ impl Trial {
         }
         let ray = |side: usize| context.projection.ray(context.ideal[self.corners[side]], focal_px);
         let image = [ray(0)?, ray(1)?, ray(2)?];
-        let (mut in_image, on_sky) = (axes(&image), axes(&sky));
+        let ([mut mean, mut along, mut across], on_sky) = (axes(&image), axes(&sky));
         // Seen from the middle of the longest side the first corner lies across it, on one side or the other.
-        let hand = |axes: &Matrix3<f64>, corners: &[Vector3<f64>; 3]| axes.column(2).dot(&(corners[0] - corners[1]));
-        let parity = if hand(&in_image, &image) * hand(&on_sky, &sky) < 0.0 { -1.0 } else { 1.0 };
+        let hand = |across: &Vector3<f64>, corners: &[Vector3<f64>; 3]| across.dot(&(corners[0] - corners[1]));
+        let parity = if hand(&across, &image) * hand(&on_sky[2], &sky) < 0.0 { -1.0 } else { 1.0 };
         if parity < 0.0 {
             // The axes of the mirrored triangle: x is mirrored, and the vector product has the other sign.
-            for (row, column) in [(0, 0), (0, 1), (1, 2), (2, 2)] {
-                in_image[(row, column)] = -in_image[(row, column)];
-            }
+            (mean.x, along.x, across.y, across.z) = (-mean.x, -along.x, -across.y, -across.z);
         }
-        let rotation = in_image * on_sky.transpose();
+        let of =
+            |row: usize, column: usize| mean[row] * on_sky[0][column] + along[row] * on_sky[1][column] + across[row] * on_sky[2][column];
+        let row = |row: usize| [of(row, 0), of(row, 1), of(row, 2)];
+        let ([xx, xy, xz], [yx, yy, yz], [zx, zy, zz]) = (row(0), row(1), row(2));
+        let rotation = Matrix3::new(xx, xy, xz, yx, yy, yz, zx, zy, zz);
         Some(Pose { rotation, focal_px, kappa: context.kappa, parity, projection: context.projection, principal_px: [0.0; 2] })
     }
 
     /// Whether the brightest catalogue stars around the triangle are found in the image, more of them than by chance: a sequential
     /// test, which for most candidates ends after four stars (Wald, Annals of Mathematical Statistics 16, 117, 1945).
     pub(super) fn checks_out(&self, context: &Context<'_>, triangle: [u32; 3], pose: &Pose) -> bool {
-        let (x, y, asked) = self.places(context, context.level.neighbours(triangle[self.central]), pose);
-        let mut support = 0.0;
-        for lane in 0..LANES {
-            if !asked[lane] {
-                continue;
-            }
-            support += if context.map.has_point_near(x[lane], y[lane]) { context.map.gain } else { context.map.loss };
-            if support < GIVE_UP {
-                return false;
-            }
-            if support > PASS_ON {
-                return true;
+        View::new(pose).checks_out(context, self, triangle)
+    }
+}
+
+/// Neighbours that are asked together.
+const HALF: usize = LANES / 2;
+
+/// A candidate's view of the sky, to single precision: from a direction to x·z and y·z, px, and to z.
+pub(super) struct View(pub(super) [[f32; 3]; 3]);
+
+impl View {
+    fn new(pose: &Pose) -> Self {
+        let row = |axis: usize, scale: f64| {
+            let along = |column: usize| (scale * pose.rotation[(axis, column)]) as f32;
+            [along(0), along(1), along(2)]
+        };
+        Self([row(0, pose.focal_px * pose.parity), row(1, pose.focal_px), row(2, 1.0)])
+    }
+
+    /// What [`Trial::checks_out`] says.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "inlined into what is compiled for several processors")]
+    pub(super) fn checks_out(&self, context: &Context<'_>, trial: &Trial, triangle: [u32; 3]) -> bool {
+        let neighbours = context.level.neighbours(triangle[trial.central]);
+        let (map, mut support) = (context.map, 0.0);
+        // Mostly the first half of the neighbours decides.
+        for half in 0..LANES / HALF {
+            let (x, y, asked) = self.places(context, trial, neighbours, half);
+            for lane in 0..HALF {
+                if asked[lane] == 0 {
+                    continue;
+                }
+                support += if map.has_point_near(x[lane], y[lane]) { map.gain } else { map.loss };
+                if support < GIVE_UP {
+                    return false;
+                }
+                if support > PASS_ON {
+                    return true;
+                }
             }
         }
         support > PASS_AT_LAST
     }
 
-    /// Where the neighbours would be in the image, px, and which of them can speak: those on the frame, but for the triangle's own
+    /// Where one half of the neighbours would be in the image, px, and which of them can speak: those on the frame, but for the triangle's own
     /// stars, which are among them and always found. All at once, by operations that compilers do on many numbers together.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "inlined into what is compiled for several processors")]
     fn places(
         &self,
         context: &Context<'_>,
-        Neighbours([x, y, z]): &Neighbours,
-        pose: &Pose,
-    ) -> ([f32; LANES], [f32; LANES], [bool; LANES]) {
-        let scale = [pose.focal_px * pose.parity, pose.focal_px, 1.0];
-        let row = |axis: usize| std::array::from_fn::<f32, 3, _>(|column| (scale[axis] * pose.rotation[(axis, column)]) as f32);
-        let (to_x, to_y, to_z) = (row(0), row(1), row(2));
-        let [half_x, half_y] = context.half_px.map(|half| half as f32);
-        let shrink = (pose.kappa / (context.corner_px * context.corner_px)) as f32;
-        let least = 1.0 - pose.kappa as f32;
-        let own = self.corners.map(|corner| context.ideal[corner].map(|c| c as f32));
-        let reach = context.map.radius_px as f32;
+        trial: &Trial,
+        neighbours: &Neighbours,
+        half: usize,
+    ) -> ([f32; HALF], [f32; HALF], [u32; HALF]) {
+        let Neighbours([x, y, z]) = neighbours;
+        let [x, y, z] = [&x.as_chunks::<HALF>().0[half], &y.as_chunks::<HALF>().0[half], &z.as_chunks::<HALF>().0[half]];
+        let Self([to_x, to_y, to_z]) = *self;
         let along = |row: [f32; 3], lane: usize| row[0] * x[lane] + row[1] * y[lane] + row[2] * z[lane];
-        let depths: [f32; LANES] = std::array::from_fn(|lane| along(to_z, lane));
-        // From a direction to its image, and whether it has one; zeros are no star.
-        let (mut scales, mut seen) = (depths.map(|depth| 1.0 / depth), depths.map(|depth| depth > 0.05));
-        if context.projection != Projection::Pinhole {
-            for lane in 0..LANES {
-                let depth = f64::from(depths[lane]);
-                seen[lane] = context.projection.sees(depth) && (x[lane] * x[lane] + y[lane] * y[lane] + z[lane] * z[lane] > 0.5);
-                scales[lane] = context.projection.scale(depth.clamp(-0.9, 1.0))[0] as f32;
+        let (mut at_x, mut at_y, mut asked) = ([0.0; HALF], [0.0; HALF], [0; HALF]);
+        // Zeros are no star.
+        if context.projection == Projection::Pinhole {
+            for lane in 0..HALF {
+                let depth = along(to_z, lane);
+                let scale = 1.0 / depth;
+                (at_x[lane], at_y[lane]) = (along(to_x, lane) * scale, along(to_y, lane) * scale);
+                asked[lane] = u32::from((depth > 0.05) & context.limits.allow(&trial.own_px, at_x[lane], at_y[lane]));
             }
-        }
-        let reach2 = (context.reach_px * context.reach_px) as f32;
-        let (mut at_x, mut at_y, mut asked) = ([0.0; LANES], [0.0; LANES], [false; LANES]);
-        for lane in 0..LANES {
-            let (px, py) = (along(to_x, lane) * scales[lane], along(to_y, lane) * scales[lane]);
-            (at_x[lane], at_y[lane]) = (px, py);
-            // Where the measured point would be, roughly: beyond the corner the distortion stays as it is there.
-            let radius2 = px * px + py * py;
-            let inward = 1.0 - shrink * radius2;
-            let inward = if shrink > 0.0 { inward.max(least) } else { inward.min(least) };
-            let speaks = own.iter().fold(seen[lane], |is, [ox, oy]| is & ((ox - px).abs().max((oy - py).abs()) >= reach));
-            let within_reach = radius2 <= reach2 * inward * inward;
-            asked[lane] = speaks & within_reach & (px.abs() <= half_x * inward) & (py.abs() <= half_y * inward);
+        } else {
+            for lane in 0..HALF {
+                let depth = f64::from(along(to_z, lane));
+                let is_seen = context.projection.sees(depth) && (x[lane] * x[lane] + y[lane] * y[lane] + z[lane] * z[lane] > 0.5);
+                let scale = context.projection.scale(depth.clamp(-0.9, 1.0))[0] as f32;
+                (at_x[lane], at_y[lane]) = (along(to_x, lane) * scale, along(to_y, lane) * scale);
+                asked[lane] = u32::from(is_seen & context.limits.allow(&trial.own_px, at_x[lane], at_y[lane]));
+            }
         }
         (at_x, at_y, asked)
     }
@@ -177,10 +260,10 @@ fn unit(v: Vector3<f64>) -> Vector3<f64> {
 }
 
 /// Axes that belong to three directions: towards their mean, along the longest side, and across.
-fn axes([a, b, c]: &[Vector3<f64>; 3]) -> Matrix3<f64> {
+fn axes([a, b, c]: &[Vector3<f64>; 3]) -> [Vector3<f64>; 3] {
     let mean = unit(a + b + c);
     let along = unit((c - b) - mean * mean.dot(&(c - b)));
-    Matrix3::from_columns(&[mean, along, mean.cross(&along)])
+    [mean, along, mean.cross(&along)]
 }
 
 /// Takes the distortion of a hypothesis away.
@@ -192,7 +275,7 @@ pub(super) fn undistort([x, y]: [f64; 2], kappa: f64, corner_px: f64) -> [f64; 2
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::identify::pose::Points;
+    use crate::identify::candidate_block::check_out;
     use crate::units::DEG_RAD;
 
     #[test]
@@ -234,24 +317,27 @@ mod tests {
                     kappa: 0.0,
                     ratio_tolerance: 0.003,
                     judges: ideal.len(),
+                    looks_first: false,
                     level: &level,
                     ideal,
                     map: &map,
-                    half_px: points.half_px,
-                    corner_px: points.corner_px,
-                    reach_px: points.reach_px,
+                    limits: Limits::new(&points, 0.0, &map),
                     projection: Projection::Pinhole,
                     focal_px: 1.02 * focal_px,
                     half_step: 0.03,
                     corner_rad: 0.19,
                 };
                 let rays = |focal_px: f64| ideal.iter().map(|at| Projection::Pinhole.ray(*at, focal_px).unwrap()).collect::<Vec<_>>();
-                let near = rays(context.focal_px);
+                let (near, longer) = (rays(context.focal_px), rays(context.focal_px * (1.0 + LONGER)));
+                let both: Vec<_> = near.iter().zip(&longer).map(|(near, longer)| [*near, *longer]).collect();
                 let side = |a: usize, b: usize| (near[corners[a]] - near[corners[b]]).norm();
                 let shape = Shape { longest: side(1, 2), middle: 0.0, shortest: 0.0, order: [0, 1, 2] };
-                let trial = Trial::new(&context, &shape, corners, &rays(context.focal_px * (1.0 + LONGER)));
+                let trial = Trial::new(&context, 0, &shape, corners, &both);
                 let pose = trial.pose(&context, stars).unwrap();
-                (trial.checks_out(&context, stars, &pose), pose)
+                let checks_out = trial.checks_out(&context, stars, &pose);
+                let block = [(&context, &trial, stars); 3];
+                assert_eq!(check_out(&block), if checks_out { 0b111 } else { 0 });
+                (checks_out, pose)
             };
             let triangle = [14_u32, 8, 27];
             let (checks_out, pose) = check(&ideal, triangle.map(|star| star as usize), triangle);

@@ -25,13 +25,15 @@ pub(super) fn without_clutter(points: &Points, widths_px: &[f64]) -> Option<Poin
     if count < MIN_POINTS {
         return None;
     }
-    let mut sorted: Vec<f64> = widths_px.iter().copied().filter(|width| width.is_finite()).collect();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let widest_px = sorted.get(sorted.len() / 4).map_or(f64::INFINITY, |narrow| WIDE * narrow);
-    let mut lone: Vec<usize> = (0..count).filter(|&point| widths_px.get(point).is_none_or(|width| *width <= widest_px)).collect();
+    let mut sorted = widths_px.to_vec();
+    sorted.retain(|width| width.is_finite());
+    let quarter = sorted.len() / 4;
+    let widest_px = if sorted.is_empty() { f64::INFINITY } else { WIDE * *sorted.select_nth_unstable_by(quarter, f64::total_cmp).1 };
+    let mut lone: Vec<usize> = (0..count).collect();
+    lone.retain(|&point| widths_px.get(point).is_none_or(|width| *width <= widest_px));
     for _ in 0..ROUNDS {
         let before = lone.len();
-        lone = not_in_clumps(points, &lone);
+        leave_clumps(points, &mut lone);
         if lone.len() == before || lone.len() < MIN_POINTS {
             break;
         }
@@ -40,16 +42,22 @@ pub(super) fn without_clutter(points: &Points, widths_px: &[f64]) -> Option<Poin
     (lone.len() >= MIN_POINTS && left + WORTH_A_LOOK <= count.min(BRIGHTEST)).then(|| points.only(&lone))
 }
 
-/// Those of some points that do not stand in a clump of them.
-fn not_in_clumps(points: &Points, some: &[usize]) -> Vec<usize> {
+/// Leaves of some points those that do not stand in a clump of them.
+fn leave_clumps(points: &Points, some: &mut Vec<usize>) {
     let radius2_px2 = BY_CHANCE * points.area_px2() / (std::f64::consts::PI * some.len() as f64);
-    let near = |a: usize, b: usize| {
-        let ([ax, ay], [bx, by]) = (points.centred_px[a], points.centred_px[b]);
-        (ax - bx).powi(2) + (ay - by).powi(2) <= radius2_px2
-    };
-    // The point itself is near too.
-    let is_lone = |point: &usize| some.iter().filter(|&&other| near(*point, other)).count() <= CLUMP;
-    some.iter().copied().filter(is_lone).collect()
+    let at: Vec<[f64; 2]> = some.iter().map(|&point| points.centred_px[point]).collect();
+    // How many stand near each, itself too.
+    let mut near = vec![1_usize; some.len()];
+    for (number, [x, y]) in at.iter().enumerate() {
+        let (own, others) = near[number..].split_at_mut(1);
+        for ([other_x, other_y], other) in at[number + 1..].iter().zip(others) {
+            let is_near = usize::from((x - other_x).powi(2) + (y - other_y).powi(2) <= radius2_px2);
+            own[0] += is_near;
+            *other += is_near;
+        }
+    }
+    let mut near = near.into_iter();
+    some.retain(|_| near.next().is_some_and(|near| near <= CLUMP));
 }
 
 #[cfg(test)]

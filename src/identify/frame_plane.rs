@@ -31,7 +31,7 @@ impl FramePlane {
     /// Where directions appear without distortion, relative to the middle of the un-mirrored frame, px; infinitely far where they do not.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "inlined into loops over many stars")]
-    pub(super) fn ideal(&self, [x, y, z]: [&[f32; LANES]; 3]) -> [[f32; LANES]; 2] {
+    pub(super) fn ideal(&self, [x, y, z]: &[[f32; LANES]; 3]) -> [[f32; LANES]; 2] {
         let (mut at_x, mut at_y) = ([0.0; LANES], [0.0; LANES]);
         let along = |row: [f32; 3], lane: usize| row[0] * x[lane] + row[1] * y[lane] + row[2] * z[lane];
         for lane in 0..LANES {
@@ -47,7 +47,7 @@ impl FramePlane {
     /// Where they appear with it.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "inlined into loops over many stars")]
-    pub(super) fn places(&self, directions: [&[f32; LANES]; 3]) -> [[f32; LANES]; 2] {
+    pub(super) fn places(&self, directions: &[[f32; LANES]; 3]) -> [[f32; LANES]; 2] {
         let [mut at_x, mut at_y] = self.ideal(directions);
         if self.bend == 0.0 {
             return [at_x, at_y];
@@ -94,7 +94,7 @@ mod tests {
                 let (a, b) = ((f64::from(i) * 0.618_034).fract() - 0.5, (f64::from(i) * 0.754_878).fract() - 0.5);
                 let direction = rotation.transpose() * Vector3::new(0.3 * a, 0.3 * b, if i % 7 == 0 { -1.0 } else { 1.0 }).normalize();
                 let [x, y, z] = [0, 1, 2].map(|axis| [direction[axis] as f32; LANES]);
-                let [px, py] = plane.places([&x, &y, &z]).map(|lanes| f64::from(lanes[LANES - 1]));
+                let [px, py] = plane.places(&[x, y, z]).map(|lanes| f64::from(lanes[LANES - 1]));
                 if let Some([x, y]) = pose.project(&direction, points.corner_px) {
                     inside += 1;
                     assert!((px - x).hypot(py - y) < 0.01, "{kappa}: {px} {x} {py} {y}");

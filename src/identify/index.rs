@@ -5,11 +5,12 @@ use std::time::Duration;
 
 use nalgebra::Vector3;
 
+use super::association::MagnitudeBin;
 use super::frame_plane::FramePlane;
 use super::index_scale::IndexScale;
 use super::pose::{Points, Pose};
 use super::projection::Projection;
-use super::sky::{LANES, Zones};
+use super::sky::{Block, LANES, Zones, those};
 use crate::catalog::Catalog;
 use crate::units::DEG_RAD;
 
@@ -39,10 +40,10 @@ pub struct IndexSize {
 #[derive(Debug)]
 pub struct Index {
     pub(super) vectors: Vec<Vector3<f64>>,
-    magnitudes: Vec<f32>,
+    pub(super) magnitudes: Vec<f64>,
     /// All stars, the brightest quarter, the brightest sixteenth … for cone searches that want only the brightest.
     prefixes: OnceLock<Vec<(usize, Zones)>>,
-    zone_magnitudes: OnceLock<Vec<f32>>,
+    zone_magnitudes: OnceLock<Vec<[MagnitudeBin; LANES]>>,
     levels: [OnceLock<IndexScale>; LEVELS],
 }
 
@@ -51,7 +52,7 @@ impl Index {
     #[must_use]
     pub fn new(catalog: &Catalog) -> Self {
         let vectors = catalog.stars.iter().map(|star| Vector3::from(star.direction.xyz)).collect();
-        let magnitudes = catalog.stars.iter().map(|star| star.magnitude as f32).collect();
+        let magnitudes = catalog.stars.iter().map(|star| star.magnitude).collect();
         Self {
             vectors,
             magnitudes,
@@ -106,10 +107,14 @@ impl Index {
         })
     }
 
-    /// All stars, and their magnitudes in the order of the zones.
-    pub(super) fn whole_sky(&self) -> (&Zones, &[f32]) {
+    /// All stars, and their magnitudes by the zones' blocks.
+    pub(super) fn whole_sky(&self) -> (&Zones, &[[MagnitudeBin; LANES]]) {
         let zones = &self.prefixes()[0].1;
-        let magnitudes = || zones.ids().iter().map(|id| self.magnitudes[*id as usize]).collect();
+        let magnitudes = || {
+            let all: Vec<_> = zones.ids().map(|id| MagnitudeBin::of(self.magnitudes[id as usize] as f32)).collect();
+            let of_block = |block: &[MagnitudeBin]| std::array::from_fn(|lane| block.get(lane).copied().unwrap_or_default());
+            all.chunks(LANES).map(of_block).collect()
+        };
         (zones, self.zone_magnitudes.get_or_init(magnitudes))
     }
 
@@ -144,22 +149,12 @@ impl Index {
         }
         let wanted_in_frame = (OF_CIRCLE * wanted as f64) as usize;
         let plane = FramePlane::new(pose, points);
-        let [half_x, half_y] = points.half_px.map(|half| (half * MARGIN * (1.0 - pose.kappa.min(0.0))) as f32);
+        let half_px = points.half_px.map(|half| (half * MARGIN * (1.0 - pose.kappa.min(0.0))) as f32);
         let share = (1.0 - radius_rad.min(std::f64::consts::PI).cos()) / 2.0;
         let mut found = Vec::new();
         for (count, zones) in self.prefixes().iter().rev() {
             if *count == self.vectors.len() || *count as f64 * share > 1.5 * wanted as f64 {
-                found.clear();
-                zones.runs(&boresight, radius_rad, |run| {
-                    for place in run.clone().step_by(LANES) {
-                        let [x, y] = plane.ideal(zones.lanes(place));
-                        for (lane, id) in zones.ids()[place..run.end.min(place + LANES)].iter().enumerate() {
-                            if x[lane].abs() <= half_x && y[lane].abs() <= half_y {
-                                found.push(*id);
-                            }
-                        }
-                    }
-                });
+                in_frame(zones, &plane, (&boresight, radius_rad), half_px, &mut found);
                 if found.len() >= wanted_in_frame {
                     break;
                 }
@@ -168,4 +163,40 @@ impl Index {
         found.sort_unstable();
         found
     }
+
+    /// The brightest stars of a tangent plane's frame as this very pose has it, without distortion: at least so many as are `wanted` if the
+    /// catalogue has them, brightest first.
+    pub(super) fn brightest_in_frame(&self, pose: &Pose, points: &Points, wanted: usize) -> Vec<u32> {
+        let boresight = Vector3::from(pose.rotation.row(2).transpose());
+        let radius_rad = pose.reach_rad(points, 1.0);
+        let plane = FramePlane::new(pose, points);
+        let share = 2.0 * points.half_px[0] * points.half_px[1] / (std::f64::consts::TAU * pose.focal_px * pose.focal_px);
+        let mut found = Vec::with_capacity(4 * wanted);
+        for (count, zones) in self.prefixes().iter().rev() {
+            if *count == self.vectors.len() || *count as f64 * share > wanted as f64 {
+                in_frame(zones, &plane, (&boresight, radius_rad), points.half_px.map(|half| half as f32), &mut found);
+                if found.len() >= wanted {
+                    break;
+                }
+            }
+        }
+        found.sort_unstable();
+        found
+    }
+}
+
+/// The stars of a cone that stand within so much of the middle of a frame.
+fn in_frame(
+    zones: &Zones,
+    plane: &FramePlane,
+    (boresight, radius_rad): (&Vector3<f64>, f64),
+    [half_x, half_y]: [f32; 2],
+    found: &mut Vec<u32>,
+) {
+    found.clear();
+    zones.near(boresight, radius_rad, |_, Block { xyz, ids }, lanes| {
+        let [x, y] = plane.ideal(xyz);
+        let (inside, count) = those(lanes, |lane| (x[lane].abs() <= half_x) & (y[lane].abs() <= half_y));
+        found.extend(inside[..count].iter().map(|lane| ids[*lane]));
+    });
 }

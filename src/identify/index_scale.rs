@@ -147,19 +147,22 @@ impl IndexScale {
         self.triangles[number as usize]
     }
 
-    /// Brings into the cache what the check of triangles asks for; `of`: the triangles' stars, and around which of them.
-    pub(super) fn touch(&self, of: impl Iterator<Item = ([u32; 3], usize)>) {
-        let touched = of.fold(0.0, |sum, (stars, central)| {
-            let Neighbours(neighbours) = &self.neighbours[stars[central] as usize];
-            let lines = neighbours[0][0] + neighbours[1][0] + neighbours[2][0];
-            stars.iter().fold(sum + lines, |sum, star| sum + self.vectors[*star as usize][0])
-        });
-        std::hint::black_box(touched);
+    /// Brings into the cache what the check of a triangle asks for: of its stars, and of the neighbours of the `central` one.
+    pub(super) fn touch(&self, stars: [u32; 3], central: usize) -> f32 {
+        let Neighbours([x, y, z]) = &self.neighbours[stars[central] as usize];
+        let own = |star: u32| self.vectors[star as usize][0];
+        x[0] + y[0] + z[0] + own(stars[0]) + own(stars[1]) + own(stars[2])
     }
 
     /// The direction of a star, to 0.01″.
     pub(super) fn direction(&self, star: u32) -> Vector3<f64> {
-        Vector3::from(self.vectors[star as usize].map(f64::from))
+        let [x, y, z] = self.vectors[star as usize];
+        Vector3::new(f64::from(x), f64::from(y), f64::from(z))
+    }
+
+    /// The same as it is kept.
+    pub(super) fn direction_f32(&self, star: u32) -> [f32; 3] {
+        self.vectors[star as usize]
     }
 
     /// The directions of the brightest neighbours of a star.
@@ -191,14 +194,14 @@ impl IndexScale {
         Some(Window { logs, middles, shorts, limits })
     }
 
-    /// The triangles inside the windows, window by window: number of the window, number of the triangle.
+    /// The triangles inside some of the windows, window by window: number of the window, number of the triangle.
     ///
     /// Each step is done for all windows before the next, so that the processor waits for many places in memory at once: the
     /// index is far larger than its caches.
-    pub(super) fn look_up(&self, windows: &[Window], scratch: &mut Ranges, found: &mut Vec<(u32, u32)>) {
+    pub(super) fn look_up(&self, windows: &[Window], which: std::ops::Range<usize>, scratch: &mut Ranges, found: &mut Vec<(u32, u32)>) {
         let ranges = &mut scratch.0;
         ranges.clear();
-        for (number, window) in (0..).zip(windows) {
+        for (number, window) in (which.start as u32..).zip(&windows[which]) {
             let [l0, l1] = window.logs;
             for m in window.middles[0]..=window.middles[1] {
                 for s in window.shorts[0]..=window.shorts[1] {
@@ -210,10 +213,10 @@ impl IndexScale {
         ranges.retain(|(_, start, end)| start < end);
         std::hint::black_box(ranges.iter().fold(0, |touched, range| touched ^ self.features[range.1 as usize][0]));
         for &(number, start, end) in &*ranges {
-            let limits = windows[number as usize].limits;
+            let [log, middle, shortest] = windows[number as usize].limits;
+            let inside = |part: u16, (least, range): (u16, u16)| part.wrapping_sub(least) <= range;
             for (triangle, features) in (start..end).zip(&self.features[start as usize..end as usize]) {
-                let inside = |axis: usize| features[axis].wrapping_sub(limits[axis].0) <= limits[axis].1;
-                if inside(0) & inside(1) & inside(2) {
+                if inside(features[0], log) & inside(features[1], middle) & inside(features[2], shortest) {
                     found.push((number, triangle));
                 }
             }
@@ -237,7 +240,8 @@ impl Triangle {
 }
 
 fn to_parts(value: f64) -> u16 {
-    (value.clamp(0.0, 1.0) * QUANTUM).round() as u16
+    // To the nearest: a library call rounds where the processor has no instruction for it.
+    (value.clamp(0.0, 1.0) * QUANTUM + 0.5) as u16
 }
 
 /// The stars of a scale in order of brightness.

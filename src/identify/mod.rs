@@ -13,6 +13,7 @@
 
 mod association;
 mod candidate;
+mod candidate_block;
 mod clutter;
 mod control;
 mod false_match;
@@ -188,7 +189,7 @@ pub fn identify(
     };
     let usable = points.all.centred_px.len();
     let failure = match search::search(&points, index, &apparent, options, begin) {
-        Ok((found, points)) => return solution::solve(detections, points, catalog, index, &apparent, &found),
+        Ok((found, points)) => return solution::solve(detections, points, index, &apparent, &found),
         Err(failure) => failure,
     };
     let hypotheses = failure.hypotheses;

@@ -112,9 +112,13 @@ impl Overlay {
 
     /// Unique nearest pairs within `radius_px` among the first `points_used` points, in order of the points.
     pub(super) fn pairs(&self, pose: &Pose, points: &Points, points_used: usize, radius_px: f64) -> Vec<Pair> {
-        let near = self.near(pose, points, points_used, radius_px);
+        self.paired(&self.near(pose, points, points_used, radius_px), points_used)
+    }
+
+    /// The same of what is near each other.
+    pub(super) fn paired(&self, near: &[Near], points_used: usize) -> Vec<Pair> {
         let mut pairs = Vec::with_capacity(near.len());
-        self.pair_up(&near, usize::MAX, points_used, &mut Taken::default(), |one| {
+        self.pair_up(near, usize::MAX, points_used, &mut Taken::default(), |one| {
             pairs.push((one.point as usize, self.stars[one.rank as usize].1));
         });
         pairs.sort_unstable();

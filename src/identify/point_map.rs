@@ -33,17 +33,20 @@ impl PointMap {
         let origin_px = [-reach(0), -reach(1)];
         let cells = |axis: usize| (-2.0 * origin_px[axis] * cells_per_px) as usize + 1;
         let (columns, rows) = (cells(0), cells(1));
-        let mut bits = vec![0_u64; (columns * rows).div_ceil(64)];
+        let mut bits = vec![0_u64; (columns * rows).div_ceil(64) + 1];
         for &[x, y] in ideal {
             let (cx, cy) = ((x - origin_px[0]) * cells_per_px, (y - origin_px[1]) * cells_per_px);
+            let (first, last) = ((cx - 2.5).max(0.0) as usize, ((cx + 2.5) as usize).min(columns - 1));
             for row in (cy - 2.5).max(0.0) as usize..=((cy + 2.5) as usize).min(rows - 1) {
-                for column in (cx - 2.5).max(0.0) as usize..=((cx + 2.5) as usize).min(columns - 1) {
-                    let (dx, dy) = (column as f64 + 0.5 - cx, row as f64 + 0.5 - cy);
-                    if dx * dx + dy * dy <= 2.5 * 2.5 {
-                        let cell = row * columns + column;
-                        bits[cell / 64] |= 1 << (cell % 64);
-                    }
-                }
+                let dy = row as f64 + 0.5 - cy;
+                let near = (first..=last).fold(0_u64, |near, column| {
+                    let dx = column as f64 + 0.5 - cx;
+                    near | u64::from(dx * dx + dy * dy <= 2.5 * 2.5) << (column - first)
+                });
+                // At most six cells of a row, in one word or in two.
+                let cell = row * columns + first;
+                bits[cell / 64] |= near << (cell % 64);
+                bits[cell / 64 + 1] |= near >> 1 >> (63 - cell % 64);
             }
         }
         let disc = std::f64::consts::PI * radius_px * radius_px / points.area_px2();
@@ -54,12 +57,14 @@ impl PointMap {
     }
 
     /// Whether a point is within about a radius of this place.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "inlined into what is compiled for several processors")]
     pub(super) fn has_point_near(&self, x_px: f32, y_px: f32) -> bool {
         let (cx, cy) = ((x_px - self.origin_px[0]) * self.cells_per_px, (y_px - self.origin_px[1]) * self.cells_per_px);
         if !(cx >= 0.0 && cy >= 0.0) || cx >= self.columns as f32 || cy >= self.rows as f32 {
             return false;
         }
-        let cell = cy as usize * self.columns + cx as usize;
+        let cell = cy as i32 as usize * self.columns + cx as i32 as usize;
         self.bits[cell / 64] >> (cell % 64) & 1 == 1
     }
 }

@@ -66,7 +66,7 @@ pub(super) struct Pose {
 impl Pose {
     /// Where a direction (ICRS axes) appears, relative to the middle of the un-mirrored frame, px.
     pub(super) fn project(&self, direction: &Vector3<f64>, corner_px: f64) -> Option<[f64; 2]> {
-        let v = self.rotation * direction;
+        let v = turned(&self.rotation, direction);
         if !self.projection.sees(v.z) {
             return None;
         }
@@ -101,6 +101,12 @@ impl Pose {
         let share = points.reach_px / points.corner_px;
         self.projection.angle_rad(points.reach_px * (1.0 - self.kappa.min(0.0) * share * share) * margin / self.focal_px)
     }
+}
+
+/// A vector turned by a rotation. Written out: the library's product of a matrix and a vector is a loop.
+pub(super) fn turned(rotation: &Matrix3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
+    let along = |row: usize| rotation[(row, 0)] * v.x + rotation[(row, 1)] * v.y + rotation[(row, 2)] * v.z;
+    Vector3::new(along(0), along(1), along(2))
 }
 
 /// A matched pair: index into the points, index into the catalogue.

@@ -7,7 +7,8 @@ use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::candidate::{Context, LONGER, Trial, undistort};
+use super::candidate::{Context, LONGER, Limits, Trial, undistort};
+use super::candidate_block::{BLOCK, check_out};
 use super::index::Index;
 use super::index_scale::{Ranges, Window};
 use super::point_map::PointMap;
@@ -34,6 +35,8 @@ const BETWEEN_LOOKS: u64 = 32;
 
 /// Triangles of detections that are looked up together.
 const BATCH: usize = 24;
+/// Room is made for so many at first: mostly no more are looked up.
+const FEW: usize = 8;
 
 /// A search without an answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,18 +67,36 @@ pub(super) struct Found {
     pub(super) false_match_probability: f64,
 }
 
-/// Triangles of detections that wait to be looked up, all at one focal length.
+/// Triangles of detections that wait to be looked up.
 #[derive(Default)]
 struct Batch {
-    /// The cosine of the angle from the boresight held to be within which all stars of the frame lie, if one is.
-    cos_near: Option<f64>,
-    /// The directions of the detections at a focal length longer by [`LONGER`].
-    rays_at_longer: Vec<Vector3<f64>>,
     trials: Vec<Trial>,
     windows: Vec<Window>,
     ranges: Ranges,
     found: Vec<(u32, u32)>,
     candidates: Vec<(u32, [u32; 3])>,
+}
+
+impl Batch {
+    fn with_room() -> Self {
+        let (trials, windows) = (Vec::with_capacity(FEW), Vec::with_capacity(FEW));
+        Self { trials, windows, ranges: Ranges::default(), found: Vec::with_capacity(2 * FEW), candidates: Vec::with_capacity(2 * FEW) }
+    }
+
+    /// Forgets the triangles that wait.
+    fn clear(&mut self) {
+        self.trials.clear();
+        self.windows.clear();
+    }
+}
+
+/// A stage at one focal length, with the directions of the detections that form its triangles.
+struct Step<'a> {
+    context: Context<'a>,
+    /// At the context's focal length, and at one longer by [`LONGER`].
+    rays: Vec<[Vector3<f64>; 2]>,
+    /// The cosine of the angle from the boresight held to be within which all stars of the frame lie, if one is.
+    cos_near: Option<f64>,
 }
 
 /// Focal lengths to try, each with its half step in ln f, and whether they are few.
@@ -136,8 +157,19 @@ pub(super) fn search<'a>(
     for look in search_plan::search_passes(seen, options) {
         let SearchPass { frame, points, projection, stages } = &look;
         let (projection, stages) = (*projection, *stages);
-        let mut search =
-            Search { points, projection, stages, index, apparent, options, deadline, tally, most: 0, batch: Batch::default(), found: None };
+        let mut search = Search {
+            points,
+            projection,
+            stages,
+            index,
+            apparent,
+            options,
+            deadline,
+            tally,
+            most: 0,
+            batch: Batch::with_room(),
+            found: None,
+        };
         if !search.run() {
             let limit = deadline.map_or(Duration::ZERO, |(_, limit)| limit);
             return search
@@ -151,67 +183,79 @@ pub(super) fn search<'a>(
     Err(Failure { hypotheses, end: End::Exhausted { least_bound, least_stated, was_cut } })
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
     /// Runs all stages over each list of focal lengths in turn. `false` = accepted or out of time.
     fn run(&mut self) -> bool {
-        let stages = self.stages;
-        for (focal_lengths, narrow) in self.focal_lengths() {
-            let begun = self.tally.hypotheses;
-            // Around an attitude that is held to be there is time for all stages.
-            let all_stages = narrow || self.options.near.is_some();
-            // Of how many of the brightest detections each stage has tried all triangles, at each focal length.
-            let mut tried = vec![vec![0_usize; stages.len()]; focal_lengths.len()];
-            // The points of each distortion and number of judges, and their map: many stages ask for the same.
-            let mut mapped: Vec<((f64, usize), Mapped)> = Vec::new();
-            for (number, stage) in stages.iter().enumerate().filter(|(_, stage)| all_stages || !stage.narrow_only) {
-                let covers = |s: &Stage| s.kappa == stage.kappa && s.coarser == stage.coarser && s.ratio_tolerance >= stage.ratio_tolerance;
-                let (kappa, corner_px) = (stage.kappa, self.points.corner_px);
-                let asked = (kappa, stage.judges().min(self.points.centred_px.len()));
-                let place = mapped.iter().position(|(of, _)| *of == asked).unwrap_or_else(|| {
-                    let judges = self.points.centred_px.iter().take(asked.1);
-                    let ideal: Vec<[f64; 2]> = judges.map(|p| undistort(*p, kappa, corner_px)).collect();
-                    let map = PointMap::new(&ideal, self.points);
-                    mapped.push((asked, (ideal, map)));
-                    mapped.len() - 1
-                });
-                let (ideal, map) = &mapped[place].1;
-                for (&focal_length, tried) in focal_lengths.iter().zip(&mut tried) {
-                    if self.tally.hypotheses > begun + MAX_HYPOTHESES {
-                        self.tally.was_cut = true;
-                        continue;
-                    }
-                    self.most = if narrow { u64::MAX } else { self.tally.hypotheses + MAX_IN_A_STEP };
-                    // Triangles of detections that an earlier stage with the same settings has tried are not tried again.
-                    let before = stages[..number].iter().zip(&*tried).filter(|(s, _)| covers(s));
-                    let done = before.map(|(_, tried)| *tried).max().unwrap_or(0);
-                    let Some(reached) = self.try_focal_length(stage, done, (ideal, map), focal_length) else { return false };
-                    tried[number] = reached;
-                }
+        let passes: [fn(&Self) -> Option<Pass>; 2] = [Self::around_nominal, Self::everywhere];
+        for pass in passes {
+            if pass(self).is_some_and(|pass| !self.run_over(pass)) {
+                return false;
             }
         }
         true
     }
 
-    /// The focal lengths to try, each with its half step in ln f, and whether they are few: first those around the nominal one from the middle outwards,
-    /// then all, from wide fields (few triangles, quickly tried) to narrow ones.
-    fn focal_lengths(&self) -> Vec<Pass> {
-        let mut passes = Vec::new();
-        if let Some(nominal) = self.options.nominal_focal_length_px {
-            let reach = (1.0 + self.options.focal_length_tolerance).ln();
-            let steps = ((reach / self.half_step(nominal) - 1.0) / 2.0).ceil().max(0.0) as i32;
-            let half_step = (reach / (2.0 * f64::from(steps) + 1.0)).max(1e-6);
-            let mut pass = vec![(nominal, half_step)];
-            for k in 1..=steps {
-                let factor = (2.0 * half_step * f64::from(k)).exp();
-                pass.push((nominal * factor, half_step));
-                pass.push((nominal / factor, half_step));
+    /// Runs all stages over some focal lengths. `false` = accepted or out of time.
+    fn run_over(&mut self, (focal_lengths, narrow): Pass) -> bool {
+        let (stages, begun) = (self.stages, self.tally.hypotheses);
+        // Around an attitude that is held to be there is time for all stages.
+        let all_stages = narrow || self.options.near.is_some();
+        // Of how many of the brightest detections each stage has tried all triangles, at each focal length.
+        let mut tried = vec![0_usize; stages.len() * focal_lengths.len()];
+        // The points of each distortion and number of judges, and their map: many stages ask for the same.
+        let mut mapped: Vec<((f64, usize), Mapped)> = Vec::new();
+        for (number, stage) in stages.iter().enumerate().filter(|(_, stage)| all_stages || !stage.narrow_only) {
+            let covers = |s: &Stage| s.kappa == stage.kappa && s.coarser == stage.coarser && s.ratio_tolerance >= stage.ratio_tolerance;
+            let (kappa, corner_px) = (stage.kappa, self.points.corner_px);
+            let asked = (kappa, stage.judges().min(self.points.centred_px.len()));
+            let place = mapped.iter().position(|(of, _)| *of == asked).unwrap_or_else(|| {
+                let judges = self.points.centred_px.iter().take(asked.1);
+                let ideal: Vec<[f64; 2]> = judges.map(|p| undistort(*p, kappa, corner_px)).collect();
+                let map = PointMap::new(&ideal, self.points);
+                mapped.push((asked, (ideal, map)));
+                mapped.len() - 1
+            });
+            let mapped = &mapped[place].1;
+            if let (true, Brightest(count)) = (narrow && stage.by_triangle, stage.choice) {
+                let Some(reached) = self.try_by_triangle(stage, count, mapped, &focal_lengths) else { return false };
+                tried.chunks_mut(stages.len()).for_each(|tried| tried[number] = reached);
+                continue;
             }
-            passes.push((pass, true));
+            for (&focal_length, tried) in focal_lengths.iter().zip(tried.chunks_mut(stages.len())) {
+                if self.tally.hypotheses > begun + MAX_HYPOTHESES {
+                    self.tally.was_cut = true;
+                    continue;
+                }
+                self.most = if narrow { u64::MAX } else { self.tally.hypotheses + MAX_IN_A_STEP };
+                // Triangles of detections that an earlier stage with the same settings has tried are not tried again.
+                let before = stages[..number].iter().zip(&*tried).filter(|(s, _)| covers(s));
+                let done = before.map(|(_, tried)| *tried).max().unwrap_or(0);
+                let Some(reached) = self.try_focal_length(stage, done, mapped, focal_length) else { return false };
+                tried[number] = reached;
+            }
         }
-        if self.options.nominal_focal_length_px.is_none() || self.options.search_beyond_tolerance {
-            passes.push((self.all_focal_lengths(), false));
+        true
+    }
+
+    /// Focal lengths around the nominal one, if there is one, from the middle outwards.
+    fn around_nominal(&self) -> Option<Pass> {
+        let nominal = self.options.nominal_focal_length_px?;
+        let reach = (1.0 + self.options.focal_length_tolerance).ln();
+        let steps = ((reach / self.half_step(nominal) - 1.0) / 2.0).ceil().max(0.0) as i32;
+        let half_step = (reach / (2.0 * f64::from(steps) + 1.0)).max(1e-6);
+        let mut pass = vec![(nominal, half_step)];
+        for k in 1..=steps {
+            let factor = (2.0 * half_step * f64::from(k)).exp();
+            pass.push((nominal * factor, half_step));
+            pass.push((nominal / factor, half_step));
         }
-        passes
+        Some((pass, true))
+    }
+
+    /// The focal lengths of all fields, if they are to be searched: from wide ones (few triangles, quickly tried) to narrow ones.
+    fn everywhere(&self) -> Option<Pass> {
+        let is_asked = self.options.nominal_focal_length_px.is_none() || self.options.search_beyond_tolerance;
+        is_asked.then(|| (self.all_focal_lengths(), false))
     }
 
     /// The focal lengths of all fields, from wide to narrow ones.
@@ -246,65 +290,90 @@ impl Search<'_> {
 
     /// Tries the triangles of a stage at one focal length, except those of the `done` brightest detections. Of how many of the
     /// brightest all triangles are tried then; `None` = stop (found, or out of time).
-    fn try_focal_length(
-        &mut self,
-        stage: &Stage,
-        done: usize,
-        (ideal, map): (&[[f64; 2]], &PointMap),
-        (focal_px, half_step): (f64, f64),
-    ) -> Option<usize> {
+    fn try_focal_length(&mut self, stage: &Stage, done: usize, mapped: &Mapped, focal_length: (f64, f64)) -> Option<usize> {
         if self.out_of_time() {
             return None;
         }
-        let points = self.points;
-        let all = points.centred_px.len();
+        let all = self.points.centred_px.len();
         let used = match stage.choice {
             Brightest(count) if all <= done || count <= done => return Some(done),
             Brightest(count) => count.min(all),
             Drawn(_) => all.min(DRAWN_FROM),
         };
-        let width_rad = self.width_rad(focal_px);
-        let index = self.index;
-        let level = index.level_for(width_rad, stage.coarser);
-        let context = Context {
-            kappa: stage.kappa,
-            ratio_tolerance: stage.ratio_tolerance,
-            judges: stage.judges(),
-            level,
-            ideal,
-            map,
-            half_px: points.half_px,
-            corner_px: points.corner_px,
-            reach_px: points.reach_px,
-            projection: self.projection,
-            focal_px,
-            half_step,
-            corner_rad: self.projection.angle_rad(1.15 * points.reach_px * (1.0 - stage.kappa.min(0.0)) / (focal_px * (1.0 - half_step))),
-        };
-        let cos_near = self.options.near.map(|near| near.cos_reach(context.corner_rad));
-        // What lies beyond the image of a fisheye forms no triangle.
-        let nowhere = Vector3::from_element(f64::NAN);
-        let rays_at = |focal_px: f64| -> Vec<Vector3<f64>> {
-            ideal[..used].iter().map(|at| self.projection.ray(*at, focal_px).unwrap_or(nowhere)).collect()
-        };
-        let rays = rays_at(focal_px);
+        let step = self.step(stage, used, mapped, focal_length);
         let mut batch = std::mem::take(&mut self.batch);
-        (batch.cos_near, batch.rays_at_longer) = (cos_near, rays_at(focal_px * (1.0 + LONGER)));
         let reached = match stage.choice {
-            Brightest(_) => self.try_brightest(&context, &mut batch, &rays, done),
-            Drawn(wanted) => self.try_drawn(&context, &mut batch, &rays, wanted),
+            Brightest(_) => self.try_brightest(&step, &mut batch, done),
+            Drawn(wanted) => self.try_drawn(&step, &mut batch, wanted),
         };
         self.batch = batch;
         reached
     }
 
+    /// Tries each triangle of the brightest detections at all focal lengths before the next; the answer is that of [`Self::try_focal_length`]. They are
+    /// so few that none of its limits is reached.
+    fn try_by_triangle(&mut self, stage: &Stage, count: usize, mapped: &Mapped, focal_lengths: &[(f64, f64)]) -> Option<usize> {
+        let used = count.min(self.points.centred_px.len());
+        let steps: Vec<Step<'_>> = focal_lengths.iter().map(|focal_length| self.step(stage, used, mapped, *focal_length)).collect();
+        let mut batch = std::mem::take(&mut self.batch);
+        let mut all = (2..used).flat_map(|k| (1..k).flat_map(move |j| (0..j).map(move |i| [i, j, k])));
+        let goes_on = all.all(|corners| self.try_at_all(&steps, &mut batch, corners));
+        self.batch = batch;
+        goes_on.then_some(used)
+    }
+
+    /// Tries one triangle of detections at all focal lengths. `false` = accepted or out of time, stop.
+    fn try_at_all(&mut self, steps: &[Step<'_>], batch: &mut Batch, corners: [usize; 3]) -> bool {
+        let [i, j, k] = corners;
+        for (number, Step { rays, .. }) in steps.iter().enumerate() {
+            let side = |a: usize, b: usize| (rays[a][0] - rays[b][0]).norm();
+            if !self.try_triangle(steps, number, batch, corners, [side(j, k), side(i, k), side(i, j)]) {
+                return false;
+            }
+        }
+        self.flush(steps, batch)
+    }
+
+    /// A stage at a focal length, for triangles of the first `used` detections.
+    fn step<'b>(&self, stage: &Stage, used: usize, (ideal, map): &'b Mapped, (focal_px, half_step): (f64, f64)) -> Step<'b>
+    where
+        'a: 'b,
+    {
+        let points = self.points;
+        let context = Context {
+            kappa: stage.kappa,
+            ratio_tolerance: stage.ratio_tolerance,
+            judges: stage.judges(),
+            looks_first: stage.by_triangle,
+            level: self.index.level_for(self.width_rad(focal_px), stage.coarser),
+            ideal,
+            map,
+            limits: Limits::new(points, stage.kappa, map),
+            projection: self.projection,
+            focal_px,
+            half_step,
+            // The angle from the middle to the corner at the shortest focal length of the step and with distortion.
+            corner_rad: match self.options.near {
+                Some(_) => {
+                    self.projection.angle_rad(1.15 * points.reach_px * (1.0 - stage.kappa.min(0.0)) / (focal_px * (1.0 - half_step)))
+                }
+                None => std::f64::consts::PI,
+            },
+        };
+        let cos_near = self.options.near.map(|near| near.cos_reach(context.corner_rad));
+        // What lies beyond the image of a fisheye forms no triangle.
+        let ray = |at: [f64; 2], focal_px: f64| self.projection.ray(at, focal_px).unwrap_or(Vector3::from_element(f64::NAN));
+        let rays = ideal[..used].iter().map(|at| [ray(*at, focal_px), ray(*at, focal_px * (1.0 + LONGER))]).collect();
+        Step { context, rays, cos_near }
+    }
+
     /// Tries all triangles of the brightest detections, except those of the `done` brightest; the answer is that of [`Self::try_focal_length`].
-    fn try_brightest(&mut self, context: &Context<'_>, batch: &mut Batch, rays: &[Vector3<f64>], done: usize) -> Option<usize> {
-        let (used, most) = (rays.len(), context.level.longest_range()[1]);
+    fn try_brightest(&mut self, step: &Step<'_>, batch: &mut Batch, done: usize) -> Option<usize> {
+        let (rays, used, most) = (&step.rays, step.rays.len(), step.context.level.longest_range()[1]);
         let mut sides = vec![0.0; used * used];
         for i in 0..used {
             for j in 0..i {
-                let side = (rays[i] - rays[j]).norm();
+                let side = (rays[i][0] - rays[j][0]).norm();
                 (sides[i * used + j], sides[j * used + i]) = (side, side);
             }
         }
@@ -316,21 +385,24 @@ impl Search<'_> {
                 }
                 if self.tally.hypotheses > self.most {
                     self.tally.was_cut = true;
+                    // Those that wait are of this focal length alone.
+                    batch.clear();
                     return Some(k);
                 }
                 for i in 0..j {
-                    if !self.try_triangle(context, batch, [i, j, k], [jk, sides[i * used + k], sides[i * used + j]]) {
+                    let sides = [jk, sides[i * used + k], sides[i * used + j]];
+                    if !self.try_triangle(std::slice::from_ref(step), 0, batch, [i, j, k], sides) {
                         return None;
                     }
                 }
             }
         }
-        self.flush(context, batch).then_some(used)
+        self.flush(std::slice::from_ref(step), batch).then_some(used)
     }
 
     /// Tries triangles drawn at random; the answer is that of [`Self::try_focal_length`].
-    fn try_drawn(&mut self, context: &Context<'_>, batch: &mut Batch, rays: &[Vector3<f64>], wanted: usize) -> Option<usize> {
-        let (used, most) = (rays.len(), context.level.longest_range()[1]);
+    fn try_drawn(&mut self, step: &Step<'_>, batch: &mut Batch, wanted: usize) -> Option<usize> {
+        let (rays, used, most) = (&step.rays, step.rays.len(), step.context.level.longest_range()[1]);
         // Other draws than those of the other stages.
         let mut rng = Pcg64Mcg::seed_from_u64((wanted as u64) << 32 | used as u64);
         let (mut tried, mut draws) = (0, 0);
@@ -338,63 +410,88 @@ impl Search<'_> {
         let enough = self.most.min(self.tally.hypotheses + 12 * wanted as u64);
         while tried < wanted && draws < 8 * wanted && self.tally.hypotheses < enough {
             draws += 1;
-            let corners = [0; 3].map(|_| rng.random_range(0..used));
-            let chord2 = |a: usize, b: usize| (rays[corners[a]] - rays[corners[b]]).norm_squared();
-            let squares = [chord2(1, 2), chord2(0, 2), chord2(0, 1)];
-            if squares.iter().any(|square| *square > most * most) {
+            let mut draw = || rng.random_range(0..used);
+            let corners = [draw(), draw(), draw()];
+            let chord2 = |a: usize, b: usize| (rays[corners[a]][0] - rays[corners[b]][0]).norm_squared();
+            let [a, b, c] = [chord2(1, 2), chord2(0, 2), chord2(0, 1)];
+            if a > most * most || b > most * most || c > most * most {
                 continue;
             }
-            let sides = squares.map(f64::sqrt);
-            tried += usize::from(context.usable(sides).is_some());
-            if !self.try_triangle(context, batch, corners, sides) {
+            let sides = [a.sqrt(), b.sqrt(), c.sqrt()];
+            tried += usize::from(step.context.usable(sides).is_some());
+            if !self.try_triangle(std::slice::from_ref(step), 0, batch, corners, sides) {
                 return None;
             }
         }
         self.tally.was_cut |= tried < wanted && self.tally.hypotheses >= self.most;
-        self.flush(context, batch).then_some(0)
+        self.flush(std::slice::from_ref(step), batch).then_some(0)
     }
 
     fn out_of_time(&self) -> bool {
         self.deadline.is_some_and(|(deadline, _)| Instant::now() >= deadline)
     }
 
-    /// Tries one triangle of detections, by and by. `false` = accepted or out of time, stop.
-    fn try_triangle(&mut self, context: &Context<'_>, batch: &mut Batch, corners: [usize; 3], sides: [f64; 3]) -> bool {
+    /// Tries one triangle of detections at one of the focal lengths, by and by. `false` = accepted or out of time, stop.
+    fn try_triangle(&mut self, steps: &[Step<'_>], number: usize, batch: &mut Batch, corners: [usize; 3], sides: [f64; 3]) -> bool {
+        let Step { context, rays, .. } = &steps[number];
         let Some(shape) = context.usable(sides) else { return true };
-        let trial = Trial::new(context, &shape, shape.order.map(|corner| corners[corner]), &batch.rays_at_longer);
+        let [longest, middle, shortest] = shape.order;
+        let trial = Trial::new(context, number, &shape, [corners[longest], corners[middle], corners[shortest]], rays);
         let Some(window) = context.level.window(&shape, trial.log_tolerance(context), context.ratio_tolerance) else { return true };
         batch.trials.push(trial);
         batch.windows.push(window);
-        batch.windows.len() < BATCH || self.flush(context, batch)
+        batch.windows.len() < BATCH || self.flush(steps, batch)
     }
 
     /// Tries the triangles that wait. `false` = accepted or out of time, stop.
-    fn flush(&mut self, context: &Context<'_>, batch: &mut Batch) -> bool {
+    fn flush(&mut self, steps: &[Step<'_>], batch: &mut Batch) -> bool {
         if self.out_of_time() {
             return false;
         }
-        batch.found.clear();
-        context.level.look_up(&batch.windows, &mut batch.ranges, &mut batch.found);
-        batch.candidates.clear();
-        batch.candidates.extend(batch.found.iter().map(|(window, triangle)| (*window, context.level.triangle(*triangle))));
-        if let Some((near, least)) = self.options.near.zip(batch.cos_near) {
-            let towards = Vector3::from(near.boresight.xyz);
-            batch.candidates.retain(|(_, stars)| context.level.direction(stars[0]).dot(&towards) >= least);
+        let Batch { trials, windows, ranges, found, candidates } = batch;
+        let context = |window: u32| &steps[trials[window as usize].step].context;
+        found.clear();
+        // Those of one level together.
+        let mut first = 0;
+        while first < windows.len() {
+            let level = context(first as u32).level;
+            let rest = first as u32..windows.len() as u32;
+            let end = rest.clone().find(|window| !std::ptr::eq(context(*window).level, level)).unwrap_or(rest.end) as usize;
+            level.look_up(windows, first..end, ranges, found);
+            first = end;
         }
-        let of = |&(window, stars): &(u32, [u32; 3])| (stars, batch.trials[window as usize].central);
-        context.level.touch(batch.candidates.iter().map(of));
-        let goes_on =
-            batch.candidates.iter().all(|(window, triangle)| self.try_candidate(context, &batch.trials[*window as usize], *triangle));
-        batch.trials.clear();
-        batch.windows.clear();
+        candidates.clear();
+        candidates.extend(found.iter().map(|(window, triangle)| (*window, context(*window).level.triangle(*triangle))));
+        if let Some(near) = self.options.near {
+            let towards = Vector3::from(near.boresight.xyz);
+            candidates.retain(|(window, [star, ..])| {
+                let Step { context, cos_near, .. } = &steps[trials[*window as usize].step];
+                cos_near.is_none_or(|least| context.level.direction(*star).dot(&towards) >= least)
+            });
+        }
+        let touched = |(window, stars): &(u32, [u32; 3])| context(*window).level.touch(*stars, trials[*window as usize].central);
+        std::hint::black_box(candidates.iter().map(touched).sum::<f32>());
+        let mut of: Vec<(&Context<'_>, &Trial, [u32; 3])> = Vec::with_capacity(BLOCK);
+        let goes_on = candidates.chunks(BLOCK).all(|block| {
+            of.clear();
+            of.extend(block.iter().map(|(window, triangle)| (context(*window), &trials[*window as usize], *triangle)));
+            let passing = if self.projection == Projection::Pinhole { check_out(&of) } else { u32::MAX };
+            of.iter()
+                .enumerate()
+                .all(|(number, (context, trial, triangle))| self.try_candidate(context, trial, *triangle, passing >> number & 1 == 1))
+        });
+        batch.clear();
         goes_on
     }
 
-    /// Tries one pair of triangles. `false` = accepted or out of time, stop.
-    fn try_candidate(&mut self, context: &Context<'_>, trial: &Trial, triangle: [u32; 3]) -> bool {
+    /// Tries one pair of triangles, of which single precision has said whether it may be right. `false` = accepted or out of time, stop.
+    fn try_candidate(&mut self, context: &Context<'_>, trial: &Trial, triangle: [u32; 3], may_check_out: bool) -> bool {
         self.tally.hypotheses += 1;
         if self.tally.hypotheses.is_multiple_of(BETWEEN_LOOKS) && self.out_of_time() {
             return false;
+        }
+        if !may_check_out {
+            return true;
         }
         let Some(pose) = trial.pose(context, triangle) else { return true };
         // A triangle with the noise of its corners tells the attitude to a part of the field.
@@ -406,13 +503,14 @@ impl Search<'_> {
         }
         let judges = context.judges;
         let tried = self.tally.hypotheses as f64;
-        let near = self.index.brightest_near(&pose, self.points, 5 * self.points.centred_px.len().clamp(8, judges));
         let ln_enough = false_match::ln_below(self.options.max_false_match_probability, tried);
-        let Some(Supported { pose, ln_best, ln_probability, judges }) =
+        let first_look = || refine::first_look(&pose, self.points, (self.index, self.apparent), judges, ln_enough);
+        let refined = || {
+            let near = self.index.brightest_near(&pose, self.points, 5 * self.points.centred_px.len().clamp(8, judges));
             refine::refine(&pose, self.points, self.apparent, &near, judges, ln_enough)
-        else {
-            return true;
         };
+        let supported = context.looks_first.then(first_look).flatten().or_else(refined);
+        let Some(Supported { pose, ln_best, ln_probability, judges }) = supported else { return true };
         let bound = false_match::over_all_tries(ln_probability, tried);
         // What was tried before this search counts in what is stated; accepted is what this search finds by itself, as the others did.
         let of_all = tried + self.options.hypotheses_before as f64;

@@ -23,30 +23,28 @@ pub(super) struct FramePoints {
     pub(super) spread: Option<Points>,
 }
 
-/// The search passes over a frame, in their order.
-pub(super) fn search_passes<'a>(seen: &'a FramePoints, options: &IdentifyOptions) -> Vec<SearchPass<'a>> {
-    let mut all = Vec::new();
-    let both = || seen.lone.iter().chain([&seen.all]);
-    if matches!(options.projection, None | Some(Projection::Pinhole)) {
-        all.extend(seen.lone.iter().chain(&seen.spread).chain([&seen.all]).map(|points| SearchPass {
-            frame: points,
-            points: Cow::Borrowed(points),
-            projection: Projection::Pinhole,
-            stages: &STAGES,
-        }));
-    }
+/// The search passes over a frame, in their order, each made when it is asked for.
+pub(super) fn search_passes<'a>(seen: &'a FramePoints, options: &IdentifyOptions) -> impl Iterator<Item = SearchPass<'a>> {
+    let is_plane = matches!(options.projection, None | Some(Projection::Pinhole));
+    let plane = seen.lone.iter().chain(&seen.spread).chain([&seen.all]).filter(move |_| is_plane).map(|points| SearchPass {
+        frame: points,
+        points: Cow::Borrowed(points),
+        projection: Projection::Pinhole,
+        stages: &STAGES,
+    });
     let asked: &[Projection] = match &options.projection {
         None if may_be_fisheye(&seen.all, options) => &Projection::FISHEYES,
         Some(projection) if *projection != Projection::Pinhole => std::slice::from_ref(projection),
         _ => &[],
     };
-    for points in both() {
-        let Some(inner) = fisheye::inner(points).filter(|_| !asked.is_empty()) else { continue };
-        let look =
-            |&projection: &Projection| SearchPass { frame: points, points: Cow::Owned(inner.clone()), projection, stages: &FISHEYE_STAGES };
-        all.extend(asked.iter().map(look));
-    }
-    all
+    let both = seen.lone.iter().chain([&seen.all]).filter(move |_| !asked.is_empty());
+    let inner = both.filter_map(|points| Some((points, fisheye::inner(points)?)));
+    let fisheyes = inner.flat_map(move |(frame, inner)| {
+        let pass =
+            move |&projection: &Projection| SearchPass { frame, points: Cow::Owned(inner.clone()), projection, stages: &FISHEYE_STAGES };
+        asked.iter().map(pass)
+    });
+    plane.chain(fisheyes)
 }
 
 /// Whether fields that only fisheyes see are to be searched.

@@ -5,7 +5,7 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use super::association;
 use super::fisheye;
 use super::fit::{AT_REST_PX, MIN_FOR_KAPPA, fit};
-use super::laid_sky::{LaidSky, unmirrored_x};
+use super::laid_sky::{LaidSky, NearDetections, unmirrored_x};
 use super::pose::{Pair, Points, Pose};
 use super::projection::Projection;
 use super::refusal::Refusal;
@@ -17,7 +17,7 @@ use crate::catalog::Catalog;
 use crate::coordinates::{Apparent, Attitude, CameraAxes, Direction, PixelPoint};
 use crate::detect::Detections;
 use crate::statistics::median_in_place;
-use crate::statistics::order::sort_by;
+use crate::statistics::order::descending;
 use crate::units::DEG_RAD;
 
 /// Stars are picked from so many detections, the brightest, where many look like none.
@@ -84,17 +84,16 @@ pub(super) fn fault_in(options: &IdentifyOptions, detections: &Detections) -> Op
 pub(super) fn usable_points(detections: &Detections) -> FramePoints {
     let (width, height) = (detections.width_px as f64, detections.height_px as f64);
     let middle = [(width - 1.0) / 2.0, (height - 1.0) / 2.0];
-    let mut order: Vec<usize> = (0..detections.stars.len())
-        .filter(|&number| {
-            let star = &detections.stars[number];
-            (-0.5..width - 0.5).contains(&star.x_px) && (-0.5..height - 0.5).contains(&star.y_px)
-        })
-        .collect();
+    let mut order = Vec::with_capacity(detections.stars.len());
+    order.extend((0..detections.stars.len()).filter(|&number| {
+        let star = &detections.stars[number];
+        (-0.5..width - 0.5).contains(&star.x_px) && (-0.5..height - 0.5).contains(&star.y_px)
+    }));
     let flux = |number: usize| Some(detections.stars[number].flux_dn).filter(|flux| flux.is_finite()).unwrap_or(f64::MIN);
-    sort_by(&mut order, |&a, &b| flux(b).total_cmp(&flux(a)).then(a.cmp(&b)));
+    descending(&mut order, |&number| flux(number));
     let mut points = Points {
-        centred_px: Vec::new(),
-        detection: Vec::new(),
+        centred_px: Vec::with_capacity(order.len().min(MAX_LOOKED_THROUGH)),
+        detection: Vec::with_capacity(order.len().min(MAX_LOOKED_THROUGH)),
         half_px: [width / 2.0, height / 2.0],
         size_px: (width * height).sqrt(),
         corner_px: width.hypot(height) / 2.0,
@@ -119,14 +118,7 @@ pub(super) fn usable_points(detections: &Detections) -> FramePoints {
 }
 
 /// Fits an accepted hypothesis to all stars of the frame.
-pub(super) fn solve(
-    detections: &Detections,
-    points: &Points,
-    catalog: &Catalog,
-    index: &Index,
-    apparent: &[Vector3<f64>],
-    found: &Found,
-) -> Identification {
+pub(super) fn solve(detections: &Detections, points: &Points, index: &Index, apparent: &[Vector3<f64>], found: &Found) -> Identification {
     let mut pose = match found.pose.projection {
         Projection::Pinhole => found.pose,
         _ => fisheye::widen(&found.pose, found.reach_px, points, index, apparent),
@@ -136,12 +128,14 @@ pub(super) fn solve(
         point_of[detection] = Some(point);
     }
     let mut radius_px = FIRST_RADIUS * points.size_px;
-    let sky = LaidSky::new(detections, points, catalog, index, apparent, (parity_of(&pose), radius_px));
-    let mut near = sky.near_detections(&pose);
+    let sky = LaidSky::new(detections, points, index, apparent, (parity_of(&pose), radius_px));
+    let mut near = NearDetections::default();
+    sky.find_near(&pose, &mut near);
     let (mut fitted, mut settled) = (Vec::new(), None);
     for _ in 0..MAX_TURNS {
         let matches = sky.matches(&pose, &mut near, radius_px);
-        let pairs: Vec<Pair> = matches.iter().filter_map(|m| Some((point_of[m.detection]?, m.star as u32))).collect();
+        let mut pairs: Vec<Pair> = Vec::with_capacity(matches.len());
+        pairs.extend(matches.iter().filter_map(|m| Some((point_of[m.detection]?, m.star as u32))));
         // The same pairs lead to where the pose is already.
         let is_fitted = pairs == fitted;
         if !is_fitted {
@@ -330,7 +324,7 @@ mod tests {
             let (detections, pose) = frame(seed, 7.0);
             let points = usable_points(&detections).all;
             let found = Found { pose, reach_px: points.reach_px, hypotheses: 1, false_match_probability: 1e-9 };
-            match solve(&detections, &points, catalog, &index, &index.vectors, &found) {
+            match solve(&detections, &points, &index, &index.vectors, &found) {
                 Identification::NotIdentified { .. } => refused += 1,
                 Identification::Identified(solution) => {
                     identified += 1;

@@ -5,10 +5,13 @@
 //! last in each round.
 
 use super::pose::Points;
-use crate::statistics::crowding::crowding;
+use crate::statistics::crowding::{BRIGHTEST, crowding};
 
 /// The points spread over the frame; `None` if the brightest are that already.
 pub(super) fn spread(points: &Points) -> Option<Points> {
+    if points.centred_px.len() < BRIGHTEST {
+        return None;
+    }
     let [half_x, half_y] = points.half_px;
     let at_px: Vec<[f64; 2]> = points.centred_px.iter().map(|[x, y]| [x + half_x, y + half_y]).collect();
     let standing = crowding(&at_px, [2.0 * half_x, 2.0 * half_y])?;

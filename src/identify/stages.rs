@@ -28,6 +28,9 @@ pub(super) struct Stage {
     pub(super) coarser: i32,
     /// Too long for a search over all focal lengths.
     pub(super) narrow_only: bool,
+    /// Whether each triangle of detections is tried at all focal lengths before the next where these are few, and not all triangles at each focal
+    /// length: of the brightest stars the first triangle or two are mostly in the index, whatever the focal length.
+    pub(super) by_triangle: bool,
 }
 
 impl Stage {
@@ -41,17 +44,17 @@ impl Stage {
 }
 
 const fn stage(choice: Choice, ratio_tolerance: f64, kappa: f64, coarser: i32) -> Stage {
-    Stage { choice, ratio_tolerance, kappa, coarser, narrow_only: false }
+    Stage { choice, ratio_tolerance, kappa, coarser, narrow_only: false, by_triangle: false }
 }
 
 const fn narrow_only(choice: Choice, ratio_tolerance: f64, kappa: f64, coarser: i32) -> Stage {
-    Stage { choice, ratio_tolerance, kappa, coarser, narrow_only: true }
+    Stage { narrow_only: true, ..stage(choice, ratio_tolerance, kappa, coarser) }
 }
 
 /// From the likely and cheap to the rest: sparser stars for images that show only few, more detections for false stars,
 /// distortions of either sign, a wider tolerance for noise.
 pub(super) const STAGES: [Stage; 21] = [
-    stage(Brightest(5), 0.003, 0.0, 0),
+    Stage { by_triangle: true, ..stage(Brightest(5), 0.003, 0.0, 0) },
     stage(Brightest(7), 0.003, 0.0, 0),
     stage(Brightest(10), 0.003, 0.0, 0),
     stage(Brightest(7), 0.003, 0.0, 2),
@@ -77,3 +80,16 @@ pub(super) const STAGES: [Stage; 21] = [
 /// Wide tolerances of shape, for lenses that follow no law and frames whose middle is not that of the lens.
 pub(super) const FISHEYE_STAGES: [Stage; 3] =
     [stage(Brightest(12), 0.010, 0.0, 0), stage(Brightest(18), 0.010, 0.0, 0), stage(Drawn(300), 0.010, 0.0, 0)];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// So few that a search over all focal lengths comes to none of its limits with them.
+    #[test]
+    fn few_triangles_are_tried_at_all_focal_lengths_before_the_next() {
+        let by_triangle: Vec<_> = STAGES.iter().enumerate().filter(|(_, stage)| stage.by_triangle).collect();
+        assert!(matches!(by_triangle[..], [(0, Stage { choice: Brightest(5), narrow_only: false, .. })]), "{by_triangle:?}");
+        assert!(FISHEYE_STAGES.iter().all(|stage| !stage.by_triangle));
+    }
+}

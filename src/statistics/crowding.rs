@@ -4,7 +4,7 @@
 /// Parts of the frame, about.
 const PARTS: f64 = 40.0;
 /// So many of the brightest points are looked at …
-const BRIGHTEST: usize = 64;
+pub(crate) const BRIGHTEST: usize = 64;
 /// … and more of them than this share in a quarter of the parts are too many. Of 64 points by chance, in 40 parts, the fullest quarter holds 0.48 on
 /// average, and 0.61 in one frame of a thousand.
 const TOO_MANY: f64 = 0.65;

@@ -8,4 +8,5 @@ pub mod robust;
 pub mod significance;
 pub(crate) mod student_t;
 
+pub(crate) use robust::median_and_mad_sigma;
 pub use robust::{Clipped, clipped, mad_sigma, median, median_in_place};

@@ -35,9 +35,16 @@ pub fn median_in_place(values: &mut [f64]) -> Option<f64> {
 /// Standard deviation from the median absolute deviation about the median, for normal errors; `None` of nothing.
 #[must_use]
 pub fn mad_sigma(values: &[f64]) -> Option<f64> {
-    let centre = median(values)?;
-    let mut deviations: Vec<f64> = values.iter().map(|v| (v - centre).abs()).collect();
-    median_in_place(&mut deviations).map(|mad| mad * SIGMA_PER_MAD)
+    median_and_mad_sigma(&mut values.to_vec()).map(|(_, sigma)| sigma)
+}
+
+/// The median and [`mad_sigma`], overwriting the values given.
+pub(crate) fn median_and_mad_sigma(values: &mut [f64]) -> Option<(f64, f64)> {
+    let centre = median_in_place(values)?;
+    for v in &mut *values {
+        *v = (*v - centre).abs();
+    }
+    median_in_place(values).map(|mad| (centre, mad * SIGMA_PER_MAD))
 }
 
 /// Location and scale of the bulk of a sample.
