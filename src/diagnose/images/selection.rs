@@ -14,8 +14,8 @@ use crate::parallel;
 use crate::statistics::order::descending;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
-/// Effects at most.
-const MAX_EFFECTS: usize = 8;
+/// Effects at most: a real camera has ten, and a sky and a detector add theirs.
+const MAX_EFFECTS: usize = 20;
 /// A column of which what is fitted leaves a smaller share is no question.
 const MIN_SHARE: f64 = 0.02;
 /// Columns more alike than this are one class; the more usual name is taken,
