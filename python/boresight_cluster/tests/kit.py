@@ -192,7 +192,7 @@ class Killer(threading.Thread):
         while not (run := self._run()) and self.driver.poll() is None:
             time.sleep(0.02)
         for kind in self.kinds:
-            time.sleep(self.chance.uniform(0.0, 0.5))
+            time.sleep(self.chance.uniform(0.0, 0.25))
             while self.driver.poll() is None:
                 # One of them by chance; one that has ended in the meantime does not count.
                 if (found := self._candidates(kind, run)) and _kill(self.chance.choice(sorted(found)), run):
