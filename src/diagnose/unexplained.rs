@@ -11,8 +11,7 @@ use super::resolved::{least_p, told};
 use super::scan::{Asks, Scan};
 use super::stepwise::is_observable;
 use crate::calibrate::BundleSolution;
-use crate::statistics::order::descending;
-use crate::statistics::order::sort_by_key;
+use crate::statistics::order::{descending, sort_by_key};
 
 /// Covariates named at most.
 const NAMED: usize = 3;

@@ -34,8 +34,7 @@ pub(super) fn trend(rows: &Rows, allowed: &[bool], (accepted, fit): (&[usize], &
     let kind = rows.kinds.iter().position(|kind| kind.name == SIZE)?;
     let range = rows.ranges()[kind].clone();
     let is_trend = |question: usize| {
-        let columns: Vec<Vec<f64>> = rows.questions[question].columns.clone();
-        let own = directions(rows, fit, &columns);
+        let own = directions(rows, fit, &rows.questions[question].columns);
         let within: f64 = own.iter().map(|own| own.rows(range.start, range.len()).norm_squared()).sum();
         within > 0.5 * own.len() as f64 && fit.share_of_means(rows, &own).is_some()
     };

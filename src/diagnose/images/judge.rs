@@ -25,8 +25,7 @@ use crate::effects::CentroidShift;
 use crate::effects::detector::amplifier_step::AmplifierStep;
 use crate::effects::detector::brighter_fatter::BrighterFatter;
 use crate::effects::pixel::pass::PassHead;
-use crate::statistics::order::sort_by;
-use crate::statistics::order::sort_by_key;
+use crate::statistics::order::{sort_by, sort_by_key};
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Simulations at most: more tell nothing that their tail does not.
@@ -124,18 +123,13 @@ pub(in crate::diagnose) fn judge(
         accepted.push(trend.question);
         (accepted, fit) = select(&rows, &all, &accepted, threshold);
     }
-    let held = held_out(&rows, &fit, (&accepted, &given), -TURN_P.ln());
-    let mut proposed: Vec<Proposed> = accepted
-        .iter()
-        .enumerate()
-        .skip(given.len())
-        .filter_map(|(k, question)| proposal(&rows, &accepted, k, *question, &fit, held[k].clone(), &by_chance))
-        .map(|own| beside(&rows, &nothing, &given, own))
-        .collect();
+    let tried = accepted.clone();
+    let (accepted, fit, proposed) = propose(&rows, &given, (accepted, fit), &by_chance);
+    let mut proposed: Vec<Proposed> = proposed.into_iter().map(|own| beside(&rows, &nothing, &given, own)).collect();
     if let Some(trend) = &trend {
         as_surprising_as(trend, &mut proposed, &by_chance);
     }
-    let others = not_proposed(&rows, &fit, &accepted);
+    let others = not_proposed(&rows, &fit, &tried);
     let of_sky = background.iter().flat_map(|own| own.patterns.iter().cloned());
     let named: Vec<Question> = patterns(&rows, &stars).into_iter().chain(of_sky).collect();
     let looked_at = background.as_ref().filter(|own| own.why_not.is_none());
@@ -151,6 +145,28 @@ pub(in crate::diagnose) fn judge(
         channels.insert(Channel::Background, own.with_uneven(state, &sizes_of(&rows, &accepted, &fit)));
     }
     Some(Judged { rows, fit, proposed, others, unasked, channels, background, questions, threshold, profiles })
+}
+
+/// The proposals of a selection. What makes frames and stars that took no part worse is not there: the others are fitted without it, and it is withheld
+/// as it was.
+fn propose(rows: &Rows, given: &[usize], (accepted, fit): (Vec<usize>, RowFit), by_chance: &[f64]) -> (Vec<usize>, RowFit, Vec<Proposed>) {
+    let held = held_out(rows, &fit, (&accepted, given), -TURN_P.ln());
+    let of = |accepted: &[usize], fit: &RowFit, held: &[HeldOut]| -> Vec<Proposed> {
+        let own = accepted.iter().enumerate().skip(given.len());
+        own.filter_map(|(k, question)| proposal(rows, accepted, k, *question, fit, held[k].clone(), by_chance)).collect()
+    };
+    let mut proposed = of(&accepted, &fit, &held);
+    let is_worse: Vec<bool> = held.iter().enumerate().map(|(k, held)| k >= given.len() && held.delta_chi2 < 0.0).collect();
+    if !is_worse.contains(&true) {
+        return (accepted, fit, proposed);
+    }
+    let left = |k: &usize| !is_worse[*k];
+    let kept: Vec<usize> = (0..accepted.len()).filter(left).map(|k| accepted[k]).collect();
+    let held: Vec<HeldOut> = (0..accepted.len()).filter(left).map(|k| held[k].clone()).collect();
+    proposed.retain(|own| !kept.contains(&own.question));
+    let fit = fitted(rows, &vec![true; rows.len()], &kept, None);
+    proposed.extend(of(&kept, &fit, &held));
+    (kept, fit, proposed)
 }
 
 /// The effects that were not accepted.

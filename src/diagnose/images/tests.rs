@@ -112,6 +112,24 @@ fn nothing_is_found_where_nothing_is() {
     assert!(left < 7, "{left} channels of {SEEDS} nulls were left with something");
 }
 
+/// A loss at the corners that turns its sign in the last third of the frames: it makes these worse, and the colour term is fitted without it.
+#[test]
+fn what_makes_other_frames_worse_is_in_no_fit() {
+    let added: Added = |image| {
+        let sign = if image.time_offset_h.unwrap() > 1.0 { -1.0 } else { 1.0 };
+        (sign * 0.3 * (image.at[0].powi(2) + image.at[1].powi(2)) - 0.2 * image.colour_offset.unwrap(), [0.0; 3])
+    };
+    for seed in 120..123 {
+        let judged = judge(&stars(seed, added), None, FRAMES, &asked(1e-3), &[]).unwrap();
+        let worse = judged.proposed.iter().find(|own| judged.rows.questions[own.question].id == "vignetting").unwrap();
+        assert!(worse.held_out.delta_chi2 < 0.0 && !worse.against.is_empty(), "seed {seed}: {worse:?}");
+        assert_eq!(found(&judged), ["passband"], "seed {seed}");
+        let passband = judged.proposed.iter().find(|own| own.against.is_empty()).unwrap();
+        assert_eq!(judged.fit.size.len(), passband.sizes.len(), "seed {seed}: only the colour term is in the fit");
+        assert!((passband.sizes[0][0] + 0.2).abs() < 3.0 * passband.sizes[0][1], "seed {seed}: {passband:?}");
+    }
+}
+
 #[test]
 fn what_is_there_is_named_with_its_size() {
     let cases: [(&str, f64, Added); 5] = [
