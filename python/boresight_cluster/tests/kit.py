@@ -137,7 +137,18 @@ def processes(run: str) -> dict[int, tuple[int, list[str]]]:
     return found
 
 
-def interchange(driver: int) -> int:
+def idle_workers(driver: int, folder: Path) -> list[int]:
+    """Workers of a driver's pool that have no task."""
+    alive = processes(str(next((folder / ".boresight-cluster").glob(f"cluster-{driver}-*"))))
+    pools = {pid for pid, (_, words) in alive.items() if "python" in words[0] and "boresight_cluster.pool" in words}
+    spawned = sorted(pid for pid, (parent, words) in alive.items() if parent in pools and any("spawn_main" in word for word in words))
+    busy = {parent for parent, _ in alive.values()}
+    idle = [pid for pid in spawned[1:] if pid not in busy]  # the first holds what the others share
+    assert idle, alive
+    return idle
+
+
+def interchange(driver: int, must: bool = True) -> int:
     """The process of Parsl that a driver started and all tasks go through; Parsl gives it no environment, so it is told by its parent."""
     for pid in map(int, filter(str.isdigit, os.listdir("/proc"))):
         try:
@@ -147,7 +158,8 @@ def interchange(driver: int) -> int:
             continue
         if parent == driver and b"interchange" in words:
             return pid
-    raise AssertionError(f"the driver {driver} has no interchange")
+    assert not must, f"the driver {driver} has no interchange"
+    return 0
 
 
 class Killer(threading.Thread):

@@ -8,7 +8,7 @@ import time
 
 from . import __version__, config, scripts
 from .errors import DONE, FAILED, NO, ClusterError
-from .processes import orphans
+from .processes import beating, orphans
 from .work import Job, open_job
 
 
@@ -66,7 +66,8 @@ def run(args: argparse.Namespace) -> int:
 
 def shard(args: argparse.Namespace) -> int:
     """Makes a share."""
-    return open_job(config.read(args.cluster)).share(*args.shard, lambda text: _say(f"error: {text}"))
+    with beating():
+        return open_job(config.read(args.cluster)).share(*args.shard, lambda text: _say(f"error: {text}"))
 
 
 def status(args: argparse.Namespace) -> int:

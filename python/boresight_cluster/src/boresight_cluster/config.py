@@ -63,6 +63,7 @@ class Engine:
     workers: int = 1  # on each node
     window: int = 4  # tasks in flight for each worker
     tries: int = 5
+    patience_s: int = 0  # without a sign of work for so long, the driver begins anew; 60, and 540 on Slurm, if absent
     scratch: str = ""  # the system's folder for temporary files if empty
     slurm: Slurm = field(default_factory=Slurm)
     kubernetes: Kubernetes = field(default_factory=Kubernetes)

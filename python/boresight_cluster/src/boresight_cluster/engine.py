@@ -6,16 +6,20 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
 
 from .config import Cluster
-from .errors import NEVER, ClusterError, NeverError
-from .processes import run_folder
+from .errors import FAILED, NEVER, ClusterError, NeverError
+from .processes import begin_again, last_beat, leave, run_folder
 from .work import Job, Unit
 
 # A try that ended because its worker or its node was lost costs this much of one of its own failures.
 COST_OF_LOSS = 0.25
-# A look at whether Parsl's interchange still lives, seconds: without it no task ends any more, and Parsl itself waits for ever.
+# A look at whether the run goes on, seconds.
 WATCH_S = 1.0
+# How often in a row the driver began anew and no task ended, in its environment.
+AGAIN = "BORESIGHT_CLUSTER_AGAIN"
 # So many blocks may fail one after another without a task that ended in between: more than bad luck, and few enough where no block ever starts.
 MAX_LOST_BLOCKS = 10
 
@@ -138,6 +142,9 @@ def run(job: Job, units: list[Unit], say: Callable[[int, int], None]) -> dict[st
             usage_tracking=0,
             initialize_logging=False,
         )
+        signs = Signs(cluster, folder, executor, counts)
+        # Parsl's way out may wait for what never comes, too.
+        way_out = threading.Timer(_patience_s(cluster), signs.begin_again, ["Parsl does not end"])
         with parsl.load(config):
             app = parsl.bash_app(_task)
 
@@ -152,29 +159,68 @@ def run(job: Job, units: list[Unit], say: Callable[[int, int], None]) -> dict[st
 
             for unit in units:
                 while not slots.acquire(timeout=WATCH_S):
-                    _watch(executor)
-                _watch(executor)
+                    signs.look()
+                signs.look()
                 future = app(command_of(cluster, python, unit.number, len(job.units)))
                 future.add_done_callback(lambda future, unit=unit: ended(unit, future))
-            looked = time.monotonic()
             while counts["done"] + counts["failed"] < len(units):
                 time.sleep(0.05)
-                if time.monotonic() - looked > WATCH_S:
-                    _watch(executor)
-                    looked = time.monotonic()
+                signs.look()
+            way_out.start()
+        way_out.cancel()
     return failed
 
 
-def _watch(executor) -> None:
-    """Ends the run where the interchange is gone. Parsl's own way out waits for answers of it, so that is stopped first."""
-    process = executor.interchange_proc
-    if process is None or process.poll() is None:
-        return
-    error = ClusterError(
-        f"the interchange of Parsl, through which all tasks go, ended with {process.returncode}; what is done stays, so run the same command again"
-    )
-    executor.set_bad_state_and_fail_all(error)
-    raise error
+def _patience_s(cluster: Cluster) -> int:
+    """How long a run may go without a sign of work. A lost manager is known to be lost after some seconds, and a new one is there after some more."""
+    return cluster.engine.patience_s or (60 if cluster.engine.kind == "local" else 540)
+
+
+class Signs:
+    """What tells that a run goes on: an interchange, tasks that end, tasks at work, blocks that are asked for or wait for their turn.
+
+    Parsl gives back the tasks of a manager that falls silent, and of a worker that ends in the middle of a task. A worker that is killed while it takes a
+    task or hands over a result takes the task with it, or the lock of the queue that all workers of its manager share, and no task ends any more. And
+    whether blocks live Parsl asks its interchange, without a limit of time: where that does not answer, no lost block is replaced.
+    """
+
+    def __init__(self, cluster: Cluster, folder: Path, executor, counts: dict[str, int]):
+        self.cluster, self.folder, self.executor, self.counts = cluster, folder, executor, counts
+        self.seen, self.since, self.looked = (), time.monotonic(), 0.0
+
+    def look(self) -> None:
+        """At most once in so many seconds; begins the run anew where nothing more can come."""
+        now = time.monotonic()
+        if now - self.looked < WATCH_S:
+            return
+        self.looked = now
+        interchange = self.executor.interchange_proc
+        if interchange and interchange.poll() is not None:
+            self.begin_again(f"the interchange of Parsl, through which all tasks go, ended with {interchange.returncode}")
+        from parsl.jobs.states import JobState
+
+        blocks = list(self.executor.status_facade.values())
+        # A block that waits for its turn is a sign as long as Parsl asks for it: it stops where its interchange does not answer.
+        asked = self.executor._last_poll_time if any(block.state == JobState.PENDING for block in blocks) else 0.0
+        seen = (sum(self.counts.values()), last_beat(self.folder), len(blocks), asked)
+        # Pods do not see the folder, so nothing is known of what they do.
+        if seen != self.seen or self.cluster.engine.kind == "kubernetes":
+            self.seen, self.since = seen, now
+        elif now - self.since > _patience_s(self.cluster):
+            self.begin_again(f"no sign of work for {_patience_s(self.cluster)} s")
+
+    def begin_again(self, why: str) -> NoReturn:
+        """What is missing is given to new workers, unless that was tried in vain. Parsl is not asked to end: its way out waits for answers, too."""
+        times = 1 if self.counts["done"] else int(os.environ.get(AGAIN, "0")) + 1
+        if self.executor.interchange_proc:  # it bears no mark in its environment
+            self.executor.interchange_proc.kill()
+            self.executor.interchange_proc.wait()
+        if times > self.cluster.engine.tries:
+            print(f"error: {why}, and no task ended {times} times in a row; look at the workers", file=sys.stderr, flush=True)
+            leave(self.folder, FAILED)
+        print(f"note: {why}; what is missing is given to new workers", file=sys.stderr, flush=True)
+        os.environ[AGAIN] = str(times)
+        begin_again(self.folder)
 
 
 def _task(command: str) -> str:

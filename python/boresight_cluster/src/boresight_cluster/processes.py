@@ -11,8 +11,10 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NoReturn
 
 from .config import Cluster
 from .errors import ClusterError
@@ -23,6 +25,8 @@ NAME = "boresight-cluster-"
 # Loaded here: between fork and exec nothing may be.
 _PRCTL = ctypes.CDLL(None).prctl if sys.platform == "linux" else None
 _PR_SET_PDEATHSIG = 1
+# The file in the run folder whose time every task at work sets, and how often, seconds.
+BEAT, BEAT_S = "beat", 2.0
 
 
 def binary() -> str:
@@ -90,17 +94,65 @@ def run_folder(cluster: Cluster) -> Iterator[Path]:
     driver = {"pid": os.getpid(), "host": socket.gethostname(), "begun": _begun(os.getpid())}
     (folder / "driver.json").write_text(json.dumps(driver) + "\n", encoding="utf-8")
     os.environ[RUN] = str(folder)
+    (folder / BEAT).touch()
     try:
         yield folder
     finally:
-        del os.environ[RUN]
-        # A pool that was killed leaves a helper behind that nothing ends.
-        for pid in _processes(folder) - {os.getpid()}:
-            with contextlib.suppress(OSError):
-                os.kill(pid, signal.SIGKILL)
-        shutil.rmtree(folder, ignore_errors=True)
+        _clear(folder)
+
+
+def _clear(folder: Path) -> None:
+    """Ends what is left of a driver's processes on this machine, and removes its folder."""
+    os.environ.pop(RUN, None)
+    # A pool that was killed leaves a helper behind that nothing ends.
+    for pid in _processes(folder) - {os.getpid()}:
         with contextlib.suppress(OSError):
-            base.rmdir()
+            os.kill(pid, signal.SIGKILL)
+    shutil.rmtree(folder, ignore_errors=True)
+    with contextlib.suppress(OSError):
+        folder.parent.rmdir()
+
+
+def begin_again(folder: Path) -> NoReturn:
+    """The driver becomes a new one of the same number and command line. Nothing of Parsl is asked to end: what it waits for may never come."""
+    _clear(folder)
+    sys.stdout.flush()
+    os.execv(sys.executable, [sys.executable, "-m", __package__, *sys.argv[1:]])
+
+
+def leave(folder: Path, code: int) -> NoReturn:
+    """Ends the driver as `begin_again` does, without asking."""
+    _clear(folder)
+    sys.stdout.flush()
+    os._exit(code)
+
+
+@contextlib.contextmanager
+def beating() -> Iterator[None]:
+    """As long as it lasts, the driver can see that a task is at work, whatever became of the processes between the two."""
+    path, over = Path(os.environ.get(RUN, "")) / BEAT, threading.Event()
+
+    def beat() -> None:
+        while True:
+            with contextlib.suppress(OSError):  # a node or a pod that does not see the folder
+                os.utime(path)
+            if over.wait(BEAT_S):
+                break
+
+    if RUN in os.environ:
+        threading.Thread(target=beat, daemon=True).start()
+    try:
+        yield
+    finally:
+        over.set()
+
+
+def last_beat(folder: Path) -> int:
+    """When a task was last seen at work, by the clock of the file system."""
+    try:
+        return (folder / BEAT).stat().st_mtime_ns
+    except OSError:
+        return 0
 
 
 def _begun(pid: int) -> str:
