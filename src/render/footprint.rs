@@ -39,7 +39,7 @@ const BEYOND: f64 = 0.025;
 impl Footprint {
     /// Of a light that is seen on the frame.
     pub(super) fn new(scene: &Scene, spreader: &Spreader, imager: &Imager, light: &StarLight, seen: &Seen) -> Result<Self, ImagingError> {
-        let landed = seen.landed();
+        let landed = seen.landed(spreader.whole_e(light));
         let width_px = scene.camera.width_px;
         let mut pixels = Vec::new();
         for (place, (electrons, background_e)) in seen.light.electrons.iter().zip(&seen.light.background_e).enumerate() {

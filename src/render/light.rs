@@ -20,6 +20,8 @@ pub(super) struct Spreader {
     /// Its places are those of the frame, its lengths those of the detector's own pixels.
     psf: Psf,
     atlas: Atlas,
+    /// The light that each of its tables holds: they end where light is no longer followed.
+    shares: Vec<f64>,
 }
 
 /// The light of one star: what the fast, separable spread takes, and what has to be spread point by point.
@@ -97,7 +99,8 @@ impl Spreader {
     /// Works out the tables, if the scene's images need any and they are not known already.
     pub(super) fn new(psf: &Psf, known: &PsfTables) -> Self {
         let make = || Self::atlas(psf);
-        Self { psf: psf.clone(), atlas: if psf.grid().is_some() { known.get_or_make(psf, make) } else { Atlas::default() } }
+        let atlas = if psf.grid().is_some() { known.get_or_make(psf, make) } else { Atlas::default() };
+        Self { psf: psf.clone(), shares: atlas.shares(), atlas }
     }
 
     fn atlas(psf: &Psf) -> Atlas {
@@ -167,6 +170,18 @@ impl Spreader {
         let own = PlaneLight { spread: self.spread(), atlas: &self.atlas, deposits };
         let ghosts = PlaneLight { spread: &DiscPsf, atlas: &self.atlas, deposits: discs };
         [own, ghosts].into_iter().filter(|batch| !batch.deposits.is_empty()).collect()
+    }
+
+    /// Electrons that its images hold, on the frame and beside it.
+    pub(super) fn whole_e(&self, light: &StarLight) -> f64 {
+        let of_tables = |point: &PointSource| {
+            let share: f64 =
+                point.nodes.iter().filter_map(|(node, weight)| Some(f64::from(*weight) * self.shares.get(*node as usize)?)).sum();
+            point.electrons * if self.shares.is_empty() { 1.0 } else { share }
+        };
+        let of_stars: f64 = light.stars.iter().map(|star| star.electrons).sum();
+        let of_discs: f64 = light.discs.iter().map(|disc| disc.electrons).sum();
+        of_stars + of_discs + light.deposits.iter().map(of_tables).sum::<f64>()
     }
 
     /// Its light on the pixels, and no other.

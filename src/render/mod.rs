@@ -1,5 +1,6 @@
 //! Scene → Frame: projects the catalogue (f64, here), then lets the pixel effects make an image of it (f32, on the GPU or the CPU).
 
+mod alone;
 mod footprint;
 mod light;
 mod mask;
@@ -11,6 +12,7 @@ mod signature;
 mod truth;
 
 pub use crate::imaging::{Backend, GpuError, Image16, ImagingError};
+inner!(alone::{StarAlone, StarsAlone});
 inner!(footprint::Footprint);
 inner!(psf_tables::PsfTables);
 pub use mask::MaskFlag;
@@ -176,7 +178,10 @@ impl<'a> Renderer<'a> {
         let chain = self.imager.noise_free(&exposure, &planes)?;
         let seen = |light: &StarLight| Ok(self.spreader.stamp(light, &self.imager)?.map(|stamp| Seen::new(self.scene, &chain, &stamp)));
         let seen = parallel::try_map::<_, _, ImagingError>(&lights, seen)?;
-        let landed: Vec<Landed> = seen.iter().map(|seen| seen.as_ref().map_or_else(Landed::default, Seen::landed)).collect();
+        let landed = |(seen, light): (&Option<Seen>, &StarLight)| {
+            seen.as_ref().map_or_else(Landed::default, |seen| seen.landed(self.spreader.whole_e(light)))
+        };
+        let landed: Vec<Landed> = seen.iter().zip(&lights).map(landed).collect();
         let footprints = self.asked.footprints.then(|| self.footprints(&lights, &seen)).transpose()?;
         let binned = self.binned.as_ref().filter(|_| self.asked.pixel_shifts);
         let binned = binned.map(|binned| binned.noise_free(&exposure, &planes)).transpose()?;

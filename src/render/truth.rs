@@ -118,8 +118,8 @@ pub(super) struct Landed {
     pub(super) background_e: f64,
     pub(super) snr: f64,
     pub(super) is_full: bool,
-    /// Electrons that reach the frame, before anything weakens them.
-    on_frame_e: f64,
+    /// The share of all its light that reaches the frame, before anything weakens it.
+    on_frame_share: f64,
 }
 
 /// A light in the pixels of the frame that hold any of it.
@@ -164,6 +164,19 @@ impl Seen {
         [self.left_px + place % self.width_px, self.top_px + place / self.width_px]
     }
 
+    /// The centre of the light that reaches the pixels; `None` where they end with the frame, so that light may be missing.
+    pub(super) fn centre_px(&self, [columns, rows]: [usize; 2]) -> Option<[f64; 2]> {
+        let end = [self.left_px + self.width_px, self.top_px + self.sent_e.len() / self.width_px.max(1)];
+        let is_whole = self.left_px > 0 && self.top_px > 0 && end[0] < columns && end[1] < rows;
+        let (mut sum, mut moments) = (0.0, [0.0; 2]);
+        for (place, electrons) in self.sent_e.iter().enumerate() {
+            let at = self.pixel(place);
+            sum += electrons;
+            (0..2).for_each(|axis| moments[axis] += electrons * at[axis] as f64);
+        }
+        (is_whole && sum > 0.0).then(|| moments.map(|moment| moment / sum))
+    }
+
     /// What its pixels would see of the same light elsewhere.
     pub(super) fn beside(&self, scene: &Scene, stamp: &Stamp) -> Vec<f64> {
         let own: Vec<f64> = stamp.electrons.iter().map(|electrons| f64::from(*electrons)).collect();
@@ -184,9 +197,10 @@ impl Seen {
         (0..self.sent_e.len()).map(of_pixel).collect()
     }
 
-    /// All of it together.
-    pub(super) fn landed(&self) -> Landed {
-        let mut landed = Landed { is_full: self.is_full, on_frame_e: self.sent_e.iter().sum(), ..Landed::default() };
+    /// All of it together, of a light that holds so many electrons on the frame and beside it.
+    pub(super) fn landed(&self, whole_e: f64) -> Landed {
+        let on_frame_share = self.sent_e.iter().sum::<f64>() / whole_e.max(f64::MIN_POSITIVE);
+        let mut landed = Landed { is_full: self.is_full, on_frame_share, ..Landed::default() };
         let mut information = 0.0;
         for (electrons, background_e) in self.light.electrons.iter().zip(&self.light.background_e) {
             landed.electrons += electrons;
@@ -282,7 +296,7 @@ fn true_star(index: usize, track: &StarTrack, landed: Landed, shift: Option<Pixe
         flux_pixels_ratio: shift.map(|shift| shift.flux_ratio),
         saturated: landed.is_full,
         blended,
-        edge: landed.on_frame_e < 0.99 * track.electrons,
+        edge: landed.on_frame_share < 0.99,
     }
 }
 

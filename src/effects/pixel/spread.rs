@@ -138,6 +138,17 @@ pub struct Atlas {
     pub values: Arc<[f32]>,
 }
 
+impl Atlas {
+    /// The light that each table holds: its sum over the pixels of one phase, for all phases have the same.
+    #[must_use]
+    pub fn shares(&self) -> Vec<f64> {
+        let [oversampling, side, ..] = *self.values else { return Vec::new() };
+        let plane = (side * side) as usize;
+        let tables = self.values[4..].chunks_exact((oversampling * oversampling) as usize * plane);
+        tables.map(|table| table[..plane].iter().map(|share| f64::from(*share)).sum()).collect()
+    }
+}
+
 /// How light is spread that is no product of two profiles.
 pub trait Psf2d: Sync {
     /// Its id in files, and the name of its twin and of its function in WGSL.
