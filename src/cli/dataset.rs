@@ -240,7 +240,11 @@ fn told(plan: &DatasetPlan, catalog: &Catalog, json: bool) -> Result<Answer> {
         let [a, b] = &leak.splits;
         let nearest = leak.nearest_boresights_deg.map_or_else(|| "not known".to_owned(), |angle| format!("{angle:.2}°"));
         let stars = leak.shared_stars.map_or_else(|| "not known".to_owned(), |share| format!("{:.2} %", 100.0 * share));
-        text += &format!("{a} and {b}: nearest boresights {nearest}, shared cameras {}, shared stars {stars}\n", leak.shared_cameras);
+        let epochs = leak.nearest_epochs_s.map_or_else(|| "not known".to_owned(), |seconds| format!("{seconds} s"));
+        text += &format!(
+            "{a} and {b}: nearest boresights {nearest}, nearest times {epochs}, shared cameras {}, shared seeds {}, shared stars {stars}\n",
+            leak.shared_cameras, leak.shared_seeds
+        );
     }
     for draw in &plan.recipe.draw {
         text += &drawn(draw)?;

@@ -145,14 +145,15 @@ fn splits(whole: &WholeDataset<'_>) -> String {
         );
     }
     if !dataset.leaks.is_empty() {
-        text += "\nWhat they share:\n\n| splits | nearest boresights | shared cameras | shared stars |\n|---|---|---|---|\n";
+        text += "\nWhat they share:\n\n| splits | nearest boresights | nearest times | shared cameras | shared seeds | shared stars |\n|---|---|---|---|---|---|\n";
         for leak in &dataset.leaks {
             let [a, b] = &leak.splits;
             let nearest = leak.nearest_boresights_deg.map_or_else(|| "not known".to_owned(), |angle| format!("{angle:.2}°"));
             let stars = leak.shared_stars.map_or_else(|| "not known".to_owned(), |share| format!("{:.2} %", 100.0 * share));
-            text += &format!("| {a}, {b} | {nearest} | {} | {stars} |\n", leak.shared_cameras);
+            let epochs = leak.nearest_epochs_s.map_or_else(|| "not known".to_owned(), |seconds| format!("{seconds} s"));
+            text += &format!("| {a}, {b} | {nearest} | {epochs} | {} | {} | {stars} |\n", leak.shared_cameras, leak.shared_seeds);
         }
-        text += "\nBoresights and stars of at most the first 20,000 frames of each split.\n";
+        text += "\nBoresights, times, seeds and stars of at most the first 20,000 frames of each split.\n";
     }
     text
 }

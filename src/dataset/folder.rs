@@ -11,7 +11,7 @@ use super::frame_key::{DatasetSplit, FrameKey, ShardKey};
 use super::leaks::SharedBySplits;
 use super::pixel_labels::PIXEL_CLASSES;
 use super::plan::{CPU, DatasetPlan, hexadecimal};
-use super::recipe::{ImageFormat, SampleMember};
+use super::recipe::{ApartBy, ImageFormat, SampleMember};
 use super::shard::{HashedFile, ShardMark, done, write_bytes, write_json, write_text};
 use super::source_files::SourceFile;
 use crate::catalog::Catalog;
@@ -52,6 +52,9 @@ pub struct DatasetFile {
     pub frames_per_shard: u64,
     /// The splits that have frames.
     pub splits: Vec<DescribedSplit>,
+    /// What no two of them share.
+    #[serde(default)]
+    pub apart_by: Vec<ApartBy>,
     /// What each two of them share.
     pub leaks: Vec<SharedBySplits>,
     /// No boresight of a split is nearer than this to a cell of another one; 0 where splits are not apart by sky.
@@ -189,6 +192,7 @@ impl DatasetPlan {
             members: size.members.clone(),
             frames_per_shard: size.frames_per_shard,
             splits: DatasetSplit::ALL.iter().filter_map(split).collect(),
+            apart_by: self.recipe.splits.apart_by.clone(),
             leaks: self.leaks(catalog),
             guard_deg: self.guard_deg,
             field_radius_deg: self.field_radius_deg,

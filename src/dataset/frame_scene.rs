@@ -1,6 +1,7 @@
 //! The scene of a frame, from the recipe and the number of the frame alone.
 
 use hifitime::Epoch;
+use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 
 use super::chance::{AddressedChance, Stratum};
@@ -8,7 +9,7 @@ use super::distribution::{Distribution, radec_deg, rounded};
 use super::draws::{Draw, DrawIndex};
 use super::error::DatasetError;
 use super::frame_key::{DatasetSplit, FrameKey};
-use super::plan::{BORESIGHT, DatasetPlan};
+use super::plan::{BORESIGHT, DatasetPlan, TIME, hexadecimal};
 use super::recipe::{DrawLevel, FalseStarTable};
 use super::scene_path::set;
 use crate::camera::observation;
@@ -51,7 +52,8 @@ impl DatasetPlan {
             // The direction follows when site and time are known.
             if draw.path.text != BORESIGHT {
                 let at = self.index_of(draw, key, pair);
-                draw.apply(&mut scene, draw.value(&|number| draw.unit(at, number))).map_err(wrong)?;
+                let [from, to] = if draw.path.text == TIME { self.period(key.split) } else { [0.0, 1.0] };
+                draw.apply(&mut scene, draw.value(&|number| from + (to - from) * draw.unit(at, number))).map_err(wrong)?;
             }
         }
         if let Some(draw) = self.draws.iter().find(|draw| draw.path.text == BORESIGHT) {
@@ -59,7 +61,8 @@ impl DatasetPlan {
             draw.apply(&mut scene, value).map_err(wrong)?;
         }
         let camera = key.camera_number(&self.recipe.size, &self.recipe.cameras, self.cameras_are_apart());
-        let [low, high, ..] = self.chance(CAMERA, "seed").words(camera, 0);
+        let of_seed = key.camera_number(&self.recipe.size, &self.recipe.cameras, self.seeds_are_apart());
+        let [low, high, ..] = self.chance(CAMERA, "seed").words(of_seed, 0);
         // Whole numbers of TOML have 63 bits.
         let seed = (i64::from(high) << 32 | i64::from(low)) & i64::MAX;
         scene.insert("seed".to_owned(), Value::Integer(seed));
@@ -80,16 +83,38 @@ impl DatasetPlan {
     pub fn scene_of(&self, frame: &FrameScene) -> Result<Scene, DatasetError> {
         self.build(&format!("frame {:09}", frame.key.number()), frame.scene.clone())
     }
+}
 
-    /// The boresight of a frame in ICRS axes, where it is drawn by sphere or stands in the scene.
-    #[must_use]
-    pub(super) fn boresight(&self, key: FrameKey) -> Option<[f64; 3]> {
-        let frame = self.frame_scene(key).ok()?;
-        let radec = frame.scene.get("frames")?.get(0)?.get("boresight_radec_deg")?.as_array()?.clone();
+impl FrameScene {
+    /// Its boresight in ICRS axes, where it is drawn by sphere or stands in the scene.
+    pub(super) fn boresight(&self) -> Option<[f64; 3]> {
+        let radec = self.scene.get("frames")?.get(0)?.get("boresight_radec_deg")?.as_array()?.clone();
         let [ra, dec] = [0, 1].map(|place: usize| radec.get(place).and_then(Value::as_float).map(f64::to_radians));
         Some(crate::coordinates::Direction::<crate::coordinates::Icrs>::from_radec_rad(ra?, dec?).xyz)
     }
 
+    /// The middle of its exposure, seconds from 1900 of the clock TAI, where that is drawn or stands in the scene.
+    pub(super) fn time_s(&self) -> Option<f64> {
+        tai_s(self.scene.get("frames")?.get(0)?.get("time_utc")?.as_str()?)
+    }
+
+    /// Its seed.
+    pub(super) fn seed(&self) -> i64 {
+        self.scene.get("seed").and_then(Value::as_integer).unwrap_or_default()
+    }
+
+    /// SHA-256 of its scene as a file.
+    pub(super) fn sha256(&self) -> Result<String, toml::ser::Error> {
+        Ok(hexadecimal(&Sha256::digest(toml::to_string(&self.scene)?)))
+    }
+}
+
+/// A time as seconds from 1900 of the clock TAI.
+pub(super) fn tai_s(time_utc: &str) -> Option<f64> {
+    Some(time_utc.parse::<Epoch>().ok()?.to_tai_seconds())
+}
+
+impl DatasetPlan {
     fn chance(&self, level: u32, name: &str) -> AddressedChance {
         AddressedChance::new(self.recipe.seed, level, name)
     }
@@ -299,7 +324,7 @@ mod tests {
         let plan = plan_of(&recipe(""), &scene).unwrap();
         let up = zenith(&plan.base).unwrap();
         for index in 0..8 {
-            let boresight = plan.boresight(FrameKey { split: DatasetSplit::Train, index }).unwrap();
+            let boresight = plan.frame_scene(FrameKey { split: DatasetSplit::Train, index }).unwrap().boresight().unwrap();
             assert!(dot(boresight, up) >= 60.0_f64.to_radians().sin() - 1e-9);
         }
     }

@@ -23,6 +23,12 @@ pub struct SharedBySplits {
     pub nearest_boresights_deg: Option<f64>,
     /// Camera instances of both.
     pub shared_cameras: u64,
+    /// Seeds of both: instances with the same hot pixels and uneven response.
+    #[serde(default)]
+    pub shared_seeds: u64,
+    /// Smallest time between a frame of one and one of the other; absent where the scene has no times.
+    #[serde(default)]
+    pub nearest_epochs_s: Option<f64>,
     /// Of the catalogue's stars that may be seen in the smaller set, the share that may be seen in both: stars within half the diagonal of the field from a
     /// boresight.
     #[serde(default)]
@@ -38,6 +44,8 @@ const MAX_FRAMES: u64 = 20_000;
 struct Seen {
     boresights: Vec<[f64; 3]>,
     cameras: BTreeSet<u64>,
+    seeds: BTreeSet<i64>,
+    times_s: Vec<f64>,
     stars: BTreeSet<usize>,
     frames: u64,
 }
@@ -62,14 +70,17 @@ impl DatasetPlan {
         let (size, cameras) = (&self.recipe.size, &self.recipe.cameras);
         let frames = size.frames.of(split).min(MAX_FRAMES);
         let key = |index| FrameKey { split, index };
-        let boresights: Vec<Option<[f64; 3]>> = parallel::map_numbers(frames as usize, |index| self.boresight(key(index as u64)));
-        let boresights: Vec<[f64; 3]> = boresights.into_iter().flatten().collect();
+        let told = |index: usize| self.frame_scene(key(index as u64)).ok().map(|frame| (frame.boresight(), frame.time_s(), frame.seed()));
+        let told: Vec<_> = parallel::map_numbers(frames as usize, told).into_iter().flatten().collect();
+        let boresights: Vec<[f64; 3]> = told.iter().filter_map(|(boresight, ..)| *boresight).collect();
         let radius_rad = self.field_radius_deg.to_radians();
         let faintest = self.faintest_magnitude();
         let stars =
             boresights.par_iter().flat_map_iter(|boresight| catalog.stars_within(&Direction::from_unit(*boresight), radius_rad, faintest));
         Seen {
             cameras: (0..frames).map(|index| key(index).camera_number(size, cameras, self.cameras_are_apart())).collect(),
+            seeds: told.iter().map(|(.., seed)| *seed).collect(),
+            times_s: told.iter().filter_map(|(_, time_s, _)| *time_s).collect(),
             stars: stars.collect(),
             boresights,
             frames,
@@ -84,9 +95,20 @@ fn shared(names: [&str; 2], a: &Seen, b: &Seen) -> SharedBySplits {
         splits: names.map(str::to_owned),
         nearest_boresights_deg: nearest.map(|nearest| (1e6 * nearest.to_degrees()).round() / 1e6),
         shared_cameras: a.cameras.intersection(&b.cameras).count() as u64,
+        shared_seeds: a.seeds.intersection(&b.seeds).count() as u64,
+        nearest_epochs_s: nearest_s(&a.times_s, &b.times_s),
         shared_stars: nearest.map(|_| (1e6 * a.stars.intersection(&b.stars).count() as f64 / fewer_stars.max(1) as f64).round() / 1e6),
         frames: [a.frames, b.frames],
     }
+}
+
+/// The smallest time between two sets of times.
+fn nearest_s(a: &[f64], b: &[f64]) -> Option<f64> {
+    let mut all: Vec<(f64, bool)> = a.iter().map(|time| (*time, true)).chain(b.iter().map(|time| (*time, false))).collect();
+    ascending(&mut all, |(time, _)| *time);
+    let between = all.windows(2).filter(|pair| pair[0].1 != pair[1].1).map(|pair| pair[1].0 - pair[0].0);
+    let nearest = between.fold(f64::INFINITY, f64::min);
+    nearest.is_finite().then(|| (1e3 * nearest).round() / 1e3)
 }
 
 /// The smallest angle between two sets of directions, by their heights in order: nothing farther in height can be nearer.
@@ -134,6 +156,41 @@ mod tests {
         let [table] = <[SharedBySplits; 1]>::try_from(together.leaks(Catalog::embedded())).unwrap();
         assert_eq!(table.shared_cameras, 1);
         assert!(table.shared_stars.unwrap() > 0.5 && table.nearest_boresights_deg.unwrap() < 3.0, "{table:?}");
+    }
+
+    #[test]
+    fn splits_apart_by_time_and_seed_share_neither() {
+        let draw = "[[draw]]\nper = \"frame\"\npath = \"frames.time_utc\"\ntimes = [\"2026-01-01T00:00:00Z\", \"2026-01-13T00:00:00Z\"]\n";
+        let of = |apart_by: &str, more: &str| {
+            plan_of(
+                &recipe(&format!("[splits]\napart_by = {apart_by}\n{more}")).replace("train = 8, test = 4", "train = 80, test = 40"),
+                SCENE,
+            )
+        };
+        let told = |plan: &DatasetPlan| <[SharedBySplits; 1]>::try_from(plan.leaks(Catalog::embedded())).unwrap()[0].clone();
+        let times = |plan: &DatasetPlan, split, count| -> Vec<f64> {
+            (0..count).map(|index| plan.frame_scene(FrameKey { split, index }).unwrap().time_s().unwrap()).collect()
+        };
+        let apart = of("[\"epoch\", \"seed\"]", draw).unwrap();
+        let (train, test) = (times(&apart, DatasetSplit::Train, 80), times(&apart, DatasetSplit::Test, 40));
+        // Two thirds of twelve days, then the last third.
+        let border = super::super::frame_scene::tai_s("2026-01-09T00:00:00Z").unwrap();
+        assert!(train.iter().all(|time| *time < border) && test.iter().all(|time| *time > border));
+        assert!(train.iter().copied().fold(f64::INFINITY, f64::min) < border - 7.0 * 86_400.0, "all of its part is used");
+        let shared = told(&apart);
+        let nearest = test.iter().flat_map(|b| train.iter().map(move |a| b - a)).fold(f64::INFINITY, f64::min);
+        assert!((shared.nearest_epochs_s.unwrap() - nearest).abs() < 2e-3, "{shared:?}, {nearest}");
+        assert_eq!((shared.shared_seeds, shared.shared_cameras), (0, 1), "the same camera with another seed");
+        // Not asked for, they do: the table can tell.
+        let together = of("[]", draw).unwrap();
+        assert_eq!(told(&together).shared_seeds, 1);
+        let (train, test) = (times(&together, DatasetSplit::Train, 80), times(&together, DatasetSplit::Test, 40));
+        assert!(train.iter().any(|time| *time > border) && test.iter().any(|time| *time < border));
+        // A scene without drawn times cannot be apart by them, and one without times has none.
+        let refused = of("[\"epoch\"]", "").unwrap_err();
+        assert!(refused.contains("with \"epoch\" needs a [[draw]] of frames.time_utc by times, per recording or frame"), "{refused}");
+        assert!(of("[\"epoch\"]", &draw.replace("\"frame\"", "\"dataset\"")).is_err());
+        assert_eq!(told(&of("[]", "").unwrap()).nearest_epochs_s, None);
     }
 
     #[test]

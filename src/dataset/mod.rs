@@ -44,6 +44,7 @@ mod table_columns;
 mod tar;
 mod telemetry;
 mod verify;
+mod verify_alone;
 mod verify_labels;
 mod verify_masks;
 mod verify_result;

@@ -25,6 +25,8 @@ pub(super) const CPU: &str = "cpu";
 /// Where the boresight of the one exposure stands.
 pub(super) const BORESIGHT: &str = "frames.boresight_radec_deg";
 const ROLL: &str = "frames.roll_deg";
+/// Where the time of the one exposure stands.
+pub(super) const TIME: &str = "frames.time_utc";
 
 /// A recipe, ready.
 #[derive(Clone, Debug)]
@@ -119,6 +121,7 @@ impl DatasetPlan {
         };
         plan.field_radius_deg = field_radius_deg(&plan.try_draws()?);
         plan.share_out_sky()?;
+        plan.check_epochs()?;
         Ok(plan)
     }
 
@@ -139,6 +142,37 @@ impl DatasetPlan {
     #[must_use]
     pub fn cameras_are_apart(&self) -> bool {
         self.recipe.splits.apart_by.contains(&ApartBy::Camera)
+    }
+
+    /// Whether no two splits share the seed of a camera instance.
+    pub(super) fn seeds_are_apart(&self) -> bool {
+        self.cameras_are_apart() || self.recipe.splits.apart_by.contains(&ApartBy::Seed)
+    }
+
+    /// The part of a drawn period that a split has, from 0 to 1: all of it, unless splits are apart by epoch.
+    pub(super) fn period(&self, split: DatasetSplit) -> [f64; 2] {
+        if !self.recipe.splits.apart_by.contains(&ApartBy::Epoch) {
+            return [0.0, 1.0];
+        }
+        let frames = |splits: &[DatasetSplit]| splits.iter().map(|split| self.recipe.size.frames.of(*split)).sum::<u64>() as f64;
+        let all = DatasetSplit::ALL;
+        [&all[..split.rank()], &all[..=split.rank()]].map(|before| frames(before) / frames(&all))
+    }
+
+    /// Times can be apart where they are drawn for each recording or frame.
+    fn check_epochs(&self) -> Result<(), DatasetError> {
+        let is_drawn = |draw: &Draw| {
+            draw.path.text == TIME && matches!(draw.distribution, Distribution::Times(_)) && draw.level >= DrawLevel::Recording
+        };
+        if !self.recipe.splits.apart_by.contains(&ApartBy::Epoch) || self.draws.iter().any(is_drawn) {
+            return Ok(());
+        }
+        Err(DatasetError::Value {
+            path: self.path.clone(),
+            key: "splits.apart_by".to_owned(),
+            value: format!("{:?}", self.recipe.splits.apart_by),
+            remedy: format!("with \"epoch\" needs a [[draw]] of {TIME} by times, per recording or frame"),
+        })
     }
 
     /// Gives each split its part of the sky, if that is asked for.

@@ -143,6 +143,10 @@ pub enum ApartBy {
     Camera,
     /// Parts of the sky.
     Sky,
+    /// Times: of the period that a draw of `frames.time_utc` names, each split has a part by itself, train the first.
+    Epoch,
+    /// Seeds of camera instances: their noise, hot pixels and uneven response. Cameras that are apart have seeds of their own anyway.
+    Seed,
 }
 
 /// `[[draw]]`: a value that takes the place of one of the scene. One of the ways to draw is given.

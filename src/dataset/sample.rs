@@ -14,7 +14,7 @@ use super::recipe::{ImageFormat, SampleMember};
 use super::sample_labels::{SampleLabels, is_false_star, visible_stars};
 use crate::catalog::Catalog;
 use crate::recording::low_byte_first;
-use crate::render::{PsfTables, Rendered, Renderer};
+use crate::render::{ImagingError, PsfTables, Rendered, Renderer, StarsAlone};
 use crate::scene::Scene;
 use crate::statistics::order::sort_by_key;
 
@@ -62,11 +62,28 @@ impl DatasetPlan {
 
     /// Renders a frame.
     fn rendered(&self, scene: &Scene, catalog: &Catalog, tables: &PsfTables, key: FrameKey) -> Result<Rendered, DatasetError> {
-        let wrong = |source| DatasetError::Imaging { path: self.path.clone(), key: key.number(), source };
+        let wrong = |source| self.imaging_error(key, source);
         let renderer = Renderer::with_tables(scene, catalog, self.backend, tables).map_err(wrong)?;
         let renderer = renderer.with_pixel_shifts(false).with_footprints(true);
         let renderer = renderer.with_clean(self.wants(SampleMember::Clean)).with_masks(self.wants(SampleMember::Mask));
         renderer.render(0).map_err(wrong)
+    }
+
+    /// Stars of a frame, each by itself and without noise.
+    pub(super) fn stars_alone(
+        &self,
+        catalog: &Catalog,
+        tables: &PsfTables,
+        key: FrameKey,
+        wanted: &(dyn Fn(u32) -> bool + Sync),
+    ) -> Result<StarsAlone, DatasetError> {
+        let scene = self.scene_of(&self.frame_scene(key)?)?;
+        let renderer = Renderer::with_tables(&scene, catalog, self.backend, tables).map_err(|source| self.imaging_error(key, source))?;
+        renderer.stars_alone(0, wanted).map_err(|source| self.imaging_error(key, source))
+    }
+
+    fn imaging_error(&self, key: FrameKey, source: ImagingError) -> DatasetError {
+        DatasetError::Imaging { path: self.path.clone(), key: key.number(), source }
     }
 
     /// The files of a rendered frame.
@@ -76,7 +93,8 @@ impl DatasetPlan {
         let counts = counts(scene, rendered);
         let footprints = rendered.footprints.as_deref().unwrap_or_default();
         let bytes = low_byte_first(&counts);
-        let labels = SampleLabels::new(&frame, scene, (rendered, catalog), hexadecimal(&Sha256::digest(&bytes)));
+        let of_scene = frame.sha256().map_err(|error| DatasetError::Encode { key, message: error.to_string() })?;
+        let labels = SampleLabels::new(&frame, scene, (rendered, catalog), (of_scene, hexadecimal(&Sha256::digest(&bytes))));
         let json = serde_json::to_vec(&labels).map_err(|error| DatasetError::Encode { key, message: error.to_string() })?;
         let mut members = vec![("json", json)];
         let image = match self.recipe.size.image {
@@ -191,6 +209,7 @@ mod tests {
         let rendered = Renderer::new(&scene, Catalog::embedded(), Backend::Cpu).unwrap().render(0).unwrap();
         let (_, image) = sample.members.iter().find(|(name, _)| *name == "image.png").unwrap();
         assert_eq!(image::load_from_memory(image).unwrap().as_luma16().unwrap().as_raw(), &rendered.pixels_dn);
+        assert_eq!(labels(&sample)["scene_sha256"], hexadecimal(&Sha256::digest(&text)), "of the scene that is printed");
         // Another frame of the camera has the same hot pixels and other noise.
         let other = plan.sample(Catalog::embedded(), &PsfTables::default(), FrameKey { index: 4, ..FRAME }).unwrap();
         let file = |sample: &DatasetSample, name: &str| sample.members.iter().find(|(own, _)| *own == name).unwrap().1.clone();

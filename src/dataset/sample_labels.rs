@@ -34,6 +34,9 @@ pub struct SampleLabels {
     pub no_stars: bool,
     /// Seed of its scene: that of the camera instance.
     pub seed: u64,
+    /// SHA-256 of its scene: of what `boresight dataset --scene` prints behind the first line.
+    #[serde(default)]
+    pub scene_sha256: String,
     /// Columns and rows.
     pub size_px: [usize; 2],
     /// Middle of the exposure, UTC; empty if it is not known.
@@ -264,7 +267,12 @@ pub(super) fn visible_stars<'r>(
 
 impl SampleLabels {
     /// Of a rendered frame. `size`: columns and rows.
-    pub(super) fn new(frame: &FrameScene, scene: &Scene, (rendered, catalog): (&Rendered, &Catalog), pixels_sha256: String) -> Self {
+    pub(super) fn new(
+        frame: &FrameScene,
+        scene: &Scene,
+        (rendered, catalog): (&Rendered, &Catalog),
+        (scene_sha256, pixels_sha256): (String, String),
+    ) -> Self {
         let exposure = scene.exposures.get(0);
         let attitude = |seconds: f64| <[f64; 4]>::from(exposure.motion.attitude(&exposure.course, seconds)).map(rounded);
         let footprints = rendered.footprints.as_deref().unwrap_or_default();
@@ -284,6 +292,7 @@ impl SampleLabels {
             pair: frame.pair.map_or(-1, u64::cast_signed),
             no_stars: frame.is_starless,
             seed: scene.seed,
+            scene_sha256,
             size_px: [scene.camera.width_px, scene.camera.height_px],
             time_utc: exposure.time.map_or_else(String::new, |time| time.to_isoformat() + "Z"),
             tai_minus_utc_s: exposure.time.and_then(|time| time.leap_seconds(true)).unwrap_or(0.0),

@@ -1,13 +1,18 @@
 //! Labels held against pixels: where the light of bright lone stars is, and where the labels say.
 //!
-//! Nothing of the renderer takes part: the light of a star is the sum of the counts about its labelled place less the median around, and its place the
-//! centre of that light. The median over many stars is held to a hundredth of a pixel, where nothing pulls the light aside: stars of frames whose effects
-//! move charge between pixels, or whose image is lopsided, are counted by themselves and held to a tenth. So axes that are exchanged or mirrored and an origin that is half a pixel off show, whatever wrote the labels. That holds for
-//! trails as well: a label is the centre of the light over the exposure.
+//! The light of a star is the sum of the counts about its labelled place less the median around, and its place the centre of that light. Nothing of
+//! the renderer takes part, but where images have wings or are lopsided: `verify_alone.rs`. The median over many stars is held to a hundredth of a pixel,
+//! where nothing pulls the light aside: stars of frames whose effects move charge between pixels are counted by themselves and held to a tenth. So axes that
+//! are exchanged or mirrored and an origin that is half a pixel off show, whatever wrote the labels. That holds for trails as well: a label is the centre of
+//! the light over the exposure.
+
+use std::collections::HashMap;
 
 use super::sample_labels::{STAR, SampleLabels};
+use super::verify_alone::{core_px, place_px};
 use crate::effects::effect;
 use crate::effects::pixel::{Work, pixel_effect};
+use crate::render::{StarAlone, StarsAlone};
 use crate::statistics::{mad_sigma, median};
 
 /// Stars that are measured have at least this ratio of electrons to their standard error.
@@ -25,11 +30,13 @@ const FOUND: std::ops::Range<f64> = 0.5..2.0;
 const MIN_FOUND: f64 = 0.8;
 /// The centre of the light of even images is its label to this, px.
 const MAX_OFFSET_PX: f64 = 0.01;
-/// Charge that is trailed or pushed aside, and wings of lopsided images that lie beyond the window, move the centre by less than this, px; what is further
-/// off is a wrong label.
+/// Charge that is trailed or pushed aside, and wings of lopsided images that lie beyond the window where the star cannot be rendered by itself, move the
+/// centre by less than this, px; what is further off is a wrong label.
 const MAX_PULLED_PX: f64 = 0.1;
 /// With a larger standard error half a pixel is not told from chance.
 const MAX_ERROR_PX: f64 = 0.1;
+/// Images of a star without wings: the box of its light holds all but next to nothing.
+const COMPACT_IMAGES: [&str; 2] = ["gaussian", "elliptic-gaussian"];
 /// Images of a star that are the same when they are turned by 180°.
 const EVEN_IMAGES: [&str; 4] = ["gaussian", "elliptic-gaussian", "moffat", "airy"];
 /// Standard errors that chance is granted.
@@ -114,6 +121,15 @@ impl Window {
         Self { from: [left, top], to: [right, bottom] }
     }
 
+    /// The core of a star's image, moved from its own place to another.
+    fn of_core(star: &StarAlone, place: [f64; 2]) -> Self {
+        let core = core_px(star);
+        let end = |axis: usize, which: usize| {
+            (core[axis][which] as f64 + (place[axis] - star.centre_px[axis]).clamp(-FAR_PX, FAR_PX)).round() as isize
+        };
+        Self { from: [end(0, 0), end(1, 0)], to: [end(0, 1), end(1, 1)] }.grown(MARGIN_PX)
+    }
+
     fn grown(self, by: isize) -> Self {
         Self { from: self.from.map(|from| from - by), to: self.to.map(|to| to + by) }
     }
@@ -136,22 +152,43 @@ impl Window {
 }
 
 /// Whether something pulls the light of stars aside in the pixels of a frame: an effect that moves charge between pixels or has a displacement of its
-/// own beside its face on pixels, or an image that is lopsided.
+/// own beside its face on pixels.
 fn may_be_pulled(labels: &SampleLabels) -> bool {
     let moves = |id: &String| {
         let of_pixels = pixel_effect(id).is_some_and(|effect| matches!(effect.work(), Work::Frame(..)));
         of_pixels || effect(id).is_some_and(|effect| effect.has_both_faces())
     };
-    !EVEN_IMAGES.contains(&labels.psf.as_str()) || labels.effects.iter().any(moves)
+    labels.effects.iter().any(moves)
+}
+
+/// Whether stars of a frame are measured by the images that they should have, if those can be rendered.
+pub(super) fn needs_images(labels: &SampleLabels) -> bool {
+    !COMPACT_IMAGES.contains(&labels.psf.as_str())
+}
+
+/// Whether a light is a star that is bright and by itself.
+fn is_good(labels: &SampleLabels, index: usize) -> bool {
+    let lights = &labels.lights;
+    lights.kind[index] == STAR
+        && lights.visible[index]
+        && lights.snr[index] >= MIN_SNR
+        && !lights.saturated[index]
+        && !lights.blended[index]
+        && !lights.edge[index]
+}
+
+/// Catalogue numbers of the stars that are to be measured, with their place in the labels.
+pub(super) fn good_stars(labels: &SampleLabels) -> HashMap<u32, usize> {
+    (0..labels.lights.hip.len()).filter(|index| is_good(labels, *index)).map(|index| (labels.lights.hip[index], index)).collect()
 }
 
 /// Light in a window and its centre; `None` where the window is not on the frame. What lies behind the star is a plane through the pixels around.
-fn light(pixels: &[u16], size: [usize; 2], window: Window) -> Option<(f64, [f64; 2])> {
+fn light(pixel: &dyn Fn(usize) -> f64, size: [usize; 2], window: Window) -> Option<(f64, [f64; 2])> {
     let around = window.grown(RING_PX);
     if !around.is_on(size) {
         return None;
     }
-    let count = |[x, y]: [isize; 2]| f64::from(pixels[y.cast_unsigned() * size[0] + x.cast_unsigned()]);
+    let count = |[x, y]: [isize; 2]| pixel(y.cast_unsigned() * size[0] + x.cast_unsigned());
     let ring: Vec<[isize; 2]> = around.places().filter(|place| !window.contains(*place)).collect();
     let level = median(&ring.iter().map(|place| count(*place)).collect::<Vec<_>>())?;
     let middle = [0, 1].map(|axis: usize| 0.5 * (window.from[axis] + window.to[axis]) as f64);
@@ -179,13 +216,7 @@ fn light(pixels: &[u16], size: [usize; 2], window: Window) -> Option<(f64, [f64;
 /// Whether a star of a frame can be measured by itself.
 fn is_lone(labels: &SampleLabels, index: usize) -> bool {
     let lights = &labels.lights;
-    let is_good = lights.kind[index] == STAR
-        && lights.visible[index]
-        && lights.snr[index] >= MIN_SNR
-        && !lights.saturated[index]
-        && !lights.blended[index]
-        && !lights.edge[index];
-    if !is_good {
+    if !is_good(labels, index) {
         return false;
     }
     let own = Window::new(labels, index, Symmetry::ALL[0]);
@@ -212,13 +243,17 @@ fn off(offset: &MeasuredOffset, most_px: f64) -> Vec<String> {
 }
 
 impl LabelMeasure {
-    /// Measures the stars of a frame.
-    pub(super) fn add(&mut self, labels: &SampleLabels, pixels: &[u16]) {
+    /// Measures the stars of a frame; `alone`: by the images that they should have.
+    pub(super) fn add(&mut self, labels: &SampleLabels, pixels: &[u16], alone: Option<&StarsAlone>) {
         let (lights, size) = (&labels.lights, labels.size_px);
         if pixels.len() != size[0].saturating_mul(size[1]) {
             return;
         }
-        let kind = usize::from(may_be_pulled(labels));
+        if let Some(alone) = alone.filter(|alone| alone.expected_e.len() == pixels.len()) {
+            return self.add_by_images(labels, pixels, alone);
+        }
+        let kind = usize::from(may_be_pulled(labels) || !EVEN_IMAGES.contains(&labels.psf.as_str()));
+        let counts = |pixel: usize| f64::from(pixels[pixel]);
         for index in (0..lights.hip.len()).filter(|index| is_lone(labels, *index)) {
             let expected_dn = lights.electrons_landed[index] / labels.gain_e_per_dn;
             if !Window::new(labels, index, Symmetry::ALL[0]).grown(RING_PX).is_on(size) {
@@ -226,7 +261,7 @@ impl LabelMeasure {
             }
             self.looked_for += 1;
             for (symmetry, found) in Symmetry::ALL.into_iter().zip(&mut self.found) {
-                let Some((sum, centre)) = light(pixels, size, Window::new(labels, index, symmetry)) else { continue };
+                let Some((sum, centre)) = light(&counts, size, Window::new(labels, index, symmetry)) else { continue };
                 if !FOUND.contains(&(sum / expected_dn)) {
                     continue;
                 }
@@ -234,6 +269,30 @@ impl LabelMeasure {
                 if symmetry == Symmetry::ALL[0] {
                     self.offsets_px[kind][0].push(centre[0] - lights.x_px[index]);
                     self.offsets_px[kind][1].push(centre[1] - lights.y_px[index]);
+                }
+            }
+        }
+    }
+
+    /// The same for images that are rendered. Where the core of an image is comes from the labels, so that wrong ones have no light there.
+    fn add_by_images(&mut self, labels: &SampleLabels, pixels: &[u16], alone: &StarsAlone) {
+        let (size, kind, stars) = (labels.size_px, usize::from(may_be_pulled(labels)), good_stars(labels));
+        let electrons = |pixel: usize| (f64::from(pixels[pixel]) - labels.bias_dn) * labels.gain_e_per_dn;
+        let expected = |pixel: usize| f64::from(alone.expected_e[pixel]);
+        for (star, index) in alone.stars.iter().filter_map(|star| Some((star, *stars.get(&star.hip)?))) {
+            let label = [labels.lights.x_px[index], labels.lights.y_px[index]];
+            let Some((wanted, _)) = light(&expected, size, Window::of_core(star, star.centre_px)) else { continue };
+            self.looked_for += 1;
+            for (symmetry, found) in Symmetry::ALL.into_iter().zip(&mut self.found) {
+                let Some((sum, _)) = light(&electrons, size, Window::of_core(star, symmetry.applied(label, size))) else { continue };
+                if !FOUND.contains(&(sum / wanted)) {
+                    continue;
+                }
+                *found += 1;
+                if symmetry == Symmetry::ALL[0]
+                    && let Some(place) = place_px(star, alone, &electrons, size[0])
+                {
+                    (0..2).for_each(|axis| self.offsets_px[kind][axis].push(place[axis] - label[axis]));
                 }
             }
         }
@@ -312,19 +371,31 @@ mod tests {
                          sky = { physics = \"none\", faintest_magnitude = 7.0 }\n[[frames]]\nexposure_s = 1.0\n\
                          rate_deg_s = [0.2, 0.3, 0.0]\n";
 
-    fn measured(change: &dyn Fn(&mut SampleLabels)) -> LabelMeasure {
-        of_frames(6, change)
+    /// A frame with its labels, its counts, and its stars by themselves where they are measured so.
+    type Frame = (SampleLabels, Vec<u16>, Option<StarsAlone>);
+
+    fn frames_of(scene: &str, count: u64) -> Vec<Frame> {
+        let plan = plan_of(&recipe("").replace("train = 8", "train = 80"), scene).unwrap();
+        let (catalog, tables) = (Catalog::embedded(), PsfTables::default());
+        let frame = |index| {
+            let key = FrameKey { split: DatasetSplit::Train, index };
+            let sample = plan.sample(catalog, &tables, key).unwrap();
+            let members = sample.members.iter().map(|(name, bytes)| ((*name).to_owned(), bytes.clone())).collect();
+            let good = good_stars(&sample.labels);
+            let alone = || plan.stars_alone(catalog, &tables, key, &|hip| good.contains_key(&hip)).unwrap();
+            let alone = needs_images(&sample.labels).then(alone);
+            (sample.labels, read_image(&Sample { key: 0, members }).unwrap(), alone)
+        };
+        (0..count).map(frame).collect()
     }
 
-    fn of_frames(count: u64, change: &dyn Fn(&mut SampleLabels)) -> LabelMeasure {
-        let plan = plan_of(&recipe("").replace("train = 8", "train = 80"), SCENE).unwrap();
+    /// Measures frames whose labels are changed before.
+    fn measured(frames: &[Frame], change: &dyn Fn(&mut SampleLabels)) -> LabelMeasure {
         let mut measure = LabelMeasure::default();
-        for index in 0..count {
-            let sample = plan.sample(Catalog::embedded(), &PsfTables::default(), FrameKey { split: DatasetSplit::Train, index }).unwrap();
-            let members = sample.members.iter().map(|(name, bytes)| ((*name).to_owned(), bytes.clone())).collect();
-            let mut labels = sample.labels;
+        for (labels, pixels, alone) in frames {
+            let mut labels = labels.clone();
             change(&mut labels);
-            measure.add(&labels, &read_image(&Sample { key: 0, members }).unwrap());
+            measure.add(&labels, pixels, alone.as_ref());
         }
         measure
     }
@@ -348,25 +419,27 @@ mod tests {
 
     #[test]
     fn right_labels_fit_and_wrong_ones_are_told_apart() {
-        let right = measured(&|_| {});
+        let all = frames_of(SCENE, 48);
+        let frames = &all[..6];
+        let right = measured(frames, &|_| {});
         assert_eq!(right.faults(), Vec::<String>::new());
         assert_eq!(right.silence(), None);
         let offset = right.offset().unwrap();
         assert!(offset.stars > 30 && offset.offset_px.iter().all(|px| px.abs() < 0.05), "{offset:?}");
-        let told = |change: &dyn Fn(&mut SampleLabels)| measured(change).faults().join("; ");
+        let told = |change: &dyn Fn(&mut SampleLabels)| measured(frames, change).faults().join("; ");
         assert!(told(&exchange).contains("they fit with x and y exchanged"), "{}", told(&exchange));
         assert!(told(&mirror).contains("they fit with x mirrored"), "{}", told(&mirror));
         let half = told(&|labels| labels.lights.y_px.iter_mut().for_each(|y| *y += 0.5));
         assert!(half.contains("along rows (y)") && !half.contains("along columns") && half.contains("is -0."), "{half}");
         // Many stars: a label that is off by a twentieth of a pixel is found, and one that is right is not.
-        let twentieth = of_frames(48, &|labels| labels.lights.x_px.iter_mut().for_each(|x| *x += 0.05));
+        let twentieth = measured(&all, &|labels| labels.lights.x_px.iter_mut().for_each(|x| *x += 0.05));
         assert!(
             twentieth.faults().join("; ").contains("along columns (x), more than 0.01 px"),
             "{:?} {:?}",
             twentieth.faults(),
             twentieth.offset()
         );
-        let many = of_frames(48, &|_| {});
+        let many = measured(&all, &|_| {});
         assert_eq!(many.faults(), Vec::<String>::new(), "{:?}", many.offset());
         assert!(many.offset().unwrap().offset_px.iter().all(|px| px.abs() < 0.02), "{:?}", many.offset());
         let quarter = told(&|labels| labels.lights.x_px.iter_mut().for_each(|x| *x -= 0.25));
@@ -379,5 +452,32 @@ mod tests {
         assert!(lopsided.contains("along rows (y), more than 0.1 px"), "{lopsided}");
         let nothing = LabelMeasure::default();
         assert!(nothing.faults().is_empty() && nothing.silence().is_some());
+    }
+    /// Rings, wings, coma and trefoil: as right labels as those of a Gaussian, and wrong ones as surely found.
+    #[test]
+    fn images_with_wings_and_lopsided_ones_are_held_to_the_same() {
+        let airy = "kind = \"airy\"\nparameters = { lambda_n_px = 2.5, obstruction = 0.3 }\nreach_px = 24";
+        let zernike =
+            "kind = \"zernike\"\nparameters = { lambda_n_px = 1.2, z4_waves = 0.06, z8_waves = 0.1, z9_waves = 0.08 }\nreach_px = 24";
+        for psf in [airy, zernike] {
+            let scene = SCENE
+                .replace("width_px = 200, height_px = 150", "width_px = 320, height_px = 240")
+                .replace("magnitude = 7.0", "magnitude = 6.0");
+            let scene = format!("{scene}[psf]\n{psf}\n");
+            let frames = frames_of(&scene, 8);
+            let right = measured(&frames, &|_| {});
+            let offset = right.offset().unwrap();
+            assert_eq!(right.faults(), Vec::<String>::new(), "{psf}: {offset:?}");
+            assert_eq!(right.silence(), None);
+            assert!(offset.stars > 40 && offset.standard_error_px.iter().all(|error| *error < 0.01), "{psf}: {offset:?}");
+            assert!(offset.offset_px.iter().all(|px| px.abs() < 0.02), "{psf}: {offset:?}");
+            let told = |change: &dyn Fn(&mut SampleLabels)| measured(&frames, change).faults().join("; ");
+            assert!(told(&exchange).contains("they fit with x and y exchanged"), "{psf}: {}", told(&exchange));
+            assert!(told(&mirror).contains("they fit with x mirrored"), "{psf}: {}", told(&mirror));
+            let half = told(&|labels| labels.lights.y_px.iter_mut().for_each(|y| *y += 0.5));
+            assert!(half.contains("along rows (y), more than 0.01 px") && !half.contains("along columns"), "{psf}: {half}");
+            let twentieth = told(&|labels| labels.lights.x_px.iter_mut().for_each(|x| *x += 0.05));
+            assert!(twentieth.contains("along columns (x), more than 0.01 px"), "{psf}: {twentieth}");
+        }
     }
 }

@@ -85,6 +85,9 @@ pub(super) struct SeenFrame {
     pub(super) key: u64,
     pub(super) shard: ShardKey,
     pub(super) camera: u64,
+    pub(super) seed: u64,
+    /// Seconds of the clock TAI; `None`: it has no time.
+    pub(super) time_s: Option<f64>,
     pub(super) boresight: [f64; 3],
     pub(super) pixels_sha256: String,
 }

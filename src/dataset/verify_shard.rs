@@ -8,6 +8,7 @@ use sha2::{Digest, Sha256};
 
 use super::folder::DatasetFile;
 use super::frame_key::{FrameKey, ShardKey};
+use super::frame_scene::tai_s;
 use super::image_files::read_image;
 use super::plan::hexadecimal;
 use super::recipe::SampleMember;
@@ -16,10 +17,11 @@ use super::sample_labels::SampleLabels;
 use super::samples::{Sample, samples_of};
 use super::shard::{ShardMark, ShardTables};
 use super::table_columns::TableWriter;
-use super::verify_labels::LabelMeasure;
+use super::verify_labels::{LabelMeasure, good_stars, needs_images};
 use super::verify_masks::MaskMeasure;
 use super::verify_result::{Remake, SeenFrame, VerifyCheck, VerifyFault};
 use crate::recording::low_byte_first;
+use crate::render::StarsAlone;
 
 /// A shard that is looked at, and what was found.
 pub(super) struct ShardCheck<'a> {
@@ -200,7 +202,7 @@ impl<'a> ShardCheck<'a> {
         }
         let added = tables.as_mut().map(|tables| tables.add(&mut labels));
         if let Some(key) = chosen {
-            self.pixels(sample, &labels);
+            self.pixels(sample, &labels, alone(&labels, key, remake).as_ref());
             if let Some(remake) = remake {
                 self.remade(sample, key, remake);
             }
@@ -209,6 +211,8 @@ impl<'a> ShardCheck<'a> {
             key: sample.key,
             shard: self.shard,
             camera: labels.camera,
+            seed: labels.seed,
+            time_s: tai_s(&labels.time_utc),
             boresight: labels.boresight(),
             pixels_sha256: labels.pixels_sha256,
         });
@@ -216,7 +220,7 @@ impl<'a> ShardCheck<'a> {
     }
 
     /// Holds labels against pixels.
-    fn pixels(&mut self, sample: &Sample, labels: &SampleLabels) {
+    fn pixels(&mut self, sample: &Sample, labels: &SampleLabels, alone: Option<&StarsAlone>) {
         let name = self.shard.file();
         match read_image(sample) {
             Err(what) => self.fault(VerifyCheck::Samples, format!("{name}: {what}")),
@@ -227,7 +231,7 @@ impl<'a> ShardCheck<'a> {
                         format!("{name}: the counts of the frame {:09} are not those that its labels have the hash of", sample.key),
                     );
                 }
-                self.labels.add(labels, &pixels);
+                self.labels.add(labels, &pixels, alone);
             }
         }
         self.masks.add(labels, sample);
@@ -269,6 +273,13 @@ impl<'a> ShardCheck<'a> {
             }
         }
     }
+}
+
+/// The stars of a frame by themselves, where they are measured by them and can be rendered.
+fn alone(labels: &SampleLabels, key: FrameKey, remake: Option<&Remake<'_>>) -> Option<StarsAlone> {
+    let remake = remake.filter(|_| needs_images(labels))?;
+    let stars = good_stars(labels);
+    remake.plan.stars_alone(remake.catalog, remake.psfs, key, &|hip| stars.contains_key(&hip)).ok()
 }
 
 /// The members that every sample has, in order.

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::folder::DatasetFile;
 use super::leaks::nearest_rad;
+use super::recipe::ApartBy;
 use super::verify_result::SeenFrame;
 
 /// What splits share and should not, a sentence for each fault; `seen` in the order of the frames.
@@ -28,6 +29,20 @@ pub(super) fn split_faults(dataset: &DatasetFile, seen: &[SeenFrame]) -> Vec<Str
                 ));
             }
         }
+        if dataset.apart_by.contains(&ApartBy::Seed) {
+            let seeds = |frames: &[&SeenFrame]| frames.iter().map(|frame| frame.seed).collect::<BTreeSet<u64>>();
+            if let Some(seed) = seeds(&a).intersection(&seeds(&b)).next() {
+                faults.push(format!("the splits {first} and {second} share seeds and should share none; the first is {seed}"));
+            }
+        }
+        if dataset.apart_by.contains(&ApartBy::Epoch)
+            && let (Some(a), Some(b)) = (period_s(&a), period_s(&b))
+            && a[0] <= b[1]
+            && b[0] <= a[1]
+        {
+            let shared_s = a[1].min(b[1]) - a[0].max(b[0]);
+            faults.push(format!("the times of the splits {first} and {second} overlap by {shared_s:.3} s and should be apart"));
+        }
         if dataset.guard_deg > 0.0 {
             let places = |frames: &[&SeenFrame]| frames.iter().map(|frame| frame.boresight).collect::<Vec<[f64; 3]>>();
             let nearest_deg = nearest_rad(&places(&a), &places(&b)).map(f64::to_degrees);
@@ -40,6 +55,13 @@ pub(super) fn split_faults(dataset: &DatasetFile, seen: &[SeenFrame]) -> Vec<Str
         }
     }
     faults
+}
+
+/// The first and the last time of frames.
+fn period_s(frames: &[&SeenFrame]) -> Option<[f64; 2]> {
+    let times = || frames.iter().filter_map(|frame| frame.time_s);
+    let [first, last] = [times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max)];
+    (first <= last).then_some([first, last])
 }
 
 /// Pictures that stand in two splits: frames with the same counts.
@@ -62,4 +84,36 @@ fn shared_pictures(seen: &[SeenFrame]) -> Option<String> {
         one.key,
         one.shard.split.name()
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::catalog::Catalog;
+    use crate::dataset::frame_key::{DatasetSplit, ShardKey};
+    use crate::dataset::plan::tests::{SCENE, plan_of, recipe};
+
+    #[test]
+    fn seeds_and_times_that_splits_share_are_told() {
+        let draw = "[[draw]]\nper = \"frame\"\npath = \"frames.time_utc\"\ntimes = [\"2026-01-01T00:00:00Z\", \"2026-01-13T00:00:00Z\"]\n";
+        let plan = plan_of(&recipe(&format!("[splits]\napart_by = [\"camera\", \"epoch\", \"seed\"]\n{draw}")), SCENE).unwrap();
+        let dataset = plan.describe(Catalog::embedded());
+        let frame = |split: DatasetSplit, seed: u64, time_s: f64| SeenFrame {
+            key: time_s as u64,
+            shard: ShardKey { split, index: 0 },
+            camera: split.rank() as u64,
+            seed,
+            time_s: Some(time_s),
+            boresight: [0.0, 0.0, 1.0],
+            pixels_sha256: time_s.to_string(),
+        };
+        let faults = |last: [f64; 2], seed: u64| {
+            let train = [frame(DatasetSplit::Train, 1, 100.0), frame(DatasetSplit::Train, 1, last[0])];
+            let test = [frame(DatasetSplit::Test, seed, last[1]), frame(DatasetSplit::Test, seed, 400.0)];
+            split_faults(&dataset, &[train, test].concat()).join("; ")
+        };
+        assert_eq!(faults([200.0, 300.0], 2), "");
+        assert_eq!(faults([310.0, 300.0], 2), "the times of the splits train and test overlap by 10.000 s and should be apart");
+        assert_eq!(faults([200.0, 300.0], 1), "the splits train and test share seeds and should share none; the first is 1");
+    }
 }

@@ -141,7 +141,7 @@ pub struct Atlas {
 impl Atlas {
     /// The light that each table holds: its sum over the pixels of one phase, for all phases have the same.
     #[must_use]
-    pub fn shares(&self) -> Vec<f64> {
+    pub(crate) fn shares(&self) -> Vec<f64> {
         let [oversampling, side, ..] = *self.values else { return Vec::new() };
         let plane = (side * side) as usize;
         let tables = self.values[4..].chunks_exact((oversampling * oversampling) as usize * plane);
