@@ -3,7 +3,7 @@
 //! A copy is in proportion to its star: the sums at all partner places are held against the light of their stars. Now and then a star that was not found
 //! stands there; what is there by chance is taken from places beside the partners. A sum S counts by its rank among those, as the normal number z of that
 //! rank (van der Waerden's scores: Hájek and Šidák, *Theory of Rank Tests* (1967)), so that no sum counts for more than chance has shown. With a = F/σ and
-//! w = min(a, that of the brightest fifth or twentieth)
+//! w = a, or min(a, that of the brightest fifth or twentieth)
 //!
 //! ```text
 //! T = Σ w·z / √(R·Σ w²),   c from Σ w·ψ((S/σ − a·c − m)/s) = 0
@@ -31,8 +31,9 @@ const MIN_BESIDE: usize = 100;
 /// Each half shows a copy at so many standard errors, and at least this share of what the other shows.
 const HALF_SHOWS: f64 = 2.0;
 const HALF_SHARE: f64 = 1.0 / 3.0;
-/// No star has more weight than one brighter than this share of all: copies that all stars show, and those that only the brightest do.
-const EQUAL_FROM: [f64; 2] = [0.8, 0.95];
+/// No star has more weight than one brighter than this share of all: copies that all stars show, those that only the brightest do, and those of the very
+/// brightest, by which most of what there is to know of a faint copy is told.
+const EQUAL_FROM: [f64; 3] = [0.8, 0.95, 1.0];
 
 /// Of a factor that `count` numbers tell the largest that two of its errors allow.
 pub(super) fn at_most(factor: f64, count: usize) -> f64 {
@@ -207,7 +208,7 @@ pub(super) fn copies(frames: &[ElsewhereFrame], other_tests: usize) -> Vec<Count
     let ways = (0..LOOKS.len()).flat_map(|look| EQUAL_FROM.map(|equal_from| (look, equal_from)));
     let sums: Vec<(usize, Sums<'_>)> = ways.filter_map(|(look, equal_from)| Some((look, Sums::of(frames, look, equal_from)?))).collect();
     let beside: Vec<f64> = sums.iter().flat_map(|(_, sums)| sums.chance()).map(|score| score * score).collect();
-    // Both weights see the same sums.
+    // All weights see the same sums.
     let independent = beside.len() / EQUAL_FROM.len();
     let inflation = at_most(beside.iter().sum::<f64>() / beside.len().max(1) as f64, independent).max(1.0);
     let tests = EQUAL_FROM.len() * LOOKS.len() + other_tests;

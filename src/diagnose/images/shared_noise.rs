@@ -17,7 +17,7 @@ use crate::statistics::significance::neg_ln_chi2_sf;
 
 const OVERSHOOT: &str = <overshoot::Overshoot as CentroidShift>::ID;
 /// Smaller coefficients are as large as the structure of a sky makes them,
-const MIN_SHARED: f64 = 0.012;
+const MIN_SHARED: f64 = 0.009;
 /// and are known no better than this.
 const MIN_ERROR: f64 = 0.002;
 /// The share of the noise that is of whole lines is known to this part of it.

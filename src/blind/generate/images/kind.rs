@@ -216,7 +216,9 @@ impl PixelKind {
         match self {
             FrameDimmer | ExposureTime => Reckoned::StampsOfFrames,
             AmplifierGlow | StrayLight | VeilingGlare | Crosstalk => Reckoned::Background,
-            Prnu | RowBanding | ColumnBanding | CodeWidths | WrongGain | WrongReadNoise | DarkCurrent | EvenOdd | Bayer => Reckoned::Noise,
+            Prnu | RowBanding | ColumnBanding | CodeWidths | WrongGain | WrongReadNoise | DarkCurrent | EvenOdd | Bayer | Overshoot => {
+                Reckoned::Noise
+            }
             HotPixels | RandomTelegraph | LostBits | Compression | CosmicRays | FieldStop | Streaks => Reckoned::Steps,
             _ => Reckoned::Stamps,
         }

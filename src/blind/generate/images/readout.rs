@@ -11,7 +11,7 @@ use super::hidden::Causes;
 use super::kind::PixelKind;
 
 /// Of a disturbed line so much is left a pixel later.
-const LINE_MEMORY: f64 = 0.5;
+pub(super) const LINE_MEMORY: f64 = 0.5;
 /// Bits whose errors show among the codes of a sky: a weight's error is so made that these together have the width error asked for.
 const SKY_BITS: f64 = 7.0;
 /// Side of a block.

@@ -1,11 +1,13 @@
 //! How well what is hidden in pixels can be seen: signal-to-noise ratios by Fisher information.
 //!
 //! Of stars: the change of the noiseless frame is taken by finite differences. In a star's stamp its own parameters (light, place, background, width)
-//! take up what they can; what they take up of light and width is told by catalogue and neighbours, so these changes count, the light less the mean of
-//! its frame, the width less that of all; and so does what no parameter takes up. Of noise: variances of sample variances (Kendall & Stuart, *The
+//! take up what they can; what they take up of light and width is told by catalogue and neighbours, so these changes count, the light beside a zero point of
+//! its frame and the catalogue's error of the star, the width less that of all; and so does what no parameter takes up. Of noise: variances of sample variances (Kendall & Stuart, *The
 //! Advanced Theory of Statistics* 1 (1977), 10.9), of sample covariances, of means and of histograms.
 
-use nalgebra::{SMatrix, SVector};
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use rayon::prelude::*;
 
 use super::camera::{Conditions, ImageWorld, SIZE_PX, SLOPE_SHARE};
@@ -13,7 +15,7 @@ use super::charge::{Pixels, UNEQUAL_DARK, collected, moved};
 use super::hidden::{Causes, HiddenImage};
 use super::kind::{PixelKind, Reckoned};
 use super::light::light;
-use super::readout::amplified;
+use super::readout::{LINE_MEMORY, amplified};
 use super::spread::Blur;
 
 /// The size that is just seen, standard errors.
@@ -43,9 +45,17 @@ pub(super) struct Noiseless<'w> {
 
 /// A star's stamp: where it begins, and its own parameters' changes.
 struct Stamp {
+    hip: u32,
     corner: usize,
     electrons: f64,
     own: SMatrix<f64, { SIDE * SIDE }, 5>,
+}
+
+impl Stamp {
+    /// A change of the light, electrons, and its variance.
+    fn light(&self, change_e: f64, variance_e2: f64) -> StarLight {
+        StarLight { hip: self.hip, change: change_e / self.electrons, variance: variance_e2 / self.electrons.powi(2) }
+    }
 }
 
 impl<'w> Noiseless<'w> {
@@ -72,21 +82,39 @@ impl<'w> Noiseless<'w> {
                 change.iter_mut().zip(base).for_each(|(value, base)| *value -= base);
                 if reckoned == Reckoned::Background {
                     let slope_e = SLOPE_SHARE * self.world.frames[number].sky_e[0];
-                    FrameChange { left: of_background(&change, base, quiet, slope_e), ..FrameChange::default() }
+                    let is_image = if hidden.kind == PixelKind::VeilingGlare { self.images(number) } else { Vec::new() };
+                    FrameChange { left: of_background(&change, base, quiet, slope_e, &is_image), ..FrameChange::default() }
                 } else {
                     let of = if hidden.kind == PixelKind::IntrapixelResponse { of_all_light } else { of_stamps };
-                    of(&change, base, quiet, &self.stamps[number], catalogue)
+                    of(&change, base, quiet, &self.stamps[number])
                 }
             })
             .collect();
-        let total = |pick: fn(&FrameChange) -> Sums| changes.iter().map(pick).fold(Sums::default(), Sums::and);
-        let light = if reckoned == Reckoned::StampsOfFrames {
-            total(|own| own.light).about_mean()
-        } else {
-            changes.iter().map(|own| own.light.about_mean()).sum()
-        };
+        let width = changes.iter().map(|own| own.width).fold(Sums::default(), Sums::and).about_mean();
         let left: f64 = changes.iter().map(|own| own.left).sum();
-        (light + total(|own| own.width).about_mean() + left).max(0.0).sqrt()
+        let is_ground = self.world.world.frames.iter().any(|frame| frame.zenith.is_some());
+        let zero_points = match reckoned {
+            Reckoned::StampsOfFrames if is_ground => ZeroPoints::Within(CLEAR_NIGHT),
+            Reckoned::StampsOfFrames => ZeroPoints::Within(SHUTTER),
+            _ => ZeroPoints::OfFrames,
+        };
+        let lights: Vec<Vec<StarLight>> = changes.into_iter().map(|own| own.lights).collect();
+        (light_information(&lights, catalogue, zero_points) + width + left).max(0.0).sqrt()
+    }
+
+    /// Pixels in the images of a frame's stars: the wings of an image are free, so that nothing wide is told there.
+    fn images(&self, number: usize) -> Vec<bool> {
+        const WINGS_PX: f64 = 10.0;
+        let mut is_image = vec![false; SIZE_PX * SIZE_PX];
+        for star in &self.world.frames[number].stars {
+            let range = |at: f64| (at - WINGS_PX).max(0.0) as usize..((at + WINGS_PX + 1.0).max(0.0) as usize).min(SIZE_PX);
+            for y in range(star.y_px) {
+                for x in range(star.x_px) {
+                    is_image[y * SIZE_PX + x] |= (x as f64 - star.x_px).hypot(y as f64 - star.y_px) < WINGS_PX;
+                }
+            }
+        }
+        is_image
     }
 }
 
@@ -115,22 +143,94 @@ impl Sums {
     }
 }
 
+/// Relative change of the light of a star in a frame, and its variance by the pixels.
+#[derive(Clone, Copy, Debug)]
+struct StarLight {
+    hip: u32,
+    change: f64,
+    variance: f64,
+}
+
+/// What is known of the frames' zero points.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum ZeroPoints {
+    /// They scatter by this share of the light about one for all.
+    Within(f64),
+    /// Nothing.
+    OfFrames,
+}
+
+/// Share of the light by which the transparency of a clear night changes from frame to frame, and that of exposures by a shutter.
+const CLEAR_NIGHT: f64 = 0.02;
+const SHUTTER: f64 = 0.005;
+
+/// χ² of changes of light of the stars of all frames. The catalogue's magnitude of a star is wrong by `catalogue` (relative light), the same in all frames
+/// that show it: the images of a star are correlated, and more frames do not take that error away.
+fn light_information(frames: &[Vec<StarLight>], catalogue: f64, zero_points: ZeroPoints) -> f64 {
+    // A column for each frame's own, and the last for all.
+    let count = frames.len() + 1;
+    let known = if let ZeroPoints::Within(scatter) = zero_points { scatter.powi(-2) } else { 0.0 };
+    let mut stars: BTreeMap<u32, Vec<(usize, StarLight)>> = BTreeMap::new();
+    for (frame, lights) in frames.iter().enumerate() {
+        for light in lights {
+            stars.entry(light.hip).or_default().push((frame, *light));
+        }
+    }
+    let (mut square, mut along, mut normal) = (0.0_f64, DVector::<f64>::zeros(count), DMatrix::<f64>::zeros(count, count));
+    for images in stars.values() {
+        let weight = |light: &StarLight| light.variance.recip();
+        let (whole, changed) =
+            images.iter().fold((0.0, 0.0), |(whole, changed), (_, own)| (whole + weight(own), changed + weight(own) * own.change));
+        // Inverse of diag(v) + c²·1·1ᵀ by Sherman and Morrison.
+        let common = (catalogue.powi(-2) + whole).recip();
+        square -= common * changed * changed;
+        for (k, own) in images {
+            square += weight(own) * own.change * own.change;
+            for k in [*k, count - 1] {
+                along[k] += weight(own) * (own.change - common * changed);
+            }
+            for (k, j) in [(*k, *k), (*k, count - 1), (count - 1, *k), (count - 1, count - 1)] {
+                normal[(k, j)] += weight(own);
+            }
+            for (j, other) in images {
+                for (k, j) in [(*k, *j), (*k, count - 1), (count - 1, *j), (count - 1, count - 1)] {
+                    normal[(k, j)] -= common * weight(own) * weight(other);
+                }
+            }
+        }
+    }
+    for frame in 0..frames.len() {
+        // A frame without stars has no zero point.
+        normal[(frame, frame)] += if normal[(frame, frame)] == 0.0 { 1.0 } else { known };
+    }
+    // What all have in common is held by those of the frames already, where nothing is known of these.
+    if known == 0.0 {
+        normal = normal.remove_row(count - 1).remove_column(count - 1);
+        along = along.remove_row(count - 1);
+    }
+    normal.cholesky().map_or(0.0, |factor| (square - along.dot(&factor.solve(&along))).max(0.0))
+}
+
 /// What an effect changes in one frame.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 struct FrameChange {
-    /// Relative light of the stars.
-    light: Sums,
+    /// Light of the stars.
+    lights: Vec<StarLight>,
     /// Variance of the images.
     width: Sums,
     /// χ² of what no parameter of a star takes up.
     left: f64,
 }
 
-/// χ² of the pixels of a frame under a free level, and slopes along columns and rows of which only the scatter from frame to frame is known.
-fn of_background(change: &[f64], base: &[f64], quiet: f64, slope_e: f64) -> f64 {
+/// χ² of the pixels of a frame under a free level, and slopes along columns and rows of which only the scatter from frame to frame is known. `left_out`:
+/// pixels that tell nothing, if any.
+fn of_background(change: &[f64], base: &[f64], quiet: f64, slope_e: f64, left_out: &[bool]) -> f64 {
     let half = SIZE_PX as f64 / 2.0;
     let (mut whole, mut right, mut information) = (0.0, SVector::<f64, 3>::zeros(), SMatrix::<f64, 3, 3>::zeros());
     for (k, (change, base)) in change.iter().zip(base).enumerate() {
+        if left_out.get(k).is_some_and(|left_out| *left_out) {
+            continue;
+        }
         let weight = (base + quiet).recip();
         let own = SVector::from([1.0, (k % SIZE_PX) as f64 / half - 1.0, (k / SIZE_PX) as f64 / half - 1.0]);
         whole += weight * change * change;
@@ -143,7 +243,7 @@ fn of_background(change: &[f64], base: &[f64], quiet: f64, slope_e: f64) -> f64 
     information.cholesky().map_or(0.0, |factor| (whole - right.dot(&factor.solve(&right))).max(0.0))
 }
 
-fn of_stamps(change: &[f64], base: &[f64], quiet: f64, stamps: &[Stamp], catalogue: f64) -> FrameChange {
+fn of_stamps(change: &[f64], base: &[f64], quiet: f64, stamps: &[Stamp]) -> FrameChange {
     let mut all = FrameChange::default();
     for stamp in stamps {
         let pixel = |k: usize| stamp.corner + k / SIDE * SIZE_PX + k % SIDE;
@@ -153,7 +253,7 @@ fn of_stamps(change: &[f64], base: &[f64], quiet: f64, stamps: &[Stamp], catalog
         let Some(factor) = (stamp.own.transpose() * weighted).cholesky() else { continue };
         let right = weighted.transpose() * seen;
         let (taken, covariance) = (factor.solve(&right), factor.inverse());
-        all.light.add(taken[0] / stamp.electrons, covariance[(0, 0)] / stamp.electrons.powi(2) + catalogue * catalogue);
+        all.lights.push(stamp.light(taken[0], covariance[(0, 0)]));
         all.width.add(taken[4], covariance[(4, 4)]);
         let whole: f64 = (0..SIDE * SIDE).map(|k| seen[k] * seen[k] * weights[k]).sum();
         all.left += (whole - taken.dot(&right)).max(0.0);
@@ -164,13 +264,13 @@ fn of_stamps(change: &[f64], base: &[f64], quiet: f64, stamps: &[Stamp], catalog
 /// The same of an effect that is a part of the image: what the pixels see of a star is the image that the lens draws, folded with their response, and
 /// which of the two it is no stamp tells (Anderson & King, PASP 112, 1360 (2000), 2). Pixels of one response without gaps count the same light wherever
 /// a star lies, so that all the light of a star is what the place in the pixel changes.
-fn of_all_light(change: &[f64], base: &[f64], quiet: f64, stamps: &[Stamp], catalogue: f64) -> FrameChange {
+fn of_all_light(change: &[f64], base: &[f64], quiet: f64, stamps: &[Stamp]) -> FrameChange {
     let mut all = FrameChange::default();
     for stamp in stamps {
         let pixels = (0..SIDE * SIDE).map(|k| stamp.corner + k / SIDE * SIZE_PX + k % SIDE);
         let (seen, variance) =
             pixels.fold((0.0, 0.0), |(seen, variance), pixel| (seen + change[pixel], variance + base[pixel].max(0.0) + quiet));
-        all.light.add(seen / stamp.electrons, variance / stamp.electrons.powi(2) + catalogue * catalogue);
+        all.lights.push(stamp.light(seen, variance));
     }
     all
 }
@@ -202,7 +302,7 @@ fn stamps(world: &ImageWorld, frame: &Conditions) -> Vec<Stamp> {
         ];
         // Light in electrons; the others times the star's.
         let own = SMatrix::from_fn(|k, j| columns[j][k] * if j == 0 { 1.0 } else { star.electrons });
-        Some(Stamp { corner: (y as usize - HALF) * SIZE_PX + x as usize - HALF, electrons: star.electrons, own })
+        Some(Stamp { hip: star.hip, corner: (y as usize - HALF) * SIZE_PX + x as usize - HALF, electrons: star.electrons, own })
     };
     frame.stars.iter().filter_map(of).collect()
 }
@@ -225,6 +325,9 @@ pub(super) fn noise_size(kind: PixelKind, world: &ImageWorld, snr: f64) -> f64 {
             let exposure_s = world.frames.iter().map(|frame| frame.exposure_s).sum::<f64>() / frames;
             (snr * variance / (pixels * pairs).sqrt()).sqrt() / (UNEQUAL_DARK * exposure_s)
         }
+        // It makes all images lopsided alike, which no star tells from another image: the correlation of neighbours in a row is −s·(1 − q) of the
+        // variance that the light makes, its standard error 1/√n.
+        PixelKind::Overshoot => snr * variance / sky / ((1.0 - LINE_MEMORY) * (pixels * frames).sqrt()),
         // Difference of the means of two halves of the pixels, over 2B.
         PixelKind::EvenOdd => snr * (variance / (pixels * frames)).sqrt() / sky,
         // The same of two quarters.
