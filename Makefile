@@ -8,7 +8,7 @@ RUNTIME := $(CURDIR)/target/runtime
 export XDG_RUNTIME_DIR ?= $(RUNTIME)
 export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
 
-.PHONY: help demo test interop learner bench-dataset slurm readme claims surface check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind blind-pixels blind-pixels-score held-out peers trackers suite catalog fuzz zoo cluster-chaos cluster-overhead runtime
+.PHONY: help demo test interop learner bench-dataset bench-gain slurm readme claims surface check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind blind-pixels blind-pixels-score held-out peers trackers suite catalog fuzz zoo cluster-chaos cluster-overhead runtime
 
 help:
 	@echo "make demo     render a night, find and identify its stars, calibrate, compare with truth: outputs/demo"
@@ -36,6 +36,7 @@ help:
 	@echo "make cluster-overhead  what the driver of boresight-cluster costs beside processes of the program: docs/studies/cluster-overhead.txt; twenty minutes, after make interop"
 	@echo "make slurm    a real Slurm on this machine (Debian's slurm-wlm, needs root; after make interop): a dataset by an array and by Parsl, the same hashes"
 	@echo "make bench-dataset  what a labelled frame costs, 20,000 of them, beside SatSim (takes PyPI): docs/studies/dataset.txt; 20 minutes"
+	@echo "make bench-gain  gains that undeclared cameras tell by the noise of sky and stars: docs/studies/gain.md; half an hour"
 	@echo "make learner  trains a small network on a made dataset and finds the stars of real frames, beside detect: docs/studies/learner.txt; RECORDINGS=DIR, takes PyPI and Debian's torch, 10 minutes"
 	@echo "make zoo      what the readers make of every kind of file: fuzz/zoo.txt"
 	@echo "make doc      documentation in target/doc"
@@ -74,6 +75,11 @@ bench-dataset:
 	test -x $(SATSIM)/bin/python || python3 -m venv $(SATSIM)
 	$(SATSIM)/bin/python -m pip install --quiet --requirement benches/dataset/requirements.txt
 	python3 benches/dataset/bench.py $(PEERS_PROGRAM) target/bench-dataset $(DATASET) --satsim $(abspath $(SATSIM))/bin/python --page docs/studies/dataset.txt
+
+# Gains, read noises and biases that recordings tell where none is declared, against those that they were rendered with.
+bench-gain:
+	$(CARGO) build --locked --release --bin boresight
+	python3 benches/detector/gain.py $(PEERS_PROGRAM) target/bench-gain docs/studies/gain.md --commit "$$(git rev-parse --short HEAD)"
 
 readme: runtime
 	$(if $(filter file,$(origin PROGRAM)),$(CARGO) build --locked --bin boresight)

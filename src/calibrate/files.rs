@@ -30,8 +30,30 @@ pub struct SolvedCamera<'a> {
     pub notes: &'a [String],
     /// The image that the recording's stars show, whose bias was taken off the places; absent where none was learnt.
     pub image: Option<LearntImage>,
+    /// What the noise of the stars tells of the detector; absent where a gain is declared, or nothing tells it.
+    pub detector: Option<DetectorNumbers>,
     /// Identifications that were made wrong on purpose.
     pub misidentified_on_purpose: Vec<MisidentifiedPoint>,
+}
+
+/// Numbers of the detector that no file declares, as the noise of its stars and its sky tells them.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct DetectorNumbers {
+    /// Gain, and read noise or bias where the other one is declared.
+    pub parameters: Vec<DetectorNumber>,
+    /// The same in words, with what cannot be told.
+    pub reason: String,
+}
+
+/// A number with its standard error.
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+pub struct DetectorNumber {
+    /// Its name, which ends in its unit.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+    /// Its standard error.
+    pub sigma: f64,
 }
 
 /// An identification that was made wrong on purpose.

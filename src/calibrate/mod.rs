@@ -51,7 +51,7 @@ pub use sequential::{Drift, OnChange, ParameterChange, SEQUENTIAL_FORMAT, Sequen
 pub use solve::{calibrate, check_parameter_name};
 pub use systematics::Surroundings;
 inner!(files::{
-    CalibrateResult, CompareResult, DifferenceLimit, MapResult, MisidentifiedPoint, SolvedCamera, UnsolvedCamera, UpdateResult,
+    CalibrateResult, CompareResult, DetectorNumber, DetectorNumbers, DifferenceLimit, MapResult, MisidentifiedPoint, SolvedCamera, UnsolvedCamera, UpdateResult,
 });
 inner!(compare::FORMAT as COMPARE_FORMAT);
 inner!(map::FORMAT as MAP_FORMAT);

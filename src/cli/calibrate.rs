@@ -14,8 +14,8 @@ use boresight::effects::ids;
 use boresight::guard::guarded;
 use boresight::identify::{Misidentification, MisidentificationKind, misidentify};
 use boresight::pipeline::{
-    PipelineError, PreparedPoints, SkyChoice, check_focal_lengths, check_sizes, known_behind_the_lens, star_images, surroundings,
-    take_phase_bias_off, with_name,
+    PipelineError, PreparedPoints, SkyChoice, check_focal_lengths, check_sizes, detector_numbers, known_behind_the_lens, star_images,
+    surroundings, take_phase_bias_off, with_name,
 };
 use boresight::provenance::Provenance;
 use boresight::units::ARCSEC_RAD;
@@ -336,6 +336,8 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
     let image = if learns { without_phase_bias(&mut calibration, &mut measured, points.parity, &options) } else { None };
     tell(&mut calibration, &measured, &points, uneven);
     calibration.warnings.extend(image.as_ref().map(LearntImage::sentence));
+    let detector = detector_numbers(&measured);
+    calibration.warnings.extend(detector.as_ref().map(|own| own.reason.clone()));
     calibration.provenance = Some(provenance);
     if let Some(directory) = &args.output.output {
         pictures::residuals(&directory.join("residuals.png"), &calibration)?;
@@ -346,6 +348,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> Result<Answer> {
         skipped: &measured.skipped,
         notes: &measured.recording.notes,
         image,
+        detector,
         misidentified_on_purpose: points.misidentified.iter().map(|wrong| misidentified(wrong, &points, &calibration)).collect(),
     };
     output::deliver("calibrate", &object, args.output.json, args.output.output.as_deref(), || calibrate_text::text(&object.calibration))?;

@@ -48,6 +48,7 @@ mod search;
 mod shape;
 mod simultaneous_fit;
 mod stamp;
+mod star_noise;
 mod trail;
 mod window;
 mod window_gain;
@@ -64,6 +65,7 @@ inner!(forced_fit::{FixedBackground, ForcedFit, fit_forced});
 inner!(learnt_image::LearntImage);
 inner!(measure::{Aids, detect_aided});
 inner!(phase_bias::{BiasedStar, Estimator, PhaseBias, PixelNoise});
+inner!(star_noise::{StarNoise, star_noise});
 inner!(windowed::detect_windowed);
 
 use schemars::JsonSchema;

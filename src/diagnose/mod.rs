@@ -68,7 +68,7 @@ pub use profile_bin::ProfileBin;
 pub use run::{diagnose, diagnose_with_progress};
 pub use step::Step;
 pub use verdict::{Bound, Verdict};
-inner!(images::{DeclaredDetector, ImageMeasurements, SkyView, StampCamera, StarMeasurement});
+inner!(images::{DeclaredDetector, ImageMeasurements, SkyView, StampCamera, StarMeasurement, detector_numbers});
 inner!(image_profiles::{ImageProfile, ShapeCell});
 inner!(run::diagnose_recording);
 inner!(result::{AnsweredDiagnosis, DiagnoseResult, UnaskedDiagnosis});

@@ -8,8 +8,11 @@ use std::collections::BTreeMap;
 
 use super::{Centroid, Measured, MeasuredFrame};
 use crate::calibrate::{CalibrateOptions, Calibration, Status, calibrate};
-use crate::detect::{BiasedStar, Detection, Estimator, LearntImage, PhaseBias, PixelNoise, PredictedStar, SkyImage, learn_from_sky};
+use crate::detect::{
+    BiasedStar, Detection, EmpiricalPsf, Estimator, LearntImage, PhaseBias, PixelNoise, PredictedStar, SkyImage, learn_from_sky, star_noise,
+};
 use crate::identify::{ControlPoint, ControlPoints};
+use crate::pixel_statistics::StarTransfer;
 use crate::statistics::median;
 
 /// A kept star and a control point nearer than this are the same, px.
@@ -39,6 +42,7 @@ pub fn take_phase_bias_off(
     let conditions = [coloured, (high - low) * TEMPERATURE_UNIT_K > MIN_SPAN_K];
     let SkyImage { psf, report, place_sigma_px } = learn_from_sky(&stars, conditions);
     tracing::info!("image at the places of the sky (known to {place_sigma_px:.3} px): {}", report.sentence());
+    tell_gain(measured, &stars, psf.as_ref());
     let psf = psf?;
     let named = conditions_of(baseline);
     let all: Vec<Vec<BiasedStar>> =
@@ -70,6 +74,29 @@ pub fn take_phase_bias_off(
         place_sigma_px,
         bias_rms_px,
     })
+}
+
+/// Where no gain is declared, the noise of the stars' light tells it beside the sky's: under the image that was learnt, else under each star's own Gaussian.
+fn tell_gain(measured: &mut Measured, stars: &[PredictedStar], psf: Option<&EmpiricalPsf>) {
+    /// The better the weights, the better the values: the second look has those of the first.
+    const LOOKS: usize = 2;
+    if measured.recording.camera.gain_e_per_dn.is_some() {
+        return;
+    }
+    let Some(mut expected) = median(&stars.iter().map(|one| one.star.variance_per_dn()).collect::<Vec<_>>()) else { return };
+    let mut told = None;
+    for _ in 0..LOOKS {
+        let noises = star_noise(stars, psf, expected);
+        told = StarTransfer::fitted(&noises.iter().map(|own| [own.variance_per_dn, own.sigma, own.per_misfit2]).collect::<Vec<_>>());
+        expected = told.map_or(expected, |told| told.slope_dn).max(0.0);
+    }
+    if let Some(told) = told {
+        tracing::info!("noise of the light of {} stars: {:.4} ± {:.4} DN per DN", told.stars, told.slope_dn, told.slope_sigma_dn);
+        if let Some(line) = measured.pixels.as_mut().and_then(|pixels| pixels.photon_transfer.as_mut()) {
+            *line = line.clone().with_stars(told);
+        }
+    }
+    measured.star_noise = told;
 }
 
 /// How far each star image was found from where it is, px: by frame and row, which no mirroring changes.

@@ -119,7 +119,7 @@ pub fn measure_frames<F: Into<MaskedFrame>>(
     if let Some(pixels) = &mut pixels {
         pixels.elsewhere = elsewhere(&frames, options.dark.as_ref(), |index| load(&recording, index).ok()?.ok());
     }
-    Ok(Measured { recording, frames, skipped, psf, centroid: options.centroid, own_image, pixels })
+    Ok(Measured { recording, frames, skipped, psf, centroid: options.centroid, own_image, pixels, star_noise: None })
 }
 
 /// A list's stars in the place of measured ones.
@@ -145,7 +145,7 @@ fn measured_lists(mut recording: Recording, options: &MeasureOptions, done: impl
         let reason = skipped.first().map_or_else(|| "there is none".to_owned(), |frame| frame.reason.clone());
         return Err(PipelineError::NoFrames { skipped: skipped.len(), reason });
     }
-    Ok(Measured { recording, frames, skipped, psf: None, centroid: options.centroid, own_image: None, pixels: None })
+    Ok(Measured { recording, frames, skipped, psf: None, centroid: options.centroid, own_image: None, pixels: None, star_noise: None })
 }
 
 /// Pixels without a value in all frames.

@@ -24,7 +24,7 @@ use crate::calibrate::CalibrateError;
 use crate::camera::{ObserverError, Physics, PhysicsError};
 use crate::detect::{DetectError, Detection, Detections, EmpiricalPsf, PsfReport, PsfStar};
 use crate::diagnose::DiagnoseError;
-use crate::pixel_statistics::{PixelStatistics, SummedImage};
+use crate::pixel_statistics::{PixelStatistics, StarTransfer, SummedImage};
 use crate::recording::{Recording, RecordingError, SkippedFrame};
 
 pub use dark::{Dark, DarkError};
@@ -32,7 +32,7 @@ pub use identified::{IdentifiedFrame, identify_frames};
 pub use measure::{Centroid, MeasureOptions, measure, measure_frames};
 pub use prepare::{DiagnosisInput, DiagnosisRequest, PreparedPoints, control_points, diagnosis_request, telemetry};
 pub use recording_conditions::surroundings;
-inner!(recording_conditions::{image_conditions, looks_through_air, measured_noise, stamp_camera});
+inner!(recording_conditions::{detector_numbers, image_conditions, looks_through_air, measured_noise, stamp_camera});
 inner!(result::{CameraRow, ParameterRow, RUN_FORMAT, RunResult});
 inner!(run_limit::{RunLimit, RunRequirement});
 inner!(identified::{circumstances, physics_in_force, take_identifications});
@@ -147,6 +147,8 @@ pub struct Measured {
     pub own_image: Option<EmpiricalPsf>,
     /// What the pixels between the stars tell of the detector, where that was asked for and there are pixels.
     pub pixels: Option<PixelStatistics>,
+    /// How the noise of the stars grows with their light, once they are identified and where no gain is declared.
+    pub star_noise: Option<StarTransfer>,
 }
 
 /// A frame whose stars are measured.

@@ -1,11 +1,13 @@
 //! What a recording and its frames tell of the conditions they were taken in: air or space, how the stars look, and the noise.
 
 use super::{Measured, MeasuredFrame};
-use crate::calibrate::Surroundings;
-use crate::diagnose::{ImageConditions, MeasuredNoise, StampCamera};
+use crate::calibrate::{DetectorNumber, DetectorNumbers, Surroundings};
+use crate::detect::Detections;
+use crate::diagnose::{DeclaredDetector, FoundParameter, ImageConditions, MeasuredNoise, StampCamera, detector_numbers as told};
 use crate::identify::ControlPoints;
+use crate::pixel_statistics::PhotonTransfer;
 use crate::recording::{Mount, Recording};
-use crate::statistics::median_in_place;
+use crate::statistics::{mad_sigma, median, median_in_place};
 
 /// Whether a camera looks through air: it is in space where its recording tells how it moves and knows of no ground.
 #[must_use]
@@ -34,6 +36,31 @@ pub fn stamp_camera(measured: &Measured, points: &ControlPoints) -> Option<Stamp
     let by_noise = || measured.pixels.as_ref()?.photon_transfer.as_ref()?.gain_e_per_dn;
     let gain_e_per_dn = measured.recording.camera.gain_e_per_dn.or_else(by_noise).filter(|gain| *gain > 0.0)?;
     Some(StampCamera { camera: points.nominal, gain_e_per_dn, looks: conditions_at(measured, gain_e_per_dn)? })
+}
+
+/// What the noise of stars and sky tells of a detector of which no gain is declared: by the sky's own pixels where these were looked at, else by the noise
+/// that the stars were found in.
+#[must_use]
+pub fn detector_numbers(measured: &Measured) -> Option<DetectorNumbers> {
+    let line = match &measured.pixels {
+        Some(pixels) => pixels.photon_transfer.clone()?,
+        None => line_of_levels(measured)?,
+    };
+    if measured.recording.camera.gain_e_per_dn.is_some() {
+        return None;
+    }
+    let (parameters, reason) = told(&line, &DeclaredDetector::from(&measured.recording.camera))?;
+    let number = |own: FoundParameter| DetectorNumber { name: own.name, value: own.value, sigma: own.sigma };
+    Some(DetectorNumbers { parameters: parameters.into_iter().map(number).collect(), reason })
+}
+
+/// The line through the frames' typical level and noise, with the slope of the stars.
+fn line_of_levels(measured: &Measured) -> Option<PhotonTransfer> {
+    let stars = measured.star_noise?;
+    let of = |number: fn(&Detections) -> f64| -> Vec<f64> { measured.frames.iter().map(|frame| number(&frame.detections)).collect() };
+    let (level_dn, variances) = (median(&of(|own| own.background_dn))?, of(|own| own.noise_dn * own.noise_dn));
+    let sigma_dn2 = mad_sigma(&variances)? / (variances.len() as f64).sqrt();
+    Some(PhotonTransfer::at_level(level_dn, [median(&variances)?, sigma_dn2], 1.0, stars))
 }
 
 fn conditions_at(measured: &Measured, gain: f64) -> Option<ImageConditions> {

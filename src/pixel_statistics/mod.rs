@@ -30,6 +30,7 @@ mod sky_mesh;
 mod sky_mesh_tests;
 mod sky_pixels;
 mod star_images;
+mod star_transfer;
 mod stop_fit;
 mod streak_way;
 mod streaks;
@@ -59,6 +60,7 @@ pub use pixel_means::{LineMeans, PixelHistogram, PixelMeans};
 pub use sky_frame::{SkyFrame, StarDisc};
 pub use sky_mesh::{SkyCell, SkyMesh};
 pub use star_images::{ImageFrame, SplitVariance, SummedImage};
+pub use star_transfer::StarTransfer;
 pub use streaks::{Streak, Streaks};
 
 use crate::frame::Frame;

@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::sky_pixels::Block;
+use super::star_transfer::StarTransfer;
 use crate::statistics::median;
 use crate::statistics::order::sort_by;
 
@@ -140,6 +141,8 @@ pub struct PhotonTransfer {
     pub levels_dn: [f64; 2],
     /// Points that take part.
     pub points: usize,
+    /// What the stars tell, where no gain is declared and enough of them were kept.
+    pub stars: Option<StarTransfer>,
 }
 
 impl PhotonTransfer {
@@ -179,6 +182,7 @@ impl PhotonTransfer {
             step_dn,
             levels_dn: [level(f64::min, f64::INFINITY), level(f64::max, f64::NEG_INFINITY)],
             points: used.len(),
+            stars: None,
         })
     }
 

@@ -13,37 +13,13 @@ pub(super) fn measured_detector(line: Option<&PhotonTransfer>, declared: &Declar
     if declared.gain_e_per_dn.is_some() {
         return None;
     }
-    let mut parameters = Vec::new();
-    let mut tell = |name: &str, [value, sigma]: [f64; 2], unit: &str| {
-        parameters.push(FoundParameter { name: name.to_owned(), value, sigma, unit: unit.to_owned() });
+    let nothing = || {
+        (
+            Vec::new(),
+            "no gain is declared, and the levels of the sky differ too little to tell it, as stars are too few or too faint".to_owned(),
+        )
     };
-    let gain = line.and_then(|line| Some((line, line.gain_e_per_dn?, line.gain_sigma?)));
-    let reason = match gain {
-        None => "no gain is declared, and the levels of the sky differ too little to tell it".to_owned(),
-        Some((line, gain, sigma)) => {
-            tell("gain_e_per_dn", [gain, sigma], "e/DN");
-            let read_noise = declared.bias_dn.and_then(|bias| line.read_noise_e(bias));
-            let bias = declared.read_noise_e.and_then(|read_noise| line.bias_dn(read_noise));
-            if let Some((value, sigma)) = read_noise {
-                tell("read_noise_e", [value, sigma], "e");
-            }
-            if let Some((value, sigma)) = bias {
-                tell("bias_dn", [value, sigma], "DN");
-            }
-            let rest = match (read_noise, bias) {
-                (Some((value, sigma)), _) => format!("; with the bias as declared the read noise is {value:.2} ± {sigma:.2} e"),
-                (None, Some((value, sigma))) => format!("; with the read noise as declared the bias is {value:.1} ± {sigma:.1} DN"),
-                // σ_r² = g²·(c − q²/12) + g·b.
-                (None, None) => {
-                    let at_no_bias_e2 = gain * gain * (line.intercept_dn2 - line.step_dn * line.step_dn / 12.0);
-                    format!(
-                        "; read noise and bias cannot be told apart: they lie on (read noise / e)² = {at_no_bias_e2:.1} + {gain:.4}·(bias / DN)"
-                    )
-                }
-            };
-            format!("no gain is declared: the noise of the sky gives {gain:.4} ± {sigma:.4} electrons per count{rest}")
-        }
-    };
+    let (parameters, reason) = line.and_then(|line| detector_numbers(line, declared)).unwrap_or_else(nothing);
     Some(EffectStatus {
         id: GAIN_NOISE.to_owned(),
         status: EffectState::NotApplicable,
@@ -56,6 +32,43 @@ pub(super) fn measured_detector(line: Option<&PhotonTransfer>, declared: &Declar
         held_out_delta_chi2: None,
         reason,
     })
+}
+
+/// Gain, and read noise or bias where the other one is declared, with a sentence that says whence; nothing where the line tells no gain.
+#[must_use]
+pub fn detector_numbers(line: &PhotonTransfer, declared: &DeclaredDetector) -> Option<(Vec<FoundParameter>, String)> {
+    let (gain, sigma) = line.gain_e_per_dn.zip(line.gain_sigma)?;
+    let number =
+        |name: &str, [value, sigma]: [f64; 2], unit: &str| FoundParameter { name: name.to_owned(), value, sigma, unit: unit.to_owned() };
+    let mut parameters = vec![number("gain_e_per_dn", [gain, sigma], "e/DN")];
+    let read_noise = declared.bias_dn.and_then(|bias| line.read_noise_e(bias));
+    let bias = declared.read_noise_e.and_then(|read_noise| line.bias_dn(read_noise));
+    parameters.extend(read_noise.map(|(value, sigma)| number("read_noise_e", [value, sigma], "e")));
+    parameters.extend(bias.map(|(value, sigma)| number("bias_dn", [value, sigma], "DN")));
+    let rest = match (read_noise, bias) {
+        (Some((value, sigma)), _) => format!("; with the bias as declared the read noise is {value:.2} ± {sigma:.2} e"),
+        (None, Some((value, sigma))) => format!("; with the read noise as declared the bias is {value:.1} ± {sigma:.1} DN"),
+        // σ_r² = g²·(c − q²/12) + g·b.
+        (None, None) => {
+            let at_no_bias_e2 = gain * gain * (line.intercept_dn2 - line.step_dn * line.step_dn / 12.0);
+            format!(
+                "; read noise and bias cannot be told apart: they lie on (read noise / e)² = {at_no_bias_e2:.1} + {gain:.4}·(bias / DN)"
+            )
+        }
+    };
+    Some((parameters, format!("no gain is declared: {} {gain:.4} ± {sigma:.4} electrons per count{rest}", told_by(line))))
+}
+
+/// Whose noise tells the gain, in words.
+fn told_by(line: &PhotonTransfer) -> String {
+    /// Of what differs by more the sky's value stands.
+    const SIGMAS: f64 = 3.0;
+    let Some(stars) = &line.stars else { return "the noise of the sky gives".to_owned() };
+    if line.points > 1 && (stars.slope_dn - line.slope_dn).abs() > SIGMAS * stars.slope_sigma_dn.hypot(line.slope_sigma_dn) {
+        let [gain, sigma] = [stars.slope_dn.recip(), stars.slope_sigma_dn / (stars.slope_dn * stars.slope_dn)];
+        return format!("the noise of the stars gives {gain:.4} ± {sigma:.4}, that of the sky, which is taken,");
+    }
+    format!("the noise of the sky and of the light of {} stars gives", stars.stars)
 }
 
 #[cfg(test)]
@@ -78,6 +91,7 @@ mod tests {
             step_dn: 1.0,
             levels_dn: [300.0, 900.0],
             points: 20,
+            stars: None,
         }
     }
 

@@ -44,6 +44,7 @@ mod turns;
 mod withheld;
 
 pub use expected_stars::StarMeasurement;
+pub use measured_detector::detector_numbers;
 pub use noise::DeclaredDetector;
 pub use rendered::StampCamera;
 pub use report::ImageMeasurements;

@@ -44,6 +44,7 @@ fn judged_beside(shared: Option<f64>, seed: u64, added: Added, variance_dn2: imp
         step_dn: 1.0,
         levels_dn: [900.0, 6100.0],
         points: transfer_points.len(),
+        stars: None,
     };
     let along = |value: f64| Estimate { value, sigma: 6e-4 };
     let neighbours =

@@ -34,6 +34,7 @@ fn measured(lists: &[List]) -> Measured {
         centroid: Centroid::Gaussian,
         own_image: None,
         pixels: None,
+        star_noise: None,
     }
 }
 

@@ -48,6 +48,7 @@ fn identified(frames: &[&Detections], options: &IdentifyOptions) -> Vec<Identifi
         centroid: Centroid::Gaussian,
         own_image: None,
         pixels: None,
+        star_noise: None,
     };
     let choice = SkyChoice { physics: Physics::None, assumes_time: false };
     identify_frames(&measured, Catalog::embedded(), &choice, options, || {}).unwrap()

@@ -1,0 +1,249 @@
+//! Photon transfer of the stars: how their noise grows with their light, where the sky has one level and its line no slope.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::photon_transfer::PhotonTransfer;
+
+/// Fewer stars tell nothing that could be held against their scatter.
+const MIN_STARS: usize = 30;
+/// Stars whose value lies beyond this are doubles, or struck by a ray.
+const OUTLIER_SIGMAS: f64 = 5.0;
+/// A gain is told where the slope is at least so many of its standard errors.
+const MIN_SLOPE_SIGMAS: f64 = 5.0;
+/// Where the stars show no misfit of the image, what is known of it without them: none, within the square of this share of the light.
+const MISFIT2_SIGMA: f64 = 5e-5;
+/// They show one that is so many of its standard errors.
+const SHOWN_SIGMAS: f64 = 3.0;
+/// Sky and stars that differ by more than this do not tell one gain.
+const AGREE_SIGMAS: f64 = 3.0;
+
+/// Variance per count of light, as the stars tell it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StarTransfer {
+    /// Variance of the counts per count of light: 1 / gain, DN.
+    pub slope_dn: f64,
+    /// Its standard error.
+    pub slope_sigma_dn: f64,
+    /// Square of the share of the light by which images differ from the one that was learnt; below zero by chance.
+    pub misfit2: f64,
+    /// Its standard error.
+    pub misfit2_sigma: f64,
+    /// χ² of the stars' values per degree of freedom; standard errors are larger by its root where it is above one.
+    pub chi2_per_dof: f64,
+    /// Stars.
+    pub stars: usize,
+}
+
+impl StarTransfer {
+    /// From what single stars tell: variance per count, its standard error, and what a squared misfit adds to it.
+    #[must_use]
+    pub fn fitted(told: &[[f64; 3]]) -> Option<Self> {
+        let free = Self::without_outliers(told, 0.0)?;
+        let is_shown = free.misfit2 > SHOWN_SIGMAS * free.misfit2_sigma;
+        if is_shown { Some(free) } else { Self::without_outliers(told, MISFIT2_SIGMA.powi(-2)) }
+    }
+
+    /// `known`: inverse square of the standard error to which no misfit is known beforehand.
+    fn without_outliers(told: &[[f64; 3]], known: f64) -> Option<Self> {
+        let mut fit = Self::of(told, known)?;
+        for _ in 0..8 {
+            let scale = fit.chi2_per_dof.max(1.0).sqrt();
+            let near = |own: &&[f64; 3]| fit.rest(own).abs() < OUTLIER_SIGMAS * scale;
+            let kept: Vec<[f64; 3]> = told.iter().filter(near).copied().collect();
+            let again = Self::of(&kept, known)?;
+            let is_settled = again.stars == fit.stars;
+            fit = again;
+            if is_settled {
+                break;
+            }
+        }
+        let scale = fit.chi2_per_dof.max(1.0).sqrt();
+        Some(Self { slope_sigma_dn: fit.slope_sigma_dn * scale, misfit2_sigma: fit.misfit2_sigma * scale, ..fit })
+    }
+
+    /// Weighted least squares.
+    fn of(told: &[[f64; 3]], known: f64) -> Option<Self> {
+        if told.len() < MIN_STARS {
+            return None;
+        }
+        let sums = told.iter().fold([0.0; 5], |sum, [value, sigma, by]| {
+            let weight = sigma.powi(-2);
+            [sum[0] + weight, sum[1] + weight * by, sum[2] + weight * by * by, sum[3] + weight * value, sum[4] + weight * by * value]
+        });
+        let [one, by, mut by2, value, both] = sums;
+        by2 += known;
+        let determinant = one * by2 - by * by;
+        if !(determinant > 1e-12 * one * by2 && determinant.is_finite()) {
+            return None;
+        }
+        let own = Self {
+            slope_dn: (by2 * value - by * both) / determinant,
+            slope_sigma_dn: (by2 / determinant).sqrt(),
+            misfit2: (one * both - by * value) / determinant,
+            misfit2_sigma: (one / determinant).sqrt(),
+            chi2_per_dof: 0.0,
+            stars: told.len(),
+        };
+        let chi2: f64 = told.iter().map(|told| own.rest(told).powi(2)).sum();
+        Some(Self { chi2_per_dof: chi2 / (told.len() - 2) as f64, ..own })
+    }
+
+    /// How far a star's value lies from what is expected of it, in its standard errors.
+    fn rest(&self, [value, sigma, by]: &[f64; 3]) -> f64 {
+        (value - self.slope_dn - self.misfit2 * by) / sigma
+    }
+}
+
+impl PhotonTransfer {
+    /// The line through one level of the sky, its variance known to `sigma_dn2`, with the slope that the stars tell.
+    #[must_use]
+    pub fn at_level(level_dn: f64, [variance_dn2, sigma_dn2]: [f64; 2], step_dn: f64, stars: StarTransfer) -> Self {
+        let (slope, slope_sigma) = (stars.slope_dn, stars.slope_sigma_dn);
+        let is_told = slope > MIN_SLOPE_SIGMAS * slope_sigma;
+        Self {
+            gain_e_per_dn: is_told.then(|| 1.0 / slope),
+            gain_sigma: is_told.then(|| slope_sigma / (slope * slope)),
+            slope_dn: slope,
+            slope_sigma_dn: slope_sigma,
+            intercept_dn2: variance_dn2 - slope * level_dn,
+            intercept_sigma_dn2: sigma_dn2.hypot(slope_sigma * level_dn),
+            covariance_dn3: -slope_sigma * slope_sigma * level_dn,
+            curvature: 0.0,
+            curvature_sigma: f64::INFINITY,
+            chi2_per_dof: 1.0,
+            step_dn,
+            levels_dn: [level_dn; 2],
+            points: 1,
+            stars: Some(stars),
+        }
+    }
+
+    /// The line through the sky's points with the slope that the stars tell, weighted by what each knows. Where the two differ beyond chance it stays as it is
+    /// if the sky tells a gain; else what slope it has is of other things, and the stars' goes through its middle.
+    #[must_use]
+    pub fn with_stars(self, stars: StarTransfer) -> Self {
+        let told = Self { stars: Some(stars), ..self };
+        let [own2, theirs2] = [told.slope_sigma_dn, stars.slope_sigma_dn].map(|sigma| sigma * sigma);
+        let differ = (stars.slope_dn - told.slope_dn) / (own2 + theirs2).sqrt();
+        if differ.abs() >= AGREE_SIGMAS && told.gain_e_per_dn.is_none() {
+            let middle_dn = -told.covariance_dn3 / own2;
+            let variance_dn2 = told.intercept_dn2 + told.slope_dn * middle_dn;
+            let sigma_dn2 = (told.intercept_sigma_dn2.powi(2) - middle_dn * middle_dn * own2).max(0.0).sqrt();
+            let through = Self::at_level(middle_dn, [variance_dn2, sigma_dn2], told.step_dn, stars);
+            return Self { points: told.points, levels_dn: told.levels_dn, ..through };
+        }
+        if !(differ.abs() < AGREE_SIGMAS && theirs2 > 0.0) {
+            return told;
+        }
+        // One more measurement of the slope, by which the intercept moves as it goes with the slope.
+        let [share, rest] = [own2, theirs2].map(|variance| variance / (own2 + theirs2));
+        let carried = told.covariance_dn3 / (own2 + theirs2);
+        let step = stars.slope_dn - told.slope_dn;
+        let (slope, slope_sigma) = (told.slope_dn + share * step, (own2 * rest).sqrt());
+        let is_told = slope > MIN_SLOPE_SIGMAS * slope_sigma;
+        Self {
+            gain_e_per_dn: is_told.then(|| 1.0 / slope),
+            gain_sigma: is_told.then(|| slope_sigma / (slope * slope)),
+            slope_dn: slope,
+            slope_sigma_dn: slope_sigma,
+            intercept_dn2: told.intercept_dn2 + carried * step,
+            intercept_sigma_dn2: (told.intercept_sigma_dn2.powi(2) - carried * told.covariance_dn3).max(0.0).sqrt(),
+            covariance_dn3: told.covariance_dn3 * rest,
+            ..told
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_pcg::Pcg64Mcg;
+
+    use super::*;
+
+    /// Stars of unlike brightness with the slope 0.4 and a squared misfit, and among them some doubles.
+    fn told(seed: u64, misfit2: f64) -> Vec<[f64; 3]> {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
+        (0..400)
+            .map(|star| {
+                let by = 20.0 * 50.0_f64.powf(rng.random_range(0.0..1.0));
+                let sigma = 0.1 + 3.0 / by;
+                let noise: f64 = StandardNormal.sample(&mut rng);
+                [0.4 + misfit2 * by + sigma * noise + if star % 50 == 0 { 20.0 * sigma } else { 0.0 }, sigma, by]
+            })
+            .collect()
+    }
+
+    /// Slope and squared misfit scatter by their standard errors about the truth.
+    #[test]
+    fn stars_tell_the_slope_beside_a_misfit() {
+        const SEEDS: u64 = 200;
+        let (mut mean, mut square) = ([0.0; 2], [0.0; 2]);
+        for seed in 0..SEEDS {
+            let own = StarTransfer::fitted(&told(seed, 9e-4)).unwrap();
+            assert!(own.stars > 380 && own.stars <= 392, "doubles are left out: {}", own.stars);
+            for (k, pull) in [(own.slope_dn - 0.4) / own.slope_sigma_dn, (own.misfit2 - 9e-4) / own.misfit2_sigma].into_iter().enumerate() {
+                mean[k] += pull / SEEDS as f64;
+                square[k] += pull * pull / SEEDS as f64;
+            }
+        }
+        assert!(mean.iter().all(|mean| mean.abs() < 0.25), "means {mean:?}");
+        assert!(square.iter().all(|square| (0.8..1.25).contains(square)), "squares {square:?}");
+        assert!(StarTransfer::fitted(&told(1, 9e-4)[..20]).is_none());
+    }
+
+    /// Where the image is right the slope of stars of like brightness is known better, and its scatter is what is stated.
+    #[test]
+    fn a_right_image_tells_more() {
+        const SEEDS: u64 = 200;
+        let alike = |seed: u64| -> Vec<[f64; 3]> { told(seed, 0.0).into_iter().filter(|[_, _, by]| *by < 80.0).collect() };
+        let all: Vec<StarTransfer> = (0..SEEDS).map(|seed| StarTransfer::fitted(&alike(seed)).unwrap()).collect();
+        let square = all.iter().map(|own| ((own.slope_dn - 0.4) / own.slope_sigma_dn).powi(2)).sum::<f64>() / SEEDS as f64;
+        assert!((0.7..1.25).contains(&square), "{square}");
+        let mean = |own: &[StarTransfer]| own.iter().map(|own| own.slope_sigma_dn).sum::<f64>() / own.len() as f64;
+        let free: Vec<StarTransfer> = (0..SEEDS).map(|seed| StarTransfer::without_outliers(&alike(seed), 0.0).unwrap()).collect();
+        assert!(mean(&all) < 0.6 * mean(&free), "{} {}", mean(&all), mean(&free));
+    }
+
+    fn sky(slope: [f64; 2], level_dn: f64) -> PhotonTransfer {
+        // A well-known variance of 60 DN² at the level.
+        let [slope_dn, sigma] = slope;
+        PhotonTransfer {
+            gain_e_per_dn: None,
+            gain_sigma: None,
+            slope_dn,
+            slope_sigma_dn: sigma,
+            intercept_dn2: 60.0 - slope_dn * level_dn,
+            intercept_sigma_dn2: (0.01 + (sigma * level_dn).powi(2)).sqrt(),
+            covariance_dn3: -sigma * sigma * level_dn,
+            curvature: 0.0,
+            curvature_sigma: 1.0,
+            chi2_per_dof: 1.0,
+            step_dn: 1.0,
+            levels_dn: [level_dn; 2],
+            points: 20,
+            stars: None,
+        }
+    }
+
+    #[test]
+    fn stars_turn_the_line_about_the_level_of_the_sky() {
+        let stars = StarTransfer { slope_dn: 0.4, slope_sigma_dn: 0.004, misfit2: 0.0, misfit2_sigma: 1e-5, chi2_per_dof: 1.0, stars: 300 };
+        let line = sky([0.1, 0.3], 100.0).with_stars(stars);
+        assert!((line.gain_e_per_dn.unwrap() - 2.5).abs() < 0.01, "{line:?}");
+        assert!((line.slope_sigma_dn - 0.004).abs() < 1e-5);
+        // The variance at the level is what the sky says, whatever the slope.
+        assert!((line.intercept_dn2 + line.slope_dn * 100.0 - 60.0).abs() < 1e-9, "{line:?}");
+        let at_level = line.intercept_sigma_dn2.powi(2) + 2.0 * 100.0 * line.covariance_dn3 + (100.0 * line.slope_sigma_dn).powi(2);
+        assert!((at_level - 0.01).abs() < 1e-6, "{at_level}");
+        let alone = PhotonTransfer::at_level(100.0, [60.0, 0.1], 1.0, stars);
+        assert!((alone.intercept_dn2 - line.intercept_dn2).abs() < 0.03 && (alone.slope_dn - line.slope_dn).abs() < 1e-4, "{alone:?}");
+        assert!((alone.intercept_sigma_dn2 / line.intercept_sigma_dn2 - 1.0).abs() < 0.01);
+        let apart = PhotonTransfer { gain_e_per_dn: Some(1.0 / 0.6), ..sky([0.6, 0.01], 100.0) }.with_stars(stars);
+        assert_eq!((apart.slope_dn, apart.stars), (0.6, Some(stars)), "where they differ the sky's line stays");
+        let turned = sky([-0.1, 0.05], 100.0).with_stars(stars);
+        assert!((turned.slope_dn - 0.4).abs() < 1e-9 && (turned.intercept_dn2 + 40.0 - 60.0).abs() < 1e-6, "it gives way: {turned:?}");
+    }
+}
