@@ -80,7 +80,8 @@ impl PsfStar {
         let rows: Vec<[f64; 7]> = used.iter().map(|i| profile.row(*i, model.flux_dn)).collect();
         let (mut excess, mut information, mut misfit) = (0.0, 0.0, 0.0);
         for (row, i) in rows.iter().zip(&used).filter(|(_, i)| light[**i] > least) {
-            let lever: [f64; 7] = std::array::from_fn(|a| (0..count).map(|b| covariance[a.min(count - 1)][b] * row[b]).sum());
+            // Beyond the parameters of the fit the covariance is zero.
+            let lever: [f64; 7] = std::array::from_fn(|a| covariance[a].iter().zip(row).map(|(own, row)| own * row).sum());
             let (mut quiet, mut lit) = (0.0, 0.0);
             for (other, j) in rows.iter().zip(&used) {
                 let weight = 1.0 / (self.stamp.variance[*j] + light[*j] * expected);

@@ -45,7 +45,7 @@ fn head(page: &mut String, score: &ImageScore, commit: &str) {
         "Frames of 512 × 512 pixels are painted with a star image (Gaussian core, Moffat wings), a sky and a detector of the generator's own, and with effects \
          from the equations of the literature; the whole program then works on them as `boresight diagnose` does. Strengths are multiples of what is just seen, \
          a signal-to-noise ratio of 5 by Fisher information (reckoned by *stamps*, *background* or *noise*; nuisances are each star's place, background and \
-         width, each frame's zero point, the mean width), or *steps* of a physical unit where no such figure is simple. Shares of sizes that had to be cut, \
+         width, the error of its magnitude in the catalogue, each frame's zero point, the mean width, the wings of the image), or *steps* of a physical unit where no such figure is simple. Shares of sizes that had to be cut, \
          because more would be no camera's, stand as \"reached\".\n",
     );
 }
