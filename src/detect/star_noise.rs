@@ -60,7 +60,7 @@ fn shape_near(stars: &[PredictedStar], about: &PsfStar) -> Shape {
 impl PsfStar {
     fn noise(&self, psf: Option<&EmpiricalPsf>, shape: Option<Shape>, expected: f64) -> Option<StarNoise> {
         /// Pixels with less of the light at the peak tell of the sky alone.
-        const LEAST_SHARE: f64 = 0.01;
+        const MIN_SHARE: f64 = 0.01;
         let photons = Photons { variance_per_dn: expected };
         let shape = shape.unwrap_or(self.model.shape);
         let freedom = match psf {
@@ -75,7 +75,7 @@ impl PsfStar {
         let count = freedom.parameters();
         let covariance = inverse(&photons.normal(&self.stamp, &profile, model.flux_dn, offset, count).matrix, count)?;
         let light: Vec<f64> = profile.value.iter().map(|share| (share * model.flux_dn).max(0.0)).collect();
-        let least = LEAST_SHARE * light.iter().copied().fold(0.0, f64::max);
+        let least = MIN_SHARE * light.iter().copied().fold(0.0, f64::max);
         let used: Vec<usize> = (0..light.len()).filter(|i| self.stamp.used[*i]).collect();
         let rows: Vec<[f64; 7]> = used.iter().map(|i| profile.row(*i, model.flux_dn)).collect();
         let (mut excess, mut information, mut misfit) = (0.0, 0.0, 0.0);

@@ -16,6 +16,7 @@ mod events;
 mod field_stop;
 mod fixed_pattern;
 mod halos;
+mod joined_transfer;
 mod line_pairs;
 mod line_sums;
 mod lines;
