@@ -20,7 +20,7 @@ LIGHTS = (
 )
 VALUES = (
     dict.fromkeys("key camera recording pair".split(), "int64")
-    | dict.fromkeys("format split time_utc projection psf background_file pixels_sha256".split(), "string")
+    | dict.fromkeys("format split scene_sha256 time_utc projection psf background_file pixels_sha256".split(), "string")
     | dict.fromkeys("tai_minus_utc_s exposure_s line_time_s focal_length_px psf_sigma_px gain_e_per_dn bias_dn read_noise_e".split(), "float64")
     | dict.fromkeys("full_well_e saturation_dn background_e_per_px_s temperature_c saturated_share".split(), "float64")
     | {"no_stars": "bool", "seed": "uint64"}
