@@ -57,6 +57,30 @@ fn shape_near(stars: &[PredictedStar], about: &PsfStar) -> Shape {
     Shape { xx: xx / weight, xy: xy / weight, yy: yy / weight, trail: about.model.shape.trail }
 }
 
+/// A pixel of a star with light: its weight, its variance, its row of the fit's design matrix, and that row times the covariance of the parameters.
+struct LitPixel {
+    weight: f64,
+    variance: f64,
+    row: [f64; 7],
+    lever: [f64; 7],
+}
+
+fn dot(a: &[f64; 7], b: &[f64; 7]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Variance of Σ w_i r_i²: 2 Σ w_i w_j C_ij², where the fit leaves residuals with the covariance C = V − A (Aᵀ V⁻¹ A)⁻¹ Aᵀ of noise V and design matrix A.
+fn variance_of_squares(pixels: &[LitPixel]) -> f64 {
+    let of = |(i, own): (usize, &LitPixel)| {
+        let pair = |(j, other): (usize, &LitPixel)| {
+            let shared = if i == j { own.variance } else { 0.0 } - dot(&own.lever, &other.row);
+            own.weight * other.weight * shared * shared
+        };
+        pixels.iter().enumerate().map(pair).sum::<f64>()
+    };
+    2.0 * pixels.iter().enumerate().map(of).sum::<f64>()
+}
+
 impl PsfStar {
     fn noise(&self, psf: Option<&EmpiricalPsf>, shape: Option<Shape>, expected: f64) -> Option<StarNoise> {
         /// Pixels with less of the light at the peak tell of the sky alone.
@@ -79,13 +103,14 @@ impl PsfStar {
         let used: Vec<usize> = (0..light.len()).filter(|i| self.stamp.used[*i]).collect();
         let rows: Vec<[f64; 7]> = used.iter().map(|i| profile.row(*i, model.flux_dn)).collect();
         let (mut excess, mut information, mut misfit) = (0.0, 0.0, 0.0);
+        let mut lit_pixels: Vec<LitPixel> = Vec::with_capacity(used.len());
         for (row, i) in rows.iter().zip(&used).filter(|(_, i)| light[**i] > least) {
             // Beyond the parameters of the fit the covariance is zero.
             let lever: [f64; 7] = std::array::from_fn(|a| covariance[a].iter().zip(row).map(|(own, row)| own * row).sum());
             let (mut quiet, mut lit) = (0.0, 0.0);
             for (other, j) in rows.iter().zip(&used) {
                 let weight = 1.0 / (self.stamp.variance[*j] + light[*j] * expected);
-                let hat = (0..count).map(|a| lever[a] * other[a]).sum::<f64>() * weight;
+                let hat = dot(&lever, other) * weight;
                 let left = (if i == j { 1.0 - hat } else { -hat }).powi(2);
                 quiet += left * self.stamp.variance[*j];
                 lit += left * light[*j];
@@ -96,12 +121,88 @@ impl PsfStar {
             excess += weight * (rest * rest - quiet);
             information += weight * lit;
             misfit += weight * light[*i] * light[*i];
+            lit_pixels.push(LitPixel { weight, variance: self.stamp.variance[*i] + light[*i] * expected, row: *row, lever });
         }
         let is_told = information > 0.0 && information.is_finite();
         is_told.then(|| StarNoise {
             variance_per_dn: excess / information,
-            sigma: information.sqrt().recip(),
+            sigma: variance_of_squares(&lit_pixels).sqrt() / information,
             per_misfit2: misfit / information,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_distr::{Distribution, Normal};
+    use rand_pcg::Pcg64Mcg;
+
+    use super::*;
+    use crate::detect::image_model::axis_shares;
+    use crate::detect::measure::{Aids, detect_aided};
+    use crate::detect::{DetectOptions, EmpiricalPsf};
+    use crate::frame::Frame;
+
+    const SIDE: usize = 400;
+    const SKY_DN: f64 = 4.0;
+    const PER_DN: f64 = 0.4;
+
+    /// Stars of a frame, as detection keeps them where no gain is declared. `halo`: the share of their light in a wide skirt, which no Gaussian is.
+    fn kept(seed: u64, halo: f64) -> Vec<PredictedStar> {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
+        let mut light = vec![0.0; SIDE * SIDE];
+        for cell in 0..100 {
+            let at = [cell % 10, cell / 10].map(|k| 24.0 + 38.0 * f64::from(k) + rng.random_range(-4.0..4.0));
+            let flux = 500.0 * 40.0_f64.powf(rng.random_range(0.0..1.0));
+            for (share, sigma) in [(1.0 - halo, 0.9), (halo, 2.0)] {
+                let start = at.map(|along| along.round() as usize - 12);
+                let lines = [0, 1].map(|axis| axis_shares(start[axis], 25, at[axis], sigma));
+                for (y, down) in lines[1].iter().enumerate() {
+                    for (x, across) in lines[0].iter().enumerate() {
+                        light[(start[1] + y) * SIDE + start[0] + x] += flux * share * down[0] * across[0];
+                    }
+                }
+            }
+        }
+        let mut count = |light: f64| {
+            let noise = Normal::new(0.0, (SKY_DN * SKY_DN + PER_DN * light).sqrt()).unwrap();
+            (100.0 + light + noise.sample(&mut rng)).round() as f32
+        };
+        let pixels_dn = light.into_iter().map(&mut count).collect();
+        let frame = Frame { width_px: SIDE, height_px: SIDE, pixels_dn, saturation_dn: f32::INFINITY };
+        let (_, kept) = detect_aided(&frame, &DetectOptions::default(), &Aids { keep: 100, ..Aids::default() }).unwrap();
+        let predicted = |star: PsfStar| PredictedStar { frame: 0, predicted_px: star.place_px(), conditions: [0.0; 2], star };
+        kept.into_iter().map(predicted).collect()
+    }
+
+    /// Weighted mean of what the stars tell, in its standard errors off the truth, and χ² per star about it.
+    fn pull(told: &[StarNoise]) -> [f64; 2] {
+        let weight: f64 = told.iter().map(|own| own.sigma.powi(-2)).sum();
+        let mean = told.iter().map(|own| own.variance_per_dn * own.sigma.powi(-2)).sum::<f64>() / weight;
+        let chi2: f64 = told.iter().map(|own| ((own.variance_per_dn - mean) / own.sigma).powi(2)).sum();
+        [(mean - PER_DN) * weight.sqrt(), chi2 / told.len() as f64]
+    }
+
+    /// The gain that photons were drawn with, as well as it is said to be known; a skirt that the image lacks shows as a value that is too large.
+    #[test]
+    fn the_noise_of_stars_tells_their_gain() {
+        const SEEDS: u64 = 96;
+        let mut sums = [0.0; 3];
+        for seed in 0..SEEDS {
+            let stars = kept(seed, 0.0);
+            let told = star_noise(&stars, None::<&EmpiricalPsf>, PER_DN);
+            assert!(told.len() > 60 && told.iter().all(|own| own.per_misfit2 > 0.0), "seed {seed}: {} stars", told.len());
+            let [off, scatter] = pull(&told);
+            for (sum, value) in sums.iter_mut().zip([off, off * off, scatter]) {
+                *sum += value / SEEDS as f64;
+            }
+        }
+        let [mean, square, scatter] = sums;
+        assert!(mean.abs() < 0.35, "mean pull {mean}");
+        assert!((0.65..1.4).contains(&square), "mean squared pull {square}, mean {mean}, {scatter}");
+        assert!((0.85..1.2).contains(&scatter), "scatter of stars about their mean {scatter}");
+        let [off, _] = pull(&star_noise(&kept(3, 0.25), None, PER_DN));
+        assert!(off > 6.0, "a wrong image passes for photons: {off}");
     }
 }

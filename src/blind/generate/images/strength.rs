@@ -1,9 +1,9 @@
 //! How well what is hidden in pixels can be seen: signal-to-noise ratios by Fisher information.
 //!
 //! Of stars: the change of the noiseless frame is taken by finite differences. In a star's stamp its own parameters (light, place, background, width)
-//! take up what they can; what they take up of light and width is told by catalogue and neighbours, so these changes count, the light beside a zero point of
-//! its frame and the catalogue's error of the star, the width less that of all; and so does what no parameter takes up. Of noise: variances of sample variances (Kendall & Stuart, *The
-//! Advanced Theory of Statistics* 1 (1977), 10.9), of sample covariances, of means and of histograms.
+//! take up what they can; what they take up of light and width is told by catalogue and neighbours, so these changes count: the light beside a zero point
+//! of its frame and the catalogue's error of the star, the width less that of all; and so does what no parameter takes up. Of noise: variances of sample
+//! variances (Kendall & Stuart, *The Advanced Theory of Statistics* 1 (1977), 10.9), of sample covariances, of means and of histograms.
 
 use std::collections::BTreeMap;
 
@@ -344,5 +344,52 @@ pub(super) fn noise_size(kind: PixelKind, world: &ImageWorld, snr: f64) -> f64 {
             (snr * (2.0 / codes).sqrt() * codes / (pixels * frames)).sqrt()
         }
         _ => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// χ² by the whole covariance matrix, zero points with a wide or a known scatter.
+    fn by_covariance(frames: &[Vec<StarLight>], catalogue: f64, scatter: f64) -> f64 {
+        let all: Vec<(usize, StarLight)> =
+            frames.iter().enumerate().flat_map(|(frame, lights)| lights.iter().map(move |light| (frame, *light))).collect();
+        let change = DVector::from_iterator(all.len(), all.iter().map(|(_, own)| own.change));
+        let covariance = DMatrix::from_fn(all.len(), all.len(), |a, b| {
+            let ((frame, own), (other_frame, other)) = (&all[a], &all[b]);
+            let pixels = if a == b { own.variance } else { 0.0 };
+            let star = if own.hip == other.hip { catalogue * catalogue } else { 0.0 };
+            let zero_point = if frame == other_frame { scatter * scatter } else { 0.0 };
+            pixels + star + zero_point + 1e4
+        });
+        change.dot(&covariance.cholesky().unwrap().solve(&change))
+    }
+
+    /// Three stars in five frames, and one that is seen once.
+    fn frames(change: impl Fn(usize, u32) -> f64) -> Vec<Vec<StarLight>> {
+        let star = |frame: usize, hip: u32| StarLight { hip, change: change(frame, hip), variance: 1e-4 * f64::from(hip) };
+        let mut all: Vec<Vec<StarLight>> = (0..5).map(|frame| (1..4).map(|hip| star(frame, hip)).collect()).collect();
+        all[2].push(star(2, 7));
+        all
+    }
+
+    #[test]
+    fn a_catalogue_that_is_wrong_alike_in_all_frames_is_counted_once() {
+        let sloped = frames(|frame, hip| 0.01 * f64::from(hip) + 0.003 * frame as f64 * f64::from(hip % 2));
+        for (zero_points, scatter) in [(ZeroPoints::OfFrames, 100.0), (ZeroPoints::Within(CLEAR_NIGHT), CLEAR_NIGHT)] {
+            let [own, whole] = [light_information(&sloped, 0.02, zero_points), by_covariance(&sloped, 0.02, scatter)];
+            assert!((own / whole - 1.0).abs() < 1e-3, "{zero_points:?}: {own} {whole}");
+        }
+        // What follows the star alone is not known better than the catalogue knows stars, however many frames there are: 2e-4/0.02².
+        let by_star: Vec<Vec<StarLight>> =
+            frames(|_, hip| 0.01 * f64::from(hip)).into_iter().map(|lights| lights.into_iter().take(3).collect()).collect();
+        let told = light_information(&by_star, 0.02, ZeroPoints::OfFrames);
+        assert!((0.4..0.5).contains(&told), "{told}");
+        // One dim frame of five is told no better than nights are even.
+        let dim = frames(|frame, _| if frame == 1 { 0.1 } else { 0.0 });
+        let told = light_information(&dim, 0.02, ZeroPoints::Within(CLEAR_NIGHT)).sqrt();
+        assert!(told < 0.1 / CLEAR_NIGHT && told > 0.3 * 0.1 / CLEAR_NIGHT, "{told}");
+        assert!(light_information(&dim, 0.02, ZeroPoints::OfFrames) < 1e-6, "a zero point of its own takes it up");
     }
 }
