@@ -274,7 +274,10 @@ fn frames_and_scenes_are_had_one_by_one() {
     }
     let plan = run(&["dataset", text(&recipe), "--plan"]);
     assert!(plan.code == 0 && plan.stdout.contains("tiny: 16 frames in 8 shards of 2;"), "{}{}", plan.stdout, plan.stderr);
-    assert!(plan.stdout.contains("train and test: nearest boresights ") && plan.stdout.contains("shared cameras 0, shared stars 0.00 %"));
+    assert!(
+        plan.stdout.contains("train and test: nearest boresights ")
+            && plan.stdout.contains("shared cameras 0, shared seeds 0, shared stars 0.00 %")
+    );
     assert!(plan.stdout.contains("drawn per frame, even: frames.rate_deg_s, ball = { radius = 0.5 }\n"), "{}", plan.stdout);
     assert!(!at("set").exists());
 }
