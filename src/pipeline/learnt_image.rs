@@ -6,6 +6,7 @@
 
 use std::collections::BTreeMap;
 
+use super::recording_conditions::line_with_stars;
 use super::{Centroid, Measured, MeasuredFrame};
 use crate::calibrate::{CalibrateOptions, Calibration, Status, calibrate};
 use crate::detect::{
@@ -24,7 +25,7 @@ const COLOURED: f64 = 0.8;
 const MIN_SPAN_K: f64 = 1.0;
 
 /// Learns the image at the places of a baseline solution, takes the bias that it predicts off the places of all star images of the recording and of the
-/// baseline's control points, and solves once more. Nothing changes where too few stars' pixels were kept, where stars held out do not prefer an image to
+/// baseline's control points, and solves once more. Of a camera without a declared gain the noise of these stars tells it, too. Places do not change where too few stars' pixels were kept, where stars held out do not prefer an image to
 /// Gaussians, or where the residuals do not fall.
 pub fn take_phase_bias_off(
     measured: &mut Measured,
@@ -76,7 +77,7 @@ pub fn take_phase_bias_off(
     })
 }
 
-/// Where no gain is declared, the noise of the stars' light tells it beside the sky's: under the image that was learnt, else under each star's own Gaussian.
+/// Where no gain is declared, the noise of the stars' light tells it beside the sky's: under the image that was learnt, else under Gaussians.
 fn tell_gain(measured: &mut Measured, stars: &[PredictedStar], psf: Option<&EmpiricalPsf>) {
     /// The better the weights, the better the values: the second look has those of the first.
     const LOOKS: usize = 2;
@@ -92,11 +93,12 @@ fn tell_gain(measured: &mut Measured, stars: &[PredictedStar], psf: Option<&Empi
     }
     if let Some(told) = told {
         tracing::info!("noise of the light of {} stars: {:.4} ± {:.4} DN per DN", told.stars, told.slope_dn, told.slope_sigma_dn);
-        if let Some(line) = measured.pixels.as_mut().and_then(|pixels| pixels.photon_transfer.as_mut()) {
-            *line = line.clone().with_stars(told);
-        }
     }
     measured.star_noise = told;
+    let line = line_with_stars(measured);
+    if let Some(pixels) = &mut measured.pixels {
+        pixels.photon_transfer = line;
+    }
 }
 
 /// How far each star image was found from where it is, px: by frame and row, which no mirroring changes.

@@ -5,7 +5,7 @@ use crate::calibrate::{DetectorNumber, DetectorNumbers, Surroundings};
 use crate::detect::Detections;
 use crate::diagnose::{DeclaredDetector, FoundParameter, ImageConditions, MeasuredNoise, StampCamera, detector_numbers as told};
 use crate::identify::ControlPoints;
-use crate::pixel_statistics::PhotonTransfer;
+use crate::pixel_statistics::{PhotonTransfer, StarTransfer};
 use crate::recording::{Mount, Recording};
 use crate::statistics::{mad_sigma, median, median_in_place};
 
@@ -38,29 +38,51 @@ pub fn stamp_camera(measured: &Measured, points: &ControlPoints) -> Option<Stamp
     Some(StampCamera { camera: points.nominal, gain_e_per_dn, looks: conditions_at(measured, gain_e_per_dn)? })
 }
 
-/// What the noise of stars and sky tells of a detector of which no gain is declared: by the sky's own pixels where these were looked at, else by the noise
-/// that the stars were found in.
+/// What the noise of stars and sky tells of a detector of which no gain is declared.
 #[must_use]
 pub fn detector_numbers(measured: &Measured) -> Option<DetectorNumbers> {
-    let line = match &measured.pixels {
-        Some(pixels) => pixels.photon_transfer.clone()?,
-        None => line_of_levels(measured)?,
-    };
     if measured.recording.camera.gain_e_per_dn.is_some() {
         return None;
     }
-    let (parameters, reason) = told(&line, &DeclaredDetector::from(&measured.recording.camera))?;
+    let (parameters, reason) = told(&line_with_stars(measured)?, &DeclaredDetector::from(&measured.recording.camera))?;
     let number = |own: FoundParameter| DetectorNumber { name: own.name, value: own.value, sigma: own.sigma };
     Some(DetectorNumbers { parameters: parameters.into_iter().map(number).collect(), reason })
 }
 
+/// The line of photon transfer: through the sky's pixels where these were looked at, else through the level and the noise that the stars were found in; with
+/// what the stars tell.
+pub(super) fn line_with_stars(measured: &Measured) -> Option<PhotonTransfer> {
+    let of_sky = measured.pixels.as_ref().and_then(|pixels| pixels.photon_transfer.clone());
+    match (of_sky, measured.star_noise) {
+        // Stars that are in it already are not counted twice.
+        (Some(line), Some(stars)) if line.stars.is_none() => Some(line.with_stars(stars)),
+        (Some(line), _) => Some(line),
+        (None, Some(stars)) => line_of_levels(measured, stars),
+        (None, None) => None,
+    }
+}
+
 /// The line through the frames' typical level and noise, with the slope of the stars.
-fn line_of_levels(measured: &Measured) -> Option<PhotonTransfer> {
-    let stars = measured.star_noise?;
+fn line_of_levels(measured: &Measured, stars: StarTransfer) -> Option<PhotonTransfer> {
     let of = |number: fn(&Detections) -> f64| -> Vec<f64> { measured.frames.iter().map(|frame| number(&frame.detections)).collect() };
     let (level_dn, variances) = (median(&of(|own| own.background_dn))?, of(|own| own.noise_dn * own.noise_dn));
     let sigma_dn2 = mad_sigma(&variances)? / (variances.len() as f64).sqrt();
-    Some(PhotonTransfer::at_level(level_dn, [median(&variances)?, sigma_dn2], 1.0, stars))
+    Some(PhotonTransfer::at_level(level_dn, [median(&variances)?, sigma_dn2], step_of_peaks_dn(measured), stars))
+}
+
+/// Step of the codes, by the peaks of the stars: their greatest common distance; 1 where they are no whole numbers.
+fn step_of_peaks_dn(measured: &Measured) -> f64 {
+    let peaks: Vec<f64> = measured.frames.iter().flat_map(|frame| &frame.detections.stars).map(|star| star.peak_dn).collect();
+    let common = |mut a: u64, mut b: u64| {
+        while b != 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    let is_whole = peaks.iter().all(|peak| peak.fract() == 0.0 && peak.abs() < 1e9);
+    let first = peaks.first().copied().unwrap_or(0.0);
+    let step = if is_whole { peaks.iter().fold(0, |step, peak| common(step, (peak - first).abs() as u64)) } else { 0 };
+    step.max(1) as f64
 }
 
 fn conditions_at(measured: &Measured, gain: f64) -> Option<ImageConditions> {

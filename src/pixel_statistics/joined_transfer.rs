@@ -13,10 +13,9 @@ impl PhotonTransfer {
     #[must_use]
     pub fn at_level(level_dn: f64, [variance_dn2, sigma_dn2]: [f64; 2], step_dn: f64, stars: StarTransfer) -> Self {
         let (slope, slope_sigma) = (stars.slope_dn, stars.slope_sigma_dn);
-        let is_told = slope > MIN_SLOPE_SIGMAS * slope_sigma;
-        Self {
-            gain_e_per_dn: is_told.then(|| 1.0 / slope),
-            gain_sigma: is_told.then(|| slope_sigma / (slope * slope)),
+        let line = Self {
+            gain_e_per_dn: None,
+            gain_sigma: None,
             slope_dn: slope,
             slope_sigma_dn: slope_sigma,
             intercept_dn2: variance_dn2 - slope * level_dn,
@@ -29,6 +28,19 @@ impl PhotonTransfer {
             levels_dn: [level_dn; 2],
             points: 1,
             stars: Some(stars),
+        };
+        line.with_slope([slope, slope_sigma])
+    }
+
+    /// With another slope, and the gain that it tells.
+    fn with_slope(self, [slope, sigma]: [f64; 2]) -> Self {
+        let is_told = slope > MIN_SLOPE_SIGMAS * sigma;
+        Self {
+            gain_e_per_dn: is_told.then(|| 1.0 / slope),
+            gain_sigma: is_told.then(|| sigma / (slope * slope)),
+            slope_dn: slope,
+            slope_sigma_dn: sigma,
+            ..self
         }
     }
 
@@ -53,18 +65,20 @@ impl PhotonTransfer {
         let [share, rest] = [own2, theirs2].map(|variance| variance / (own2 + theirs2));
         let carried = told.covariance_dn3 / (own2 + theirs2);
         let step = stars.slope_dn - told.slope_dn;
-        let (slope, slope_sigma) = (told.slope_dn + share * step, (own2 * rest).sqrt());
-        let is_told = slope > MIN_SLOPE_SIGMAS * slope_sigma;
-        Self {
-            gain_e_per_dn: is_told.then(|| 1.0 / slope),
-            gain_sigma: is_told.then(|| slope_sigma / (slope * slope)),
-            slope_dn: slope,
-            slope_sigma_dn: slope_sigma,
+        let slope = [told.slope_dn + share * step, (own2 * rest).sqrt()];
+        let moved = Self {
             intercept_dn2: told.intercept_dn2 + carried * step,
             intercept_sigma_dn2: (told.intercept_sigma_dn2.powi(2) - carried * told.covariance_dn3).max(0.0).sqrt(),
             covariance_dn3: told.covariance_dn3 * rest,
             ..told
-        }
+        };
+        moved.with_slope(slope)
+    }
+
+    /// The share of what is known of the slope that the stars tell.
+    #[must_use]
+    pub fn share_of_stars(&self) -> f64 {
+        self.stars.map_or(0.0, |stars| (self.slope_sigma_dn / stars.slope_sigma_dn).powi(2))
     }
 }
 
@@ -106,6 +120,9 @@ mod tests {
         let alone = PhotonTransfer::at_level(100.0, [60.0, 0.1], 1.0, stars);
         assert!((alone.intercept_dn2 - line.intercept_dn2).abs() < 0.03 && (alone.slope_dn - line.slope_dn).abs() < 1e-4, "{alone:?}");
         assert!((alone.intercept_sigma_dn2 / line.intercept_sigma_dn2 - 1.0).abs() < 0.01);
+        assert!(
+            line.share_of_stars() > 0.999 && (alone.share_of_stars() - 1.0).abs() < 1e-12 && sky([0.1, 0.3], 9.0).share_of_stars() == 0.0
+        );
         let apart = PhotonTransfer { gain_e_per_dn: Some(1.0 / 0.6), ..sky([0.6, 0.01], 100.0) }.with_stars(stars);
         assert_eq!((apart.slope_dn, apart.stars), (0.6, Some(stars)), "where they differ the sky's line stays");
         let turned = sky([-0.1, 0.05], 100.0).with_stars(stars);

@@ -7,10 +7,11 @@ use serde::{Deserialize, Serialize};
 const MIN_STARS: usize = 30;
 /// Stars whose value lies beyond this are doubles, or struck by a ray.
 const OUTLIER_SIGMAS: f64 = 5.0;
-/// Where the stars show no misfit of the image, what is known of it without them: none, within the square of this share of the light.
+/// Prior of the squared misfit, zero with this standard error (0.7 % of the light, squared): an image that was learnt, or a Gaussian that stars held out
+/// prefer to it, is as good as that,
 const MISFIT2_SIGMA: f64 = 5e-5;
-/// They show one that is so many of its standard errors.
-const SHOWN_SIGMAS: f64 = 3.0;
+/// unless the stars show a misfit of so many standard errors: then it is fitted without the prior.
+const MIN_MISFIT_SIGMAS: f64 = 3.0;
 
 /// Variance per count of light, as the stars tell it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -34,7 +35,7 @@ impl StarTransfer {
     #[must_use]
     pub fn fitted(told: &[[f64; 3]]) -> Option<Self> {
         let free = Self::without_outliers(told, 0.0)?;
-        let is_shown = free.misfit2 > SHOWN_SIGMAS * free.misfit2_sigma;
+        let is_shown = free.misfit2 > MIN_MISFIT_SIGMAS * free.misfit2_sigma;
         if is_shown { Some(free) } else { Self::without_outliers(told, MISFIT2_SIGMA.powi(-2)) }
     }
 

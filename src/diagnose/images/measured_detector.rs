@@ -16,7 +16,7 @@ pub(super) fn measured_detector(line: Option<&PhotonTransfer>, declared: &Declar
     let nothing = || {
         (
             Vec::new(),
-            "no gain is declared, and the levels of the sky differ too little to tell it, as stars are too few or too faint".to_owned(),
+            "no gain is declared; the levels of the sky differ too little to tell it, and the stars are too few or too faint".to_owned(),
         )
     };
     let (parameters, reason) = line.and_then(|line| detector_numbers(line, declared)).unwrap_or_else(nothing);
@@ -63,17 +63,26 @@ pub fn detector_numbers(line: &PhotonTransfer, declared: &DeclaredDetector) -> O
 fn told_by(line: &PhotonTransfer) -> String {
     /// Of what differs by more the sky's value stands.
     const SIGMAS: f64 = 3.0;
-    let Some(stars) = &line.stars else { return "the noise of the sky gives".to_owned() };
-    if line.points > 1 && (stars.slope_dn - line.slope_dn).abs() > SIGMAS * stars.slope_sigma_dn.hypot(line.slope_sigma_dn) {
+    /// Who knows less than this share of the slope is not named.
+    const MIN_SHARE: f64 = 0.04;
+    let sky = "the noise of the sky gives".to_owned();
+    let Some(stars) = &line.stars else { return sky };
+    let share = line.share_of_stars();
+    if (stars.slope_dn - line.slope_dn).abs() > SIGMAS * stars.slope_sigma_dn.hypot(line.slope_sigma_dn) {
         let [gain, sigma] = [stars.slope_dn.recip(), stars.slope_sigma_dn / (stars.slope_dn * stars.slope_dn)];
-        return format!("the noise of the stars gives {gain:.4} ± {sigma:.4}, that of the sky, which is taken,");
+        return format!("the noise of the light of {} stars gives {gain:.4} ± {sigma:.4}, that of the sky, which is taken,", stars.stars);
     }
-    format!("the noise of the sky and of the light of {} stars gives", stars.stars)
+    match share {
+        _ if share < MIN_SHARE => sky,
+        _ if share > 1.0 - MIN_SHARE => format!("the noise of the light of {} stars gives", stars.stars),
+        _ => format!("the noise of the sky and of the light of {} stars gives", stars.stars),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pixel_statistics::StarTransfer;
 
     /// Variance = level/2 + 3.5 DN²: of a bias of 100 DN and a gain of 2 e/DN the read noise is √(4·(3.5 − 1/12 + 50)) e.
     fn line() -> PhotonTransfer {
@@ -113,6 +122,15 @@ mod tests {
         assert!((parameters[1].value - (4.0 * (3.5 - 1.0 / 12.0_f64)).sqrt()).abs() < 1e-9);
         assert_eq!(names(&DeclaredDetector { read_noise_e: Some(3.7), ..nothing }), ["gain_e_per_dn", "bias_dn"]);
         assert!(told(&DeclaredDetector { gain_e_per_dn: Some(2.0), ..nothing }).is_none());
+        let stars = |slope_dn: f64, slope_sigma_dn: f64| {
+            let (misfit2, misfit2_sigma, chi2_per_dof, stars) = (0.0, 1e-5, 1.0, 200);
+            StarTransfer { slope_dn, slope_sigma_dn, misfit2, misfit2_sigma, chi2_per_dof, stars }
+        };
+        let by = |own: StarTransfer| detector_numbers(&line().with_stars(own), &nothing).unwrap().1;
+        assert!(by(stars(0.5, 1.0)).contains("the noise of the sky gives 2.0000"));
+        assert!(by(stars(0.5, 0.0025)).contains("the noise of the sky and of the light of 200 stars gives 2.0000"));
+        assert!(by(stars(0.5, 0.0001)).contains("the noise of the light of 200 stars gives 2.0000"));
+        assert!(by(stars(0.8, 0.0025)).contains("of 200 stars gives 1.2500 ± 0.0039, that of the sky, which is taken, 2.0000"));
         let none = measured_detector(None, &nothing).unwrap();
         assert!(none.parameters.is_empty() && none.reason.contains("too little"));
     }
