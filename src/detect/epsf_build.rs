@@ -84,7 +84,7 @@ const MAX_CHI2: f64 = 1.5;
 /// The image that held-out stars prefer to Gaussians, if there is one, and what they said.
 #[must_use]
 pub fn learn(stars: &[PsfStar]) -> (Option<EmpiricalPsf>, PsfReport) {
-    learn_with(&brightest(stars, MAX_PIXELS), Terms { order: FIELD_TERMS.len() - 1, by: [false; 2] })
+    learn_with(&brightest(stars, |star| star, MAX_PIXELS), Terms { order: FIELD_TERMS.len() - 1, by: [false; 2] })
 }
 
 /// The same, which may change with at most so much.
@@ -112,13 +112,13 @@ pub(super) fn learn_with(chosen: &[&PsfStar], most: Terms) -> (Option<EmpiricalP
     (psf, report)
 }
 
-/// The brightest stars, as many as have so many pixels.
-pub(super) fn brightest(stars: &[PsfStar], most_pixels: usize) -> Vec<&PsfStar> {
-    let mut chosen: Vec<&PsfStar> = stars.iter().collect();
-    descending(&mut chosen, |a| a.snr);
+/// The brightest stars, as many as have so many pixels. `of`: the star of what is listed.
+pub(super) fn brightest<T>(listed: &[T], of: impl Fn(&T) -> &PsfStar, most_pixels: usize) -> Vec<&T> {
+    let mut chosen: Vec<&T> = listed.iter().collect();
+    descending(&mut chosen, |one| of(one).snr);
     let mut pixels = 0;
-    chosen.retain(|s| {
-        pixels += s.stamp.data.len();
+    chosen.retain(|one| {
+        pixels += of(one).stamp.data.len();
         pixels <= most_pixels
     });
     chosen
@@ -299,7 +299,7 @@ impl<'a> Look<'a> {
 }
 
 /// Fits one star with the present image.
-fn turn<'a>(star: &'a PsfStar, model: Model, psf: &EmpiricalPsf) -> Option<Turn<'a>> {
+pub(super) fn turn<'a>(star: &'a PsfStar, model: Model, psf: &EmpiricalPsf) -> Option<Turn<'a>> {
     let of_star = psf.under(star.conditions);
     let mut profile = Profile::of(Some(&of_star));
     let mut stay = |model: Model| {

@@ -36,6 +36,8 @@ pub struct SkyImage {
     pub report: PsfReport,
     /// Standard error of the places that the sky says, px per axis.
     pub place_sigma_px: f64,
+    /// The stars that it was learnt from, at the places that the sky says, each with its index among those given.
+    pub(super) learnt_from: Vec<(usize, PsfStar)>,
 }
 
 /// Pixels that are used, about: more take time.
@@ -59,9 +61,11 @@ pub fn learn_from_sky(stars: &[PredictedStar], conditions: [bool; 2]) -> SkyImag
         measured = under_first_image;
     }
     let (placed, place_sigma_px) = anchored(stars, &measured);
-    let all: Vec<PsfStar> = placed.into_iter().flatten().collect();
-    let (psf, report) = learn_with(&brightest(&all, MAX_PIXELS), Terms { order: 0, by: conditions });
-    SkyImage { psf, report, place_sigma_px }
+    let all: Vec<(usize, PsfStar)> = placed.into_iter().enumerate().filter_map(|(index, star)| Some((index, star?))).collect();
+    let learnt_from: Vec<(usize, PsfStar)> = brightest(&all, |(_, star)| star, MAX_PIXELS).into_iter().cloned().collect();
+    let chosen: Vec<&PsfStar> = learnt_from.iter().map(|(_, star)| star).collect();
+    let (psf, report) = learn_with(&chosen, Terms { order: 0, by: conditions });
+    SkyImage { psf, report, place_sigma_px, learnt_from }
 }
 
 /// The place of each star under an image of others, with the sky's places as these are now: under one of its own pixels it would scatter too little.
@@ -72,7 +76,7 @@ fn measured_by_others(stars: &[PredictedStar], measured: &[Option<Place>]) -> Op
     for part in 0..PARTS {
         let others: Vec<PsfStar> =
             placed.iter().enumerate().filter(|(i, _)| i % PARTS != part).filter_map(|(_, star)| star.clone()).collect();
-        let image = fit_image(&brightest(&others, MAX_PIXELS / PARTS), Terms::default(), None)?;
+        let image = fit_image(&brightest(&others, |star| star, MAX_PIXELS / PARTS), Terms::default(), None)?;
         for (place, one) in next.iter_mut().zip(stars).skip(part).step_by(PARTS) {
             *place = Place::under(&one.star, &image);
         }

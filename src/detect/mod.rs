@@ -35,6 +35,7 @@ mod gain;
 mod gaussian;
 mod image_circle;
 mod image_model;
+mod image_noise;
 mod learnt_image;
 mod measure;
 mod moments;

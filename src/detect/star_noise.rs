@@ -2,13 +2,15 @@
 //!
 //! Of a weighted least-squares fit with hat matrix H the residuals have E r_i² = Σ_j (δ_ij − H_ij)² v_j with v_j = σ_j² + κ·s_j: sky's noise σ_j, light
 //! s_j, and κ the variance of the counts per count of light, which is 1 / gain. Where the image differs by a share ε of the light, E r_i² is larger by
-//! ε²·s_i²: a star says how much of its value such a share would make, so that many stars of unlike brightness tell the two apart.
+//! ε²·s_i²: a star says how much of its value such a share would make, so that many stars of unlike brightness tell the two apart. What an image that was
+//! learnt from the same stars follows of their noise is drawn and added.
 
 use super::epsf::EmpiricalPsf;
 use super::epsf_build::PsfStar;
-use super::epsf_sky::PredictedStar;
+use super::epsf_sky::{PredictedStar, SkyImage};
 use super::fit::Freedom;
 use super::image_model::{Model, Shape};
+use super::image_noise::{Drawn, ImageNoise};
 use super::psf::Profile;
 use super::stamp::Photons;
 use crate::parallel;
@@ -26,14 +28,19 @@ pub struct StarNoise {
     pub per_misfit2: f64,
 }
 
-/// What each star tells, as its noise is expected with `expected` per count of light. Stars that no image fits tell nothing. `psf`: the image that was
-/// learnt, else a Gaussian of the shape of the stars nearest to it.
+/// What each star tells, as its noise is expected with `expected` per count of light. Stars that no image fits tell nothing. `image`: what was learnt of
+/// these stars where the sky says that they are; where that is no image, each has a Gaussian of the shape of the stars nearest to it.
 #[must_use]
-pub fn star_noise(stars: &[PredictedStar], psf: Option<&EmpiricalPsf>, expected: f64) -> Vec<StarNoise> {
+pub fn star_noise(stars: &[PredictedStar], image: Option<&SkyImage>, expected: f64) -> Vec<StarNoise> {
+    let psf = image.and_then(|image| image.psf.as_ref());
+    let drawn = image.and_then(|image| ImageNoise::draw(image, expected));
     let shapes: Vec<Shape> = if psf.is_some() { Vec::new() } else { parallel::map(stars, |one| shape_near(stars, &one.star)) };
     let of = |index: usize| {
         let PredictedStar { star, conditions, .. } = &stars[index];
-        star.noise(psf.map(|psf| psf.under(*conditions)).as_deref(), shapes.get(index).copied(), expected)
+        let star = PsfStar { conditions: *conditions, ..star.clone() };
+        let fit = StarFit::of(&star, psf.map(|psf| psf.under(*conditions)).as_deref(), shapes.get(index).copied(), expected)?;
+        let drawn = drawn.as_ref().map(|noise| noise.at(index, &star, &fit.model)).unwrap_or_default();
+        fit.noise(&drawn, expected)
     };
     parallel::map_numbers(stars.len(), of).into_iter().flatten().collect()
 }
@@ -57,78 +64,118 @@ fn shape_near(stars: &[PredictedStar], about: &PsfStar) -> Shape {
     Shape { xx: xx / weight, xy: xy / weight, yy: yy / weight, trail: about.model.shape.trail }
 }
 
-/// A pixel of a star with light: its weight, its variance, its row of the fit's design matrix, and that row times the covariance of the parameters.
-struct LitPixel {
-    weight: f64,
-    variance: f64,
-    row: [f64; 7],
-    lever: [f64; 7],
+/// A star's pixels under its fit, those that are used.
+struct StarFit {
+    model: Model,
+    /// Their index in the stamp.
+    used: Vec<usize>,
+    light_dn: Vec<f64>,
+    /// What the fit leaves, counts.
+    rest_dn: Vec<f64>,
+    /// Sky's variance, and that of all light.
+    sky_dn2: Vec<f64>,
+    variance_dn2: Vec<f64>,
+    /// Rows of the design matrix, and these times the covariance of the parameters.
+    rows: Vec<[f64; 7]>,
+    levers: Vec<[f64; 7]>,
 }
 
 fn dot(a: &[f64; 7], b: &[f64; 7]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Variance of Σ w_i r_i²: 2 Σ w_i w_j C_ij², where the fit leaves residuals with the covariance C = V − A (Aᵀ V⁻¹ A)⁻¹ Aᵀ of noise V and design matrix A.
-fn variance_of_squares(pixels: &[LitPixel]) -> f64 {
-    let of = |(i, own): (usize, &LitPixel)| {
-        let pair = |(j, other): (usize, &LitPixel)| {
-            let shared = if i == j { own.variance } else { 0.0 } - dot(&own.lever, &other.row);
-            own.weight * other.weight * shared * shared
-        };
-        pixels.iter().enumerate().map(pair).sum::<f64>()
-    };
-    2.0 * pixels.iter().enumerate().map(of).sum::<f64>()
-}
-
-impl PsfStar {
-    fn noise(&self, psf: Option<&EmpiricalPsf>, shape: Option<Shape>, expected: f64) -> Option<StarNoise> {
-        /// Pixels with less of the light at the peak tell of the sky alone.
-        const MIN_SHARE: f64 = 0.01;
+impl StarFit {
+    fn of(star: &PsfStar, psf: Option<&EmpiricalPsf>, shape: Option<Shape>, expected: f64) -> Option<Self> {
         let photons = Photons { variance_per_dn: expected };
-        let shape = shape.unwrap_or(self.model.shape);
+        let shape = shape.unwrap_or(star.model.shape);
         let freedom = match psf {
             Some(_) => Freedom::Empirical,
             None if shape.is_round() => Freedom::Fixed,
             None => Freedom::Ellipse,
         };
         let mut profile = Profile::of(psf);
-        let start = Model { empirical: psf.is_some(), shape, ..self.model };
-        let (model, offset) = photons.climb(&self.stamp, start, freedom, &mut profile)?;
-        profile.draw(self.stamp.window, &model, freedom == Freedom::Ellipse);
+        let start = Model { empirical: psf.is_some(), shape, ..star.model };
+        let (model, offset) = photons.climb(&star.stamp, start, freedom, &mut profile)?;
+        profile.draw(star.stamp.window, &model, freedom == Freedom::Ellipse);
         let count = freedom.parameters();
-        let covariance = inverse(&photons.normal(&self.stamp, &profile, model.flux_dn, offset, count).matrix, count)?;
-        let light: Vec<f64> = profile.value.iter().map(|share| (share * model.flux_dn).max(0.0)).collect();
-        let least = MIN_SHARE * light.iter().copied().fold(0.0, f64::max);
-        let used: Vec<usize> = (0..light.len()).filter(|i| self.stamp.used[*i]).collect();
+        let covariance = inverse(&photons.normal(&star.stamp, &profile, model.flux_dn, offset, count).matrix, count)?;
+        let used: Vec<usize> = (0..profile.value.len()).filter(|i| star.stamp.used[*i]).collect();
+        let light_dn: Vec<f64> = used.iter().map(|i| (profile.value[*i] * model.flux_dn).max(0.0)).collect();
+        let rest_dn = used.iter().zip(&light_dn).map(|(i, light)| star.stamp.data[*i] - light - offset).collect();
+        let sky_dn2: Vec<f64> = used.iter().map(|i| star.stamp.variance[*i]).collect();
+        let variance_dn2 = sky_dn2.iter().zip(&light_dn).map(|(sky, light)| sky + light * expected).collect();
         let rows: Vec<[f64; 7]> = used.iter().map(|i| profile.row(*i, model.flux_dn)).collect();
-        let (mut excess, mut information, mut misfit) = (0.0, 0.0, 0.0);
-        let mut lit_pixels: Vec<LitPixel> = Vec::with_capacity(used.len());
-        for (row, i) in rows.iter().zip(&used).filter(|(_, i)| light[**i] > least) {
-            // Beyond the parameters of the fit the covariance is zero.
-            let lever: [f64; 7] = std::array::from_fn(|a| covariance[a].iter().zip(row).map(|(own, row)| own * row).sum());
-            let (mut quiet, mut lit) = (0.0, 0.0);
-            for (other, j) in rows.iter().zip(&used) {
-                let weight = 1.0 / (self.stamp.variance[*j] + light[*j] * expected);
-                let hat = dot(&lever, other) * weight;
-                let left = (if i == j { 1.0 - hat } else { -hat }).powi(2);
-                quiet += left * self.stamp.variance[*j];
-                lit += left * light[*j];
+        // Beyond the parameters of the fit the covariance is zero.
+        let levers = rows.iter().map(|row| std::array::from_fn(|a| dot(&covariance[a], row))).collect();
+        Some(Self { model, used, light_dn, rest_dn, sky_dn2, variance_dn2, rows, levers })
+    }
+
+    /// What the fit of a star leaves of counts in the pixels that are used.
+    fn left_of(&self, counts: &[f64]) -> Vec<f64> {
+        let mut taken = [0.0; 7];
+        for ((lever, value), variance) in self.levers.iter().zip(counts).zip(&self.variance_dn2) {
+            taken.iter_mut().zip(lever).for_each(|(sum, lever)| *sum += lever * value / variance);
+        }
+        self.rows.iter().zip(counts).map(|(row, value)| value - dot(row, &taken)).collect()
+    }
+
+    /// Of noise that was drawn for the stars of an image, how much larger the square of what is left of each pixel is without the image that follows it;
+    /// mean of the draws.
+    fn followed(&self, drawn: &[Drawn]) -> Vec<f64> {
+        let mut mean = vec![0.0; self.used.len()];
+        for own in drawn {
+            let without: Vec<f64> = self.used.iter().map(|i| own.noise_dn[*i]).collect();
+            let with: Vec<f64> = self.used.iter().map(|i| own.noise_dn[*i] - own.image_dn[*i]).collect();
+            for ((mean, without), with) in mean.iter_mut().zip(self.left_of(&without)).zip(self.left_of(&with)) {
+                *mean += (without * without - with * with) / drawn.len() as f64;
             }
-            let rest = self.stamp.data[*i] - light[*i] - offset;
+        }
+        mean
+    }
+
+    /// What its pixels with light tell.
+    fn noise(&self, drawn: &[Drawn], expected: f64) -> Option<StarNoise> {
+        /// Pixels with less of the light at the peak tell of the sky alone.
+        const MIN_SHARE: f64 = 0.01;
+        let least = MIN_SHARE * self.light_dn.iter().copied().fold(0.0, f64::max);
+        let followed = self.followed(drawn);
+        let (mut excess, mut information, mut misfit) = (0.0, 0.0, 0.0);
+        let mut weights = vec![0.0; self.used.len()];
+        for i in (0..self.used.len()).filter(|i| self.light_dn[*i] > least) {
+            let (mut quiet, mut lit) = (0.0, 0.0);
+            for (j, other) in self.rows.iter().enumerate() {
+                let hat = dot(&self.levers[i], other) / self.variance_dn2[j];
+                let left = (if i == j { 1.0 - hat } else { -hat }).powi(2);
+                quiet += left * self.sky_dn2[j];
+                lit += left * self.light_dn[j];
+            }
             // The variance of a squared normal number is twice the square of its mean.
             let weight = 0.5 * lit * (quiet + expected * lit).powi(-2);
-            excess += weight * (rest * rest - quiet);
+            excess += weight * (self.rest_dn[i].powi(2) + followed[i] - quiet);
             information += weight * lit;
-            misfit += weight * light[*i] * light[*i];
-            lit_pixels.push(LitPixel { weight, variance: self.stamp.variance[*i] + light[*i] * expected, row: *row, lever });
+            misfit += weight * self.light_dn[i].powi(2);
+            weights[i] = weight;
         }
         let is_told = information > 0.0 && information.is_finite();
         is_told.then(|| StarNoise {
             variance_per_dn: excess / information,
-            sigma: variance_of_squares(&lit_pixels).sqrt() / information,
+            sigma: self.variance_of_squares(&weights).sqrt() / information,
             per_misfit2: misfit / information,
         })
+    }
+
+    /// Variance of Σ w_i r_i²: 2 Σ w_i w_j C_ij², where the fit leaves residuals with the covariance C = V − A (Aᵀ V⁻¹ A)⁻¹ Aᵀ of noise V and design
+    /// matrix A.
+    fn variance_of_squares(&self, weights: &[f64]) -> f64 {
+        let lit: Vec<usize> = (0..weights.len()).filter(|i| weights[*i] > 0.0).collect();
+        let of = |i: usize| {
+            let pair = |j: &usize| {
+                let shared = if i == *j { self.variance_dn2[i] } else { 0.0 } - dot(&self.levers[i], &self.rows[*j]);
+                weights[i] * weights[*j] * shared * shared
+            };
+            lit.iter().map(pair).sum::<f64>()
+        };
+        2.0 * lit.iter().map(|i| of(*i)).sum::<f64>()
     }
 }
 
@@ -139,9 +186,10 @@ mod tests {
     use rand_pcg::Pcg64Mcg;
 
     use super::*;
+    use crate::detect::DetectOptions;
+    use crate::detect::epsf_sky::learn_from_sky;
     use crate::detect::image_model::axis_shares;
     use crate::detect::measure::{Aids, detect_aided};
-    use crate::detect::{DetectOptions, EmpiricalPsf};
     use crate::frame::Frame;
 
     const SIDE: usize = 400;
@@ -152,6 +200,7 @@ mod tests {
     fn kept(seed: u64, halo: f64) -> Vec<PredictedStar> {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
         let mut light = vec![0.0; SIDE * SIDE];
+        let mut places = Vec::new();
         for cell in 0..100 {
             let at = [cell % 10, cell / 10].map(|k| 24.0 + 38.0 * f64::from(k) + rng.random_range(-4.0..4.0));
             let flux = 500.0 * 40.0_f64.powf(rng.random_range(0.0..1.0));
@@ -164,6 +213,7 @@ mod tests {
                     }
                 }
             }
+            places.push(at);
         }
         let mut count = |light: f64| {
             let noise = Normal::new(0.0, (SKY_DN * SKY_DN + PER_DN * light).sqrt()).unwrap();
@@ -172,8 +222,12 @@ mod tests {
         let pixels_dn = light.into_iter().map(&mut count).collect();
         let frame = Frame { width_px: SIDE, height_px: SIDE, pixels_dn, saturation_dn: f32::INFINITY };
         let (_, kept) = detect_aided(&frame, &DetectOptions::default(), &Aids { keep: 100, ..Aids::default() }).unwrap();
-        let predicted = |star: PsfStar| PredictedStar { frame: 0, predicted_px: star.place_px(), conditions: [0.0; 2], star };
-        kept.into_iter().map(predicted).collect()
+        let predicted = |star: PsfStar| {
+            let [x, y] = star.place_px();
+            let predicted_px = places.iter().find(|at| (at[0] - x).hypot(at[1] - y) < 1.0).copied()?;
+            Some(PredictedStar { frame: seed as usize, predicted_px, conditions: [0.0; 2], star })
+        };
+        kept.into_iter().filter_map(predicted).collect()
     }
 
     /// Weighted mean of what the stars tell, in its standard errors off the truth, and χ² per star about it.
@@ -191,7 +245,7 @@ mod tests {
         let mut sums = [0.0; 3];
         for seed in 0..SEEDS {
             let stars = kept(seed, 0.0);
-            let told = star_noise(&stars, None::<&EmpiricalPsf>, PER_DN);
+            let told = star_noise(&stars, None, PER_DN);
             assert!(told.len() > 60 && told.iter().all(|own| own.per_misfit2 > 0.0), "seed {seed}: {} stars", told.len());
             let [off, scatter] = pull(&told);
             for (sum, value) in sums.iter_mut().zip([off, off * off, scatter]) {
@@ -204,5 +258,25 @@ mod tests {
         assert!((0.85..1.2).contains(&scatter), "scatter of stars about their mean {scatter}");
         let [off, _] = pull(&star_noise(&kept(3, 0.25), None, PER_DN));
         assert!(off > 6.0, "a wrong image passes for photons: {off}");
+    }
+
+    /// The same under an image that a third of the stars taught: without what it follows of their noise the values are too small.
+    #[test]
+    fn an_image_learnt_from_the_stars_takes_none_of_their_noise() {
+        const NIGHTS: u64 = 8;
+        let (mut mean, mut square, mut without) = (0.0, 0.0, 0.0);
+        for night in 0..NIGHTS {
+            let stars: Vec<PredictedStar> = (0..3).flat_map(|frame| kept(1000 + 3 * night + frame, 0.25)).collect();
+            let image = learn_from_sky(&stars, [false; 2]);
+            assert!(image.psf.is_some(), "{:?}", image.report);
+            let [off, _] = pull(&star_noise(&stars, Some(&image), PER_DN));
+            let [unaware, _] = pull(&star_noise(&stars, Some(&SkyImage { learnt_from: Vec::new(), ..image }), PER_DN));
+            for (sum, value) in [&mut mean, &mut square, &mut without].into_iter().zip([off, off * off, unaware]) {
+                *sum += value / NIGHTS as f64;
+            }
+        }
+        assert!(mean.abs() < 1.0, "mean pull {mean}");
+        assert!((0.3..2.5).contains(&square), "mean squared pull {square}");
+        assert!(without < mean - 0.7, "{without} without what the image follows, {mean} with it");
     }
 }

@@ -10,7 +10,7 @@ use super::recording_conditions::line_with_stars;
 use super::{Centroid, Measured, MeasuredFrame};
 use crate::calibrate::{CalibrateOptions, Calibration, Status, calibrate};
 use crate::detect::{
-    BiasedStar, Detection, EmpiricalPsf, Estimator, LearntImage, PhaseBias, PixelNoise, PredictedStar, SkyImage, learn_from_sky, star_noise,
+    BiasedStar, Detection, Estimator, LearntImage, PhaseBias, PixelNoise, PredictedStar, SkyImage, learn_from_sky, star_noise,
 };
 use crate::identify::{ControlPoint, ControlPoints};
 use crate::pixel_statistics::StarTransfer;
@@ -25,8 +25,8 @@ const COLOURED: f64 = 0.8;
 const MIN_SPAN_K: f64 = 1.0;
 
 /// Learns the image at the places of a baseline solution, takes the bias that it predicts off the places of all star images of the recording and of the
-/// baseline's control points, and solves once more. Of a camera without a declared gain the noise of these stars tells it, too. Places do not change where too few stars' pixels were kept, where stars held out do not prefer an image to
-/// Gaussians, or where the residuals do not fall.
+/// baseline's control points, and solves once more. Of a camera without a declared gain the noise of these stars tells it, too. Places do not change where
+/// too few stars' pixels were kept, where stars held out do not prefer an image to Gaussians, or where the residuals do not fall.
 pub fn take_phase_bias_off(
     measured: &mut Measured,
     baseline: &mut Calibration,
@@ -41,9 +41,10 @@ pub fn take_phase_bias_off(
     let coloured = stars.iter().filter(|one| one.conditions[0] != 0.0).count() as f64 > COLOURED * stars.len() as f64;
     let [low, high] = spans(1);
     let conditions = [coloured, (high - low) * TEMPERATURE_UNIT_K > MIN_SPAN_K];
-    let SkyImage { psf, report, place_sigma_px } = learn_from_sky(&stars, conditions);
-    tracing::info!("image at the places of the sky (known to {place_sigma_px:.3} px): {}", report.sentence());
-    tell_gain(measured, &stars, psf.as_ref());
+    let image = learn_from_sky(&stars, conditions);
+    tracing::info!("image at the places of the sky (known to {:.3} px): {}", image.place_sigma_px, image.report.sentence());
+    tell_gain(measured, &stars, &image);
+    let SkyImage { psf, report, place_sigma_px, .. } = image;
     let psf = psf?;
     let named = conditions_of(baseline);
     let all: Vec<Vec<BiasedStar>> =
@@ -78,7 +79,7 @@ pub fn take_phase_bias_off(
 }
 
 /// Where no gain is declared, the noise of the stars' light tells it beside the sky's: under the image that was learnt, else under Gaussians.
-fn tell_gain(measured: &mut Measured, stars: &[PredictedStar], psf: Option<&EmpiricalPsf>) {
+fn tell_gain(measured: &mut Measured, stars: &[PredictedStar], image: &SkyImage) {
     /// The better the weights, the better the values: the second look has those of the first.
     const LOOKS: usize = 2;
     if measured.recording.camera.gain_e_per_dn.is_some() {
@@ -87,7 +88,7 @@ fn tell_gain(measured: &mut Measured, stars: &[PredictedStar], psf: Option<&Empi
     let Some(mut expected) = median(&stars.iter().map(|one| one.star.variance_per_dn()).collect::<Vec<_>>()) else { return };
     let mut told = None;
     for _ in 0..LOOKS {
-        let noises = star_noise(stars, psf, expected);
+        let noises = star_noise(stars, Some(image), expected);
         told = StarTransfer::fitted(&noises.iter().map(|own| [own.variance_per_dn, own.sigma, own.per_misfit2]).collect::<Vec<_>>());
         expected = told.map_or(expected, |told| told.slope_dn).max(0.0);
     }
