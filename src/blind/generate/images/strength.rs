@@ -2,7 +2,8 @@
 //!
 //! Of stars: the change of the noiseless frame is taken by finite differences. In a star's stamp its own parameters (light, place, background, width)
 //! take up what they can; what they take up of light and width is told by catalogue and neighbours, so these changes count: the light beside a zero point
-//! of its frame and the catalogue's error of the star, the width less that of all; and so does what no parameter takes up. Of noise: variances of sample
+//! of its frame and the catalogue's error of the star, the width less that of all; and so does what no parameter takes up. The light of neighbours in the
+//! stamp is free too: it counts in their own. Of noise: variances of sample
 //! variances (Kendall & Stuart, *The Advanced Theory of Statistics* 1 (1977), 10.9), of sample covariances, of means and of histograms.
 
 use std::collections::BTreeMap;
@@ -10,7 +11,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector, SMatrix, SVector};
 use rayon::prelude::*;
 
-use super::camera::{Conditions, ImageWorld, SIZE_PX, SLOPE_SHARE};
+use super::camera::{Conditions, ImageWorld, SIZE_PX, SLOPE_SHARE, SkyStar};
 use super::charge::{Pixels, UNEQUAL_DARK, collected, moved};
 use super::hidden::{Causes, HiddenImage};
 use super::kind::{PixelKind, Reckoned};
@@ -43,12 +44,12 @@ pub(super) struct Noiseless<'w> {
     stamps: Vec<Vec<Stamp>>,
 }
 
-/// A star's stamp: where it begins, and its own parameters' changes.
+/// A star's stamp: where it begins, and what its own parameters change: light, place, background, width, and the light of each neighbour that shines in.
 struct Stamp {
     hip: u32,
     corner: usize,
     electrons: f64,
-    own: SMatrix<f64, { SIDE * SIDE }, 5>,
+    own: DMatrix<f64>,
 }
 
 impl Stamp {
@@ -247,11 +248,11 @@ fn of_stamps(change: &[f64], base: &[f64], quiet: f64, stamps: &[Stamp]) -> Fram
     let mut all = FrameChange::default();
     for stamp in stamps {
         let pixel = |k: usize| stamp.corner + k / SIDE * SIZE_PX + k % SIDE;
-        let weights = SVector::<f64, { SIDE * SIDE }>::from_fn(|k, _| (base[pixel(k)].max(0.0) + quiet).recip());
-        let seen = SVector::<f64, { SIDE * SIDE }>::from_fn(|k, _| change[pixel(k)]);
-        let weighted = SMatrix::<f64, { SIDE * SIDE }, 5>::from_fn(|k, j| stamp.own[(k, j)] * weights[k]);
-        let Some(factor) = (stamp.own.transpose() * weighted).cholesky() else { continue };
-        let right = weighted.transpose() * seen;
+        let weights = DVector::from_fn(SIDE * SIDE, |k, _| (base[pixel(k)].max(0.0) + quiet).recip());
+        let seen = DVector::from_fn(SIDE * SIDE, |k, _| change[pixel(k)]);
+        let weighted = DMatrix::from_fn(SIDE * SIDE, stamp.own.ncols(), |k, j| stamp.own[(k, j)] * weights[k]);
+        let Some(factor) = (stamp.own.transpose() * &weighted).cholesky() else { continue };
+        let right = weighted.transpose() * &seen;
         let (taken, covariance) = (factor.solve(&right), factor.inverse());
         all.lights.push(stamp.light(taken[0], covariance[(0, 0)]));
         all.width.add(taken[4], covariance[(4, 4)]);
@@ -278,19 +279,25 @@ fn of_all_light(change: &[f64], base: &[f64], quiet: f64, stamps: &[Stamp]) -> F
 /// The stamps of a frame's stars that lie whole within it, are no companions, and are not full.
 fn stamps(world: &ImageWorld, frame: &Conditions) -> Vec<Stamp> {
     const FULL_SHARE: f64 = 0.14;
+    /// Stars so far outside shine in still.
+    const BESIDE_PX: f64 = 5.0;
     let added = 0.25 * world.camera.blur_px.powi(2);
-    let render = |at: [f64; 2], variance: f64| {
+    // The image of so much light, over that light: the brighter a star, the further its wings.
+    let image = |at: [f64; 2], electrons: f64, variance: f64| {
         let mut light = vec![0.0; SIDE * SIDE];
-        world.camera.profile.shine(&mut light, [SIDE; 2], at, 1.0, &Blur { added_px2: [variance, 0.0, variance], ..Blur::default() });
-        light
+        let blur = Blur { added_px2: [variance, 0.0, variance], ..Blur::default() };
+        world.camera.profile.shine(&mut light, [SIDE; 2], at, electrons, &blur);
+        light.into_iter().map(|value| value / electrons).collect::<Vec<f64>>()
     };
-    let of = |star: &super::camera::SkyStar| {
+    let of = |star: &SkyStar| {
         let [x, y] = [star.x_px, star.y_px].map(f64::round);
         let inside = |at: f64| at >= HALF as f64 && at + HALF as f64 <= SIZE_PX as f64 - 1.0;
         if !star.is_catalogued || !inside(x) || !inside(y) || star.electrons * FULL_SHARE > world.camera.full_e() {
             return None;
         }
-        let at = [star.x_px - x + HALF as f64, star.y_px - y + HALF as f64];
+        let within = |other: &SkyStar| [other.x_px - x + HALF as f64, other.y_px - y + HALF as f64];
+        let render = |at: [f64; 2], variance: f64| image(at, star.electrons, variance);
+        let at = within(star);
         let plain = render(at, added);
         let slope = |a: Vec<f64>, b: &[f64], step: f64| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| (a - b) / step).collect() };
         let columns = [
@@ -300,8 +307,13 @@ fn stamps(world: &ImageWorld, frame: &Conditions) -> Vec<Stamp> {
             vec![star.electrons.recip(); SIDE * SIDE],
             slope(render(at, added + STEP_PX2), &plain, STEP_PX2),
         ];
-        // Light in electrons; the others times the star's.
-        let own = SMatrix::from_fn(|k, j| columns[j][k] * if j == 0 { 1.0 } else { star.electrons });
+        let is_near = |along: f64| (-BESIDE_PX..SIDE as f64 - 1.0 + BESIDE_PX).contains(&along);
+        let beside = frame.stars.iter().filter(|other| within(other) != at && within(other).into_iter().all(is_near));
+        let neighbours: Vec<Vec<f64>> = beside.map(|other| image(within(other), other.electrons, added)).collect();
+        let all: Vec<&Vec<f64>> = columns.iter().chain(&neighbours).collect();
+        // Light in electrons, that of neighbours too; the others times the star's.
+        let is_light = |column: usize| column == 0 || column >= columns.len();
+        let own = DMatrix::from_fn(SIDE * SIDE, all.len(), |k, j| all[j][k] * if is_light(j) { 1.0 } else { star.electrons });
         Some(Stamp { hip: star.hip, corner: (y as usize - HALF) * SIZE_PX + x as usize - HALF, electrons: star.electrons, own })
     };
     frame.stars.iter().filter_map(of).collect()
