@@ -155,7 +155,7 @@ blind:
 # Effects in pixels. A shard has a folder of its own, so that several machines (or runs) can share the work; they are scored together.
 BLIND_IMAGES := outputs/blind-pixels
 BLIND_IMAGES_SEED ?= 1
-BLIND_IMAGES_SIZES ?= $(if $(BLIND_QUICK),image-null:6 image-hard-null:7 image-ladder:152 image-two:14,image-null:400 image-hard-null:210 image-ladder:1520 image-two:280)
+BLIND_IMAGES_SIZES ?= $(if $(BLIND_QUICK),image-null:6 image-hard-null:7 image-ladder:156 image-two:14,image-null:1000 image-hard-null:300 image-ladder:1560 image-two:280)
 BLIND_IMAGES_NULLS ?= 1000
 SHARD ?=
 SHARD_FOLDER = $(BLIND_IMAGES)$(if $(SHARD),/shard-$(subst /,-of-,$(SHARD)))
