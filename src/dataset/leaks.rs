@@ -46,7 +46,8 @@ struct Seen {
     cameras: BTreeSet<u64>,
     seeds: BTreeSet<i64>,
     times_s: Vec<f64>,
-    stars: BTreeSet<usize>,
+    /// Of each star of the catalogue, whether it may be seen.
+    stars: Vec<bool>,
     frames: u64,
 }
 
@@ -55,8 +56,12 @@ impl DatasetPlan {
     #[must_use]
     pub fn leaks(&self, catalog: &Catalog) -> Vec<SharedBySplits> {
         let used: Vec<DatasetSplit> = DatasetSplit::ALL.into_iter().filter(|split| self.recipe.size.frames.of(*split) > 0).collect();
-        let seen: Vec<Seen> = used.iter().map(|split| self.seen(*split, catalog)).collect();
         let mut table = Vec::new();
+        // Every process of a dataset comes this way: a lone split has nothing to share.
+        if used.len() < 2 {
+            return table;
+        }
+        let seen: Vec<Seen> = used.iter().map(|split| self.seen(*split, catalog)).collect();
         for (second, split) in used.iter().enumerate() {
             for (first, other) in used[..second].iter().enumerate() {
                 table.push(shared([other.name(), split.name()], &seen[first], &seen[second]));
@@ -66,7 +71,6 @@ impl DatasetPlan {
     }
 
     fn seen(&self, split: DatasetSplit, catalog: &Catalog) -> Seen {
-        use rayon::prelude::*;
         let (size, cameras) = (&self.recipe.size, &self.recipe.cameras);
         let frames = size.frames.of(split).min(MAX_FRAMES);
         let key = |index| FrameKey { split, index };
@@ -75,13 +79,15 @@ impl DatasetPlan {
         let boresights: Vec<[f64; 3]> = told.iter().filter_map(|(boresight, ..)| *boresight).collect();
         let radius_rad = self.field_radius_deg.to_radians();
         let faintest = self.faintest_magnitude();
-        let stars =
-            boresights.par_iter().flat_map_iter(|boresight| catalog.stars_within(&Direction::from_unit(*boresight), radius_rad, faintest));
+        let mut stars = vec![false; catalog.stars.len()];
+        for boresight in &boresights {
+            catalog.stars_within(&Direction::from_unit(*boresight), radius_rad, faintest).into_iter().for_each(|star| stars[star] = true);
+        }
         Seen {
             cameras: (0..frames).map(|index| key(index).camera_number(size, cameras, self.cameras_are_apart())).collect(),
             seeds: told.iter().map(|(.., seed)| *seed).collect(),
             times_s: told.iter().filter_map(|(_, time_s, _)| *time_s).collect(),
-            stars: stars.collect(),
+            stars,
             boresights,
             frames,
         }
@@ -89,7 +95,9 @@ impl DatasetPlan {
 }
 
 fn shared(names: [&str; 2], a: &Seen, b: &Seen) -> SharedBySplits {
-    let fewer_stars = a.stars.len().min(b.stars.len());
+    let count = |stars: &mut dyn Iterator<Item = bool>| stars.filter(|is_seen| *is_seen).count();
+    let fewer_stars = count(&mut a.stars.iter().copied()).min(count(&mut b.stars.iter().copied()));
+    let shared_stars = count(&mut a.stars.iter().zip(&b.stars).map(|(a, b)| *a && *b));
     let nearest = nearest_rad(&a.boresights, &b.boresights);
     SharedBySplits {
         splits: names.map(str::to_owned),
@@ -97,7 +105,7 @@ fn shared(names: [&str; 2], a: &Seen, b: &Seen) -> SharedBySplits {
         shared_cameras: a.cameras.intersection(&b.cameras).count() as u64,
         shared_seeds: a.seeds.intersection(&b.seeds).count() as u64,
         nearest_epochs_s: nearest_s(&a.times_s, &b.times_s),
-        shared_stars: nearest.map(|_| (1e6 * a.stars.intersection(&b.stars).count() as f64 / fewer_stars.max(1) as f64).round() / 1e6),
+        shared_stars: nearest.map(|_| (1e6 * shared_stars as f64 / fewer_stars.max(1) as f64).round() / 1e6),
         frames: [a.frames, b.frames],
     }
 }
