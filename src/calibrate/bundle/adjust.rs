@@ -26,6 +26,10 @@ const ROBUST_TURNS: usize = 15;
 const FRAMES_TOGETHER: usize = 64;
 /// Turns in which the noise may change after that, at most.
 const NOISE_TURNS: usize = 12;
+/// With the noise held, so many steps uphill in all are the end, if a step is so small a part of the standard error of the mean of all images: where
+/// parameters can hardly be told apart, derivatives are not exact enough for steps to become as small as is asked for.
+const UPHILL_STEPS: usize = 8;
+const NEGLIGIBLE_SIGMAS: f64 = 0.01;
 
 /// One turn of the iteration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +40,13 @@ pub(in crate::calibrate) struct Turn {
     pub(in crate::calibrate) sigma_px: f64,
     /// Star images with a weight of at most one half.
     pub(in crate::calibrate) down_weighted: usize,
+}
+
+impl Turn {
+    /// Whether the step is small against the error of the mean of so many images.
+    fn is_negligible(&self, images: f64) -> bool {
+        self.step_px < NEGLIGIBLE_SIGMAS * self.sigma_px / images.max(1.0).sqrt()
+    }
 }
 
 /// Where an adjustment ended.
@@ -267,18 +278,20 @@ impl Problem {
         let (mut robust_turns, mut noise_turns) = (0, 0);
         let mut damping = 0.0;
         let mut before: Option<(State, Pass)> = None;
-        let mut converged = false;
+        let (mut converged, mut uphill) = (false, 0);
         let mut pass = self.pass(&state, &noise, scale, held);
         while turns.len() < run.max_turns {
             if let Some((old_state, old_pass)) = &before {
                 // Only with the noise held is the cost of two turns the same function.
                 if hold && pass.cost > old_pass.cost + 1e-9 * old_pass.cost.abs() && damping < 1e6 {
                     damping = (damping * 10.0_f64).max(1e-4);
+                    uphill += 1;
                     let mut again = old_state.clone();
                     turns.push(self.turn(&mut again, old_pass, &noise, scale, &all, damping));
                     state = again;
                     pass = self.pass(&state, &noise, scale, held);
-                    if turns.last().is_some_and(|turn| turn.step_px <= run.epsilon_px) {
+                    let is_negligible = |turn: &Turn| uphill >= UPHILL_STEPS && turn.is_negligible(pass.totals.weight);
+                    if turns.last().is_some_and(|turn| turn.step_px <= run.epsilon_px) || turns.iter().rev().take(2).all(is_negligible) {
                         converged = true;
                         break;
                     }
