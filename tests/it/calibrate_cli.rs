@@ -290,7 +290,7 @@ fn a_fisheye_without_a_declared_detector_is_calibrated() {
     let preset = run(&["preset", "show", "meteor-camera"]).stdout;
     let without = |text: &str, keys: &[&str]| -> String {
         let is_kept = |line: &&str| !keys.iter().any(|key| line.starts_with(key));
-        text.lines().filter(is_kept).map(|line| format!("{line}\n")).collect()
+        text.lines().filter(is_kept).collect::<Vec<_>>().join("\n")
     };
     std::fs::write(at("scene.toml"), preset.replace("seed = 1\n", "seed = 2\n")).unwrap();
     let night = at("night");
