@@ -218,6 +218,33 @@ pub(super) const CARD: &str = "README.md";
 pub(super) const CROISSANT: &str = "croissant.json";
 pub(super) const STATISTICS: &str = "statistics.html";
 
+/// What stands in a folder.
+enum Described {
+    /// A dataset with this description.
+    By(String),
+    /// Nothing, or what processes that begin write at first.
+    New,
+    /// Something else.
+    Otherwise,
+}
+
+/// What stands in a folder, which another process may begin at the same time: between a look for the description and a look at what else is there the
+/// description may come, so that only a folder without one at the second look too is another's.
+fn described_by(path: &Path) -> std::io::Result<Described> {
+    let description = || std::fs::read_to_string(path.join(DESCRIPTION)).map(Described::By);
+    if let Ok(own) = description() {
+        return Ok(own);
+    }
+    if !path.exists() {
+        return Ok(Described::New);
+    }
+    let mut entries = std::fs::read_dir(path)?.flatten();
+    if entries.any(|entry| !entry.file_name().as_encoded_bytes().starts_with(b".boresight-")) {
+        return Ok(description().unwrap_or(Described::Otherwise));
+    }
+    Ok(Described::New)
+}
+
 impl DatasetFolder {
     /// Begins the folder, or goes on with what it holds if that is of the same recipe; with `force` what is of another one is removed.
     pub(super) fn open(path: &Path, plan: &DatasetPlan, dataset: &DatasetFile, force: bool) -> Result<Self, DatasetError> {
@@ -226,8 +253,9 @@ impl DatasetFolder {
             return Err(OutputError::NotAFolder { path: path.to_owned() }.into());
         }
         let folder = Self { path: path.to_owned() };
-        match std::fs::read_to_string(path.join(DESCRIPTION)) {
-            Ok(text) => {
+        match described_by(path).map_err(error)? {
+            Described::Otherwise => return Err(OutputError::Foreign { path: path.to_owned() }.into()),
+            Described::By(text) => {
                 // Read with few keys, so that one of another version is known too.
                 #[derive(Deserialize)]
                 struct Head {
@@ -242,13 +270,7 @@ impl DatasetFolder {
                 }
                 folder.clear(&text).map_err(error)?;
             }
-            Err(_) if path.exists() => {
-                let entries = std::fs::read_dir(path).map_err(error)?.flatten();
-                if entries.into_iter().any(|entry| !entry.file_name().as_encoded_bytes().starts_with(b".boresight-")) {
-                    return Err(OutputError::Foreign { path: path.to_owned() }.into());
-                }
-            }
-            Err(_) => {}
+            Described::New => {}
         }
         // The description comes first: it makes the folder known as that of the recipe, also to a process that begins at the same time.
         write_json(&path.join(DESCRIPTION), dataset)?;
@@ -316,5 +338,40 @@ impl DatasetFolder {
                 first: first.file(),
             }),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Barrier;
+
+    use super::*;
+    use crate::dataset::plan::tests::{SCENE, plan_of, recipe};
+
+    /// Processes of one dataset that begin at the same time all find it theirs; what is another's stays another's.
+    #[test]
+    fn a_folder_is_begun_by_many_at_once() {
+        const TOGETHER: usize = 4;
+        let plan = plan_of(&recipe(""), SCENE).unwrap();
+        let dataset = plan.describe(Catalog::embedded());
+        let parent = tempfile::tempdir().unwrap();
+        for round in 0..300 {
+            let (path, barrier) = (parent.path().join(round.to_string()), Barrier::new(TOGETHER));
+            std::fs::create_dir(&path).unwrap();
+            std::thread::scope(|scope| {
+                let begin = || {
+                    barrier.wait();
+                    DatasetFolder::open(&path, &plan, &dataset, false).map(|_| ())
+                };
+                for own in (0..TOGETHER).map(|_| scope.spawn(begin)).collect::<Vec<_>>() {
+                    assert!(own.join().unwrap().is_ok(), "round {round}");
+                }
+            });
+        }
+        let other = parent.path().join("other");
+        std::fs::create_dir(&other).unwrap();
+        std::fs::write(other.join("notes.txt"), "mine").unwrap();
+        let refused = DatasetFolder::open(&other, &plan, &dataset, false).unwrap_err();
+        assert!(matches!(refused, DatasetError::Output(OutputError::Foreign { .. })), "{refused}");
     }
 }
