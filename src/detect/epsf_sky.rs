@@ -195,7 +195,7 @@ mod tests {
     use rand_pcg::Pcg64Mcg;
 
     use super::*;
-    use crate::detect::image_model::axis_shares;
+    use crate::detect::image_model::paint_star;
     use crate::detect::measure::{Aids, detect_aided};
     use crate::detect::phase_bias::{BiasedStar, Estimator, PhaseBias, PixelNoise};
     use crate::detect::windowed::detect_windowed;
@@ -213,15 +213,7 @@ mod tests {
         for cell in 0..100 {
             let at = [cell % 10, cell / 10].map(|k| 24.0 + 37.0 * f64::from(k) + rng.random_range(-3.0..3.0));
             let flux = 4000.0 * 12.0_f64.powf(rng.random_range(0.0..1.0));
-            for (share, sigma) in [(0.6, 0.3), (0.4, 0.8)] {
-                let start = at.map(|along| along.round() as usize - 9);
-                let lines = [0, 1].map(|axis| axis_shares(start[axis], 19, at[axis], sigma));
-                for (y, down) in lines[1].iter().enumerate() {
-                    for (x, across) in lines[0].iter().enumerate() {
-                        light[(start[1] + y) * SIDE + start[0] + x] += flux * share * down[0] * across[0];
-                    }
-                }
-            }
+            paint_star(&mut light, SIDE, at, flux, &[(0.6, 0.3), (0.4, 0.8)]);
             places.push(at);
         }
         let pixels_dn = light

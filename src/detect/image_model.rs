@@ -144,3 +144,18 @@ pub(super) fn axis_shares(start: usize, length: usize, centre: f64, sigma: f64) 
         })
         .collect()
 }
+
+/// Adds a star of round Gaussians, each a share of its light with a σ in px, to the light of a square frame: what tests find stars in.
+#[cfg(test)]
+pub(super) fn paint_star(light: &mut [f64], side: usize, at_px: [f64; 2], flux_dn: f64, parts: &[(f64, f64)]) {
+    const REACH_PX: usize = 12;
+    let start = at_px.map(|along| along.round() as usize - REACH_PX);
+    for (share, sigma_px) in parts {
+        let lines = [0, 1].map(|axis| axis_shares(start[axis], 2 * REACH_PX + 1, at_px[axis], *sigma_px));
+        for (y, down) in lines[1].iter().enumerate() {
+            for (x, across) in lines[0].iter().enumerate() {
+                light[(start[1] + y) * side + start[0] + x] += flux_dn * share * down[0] * across[0];
+            }
+        }
+    }
+}

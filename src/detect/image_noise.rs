@@ -10,15 +10,15 @@ use std::collections::BTreeMap;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::epsf::{EmpiricalPsf, FREEDOM_BY_SKY};
+use super::epsf::{Conditions, EmpiricalPsf, FREEDOM_BY_SKY};
 use super::epsf_build::{PsfStar, turn};
 use super::epsf_sky::SkyImage;
 use super::epsf_step::{Turn, Unknowns};
-use super::image_model::Model;
+use super::image_model::{Model, Window};
 use super::psf::Profile;
 use crate::parallel;
 
-/// Draws: their mean scatters by less than the stars' noise from one on.
+/// Draws of noise. Even one of them scatters less than the stars' own values do.
 const DRAWS: u64 = 6;
 
 /// Noise that was drawn, and images that follow it.
@@ -66,11 +66,11 @@ impl<'a> ImageNoise<'a> {
         Some(Self { psf, draws: draws.collect() })
     }
 
-    /// What was drawn, in the window of the star with this index.
-    pub(super) fn at(&self, index: usize, star: &PsfStar, model: &Model) -> Vec<Drawn> {
-        let (grid, pixels) = (self.psf.grid, star.stamp.data.len());
-        let lines = grid.lines(star.stamp.window, [model.x, model.y]);
-        let terms = self.psf.terms.at(self.psf.size_px, [model.x, model.y], star.conditions);
+    /// What was drawn, in the window of a star that is fitted so; `index`: its place among the stars of which some taught the image.
+    pub(super) fn at(&self, index: usize, (window, model): (Window, &Model), conditions: Conditions) -> Vec<Drawn> {
+        let (grid, pixels) = (self.psf.grid, window.columns * window.rows);
+        let lines = grid.lines(window, [model.x, model.y]);
+        let terms = self.psf.terms.at(self.psf.size_px, [model.x, model.y], conditions);
         let of = |draw: &Draw| {
             let (mut local, mut image_dn) = (vec![0.0; grid.knots()], vec![0.0; pixels]);
             for (term, knots) in terms.iter().zip(draw.knots.chunks_exact(grid.knots())) {

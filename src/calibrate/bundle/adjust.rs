@@ -26,8 +26,8 @@ const ROBUST_TURNS: usize = 15;
 const FRAMES_TOGETHER: usize = 64;
 /// Turns in which the noise may change after that, at most.
 const NOISE_TURNS: usize = 12;
-/// With the noise held, so many steps uphill in all are the end, if a step is so small a part of the standard error of the mean of all images: where
-/// parameters can hardly be told apart, derivatives are not exact enough for steps to become as small as is asked for.
+/// Where parameters can hardly be told apart, steps may go to and fro, up and down by less than any error, and never become as small as is asked for: with
+/// the noise held, so many steps uphill in all are the end if the last two are so small a part of the standard error of the mean of all images.
 const UPHILL_STEPS: usize = 8;
 const NEGLIGIBLE_SIGMAS: f64 = 0.01;
 
@@ -290,8 +290,9 @@ impl Problem {
                     turns.push(self.turn(&mut again, old_pass, &noise, scale, &all, damping));
                     state = again;
                     pass = self.pass(&state, &noise, scale, held);
-                    let is_negligible = |turn: &Turn| uphill >= UPHILL_STEPS && turn.is_negligible(pass.totals.weight);
-                    if turns.last().is_some_and(|turn| turn.step_px <= run.epsilon_px) || turns.iter().rev().take(2).all(is_negligible) {
+                    let mut last_two = turns.iter().rev().take(2);
+                    let goes_to_and_fro = uphill >= UPHILL_STEPS && last_two.all(|turn| turn.is_negligible(pass.totals.weight));
+                    if goes_to_and_fro || turns.last().is_some_and(|turn| turn.step_px <= run.epsilon_px) {
                         converged = true;
                         break;
                     }

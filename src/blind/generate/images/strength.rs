@@ -3,8 +3,8 @@
 //! Of stars: the change of the noiseless frame is taken by finite differences. In a star's stamp its own parameters (light, place, background, width)
 //! take up what they can; what they take up of light and width is told by catalogue and neighbours, so these changes count: the light beside a zero point
 //! of its frame and the catalogue's error of the star, the width less that of all; and so does what no parameter takes up. The light of neighbours in the
-//! stamp is free too: it counts in their own. Of noise: variances of sample
-//! variances (Kendall & Stuart, *The Advanced Theory of Statistics* 1 (1977), 10.9), of sample covariances, of means and of histograms.
+//! stamp is free too: it counts in their own. Of noise: variances of sample variances (Kendall & Stuart, *The Advanced Theory of Statistics* 1 (1977),
+//! 10.9), of sample covariances, of means and of histograms.
 
 use std::collections::BTreeMap;
 
@@ -361,7 +361,10 @@ pub(super) fn noise_size(kind: PixelKind, world: &ImageWorld, snr: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::super::family::Trap;
+    use super::super::camera::Needs;
     use super::*;
+    use crate::catalog::Catalog;
 
     /// χ² by the whole covariance matrix, zero points with a wide or a known scatter.
     fn by_covariance(frames: &[Vec<StarLight>], catalogue: f64, scatter: f64) -> f64 {
@@ -403,5 +406,18 @@ mod tests {
         let told = light_information(&dim, 0.02, ZeroPoints::Within(CLEAR_NIGHT)).sqrt();
         assert!(told < 0.1 / CLEAR_NIGHT && told > 0.3 * 0.1 / CLEAR_NIGHT, "{told}");
         assert!(light_information(&dim, 0.02, ZeroPoints::OfFrames) < 1e-6, "a zero point of its own takes it up");
+    }
+
+    /// What dims all stars of a frame alike is the zero point's, also where stars stand in each other's stamps.
+    #[test]
+    fn the_same_loss_of_all_stars_is_not_seen() {
+        let mut rng = super::super::super::random::stream(4, 0, 0, 0);
+        let needs = Needs { ground: true, exposures: false, trap: Some(Trap::BlendedField) };
+        let mut world = ImageWorld::draw(&mut rng, needs, Catalog::embedded());
+        let extinction = HiddenImage { kind: PixelKind::Extinction, size: 0.1, numbers: Vec::new() };
+        let differs = Noiseless::new(&world).snr(&extinction);
+        world.frames.iter_mut().flat_map(|frame| &mut frame.stars).for_each(|star| star.airmass = 1.5);
+        let alike = Noiseless::new(&world).snr(&extinction);
+        assert!(alike < 1.0 && differs > 5.0, "{alike} where all air masses are the same, {differs} as they are");
     }
 }
