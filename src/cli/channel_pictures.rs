@@ -9,7 +9,6 @@ use boresight::pixel_statistics::{LineMeans, PixelHistogram, PixelStatistics, Sk
 use boresight::report::{FieldMap, Plot, ProfilePlot, ProfilePoint, Series, SeriesStyle, Vector};
 use boresight::statistics::order::sort_by;
 
-use super::diagnose_text::with_error;
 use super::pictures::significant;
 
 /// Points along each side of a map.
@@ -149,7 +148,7 @@ fn photon_transfer(pixels: &PixelStatistics) -> Option<ProfilePlot> {
         }
     };
     let gain = match (line.gain_e_per_dn, line.gain_sigma) {
-        (Some(gain), Some(sigma)) => format!("gain {} e/DN", with_error(gain, sigma)),
+        (Some(gain), Some(sigma)) => format!("gain {gain:.4} ± {sigma:.4} e/DN"),
         _ => "the levels differ too little to tell a gain".to_owned(),
     };
     Some(ProfilePlot {

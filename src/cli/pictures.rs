@@ -4,15 +4,13 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use boresight::calibrate::{Calibration, Comparison, MapChange, residuals_px};
-use boresight::camera::Camera;
 use boresight::coordinates::{Direction, PixelPoint};
 use boresight::report;
 use boresight::units::ARCSEC_RAD;
 
 /// Residual vectors with the camera before (as the recording declares it) and after the calibration, side by side.
 pub(crate) fn residuals(path: &Path, calibration: &Calibration) -> Result<()> {
-    let panel = |title: &str, camera: &Camera| {
-        let residuals = residuals_px(calibration, camera);
+    let panel = |title: &str, residuals: Vec<Option<[f64; 2]>>| {
         let vectors: Vec<report::Vector> = calibration
             .points
             .iter()
@@ -30,11 +28,12 @@ pub(crate) fn residuals(path: &Path, calibration: &Calibration) -> Result<()> {
             .collect();
         report::VectorPanel { title: title.to_owned(), vectors, told: None }
     };
-    let (before, after) = (&calibration.control_points.nominal, &calibration.camera);
-    let mut solved = panel("after", after);
+    let before = &calibration.control_points.nominal;
+    // With all that was solved for: a camera's own parameters are only a part of a lens with higher terms.
+    let mut solved = panel("after", calibration.points.iter().map(|point| point.residual_px).collect());
     solved.told =
         calibration.rms_px.map(|rms_px| report::FitNumbers { rms_px, stars: calibration.stars, rejected: calibration.rejected.len() });
-    let mut declared = panel("before (camera as declared)", before);
+    let mut declared = panel("before (camera as declared)", residuals_px(calibration, before));
     // The same points are rejected in both.
     let kept: Vec<f64> = declared.vectors.iter().filter(|v| !v.rejected).map(|v| v.dx_px.powi(2) + v.dy_px.powi(2)).collect();
     declared.told = Some(report::FitNumbers {
@@ -43,7 +42,7 @@ pub(crate) fn residuals(path: &Path, calibration: &Calibration) -> Result<()> {
         rejected: calibration.rejected.len(),
     });
     let panels = [&declared, &solved];
-    let size = (after.width_px, after.height_px);
+    let size = (before.width_px, before.height_px);
     Ok(report::residual_vectors(path, "Residuals of the stars, one free attitude a frame", size, panels)?)
 }
 

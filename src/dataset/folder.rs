@@ -228,19 +228,24 @@ enum Described {
     Otherwise,
 }
 
-/// What stands in a folder, which another process may begin at the same time: between a look for the description and a look at what else is there the
-/// description may come, so that only a folder without one at the second look too is another's.
+fn description_in(path: &Path) -> std::io::Result<Described> {
+    std::fs::read_to_string(path.join(DESCRIPTION)).map(Described::By)
+}
+
+/// What stands in a folder.
 fn described_by(path: &Path) -> std::io::Result<Described> {
-    let description = || std::fs::read_to_string(path.join(DESCRIPTION)).map(Described::By);
-    if let Ok(own) = description() {
-        return Ok(own);
-    }
+    description_in(path).or_else(|_| second_look(path))
+}
+
+/// What stands in a folder that had no description at the first look. Another process may begin it at the same time: only where there is none now either
+/// is what else is there somebody else's.
+fn second_look(path: &Path) -> std::io::Result<Described> {
     if !path.exists() {
         return Ok(Described::New);
     }
     let mut entries = std::fs::read_dir(path)?.flatten();
     if entries.any(|entry| !entry.file_name().as_encoded_bytes().starts_with(b".boresight-")) {
-        return Ok(description().unwrap_or(Described::Otherwise));
+        return Ok(description_in(path).unwrap_or(Described::Otherwise));
     }
     Ok(Described::New)
 }
@@ -348,6 +353,20 @@ mod tests {
     use super::*;
     use crate::dataset::plan::tests::{SCENE, plan_of, recipe};
 
+    /// A description that another process wrote after the first look counts; files without one are somebody else's.
+    #[test]
+    fn a_description_that_came_meanwhile_is_seen() {
+        let folder = tempfile::tempdir().unwrap();
+        let look = || second_look(folder.path()).unwrap();
+        assert!(matches!(look(), Described::New));
+        std::fs::write(folder.path().join(".boresight-1"), "half").unwrap();
+        assert!(matches!(look(), Described::New));
+        std::fs::write(folder.path().join(RECIPE), "").unwrap();
+        assert!(matches!(look(), Described::Otherwise));
+        std::fs::write(folder.path().join(DESCRIPTION), "{}").unwrap();
+        assert!(matches!(look(), Described::By(text) if text == "{}"));
+    }
+
     /// Processes of one dataset that begin at the same time all find it theirs; what is another's stays another's.
     #[test]
     fn a_folder_is_begun_by_many_at_once() {
@@ -355,7 +374,7 @@ mod tests {
         let plan = plan_of(&recipe(""), SCENE).unwrap();
         let dataset = plan.describe(Catalog::embedded());
         let parent = tempfile::tempdir().unwrap();
-        for round in 0..300 {
+        for round in 0..100 {
             let (path, barrier) = (parent.path().join(round.to_string()), Barrier::new(TOGETHER));
             std::fs::create_dir(&path).unwrap();
             std::thread::scope(|scope| {

@@ -301,6 +301,12 @@ fn a_fisheye_without_a_declared_detector_is_calibrated() {
     assert_eq!(ran.code, 0, "{}", ran.stderr);
     let result: Value = serde_json::from_str(&ran.stdout).unwrap();
     assert_eq!(result["status"], "converged");
+    // What the picture draws is what is left of the whole model, not of the camera's own parameters.
+    let points = result["points"].as_array().unwrap().iter().filter(|point| point["weight"].as_f64() > Some(0.5));
+    let squares: Vec<f64> =
+        points.map(|point| [0, 1].iter().map(|axis| point["residual_px"][axis].as_f64().unwrap().powi(2)).sum()).collect();
+    let rms_px = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+    assert!((rms_px / number(&result, "/rms_px") - 1.0).abs() < 0.01, "{rms_px}");
     let [gain, sigma] = ["value", "sigma"].map(|key| number(&result, &format!("/detector/parameters/0/{key}")));
     assert!((gain - 4.0).abs() < 3.0 * sigma && sigma < 0.3, "{gain} ± {sigma}");
 }
