@@ -19,6 +19,15 @@ pub struct DesignPlace {
     pub repeat: usize,
     /// Which sequence of frames.
     pub sequence: usize,
+    /// Which independent unit: frames of one field, or of one sequence, share a part of their errors.
+    pub unit: usize,
+}
+
+impl DesignPlace {
+    /// Of a frame that shares nothing with the others.
+    pub(super) fn alone(index: usize) -> Self {
+        Self { field: index, unit: index, ..Self::default() }
+    }
 }
 
 /// The attitudes of a case.
@@ -41,21 +50,21 @@ impl AttitudePlan {
     /// The attitude of a frame and its place; `zenith` in ICRS axes is that of its time, where attitudes must keep above the horizon.
     pub(super) fn frame(&self, index: usize, zenith: Option<[f64; 3]>) -> (Attitude, DesignPlace) {
         let table = &self.table;
-        let alone = DesignPlace { field: index, place: 0, repeat: 0, sequence: 0 };
+        let alone = DesignPlace::alone(index);
         match table.kind {
             AttitudeKind::Uniform | AttitudeKind::Scene => (self.drawn(index, zenith), alone),
             AttitudeKind::List => (self.list[index % self.list.len()], alone),
-            AttitudeKind::Stare => (self.fixed(0, zenith), DesignPlace { field: 0, place: 0, repeat: index, sequence: 0 }),
+            AttitudeKind::Stare => (self.fixed(0, zenith), DesignPlace { field: 0, repeat: index, ..alone }),
             AttitudeKind::Dither => {
                 let places = table.grid * table.grid;
                 let (place, repeat) = (index % places, index / places);
-                (self.within_pixel(&self.fixed(0, zenith), place), DesignPlace { field: 0, place, repeat, sequence: 0 })
+                (self.within_pixel(&self.fixed(0, zenith), place), DesignPlace { field: 0, place, repeat, sequence: 0, unit: index })
             }
             AttitudeKind::Nested => {
                 let places = table.grid * table.grid;
                 let (field, rest) = (index / (places * table.repeats), index % (places * table.repeats));
                 let (place, repeat) = (rest / table.repeats, rest % table.repeats);
-                (self.within_pixel(&self.drawn(field, zenith), place), DesignPlace { field, place, repeat, sequence: 0 })
+                (self.within_pixel(&self.drawn(field, zenith), place), DesignPlace { field, place, repeat, sequence: 0, unit: field })
             }
             AttitudeKind::Scan => {
                 let (sequence, step) = (index / table.sequence, index % table.sequence);
@@ -63,7 +72,7 @@ impl AttitudePlan {
                 let by_rad = step as f64 * table.step_px / self.focal_length_px;
                 // Neither along rows nor along columns, so that both axes see the whole field and every place within a pixel.
                 let (sin, cos) = 0.61_f64.sin_cos();
-                (start.turned([by_rad * sin, by_rad * cos, 0.0]), DesignPlace { field: index, place: 0, repeat: 0, sequence })
+                (start.turned([by_rad * sin, by_rad * cos, 0.0]), DesignPlace { sequence, unit: sequence, ..alone })
             }
         }
     }
@@ -73,6 +82,11 @@ impl AttitudePlan {
         let [low, high, ..] = self.chance.words(u64::MAX, 0);
         // Whole numbers of TOML have 63 bits.
         (i64::from(high) << 32 | i64::from(low)) & i64::MAX
+    }
+
+    /// How many frames share a part of their errors: those of a field or of a sequence. Of a dither or a stare the places are the design's own.
+    pub(super) fn frames_per_unit(&self) -> usize {
+        if matches!(self.table.kind, AttitudeKind::Nested | AttitudeKind::Scan) { self.frames_per_field() } else { 1 }
     }
 
     /// How many frames make one whole field of the design.
@@ -166,7 +180,7 @@ mod tests {
     fn designs_hold_places_and_repeats() {
         let nested = plan(AttitudeKind::Nested);
         let all: Vec<(Attitude, DesignPlace)> = (0..54).map(|index| nested.frame(index, None)).collect();
-        assert_eq!((nested.frames_per_field(), all[53].1), (27, DesignPlace { field: 1, place: 8, repeat: 2, sequence: 0 }));
+        assert_eq!((nested.frames_per_field(), all[53].1), (27, DesignPlace { field: 1, place: 8, repeat: 2, sequence: 0, unit: 1 }));
         assert_eq!(all[0].0, all[2].0);
         let apart = all[0].0.camera_from_icrs.angle_to(&all[3].0.camera_from_icrs);
         assert!((apart - 1.0 / 3.0 / 1000.0).abs() < 1e-9, "{apart}");

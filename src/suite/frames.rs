@@ -97,7 +97,7 @@ impl PlannedCase {
     /// The scene of frames with their places.
     pub(super) fn scene_of(&self, tables: &Table, range: Range<usize>) -> (String, Vec<(usize, usize, DesignPlace)>) {
         if self.attitudes.table.kind == AttitudeKind::Scene {
-            let frames = range.map(|number| (number, number, DesignPlace { field: number, ..DesignPlace::default() })).collect();
+            let frames = range.map(|number| (number, number, DesignPlace::alone(number))).collect();
             return (with_frames(tables, &[], true), frames);
         }
         let all = templates(tables);
@@ -125,7 +125,7 @@ impl PlannedCase {
                     let wrong = |source| SuiteError::Dataset { case: self.name.clone(), source: Box::new(source) };
                     let key = FrameKey { split: DatasetSplit::Test, index: number as u64 };
                     let scene = plan.frame_scene(key).and_then(|frame| plan.scene_of(&frame)).map_err(wrong)?;
-                    Ok(FrameBatch { scene, frames: vec![(0, number, DesignPlace { field: number, ..DesignPlace::default() })] })
+                    Ok(FrameBatch { scene, frames: vec![(0, number, DesignPlace::alone(number))] })
                 };
                 range.map(one).collect()
             }

@@ -330,6 +330,13 @@ impl Metric {
         };
         Ok(Self { quantity: row.quantity, statistic, unit: row.unit, kind, needs: row.needs })
     }
+
+    /// Whether each frame counts by itself, whatever it shares with others: what is of the program and not of the sky, and components, whose bounds know
+    /// the design.
+    pub(super) fn counts_frames_alone(&self) -> bool {
+        matches!(self.quantity, Quantity::Crashes | Quantity::TimeOuts | Quantity::Latency | Quantity::Memory)
+            || matches!(self.statistic, Statistic::FovSpatial | Statistic::PixelSpatial | Statistic::TemporalNoise | Statistic::Max)
+    }
 }
 
 /// All names, each with the usual words at its end.

@@ -37,6 +37,8 @@ mod sample;
 mod samples;
 mod scene_tables;
 mod score;
+#[cfg(test)]
+mod simulated_trackers;
 mod smallest;
 mod suite_file;
 mod switches;

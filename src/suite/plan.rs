@@ -388,9 +388,16 @@ impl Checker<'_> {
         // Nights, sequences and fields hold several frames each.
         let per_unit = match metric.needs {
             AnswerNeeds::Diagnosis => case.night_frames,
-            AnswerNeeds::Camera if self.file.system.is_none() => case.night_frames,
+            AnswerNeeds::Camera => {
+                if self.file.system.is_none() {
+                    case.night_frames
+                } else {
+                    1
+                }
+            }
             AnswerNeeds::Sequence => case.attitudes.frames_per_field(),
-            _ => 1,
+            _ if metric.counts_frames_alone() => 1,
+            _ => case.attitudes.frames_per_unit(),
         };
         let (needed, given) = (fewest * per_unit, case.frames.unwrap_or(case.max_frames));
         if needed > given && table.level == RequirementLevel::Minimum {

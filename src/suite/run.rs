@@ -122,38 +122,55 @@ fn value_of(
     value: usize,
     progress: &dyn SuiteProgress,
 ) -> Result<(CaseValueResult, CaseScores), SuiteError> {
-    let there_are = case.frames_there_are(value)?;
-    let numbers: Vec<usize> = if let Some(frames) = case.frames {
-        vec![frames.min(there_are)]
-    } else {
-        // Whole fields and nights at each look.
-        let unit = case.attitudes.frames_per_field().max(case.night_frames);
-        let whole = |frames: usize| (frames.div_ceil(unit) * unit).min(there_are);
-        let mut all: Vec<usize> = looks(FIRST_LOOK, case.max_frames).into_iter().map(whole).collect();
-        all.dedup();
-        all
-    };
+    let numbers = frames_of_looks(case, case.frames_there_are(value)?);
     progress.begin(&case.name, &case.value_words(value), numbers.last().copied().unwrap_or(0));
     let mut run = CaseRun::default();
+    let plan = runner.plan;
+    let decided = decided(plan, (case, value), &numbers, &mut run, &mut |run, upto| {
+        runner.extend(case, value, run, upto, &|count| progress.frames(count))
+    })?;
+    progress.end();
+    let result = case_value(plan, case, value, &run, decided);
+    Ok((result, run.scores))
+}
+
+/// After how many frames a case is looked at; `there_are` so many at most.
+pub(super) fn frames_of_looks(case: &PlannedCase, there_are: usize) -> Vec<usize> {
+    if let Some(frames) = case.frames {
+        return vec![frames.min(there_are)];
+    }
+    // Whole fields and nights at each look.
+    let unit = case.attitudes.frames_per_field().max(case.night_frames);
+    let whole = |frames: usize| (frames.div_ceil(unit) * unit).min(there_are);
+    let mut all: Vec<usize> = looks(FIRST_LOOK, case.max_frames).into_iter().map(whole).collect();
+    all.dedup();
+    all
+}
+
+/// The requirements at a value of the sweep, by frames that `add` makes up to the number of each look until all are decided.
+pub(super) fn decided(
+    plan: &SuitePlan,
+    (case, value): (&PlannedCase, usize),
+    numbers: &[usize],
+    run: &mut CaseRun,
+    add: &mut dyn FnMut(&mut CaseRun, usize) -> Result<(), SuiteError>,
+) -> Result<Vec<RequirementResult>, SuiteError> {
     // A requirement that was decided at a look stays so: its error is spent.
     let mut decided: Vec<RequirementResult> = Vec::new();
     for (index, upto) in numbers.iter().enumerate() {
-        runner.extend(case, value, &mut run, *upto, &|count| progress.frames(count))?;
-        let now = requirements(runner.plan, case, value, &run.scores, Look { index, count: numbers.len() });
+        add(run, *upto)?;
+        let now = requirements(plan, case, value, &run.scores, Look { index, count: numbers.len() });
         decided = if decided.is_empty() {
             now
         } else {
-            decided
-                .into_iter()
-                .zip(now)
-                .map(|(before, now)| if before.verdict == RequirementVerdict::Undecided { now } else { before })
-                .collect()
+            let kept = |(before, now): (RequirementResult, RequirementResult)| {
+                if before.verdict == RequirementVerdict::Undecided { now } else { before }
+            };
+            decided.into_iter().zip(now).map(kept).collect()
         };
         if decided.iter().all(|own| own.verdict != RequirementVerdict::Undecided) {
             break;
         }
     }
-    progress.end();
-    let result = case_value(runner.plan, case, value, &run, decided);
-    Ok((result, run.scores))
+    Ok(decided)
 }

@@ -1,9 +1,12 @@
 //! What was measured over frames, by the kind of its statistics, and the bounds of its true value.
 
-use super::components::{Stratum, component};
-use super::intervals::{Bounded, Risk, fisher_f, mean, mean_square, quantile, share, student_t};
+use std::collections::{BTreeMap, BTreeSet};
 
-/// Sums of one independent unit, mostly a frame: stars of one frame share its attitude and its clouds.
+use super::components::{Stratum, component};
+use super::intervals::{Bounded, Risk, fisher_f, interpolated, mean_square, quantile, share, skewed_mean, student_t};
+
+/// Sums of one independent unit, mostly a frame: stars of one frame share its attitude and its clouds. Frames of one field or of one sequence share a part
+/// of their errors: there these are the units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unit {
     /// Sum of what is measured: hits, squares.
@@ -22,16 +25,18 @@ pub enum MetricSample {
         /// Frames.
         trials: u64,
     },
-    /// A share of stars; those of one unit hang together.
-    ShareOfStars(Vec<Unit>),
+    /// A share of stars, or of frames that share a part of their errors; those of one unit hang together.
+    ClusteredShare(Vec<Unit>),
     /// A quantile of a quantity, one value a frame.
     Quantile {
+        /// Of each value the number of its unit.
+        units: Vec<usize>,
         /// The values, in any order.
         values: Vec<f64>,
         /// From 0 to 1.
         share: f64,
     },
-    /// The mean, one value a frame.
+    /// The mean, one value a unit.
     Mean(Vec<f64>),
     /// The length of the mean vector: one list of values an axis. With one axis, the size of the mean.
     Bias(Vec<Vec<f64>>),
@@ -59,8 +64,9 @@ impl MetricSample {
     pub fn units(&self) -> usize {
         match self {
             Self::Share { trials, .. } => *trials as usize,
-            Self::ShareOfStars(units) | Self::RootMeanSquare { units, .. } => units.iter().filter(|unit| unit.count > 0.0).count(),
-            Self::Quantile { values, .. } | Self::Mean(values) | Self::Largest(values) => values.len(),
+            Self::ClusteredShare(units) | Self::RootMeanSquare { units, .. } => units.iter().filter(|unit| unit.count > 0.0).count(),
+            Self::Quantile { units, .. } => distinct(units),
+            Self::Mean(values) | Self::Largest(values) => values.len(),
             Self::Bias(axes) => axes.first().map_or(0, Vec::len),
             Self::Component { strata, .. } => strata.iter().map(|stratum| stratum.freedom as usize).sum::<usize>() + 1,
         }
@@ -74,21 +80,18 @@ impl MetricSample {
         }
         Some(match self {
             Self::Share { hits, trials } => share(*hits as f64, *trials as f64, risk),
-            Self::ShareOfStars(units) => share_of_stars(units, risk),
-            Self::Quantile { values, share } => {
+            Self::ClusteredShare(units) => clustered_share(units, risk),
+            Self::Quantile { units, values, share } => {
                 let mut sorted = values.clone();
                 sorted.sort_by(f64::total_cmp);
-                quantile(&sorted, *share, risk)
+                quantile(&sorted, worth(units, values, *share), *share, risk)
             }
             Self::Mean(values) => {
-                let (middle, error) = mean_of(values);
-                mean(middle, error, values.len() as f64 - 1.0, risk)
+                let (middle, _) = mean_of(values);
+                skewed_mean(middle, &values.iter().map(|value| value - middle).collect::<Vec<_>>(), risk)
             }
             Self::Bias(axes) => bias(axes, risk),
-            Self::RootMeanSquare { units, factor } => {
-                let (square, freedom) = mean_square_of(units);
-                rooted(scaled(mean_square(square, freedom, risk), *factor))
-            }
+            Self::RootMeanSquare { units, factor } => rooted(scaled(mean_square_of(units, risk), *factor)),
             Self::Component { strata, level } => rooted(component(strata, *level, risk)),
             Self::Largest(values) => {
                 let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -137,14 +140,20 @@ fn bias(axes: &[Vec<f64>], risk: Risk) -> Bounded {
     }
 }
 
-/// The mean square of all, and its degrees of freedom: as many as numbers if they are normal and independent, fewer where the sums of the units
-/// scatter more than those of such numbers would (heavy tails, numbers that hang together): Satterthwaite, Biometrics Bulletin 2, 110 (1946).
-fn mean_square_of(units: &[Unit]) -> (f64, f64) {
-    let numbers: f64 = units.iter().map(|unit| unit.count).sum();
-    let square = units.iter().map(|unit| unit.sum).sum::<f64>() / numbers;
+/// The mean square of all. Its degrees of freedom are as many as numbers if they are normal and independent, fewer where the sums of the units scatter
+/// more than those of such numbers would (heavy tails, numbers that hang together): Satterthwaite, Biometrics Bulletin 2, 110 (1946). That scatter is
+/// itself found from the units, and small where the mean square is: no bound is nearer than that of a skewed mean over the units.
+fn mean_square_of(units: &[Unit], risk: Risk) -> Bounded {
+    let full: Vec<&Unit> = units.iter().filter(|unit| unit.count > 0.0).collect();
+    let numbers: f64 = full.iter().map(|unit| unit.count).sum();
+    let square = full.iter().map(|unit| unit.sum).sum::<f64>() / numbers;
     let variance = ratio_variance(units, square, numbers);
     let freedom = if variance > 0.0 { (2.0 * square * square / variance).min(numbers) } else { numbers };
-    (square, freedom)
+    let by_numbers = mean_square(square, freedom, risk);
+    let each = numbers / full.len() as f64;
+    let deviations: Vec<f64> = full.iter().map(|unit| (unit.sum - square * unit.count) / each).collect();
+    let by_units = skewed_mean(square, &deviations, risk);
+    Bounded { value: square, lower: by_numbers.lower.min(by_units.lower), upper: by_numbers.upper.max(by_units.upper) }
 }
 
 /// The variance of Σ sum / Σ count over independent units.
@@ -158,15 +167,43 @@ fn ratio_variance(units: &[Unit], ratio: f64, numbers: f64) -> f64 {
     squares / (numbers * numbers) * count / (count - 1.0)
 }
 
-/// Stars of one frame are worth fewer trials where they are hit or missed together: trials are divided by the ratio of the variance over frames to the
-/// binomial one (the design effect: Kish, *Survey Sampling*, 1965). Without a hit, or without a miss, nothing tells that ratio, and a frame is one trial.
-fn share_of_stars(units: &[Unit], risk: Risk) -> Bounded {
+/// Trials of one unit are worth fewer where they are hit or missed together: they are divided by the ratio of the variance over units to the binomial one
+/// (the design effect: Kish, *Survey Sampling*, 1965). Without a hit, or without a miss, nothing tells that ratio, and a unit is one trial.
+fn clustered_share(units: &[Unit], risk: Risk) -> Bounded {
     let trials: f64 = units.iter().map(|unit| unit.count).sum();
-    let hits: f64 = units.iter().map(|unit| unit.sum).sum();
-    let frames = units.iter().filter(|unit| unit.count > 0.0).count() as f64;
-    let ratio = hits / trials;
+    let ratio = units.iter().map(|unit| unit.sum).sum::<f64>() / trials;
+    let worth = worth_of(units, ratio, trials);
+    share(ratio * worth, worth, risk)
+}
+
+/// How many independent trials the trials of these units are worth.
+fn worth_of(units: &[Unit], ratio: f64, trials: f64) -> f64 {
+    let count = units.iter().filter(|unit| unit.count > 0.0).count() as f64;
     let binomial = ratio * (1.0 - ratio) / trials;
     let effect = if binomial > 0.0 { (ratio_variance(units, ratio, trials) / binomial).max(1.0) } else { f64::INFINITY };
-    let worth = if effect.is_finite() { (trials / effect).max(frames.min(trials) * 0.5) } else { frames };
-    share(ratio * worth, worth, risk)
+    if effect.is_finite() { (trials / effect).max(count.min(trials) * 0.5) } else { count }
+}
+
+/// The same of values beside a quantile of them.
+pub(super) fn worth(units: &[usize], values: &[f64], share: f64) -> usize {
+    if distinct(units) == values.len() {
+        return values.len();
+    }
+    let cut = {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        interpolated(&sorted, share)
+    };
+    let mut sums: BTreeMap<usize, Unit> = BTreeMap::new();
+    for (unit, value) in units.iter().zip(values) {
+        let sum = sums.entry(*unit).or_insert(Unit { sum: 0.0, count: 0.0 });
+        (sum.sum, sum.count) = (sum.sum + f64::from(u8::from(*value <= cut)), sum.count + 1.0);
+    }
+    let (sums, trials): (Vec<Unit>, f64) = (sums.into_values().collect(), values.len() as f64);
+    let ratio = sums.iter().map(|unit| unit.sum).sum::<f64>() / trials;
+    (worth_of(&sums, ratio, trials) as usize).max(1)
+}
+
+fn distinct(units: &[usize]) -> usize {
+    units.iter().collect::<BTreeSet<_>>().len()
 }

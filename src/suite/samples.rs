@@ -31,22 +31,32 @@ impl CaseScores {
             let hits = frames.iter().filter(|frame| is_hit(frame)).count() as u64;
             Some(MetricSample::Share { hits, trials: frames.len() as u64 })
         };
+        // Of what the sky shows, frames of a field or of a sequence share a part.
+        let share_of_sky = |is_hit: &dyn Fn(&ScoredFrame) -> bool| {
+            let unit = |frame| (frame, Unit { sum: f64::from(u8::from(is_hit(frame))), count: 1.0 });
+            if self.is_clustered() { Some(MetricSample::ClusteredShare(by_unit(frames.iter().map(unit)))) } else { share(is_hit) }
+        };
         match metric.quantity {
-            Quantity::Correct => share(&|frame| frame.is_right),
-            Quantity::False => share(&|frame| frame.status == AnswerStatus::Solved && !frame.is_right),
-            Quantity::None => share(&|frame| frame.status != AnswerStatus::Solved),
+            Quantity::Correct => share_of_sky(&|frame| frame.is_right),
+            Quantity::False => share_of_sky(&|frame| frame.status == AnswerStatus::Solved && !frame.is_right),
+            Quantity::None => share_of_sky(&|frame| frame.status != AnswerStatus::Solved),
             Quantity::Crashes => share(&|frame| frame.status == AnswerStatus::Crashed),
             Quantity::TimeOuts => share(&|frame| frame.status == AnswerStatus::TimedOut),
-            Quantity::FirstFrames => sizes(self.first_frames(), metric.statistic),
-            Quantity::AgainFrames => sizes(self.again_frames(), metric.statistic),
+            Quantity::FirstFrames => alone(self.first_frames(), metric.statistic),
+            Quantity::AgainFrames => alone(self.again_frames(), metric.statistic),
             Quantity::CrossBoresight => self.attitude(metric.statistic, &|error| error.boresight_rad.to_vec(), &|error| error.cross_rad),
             Quantity::AboutBoresight => self.attitude(metric.statistic, &|error| vec![error.about_rad], &|error| error.about_rad.abs()),
-            Quantity::Latency => sizes(frames.iter().filter_map(|frame| frame.latency_s).collect(), metric.statistic),
-            Quantity::Memory => sizes(frames.iter().filter_map(|frame| frame.peak_mib).collect(), metric.statistic),
+            Quantity::Latency => alone(frames.iter().filter_map(|frame| frame.latency_s).collect(), metric.statistic),
+            Quantity::Memory => alone(frames.iter().filter_map(|frame| frame.peak_mib).collect(), metric.statistic),
             Quantity::FocalLength | Quantity::Pulls | Quantity::MapError => self.camera(metric),
             Quantity::RightDiagnosis | Quantity::FalseDiagnosis => self.diagnosis(metric.quantity),
             _ => self.stars(metric),
         }
+    }
+
+    /// Whether frames share parts of their errors: then these units are independent, and not their frames.
+    fn is_clustered(&self) -> bool {
+        self.frames.windows(2).any(|pair| pair[0].place.unit == pair[1].place.unit)
     }
 
     fn errors(&self) -> impl Iterator<Item = (&ScoredFrame, AttitudeError)> {
@@ -63,32 +73,21 @@ impl CaseScores {
         let components: Vec<Vec<f64>> =
             self.errors().map(|(_, error)| axes(&error).into_iter().map(|own| own / ARCSEC_RAD).collect()).collect();
         let count = components.first()?.len();
-        let axis = |axis: usize| -> Vec<f64> { components.iter().map(|own| own[axis]).collect() };
         match statistic {
             Statistic::Rms => {
                 let unit = |own: &Vec<f64>| Unit { sum: own.iter().map(|own| own * own).sum(), count: count as f64 };
-                Some(MetricSample::RootMeanSquare { units: components.iter().map(unit).collect(), factor: count as f64 })
+                let units = by_unit(self.errors().map(|(frame, _)| frame).zip(components.iter().map(unit)));
+                Some(MetricSample::RootMeanSquare { units, factor: count as f64 })
             }
             Statistic::Bias => {
-                Some(MetricSample::Bias(self.field_means(&components, count).unwrap_or_else(|| (0..count).map(axis).collect())))
+                let means = |axis| unit_means(self.errors().map(|(frame, _)| frame).zip(components.iter().map(|own| own[axis])));
+                Some(MetricSample::Bias((0..count).map(means).collect()))
             }
             Statistic::TemporalNoise => self.component(axes, count, 0),
             Statistic::PixelSpatial => self.component(axes, count, 1),
             Statistic::FovSpatial => self.component(axes, count, 2),
-            other => sizes(self.errors().map(|(_, error)| size(&error) / ARCSEC_RAD).collect(), other),
+            other => sizes(self.errors().map(|(frame, error)| (frame, size(&error) / ARCSEC_RAD)).collect(), other),
         }
-    }
-
-    /// The means of fields, where there are several of several frames each: frames of one field share its error, so that they are one value.
-    fn field_means(&self, components: &[Vec<f64>], count: usize) -> Option<Vec<Vec<f64>>> {
-        let mut sums: BTreeMap<usize, (Vec<f64>, f64)> = BTreeMap::new();
-        for ((frame, _), own) in self.errors().zip(components) {
-            let (sum, number) = sums.entry(frame.place.field).or_insert_with(|| (vec![0.0; count], 0.0));
-            sum.iter_mut().zip(own).for_each(|(sum, own)| *sum += own);
-            *number += 1.0;
-        }
-        let is_nested = sums.len() > 1 && sums.values().any(|(_, number)| *number > 1.0);
-        is_nested.then(|| (0..count).map(|axis| sums.values().map(|(sum, number)| sum[axis] / number).collect()).collect())
     }
 
     /// A component of variance, both axes together where there are two.
@@ -164,18 +163,18 @@ impl CaseScores {
                 }
                 Unit { sum, count }
             };
-            Some(MetricSample::ShareOfStars(told.iter().map(unit).collect()))
+            Some(MetricSample::ClusteredShare(by_unit(told.iter().map(|own| (own.0, unit(own))))))
         };
         match metric.quantity {
             Quantity::Completeness => share(&|star| star.error_px.is_some()),
             Quantity::RightNames => share(&|star| star.is_named),
             Quantity::MissedNames => share(&|star| !star.is_named),
             Quantity::WrongNames => {
-                let units: Vec<Unit> =
-                    told.iter().map(|(frame, _)| Unit { sum: frame.misnamed as f64, count: frame.named as f64 }).collect();
-                units.iter().any(|unit| unit.count > 0.0).then_some(MetricSample::ShareOfStars(units))
+                let unit = |frame: &ScoredFrame| Unit { sum: frame.misnamed as f64, count: frame.named as f64 };
+                let units = by_unit(told.iter().map(|(frame, _)| (*frame, unit(frame))));
+                units.iter().any(|unit| unit.count > 0.0).then_some(MetricSample::ClusteredShare(units))
             }
-            Quantity::FalseStars => Some(MetricSample::Mean(told.iter().map(|(frame, _)| frame.false_stars as f64).collect())),
+            Quantity::FalseStars => Some(MetricSample::Mean(unit_means(told.iter().map(|(frame, _)| (*frame, frame.false_stars as f64))))),
             Quantity::SCurve => Some(MetricSample::Bias(s_curve(&told))),
             _ => centroid_errors(&told, metric.statistic),
         }
@@ -192,7 +191,7 @@ impl CaseScores {
                         units: values.iter().map(|own| Unit { sum: own * own, count: 1.0 }).collect(),
                         factor: 1.0,
                     }),
-                    other => sizes(values.iter().map(|own| own.abs()).collect(), other),
+                    other => alone(values.iter().map(|own| own.abs()).collect(), other),
                 }
             }
             Quantity::Pulls => {
@@ -205,7 +204,7 @@ impl CaseScores {
                     _ => some_of(MetricSample::RootMeanSquare { units: cameras.iter().map(unit).collect(), factor: 1.0 }),
                 }
             }
-            _ => sizes(cameras.iter().filter_map(|camera| camera.map_px).collect(), metric.statistic),
+            _ => alone(cameras.iter().filter_map(|camera| camera.map_px).collect(), metric.statistic),
         }
     }
 
@@ -234,16 +233,44 @@ fn most_common(counts: impl Iterator<Item = usize>) -> Option<usize> {
     all.into_iter().max_by_key(|(count, often)| (*often, *count)).map(|(count, _)| count)
 }
 
-/// Mean, quantile or largest of sizes.
-fn sizes(values: Vec<f64>, statistic: Statistic) -> Option<MetricSample> {
+/// Mean, quantile or largest of values that share nothing.
+fn alone(values: Vec<f64>, statistic: Statistic) -> Option<MetricSample> {
     if values.is_empty() {
         return None;
     }
     Some(match statistic {
-        Statistic::Quantile(share) => MetricSample::Quantile { values, share },
+        Statistic::Quantile(share) => MetricSample::Quantile { units: (0..values.len()).collect(), values, share },
         Statistic::Max => MetricSample::Largest(values),
         _ => MetricSample::Mean(values),
     })
+}
+
+/// The same of one value a frame.
+fn sizes(told: Vec<(&ScoredFrame, f64)>, statistic: Statistic) -> Option<MetricSample> {
+    let of_units = |(frame, value): (&ScoredFrame, f64)| (frame.place.unit, value);
+    match statistic {
+        Statistic::Quantile(share) if !told.is_empty() => {
+            let (units, values) = told.into_iter().map(of_units).unzip();
+            Some(MetricSample::Quantile { units, values, share })
+        }
+        Statistic::Max => alone(told.into_iter().map(|(_, value)| value).collect(), statistic),
+        _ => alone(unit_means(told.into_iter()), statistic),
+    }
+}
+
+/// Sums over the frames of each independent unit.
+fn by_unit<'a>(of_frames: impl Iterator<Item = (&'a ScoredFrame, Unit)>) -> Vec<Unit> {
+    let mut sums: BTreeMap<usize, Unit> = BTreeMap::new();
+    for (frame, own) in of_frames {
+        let sum = sums.entry(frame.place.unit).or_insert(Unit { sum: 0.0, count: 0.0 });
+        (sum.sum, sum.count) = (sum.sum + own.sum, sum.count + own.count);
+    }
+    sums.into_values().collect()
+}
+
+/// Means over the frames of each independent unit.
+fn unit_means<'a>(of_frames: impl Iterator<Item = (&'a ScoredFrame, f64)>) -> Vec<f64> {
+    by_unit(of_frames.map(|(frame, sum)| (frame, Unit { sum, count: 1.0 }))).into_iter().map(|unit| unit.sum / unit.count).collect()
 }
 
 /// Errors of the centroids of clean stars.
@@ -251,13 +278,15 @@ fn centroid_errors(told: &[(&ScoredFrame, &Vec<SeenStar>)], statistic: Statistic
     let of_frame = |stars: &Vec<SeenStar>| -> Vec<[f64; 2]> {
         stars.iter().filter(|star| star.is_clean && star.snr >= SEEN_SNR).filter_map(|star| star.error_px).collect()
     };
-    let all: Vec<Vec<[f64; 2]>> = told.iter().map(|(_, stars)| of_frame(stars)).filter(|errors| !errors.is_empty()).collect();
+    let all: Vec<(&ScoredFrame, Vec<[f64; 2]>)> =
+        told.iter().map(|(frame, stars)| (*frame, of_frame(stars))).filter(|(_, errors)| !errors.is_empty()).collect();
     if statistic == Statistic::Bias {
         let mean = |errors: &Vec<[f64; 2]>, axis: usize| errors.iter().map(|error| error[axis]).sum::<f64>() / errors.len() as f64;
-        return some_of(MetricSample::Bias((0..2).map(|axis| all.iter().map(|errors| mean(errors, axis)).collect()).collect()));
+        let means = |axis| unit_means(all.iter().map(|(frame, errors)| (*frame, mean(errors, axis))));
+        return some_of(MetricSample::Bias((0..2).map(means).collect()));
     }
     let unit = |errors: &Vec<[f64; 2]>| Unit { sum: errors.iter().flatten().map(|own| own * own).sum(), count: 2.0 * errors.len() as f64 };
-    some_of(MetricSample::RootMeanSquare { units: all.iter().map(unit).collect(), factor: 2.0 })
+    some_of(MetricSample::RootMeanSquare { units: by_unit(all.iter().map(|(frame, errors)| (*frame, unit(errors)))), factor: 2.0 })
 }
 
 /// The S-curve of both axes: twice the mean product of the error with sine and cosine of the place within the pixel, frame by frame.
@@ -275,6 +304,6 @@ fn s_curve(told: &[(&ScoredFrame, &Vec<SeenStar>)]) -> Vec<Vec<f64>> {
         }
         (count > 0.0).then(|| sums.map(|sum| 2.0 * sum / count))
     };
-    let all: Vec<[f64; 2]> = told.iter().filter_map(|(_, stars)| of_frame(stars)).collect();
-    (0..2).map(|part| all.iter().map(|own| own[part]).collect()).collect()
+    let all: Vec<(&ScoredFrame, [f64; 2])> = told.iter().filter_map(|(frame, stars)| Some((*frame, of_frame(stars)?))).collect();
+    (0..2).map(|part| unit_means(all.iter().map(|(frame, own)| (*frame, own[part])))).collect()
 }

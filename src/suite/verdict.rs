@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::intervals::{Bounded, Risk};
-use super::sample::MetricSample;
+use super::sample::{MetricSample, worth};
 
 /// What is known of a requirement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -123,7 +123,7 @@ pub fn frames_to_decide(sample: &MetricSample, limit: RequirementLimit, errors: 
             MetricSample::Share { hits, trials } => {
                 super::intervals::share((*hits as f64 * times).round(), (*trials as f64 * times).round(), risk)
             }
-            MetricSample::Quantile { values, share } => grown_quantile(values, *share, times, risk)?,
+            MetricSample::Quantile { units, values, share } => grown_quantile(values, worth(units, values, *share), *share, times, risk)?,
             other => shrunk(&other.bounds(risk)?, times),
         };
         Some(verdict(&bounded, limit) != RequirementVerdict::Undecided)
@@ -150,12 +150,13 @@ fn shrunk(bounded: &Bounded, times: f64) -> Bounded {
     Bounded { value: bounded.value, lower: open(bounded.lower), upper: open(bounded.upper) }
 }
 
-/// The bounds of a quantile with each value so many times.
-fn grown_quantile(values: &[f64], share: f64, times: f64, risk: Risk) -> Option<Bounded> {
+/// The bounds of a quantile with each value so many times; all are worth `worth` independent ones.
+fn grown_quantile(values: &[f64], worth: usize, share: f64, times: f64, risk: Risk) -> Option<Bounded> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
-    let count = sorted.len() as f64;
-    let total = (count * times).round();
+    let total = (worth as f64 * times).round();
+    // Ranks among the independent ones over those among all.
+    let times = times * worth as f64 / sorted.len() as f64;
     // Ranks as the normal approximation has them, which is enough for "about".
     let sigma = (total * share * (1.0 - share)).sqrt();
     let z = |risk: f64| super::intervals::student_t(1.0 - risk, 1e6);

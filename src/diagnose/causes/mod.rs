@@ -40,5 +40,7 @@ pub(super) const PERSISTENCE: &str = "persistence";
 pub(super) const JITTER: &str = "jitter";
 /// Straight lines of light: satellites, meteors, aircraft.
 pub(super) const STREAKS: &str = "streaks";
+/// A response that changes within a pixel: a part of the image of a star.
+pub(super) const INTRAPIXEL_RESPONSE: &str = "intrapixel-response";
 /// Tracks of charged particles.
 pub(super) const COSMIC_RAYS: &str = "cosmic-rays";

@@ -19,7 +19,7 @@ use super::shared_noise::shared_noise;
 use super::single_frames::single_frames;
 use super::sky_view::SkyView;
 use super::withheld::{against, is_gain_explained, withhold_shadows};
-use crate::diagnose::causes::COMPRESSION;
+use crate::diagnose::causes::{COMPRESSION, INTRAPIXEL_RESPONSE};
 use crate::diagnose::channels::{ByChannel, Channel, ChannelReport, ChannelVerdict};
 use crate::diagnose::diagnosis::{ColumnSource, Diagnosis, EffectState, EffectStatus, Finding, FoundParameter, Limit, Signs};
 use crate::diagnose::options::DiagnoseOptions;
@@ -115,7 +115,7 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     }
     let numbers: Vec<usize> = places.keys().copied().collect();
     counted.extend(single_frames(&judged, images.pixels, (images.detector.bias_dn, images.looks_through_air), &numbers));
-    counted.extend(jitter(&judged, images.looks_through_air));
+    counted.extend(jitter(&judged, images.looks_through_air).into_iter().chain([intrapixel_response()]));
     counted.extend(images.pixels.map_or_else(Vec::new, |pixels| elsewhere(&pixels.elsewhere)));
     for (channel, state) in &judged.channels {
         // Rounded blocks explain what the noise shows, whatever it looks like, and what else changes the noise explains a gain that seems wrong.
@@ -133,6 +133,13 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     diagnosis.verdict = diagnosis.channels.verdict();
     diagnosis.summary = wording::summary(diagnosis, diagnosis.left_p_value.unwrap_or(1.0));
     crate::diagnose::resolved::bound(diagnosis);
+}
+
+/// How the pixels cut the image goes with the place in the pixel as well.
+fn intrapixel_response() -> Counted {
+    let reason =
+        "it is a part of the image of a star: what goes with the place in the pixel is a nuisance parameter of brightness and shape";
+    Counted::untold(INTRAPIXEL_RESPONSE, Channel::Flux, reason)
 }
 
 /// Says why brightness and shape are not tested.

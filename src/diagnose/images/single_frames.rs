@@ -62,6 +62,9 @@ pub(super) fn single_frames(
     let levels = levels(judged, pixels, bias_dn, numbers);
     if levels.len() >= MIN_FRAMES {
         all.extend(uneven(&levels, if looks_through_air { THROUGH_AIR } else { IN_SPACE }));
+    } else {
+        let reason = format!("it needs {MIN_FRAMES} frames whose zero points the stars tell");
+        all.extend([EXPOSURE_TIME, CLOUDS, ZERO_POINT].map(|id| Counted::untold(id, Channel::Flux, reason.clone())));
     }
     // Where the declared rates tell it the frames by themselves need not.
     let is_told = judged.proposed.iter().any(|own| own.against.is_empty() && judged.rows.questions[own.question].id == MOTION_SMEAR);
@@ -124,7 +127,10 @@ fn uneven(levels: &[Level], steady: Steady) -> Vec<Counted> {
         (ZERO_POINT, "the light of the stars, and not of the sky"),
     ] {
         let own = of(id);
-        let Some(most) = own.iter().max_by(|a, b| a.stars.abs().total_cmp(&b.stars.abs())) else { continue };
+        let Some(most) = own.iter().max_by(|a, b| a.stars.abs().total_cmp(&b.stars.abs())) else {
+            all.push(Counted::of_stars(id, Channel::Flux, Vec::new(), 0.0, "frame", String::new()));
+            continue;
+        };
         let ratio = 10.0_f64.powf(-0.4 * most.stars);
         let sigma = floor.hypot(most.sigma);
         let parameter =

@@ -51,7 +51,7 @@ fn draw_stars(chance: &mut Pcg64, frames: usize, better: f64) -> Frames {
             Unit { sum: sum as f64, count: STARS as f64 }
         })
         .collect();
-    Frames(Box::new(move |n| MetricSample::ShareOfStars(units[..n].to_vec())))
+    Frames(Box::new(move |n| MetricSample::ClusteredShare(units[..n].to_vec())))
 }
 
 /// The 90th percentile of an exponential quantity; the limit is ln 10.
@@ -59,7 +59,7 @@ fn draw_quantile(chance: &mut Pcg64, frames: usize, better: f64) -> Frames {
     let error = (0.9_f64 * 0.1 / frames as f64).sqrt() / 0.1;
     let scale = (10.0_f64.ln() - better * error) / 10.0_f64.ln();
     let values: Vec<f64> = (0..frames).map(|_| -scale * (1.0 - chance.random::<f64>()).ln()).collect();
-    Frames(Box::new(move |n| MetricSample::Quantile { values: values[..n].to_vec(), share: 0.9 }))
+    Frames(Box::new(move |n| MetricSample::Quantile { units: (0..n).collect(), values: values[..n].to_vec(), share: 0.9 }))
 }
 
 /// The size of a mean; the limit is 1.
