@@ -79,6 +79,19 @@ pub struct ImagePairScore {
     pub wrong: Names,
 }
 
+/// What single effects of four times what is just seen and more are called, all together.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ImagePool {
+    /// The first name is right, where the effect is judged at all and has its whole size.
+    pub first: Rate,
+    /// The right name is printed, wherever a name is.
+    pub in_set: Rate,
+    /// The same of first names where the size had to be cut.
+    pub first_of_cut: Rate,
+    /// The same where the program says that it does not judge the effect.
+    pub first_of_unjudged: Rate,
+}
+
 /// All figures.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ImageScore {
@@ -94,9 +107,11 @@ pub struct ImageScore {
     pub nulls: Vec<ImageNullScore>,
     /// Ladders.
     pub ladders: Vec<ImageLadder>,
+    /// The strong effects of all ladders.
+    pub pool: ImagePool,
     /// Pairs.
     pub pairs: Vec<ImagePairScore>,
-    /// Pulls of amplitudes where truth and finding are in the same parameter.
+    /// Pulls of amplitudes where truth and finding are in the same parameter; of all of them last.
     pub pulls: Vec<Pulls>,
     /// Median and largest time of an answer, s.
     pub seconds: [f64; 2],
@@ -118,6 +133,7 @@ pub fn image_score(pairs: &[(Truth, Answer)]) -> ImageScore {
     }
     score.nulls = [Family::ImageNull, Family::ImageHardNull].into_iter().flat_map(|family| nulls(&given, family)).collect();
     score.ladders = ladders(&given);
+    score.pool = pool(&given);
     score.pairs = together(&given);
     score.pulls = pulls(&given);
     let mut seconds: Vec<f64> = given.iter().map(|(_, answer)| answer.seconds).collect();
@@ -178,7 +194,7 @@ fn ladders(given: &[Pair]) -> Vec<ImageLadder> {
             let own = ImageLadder { label, id, reckoned, known: false, rungs: Vec::new(), half: None };
             Counting { own, curve: Ladder::default(), reached: BTreeMap::new() }
         });
-        own.known |= answer.status_of(&effect.id).is_some();
+        own.known |= is_judged(effect, answer);
         curve.add(effect.multiple, alarmed(answer), false);
         let place = own.rungs.iter().position(|rung| (rung.multiple / effect.multiple - 1.0).abs() < 0.05).unwrap_or_else(|| {
             own.rungs.push(ImageRung { multiple: effect.multiple, ..ImageRung::default() });
@@ -199,6 +215,34 @@ fn ladders(given: &[Pair]) -> Vec<ImageLadder> {
         own
     };
     ladders.into_values().map(finish).collect()
+}
+
+/// Whether the program that answered judges an effect.
+fn is_judged(effect: &TrueEffect, answer: &Answer) -> bool {
+    right_names(effect).iter().any(|id| answer.status_of(id).is_some_and(|status| status != "not-applicable"))
+}
+
+fn pool(given: &[Pair]) -> ImagePool {
+    const FROM: f64 = 3.9;
+    const WHOLE: f64 = 0.9;
+    let mut pool = ImagePool::default();
+    for (truth, answer) in given.iter().filter(|(truth, _)| truth.family == Family::ImageLadder) {
+        for effect in truth.effects.iter().filter(|effect| effect.multiple >= FROM) {
+            let mut rung = ImageRung::default();
+            add(&mut rung, effect, answer);
+            let is_cut = effect.snr > 0.0 && effect.snr < WHOLE * 5.0 * effect.multiple;
+            let first = match (is_judged(effect, answer), is_cut) {
+                (false, _) => &mut pool.first_of_unjudged,
+                (true, true) => &mut pool.first_of_cut,
+                (true, false) => &mut pool.first,
+            };
+            first.count(rung.first > 0);
+            if !answer.findings.is_empty() {
+                pool.in_set.count(rung.in_set > 0);
+            }
+        }
+    }
+    pool
 }
 
 fn add(rung: &mut ImageRung, effect: &TrueEffect, answer: &Answer) {
@@ -251,5 +295,7 @@ fn pulls(given: &[Pair]) -> Vec<Pulls> {
             }
         }
     }
-    all.iter().map(|(label, pulls)| summary(label, pulls)).collect()
+    let every: Vec<f64> = all.values().flatten().copied().collect();
+    let of_all = (!every.is_empty()).then(|| summary("all", &every));
+    all.iter().map(|(label, pulls)| summary(label, pulls)).chain(of_all).collect()
 }

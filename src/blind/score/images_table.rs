@@ -12,6 +12,7 @@ pub fn image_markdown(score: &ImageScore, commit: &str) -> String {
     head(&mut page, score, commit);
     nulls(&mut page, score);
     ladders(&mut page, score);
+    pool(&mut page, score);
     pairs(&mut page, score);
     pulls(&mut page, score);
     page
@@ -86,9 +87,25 @@ fn ladders(page: &mut String, score: &ImageScore) {
             *wrong.entry(name.clone()).or_default() += count;
         }
         let reckoned = serde_json::to_value(ladder.reckoned).ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default();
-        let unknown = if ladder.known { "" } else { " *(not in this build)*" };
+        let unknown = if ladder.known { "" } else { " *(not judged)*" };
         let half = ladder.half.map_or_else(|| "–".to_owned(), |half| format!("{half:.2}"));
         line(page, &format!("| {}{unknown} | {reckoned} | {} | {half} | {} |", ladder.label, cells.join(" | "), names(&wrong)));
+    }
+    line(page, "");
+}
+
+fn pool(page: &mut String, score: &ImageScore) {
+    let own = &score.pool;
+    line(page, "## All ladders, from 4 × on\n");
+    line(page, "| | of the recordings |");
+    line(page, "|---|---|");
+    for (what, rate) in [
+        ("right name first", own.first),
+        ("right name printed, where any name is", own.in_set),
+        ("right name first where the size had to be cut", own.first_of_cut),
+        ("right name first where the effect is not judged", own.first_of_unjudged),
+    ] {
+        line(page, &format!("| {what} | {rate} |"));
     }
     line(page, "");
 }

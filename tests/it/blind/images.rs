@@ -151,7 +151,23 @@ fn answers_are_counted() {
     alarm.family = Family::ImageNull;
     alarm.channels.insert("flux".to_owned(), "unexplained: field-radius".to_owned());
     pairs.push((null, alarm));
+    let strong = |snr: f64, answer: Answer| {
+        let mut truth = truth.clone();
+        (truth.effects[0].multiple, truth.effects[0].snr) = (4.0, snr);
+        (truth, answer)
+    };
+    let mut unjudged = plain("consistent", &[], &[]);
+    unjudged.effects = vec![("prnu".to_owned(), "not-applicable".to_owned())];
+    pairs.extend([
+        strong(20.0, plain("explained", &["prnu"], &[])),
+        strong(20.0, plain("explained", &["shear", "prnu"], &[])),
+        strong(10.0, plain("consistent", &[], &[])),
+        strong(20.0, unjudged),
+    ]);
     let figures = image_score(&pairs);
+    let pool = &figures.pool;
+    let counted = [pool.first, pool.in_set, pool.first_of_cut, pool.first_of_unjudged].map(|rate| (rate.hits, rate.of));
+    assert_eq!(counted, [(1, 2), (2, 2), (0, 1), (0, 1)]);
     let [ladder] = &figures.ladders[..] else { panic!("{figures:?}") };
     let rung = &ladder.rungs[0];
     assert_eq!((rung.of, rung.first, rung.in_set, rung.withheld, rung.silent, rung.detected), (5, 1, 2, 1, 1, 3));
