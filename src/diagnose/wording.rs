@@ -169,7 +169,7 @@ pub(super) fn summary(diagnosis: &Diagnosis, left_p: f64) -> Vec<String> {
         lines.push(format!("This recording could not show: {}.", hidden.join(", ")));
     }
     if !lacking.is_empty() {
-        lines.push(format!("Not judged, because the recording lacks what they need: {}.", lacking.join(", ")));
+        lines.push(format!("Not judged, for the reasons that stand with each: {}.", lacking.join(", ")));
     }
     lines
 }

@@ -128,7 +128,11 @@ fn uneven(levels: &[Level], steady: Steady) -> Vec<Counted> {
     ] {
         let own = of(id);
         let Some(most) = own.iter().max_by(|a, b| a.stars.abs().total_cmp(&b.stars.abs())) else {
-            all.push(Counted::of_stars(id, Channel::Flux, Vec::new(), 0.0, "frame", String::new()));
+            all.push(if id == CLOUDS && !steady.has_clouds {
+                Counted::untold(id, Channel::Flux, "there are no clouds where there is no air")
+            } else {
+                Counted::of_stars(id, Channel::Flux, Vec::new(), 0.0, "frame", String::new())
+            });
             continue;
         };
         let ratio = 10.0_f64.powf(-0.4 * most.stars);
