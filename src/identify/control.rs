@@ -1,5 +1,6 @@
 //! Identified frames → control points.
 
+use super::background_slope::BackgroundSlope;
 use super::{ControlPoint, ControlPoints, Identification, Projection, Solution};
 use crate::camera::{Camera, SkyChain};
 use crate::catalog::Catalog;
@@ -70,6 +71,7 @@ pub fn control_points(
             continue;
         };
         *attitude = Some(solution.attitude);
+        let slope = BackgroundSlope::of(frame.detections);
         points.extend(solution.matches.iter().map(|matched| {
             let (star, detection) = (&catalog.stars[matched.star], &frame.detections.stars[matched.detection]);
             let own = Direction::from_unit(star.direction.xyz);
@@ -85,7 +87,7 @@ pub fn control_points(
                 magnitude: star.magnitude,
                 colour: star.colour,
                 star: StarState::of(star, catalog.epoch_yr),
-                image: image_state(detection, frame.gain_e_per_dn),
+                image: image_state(detection, slope.as_ref(), frame.gain_e_per_dn),
             }
         }));
     }
@@ -94,10 +96,10 @@ pub fn control_points(
     (ControlPoints { projection, nominal_is_found, parity, ..ControlPoints::new(nominal, attitudes, points) }, left_out)
 }
 
-/// What a detection tells of its image. A background without any gradient is one that was not measured.
+/// What a detection tells of its image, and its frame of the background's slope there (`None`: it was not measured).
 #[must_use]
-pub fn image_state(detection: &Detection, gain_e_per_dn: Option<f64>) -> StarImage {
-    let gradient = Some(detection.background_gradient_dn).filter(|gradient| *gradient != [0.0; 2]);
+pub fn image_state(detection: &Detection, slope: Option<&BackgroundSlope>, gain_e_per_dn: Option<f64>) -> StarImage {
+    let gradient = slope.map(|slope| slope.at(detection.x_px, detection.y_px));
     StarImage {
         flux_e: gain_e_per_dn.map(|gain| detection.flux_dn * gain),
         background_gradient_e_px: gain_e_per_dn.and_then(|gain| gradient.map(|gradient| gradient.map(|along| along * gain))),

@@ -12,6 +12,7 @@
 //!    is below a limit, everything that was tried included; else the frame is not identified, and a sentence says why.
 
 mod association;
+mod background_slope;
 mod candidate;
 mod candidate_block;
 mod clutter;
@@ -63,6 +64,7 @@ pub use prior_attitude::AttitudePrior;
 pub use projection::Projection;
 pub use refusal::{NoMatch, Refusal};
 inner!(result::{FORMAT, IdentifyFrameResult, FrameStatus, IdentifyResult, MisnamedMatch, NamedStar});
+inner!(background_slope::BackgroundSlope);
 inner!(control::{common_projection, image_state});
 inner!(misidentify::misidentify);
 inner!(preidentified::{ASSUMED_EPOCH_YR, add_listed_points, handedness, listed_control_points, listed_covariance_px2});

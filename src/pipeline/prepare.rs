@@ -12,8 +12,8 @@ use crate::detect::LearntImage;
 use crate::diagnose::{DiagnoseOptions, Telemetry};
 use crate::effects;
 use crate::identify::{
-    ControlPoint, ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, Projection, Refusal, Solution,
-    add_listed_points, control_points as build_control_points, handedness, image_state,
+    BackgroundSlope, ControlPoint, ControlPoints, FrameState, Identification, KnownAttitude, Misidentification, Projection, Refusal,
+    Solution, add_listed_points, control_points as build_control_points, handedness, image_state,
 };
 use crate::recording::{FrameEntry, Mount, Recording};
 use crate::units::ARCSEC_RAD;
@@ -118,11 +118,12 @@ pub fn star_images(measured: &Measured, points: &PreparedPoints) -> Vec<Measured
     let of = |frame: &MeasuredFrame| {
         let index = frame.index;
         let gain_e_per_dn = measured.gain_e_per_dn(frame);
+        let slope = BackgroundSlope::of(&frame.detections);
         let usable = frame.detections.stars.iter().filter(|star| !star.flags.saturated && !star.flags.edge);
         let image = move |star: &crate::detect::Detection| {
             let [xx, xy, yy] = star.covariance_px2;
             let xy = if points.parity < 0 { -xy } else { xy };
-            let state = effects::StarImage { recording_gradient_e_px, ..image_state(star, gain_e_per_dn) };
+            let state = effects::StarImage { recording_gradient_e_px, ..image_state(star, slope.as_ref(), gain_e_per_dn) };
             let state = if points.parity < 0 { state.mirrored() } else { state };
             MeasuredStarImage { frame: index, x_px: place(star.x_px), y_px: star.y_px, covariance_px2: [xx, xy, yy], state }
         };

@@ -7,8 +7,10 @@
 //!
 //! ## Equation
 //!
-//! Δ = g·(∇B/G)·K/F: ∇B the gradient of the background measured under this image, G the root mean square of its size over the
-//! recording's images, F the star's measured electrons; the ideal point is the measured one minus Δ. K = 8π·(σ² + 1/12)² is that of an
+//! Δ = g·(∇B/G)·K/F: ∇B the gradient of the frame's background at this image, G the root mean square of its size over the
+//! recording's images, F the star's measured electrons; the ideal point is the measured one minus Δ. ∇B is the robust polynomial of
+//! second degree through what all stars' images in the frame tell: the slope in one image alone may be the light of a neighbour that
+//! no catalogue lists, which moves the image as well. K = 8π·(σ² + 1/12)² is that of an
 //! unweighted fit of a Gaussian of width σ that is integrated over pixels: the slope projected on the image's derivative. σ is the
 //! measured width, 0.7 px where there is none. Where G is not known the size of ∇B itself stands in its place.
 //!
