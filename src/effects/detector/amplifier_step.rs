@@ -147,6 +147,11 @@ impl PixelEffect for AmplifierHalves {
     }
 }
 
+/// The step of the page's equation from the one that magnitudes and logarithms of the sky are linear in: 1 + g is e^s. Value and standard error.
+pub(crate) fn relative_step([step, sigma]: [f64; 2]) -> [f64; 2] {
+    [step.exp_m1(), step.exp() * sigma]
+}
+
 impl ImageEffect for AmplifierStep {
     fn id(&self) -> &'static str {
         <Self as CentroidShift>::ID
@@ -172,6 +177,15 @@ impl ImageEffect for AmplifierStep {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_step_in_magnitudes_is_a_ratio_of_gains() {
+        // Of a gain that is a tenth more, and of one that is a tenth less.
+        for gain in [1.1_f64, 0.9] {
+            let [value, sigma] = relative_step([gain.ln(), 0.01]);
+            assert!((value - (gain - 1.0)).abs() < 1e-15 && (sigma - 0.01 * gain).abs() < 1e-15, "{value} ± {sigma}");
+        }
+    }
 
     #[test]
     fn the_lower_half_begins_below_the_middle() {
