@@ -100,6 +100,10 @@ pub trait ImageEffect: Sync {
     fn are_squares(&self) -> bool {
         false
     }
+    /// Subsets of its parameters that are a cause of their own: they are asked beside all, and told where they say as much.
+    fn parts(&self) -> &'static [&'static [usize]] {
+        &[]
+    }
     /// What it needs, in words, for where it is not known.
     fn needs(&self) -> &'static str;
     /// The size of its first parameter that real cameras and skies have, and where that is from.

@@ -17,6 +17,10 @@ impl ImageEffect for AxialColour {
     fn follows(&self) -> &'static str {
         "colour"
     }
+    /// Away from the best focus the slope alone.
+    fn parts(&self) -> &'static [&'static [usize]] {
+        &[&[0]]
+    }
     fn needs(&self) -> &'static str {
         "second moments of the images, and the colours of the stars"
     }

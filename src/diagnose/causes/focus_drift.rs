@@ -17,6 +17,10 @@ impl ImageEffect for FocusWithTemperature {
     fn follows(&self) -> &'static str {
         "temperature"
     }
+    /// Away from the best focus the slope alone.
+    fn parts(&self) -> &'static [&'static [usize]] {
+        &[&[0]]
+    }
     fn needs(&self) -> &'static str {
         "second moments of the images, and temperatures that differ"
     }
@@ -42,6 +46,10 @@ impl ImageEffect for FocusWithTime {
     }
     fn follows(&self) -> &'static str {
         "time"
+    }
+    /// Away from the best focus the slope alone.
+    fn parts(&self) -> &'static [&'static [usize]] {
+        &[&[0]]
     }
     fn name_rank(&self) -> u8 {
         2

@@ -25,6 +25,10 @@ impl ImageEffect for FieldOfFocus {
     fn follows(&self) -> &'static str {
         "field-map"
     }
+    /// A curvature alone, a tilt alone, both, a focal surface without astigmatism.
+    fn parts(&self) -> &'static [&'static [usize]] {
+        &[&[0], &[1, 2], &[0, 4], &[0, 1, 2], &[0, 1, 2, 4]]
+    }
     fn needs(&self) -> &'static str {
         "second moments of the images"
     }

@@ -133,7 +133,7 @@ pub(super) fn add_background(
         .into_iter()
         .map(|(follows, own)| {
             let columns = columns.by_ref().take(own.len()).map(over_all).collect();
-            Question { id: "", parameters: Vec::new(), follows, columns, rank: 0, sign: None }
+            Question { id: "", parameters: Vec::new(), follows, columns, rank: 0, sign: None, is_part: false }
         })
         .collect();
     rows.kinds.push(Kind {
@@ -160,6 +160,7 @@ fn add_question(rows: &mut Rows, own: Asked, columns: Vec<Vec<f64>>) -> Vec<(usi
             columns: Vec::new(),
             rank: 1,
             sign: own.sign,
+            is_part: false,
         });
         rows.questions.len() - 1
     });

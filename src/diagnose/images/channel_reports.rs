@@ -4,7 +4,6 @@ use std::collections::BTreeSet;
 
 use super::judge::{ChannelState, Judged};
 use super::noise::ordinary;
-use super::rows::Shown;
 use super::sky_columns;
 use crate::diagnose::causes::IMAGE_CAUSES;
 use crate::diagnose::channels::{Channel, ChannelReport, ChannelVerdict, Detectable};
@@ -36,7 +35,7 @@ fn detectable(judged: &Judged, channel: Channel) -> Vec<Detectable> {
         .rows
         .questions
         .iter()
-        .filter(|question| in_channel(question))
+        .filter(|question| !question.is_part && in_channel(question))
         .filter_map(|question| {
             let of_stars = || effect_of(question.id).map(ImageEffect::ordinary);
             let is_glow = || sky_glow(question.id).is_some();
@@ -50,7 +49,7 @@ fn detectable(judged: &Judged, channel: Channel) -> Vec<Detectable> {
             let size_95 = sigma.map(|sigma| ((2.0 * judged.threshold).sqrt() + NINETY_FIVE) * sigma);
             let spec = question.parameters.first()?;
             // A gain is told as a ratio, and its size is how far from one.
-            let told = |size: f64| if spec.shown == Shown::Root { size.sqrt() } else { size };
+            let told = |size: f64| if spec.shown.is_root() { size.sqrt() } else { size };
             Some(Detectable {
                 id: question.id.to_owned(),
                 name: spec.name.to_owned(),

@@ -34,7 +34,8 @@ pub(super) fn channel_states(
         };
         // Where no covariate is of stars the effects' own columns are the patterns.
         let of_stars: Vec<&Question> = patterns.iter().filter(is_of).collect();
-        let own: Vec<&Question> = if of_stars.is_empty() { rows.questions.iter().filter(is_of).collect() } else { of_stars };
+        let own: Vec<&Question> =
+            if of_stars.is_empty() { rows.questions.iter().filter(|question| !question.is_part).filter(is_of).collect() } else { of_stars };
         let tested = |fit: &RowFit, stream: u64| -> (f64, Vec<String>) {
             let psi = nalgebra::DVector::from_column_slice(&fit.psi);
             let mut found: Vec<(f64, &'static str)> = own

@@ -109,7 +109,9 @@ pub(in crate::diagnose) fn judge(
         return None;
     }
     let all = vec![true; rows.len()];
-    let given: Vec<usize> = (0..rows.questions.len()).filter(|index| found.iter().any(|id| id == rows.questions[*index].id)).collect();
+    let given: Vec<usize> = (0..rows.questions.len())
+        .filter(|index| !rows.questions[*index].is_part && found.iter().any(|id| id == rows.questions[*index].id))
+        .collect();
     let nothing = fitted(&rows, &all, &[], None);
     let nulls = asked.nulls.min(MAX_NULLS);
     let every: Vec<&Question> = rows.questions.iter().collect();

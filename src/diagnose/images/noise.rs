@@ -85,9 +85,10 @@ pub(super) fn add_noise(rows: &mut Rows, pixels: &PixelStatistics, detector: &De
             // A parameter without a column is not asked for.
             let asked: Vec<bool> = columns.iter().map(|column| column.iter().any(|value| *value != 0.0)).collect();
             let keep = |which: usize| asked[which];
-            let parameters = parameters.iter().enumerate().filter(|(which, _)| keep(*which)).map(|(_, own)| *own).collect();
+            let told = |own: &Parameter| Parameter { shown: shown(key, pixels).unwrap_or(own.shown), ..*own };
+            let parameters = parameters.iter().enumerate().filter(|(which, _)| keep(*which)).map(|(_, own)| told(own)).collect();
             let columns = columns.into_iter().enumerate().filter(|(which, _)| keep(*which)).map(|(_, own)| own).collect();
-            rows.questions.push(Question { id, parameters, follows, columns, rank: 1, sign: *sign });
+            rows.questions.push(Question { id, parameters, follows, columns, rank: 1, sign: *sign, is_part: false });
         }
     }
     join_stars(rows, &all, before);
@@ -105,6 +106,19 @@ pub(super) fn add_noise(rows: &mut Rows, pixels: &PixelStatistics, detector: &De
             shared: Shared::No,
             is_scaled: false,
         });
+    }
+}
+
+/// How the σ of offsets of lines is told. A frame's own covariance of two halves holds half of the scatter of its draws in its error.
+fn shown(key: &str, pixels: &PixelStatistics) -> Option<Shown> {
+    let [columns, rows] = pixels.sky.first()?.size_px.map(|lines| u32::try_from(lines).unwrap_or(u32::MAX));
+    let frames = u32::try_from(pixels.by_frame.len()).unwrap_or(u32::MAX);
+    match key {
+        ROWS => Some(Shown::RootOfDraws(rows.saturating_mul(2 * frames))),
+        COLUMNS => Some(Shown::RootOfDraws(columns.saturating_mul(2 * frames))),
+        SAME_ROWS => Some(Shown::RootOfSharedDraws(rows)),
+        SAME_COLUMNS => Some(Shown::RootOfSharedDraws(columns)),
+        _ => None,
     }
 }
 

@@ -14,7 +14,7 @@ use super::measured_detector::measured_detector;
 use super::noise::DeclaredDetector;
 use super::profiles::shape_map;
 use super::rendered::StampCamera;
-use super::rows::Parameter;
+use super::rows::{Parameter, Question};
 use super::shared_noise::shared_noise;
 use super::single_frames::single_frames;
 use super::sky_view::SkyView;
@@ -24,6 +24,7 @@ use crate::diagnose::channels::{ByChannel, Channel, ChannelReport, ChannelVerdic
 use crate::diagnose::diagnosis::{ColumnSource, Diagnosis, EffectState, EffectStatus, Finding, FoundParameter, Limit, Signs};
 use crate::diagnose::options::DiagnoseOptions;
 use crate::diagnose::wording;
+use crate::effects::detector::amplifier_step::{AmplifierHalves, relative_step};
 use crate::effects::optics::vignetting::{Vignetting, losses};
 use crate::effects::pixel::PixelEffect;
 use crate::pixel_statistics::{ElsewhereFrame, LOOKS, PixelStatistics};
@@ -203,9 +204,13 @@ fn parameter(spec: &Parameter, size: [f64; 2]) -> FoundParameter {
 }
 
 /// Sizes as the equation of the effect's page has them, where the columns are linear in others.
-fn in_the_equation(id: &str, sizes: &[[f64; 2]]) -> Vec<[f64; 2]> {
+fn in_the_equation(question: &Question, sizes: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let is = |id: &str, first: &str| question.id == id && question.parameters.first().is_some_and(|own| own.name == first);
     match sizes {
-        [second, fourth] if id == <Vignetting as PixelEffect>::ID => losses([*second, *fourth]).to_vec(),
+        [second, fourth] if is(<Vignetting as PixelEffect>::ID, "loss_at_corner") => losses([*second, *fourth]).to_vec(),
+        [step, rest @ ..] if is(<AmplifierHalves as PixelEffect>::ID, "gain_relative") => {
+            std::iter::once(relative_step(*step)).chain(rest.iter().copied()).collect()
+        }
         _ => sizes.to_vec(),
     }
 }
@@ -214,7 +219,7 @@ fn in_the_equation(id: &str, sizes: &[[f64; 2]]) -> Vec<[f64; 2]> {
 fn add_proposed(diagnosis: &mut Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &[&str]) {
     let question = &judged.rows.questions[proposed.question];
     // Parameters without a column stand last.
-    let own = in_the_equation(question.id, &proposed.sizes);
+    let own = in_the_equation(question, &proposed.sizes);
     let sizes = own.iter().chain(std::iter::repeat(&[0.0; 2]));
     let parameters: Vec<FoundParameter> = question.parameters.iter().zip(sizes).map(|(spec, size)| parameter(spec, *size)).collect();
     let p_value = (-proposed.surprise).exp();

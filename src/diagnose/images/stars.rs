@@ -136,7 +136,10 @@ pub(super) fn rows_of_stars(
     let rendered = stamps.map_or_else(Vec::new, |stamps| rendered::of_images(&stars, stamps));
     for effect in IMAGE_EFFECTS.iter().chain(IMAGE_CAUSES) {
         match question(*effect, &told, rendered.iter().find(|own| own.id == effect.id())) {
-            Ok(question) => rows.questions.push(question),
+            Ok(question) => {
+                rows.questions.extend(effect.parts().iter().map(|part| question.part(part)));
+                rows.questions.push(question);
+            }
             Err(reason) => {
                 unasked.entry(effect.id()).or_insert(reason);
             }
@@ -170,7 +173,7 @@ fn question_of(column: &RenderedColumn, told: &[Told<'_>]) -> Option<Question> {
     let (name, unit) = column.parameter;
     let parameters = vec![Parameter { name, unit, shown: Shown::Same }];
     let columns = vec![values.into_iter().map(|value| value.unwrap_or(0.0)).collect()];
-    Some(Question { id: column.id, parameters, follows: column.follows, columns, rank: 1, sign: None })
+    Some(Question { id: column.id, parameters, follows: column.follows, columns, rank: 1, sign: None, is_part: false })
 }
 
 /// Columns of an effect over the rows of stars, the first as rendered where it was; or why there are none.
@@ -205,5 +208,13 @@ fn question(effect: &'static dyn ImageEffect, told: &[Told<'_>], rendered: Optio
     }
     let shown = if effect.are_squares() { Shown::Root } else { Shown::Same };
     let parameters = effect.parameters().iter().map(|(name, unit)| Parameter { name, unit, shown }).collect();
-    Ok(Question { id: effect.id(), parameters, follows: effect.follows(), columns, rank: effect.name_rank(), sign: effect.sign() })
+    Ok(Question {
+        id: effect.id(),
+        parameters,
+        follows: effect.follows(),
+        columns,
+        rank: effect.name_rank(),
+        sign: effect.sign(),
+        is_part: false,
+    })
 }

@@ -169,6 +169,35 @@ fn a_width_that_follows_the_field_is_no_vignetting() {
     }
 }
 
+/// A tilt is told as a tilt, a slope in time without its square, and all five parameters of the focal surface where all are there.
+#[test]
+fn an_effect_is_told_by_no_more_parameters_than_it_needs() {
+    const X: &str = "sigma_px_per_half_diagonal_x";
+    const Y: &str = "sigma_px_per_half_diagonal_y";
+    const SURFACE: [&str; 5] = ["sigma_px_at_corner", X, Y, "astigmatism_at_corner_px2", "sigma_px_at_corner_fourth_order"];
+    let cases: [(&str, &[&str], Added); 4] = [
+        ("psf-shape", &[X, Y], |image| (0.0, [0.1, 0.0, 0.1].map(|share| share * image.at[0]))),
+        ("psf-shape", &SURFACE, |image| {
+            let [u, v] = image.at;
+            let square = u * u + v * v;
+            (0.0, [0.6 * u * u + 0.2 * v + square * square, 0.6 * u * v, 0.6 * v * v + 0.2 * v + square * square])
+        }),
+        ("focus-drift", &["sigma_px_per_hour"], |image| (0.0, [0.02, 0.0, 0.02].map(|share| share * image.time_offset_h.unwrap()))),
+        ("focus-drift", &["sigma_px_per_hour", "sigma_px_per_hour2"], |image| {
+            (0.0, [0.02, 0.0, 0.02].map(|share| share * image.time_offset_h.unwrap().powi(2)))
+        }),
+    ];
+    for (id, parameters, added) in cases {
+        for seed in 300..303 {
+            let judged = judge(&stars(seed, added), None, FRAMES, &asked(1e-3), &[]).unwrap();
+            assert_eq!(found(&judged), [id], "seed {seed}: {:?}", judged.proposed);
+            let own = judged.proposed.iter().find(|own| own.against.is_empty()).unwrap();
+            let told: Vec<&str> = judged.rows.questions[own.question].parameters.iter().map(|own| own.name).collect();
+            assert_eq!(told, parameters, "seed {seed}: {own:?}");
+        }
+    }
+}
+
 /// Rows that stand out by a hundred standard errors are found as those that stand out by ten; and columns where the rows do not.
 #[test]
 fn lines_that_are_offset_are_banding_however_much() {
