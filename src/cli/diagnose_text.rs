@@ -315,18 +315,27 @@ fn effects(all: &[EffectStatus]) -> String {
 /// A line of the table.
 fn row(effect: &EffectStatus) -> [String; 5] {
     let p = |p: f64| if effect.p_value_is.is_some() { format!("< {}", probability(p)) } else { probability(p) };
-    let size = match (&effect.upper_limit_95, effect.parameters.first()) {
+    let shown = if effect.upper_limit_95.is_some() { effect.parameters.first() } else { surest(&effect.parameters) };
+    let size = match (&effect.upper_limit_95, shown) {
         (Some(limit), _) => format!("< {}", compact(limit.value)),
-        (None, Some(first)) => with_error(first.value, first.sigma),
+        (None, Some(shown)) => with_error(shown.value, shown.sigma),
         (None, None) => "–".to_owned(),
     };
     [
         format!("  {}", effect.id),
         effect.p_value.map_or_else(|| "–".to_owned(), p),
         effect.survival.map_or_else(|| "–".to_owned(), |share| format!("{share:.2}")),
-        effect.parameters.first().map_or_else(String::new, |parameter| parameter.name.clone()),
+        shown.map_or_else(String::new, |parameter| parameter.name.clone()),
         size,
     ]
+}
+
+/// The parameter that is farthest from zero in its own errors; the first where that has none. Of a tilted focal surface the first, its curvature, may be none.
+fn surest(parameters: &[FoundParameter]) -> Option<&FoundParameter> {
+    let first = parameters.first()?;
+    let score = |own: &FoundParameter| if own.sigma > 0.0 { (own.value / own.sigma).abs() } else { 0.0 };
+    let others = parameters.iter().skip(1).filter(|_| first.sigma > 0.0);
+    Some(others.fold(first, |best, own| if score(own) > score(best) { own } else { best }))
 }
 
 /// Three significant digits at most, short for small and large numbers alike.
@@ -377,6 +386,21 @@ mod tests {
             }),
             reason: reason.to_owned(),
         }
+    }
+
+    #[test]
+    fn the_parameter_that_is_shown_is_the_surest() {
+        let parameter = |name: &str, value: f64, sigma: f64| FoundParameter { name: name.into(), value, sigma, unit: "px".into() };
+        let of = |parameters: &[FoundParameter]| surest(parameters).map(|own| own.name.clone());
+        assert_eq!(of(&[parameter("curvature", -0.03, 0.05), parameter("tilt", 0.02, 0.002)]).as_deref(), Some("tilt"));
+        assert_eq!(of(&[parameter("lost_bits", 4.0, 0.0), parameter("other", 1.0, 0.1)]).as_deref(), Some("lost_bits"));
+        assert_eq!(of(&[]), None);
+        // A limit is that of the first.
+        let mut own = status("psf-shape", EffectState::NotFound, Some(0.5), "");
+        own.parameters.push(parameter("tilt", 1.0, 0.01));
+        assert_eq!(row(&own)[3..], ["x_px".to_owned(), "< 0.0200".to_owned()]);
+        own.upper_limit_95 = None;
+        assert_eq!(row(&own)[3], "tilt");
     }
 
     #[test]
