@@ -143,19 +143,38 @@ pub(in crate::diagnose) fn select(rows: &Rows, allowed: &[bool], given: &[usize]
     narrowed(rows, allowed, (accepted, given.len()), fit)
 }
 
+/// Whether a question is a part of another.
+fn is_part_of(part: &Question, whole: &Question) -> bool {
+    part.is_part && !whole.is_part && part.id == whole.id && part.parameters.iter().all(|own| whole.parameters.contains(own))
+}
+
 /// The parts of an effect's question that may stand in its place, the smallest first.
 fn parts_of(rows: &Rows, whole: usize) -> Vec<usize> {
     let of = |index: usize| &rows.questions[index];
-    let is_in_whole = |part: &Question| part.id == of(whole).id && part.parameters.iter().all(|own| of(whole).parameters.contains(own));
-    let is_part = |index: &usize| !of(whole).is_part && of(*index).is_part && is_in_whole(of(*index));
-    let mut parts: Vec<usize> = (0..rows.questions.len()).filter(is_part).collect();
+    let mut parts: Vec<usize> = (0..rows.questions.len()).filter(|part| is_part_of(of(*part), of(whole))).collect();
     sort_by_key(&mut parts, |part| of(*part).columns.len());
     parts
 }
 
+/// With wholes in the place of their parts.
+fn widened(rows: &Rows, accepted: &[usize]) -> Vec<usize> {
+    let whole_of =
+        |part: usize| (0..rows.questions.len()).find(|whole| is_part_of(&rows.questions[part], &rows.questions[*whole])).unwrap_or(part);
+    let mut all: Vec<usize> = Vec::new();
+    for whole in accepted.iter().map(|index| whole_of(*index)) {
+        if !all.contains(&whole) {
+            all.push(whole);
+        }
+    }
+    all
+}
+
 /// With the smallest parts that say as much as the wholes (odds of 100 : 1): a square beside a slope that nothing asks for spoils every place beyond the
-/// data.
-fn narrowed(rows: &Rows, allowed: &[bool], (mut accepted, given): (Vec<usize>, usize), mut fit: RowFit) -> (Vec<usize>, RowFit) {
+/// data, and one that is there is no finding by itself.
+fn narrowed(rows: &Rows, allowed: &[bool], (found, given): (Vec<usize>, usize), fit: RowFit) -> (Vec<usize>, RowFit) {
+    let mut accepted = found[..given].to_vec();
+    accepted.extend(widened(rows, &found[given..]));
+    let mut fit = if accepted == found { fit } else { fitted(rows, allowed, &accepted, None) };
     for k in given..accepted.len() {
         let whole = accepted[k];
         for part in parts_of(rows, whole) {
