@@ -114,8 +114,8 @@ fn shown(key: &str, pixels: &PixelStatistics) -> Option<Shown> {
     let [columns, rows] = pixels.sky.first()?.size_px.map(|lines| u32::try_from(lines).unwrap_or(u32::MAX));
     let frames = u32::try_from(pixels.by_frame.len()).unwrap_or(u32::MAX);
     match key {
-        ROWS => Some(Shown::RootOfDraws(rows.saturating_mul(2 * frames))),
-        COLUMNS => Some(Shown::RootOfDraws(columns.saturating_mul(2 * frames))),
+        ROWS => Some(Shown::RootOfDraws(rows.saturating_mul(frames).saturating_mul(2))),
+        COLUMNS => Some(Shown::RootOfDraws(columns.saturating_mul(frames).saturating_mul(2))),
         SAME_ROWS => Some(Shown::RootOfSharedDraws(rows)),
         SAME_COLUMNS => Some(Shown::RootOfSharedDraws(columns)),
         _ => None,

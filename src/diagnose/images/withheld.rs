@@ -77,7 +77,8 @@ fn by_two_gains(judged: &Judged, proposed: &Proposed) -> Option<String> {
 }
 
 /// Whether the ratio of a gain (less one) is no farther off than a step of the gains, and nothing but a gain is (sizes with their errors). In a frame the half
-/// with more counts has the square of that more noise: over both the line of noise against level is steeper, and lies lower at no light.
+/// with more counts has the square of that more noise: over both the line of noise against level is steeper, and lies lower at no light. So a read noise that
+/// is less than declared cannot be told beside a step.
 fn is_within_step(gain: [f64; 2], beside: [f64; 2], step: [f64; 2]) -> bool {
     const SIGMAS: f64 = 3.0;
     gain[0].abs() < step[0].abs() + SIGMAS * gain[1].hypot(step[1]) && beside[0] < SIGMAS * beside[1]
