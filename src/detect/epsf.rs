@@ -7,6 +7,7 @@
 //! the frame as a polynomial of the position.
 
 use std::borrow::Cow;
+use std::ops::Range;
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -41,38 +42,69 @@ pub(super) struct Grid {
     pub(super) side: usize,
 }
 
-/// What the pixels along one axis get of the Gaussians of each knot, and the derivatives by the star's place: knot after knot, of the pixels that it
-/// reaches.
+/// What the pixels along one axis get of the Gaussians of the knots, and the derivatives by the star's place: pixel after pixel, a number for each knot.
 pub(super) struct Lines {
-    length: usize,
-    /// Of each knot its first pixel, and where its values begin; one more at the end.
-    reach: Vec<(usize, usize)>,
+    knots: usize,
+    /// The knots that reach each pixel.
+    reach: Vec<Range<usize>>,
     value: Vec<f64>,
     slope: Vec<f64>,
 }
 
 impl Lines {
-    /// The pixels that a knot reaches, and its numbers there.
-    fn of<'a>(&self, values: &'a [f64], knot: usize) -> (std::ops::Range<usize>, &'a [f64]) {
-        let ((first, from), (_, to)) = (self.reach[knot], self.reach[knot + 1]);
-        (first..first + to - from, &values[from..to])
+    const fn pixels(&self) -> usize {
+        self.reach.len()
     }
 
-    fn value(&self, knot: usize) -> (std::ops::Range<usize>, &[f64]) {
-        self.of(&self.value, knot)
+    /// The knots that reach a pixel, and their numbers there.
+    fn of<'a>(&self, values: &'a [f64], pixel: usize) -> (Range<usize>, &'a [f64]) {
+        let reach = self.reach[pixel].clone();
+        (reach.clone(), &values[pixel * self.knots..][reach])
     }
 
-    fn slope(&self, knot: usize) -> &[f64] {
-        self.of(&self.slope, knot).1
+    fn value(&self, pixel: usize) -> (Range<usize>, &[f64]) {
+        self.of(&self.value, pixel)
+    }
+
+    fn slope(&self, pixel: usize) -> &[f64] {
+        self.of(&self.slope, pixel).1
     }
 
     /// The same with the squares of the values.
     pub(super) fn squared(&self) -> Self {
         let value = self.value.iter().map(|v| v * v).collect();
-        Self { length: self.length, reach: self.reach.clone(), value, slope: Vec::new() }
+        Self { knots: self.knots, reach: self.reach.clone(), value, slope: Vec::new() }
+    }
+
+    /// What the knots of each column give a row of pixels: rows of knots weighted by what this row gets of them.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "inlined into loops compiled for several instruction sets")]
+    fn row_sum(&self, weights: &[f64], knots: &[f64], pixel: usize, sum: &mut [f64]) {
+        let (reach, weights) = self.of(weights, pixel);
+        sum.fill(0.0);
+        for (row, weight) in knots[reach.start * sum.len()..].chunks_exact(sum.len()).zip(weights) {
+            add_scaled(sum, *weight, row);
+        }
     }
 }
 
+/// Σ a·b in four partial sums, whatever the processor: the same everywhere, and none waits for another.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "inlined into loops compiled for several instruction sets")]
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<4>(), b.as_chunks::<4>());
+    let mut sums = [0.0; 4];
+    for (a, b) in a.iter().zip(b) {
+        for k in 0..4 {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
+    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
+}
+
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "inlined into loops compiled for several instruction sets")]
 fn add_scaled(target: &mut [f64], factor: f64, source: &[f64]) {
     for (t, s) in target.iter_mut().zip(source) {
         *t += factor * s;
@@ -111,20 +143,24 @@ impl Grid {
     }
 
     fn line(self, start: usize, length: usize, centre: f64) -> Lines {
-        let (mut value, mut slope, mut reach) = (Vec::new(), Vec::new(), Vec::with_capacity(self.side + 1));
+        let (mut value, mut slope) = (vec![0.0; length * self.side], vec![0.0; length * self.side]);
+        let mut reach = vec![self.side..self.side; length];
         let far_px = REACH_SIGMAS * self.narrow_px + 0.5;
         for knot in 0..self.side {
             let at = centre + self.along_px(knot);
             let pixel = |at_px: f64| (at_px - start as f64).clamp(0.0, length as f64) as usize;
             let (first, end) = (pixel((at - far_px).ceil()), pixel((at + far_px).floor() + 1.0));
-            reach.push((first.min(end), value.len()));
-            for [share, by_centre, _] in axis_shares(start + first, end.saturating_sub(first), at, self.narrow_px) {
-                value.push(share);
-                slope.push(by_centre);
+            for (pixel, [share, by_centre, _]) in (first..).zip(axis_shares(start + first, end.saturating_sub(first), at, self.narrow_px)) {
+                value[pixel * self.side + knot] = share;
+                slope[pixel * self.side + knot] = by_centre;
+                // The farther the knot, the farther the pixels: those of a pixel stand together.
+                reach[pixel] = reach[pixel].start.min(knot)..knot + 1;
             }
         }
-        reach.push((0, value.len()));
-        Lines { length, reach, value, slope }
+        for own in reach.iter_mut().filter(|own| own.start == self.side) {
+            *own = 0..0;
+        }
+        Lines { knots: self.side, reach, value, slope }
     }
 
     /// The lines across and down a window.
@@ -142,59 +178,54 @@ impl Grid {
         derivatives: &mut [[f64; PROFILE_PARAMETERS]],
     ) {
         let [across, down] = self.lines(window, centre);
-        let (mut light, mut slope) = (vec![0.0; window.columns], vec![0.0; window.columns]);
-        for (ky, row_of_knots) in knots.chunks_exact(self.side).enumerate() {
-            light.fill(0.0);
-            slope.fill(0.0);
-            for (kx, knot) in row_of_knots.iter().enumerate() {
-                let (pixels, values) = across.value(kx);
-                add_scaled(&mut light[pixels.clone()], *knot, values);
-                add_scaled(&mut slope[pixels], *knot, across.slope(kx));
-            }
-            let (rows, values) = down.value(ky);
-            let pixels = rows.start * window.columns..rows.end * window.columns;
-            let rows = value[pixels.clone()].chunks_exact_mut(window.columns).zip(derivatives[pixels].chunks_exact_mut(window.columns));
-            for ((v, d), (share, by_y)) in rows.zip(values.iter().zip(down.slope(ky))) {
-                for (x, (v, d)) in v.iter_mut().zip(d).enumerate() {
-                    *v += share * light[x];
-                    d[0] += share * slope[x];
-                    d[1] += by_y * light[x];
-                }
-            }
+        add_light(knots, &across, &down, value, derivatives);
+    }
+}
+
+/// The loops of [`Grid::add`].
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn add_light(knots: &[f64], across: &Lines, down: &Lines, value: &mut [f64], derivatives: &mut [[f64; PROFILE_PARAMETERS]]) {
+    let (mut sum, mut by_y) = (vec![0.0; across.knots], vec![0.0; across.knots]);
+    let rows = value.chunks_exact_mut(across.pixels()).zip(derivatives.chunks_exact_mut(across.pixels()));
+    for (y, (values, derivatives)) in rows.enumerate() {
+        down.row_sum(&down.value, knots, y, &mut sum);
+        down.row_sum(&down.slope, knots, y, &mut by_y);
+        for (x, (v, d)) in values.iter_mut().zip(derivatives).enumerate() {
+            let (reach, shares) = across.value(x);
+            *v += dot(shares, &sum[reach.clone()]);
+            d[0] += dot(across.slope(x), &sum[reach.clone()]);
+            d[1] += dot(shares, &by_y[reach]);
         }
     }
+}
 
-    /// Adds the correction times `factor` to the values alone.
-    pub(super) fn forward(self, knots: &[f64], [across, down]: &[Lines; 2], factor: f64, value: &mut [f64]) {
-        let mut light = vec![0.0; across.length];
-        for (ky, row_of_knots) in knots.chunks_exact(self.side).enumerate() {
-            light.fill(0.0);
-            for (kx, knot) in row_of_knots.iter().enumerate() {
-                let (pixels, values) = across.value(kx);
-                add_scaled(&mut light[pixels], factor * knot, values);
-            }
-            let (rows, values) = down.value(ky);
-            let pixels = rows.start * across.length..rows.end * across.length;
-            for (v, share) in value[pixels].chunks_exact_mut(across.length).zip(values) {
-                add_scaled(v, *share, &light);
-            }
+/// Adds the correction times `factor` to the values alone.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+pub(super) fn light_of_knots(knots: &[f64], [across, down]: &[Lines; 2], factor: f64, value: &mut [f64]) {
+    let mut sum = vec![0.0; across.knots];
+    for (y, row) in value.chunks_exact_mut(across.pixels()).enumerate() {
+        down.row_sum(&down.value, knots, y, &mut sum);
+        for (x, v) in row.iter_mut().enumerate() {
+            let (reach, shares) = across.value(x);
+            *v += factor * dot(shares, &sum[reach]);
         }
     }
+}
 
-    /// The transpose of [`Self::forward`]: what each knot gets of the pixels, times `factor`.
-    pub(super) fn back(self, value: &[f64], [across, down]: &[Lines; 2], factor: f64, knots: &mut [f64]) {
-        let mut light = vec![0.0; across.length];
-        for (ky, row_of_knots) in knots.chunks_exact_mut(self.side).enumerate() {
-            light.fill(0.0);
-            let (rows, values) = down.value(ky);
-            let pixels = rows.start * across.length..rows.end * across.length;
-            for (v, share) in value[pixels].chunks_exact(across.length).zip(values) {
-                add_scaled(&mut light, factor * share, v);
-            }
-            for (kx, knot) in row_of_knots.iter_mut().enumerate() {
-                let (pixels, values) = across.value(kx);
-                *knot = values.iter().zip(&light[pixels]).map(|(a, l)| a * l).sum();
-            }
+/// The transpose of [`light_of_knots`]: what each knot gets of the pixels, times `factor`.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+pub(super) fn knots_of_light(value: &[f64], [across, down]: &[Lines; 2], factor: f64, knots: &mut [f64]) {
+    let mut sum = vec![0.0; across.knots];
+    knots.fill(0.0);
+    for (y, row) in value.chunks_exact(across.pixels()).enumerate() {
+        sum.fill(0.0);
+        for (x, v) in row.iter().enumerate() {
+            let (reach, shares) = across.value(x);
+            add_scaled(&mut sum[reach], factor * v, shares);
+        }
+        let (reach, shares) = down.value(y);
+        for (knots, share) in knots[reach.start * across.knots..].chunks_exact_mut(across.knots).zip(shares) {
+            add_scaled(knots, *share, &sum);
         }
     }
 }
@@ -369,11 +400,11 @@ mod tests {
         grid.add(&knots, WINDOW, centre, &mut value, &mut derivatives);
         let lines = grid.lines(WINDOW, centre);
         let mut forward = vec![0.0; 99];
-        grid.forward(&knots, &lines, 2.0, &mut forward);
+        light_of_knots(&knots, &lines, 2.0, &mut forward);
         assert!(value.iter().zip(&forward).all(|(a, b)| (2.0 * a - b).abs() < 1e-12));
         let pixels: Vec<f64> = (0..99).map(|i| f64::from(i % 13) - 6.0).collect();
         let mut back = vec![0.0; grid.knots()];
-        grid.back(&pixels, &lines, 2.0, &mut back);
+        knots_of_light(&pixels, &lines, 2.0, &mut back);
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         assert!((dot(&pixels, &forward) - dot(&back, &knots)).abs() < 1e-9);
     }

@@ -8,7 +8,7 @@
 use nalgebra::{Matrix4, Vector4};
 use rayon::prelude::*;
 
-use super::epsf::{Grid, Lines, NARROW};
+use super::epsf::{Grid, Lines, NARROW, knots_of_light, light_of_knots};
 use super::image_model::{Model, Shape};
 use super::stamp::Stamp;
 
@@ -148,11 +148,11 @@ impl Unknowns {
                                 *l += term * g;
                             }
                         }
-                        self.grid.forward(&local, &turn.lines, turn.model.flux_dn, &mut vector);
+                        light_of_knots(&local, &turn.lines, turn.model.flux_dn, &mut vector);
                     }
                 }
                 turn.weigh(&mut vector, pull);
-                self.grid.back(&vector, &turn.lines, turn.model.flux_dn, &mut back);
+                knots_of_light(&vector, &turn.lines, turn.model.flux_dn, &mut back);
                 for (term, grid) in turn.terms.iter().zip(sum.chunks_exact_mut(n)) {
                     for (g, b) in grid.iter_mut().zip(&back) {
                         *g += term * b;
@@ -177,7 +177,7 @@ impl Unknowns {
         let mut diagonal = self.prior.clone();
         let mut back = vec![0.0; n];
         for turn in turns {
-            self.grid.back(&turn.weights, &[turn.lines[0].squared(), turn.lines[1].squared()], turn.model.flux_dn.powi(2), &mut back);
+            knots_of_light(&turn.weights, &[turn.lines[0].squared(), turn.lines[1].squared()], turn.model.flux_dn.powi(2), &mut back);
             for (term, grid) in turn.terms.iter().zip(diagonal.chunks_exact_mut(n)) {
                 for (d, b) in grid.iter_mut().zip(&back) {
                     *d += term * term * b;

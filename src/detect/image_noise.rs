@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-use super::epsf::{Conditions, EmpiricalPsf, FREEDOM_BY_SKY};
+use super::epsf::{Conditions, EmpiricalPsf, FREEDOM_BY_SKY, light_of_knots};
 use super::epsf_build::{PsfStar, turn};
 use super::epsf_sky::SkyImage;
 use super::epsf_step::{Turn, Unknowns};
@@ -76,7 +76,7 @@ impl<'a> ImageNoise<'a> {
             for (term, knots) in terms.iter().zip(draw.knots.chunks_exact(grid.knots())) {
                 local.iter_mut().zip(knots).for_each(|(sum, knot)| *sum += term * knot);
             }
-            grid.forward(&local, &lines, model.flux_dn, &mut image_dn);
+            light_of_knots(&local, &lines, model.flux_dn, &mut image_dn);
             Drawn { noise_dn: draw.noise_dn.get(&index).cloned().unwrap_or_else(|| vec![0.0; pixels]), image_dn }
         };
         self.draws.iter().map(of).collect()

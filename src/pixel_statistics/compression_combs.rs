@@ -79,7 +79,11 @@ impl Cosines {
     }
 
     fn at(&self, turns: f64) -> f64 {
-        self.0[((turns * 2048.0 + 0.5).floor() as i64 & 2047) as usize]
+        let place = turns * 2048.0 + 0.5;
+        // Rounded down by hand: without an instruction of its own it is a call.
+        let toward_zero = place as i64;
+        let down = toward_zero - i64::from(place < toward_zero as f64);
+        self.0[(down & 2047) as usize]
     }
 }
 

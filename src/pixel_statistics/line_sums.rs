@@ -88,14 +88,13 @@ impl Plane {
         let (mut sum, mut known) = (vec![0.0; places.len()], vec![0.0; places.len()]);
         for line in 0..lines {
             for (band_sums, all) in [(&mut sum, sums), (&mut known, counts)] {
-                band_sums.fill(0.0);
-                for from in 0..band {
-                    let shifted = &all[line * width + from..][..places.len()];
-                    band_sums.iter_mut().zip(shifted).for_each(|(sum, value)| *sum += value);
-                }
+                add_bands(&all[line * width..][..width], band, band_sums);
+            }
+            if !is_any_enough(&sum, &known, least_square) {
+                continue;
             }
             for (start, (sum, known)) in places.clone().zip(sum.iter().zip(&known)) {
-                if sum * sum.max(0.0) < least_square * known || *known == 0.0 {
+                if !is_enough(*sum, *known, least_square) {
                     continue;
                 }
                 if let Some(snr) = snr(line, start).map(|snr| snr / scatter).filter(|snr| *snr > least_snr) {
@@ -106,6 +105,29 @@ impl Plane {
             }
         }
     }
+}
+
+/// The sum of every so many neighbours of a line.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn add_bands(line: &[f32], band: usize, sums: &mut [f32]) {
+    sums.fill(0.0);
+    for from in 0..band {
+        sums.iter_mut().zip(&line[from..]).for_each(|(sum, value)| *sum += value);
+    }
+}
+
+/// Whether a sum may be enough by its square.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "inlined into loops compiled for several instruction sets")]
+fn is_enough(sum: f32, known: f32, least_square: f32) -> bool {
+    // Without a branch, for whole lines at a time: what is known of nothing is 0, and so is its sum.
+    sum > 0.0 && sum * sum >= least_square * known
+}
+
+/// The same for any of a line: most lines have none.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn is_any_enough(sums: &[f32], known: &[f32], least_square: f32) -> bool {
+    sums.iter().zip(known).fold(false, |any, (sum, known)| any | is_enough(*sum, *known, least_square))
 }
 
 /// Strips of twice the height.

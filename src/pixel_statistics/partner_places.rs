@@ -183,13 +183,13 @@ impl CopiesFrame<'_> {
     /// The sum at a place where no other star is than one that could be a copy.
     fn free_sum(&self, [x, y]: [f64; 2], weight_px: f64, source: &FoundStar) -> Option<[f64; 2]> {
         let is_copy = |star: &FoundStar| {
-            let away_px = (star.disc.x_px - x).hypot(star.disc.y_px - y);
-            away_px < COPY_SIGMAS * weight_px && star.flux_dn < MAX_COPY * source.flux_dn
+            let away_px2 = star.disc.distance_px2([x, y]);
+            away_px2 < (COPY_SIGMAS * weight_px).powi(2) && star.flux_dn < MAX_COPY * source.flux_dn
         };
         let is_taken = |star: &FoundStar| {
-            let away_px = (star.disc.x_px - x).hypot(star.disc.y_px - y);
-            let is_bright = star.flux_dn > BRIGHT * source.flux_dn && away_px < BRIGHT_PX + REACH * weight_px;
-            is_bright || (away_px < star.disc.radius_px + REACH * weight_px && !is_copy(star))
+            let away_px2 = star.disc.distance_px2([x, y]);
+            let is_bright = star.flux_dn > BRIGHT * source.flux_dn && away_px2 < (BRIGHT_PX + REACH * weight_px).powi(2);
+            is_bright || (away_px2 < (star.disc.radius_px + REACH * weight_px).powi(2) && !is_copy(star))
         };
         if self.stars.iter().any(is_taken) {
             return None;
@@ -203,7 +203,7 @@ impl CopiesFrame<'_> {
         let reach_px = REACH * weight_px;
         let from_px = reach_px + GAP_PX;
         let to_px = from_px + RING_PX;
-        let near = |star: &&FoundStar| (star.disc.x_px - x).hypot(star.disc.y_px - y) < star.disc.radius_px + to_px && !is_own(star);
+        let near = |star: &&FoundStar| star.disc.distance_px2([x, y]) < (star.disc.radius_px + to_px).powi(2) && !is_own(star);
         let others: Vec<&StarDisc> = self.stars.iter().filter(near).map(|star| &star.disc).collect();
         let span = |at: f64, length: usize| {
             let (low, high) = ((at - to_px).ceil(), (at + to_px).floor());
@@ -214,22 +214,25 @@ impl CopiesFrame<'_> {
         let (mut level, mut count) = (0.0, 0_usize);
         for (column, row) in rows.flat_map(|row| columns.clone().map(move |column| (column, row))) {
             let (at_x, at_y) = (column as f64, row as f64);
-            let away_px = (at_x - x).hypot(at_y - y);
+            let away_px2 = (at_x - x) * (at_x - x) + (at_y - y) * (at_y - y);
+            if away_px2 >= to_px * to_px {
+                continue;
+            }
             let index = row * self.frame.width_px + column;
             let counts = self.frame.pixels_dn[index];
             let is_usable = counts < self.frame.saturation_dn && self.bad.is_none_or(|bad| !bad[index]);
-            if away_px < reach_px {
+            if away_px2 < reach_px * reach_px {
                 if !is_usable {
                     return None;
                 }
-                let weight = (-0.5 * (away_px / weight_px).powi(2)).exp();
+                let weight = (-0.5 * away_px2 / (weight_px * weight_px)).exp();
                 light += weight * f64::from(counts);
                 weights += weight;
                 squares += weight * weight;
                 continue;
             }
-            let is_lit = || others.iter().any(|disc| (at_x - disc.x_px).hypot(at_y - disc.y_px) < disc.radius_px);
-            if away_px > from_px && away_px < to_px && is_usable && !is_lit() {
+            let is_lit = || others.iter().any(|disc| disc.lights([at_x, at_y]));
+            if away_px2 > from_px * from_px && is_usable && !is_lit() {
                 level += f64::from(counts);
                 count += 1;
             }

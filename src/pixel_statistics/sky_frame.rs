@@ -13,6 +13,19 @@ pub struct StarDisc {
     pub radius_px: f64,
 }
 
+impl StarDisc {
+    /// Square of the distance from its middle to a place, px²: over many pixels roots are dear.
+    pub(super) const fn distance_px2(&self, [x, y]: [f64; 2]) -> f64 {
+        let (dx, dy) = (x - self.x_px, y - self.y_px);
+        dx * dx + dy * dy
+    }
+
+    /// Whether its light reaches a place.
+    pub(super) const fn lights(&self, at: [f64; 2]) -> bool {
+        self.distance_px2(at) < self.radius_px * self.radius_px
+    }
+}
+
 /// A frame and what is known of it.
 #[derive(Clone, Copy, Debug)]
 pub struct SkyFrame<'a> {

@@ -163,9 +163,9 @@ impl ImageFrame<'_> {
         let (mut sum, mut count) = (0.0, 0_usize);
         for (x, y) in self.around([star.x_px, star.y_px], to_px)? {
             let (at_x, at_y) = (x as f64, y as f64);
-            let distance = (at_x - star.x_px).hypot(at_y - star.y_px);
-            let is_lit = |other: &&StarDisc| (at_x - other.x_px).hypot(at_y - other.y_px) < other.radius_px;
-            if distance < from_px || distance > to_px || !self.is_usable(x, y) || others.iter().any(is_lit) {
+            let square_px2 = star.distance_px2([at_x, at_y]);
+            let is_lit = |other: &&StarDisc| other.lights([at_x, at_y]);
+            if square_px2 < from_px * from_px || square_px2 > to_px * to_px || !self.is_usable(x, y) || others.iter().any(is_lit) {
                 continue;
             }
             sum += f64::from(self.frame.at(x, y));

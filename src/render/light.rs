@@ -1,5 +1,7 @@
 //! From a star's way over the frame to points of light.
 
+use std::sync::Arc;
+
 use super::mosaic;
 use super::psf_tables::PsfTables;
 use crate::coordinates::PixelPoint;
@@ -98,23 +100,27 @@ impl FrameLight {
 impl Spreader {
     /// Works out the tables, if the scene's images need any and they are not known already.
     pub(super) fn new(psf: &Psf, known: &PsfTables) -> Self {
-        let make = || Self::atlas(psf);
+        let make = || Self::atlas(psf, known);
         let atlas = if psf.grid().is_some() { known.get_or_make(psf, make) } else { Atlas::default() };
         Self { psf: psf.clone(), shares: atlas.shares(), atlas }
     }
 
-    fn atlas(psf: &Psf) -> Atlas {
+    fn atlas(psf: &Psf, known: &PsfTables) -> Atlas {
         psf.grid().map_or_else(Atlas::default, |grid| {
             let mut builder = AtlasBuilder::new(grid, psf.reach_px);
             let table = |node: usize| {
-                let image = match &psf.kind {
-                    PsfKind::Tables(kind) => kind.transfer(&psf.parameters_at(&psf.node(node)), &grid),
-                    PsfKind::Sampled(image) => image.transfer(&grid, image.grid(psf.reach_px).1),
-                    PsfKind::Gaussian | PsfKind::Elliptic => Vec::new(), // they have no grid
-                };
-                builder.table(image, &psf.pixel)
+                match &psf.kind {
+                    PsfKind::Tables(kind) => {
+                        // −0 and 0 are the same image.
+                        let parameters: Vec<f64> = psf.parameters_at(&psf.node(node)).iter().map(|value| value + 0.0).collect();
+                        let name = format!("{} {parameters:?} {grid:?} {} {:?}", kind.id(), psf.reach_px, psf.pixel);
+                        known.image(name, || builder.table(kind.transfer(&parameters, &grid), &psf.pixel))
+                    }
+                    PsfKind::Sampled(image) => Arc::from(builder.table(image.transfer(&grid, image.grid(psf.reach_px).1), &psf.pixel)),
+                    PsfKind::Gaussian | PsfKind::Elliptic => Arc::default(), // they have no grid
+                }
             };
-            let tables: Vec<Vec<f32>> = parallel::map_numbers(psf.nodes.count(), table);
+            let tables: Vec<Arc<[f32]>> = parallel::map_numbers(psf.nodes.count(), table);
             for table in &tables {
                 builder.add(table);
             }

@@ -11,8 +11,11 @@ use rayon::prelude::*;
 pub fn transform(values: &mut [Complex<f64>], side: usize, inverse: bool) {
     assert!(side.is_power_of_two() && values.len() == side * side, "{} values are no square of {side}", values.len());
     let sign = if inverse { 1.0 } else { -1.0 };
+    let turn = |k: usize| Complex::from_polar(1.0, sign * std::f64::consts::TAU * k as f64 / side as f64);
+    // Those of each pass one after another: every second, fourth, … of the last pass's.
+    let passes = side.trailing_zeros();
     let turns: Vec<Complex<f64>> =
-        (0..side / 2).map(|k| Complex::from_polar(1.0, sign * std::f64::consts::TAU * k as f64 / side as f64)).collect();
+        (0..passes).flat_map(|pass| (0..1 << pass).map(move |k: usize| k << (passes - 1 - pass))).map(turn).collect();
     let nothing = Complex::new(0.0, 0.0);
     for _ in 0..2 {
         // A pupil, and the transform of an image that is smooth, leave most rows dark: these stay so.
@@ -35,6 +38,7 @@ fn transpose(values: &mut [Complex<f64>], side: usize) {
 }
 
 /// Cooley and Tukey, in place.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
 fn line(values: &mut [Complex<f64>], turns: &[Complex<f64>]) {
     let side = values.len();
     if side < 2 {
@@ -47,17 +51,17 @@ fn line(values: &mut [Complex<f64>], turns: &[Complex<f64>]) {
             values.swap(index, mirrored);
         }
     }
-    let mut half = 1;
+    let (mut half, mut turns) = (1, turns);
     while half < side {
-        let stride = side / (2 * half);
+        let (own, rest) = turns.split_at(half);
         for pair in values.chunks_exact_mut(2 * half) {
             let (low, high) = pair.split_at_mut(half);
-            for (k, (a, b)) in low.iter_mut().zip(high).enumerate() {
-                let turned = *b * turns[k * stride];
+            for ((a, b), turn) in low.iter_mut().zip(high).zip(own) {
+                let turned = *b * turn;
                 (*a, *b) = (*a + turned, *a - turned);
             }
         }
-        half *= 2;
+        (half, turns) = (2 * half, rest);
     }
 }
 
