@@ -36,6 +36,9 @@ pub struct AnswerFinding {
     pub snr: f64,
     /// Effects that cannot be told from it.
     pub set: Vec<String>,
+    /// By channel, on frames and stars that took no part: χ² per degree of freedom without it, with all that was found, and the degrees of freedom.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub held_out_chi2: BTreeMap<String, [f64; 3]>,
 }
 
 /// An effect proposed, named or not.
@@ -92,6 +95,9 @@ pub struct Answer {
     pub effects: Vec<(String, String)>,
     /// Covariates that the baseline's residuals follow, the one that explains most first.
     pub located: Vec<String>,
+    /// By channel: χ² per degree of freedom of frames and stars that took no part, with all that is found without them, and its degrees of freedom.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub held_out_by_channel: BTreeMap<String, [f64; 2]>,
     /// Held-out χ² per degree of freedom of the model without and with what was found.
     pub held_out: [Option<f64>; 2],
     /// For what is hidden in pixels: the verdict of every channel that was looked at.
@@ -130,6 +136,7 @@ impl Answer {
             unknown_vetoes: Vec::new(),
             effects: Vec::new(),
             located: Vec::new(),
+            held_out_by_channel: BTreeMap::new(),
             held_out: [None; 2],
             channels: BTreeMap::new(),
             withheld: BTreeMap::new(),

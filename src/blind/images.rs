@@ -127,6 +127,8 @@ fn with_channels(answer: &mut Answer, diagnosis: &Diagnosis) {
         let report = diagnosis.channels.of(channel);
         let verdict = report.verdict.words();
         let told = if report.located_by.is_empty() { verdict.to_owned() } else { format!("{verdict}: {}", report.located_by.join(", ")) };
+        let held_out = report.held_out_chi2_per_dof.zip(report.held_out_dof);
+        answer.held_out_by_channel.extend(name(channel).zip(held_out).map(|(name, (per_dof, dof))| (name, [per_dof, dof])));
         answer.channels.extend(name(channel).map(|name| (name, told)));
     }
     let withheld = diagnosis.effects.iter().filter(|effect| effect.status == EffectState::Withheld);

@@ -1,5 +1,6 @@
 //! Making, and answering.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Mutex;
 
@@ -11,7 +12,7 @@ use super::{
     answers, append, control_points, image_answer, pixel_answer, recording, rival_fits, seal, telemetry, write_images, write_pixels,
 };
 use crate::catalog::Catalog;
-use crate::diagnose::{DiagnoseOptions, Diagnosis, EffectState, Verdict, diagnose};
+use crate::diagnose::{Channel, ChannelMeasure, DiagnoseOptions, Diagnosis, EffectState, Verdict, diagnose};
 use crate::recording::write_manifest;
 
 /// Makes recordings and seals their truths; with `written`, writes them into DIR/recordings too.
@@ -111,6 +112,16 @@ pub(super) fn answer_of_lists(lists: &Lists, family: Family, index: u32, seed: u
     }
 }
 
+/// What a finding leaves on frames and stars that took no part, by channel.
+fn held_out_chi2(finding: &crate::diagnose::Finding) -> BTreeMap<String, [f64; 3]> {
+    let told = |(channel, measure): (&Channel, &Option<ChannelMeasure>)| {
+        let own = (*measure)?;
+        let [before, after] = own.held_out_chi2_per_dof?;
+        Some((serde_json::to_value(channel).ok()?.as_str()?.to_owned(), [before, after, own.held_out_dof?]))
+    };
+    finding.channels.iter().filter_map(told).collect()
+}
+
 /// What counts of a diagnosis.
 pub(super) fn shortened(diagnosis: &Diagnosis, family: Family, index: u32, seed: u64) -> Answer {
     let finding = |finding: &crate::diagnose::Finding| AnswerFinding {
@@ -123,6 +134,7 @@ pub(super) fn shortened(diagnosis: &Diagnosis, family: Family, index: u32, seed:
         located_by: finding.located_by.clone(),
         snr: finding.snr,
         set: finding.indistinguishable_from.clone(),
+        held_out_chi2: held_out_chi2(finding),
     };
     let proposal = |own: &crate::diagnose::Proposed| AnswerProposal {
         id: own.id.clone(),

@@ -115,6 +115,12 @@ pub struct ChannelReport {
     pub detectable: Vec<Detectable>,
     /// Why this is said, or why it was not looked at.
     pub reason: String,
+    /// χ² per degree of freedom of frames and stars that took no part, with all that is found without them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub held_out_chi2_per_dof: Option<f64>,
+    /// Degrees of freedom there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub held_out_dof: Option<f64>,
 }
 
 impl ChannelReport {
@@ -215,6 +221,12 @@ pub struct ChannelMeasure {
     pub delta_chi2: f64,
     /// The same on what took part in nothing; nothing where nothing was held out.
     pub held_out_delta_chi2: Option<f64>,
+    /// χ² per degree of freedom of this channel there: without the finding, and with all that was found; noise and sizes are those of what did take part.
+    #[serde(default)]
+    pub held_out_chi2_per_dof: Option<[f64; 2]>,
+    /// Degrees of freedom there.
+    #[serde(default)]
+    pub held_out_dof: Option<f64>,
     /// The finding's first parameter.
     pub amplitude: f64,
     /// Its standard error.

@@ -43,6 +43,8 @@ fn by_channel(finding: &Finding) -> ByChannel {
     let places = finding.parameters.first().map(|first| ChannelMeasure {
         delta_chi2: finding.delta_chi2,
         held_out_delta_chi2: Some(finding.held_out_delta_chi2),
+        held_out_chi2_per_dof: None,
+        held_out_dof: None,
         amplitude: first.value,
         sigma: first.sigma,
     });

@@ -76,9 +76,18 @@ pub(super) fn image_finding(finding: &Finding) -> String {
         .filter_map(|(channel, own)| Some(format!("{} Δχ² {:.0}", channel.words(), own.as_ref()?.delta_chi2)))
         .collect();
     let [times, turns] = finding.chosen_again;
+    let per_dof: Vec<String> = finding
+        .channels
+        .iter()
+        .filter_map(|(channel, own)| {
+            let [before, after] = (*own)?.held_out_chi2_per_dof?;
+            Some(format!("{} {before:.2} → {after:.2}", channel.words()))
+        })
+        .collect();
+    let per_dof = if per_dof.is_empty() { String::new() } else { format!(" (per degree of freedom: {})", per_dof.join(", ")) };
     format!(
         "{} was left out: {}. Modelling it lowers χ² by {:.0} ({}). Chosen and sized anew in turns that leave {} out (chosen again in {times} of {turns}) it \
-         lowers χ² there by {:.0}.",
+         lowers χ² there by {:.0}{per_dof}.",
         finding.id,
         sizes.join(", "),
         finding.delta_chi2,

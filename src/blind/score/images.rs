@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::count::{alarmed, first_name, summary};
+use super::images_held_out::{HeldOutChi2, held_out_chi2};
 use super::{Ladder, NullScore, Pulls, Rate};
 use crate::blind::answer::Answer;
 use crate::blind::generate::images::{HiddenImage, PixelKind, Reckoned};
@@ -113,6 +114,9 @@ pub struct ImageScore {
     pub pairs: Vec<ImagePairScore>,
     /// Pulls of amplitudes where truth and finding are in the same parameter; of all of them last.
     pub pulls: Vec<Pulls>,
+    /// χ² per degree of freedom of findings' own channels where nothing took part; of all of them last.
+    #[serde(default)]
+    pub held_out: Vec<HeldOutChi2>,
     /// Median and largest time of an answer, s.
     pub seconds: [f64; 2],
 }
@@ -136,6 +140,7 @@ pub fn image_score(pairs: &[(Truth, Answer)]) -> ImageScore {
     score.pool = pool(&given);
     score.pairs = together(&given);
     score.pulls = pulls(&given);
+    score.held_out = held_out_chi2(&given);
     let mut seconds: Vec<f64> = given.iter().map(|(_, answer)| answer.seconds).collect();
     seconds.sort_by(f64::total_cmp);
     score.seconds = [seconds.get(seconds.len() / 2).copied().unwrap_or_default(), seconds.last().copied().unwrap_or_default()];
@@ -143,7 +148,7 @@ pub fn image_score(pairs: &[(Truth, Answer)]) -> ImageScore {
 }
 
 /// The right answers to an effect: its id, and ids of the same trace.
-fn right_names(effect: &TrueEffect) -> Vec<&str> {
+pub(super) fn right_names(effect: &TrueEffect) -> Vec<&str> {
     let also = PixelKind::labelled(&effect.label).map_or(&[][..], PixelKind::also);
     [effect.id.as_str()].into_iter().chain(also.iter().copied()).collect()
 }

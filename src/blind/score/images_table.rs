@@ -15,6 +15,7 @@ pub fn image_markdown(score: &ImageScore, commit: &str) -> String {
     pool(&mut page, score);
     pairs(&mut page, score);
     pulls(&mut page, score);
+    held_out(&mut page, score);
     page
 }
 
@@ -132,5 +133,22 @@ fn pulls(page: &mut String, score: &ImageScore) {
     line(page, "|---|---|---|---|---|---|");
     for own in &score.pulls {
         line(page, &format!("| {} | {} | {:+.2} | {:.2} | {} | {} |", own.label, own.count, own.mean, own.sd, own.within_1, own.within_2));
+    }
+}
+
+fn held_out(page: &mut String, score: &ImageScore) {
+    if score.held_out.is_empty() {
+        return;
+    }
+    line(page, "\n## Held out: χ² per degree of freedom of a finding's own channels, from 2 × on, where the name is right\n");
+    line(
+        page,
+        "Effects are chosen and sized, and the noise is found, without a third of the frames and a third of the stars; those stars in those frames are \
+         scored.\n",
+    );
+    line(page, "| hidden | recordings | degrees of freedom | without the finding | with all that was found |");
+    line(page, "|---|---|---|---|---|");
+    for own in &score.held_out {
+        line(page, &format!("| {} | {} | {:.0} | {:.3} | {:.3} |", own.label, own.recordings, own.dof, own.before, own.after));
     }
 }

@@ -2,6 +2,7 @@
 
 mod count;
 mod images;
+mod images_held_out;
 mod images_table;
 mod ladder;
 mod pixels;
@@ -12,6 +13,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use images::{ImageLadder, ImageNullScore, ImagePairScore, ImageRung, ImageScore, Names, image_score};
+pub use images_held_out::HeldOutChi2;
 pub use images_table::image_markdown;
 pub use ladder::{Ladder, Rung};
 pub use pixels::{Agreement, PixelScore, WayOfPixels};

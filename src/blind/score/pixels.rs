@@ -240,7 +240,14 @@ mod tests {
 
     fn finding(value: f64, sigma: f64) -> AnswerFinding {
         let parameter = AnswerParameter { name: "size".to_owned(), value, sigma };
-        AnswerFinding { id: "shear".to_owned(), parameters: vec![parameter], located_by: Vec::new(), snr: 9.0, set: Vec::new() }
+        AnswerFinding {
+            id: "shear".to_owned(),
+            parameters: vec![parameter],
+            located_by: Vec::new(),
+            snr: 9.0,
+            set: Vec::new(),
+            held_out_chi2: BTreeMap::new(),
+        }
     }
 
     #[test]

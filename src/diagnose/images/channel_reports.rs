@@ -97,6 +97,8 @@ pub(super) fn channel_report(diagnosis: &Diagnosis, judged: &Judged, channel: Ch
         p_value_is: None,
         located_by: state.located_by.clone(),
         reason: wording::reason(verdict, largest, &detectable),
+        held_out_chi2_per_dof: state.held_out.map(|[per_dof, _]| per_dof),
+        held_out_dof: state.held_out.map(|[_, dof]| dof),
         detectable,
     }
 }

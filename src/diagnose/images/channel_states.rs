@@ -59,7 +59,7 @@ pub(super) fn channel_states(
         };
         let stream = 2 * number as u64;
         let ((p_value, located_by), (left_p_value, left_located_by)) = (tested(before, stream), tested(after, stream + 1));
-        states.insert(channel, ChannelState { p_value, located_by, left_p_value, left_located_by });
+        states.insert(channel, ChannelState { p_value, located_by, left_p_value, left_located_by, held_out: None });
     }
     states
 }

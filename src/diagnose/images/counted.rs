@@ -234,7 +234,14 @@ impl Counted {
             return (status, None);
         }
         let first = self.parameters.first().copied().unwrap_or_default();
-        let measure = ChannelMeasure { delta_chi2: 2.0 * self.surprise, held_out_delta_chi2: None, amplitude: first.1, sigma: first.2 };
+        let measure = ChannelMeasure {
+            delta_chi2: 2.0 * self.surprise,
+            held_out_delta_chi2: None,
+            held_out_chi2_per_dof: None,
+            held_out_dof: None,
+            amplitude: first.1,
+            sigma: first.2,
+        };
         let channels: ByChannel =
             Channel::ALL.into_iter().map(|channel| (channel, (channel == self.channel).then_some(measure))).collect::<BTreeMap<_, _>>();
         let finding = Finding {

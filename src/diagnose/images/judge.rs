@@ -17,7 +17,7 @@ use super::row_fit::RowFit;
 use super::rows::{Question, Rows};
 use super::selection::{Answer, answer, answers, chance, columns, cosine, directions, fitted, select};
 use super::stars::rows_of_stars;
-use super::turns::{HeldOut, held_out};
+use super::turns::{HeldOut, Turns, held_out, of_channel};
 use crate::diagnose::channels::{Channel, ChannelMeasure};
 use crate::diagnose::image_profiles::ImageProfile;
 use crate::diagnose::null_distribution::{family_p, independent};
@@ -126,7 +126,7 @@ pub(in crate::diagnose) fn judge(
         (accepted, fit) = select(&rows, &all, &accepted, threshold);
     }
     let tried = accepted.clone();
-    let (accepted, fit, proposed) = propose(&rows, &given, (accepted, fit), &by_chance);
+    let Proposal { accepted, fit, proposed, left: held_out } = propose(&rows, &given, (accepted, fit), &by_chance);
     let mut proposed: Vec<Proposed> = proposed.into_iter().map(|own| beside(&rows, &nothing, &given, own)).collect();
     if let Some(trend) = &trend {
         as_surprising_as(trend, &mut proposed, &by_chance);
@@ -142,6 +142,10 @@ pub(in crate::diagnose) fn judge(
     let left = confirmed::standing(&rows, (&given, &accepted), &fit, &proposed);
     let after = left.as_ref().unwrap_or(&fit);
     let mut channels = channel_states(&rows, &named, [&nothing, after], nulls, asked.seed);
+    for (channel, state) in &mut channels {
+        let [chi2, dof] = of_channel(&rows, &held_out, *channel);
+        state.held_out = (dof > 0.0).then(|| [chi2 / dof, dof]);
+    }
     let profiles = profiles(&rows, &stars, &nothing.rest, after);
     if let Some((own, state)) = looked_at.and_then(|own| Some((own, channels.remove(&Channel::Background)?))) {
         channels.insert(Channel::Background, own.with_uneven(state, &sizes_of(&rows, &accepted, &fit)));
@@ -149,10 +153,19 @@ pub(in crate::diagnose) fn judge(
     Some(Judged { rows, fit, proposed, others, unasked, channels, background, questions, threshold, profiles })
 }
 
+/// A selection and its proposals.
+struct Proposal {
+    accepted: Vec<usize>,
+    fit: RowFit,
+    proposed: Vec<Proposed>,
+    /// By kind: χ² of what took no part, and its degrees of freedom.
+    left: Vec<[f64; 2]>,
+}
+
 /// The proposals of a selection. What makes frames and stars that took no part worse is not there: the others are fitted without it, and it is withheld
 /// as it was.
-fn propose(rows: &Rows, given: &[usize], (accepted, fit): (Vec<usize>, RowFit), by_chance: &[f64]) -> (Vec<usize>, RowFit, Vec<Proposed>) {
-    let held = held_out(rows, &fit, (&accepted, given), -TURN_P.ln());
+fn propose(rows: &Rows, given: &[usize], (accepted, fit): (Vec<usize>, RowFit), by_chance: &[f64]) -> Proposal {
+    let Turns { effects: held, left } = held_out(rows, &fit, (&accepted, given), -TURN_P.ln());
     let of = |accepted: &[usize], fit: &RowFit, held: &[HeldOut]| -> Vec<Proposed> {
         let own = accepted.iter().enumerate().skip(given.len());
         own.filter_map(|(k, question)| proposal(rows, accepted, k, *question, fit, held[k].clone(), by_chance)).collect()
@@ -160,15 +173,15 @@ fn propose(rows: &Rows, given: &[usize], (accepted, fit): (Vec<usize>, RowFit), 
     let mut proposed = of(&accepted, &fit, &held);
     let is_worse: Vec<bool> = held.iter().enumerate().map(|(k, held)| k >= given.len() && held.delta_chi2 < 0.0).collect();
     if !is_worse.contains(&true) {
-        return (accepted, fit, proposed);
+        return Proposal { accepted, fit, proposed, left };
     }
-    let left = |k: &usize| !is_worse[*k];
-    let kept: Vec<usize> = (0..accepted.len()).filter(left).map(|k| accepted[k]).collect();
-    let held: Vec<HeldOut> = (0..accepted.len()).filter(left).map(|k| held[k].clone()).collect();
+    let is_left = |k: &usize| !is_worse[*k];
+    let kept: Vec<usize> = (0..accepted.len()).filter(is_left).map(|k| accepted[k]).collect();
+    let held: Vec<HeldOut> = (0..accepted.len()).filter(is_left).map(|k| held[k].clone()).collect();
     proposed.retain(|own| !kept.contains(&own.question));
     let fit = fitted(rows, &vec![true; rows.len()], &kept, None);
     proposed.extend(of(&kept, &fit, &held));
-    (kept, fit, proposed)
+    Proposal { accepted: kept, fit, proposed, left }
 }
 
 /// The effects that were not accepted.
@@ -305,8 +318,13 @@ fn by_channel(
         let measured = confirmed::beside_the_others(rows, [fit, without], &columns).filter(|_| delta_chi2 > 0.0);
         let Some([more, sigma]) = measured else { continue };
         let amplitude = size + more;
-        let held: f64 = rows.kinds.iter().zip(&held_out.by_kind).filter(|(kind, _)| kind.channel == channel).map(|(_, gain)| gain).sum();
-        found.insert(channel, ChannelMeasure { delta_chi2, held_out_delta_chi2: Some(held), amplitude, sigma });
+        let (held, chi2_per_dof) = held_out.of_channel(rows, channel);
+        let held_out_dof = chi2_per_dof.map(|(_, dof)| dof);
+        let held_out_chi2_per_dof = chi2_per_dof.map(|(both, _)| both);
+        found.insert(
+            channel,
+            ChannelMeasure { delta_chi2, held_out_delta_chi2: Some(held), held_out_chi2_per_dof, held_out_dof, amplitude, sigma },
+        );
     }
     found
 }

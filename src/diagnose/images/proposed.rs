@@ -46,4 +46,6 @@ pub(in crate::diagnose) struct ChannelState {
     /// The same with the findings.
     pub(in crate::diagnose) left_p_value: f64,
     pub(in crate::diagnose) left_located_by: Vec<String>,
+    /// χ² per degree of freedom of frames and stars that took no part, with all that is found without them, and its degrees of freedom.
+    pub(in crate::diagnose) held_out: Option<[f64; 2]>,
 }

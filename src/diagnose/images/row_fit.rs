@@ -13,6 +13,8 @@ use super::rows::{Kind, KindNoise, Rows, Whitener};
 /// A row farther than this many standard deviations takes no part: its weight is nothing, and it spoils the means of its group.
 const GROSS_SIGMAS: f64 = 40.0;
 const TURNS: usize = 4;
+/// A share of the scatter that is fitted is reckoned with up to here: beyond it few rows tell their own noise.
+const MAX_FITTED: f64 = 0.5;
 /// Of a direction so much lies in the means of groups.
 const MOSTLY: f64 = 0.7;
 
@@ -98,14 +100,18 @@ impl RowFit {
     ) -> Self {
         let ranges = rows.ranges();
         let own: usize = blocks.iter().map(|block| block.own.ncols()).sum();
-        let (n, k) = (rows.len(), own + accepted);
-        let mut psi: Vec<f64> = Vec::with_capacity(n);
+        let basis = Basis::of(&blocks, &ranges);
+        let parameters: Vec<usize> = basis.parameters().collect();
+        let all_taken = take.iter().filter(|take| **take).count().max(1) as f64;
+        let mut psi: Vec<f64> = Vec::with_capacity(rows.len());
         let (mut gain, mut scatters) = (Vec::with_capacity(ranges.len()), Vec::with_capacity(ranges.len()));
         for (number, (block, (residual, weight))) in blocks.iter().zip(solved.residual.iter().zip(&solved.weight)).enumerate() {
             let taken: Vec<usize> = (0..residual.len()).filter(|k| block.take[*k]).collect();
             let count = taken.len().max(1) as f64;
             let slope = taken.iter().map(|k| if block.is_normal { 1.0 } else { slope(residual[*k]) }).sum::<f64>() / count;
-            let lost = 1.0 - (k as f64 / n.max(1) as f64).min(0.5);
+            // What is fitted takes its part of the scatter: of a kind its own parameters, and what is accepted of each as its rows are of all.
+            let fitted = parameters[number] as f64 / count + accepted as f64 / all_taken;
+            let lost = 1.0 - fitted.min(MAX_FITTED);
             let variance = (taken.iter().map(|k| (residual[*k] * weight[*k]).powi(2)).sum::<f64>() / (count * lost)).max(1e-12);
             // Errors that are taken at their word are normal, and ψ is the residual.
             let found = if block.is_normal { 1.0 } else { variance.sqrt() };
@@ -134,7 +140,7 @@ impl RowFit {
             covariance: covariance.view((own, own), (accepted, accepted)).into_owned(),
             scatter: scatters,
             gain,
-            basis: std::sync::Arc::new(Basis::of(&blocks, &ranges)),
+            basis: std::sync::Arc::new(basis),
             whiteners: std::sync::Arc::new(whiteners),
         }
     }
@@ -197,6 +203,15 @@ impl RowFit {
         };
         let (fall, square): (Vec<f64>, Vec<f64>) = ranges.iter().enumerate().map(of_kind).unzip();
         (fall, square.iter().sum())
+    }
+
+    /// Of every kind χ² (the sum of the squares of ψ) and its degrees of freedom: rows that take part, less the nuisance parameters.
+    pub(in crate::diagnose) fn chi2_and_dof(&self, rows: &Rows) -> Vec<[f64; 2]> {
+        let of_kind = |(range, parameters): (std::ops::Range<usize>, usize)| {
+            let taken = range.clone().filter(|k| self.take[*k]).count();
+            [self.psi[range].iter().map(|own| own * own).sum(), taken.saturating_sub(parameters) as f64]
+        };
+        rows.ranges().into_iter().zip(self.basis.parameters()).map(of_kind).collect()
     }
 
     /// The same of the rows of a kind.

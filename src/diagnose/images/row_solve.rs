@@ -243,6 +243,11 @@ impl Basis {
         basis
     }
 
+    /// Of every kind the number of its own parameters.
+    pub(super) fn parameters(&self) -> impl Iterator<Item = usize> {
+        self.own.iter().map(DMatrix::ncols)
+    }
+
     /// A whitened column over the rows of all kinds, less what is fitted.
     pub(super) fn take_out(&self, ranges: &[Range<usize>], mut column: DVector<f64>) -> DVector<f64> {
         for _ in 0..2 {

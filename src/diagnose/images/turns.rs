@@ -4,6 +4,7 @@
 use super::row_fit::RowFit;
 use super::rows::{KNOWN_BEFOREHAND, Row, Rows};
 use super::selection::{columns as columns_of, cosine, select};
+use crate::diagnose::channels::Channel;
 use crate::parallel;
 
 /// Blocks of frames, at most.
@@ -28,6 +29,8 @@ pub(in crate::diagnose) struct HeldOut {
     pub(in crate::diagnose) square: f64,
     /// By kind: fall of χ².
     pub(in crate::diagnose) by_kind: Vec<f64>,
+    /// By kind: χ² that is left with all that was chosen, and its degrees of freedom.
+    pub(in crate::diagnose) left: Vec<[f64; 2]>,
     /// Turns that chose it, of how many.
     pub(in crate::diagnose) chosen: [usize; 2],
 }
@@ -36,6 +39,24 @@ impl HeldOut {
     /// Standard deviations above the mean without the effect: mean −|x|², variance 4·|x|².
     pub(in crate::diagnose) fn score(&self) -> f64 {
         if self.square > 0.0 { (self.delta_chi2 + self.square) / (2.0 * self.square.sqrt()) } else { 0.0 }
+    }
+
+    /// Fall of χ² of a channel, and χ² per degree of freedom of it without the effect and with all that was chosen, with the degrees of freedom.
+    pub(in crate::diagnose) fn of_channel(&self, rows: &Rows, channel: Channel) -> (f64, Option<([f64; 2], f64)>) {
+        let fall: f64 = rows.kinds.iter().zip(&self.by_kind).filter(|(kind, _)| kind.channel == channel).map(|(_, fall)| fall).sum();
+        let [chi2, dof] = of_channel(rows, &self.left, channel);
+        (fall, (dof > 0.0).then(|| ([(chi2 + fall) / dof, chi2 / dof], dof)))
+    }
+
+    /// Adds another turn.
+    fn add(&mut self, own: &Self) {
+        self.delta_chi2 += own.delta_chi2;
+        self.square += own.square;
+        self.chosen[0] += 1;
+        for (sum, own) in self.by_kind.iter_mut().zip(&own.by_kind) {
+            *sum += own;
+        }
+        add_all(&mut self.left, &own.left);
     }
 
     /// Why the effect is not confirmed; nothing where it is.
@@ -74,14 +95,26 @@ pub(in crate::diagnose) fn turns(rows: &Rows) -> Vec<[Vec<bool>; 2]> {
     all
 }
 
+/// What the turns say.
+#[derive(Clone, Debug)]
+pub(in crate::diagnose) struct Turns {
+    /// Of each of the effects found by all rows.
+    pub(in crate::diagnose) effects: Vec<HeldOut>,
+    /// By kind, over all turns: χ² of the held-out rows with all that a turn chose, and its degrees of freedom.
+    pub(in crate::diagnose) left: Vec<[f64; 2]>,
+}
+
 /// What the turns say of each of the effects found by all rows; those given are in every turn.
-pub(in crate::diagnose) fn held_out(rows: &Rows, all: &RowFit, (found, given): (&[usize], &[usize]), threshold: f64) -> Vec<HeldOut> {
+pub(in crate::diagnose) fn held_out(rows: &Rows, all: &RowFit, (found, given): (&[usize], &[usize]), threshold: f64) -> Turns {
     let turns = turns(rows);
     // What leaves the same trace is seen beside what is given alone: of an effect that is fitted nothing is left.
     let beside = RowFit::under(rows, &all.take, &columns_of(rows, given), all);
-    let of_turn = |[train, held]: &[Vec<bool>; 2]| -> Vec<Option<HeldOut>> {
+    let of_turn = |[train, held]: &[Vec<bool>; 2]| -> (Vec<Option<HeldOut>>, Vec<[f64; 2]>) {
         let (chosen, fit) = select(rows, train, given, threshold);
         let on_held = RowFit::under(rows, held, &[], &fit);
+        let of_chosen: Vec<&Vec<f64>> = columns_of(rows, &chosen);
+        let everything: Vec<f64> = (0..of_chosen.len()).map(|k| fit.size[k]).collect();
+        let left = RowFit::under(&less(rows, &of_chosen, &everything), held, &[], &fit).chi2_and_dof(rows);
         let mut credited = vec![None; found.len()];
         let mut first = 0;
         for &question in &chosen {
@@ -91,47 +124,88 @@ pub(in crate::diagnose) fn held_out(rows: &Rows, all: &RowFit, (found, given): (
             let is_alike = |own: &usize| !chosen.contains(own) && cosine(rows, &beside, *own, question) > SAME_TRACE;
             let owner = found.iter().position(|own| *own == question).or_else(|| found.iter().position(is_alike));
             if let Some(owner) = owner.filter(|owner| credited[*owner].is_none()) {
-                credited[owner] = Some(gain(rows, (held, &fit), &on_held, (columns, &sizes)));
+                let columns: Vec<&Vec<f64>> = columns.iter().collect();
+                credited[owner] = Some(HeldOut { left: left.clone(), ..gain(rows, (held, &fit), &on_held, (&columns, &sizes)) });
             }
         }
-        credited
+        (credited, left)
     };
-    let by_turn: Vec<Vec<Option<HeldOut>>> = parallel::map(&turns, of_turn);
-    (0..found.len())
+    let by_turn = parallel::map(&turns, of_turn);
+    let mut left = vec![[0.0; 2]; rows.kinds.len()];
+    for (_, own) in &by_turn {
+        add_all(&mut left, own);
+    }
+    let effects = (0..found.len())
         .map(|k| {
-            let mut sum = HeldOut { by_kind: vec![0.0; rows.kinds.len()], chosen: [0, turns.len()], ..HeldOut::default() };
-            for own in by_turn.iter().filter_map(|turn| turn[k].as_ref()) {
-                sum.delta_chi2 += own.delta_chi2;
-                sum.square += own.square;
-                sum.chosen[0] += 1;
-                for (sum, own) in sum.by_kind.iter_mut().zip(&own.by_kind) {
-                    *sum += own;
-                }
-            }
+            let kinds = rows.kinds.len();
+            let mut sum =
+                HeldOut { by_kind: vec![0.0; kinds], left: vec![[0.0; 2]; kinds], chosen: [0, turns.len()], ..HeldOut::default() };
+            by_turn.iter().filter_map(|(turn, _)| turn[k].as_ref()).for_each(|own| sum.add(own));
             sum
         })
-        .collect()
+        .collect();
+    Turns { effects, left }
+}
+
+/// χ² and degrees of freedom of the kinds of a channel.
+pub(super) fn of_channel(rows: &Rows, by_kind: &[[f64; 2]], channel: Channel) -> [f64; 2] {
+    let own = rows.kinds.iter().zip(by_kind).filter(|(kind, _)| kind.channel == channel);
+    own.fold([0.0; 2], |sum, (_, own)| [sum[0] + own[0], sum[1] + own[1]])
+}
+
+/// Adds χ² and degrees of freedom of another turn, kind by kind.
+fn add_all(sums: &mut [[f64; 2]], own: &[[f64; 2]]) {
+    for (sum, own) in sums.iter_mut().zip(own) {
+        *sum = [sum[0] + own[0], sum[1] + own[1]];
+    }
 }
 
 /// Fall of χ² on held-out rows with columns of given sizes: their nuisance parameters are fitted with the effect taken off, and without.
-fn gain(rows: &Rows, (held, fit): (&[bool], &RowFit), before: &RowFit, (columns, sizes): (&[Vec<f64>], &[f64])) -> HeldOut {
+fn gain(rows: &Rows, (held, fit): (&[bool], &RowFit), before: &RowFit, (columns, sizes): (&[&Vec<f64>], &[f64])) -> HeldOut {
+    let after = RowFit::under(&less(rows, columns, sizes), held, &[], fit);
+    let (by_kind, square) = before.fall_to(rows, &after);
+    HeldOut { delta_chi2: by_kind.iter().sum(), square, by_kind, left: Vec::new(), chosen: [1, 1] }
+}
+
+/// The rows with columns of given sizes taken off.
+fn less(rows: &Rows, columns: &[&Vec<f64>], sizes: &[f64]) -> Rows {
     let mut without = Rows { kinds: rows.kinds.clone(), questions: Vec::new(), frames: rows.frames };
     for (kind, range) in without.kinds.iter_mut().zip(rows.ranges()) {
         for (row, k) in kind.rows.iter_mut().zip(range) {
             row.value -= columns.iter().zip(sizes).map(|(column, size)| column[k] * size).sum::<f64>();
         }
     }
-    let after = RowFit::under(&without, held, &[], fit);
-    let (by_kind, square) = before.fall_to(rows, &after);
-    HeldOut { delta_chi2: by_kind.iter().sum(), square, by_kind, chosen: [1, 1] }
+    without
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::selection::fitted;
     use super::super::stars::rows_of_stars;
-    use super::super::tests::{FRAMES, stars};
+    use super::super::tests::{FRAMES, nothing, stars};
     use super::*;
+
+    /// Rows that took no part scatter as the noise of the others says, where nothing is missing; a scatter that few groups tell is that of a variance
+    /// in a denominator, which is too small as often as too large.
+    #[test]
+    fn held_out_chi2_per_dof_is_one_where_nothing_is_missing() {
+        for (kept, least, most) in [(1, 0.95, 1.07), (3, 0.95, 1.25)] {
+            let (mut chi2, mut dof) = ([0.0; 2], [0.0; 2]);
+            for seed in 0..6 {
+                let few: Vec<_> = stars(seed, nothing).into_iter().filter(|own| own.star % kept == 0).collect();
+                let (rows, ..) = rows_of_stars(&few, FRAMES, None);
+                let all = vec![true; rows.len()];
+                let turns = held_out(&rows, &fitted(&rows, &all, &[], None), (&[], &[]), 12.0);
+                for (k, channel) in [Channel::Flux, Channel::Shape].into_iter().enumerate() {
+                    let own = of_channel(&rows, &turns.left, channel);
+                    (chi2[k], dof[k]) = (chi2[k] + own[0], dof[k] + own[1]);
+                }
+            }
+            let per_dof = [chi2[0] / dof[0], chi2[1] / dof[1]];
+            println!("every {kept}: {per_dof:.3?} of {dof:?} degrees of freedom");
+            assert!(per_dof.iter().all(|own| (least..most).contains(own)), "every {kept}: {per_dof:?} of {dof:?}");
+        }
+    }
 
     /// Of two names of one trace the turns choose the more usual one, and the other is confirmed by that.
     #[test]
@@ -144,7 +218,7 @@ mod tests {
         let unlike = rows.questions.iter().position(|question| question.id == "passband").unwrap();
         rows.questions.push(other);
         let all = vec![true; rows.len()];
-        let credited = |found: &[usize]| held_out(&rows, &fitted(&rows, &all, found, None), (found, &[]), 4.6)[0].clone();
+        let credited = |found: &[usize]| held_out(&rows, &fitted(&rows, &all, found, None), (found, &[]), 4.6).effects[0].clone();
         let alike = credited(&[own]);
         assert_eq!(alike.chosen, [9, 9]);
         assert!(alike.fails().is_none() && alike.delta_chi2 > 20.0, "{alike:?}");

@@ -196,6 +196,7 @@ impl<'a> Reported<'a> {
                 located_by: screened.located.iter().filter(|own| own.p_value < LOCATES_P).map(|own| own.covariate.clone()).collect(),
                 reason: wording::reason(verdict, &screened.test.largest, &detectable),
                 detectable,
+                ..ChannelReport::default()
             },
             flux: not_held("the brightness of the stars is"),
             shape: not_held("width, elongation and skewness of the images are"),

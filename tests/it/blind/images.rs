@@ -1,5 +1,7 @@
 //! Frames with effects hidden in their pixels: painted as they say, written as they are, diagnosed without their truths, and scored.
 
+use std::collections::BTreeMap;
+
 use boresight::blind::generate::images::{IMAGE_KINDS, PixelKind, Reckoned};
 use boresight::blind::generate::{Concealed, Family, IMAGE_TRAPS, PIXEL_LADDER, concealed};
 use boresight::blind::{Answer, AnswerFinding, image_markdown, image_recording, image_score, make, opened, run, score, write_images};
@@ -130,8 +132,14 @@ fn answers_are_counted() {
         let mut answer = Answer::none(Family::ImageLadder, 0, SEED, String::new());
         answer.error = None;
         verdict.clone_into(&mut answer.verdict);
-        let finding =
-            |id: &&str| AnswerFinding { id: (*id).to_owned(), parameters: Vec::new(), located_by: Vec::new(), snr: 9.0, set: Vec::new() };
+        let finding = |id: &&str| AnswerFinding {
+            id: (*id).to_owned(),
+            parameters: Vec::new(),
+            located_by: Vec::new(),
+            snr: 9.0,
+            set: Vec::new(),
+            held_out_chi2: BTreeMap::new(),
+        };
         answer.findings = names.iter().map(finding).collect();
         answer.withheld = withheld.iter().map(|id| ((*id).to_owned(), "a reason".to_owned())).collect();
         answer.effects = vec![("prnu".to_owned(), "not-found".to_owned())];

@@ -1,5 +1,7 @@
 //! Seal, scorer and rivals of the benchmark.
 
+use std::collections::BTreeMap;
+
 use boresight::blind::generate::{Family, LADDER, LIBRARY, Truth, concealed};
 use boresight::blind::{
     Answer, AnswerFinding, AnswerParameter, BlindError, Seal, answers, append, control_points, markdown, open, opened, recording,
@@ -25,6 +27,7 @@ fn oracle(truth: &Truth, pull: f64) -> Answer {
         located_by: effect.covariates.clone(),
         snr: effect.snr,
         set: Vec::new(),
+        held_out_chi2: BTreeMap::new(),
     };
     let seen = truth.effects.iter().filter(|effect| effect.multiple > 0.99);
     let (library, other): (Vec<_>, Vec<_>) = seen.partition(|effect| effect.in_library);
@@ -146,6 +149,7 @@ fn who_knows_the_truth_scores_full_marks() {
                 located_by: Vec::new(),
                 snr: 9.0,
                 set: vec!["shear".to_owned()],
+                held_out_chi2: BTreeMap::new(),
             };
             (truth.clone(), Answer { findings: vec![finding], verdict: "explained".to_owned(), ..answer.clone() })
         })
@@ -177,6 +181,7 @@ fn rivals_mend_what_is_theirs() {
             located_by: Vec::new(),
             snr: 0.0,
             set: Vec::new(),
+            held_out_chi2: BTreeMap::new(),
         };
         let named: Vec<AnswerFinding> = made.truth.effects.iter().map(|effect| finding(&effect.id)).collect();
         (
