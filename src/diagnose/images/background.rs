@@ -127,7 +127,9 @@ pub(super) fn add_background(
         let count = question.columns.len();
         let own: Vec<Vec<f64>> = columns.by_ref().take(count).map(over_all).collect();
         let places = add_question(rows, question, own);
-        plain.extend(places.into_iter().zip(plain_columns.by_ref()).map(|((at, k), column)| (at, k, column)));
+        for (places, column) in places.into_iter().zip(plain_columns.by_ref()) {
+            plain.extend(places.into_iter().map(|(at, k)| (at, k, column.clone())));
+        }
     }
     let patterns = patterns
         .into_iter()
@@ -148,11 +150,11 @@ pub(super) fn add_background(
     Background { patterns, unasked, why_not: None, uneven, plain: Plain { light: joined, columns: plain } }
 }
 
-/// Joins the columns to an effect that stars ask for too, parameter by parameter; else it is a question of its own. Gives the places of its columns:
-/// question and parameter.
-fn add_question(rows: &mut Rows, own: Asked, columns: Vec<Vec<f64>>) -> Vec<(usize, usize)> {
-    let known = rows.questions.iter().position(|question| question.id == own.id && own.is_shared);
-    let at = known.unwrap_or_else(|| {
+/// Joins the columns to an effect that stars ask for too and to its parts, parameter by parameter; else it is a question of its own. Gives the places of
+/// each column: questions and parameters.
+fn add_question(rows: &mut Rows, own: Asked, columns: Vec<Vec<f64>>) -> Vec<Vec<(usize, usize)>> {
+    let mut known: Vec<usize> = (0..rows.questions.len()).filter(|at| own.is_shared && rows.questions[*at].id == own.id).collect();
+    if known.is_empty() {
         rows.questions.push(Question {
             id: own.id,
             parameters: Vec::new(),
@@ -162,22 +164,24 @@ fn add_question(rows: &mut Rows, own: Asked, columns: Vec<Vec<f64>>) -> Vec<(usi
             sign: own.sign,
             is_part: false,
         });
-        rows.questions.len() - 1
-    });
-    let question = &mut rows.questions[at];
-    let mut places = Vec::with_capacity(columns.len());
-    for ((parameter, _), column) in own.columns.into_iter().zip(columns) {
-        let known = question.parameters.iter().position(|known| known.name == parameter.name);
-        places.push((at, known.unwrap_or(question.columns.len())));
-        if let Some(k) = known {
-            question.columns[k].iter_mut().zip(column).for_each(|(sum, value)| *sum += value);
-        } else {
-            question.parameters.push(parameter);
-            question.columns.push(column);
+        known.push(rows.questions.len() - 1);
+    }
+    let mut places = vec![Vec::new(); columns.len()];
+    for (places, ((parameter, _), column)) in places.iter_mut().zip(own.columns.into_iter().zip(columns)) {
+        for &at in &known {
+            let question = &mut rows.questions[at];
+            if let Some(k) = question.parameters.iter().position(|known| known.name == parameter.name) {
+                question.columns[k].iter_mut().zip(&column).for_each(|(sum, value)| *sum += value);
+                places.push((at, k));
+            } else if !question.is_part {
+                places.push((at, question.columns.len()));
+                question.parameters.push(parameter);
+                question.columns.push(column.clone());
+            }
         }
     }
-    if let Some(corner) = own.corner {
-        question.parameters.push(Parameter { name: "corner", unit: "", shown: Shown::Given(corner) });
+    if let (Some(corner), [at]) = (own.corner, &known[..]) {
+        rows.questions[*at].parameters.push(Parameter { name: "corner", unit: "", shown: Shown::Given(corner) });
     }
     places
 }

@@ -207,7 +207,7 @@ fn parameter(spec: &Parameter, size: [f64; 2]) -> FoundParameter {
 fn in_the_equation(question: &Question, sizes: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let is = |id: &str, first: &str| question.id == id && question.parameters.first().is_some_and(|own| own.name == first);
     match sizes {
-        [second, fourth] if is(<Vignetting as PixelEffect>::ID, "loss_at_corner") => losses([*second, *fourth]).to_vec(),
+        _ if is(<Vignetting as PixelEffect>::ID, "loss_at_corner") => losses(sizes),
         [step, rest @ ..] if is(<AmplifierHalves as PixelEffect>::ID, "gain_relative") => {
             std::iter::once(relative_step(*step)).chain(rest.iter().copied()).collect()
         }

@@ -4,7 +4,7 @@ use super::rows::{Parameter, Shown};
 use super::sky_light::{SkyFrame, SkyLight};
 use crate::effects::detector::amplifier_step::AmplifierHalves;
 use crate::effects::detector::stray_light::StrayLightSlope;
-use crate::effects::optics::vignetting::Vignetting;
+use crate::effects::optics::vignetting::{Vignetting, orders};
 use crate::effects::pixel::PixelEffect;
 
 /// Glow of the electronics at a corner; the registry renders none.
@@ -51,9 +51,10 @@ pub(super) fn asked(light: &SkyLight, gain_e_per_dn: Option<f64>, knows_bias: bo
     // The light itself falls; without a bias nobody knows how much of the level is light.
     let whole = |frame: &SkyFrame| if light.is_relative { 1.0 } else { frame.light_dn };
     if knows_bias {
-        let second = light.column(|frame, cell| -whole(frame) * radius2(cell.at));
-        let fourth = light.column(|frame, cell| -whole(frame) * radius2(cell.at).powi(2));
-        let columns = vec![(parameter("loss_at_corner", ""), second), (parameter("loss_fourth_order", ""), fourth)];
+        let lost = |(name, order): (&'static str, usize)| {
+            (parameter(name, ""), light.column(|frame, cell| -whole(frame) * orders(radius2(cell.at))[order]))
+        };
+        let columns = [("loss_at_corner", 0), ("loss_fourth_order", 1), ("loss_sixth_order", 2)].map(lost).into();
         all.push(one(<Vignetting as PixelEffect>::ID, "field-radius", columns, Some(1.0)));
     }
     let is_below = |at: [f64; 2]| if at[1] > 0.0 { 1.0 } else { 0.0 };

@@ -7,13 +7,14 @@
 //!
 //! ## Equation
 //!
-//! electrons ·= max(1 − a·ρ² − b·ρ⁴, 0) / (1 + ρ²·tan²θ)², ρ the distance from the middle of the frame as a part of that to the
-//! corner. The denominator is cos⁴ of the field angle of a lens without distortion.
+//! electrons ·= max(1 − L·ρ² − b·(ρ⁴ − ρ²) − c·(ρ⁶ − ρ²), 0) / (1 + ρ²·tan²θ)², ρ the distance from the middle of the frame as a
+//! part of that to the corner. The denominator is cos⁴ of the field angle of a lens without distortion.
 //!
 //! ## Parameters
 //!
-//! `cos4_corner_deg` (θ): field angle of the corner, degrees, 0 to 85 (0: no cosine law); `loss_at_corner` (a): part of the light
-//! lost at the corner in proportion to ρ², 0 to 1; `loss_fourth_order` (b): the same in proportion to ρ⁴, −1 to 1.
+//! `cos4_corner_deg` (θ): field angle of the corner, degrees, 0 to 85 (0: no cosine law); `loss_at_corner` (L): part of the light
+//! lost in the corner, beside the cosine law, 0 to 1; `loss_fourth_order` (b) and `loss_sixth_order` (c): the parts of it that go
+//! with ρ⁴ and ρ⁶ and not with ρ², −4 to 4. A rim that cuts the beam from some angle on has all three.
 //!
 //! ## Signature
 //!
@@ -52,6 +53,7 @@ pub struct VignettingUniforms {
     tan2_corner: f32,
     loss_second: f32,
     loss_fourth: f32,
+    loss_sixth: f32,
     width: u32,
 }
 
@@ -60,7 +62,7 @@ fn vignetting(uniforms: &VignettingUniforms, first_pixel: u32, pixels: &mut [f32
     let middle_px = [uniforms.middle_x_px, uniforms.middle_y_px];
     by_radius2(uniforms.width, middle_px, first_pixel, pixels, |radius2_px2, electrons| {
         let r2 = radius2_px2 * uniforms.inverse_radius2;
-        let left = 1.0 - r2 * (uniforms.loss_second + r2 * uniforms.loss_fourth);
+        let left = 1.0 - r2 * (uniforms.loss_second + r2 * (uniforms.loss_fourth + r2 * uniforms.loss_sixth));
         let left = if left > 0.0 { left } else { 0.0 };
         let secant2 = 1.0 + r2 * uniforms.tan2_corner;
         *electrons *= left / (secant2 * secant2);
@@ -74,13 +76,22 @@ impl PixelEffect for Vignetting {
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "cos4_corner_deg", unit: "deg", typical: 14.0, range: (0.0, 85.0) },
         ParameterSpec { name: "loss_at_corner", unit: "", typical: 0.2, range: (0.0, 1.0) },
-        ParameterSpec { name: "loss_fourth_order", unit: "", typical: 0.05, range: (-1.0, 1.0) },
+        ParameterSpec { name: "loss_fourth_order", unit: "", typical: 0.0, range: (-4.0, 4.0) },
+        ParameterSpec { name: "loss_sixth_order", unit: "", typical: 0.0, range: (-4.0, 4.0) },
     ];
     const WGSL: &'static str = include_str!("../../../shaders/vignetting.wgsl");
     const SOURCE: &'static str = page_source!("vignetting.rs");
     type Uniforms = VignettingUniforms;
-    const FIELDS: &'static [(&'static str, usize)] =
-        uniform_fields!(VignettingUniforms { middle_x_px, middle_y_px, inverse_radius2, tan2_corner, loss_second, loss_fourth, width });
+    const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(VignettingUniforms {
+        middle_x_px,
+        middle_y_px,
+        inverse_radius2,
+        tan2_corner,
+        loss_second,
+        loss_fourth,
+        loss_sixth,
+        width
+    });
 
     fn uniforms(parameters: &[f64], exposure: &ExposureContext) -> VignettingUniforms {
         let [middle_x_px, middle_y_px] = exposure.middle_px().map(|middle| middle as f32);
@@ -89,8 +100,9 @@ impl PixelEffect for Vignetting {
             middle_y_px,
             inverse_radius2: exposure.half_diagonal_px().powi(-2) as f32,
             tan2_corner: parameters[0].to_radians().tan().powi(2) as f32,
-            loss_second: parameters[1] as f32,
+            loss_second: (parameters[1] - parameters[2] - parameters[3]) as f32,
             loss_fourth: parameters[2] as f32,
+            loss_sixth: parameters[3] as f32,
             width: exposure.width_px as u32,
         }
     }
@@ -98,11 +110,13 @@ impl PixelEffect for Vignetting {
         vignetting(uniforms, first_pixel, pixels);
     }
     fn identity() -> Option<Vec<f64>> {
-        Some(vec![0.0; 3])
+        Some(vec![0.0; 4])
     }
     fn least_e(parameters: &[f64], _exposure: &ExposureContext, least_e: f64) -> f64 {
-        let [corner_deg, second, fourth] = [parameters[0], parameters[1], parameters[2]];
-        (1.0 - second - fourth.max(0.0)).max(0.0) * corner_deg.to_radians().cos().powi(4) * least_e
+        let [corner_deg, loss, fourth, sixth] = [parameters[0], parameters[1], parameters[2], parameters[3]];
+        let second = loss - fourth - sixth;
+        let lost = second.max(0.0) + fourth.max(0.0) + sixth.max(0.0);
+        (1.0 - lost).max(0.0) * corner_deg.to_radians().cos().powi(4) * least_e
     }
 }
 
@@ -111,7 +125,11 @@ impl ImageEffect for Vignetting {
         <Self as PixelEffect>::ID
     }
     fn parameters(&self) -> &'static [(&'static str, &'static str)] {
-        &[("loss_at_corner", ""), ("loss_fourth_order", "")]
+        &[("loss_at_corner", ""), ("loss_fourth_order", ""), ("loss_sixth_order", "")]
+    }
+    /// The cosine law and most lenses need no sixth order; a rim that cuts the beam does.
+    fn parts(&self) -> &'static [&'static [usize]] {
+        &[&[0, 1]]
     }
     fn follows(&self) -> &'static str {
         "field-radius"
@@ -125,36 +143,51 @@ impl ImageEffect for Vignetting {
     fn ordinary(&self) -> (f64, &'static str) {
         (0.2, "6 to 12 % by the cosine law at 10 to 14 degrees, 20 to 50 % of fast lenses (Goldman 2010)")
     }
-    /// Losses in proportion to ρ² and ρ⁴: that of the cosine law is alike, and the magnitudes of a large loss have both.
+    /// The losses of the page's equation: that of the cosine law is alike, and the magnitudes of a large loss have all orders.
     fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
-        let radius2 = image.at[0].powi(2) + image.at[1].powi(2);
-        Some(vec![ImageResponse::loss(radius2), ImageResponse::loss(radius2 * radius2)])
+        Some(orders(image.at[0].powi(2) + image.at[1].powi(2)).map(ImageResponse::loss).to_vec())
     }
 }
 
-/// The losses of the page's equation from those that magnitudes and logarithms of the sky are linear in: 1 − a′ρ² − b′ρ⁴ has the light of
-/// e^(−aρ² − bρ⁴) in the corner and at ρ² = ½. Value and standard error of each; the errors leave out the covariance of a and b.
-pub(crate) fn losses([[second, second_sigma], [fourth, fourth_sigma]]: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
-    let (left, half_left) = ((-second - fourth).exp(), (-0.5 * second - 0.25 * fourth).exp());
-    let of_fourth = 2.0 * (1.0 - left) - 4.0 * (1.0 - half_left);
-    let (by_second, by_fourth) = (2.0 * half_left - left, 2.0 * left - half_left);
-    [[1.0 - left - of_fourth, by_second.abs() * second_sigma], [of_fourth, by_fourth.abs() * fourth_sigma]]
+/// ρ², ρ⁴ − ρ² and ρ⁶ − ρ²: of their sizes the first is the whole loss in the corner.
+pub(crate) fn orders(radius2: f64) -> [f64; 3] {
+    [radius2, radius2 * (radius2 - 1.0), radius2 * (radius2 * radius2 - 1.0)]
+}
+
+/// The losses of the page's equation from the sizes that magnitudes and logarithms of the sky are linear in: of n of them the light is the same at n
+/// radii, ρ² = 1/n to 1. Value and standard error of each; the errors leave out the covariances but for the corner, where the first stands alone.
+pub(crate) fn losses(sizes: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let n = sizes.len();
+    let at = |k: usize, order: usize| orders((k + 1) as f64 / n as f64)[order];
+    let left: Vec<f64> = (0..n).map(|k| (-(0..n).map(|order| sizes[order][0] * at(k, order)).sum::<f64>()).exp()).collect();
+    let Some(inverse) = nalgebra::DMatrix::from_fn(n, n, at).try_inverse() else { return sizes.to_vec() };
+    let of = |order: usize| {
+        let value = (0..n).map(|k| inverse[(order, k)] * (1.0 - left[k])).sum();
+        let slope: f64 = (0..n).map(|k| inverse[(order, k)] * left[k] * at(k, order)).sum();
+        [value, slope.abs() * sizes[order][1]]
+    };
+    (0..n).map(of).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Of a loss in proportion to ρ² the logarithm has higher powers, and of the sizes that a fit of two of them has the loss itself is found again.
+    /// Of a loss in proportion to ρ² the logarithm has higher powers, and of the sizes that a fit of them has the loss itself is found again.
     #[test]
     fn losses_are_those_of_the_equation() {
-        for loss in [0.05, 0.2, 0.4] {
-            // The line through the logarithm at ρ² = ½ and 1.
-            let [half, whole] = [0.5, 1.0].map(|square: f64| -(1.0 - loss * square).ln());
-            let fourth = 2.0 * whole - 4.0 * half;
-            let [[value, sigma], [rest, _]] = losses([[whole - fourth, 0.01], [fourth, 0.01]]);
-            assert!((value - loss).abs() < 1e-9 && rest.abs() < 1e-9, "{loss}: {value} {rest}");
-            assert!(sigma > 0.005 && sigma < 0.011);
+        for true_losses in [vec![0.05, 0.0], vec![0.4, 0.0], vec![0.3, 0.2], vec![0.3, -0.2, 0.4]] {
+            let n = true_losses.len();
+            let at = |k: usize| orders((k + 1) as f64 / n as f64);
+            let logarithm = |k: usize| -(1.0 - (0..n).map(|order| true_losses[order] * at(k)[order]).sum::<f64>()).ln();
+            let matrix = nalgebra::DMatrix::from_fn(n, n, |k, order| at(k)[order]);
+            let sizes = matrix.lu().solve(&nalgebra::DVector::from_fn(n, |k, _| logarithm(k))).unwrap();
+            let found = losses(&sizes.iter().map(|size| [*size, 0.01]).collect::<Vec<_>>());
+            for (found, loss) in found.iter().zip(&true_losses) {
+                assert!((found[0] - loss).abs() < 1e-9, "{true_losses:?}: {found:?}");
+            }
+            // The corner's light is e to the first size, whatever the others.
+            assert!((found[0][1] - 0.01 * (1.0 - true_losses[0])).abs() < 1e-12, "{found:?}");
         }
     }
 
@@ -162,7 +195,7 @@ mod tests {
     fn light_falls_as_the_fourth_power_of_the_cosine() {
         let exposure = ExposureContext { width_px: 301, height_px: 201, ..ExposureContext::default() };
         let mut pixels = vec![1.0_f32; 301 * 201];
-        vignetting(&Vignetting::uniforms(&[30.0, 0.0, 0.0], &exposure), 0, &mut pixels);
+        vignetting(&Vignetting::uniforms(&[30.0, 0.0, 0.0, 0.0], &exposure), 0, &mut pixels);
         let corner_px = 0.5 * 301.0_f64.hypot(201.0);
         for (x, y) in [(150, 100), (0, 0), (300, 200), (20, 170)] {
             let radius_px = (f64::from(x) - 150.0).hypot(f64::from(y) - 100.0);
@@ -172,13 +205,17 @@ mod tests {
         }
         // A run that begins within a row, and a polynomial that ends at nothing.
         let mut part = vec![1.0_f32; 400];
-        vignetting(&Vignetting::uniforms(&[30.0, 0.0, 0.0], &exposure), 1234, &mut part);
+        vignetting(&Vignetting::uniforms(&[30.0, 0.0, 0.0, 0.0], &exposure), 1234, &mut part);
         assert_eq!(part[..], pixels[1234..1634]);
         let mut dark = vec![1.0_f32; 301 * 201];
-        vignetting(&Vignetting::uniforms(&[0.0, 1.0, 1.0], &exposure), 0, &mut dark);
+        vignetting(&Vignetting::uniforms(&[0.0, 2.0, 1.0, 0.0], &exposure), 0, &mut dark);
         assert_eq!(dark[0], 0.0);
         let half = f64::from(dark[100 * 301 + 240]);
         let rho2 = (90.0 / corner_px).powi(2);
         assert!((half - (1.0 - rho2 - rho2 * rho2)).abs() < 1e-6, "{half}");
+        let mut rim = vec![1.0_f32; 301 * 201];
+        vignetting(&Vignetting::uniforms(&[0.0, 0.3, -0.2, 0.4], &exposure), 0, &mut rim);
+        let seen = f64::from(rim[100 * 301 + 240]);
+        assert!((seen - (1.0 - 0.1 * rho2 + 0.2 * rho2.powi(2) - 0.4 * rho2.powi(3))).abs() < 1e-6, "{seen}");
     }
 }

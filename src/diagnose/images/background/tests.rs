@@ -192,6 +192,27 @@ fn vignetting_is_one_finding_of_stars_and_sky() {
     assert!((0.3..1.8).contains(&rms(&flux)) && (0.3..1.8).contains(&rms(&sky)), "flux {flux:?}, sky {sky:?}");
 }
 
+/// A rim that cuts the beam of oblique directions alone: a loss of sixth order, which leaves nothing for a glow in the corners.
+#[test]
+fn a_rim_that_cuts_the_beam_is_vignetting_of_sixth_order() {
+    fn left(at: [f64; 2]) -> f64 {
+        let radius2 = at[0].powi(2) + at[1].powi(2);
+        1.0 - 0.05 * radius2 - 0.3 * radius2.powi(3)
+    }
+    let added: Added = |image| (-2.5 * left(image.at).log10(), [0.0; 3]);
+    let light = |sky: &Sky, at: [f64; 2]| even(sky, at) * left(at);
+    for seed in 240..244 {
+        let judged = judged_with(seed, 1e-3, (added, 60), &light);
+        assert_eq!(found(&judged), ["vignetting"], "seed {seed}: {:?}", judged.proposed);
+        let own = &judged.proposed[0];
+        assert_eq!(judged.rows.questions[own.question].columns.len(), 3, "seed {seed}: {own:?}");
+        let [lost, _] = crate::effects::optics::vignetting::losses(&own.sizes)[0];
+        assert!((lost - 0.35).abs() < 0.035, "seed {seed}: {lost}");
+        let state = &judged.channels[&Channel::Background];
+        assert!(state.left_p_value > 1e-3, "seed {seed}: {state:?}");
+    }
+}
+
 /// Light that is brighter in the middle, or stars alone that lose light: not what a lens does to both.
 #[test]
 fn a_sky_that_falls_without_the_stars_is_no_vignetting() {
