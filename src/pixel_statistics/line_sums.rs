@@ -120,7 +120,7 @@ fn add_bands(line: &[f32], band: usize, sums: &mut [f32]) {
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "inlined into loops compiled for several instruction sets")]
 fn is_enough(sum: f32, known: f32, least_square: f32) -> bool {
-    // Without a branch, for whole lines at a time: what is known of nothing is 0, and so is its sum.
+    // A place of which nothing is known has a sum of 0.
     sum > 0.0 && sum * sum >= least_square * known
 }
 
