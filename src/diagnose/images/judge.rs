@@ -232,8 +232,9 @@ fn proposal(
     let answer = answer(rows, &without, question)?;
     let first: usize = accepted[..k].iter().map(|index| rows.questions[*index].columns.len()).sum();
     let own = &rows.questions[question];
-    let sizes: Vec<[f64; 2]> =
-        (0..own.columns.len()).map(|j| [fit.size[first + j], fit.covariance[(first + j, first + j)].max(0.0).sqrt()]).collect();
+    let count = own.columns.len();
+    let covariance = fit.covariance.view((first, first), (count, count)).into_owned();
+    let sizes: Vec<[f64; 2]> = (0..count).map(|j| [fit.size[first + j], covariance[(j, j)].max(0.0).sqrt()]).collect();
     let channels = by_channel(rows, [fit, &without], own, (fit.size[first], &held_out));
     let mut against: Vec<String> = held_out.fails().into_iter().collect();
     against.extend(disagreement(&channels));
@@ -244,6 +245,7 @@ fn proposal(
     Some(Proposed {
         question,
         sizes,
+        covariance,
         statistic: answer.statistic,
         rank: answer.rank,
         surprise: answer.surprise,

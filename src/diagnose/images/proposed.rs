@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::DMatrix;
+
 use super::noise::DeclaredDetector;
 use super::sky_view::SkyView;
 use super::turns::HeldOut;
@@ -23,7 +25,9 @@ pub(in crate::diagnose) struct Pixels<'a> {
 #[derive(Clone, Debug)]
 pub(in crate::diagnose) struct Proposed {
     pub(in crate::diagnose) question: usize,
+    /// Sizes of the columns with their standard errors, and their covariance.
     pub(in crate::diagnose) sizes: Vec<[f64; 2]>,
+    pub(in crate::diagnose) covariance: DMatrix<f64>,
     pub(in crate::diagnose) statistic: f64,
     pub(in crate::diagnose) rank: usize,
     pub(in crate::diagnose) surprise: f64,

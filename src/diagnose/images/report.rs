@@ -204,14 +204,16 @@ fn parameter(spec: &Parameter, size: [f64; 2]) -> FoundParameter {
 }
 
 /// Sizes as the equation of the effect's page has them, where the columns are linear in others.
-fn in_the_equation(question: &Question, sizes: &[[f64; 2]]) -> Vec<[f64; 2]> {
+fn in_the_equation(question: &Question, proposed: &Proposed) -> Vec<[f64; 2]> {
     let is = |id: &str, first: &str| question.id == id && question.parameters.first().is_some_and(|own| own.name == first);
-    match sizes {
-        _ if is(<Vignetting as PixelEffect>::ID, "loss_at_corner") => losses(sizes),
+    match &proposed.sizes[..] {
+        sizes if is(<Vignetting as PixelEffect>::ID, "loss_at_corner") => {
+            losses(&sizes.iter().map(|size| size[0]).collect::<Vec<_>>(), &proposed.covariance)
+        }
         [step, rest @ ..] if is(<AmplifierHalves as PixelEffect>::ID, "gain_relative") => {
             std::iter::once(relative_step(*step)).chain(rest.iter().copied()).collect()
         }
-        _ => sizes.to_vec(),
+        sizes => sizes.to_vec(),
     }
 }
 
@@ -219,7 +221,7 @@ fn in_the_equation(question: &Question, sizes: &[[f64; 2]]) -> Vec<[f64; 2]> {
 fn add_proposed(diagnosis: &mut Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &[&str]) {
     let question = &judged.rows.questions[proposed.question];
     // Parameters without a column stand last.
-    let own = in_the_equation(question, &proposed.sizes);
+    let own = in_the_equation(question, proposed);
     let sizes = own.iter().chain(std::iter::repeat(&[0.0; 2]));
     let parameters: Vec<FoundParameter> = question.parameters.iter().zip(sizes).map(|(spec, size)| parameter(spec, *size)).collect();
     let p_value = (-proposed.surprise).exp();

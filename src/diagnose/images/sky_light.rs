@@ -2,7 +2,8 @@
 //!
 //! Where the bias is known the number is ln(b/B), b the light of the cell and B that of its frame: a loss of light a·ρ² makes −ln(1 − a·ρ²) less of it,
 //! which is just what it adds to the magnitudes of stars. Light that is added, g·S, makes g·S over the logarithmic mean of the light with it and without.
-//! Where the bias is not known, or the sky is hardly above it, the number is the difference of the levels.
+//! Of a sky too faint for a logarithm cell by cell it is that of P, what all frames together have at the cell's radius, and the rest to first order:
+//! ln P + (b/B − P)/P, which has the same columns. Where the bias is not known, or the sky is hardly above it, the number is the difference of the levels.
 //!
 //! Frames of one field share whatever the sky has there. They are joined, cell by cell, so that what is left are fields that differ in their sky.
 
@@ -18,6 +19,8 @@ const MIN_CELLS: usize = 8;
 const MIN_SIGMAS: f64 = 20.0;
 /// and at least this share of their frame's.
 const MIN_SHARE: f64 = 0.05;
+/// Light that all frames together have at a radius is taken for what a lens leaves up to this share of their levels.
+const MAX_SHARE: f64 = 1.5;
 /// Frames whose common stars have moved by less (half-diagonals, the median) look at one field.
 const SAME_FIELD: f64 = 0.25;
 /// Fewer common stars say that the fields are different ones.
@@ -65,6 +68,16 @@ pub(super) struct SkyLight {
     pub(super) is_relative: bool,
 }
 
+/// What the numbers are.
+enum Scale {
+    /// Differences of levels.
+    Difference,
+    /// Logarithms of shares.
+    Logarithm,
+    /// Logarithms to first order about the share of the light at a radius: coefficients of ρ⁰, ρ², ρ⁴ and ρ⁶.
+    About([f64; 4]),
+}
+
 impl SkyLight {
     /// Of the frames that have places.
     pub(super) fn new(meshes: &[SkyMesh], bias_dn: Option<f64>, places: &BTreeMap<usize, usize>) -> Self {
@@ -78,8 +91,12 @@ impl SkyLight {
                 own_dn > MIN_SIGMAS * cell.sigma_dn && own_dn > MIN_SHARE * light_dn
             })
         };
-        let is_relative = bias_dn.is_some() && meshes.iter().all(is_bright);
-        let mut light = Self { is_relative, ..Self::default() };
+        let scale = match bias_dn {
+            None => Scale::Difference,
+            Some(_) if meshes.iter().all(is_bright) => Scale::Logarithm,
+            Some(black_dn) => radial_light(&meshes, black_dn).map_or(Scale::Difference, Scale::About),
+        };
+        let mut light = Self { is_relative: !matches!(scale, Scale::Difference), ..Self::default() };
         for (frame, mesh) in meshes.into_iter().enumerate() {
             let light_dn = mesh.level_dn - black_dn;
             let half_px = mesh.half_diagonal_px();
@@ -94,10 +111,15 @@ impl SkyLight {
             for (number, cell) in mesh.cells.iter().enumerate() {
                 let Some(cell) = cell else { continue };
                 let own_dn = cell.level_dn - black_dn;
-                let (value, unit_dn) =
-                    if is_relative { ((own_dn / light_dn).ln(), logarithmic_mean(own_dn, light_dn)) } else { (own_dn - light_dn, 1.0) };
-                let sigma = cell.sigma_dn / if is_relative { own_dn } else { 1.0 };
-                light.cells.push(Cell { frame, number, at: cell.at, value, sigma, unit_dn });
+                let (value, unit_dn, scale_dn) = match &scale {
+                    Scale::Difference => (own_dn - light_dn, 1.0, 1.0),
+                    Scale::Logarithm => ((own_dn / light_dn).ln(), logarithmic_mean(own_dn, light_dn), own_dn),
+                    Scale::About(powers) => {
+                        let share = polynomial(powers, cell.at);
+                        (share.ln() + own_dn / light_dn / share - 1.0, share * light_dn, share * light_dn)
+                    }
+                };
+                light.cells.push(Cell { frame, number, at: cell.at, value, sigma: cell.sigma_dn / scale_dn, unit_dn });
             }
         }
         light
@@ -178,6 +200,43 @@ impl SkyLight {
         }
         field_of
     }
+}
+
+/// The light at a radius as a share of the level of its frame, of all frames together by weighted least squares; nothing where a frame's level or the
+/// share in any cell is not known to a twentieth, or the share is none that a lens leaves.
+fn radial_light(meshes: &[&SkyMesh], black_dn: f64) -> Option<[f64; 4]> {
+    let (mut matrix, mut right) = (nalgebra::Matrix4::zeros(), nalgebra::Vector4::zeros());
+    for mesh in meshes {
+        let light_dn = mesh.level_dn - black_dn;
+        let mut weight_of_level = 0.0;
+        for cell in mesh.cells.iter().flatten() {
+            let (powers, weight) = (powers(cell.at), (light_dn / cell.sigma_dn).powi(2));
+            matrix += powers * powers.transpose() * weight;
+            right += powers * ((cell.level_dn - black_dn) / light_dn * weight);
+            weight_of_level += cell.sigma_dn.powi(-2);
+        }
+        if light_dn * weight_of_level.sqrt() < MIN_SIGMAS {
+            return None;
+        }
+    }
+    let covariance = matrix.cholesky()?.inverse();
+    let shares: [f64; 4] = (covariance * right).into();
+    let is_known = |at: [f64; 2]| {
+        let (powers, share) = (powers(at), polynomial(&shares, at));
+        let sigma = (powers.transpose() * covariance * powers)[0].sqrt();
+        share > MIN_SHARE && share < MAX_SHARE && share > MIN_SIGMAS * sigma
+    };
+    meshes.iter().flat_map(|mesh| mesh.cells.iter().flatten()).all(|cell| is_known(cell.at)).then_some(shares)
+}
+
+/// ρ⁰, ρ², ρ⁴ and ρ⁶ of a place.
+fn powers(at: [f64; 2]) -> nalgebra::Vector4<f64> {
+    let radius2 = at[0] * at[0] + at[1] * at[1];
+    nalgebra::Vector4::new(1.0, radius2, radius2.powi(2), radius2.powi(3))
+}
+
+fn polynomial(shares: &[f64; 4], at: [f64; 2]) -> f64 {
+    nalgebra::Vector4::from(*shares).dot(&powers(at))
 }
 
 /// (a − b)/(ln a − ln b).

@@ -9,6 +9,7 @@ use rand_pcg::Pcg64Mcg;
 use super::super::expected_stars::StarMeasurement;
 use super::super::judge::{Judged, Pixels, judge};
 use super::super::noise::DeclaredDetector;
+use super::super::proposed::Proposed;
 use super::super::sky_view::SkyView;
 use super::super::tests::{Added, FRAMES, asked, found, nothing, size, stars};
 use crate::diagnose::channels::Channel;
@@ -194,6 +195,36 @@ fn vignetting_is_one_finding_of_stars_and_sky() {
     assert!((0.3..1.8).contains(&rms(&flux)) && (0.3..1.8).contains(&rms(&sky)), "flux {flux:?}, sky {sky:?}");
 }
 
+fn lost_at_corner(own: &Proposed) -> [f64; 2] {
+    let sizes: Vec<f64> = own.sizes.iter().map(|size| size[0]).collect();
+    crate::effects::optics::vignetting::losses(&sizes, &own.covariance)[0]
+}
+
+/// Of a sky too faint for logarithms cell by cell, too, the loss is that of the stars, however large.
+#[test]
+fn a_faint_sky_loses_the_light_that_its_stars_lose() {
+    let added: Added = |image| {
+        let radius2 = image.at[0].powi(2) + image.at[1].powi(2);
+        (-2.5 * (1.0 - 0.45 * radius2).log10(), [0.0; 3])
+    };
+    // 3 and 6 DN where a cell is known to 0.15 DN and more.
+    let light = |sky: &Sky, at: [f64; 2]| 3.0 * sky.exposure_s / GAIN_E_PER_DN * loss(0.45)(at);
+    let mut pulls = Vec::new();
+    for seed in 250..262 {
+        let judged = judged_with(seed, 1e-3, (added, 60), &light);
+        assert_eq!(found(&judged), ["vignetting"], "seed {seed}: {:?}", judged.proposed);
+        let own = judged.proposed[0].channels[&Channel::Background];
+        // By the logarithm, two orders of which end 0.014 above that of the corner.
+        assert!((own.amplitude + 0.55_f64.ln() + 0.014).abs() < 4.0 * own.sigma, "seed {seed}: {own:?}");
+        let [lost, sigma] = lost_at_corner(&judged.proposed[0]);
+        pulls.push((lost - 0.45) / sigma);
+    }
+    let mean = pulls.iter().sum::<f64>() / pulls.len() as f64;
+    println!("faint sky: pulls {pulls:.2?}, mean {mean:.2}");
+    // The mean of twelve has a standard error of 0.29.
+    assert!(mean.abs() < 1.0 && (0.4..1.8).contains(&rms(&pulls)), "{pulls:?}");
+}
+
 /// A rim that cuts the beam of oblique directions alone: a loss of sixth order, which leaves nothing for a glow in the corners.
 #[test]
 fn a_rim_that_cuts_the_beam_is_vignetting_of_sixth_order() {
@@ -208,7 +239,7 @@ fn a_rim_that_cuts_the_beam_is_vignetting_of_sixth_order() {
         assert_eq!(found(&judged), ["vignetting"], "seed {seed}: {:?}", judged.proposed);
         let own = &judged.proposed[0];
         assert_eq!(judged.rows.questions[own.question].columns.len(), 3, "seed {seed}: {own:?}");
-        let [lost, _] = crate::effects::optics::vignetting::losses(&own.sizes)[0];
+        let [lost, _] = lost_at_corner(own);
         // Cells end at 0.88 of the way to the corner: the rest is the polynomial's own.
         assert!((lost - 0.35).abs() < 0.035, "seed {seed}: {lost}");
         let state = &judged.channels[&Channel::Background];
