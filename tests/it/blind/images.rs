@@ -1,10 +1,8 @@
 //! Frames with effects hidden in their pixels: painted as they say, written as they are, diagnosed without their truths, and scored.
 
-use std::collections::BTreeMap;
-
 use boresight::blind::generate::images::{IMAGE_KINDS, PixelKind, Reckoned};
 use boresight::blind::generate::{Concealed, Family, IMAGE_TRAPS, PIXEL_LADDER, concealed};
-use boresight::blind::{Answer, AnswerFinding, image_markdown, image_recording, image_score, make, opened, run, score, write_images};
+use boresight::blind::{Answer, image_markdown, image_recording, image_score, make, opened, run, score, write_images};
 use boresight::catalog::Catalog;
 use boresight::diagnose::DiagnoseOptions;
 use boresight::recording::Recording;
@@ -129,18 +127,7 @@ fn plain_cases_are_answered_from_pixels() {
 #[test]
 fn answers_are_counted() {
     let plain = |verdict: &str, names: &[&str], withheld: &[&str]| {
-        let mut answer = Answer::none(Family::ImageLadder, 0, SEED, String::new());
-        answer.error = None;
-        verdict.clone_into(&mut answer.verdict);
-        let finding = |id: &&str| AnswerFinding {
-            id: (*id).to_owned(),
-            parameters: Vec::new(),
-            located_by: Vec::new(),
-            snr: 9.0,
-            set: Vec::new(),
-            held_out_chi2: BTreeMap::new(),
-        };
-        answer.findings = names.iter().map(finding).collect();
+        let mut answer = super::answer_of(Family::ImageLadder, SEED, verdict, names);
         answer.withheld = withheld.iter().map(|id| ((*id).to_owned(), "a reason".to_owned())).collect();
         answer.effects = vec![("prnu".to_owned(), "not-found".to_owned())];
         answer

@@ -1,9 +1,7 @@
 //! Frames of pixels: painted as they say, written as they are, and answered without their truths.
 
-use std::collections::BTreeMap;
-
 use boresight::blind::generate::{Concealed, Family, LIBRARY, PIXEL_LADDER, concealed};
-use boresight::blind::{Answer, AnswerFinding, Centres, PixelAnswer, make, opened, painted, pixel_recording, run, score, write_pixels};
+use boresight::blind::{Answer, Centres, PixelAnswer, make, opened, painted, pixel_recording, run, score, write_pixels};
 use boresight::catalog::Catalog;
 use boresight::diagnose::DiagnoseOptions;
 use boresight::recording::Recording;
@@ -112,21 +110,7 @@ fn a_dark_sky_is_not_diagnosed() {
 #[test]
 fn disagreement_is_counted() {
     let truth = made(Family::PixelNull, 0).truth;
-    let plain = |verdict: &str, names: &[&str]| {
-        let mut answer = Answer::none(Family::PixelNull, 0, SEED, String::new());
-        answer.error = None;
-        verdict.clone_into(&mut answer.verdict);
-        let finding = |id: &&str| AnswerFinding {
-            id: (*id).to_owned(),
-            parameters: Vec::new(),
-            located_by: Vec::new(),
-            snr: 9.0,
-            set: Vec::new(),
-            held_out_chi2: BTreeMap::new(),
-        };
-        answer.findings = names.iter().map(finding).collect();
-        answer
-    };
+    let plain = |verdict: &str, names: &[&str]| super::answer_of(Family::PixelNull, SEED, verdict, names);
     let both = |seen: Answer, lists: Answer| {
         let pixels = PixelAnswer {
             lists,

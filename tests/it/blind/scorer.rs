@@ -143,14 +143,7 @@ fn who_knows_the_truth_scores_full_marks() {
     let mistaken: Vec<(Truth, Answer)> = pairs
         .iter()
         .map(|(truth, answer)| {
-            let finding = AnswerFinding {
-                id: "pixel-aspect".to_owned(),
-                parameters: Vec::new(),
-                located_by: Vec::new(),
-                snr: 9.0,
-                set: vec!["shear".to_owned()],
-                held_out_chi2: BTreeMap::new(),
-            };
+            let finding = AnswerFinding { set: vec!["shear".to_owned()], ..super::finding_of("pixel-aspect") };
             (truth.clone(), Answer { findings: vec![finding], verdict: "explained".to_owned(), ..answer.clone() })
         })
         .collect();
@@ -175,14 +168,7 @@ fn rivals_mend_what_is_theirs() {
         let points = control_points(&recording(&made.lists), &made.lists.model, catalog).unwrap();
         let held_out: Vec<usize> = (points.attitudes.len() * 3 / 4..points.attitudes.len()).collect();
         // A diagnosis that names the truth, judged as all others are.
-        let finding = |effect: &str| AnswerFinding {
-            id: effect.to_owned(),
-            parameters: Vec::new(),
-            located_by: Vec::new(),
-            snr: 0.0,
-            set: Vec::new(),
-            held_out_chi2: BTreeMap::new(),
-        };
+        let finding = |effect: &str| AnswerFinding { snr: 0.0, ..super::finding_of(effect) };
         let named: Vec<AnswerFinding> = made.truth.effects.iter().map(|effect| finding(&effect.id)).collect();
         (
             made.truth,
