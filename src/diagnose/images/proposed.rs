@@ -25,8 +25,9 @@ pub(in crate::diagnose) struct Pixels<'a> {
 #[derive(Clone, Debug)]
 pub(in crate::diagnose) struct Proposed {
     pub(in crate::diagnose) question: usize,
-    /// Sizes of the columns with their standard errors, and their covariance.
+    /// Sizes of the columns with their standard errors,
     pub(in crate::diagnose) sizes: Vec<[f64; 2]>,
+    /// and their covariance.
     pub(in crate::diagnose) covariance: DMatrix<f64>,
     pub(in crate::diagnose) statistic: f64,
     pub(in crate::diagnose) rank: usize,

@@ -114,8 +114,8 @@ impl SkyLight {
                 let (value, unit_dn, scale_dn) = match &scale {
                     Scale::Difference => (own_dn - light_dn, 1.0, 1.0),
                     Scale::Logarithm => ((own_dn / light_dn).ln(), logarithmic_mean(own_dn, light_dn), own_dn),
-                    Scale::About(powers) => {
-                        let share = polynomial(powers, cell.at);
+                    Scale::About(shares) => {
+                        let share = share_at(shares, cell.at);
                         (share.ln() + own_dn / light_dn / share - 1.0, share * light_dn, share * light_dn)
                     }
                 };
@@ -222,7 +222,7 @@ fn radial_light(meshes: &[&SkyMesh], black_dn: f64) -> Option<[f64; 4]> {
     let covariance = matrix.cholesky()?.inverse();
     let shares: [f64; 4] = (covariance * right).into();
     let is_known = |at: [f64; 2]| {
-        let (powers, share) = (powers(at), polynomial(&shares, at));
+        let (powers, share) = (powers(at), share_at(&shares, at));
         let sigma = (powers.transpose() * covariance * powers)[0].sqrt();
         share > MIN_SHARE && share < MAX_SHARE && share > MIN_SIGMAS * sigma
     };
@@ -235,7 +235,8 @@ fn powers(at: [f64; 2]) -> nalgebra::Vector4<f64> {
     nalgebra::Vector4::new(1.0, radius2, radius2.powi(2), radius2.powi(3))
 }
 
-fn polynomial(shares: &[f64; 4], at: [f64; 2]) -> f64 {
+/// The share of the light at a place, from the coefficients of its powers.
+fn share_at(shares: &[f64; 4], at: [f64; 2]) -> f64 {
     nalgebra::Vector4::from(*shares).dot(&powers(at))
 }
 
