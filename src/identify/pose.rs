@@ -72,28 +72,16 @@ impl Pose {
         }
         let scale = self.focal_px * self.projection.scale(v.z)[0];
         let ideal = [scale * v.x, scale * v.y];
-        // r_ideal = r (1 − κ r²): Newton's method in the one radius, in units of the corner.
-        let target = (ideal[0] * ideal[0] + ideal[1] * ideal[1]).sqrt() / corner_px;
-        if target > 3.0 {
+        let target2 = (ideal[0] * ideal[0] + ideal[1] * ideal[1]) / (corner_px * corner_px);
+        if target2 > 9.0 {
             return None;
         }
         let [x0, y0] = self.principal_px;
-        if self.kappa == 0.0 || target == 0.0 {
+        if self.kappa == 0.0 {
             return Some([ideal[0] + x0, ideal[1] + y0]);
         }
-        let mut r = target;
-        for _ in 0..8 {
-            let slope = 1.0 - 3.0 * self.kappa * r * r;
-            if slope < 0.05 {
-                return None; // beyond the fold
-            }
-            let step = (target - r * (1.0 - self.kappa * r * r)) / slope;
-            r += step;
-            if step.abs() < 1e-12 {
-                break;
-            }
-        }
-        (r > 0.0 && r.is_finite()).then(|| [ideal[0] * r / target + x0, ideal[1] * r / target + y0])
+        let stretch = stretch(self.kappa * target2)?;
+        Some([ideal[0] * stretch + x0, ideal[1] * stretch + y0])
     }
 
     /// The angle from the boresight within which all that the points can be stands, with a margin; rad.
@@ -101,6 +89,26 @@ impl Pose {
         let share = points.reach_px / points.corner_px;
         self.projection.angle_rad(points.reach_px * (1.0 - self.kappa.min(0.0) * share * share) * margin / self.focal_px)
     }
+}
+
+/// The factor q of a radius that distortion brings: r_ideal = r (1 − κ r²) with r = q·r_ideal, so q − c·q³ = 1 with c = κ·r_ideal², by Newton's method.
+/// `None` beyond the fold.
+fn stretch(c: f64) -> Option<f64> {
+    // The series of q in c, where it is one: mostly a single step is left to do.
+    let mut q = if c.abs() < 0.03 { 1.0 + c * (1.0 + c * (3.0 + 12.0 * c)) } else { 1.0 };
+    for _ in 0..8 {
+        let slope = 1.0 - 3.0 * c * q * q;
+        if slope < 0.05 {
+            return None;
+        }
+        let step = (1.0 - q * (1.0 - c * q * q)) / slope;
+        q += step;
+        // What a step leaves goes with its square: below the last digits but for a few.
+        if step.abs() < 1e-8 {
+            break;
+        }
+    }
+    (q > 0.0 && q.is_finite()).then_some(q)
 }
 
 /// A vector turned by a rotation. Written out: the library's product of a matrix and a vector is a loop.
