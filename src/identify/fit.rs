@@ -9,6 +9,8 @@ use crate::statistics::cholesky;
 /// Parameters of the fit: three small rotations, ln f and κ; and of a fisheye the principal point.
 const FREE: usize = 5;
 const FREE_OF_FISHEYE: usize = 7;
+/// Columns of the equations of a pair: all of them, and the residual.
+const COLUMNS: usize = FREE_OF_FISHEYE + 1;
 /// The number of κ among them.
 const KAPPA: usize = 4;
 /// So many pairs tell the principal point of a fisheye besides all else.
@@ -64,23 +66,46 @@ impl Row {
         Some(Self { v, scale, at: [x, y], rr, residual, length2: residual[0] * residual[0] + residual[1] * residual[1] })
     }
 
-    /// The derivatives of the residual, turned so that the step is added to the pose. Rotation: v → v + ω × v, with f·ω as the parameter
-    /// so that all columns are px per px.
-    fn columns<const N: usize>(&self, pose: &Pose, corner2_px2: f64) -> [[f64; N]; 2] {
+    /// The derivatives of the residual, turned so that the step is added to the pose, and the residual itself. Rotation: v → v + ω × v, with f·ω
+    /// as the parameter so that all columns are px per px.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "inlined into what is compiled for several processors")]
+    fn columns(&self, pose: &Pose, corner2_px2: f64) -> [[f64; COLUMNS]; 2] {
         let (f, v, [s, slope], [x, y], rr) = (pose.focal_px, &self.v, self.scale, self.at, self.rr);
         let (u, w, shrink, bent) = (s * v.x, s * v.y, 1.0 - pose.kappa * rr, 2.0 * pose.kappa / corner2_px2);
-        let all = [
-            [slope * v.y * v.x, s * v.z - slope * v.x * v.x, -w, f * u, x * rr, shrink - bent * x * x, -bent * x * y],
-            [slope * v.y * v.y - s * v.z, -slope * v.x * v.y, u, f * w, y * rr, -bent * x * y, shrink - bent * y * y],
-        ];
-        all.map(|row| std::array::from_fn(|column| row[column]))
+        let [across, along] = self.residual;
+        [
+            [slope * v.y * v.x, s * v.z - slope * v.x * v.x, -w, f * u, x * rr, shrink - bent * x * x, -bent * x * y, across],
+            [slope * v.y * v.y - s * v.z, -slope * v.x * v.y, u, f * w, y * rr, -bent * x * y, shrink - bent * y * y, along],
+        ]
     }
+}
+
+type Sums = [[f64; COLUMNS]; FREE_OF_FISHEYE];
+
+/// The normal matrix of the first `free` parameters, of which the lower triangle counts, with the right side in the last column. All columns are summed:
+/// so many go through the processor together.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn normal_equations(rows: &[Row], pose: &Pose, corner2_px2: f64, scale2: f64, free: usize) -> Sums {
+    let mut sums = [[0.0; COLUMNS]; FREE_OF_FISHEYE];
+    for row in rows {
+        let weight = scale2 / (scale2 + row.length2);
+        let [a, b] = row.columns(pose, corner2_px2);
+        for (i, sums) in sums.iter_mut().enumerate().take(free) {
+            let (wa, wb) = (weight * a[i], weight * b[i]);
+            for j in 0..COLUMNS {
+                sums[j] += wa * a[j] + wb * b[j];
+            }
+        }
+    }
+    sums
 }
 
 /// Memory of the steps of a fit.
 struct Scratch {
     rows: Vec<Row>,
-    lengths2: Vec<f64>,
+    /// The bits of the squares.
+    lengths2: Vec<u64>,
 }
 
 impl Scratch {
@@ -108,25 +133,15 @@ fn step<const N: usize>(
     if 2 * rows.len() <= N {
         return None;
     }
+    // None is negative: their bits have the order of the numbers.
     lengths2.clear();
-    lengths2.extend(rows.iter().map(|row| row.length2));
+    lengths2.extend(rows.iter().map(|row| row.length2.to_bits()));
     let middle = lengths2.len() / 2;
-    let (_, median2, _) = lengths2.select_nth_unstable_by(middle, f64::total_cmp);
-    let scale2 = (4.0 * *median2).max(0.05 * 0.05);
-    // Lower triangle of the normal matrix, and the right side.
-    let mut normal = [[0.0; N]; N];
-    let mut right = [0.0; N];
-    for row in &*rows {
-        let weight = scale2 / (scale2 + row.length2);
-        let [a, b] = row.columns::<N>(pose, corner2_px2);
-        for i in 0..N {
-            let (wa, wb) = (weight * a[i], weight * b[i]);
-            for j in 0..=i {
-                normal[i][j] += wa * a[j] + wb * b[j];
-            }
-            right[i] += wa * row.residual[0] + wb * row.residual[1];
-        }
-    }
+    let (_, median2, _) = lengths2.select_nth_unstable(middle);
+    let scale2 = (4.0 * f64::from_bits(*median2)).max(0.05 * 0.05);
+    let sums = normal_equations(rows, pose, corner2_px2, scale2, N);
+    let mut normal: [[f64; N]; N] = std::array::from_fn(|i| std::array::from_fn(|j| sums[i][j]));
+    let mut right: [f64; N] = std::array::from_fn(|i| sums[i][COLUMNS - 1]);
     // Damping, as strong as one measurement of 1 px if κ moved by 0.1: a few central stars must not invent distortion.
     normal[KAPPA][KAPPA] += 100.0;
     if !fit_kappa {
