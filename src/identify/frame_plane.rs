@@ -28,18 +28,23 @@ impl FramePlane {
         Self { rows: [row(0), row(1), row(2)], bend: (pose.kappa / (points.corner_px * points.corner_px)) as f32 }
     }
 
-    /// Where directions appear without distortion, relative to the middle of the un-mirrored frame, px; infinitely far where they do not.
+    /// Where directions appear without distortion, relative to the middle of the un-mirrored frame, px; nowhere near it where they do not.
     #[inline(always)]
     #[allow(clippy::inline_always, reason = "inlined into loops over many stars")]
     pub(super) fn ideal(&self, [x, y, z]: &[[f32; LANES]; 3]) -> [[f32; LANES]; 2] {
-        let (mut at_x, mut at_y) = ([0.0; LANES], [0.0; LANES]);
+        let (mut at_x, mut at_y, mut scales) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         let along = |row: [f32; 3], lane: usize| row[0] * x[lane] + row[1] * y[lane] + row[2] * z[lane];
+        // One thing after another: so compilers do each on many numbers together.
+        for (lane, scale) in scales.iter_mut().enumerate() {
+            *scale = along(self.rows[2], lane);
+        }
+        for scale in &mut scales {
+            let per_depth = 1.0 / *scale;
+            *scale = if *scale > MIN_DEPTH { per_depth } else { f32::INFINITY };
+        }
         for lane in 0..LANES {
-            let depth = along(self.rows[2], lane);
-            let scale = 1.0 / depth;
-            let is_seen = depth > MIN_DEPTH;
-            at_x[lane] = if is_seen { along(self.rows[0], lane) * scale } else { f32::INFINITY };
-            at_y[lane] = if is_seen { along(self.rows[1], lane) * scale } else { f32::INFINITY };
+            at_x[lane] = along(self.rows[0], lane) * scales[lane];
+            at_y[lane] = along(self.rows[1], lane) * scales[lane];
         }
         [at_x, at_y]
     }

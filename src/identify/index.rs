@@ -10,7 +10,7 @@ use super::frame_plane::FramePlane;
 use super::index_scale::IndexScale;
 use super::pose::{Points, Pose};
 use super::projection::Projection;
-use super::sky::{Block, LANES, Zones, those};
+use super::sky::{Block, LANES, Zones, those, within};
 use crate::catalog::Catalog;
 use crate::units::DEG_RAD;
 
@@ -186,6 +186,7 @@ impl Index {
 }
 
 /// The stars of a cone that stand within so much of the middle of a frame.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
 fn in_frame(
     zones: &Zones,
     plane: &FramePlane,
@@ -196,7 +197,7 @@ fn in_frame(
     found.clear();
     zones.near(boresight, radius_rad, |_, Block { xyz, ids }, lanes| {
         let [x, y] = plane.ideal(xyz);
-        let (inside, count) = those(lanes, |lane| (x[lane].abs() <= half_x) & (y[lane].abs() <= half_y));
+        let (inside, count) = those(lanes, &within(&x, half_x, &y, half_y));
         found.extend(inside[..count].iter().map(|lane| ids[*lane]));
     });
 }

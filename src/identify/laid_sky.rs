@@ -8,7 +8,7 @@ use super::frame_plane::FramePlane;
 use super::index::Index;
 use super::pose::{Points, Pose};
 use super::projection::Projection;
-use super::sky::{Block, those};
+use super::sky::{Block, those, within};
 use crate::detect::{Detection, Detections};
 use crate::statistics::median_and_mad_sigma;
 
@@ -143,7 +143,20 @@ impl Cells {
     }
 
     fn holds(&self, [x, y]: [f32; 2]) -> bool {
-        self.rows[self.cell(1, y)] >> self.cell(0, x) & 1 == 1
+        self.hold(&[x], &[y]) == [1]
+    }
+
+    /// Which places are held: ones and zeros.
+    #[inline(always)]
+    #[allow(clippy::inline_always, reason = "inlined into what is compiled for several processors")]
+    fn hold<const N: usize>(&self, x: &[f32; N], y: &[f32; N]) -> [u32; N] {
+        const LAST: f32 = (Cells::SIDE - 1) as f32;
+        let (mut columns, mut rows) = ([0; N], [0; N]);
+        for lane in 0..N {
+            columns[lane] = ((x[lane] + self.half_px[0]) * self.per_px[0]).max(0.0).min(LAST) as i32;
+            rows[lane] = ((y[lane] + self.half_px[1]) * self.per_px[1]).max(0.0).min(LAST) as i32;
+        }
+        std::array::from_fn(|lane| (self.rows[rows[lane] as usize % Self::SIDE] >> columns[lane]) as u32 & 1)
     }
 }
 
@@ -180,21 +193,9 @@ impl<'a> LaidSky<'a> {
         // Single precision and the catalogue's own directions are enough to see what is far from all detections; not for directions that an
         // effect of the sky may have moved by more than the slack.
         if pose.projection == Projection::Pinhole && std::ptr::eq(self.apparent, self.index.vectors.as_slice()) {
-            let (zones, magnitudes) = self.index.whole_sky();
-            let plane = FramePlane::new(pose, self.points);
-            let (half_x, half_y) = (half_x as f32, half_y as f32);
             let radius_rad = pose.reach_rad(self.points, CLOSE_MARGIN * (1.0 + margin_px / self.points.reach_px));
-            zones.near(&boresight, radius_rad, |number, Block { xyz, ids }, lanes| {
-                let [x, y] = plane.places(xyz);
-                let magnitudes = &magnitudes[number];
-                let (inside, count) = those(lanes, |lane| (x[lane].abs() <= half_x) & (y[lane].abs() <= half_y));
-                for &lane in &inside[..count] {
-                    in_frame.add(magnitudes[lane]);
-                    if cells.holds([x[lane], y[lane]]) {
-                        found.push((ids[lane] as usize, [f64::from(x[lane]), f64::from(y[lane])]));
-                    }
-                }
-            });
+            let plane = FramePlane::new(pose, self.points);
+            look_over(self.index, (&boresight, radius_rad), (&plane, [half_x as f32, half_y as f32]), &cells, (in_frame, found));
         } else {
             let radius_rad = pose.reach_rad(self.points, MARGIN);
             for star in self.index.brightest_within(&boresight, radius_rad, usize::MAX) {
@@ -269,6 +270,31 @@ impl<'a> LaidSky<'a> {
         let limit = (5.0 * sigma).max(2.5);
         pairs.retain(|pair| zero_point(pair).is_none_or(|value| (value - middle).abs() <= limit));
     }
+}
+
+/// Counts the stars of a cone that are within so much of the middle of a frame, and finds those that `cells` hold.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn look_over(
+    index: &Index,
+    (boresight, radius_rad): (&Vector3<f64>, f64),
+    (plane, [half_x, half_y]): (&FramePlane, [f32; 2]),
+    cells: &Cells,
+    (in_frame, found): (&mut MagnitudeCounts, &mut Vec<(usize, [f64; 2])>),
+) {
+    let (zones, magnitudes) = index.whole_sky();
+    zones.near(boresight, radius_rad, |number, Block { xyz, ids }, lanes| {
+        let [x, y] = plane.places(xyz);
+        let magnitudes = &magnitudes[number];
+        let inside = within(&x, half_x, &y, half_y);
+        let held = cells.hold(&x, &y);
+        let (inside, count) = those(lanes, &inside);
+        for &lane in &inside[..count] {
+            in_frame.add(magnitudes[lane]);
+            if held[lane] == 1 {
+                found.push((ids[lane] as usize, [f64::from(x[lane]), f64::from(y[lane])]));
+            }
+        }
+    });
 }
 
 /// Whether another star of similar brightness stands beside one, by its number among those laid.

@@ -151,14 +151,25 @@ impl Zones {
     }
 }
 
-/// Those of some lanes of which something holds, and how many they are. Without branches: along the edges of a frame nobody can guess them.
+/// Which places are within so much of the middle along either axis: ones and zeros.
+#[inline(always)]
+#[allow(clippy::inline_always, clippy::needless_bitwise_bool, reason = "inlined into loops over many stars, and without branches there")]
+pub(super) fn within(x: &[f32; LANES], half_x: f32, y: &[f32; LANES], half_y: f32) -> [u32; LANES] {
+    let mut inside = [0; LANES];
+    for lane in 0..LANES {
+        inside[lane] = u32::from((x[lane].abs() <= half_x) & (y[lane].abs() <= half_y));
+    }
+    inside
+}
+
+/// Those of some lanes that have a one, and how many they are. Without branches: along the edges of a frame nobody can guess them.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "inlined into loops over many stars")]
-pub(super) fn those(lanes: Range<usize>, holds: impl Fn(usize) -> bool) -> ([usize; LANES], usize) {
+pub(super) fn those(lanes: Range<usize>, ones: &[u32; LANES]) -> ([usize; LANES], usize) {
     let (mut which, mut count) = ([0; LANES], 0);
     for lane in lanes {
         which[count % LANES] = lane % LANES;
-        count += usize::from(holds(lane));
+        count += ones[lane % LANES] as usize;
     }
     (which, count)
 }
