@@ -84,8 +84,8 @@ pub(super) fn keep_sure(
     scratch: &mut Scratch,
 ) {
     let area_px2 = field.area_px2;
-    pairs
-        .sort_unstable_by(|a, b| a.distance2_px2.total_cmp(&b.distance2_px2).then(a.detection.cmp(&b.detection)).then(a.star.cmp(&b.star)));
+    // No square is negative: the bits have the order of the numbers.
+    pairs.sort_unstable_by_key(|pair| (pair.distance2_px2.to_bits(), pair.detection, pair.star));
     scratch.pair_up(pairs, detection_mag.len(), star_mag.len());
     let Scratch { of_detection, of_star, nearest, zero_points, lone, paired, found_stars, weights, sum_detection, sum_star } = scratch;
     let (of_detection, of_star) = (&*of_detection, &*of_star);

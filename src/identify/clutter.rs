@@ -7,7 +7,7 @@ use super::pose::Points;
 /// Within the radius around a point in which by chance so many others stand …
 const BY_CHANCE: f64 = 0.3;
 /// … no star has so many.
-const CLUMP: usize = 3;
+const CLUMP: u64 = 3;
 /// Stars are not so much wider than the narrowest quarter of the detections.
 const WIDE: f64 = 2.5;
 /// Fewer points do not decide it.
@@ -45,17 +45,14 @@ pub(super) fn without_clutter(points: &Points, widths_px: &[f64]) -> Option<Poin
 /// Leaves of some points those that do not stand in a clump of them.
 fn leave_clumps(points: &Points, some: &mut Vec<usize>) {
     let radius2_px2 = BY_CHANCE * points.area_px2() / (std::f64::consts::PI * some.len() as f64);
-    let at: Vec<[f64; 2]> = some.iter().map(|&point| points.centred_px[point]).collect();
+    let axis = |axis: usize| some.iter().map(|&point| points.centred_px[point][axis]).collect::<Vec<f64>>();
+    let (xs, ys) = (axis(0), axis(1));
     // How many stand near each, itself too.
-    let mut near = vec![1_usize; some.len()];
-    for (number, [x, y]) in at.iter().enumerate() {
-        let (own, others) = near[number..].split_at_mut(1);
-        for ([other_x, other_y], other) in at[number + 1..].iter().zip(others) {
-            let is_near = usize::from((x - other_x).powi(2) + (y - other_y).powi(2) <= radius2_px2);
-            own[0] += is_near;
-            *other += is_near;
-        }
-    }
+    let count = |(x, y): (&f64, &f64)| {
+        let near = |(other_x, other_y): (&f64, &f64)| u64::from((x - other_x).powi(2) + (y - other_y).powi(2) <= radius2_px2);
+        xs.iter().zip(&ys).map(near).sum::<u64>()
+    };
+    let near: Vec<u64> = xs.iter().zip(&ys).map(count).collect();
     let mut near = near.into_iter();
     some.retain(|_| near.next().is_some_and(|near| near <= CLUMP));
 }

@@ -89,8 +89,8 @@ impl Overlay {
                 }
             }
         }
-        // Of two stars equally near the brighter, as everywhere.
-        all.sort_unstable_by(|a, b| a.distance2_px2.total_cmp(&b.distance2_px2).then(a.point.cmp(&b.point)).then(a.rank.cmp(&b.rank)));
+        // Of two stars equally near the brighter, as everywhere. No square is negative: the bits have the order of the numbers.
+        all.sort_unstable_by_key(|one| (one.distance2_px2.to_bits(), one.point, one.rank));
         all
     }
 

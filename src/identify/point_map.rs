@@ -37,14 +37,14 @@ impl PointMap {
         for &[x, y] in ideal {
             let (cx, cy) = ((x - origin_px[0]) * cells_per_px, (y - origin_px[1]) * cells_per_px);
             let (first, last) = ((cx - 2.5).max(0.0) as usize, ((cx + 2.5) as usize).min(columns - 1));
+            // At most six columns: the squares of their distances, and those of them that there are.
+            let across2: [f64; 6] = std::array::from_fn(|column| ((first + column) as f64 + 0.5 - cx).powi(2));
+            let columns_there = (1_u64 << (last + 1 - first)) - 1;
             for row in (cy - 2.5).max(0.0) as usize..=((cy + 2.5) as usize).min(rows - 1) {
-                let dy = row as f64 + 0.5 - cy;
-                let near = (first..=last).fold(0_u64, |near, column| {
-                    let dx = column as f64 + 0.5 - cx;
-                    near | u64::from(dx * dx + dy * dy <= 2.5 * 2.5) << (column - first)
-                });
-                // At most six cells of a row, in one word or in two.
+                let along2 = (row as f64 + 0.5 - cy).powi(2);
+                let near = (0..6).fold(0, |near, column| near | u64::from(across2[column] + along2 <= 2.5 * 2.5) << column) & columns_there;
                 let cell = row * columns + first;
+                // In one word or in two.
                 bits[cell / 64] |= near << (cell % 64);
                 bits[cell / 64 + 1] |= near >> 1 >> (63 - cell % 64);
             }
