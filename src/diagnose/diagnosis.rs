@@ -114,7 +114,7 @@ pub struct Finding {
     pub held_out_expected: f64,
     /// How far that fall lies above its mean without the effect, standard deviations.
     pub held_out_score: f64,
-    /// What is said of a fall that is larger than the size lets expect.
+    /// What is said of a fall that is larger than the size lets expect, or of an effect that all frames chose.
     pub held_out_remark: Option<String>,
     /// In how many of how many turns the rest of the recording chose the effect, or one that leaves the same trace.
     pub chosen_again: [usize; 2],

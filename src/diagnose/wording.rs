@@ -84,9 +84,10 @@ pub(super) fn image_finding(finding: &Finding) -> String {
             Some(format!("{} {before:.2} → {after:.2}", channel.words()))
         })
         .collect();
+    let chosen = if finding.held_out_remark.is_some() { "Chosen by all frames and" } else { "Chosen and" };
     let per_dof = if per_dof.is_empty() { String::new() } else { format!(" (per degree of freedom: {})", per_dof.join(", ")) };
     format!(
-        "{} was left out: {}. Modelling it lowers χ² by {:.0} ({}). Chosen and sized anew in turns that leave {} out (chosen again in {times} of {turns}) it \
+        "{} was left out: {}. Modelling it lowers χ² by {:.0} ({}). {chosen} sized anew in turns that leave {} out (chosen again in {times} of {turns}) it \
          lowers χ² there by {:.0}{per_dof}.",
         finding.id,
         sizes.join(", "),

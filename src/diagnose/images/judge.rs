@@ -17,7 +17,7 @@ use super::row_fit::RowFit;
 use super::rows::{Question, Rows};
 use super::selection::{Answer, answer, answers, chance, columns, cosine, directions, fitted, select};
 use super::stars::rows_of_stars;
-use super::turns::{HeldOut, Turns, held_out, of_channel};
+use super::turns::{HeldOut, Turns, held_out, of_channel, sized_alone};
 use crate::diagnose::channels::{Channel, ChannelMeasure};
 use crate::diagnose::image_profiles::ImageProfile;
 use crate::diagnose::null_distribution::{family_p, independent};
@@ -126,7 +126,7 @@ pub(in crate::diagnose) fn judge(
         (accepted, fit) = select(&rows, &all, &accepted, threshold);
     }
     let tried = accepted.clone();
-    let Proposal { accepted, fit, proposed, left: held_out } = propose(&rows, &given, (accepted, fit), &by_chance);
+    let Proposal { accepted, fit, proposed, left: held_out } = propose(&rows, &given, (accepted, fit), trend.as_ref(), &by_chance);
     let mut proposed: Vec<Proposed> = proposed.into_iter().map(|own| beside(&rows, &nothing, &given, own)).collect();
     if let Some(trend) = &trend {
         as_surprising_as(trend, &mut proposed, &by_chance);
@@ -164,8 +164,12 @@ struct Proposal {
 
 /// The proposals of a selection. What makes frames and stars that took no part worse is not there: the others are fitted without it, and it is withheld
 /// as it was.
-fn propose(rows: &Rows, given: &[usize], (accepted, fit): (Vec<usize>, RowFit), by_chance: &[f64]) -> Proposal {
-    let Turns { effects: held, left } = held_out(rows, &fit, (&accepted, given), -TURN_P.ln());
+fn propose(rows: &Rows, given: &[usize], (accepted, fit): (Vec<usize>, RowFit), trend: Option<&Trend>, by_chance: &[f64]) -> Proposal {
+    let mut turns = held_out(rows, &fit, (&accepted, given), -TURN_P.ln());
+    if let Some(trend) = trend {
+        sized_alone(rows, &fit, (&accepted, given), (trend.question, -TURN_P.ln()), &mut turns);
+    }
+    let Turns { effects: held, left } = turns;
     let of = |accepted: &[usize], fit: &RowFit, held: &[HeldOut]| -> Vec<Proposed> {
         let own = accepted.iter().enumerate().skip(given.len());
         own.filter_map(|(k, question)| proposal(rows, accepted, k, *question, fit, held[k].clone(), by_chance)).collect()

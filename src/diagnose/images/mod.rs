@@ -16,6 +16,7 @@ mod jitter;
 mod judge;
 mod light_lost;
 mod measured_detector;
+mod narrowing;
 mod noise;
 mod patterns;
 mod profiles;

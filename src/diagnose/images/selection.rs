@@ -6,12 +6,13 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use statrs::function::beta::beta_reg;
 
+use super::narrowing::{exchanged, narrowed};
 use super::row_fit::{Projected, RowFit};
 use super::rows::{Question, Rows};
 use crate::effects::detector::brighter_fatter::BrighterFatter;
 use crate::effects::pixel::pass::PassHead;
 use crate::parallel;
-use crate::statistics::order::{descending, sort_by_key};
+use crate::statistics::order::descending;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Effects at most: a real camera has ten, and a sky and a detector add theirs.
@@ -21,7 +22,7 @@ const MIN_SHARE: f64 = 0.02;
 /// Columns more alike than this are one class; the more usual name is taken,
 const SAME: f64 = 0.98;
 /// if it is about as good: odds of 100 : 1.
-const AS_GOOD: f64 = 4.6;
+pub(super) const AS_GOOD: f64 = 4.6;
 /// So many means tell their scatter.
 const MANY_GROUPS: usize = 60;
 /// Of the scatter of few means so much is left at least: what an effect takes of it is known no better.
@@ -140,57 +141,8 @@ pub(in crate::diagnose) fn select(rows: &Rows, allowed: &[bool], given: &[usize]
             }
         }
     }
-    narrowed(rows, allowed, (accepted, given.len()), fit)
-}
-
-/// Whether a question is a part of another.
-fn is_part_of(part: &Question, whole: &Question) -> bool {
-    part.is_part && !whole.is_part && part.id == whole.id && part.parameters.iter().all(|own| whole.parameters.contains(own))
-}
-
-/// The parts of an effect's question that may stand in its place, the smallest first.
-fn parts_of(rows: &Rows, whole: usize) -> Vec<usize> {
-    let of = |index: usize| &rows.questions[index];
-    let mut parts: Vec<usize> = (0..rows.questions.len()).filter(|part| is_part_of(of(*part), of(whole))).collect();
-    sort_by_key(&mut parts, |part| of(*part).columns.len());
-    parts
-}
-
-/// With wholes in the place of their parts.
-fn widened(rows: &Rows, accepted: &[usize]) -> Vec<usize> {
-    let whole_of =
-        |part: usize| (0..rows.questions.len()).find(|whole| is_part_of(&rows.questions[part], &rows.questions[*whole])).unwrap_or(part);
-    let mut all: Vec<usize> = Vec::new();
-    for whole in accepted.iter().map(|index| whole_of(*index)) {
-        if !all.contains(&whole) {
-            all.push(whole);
-        }
-    }
-    all
-}
-
-/// With the smallest parts that say as much as the wholes (odds of 100 : 1): a square beside a slope that nothing asks for spoils every place beyond the
-/// data, and one that is there is no finding by itself.
-fn narrowed(rows: &Rows, allowed: &[bool], (found, given): (Vec<usize>, usize), fit: RowFit) -> (Vec<usize>, RowFit) {
-    let mut accepted = found[..given].to_vec();
-    accepted.extend(widened(rows, &found[given..]));
-    let mut fit = if accepted == found { fit } else { fitted(rows, allowed, &accepted, None) };
-    for k in given..accepted.len() {
-        let whole = accepted[k];
-        for part in parts_of(rows, whole) {
-            let mut others = accepted.clone();
-            others[k] = part;
-            let without = RowFit::under(rows, &fit.take, &columns(rows, &others), &fit);
-            let rise: f64 = without.fall_to(rows, &fit).0.iter().sum();
-            let dropped = rows.questions[whole].columns.len() - rows.questions[part].columns.len();
-            if neg_ln_chi2_sf(dropped as f64, rise.max(0.0)) < AS_GOOD {
-                accepted = others;
-                fit = fitted(rows, allowed, &accepted, None);
-                break;
-            }
-        }
-    }
-    (accepted, fit)
+    let (accepted, fit) = narrowed(rows, allowed, (accepted, given.len()), fit);
+    exchanged(rows, allowed, (accepted, given.len()), fit, threshold)
 }
 
 /// The most surprising; of its class that are about as good the more usual one.

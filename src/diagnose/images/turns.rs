@@ -1,6 +1,7 @@
 //! Proof on what took no part: effects are chosen and sized without a third of the frames and a third of the stars, and scored on those stars in
 //! those frames.
 
+use super::narrowing::as_in_all_rows;
 use super::row_fit::RowFit;
 use super::rows::{KNOWN_BEFOREHAND, Row, Rows};
 use super::selection::{columns as columns_of, cosine, select};
@@ -33,6 +34,8 @@ pub(in crate::diagnose) struct HeldOut {
     pub(in crate::diagnose) left: Vec<[f64; 2]>,
     /// Turns that chose it, of how many.
     pub(in crate::diagnose) chosen: [usize; 2],
+    /// Whether it was chosen by all rows, and every turn sized it.
+    pub(in crate::diagnose) is_sized_alone: bool,
 }
 
 impl HeldOut {
@@ -62,7 +65,7 @@ impl HeldOut {
     /// Why the effect is not confirmed; nothing where it is.
     pub(in crate::diagnose) fn fails(&self) -> Option<String> {
         let [times, turns] = self.chosen;
-        if times == 0 || (times as f64) < MIN_TURNS * turns as f64 {
+        if !self.is_sized_alone && (times == 0 || (times as f64) < MIN_TURNS * turns as f64) {
             return Some(format!("it is chosen again in {times} of {turns} turns that leave frames and stars out"));
         }
         (self.delta_chi2 <= 0.0 || self.score() < MIN_SCORE)
@@ -70,13 +73,26 @@ impl HeldOut {
     }
 }
 
+/// Which frames a turn leaves out together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::diagnose) enum LeftOut {
+    /// Frames that follow each other: what changes slowly is not known from its neighbours.
+    Blocks,
+    /// Every third frame. A level of their own takes a trend out of a block, and beyond the others a trend is hardly known.
+    Interleaved,
+}
+
 /// The turns: rows to choose and size by, and rows to score on.
-pub(in crate::diagnose) fn turns(rows: &Rows) -> Vec<[Vec<bool>; 2]> {
+pub(in crate::diagnose) fn turns(rows: &Rows, left_out: LeftOut) -> Vec<[Vec<bool>; 2]> {
     let blocks = if rows.frames >= MIN_FRAMES { BLOCKS.min(rows.frames) } else { 1 };
     let mut all = Vec::new();
     for block in 0..blocks {
         for part in 0..PARTS {
-            let is_block = |frame: usize| blocks == 1 || frame.saturating_mul(blocks) / rows.frames.max(1) == block;
+            let block_of = |frame: usize| match left_out {
+                LeftOut::Blocks => frame.saturating_mul(blocks) / rows.frames.max(1),
+                LeftOut::Interleaved => frame % blocks,
+            };
+            let is_block = |frame: usize| blocks == 1 || block_of(frame) == block;
             // A star's number says nothing of the star; rows of no star follow their frame alone.
             let is_part = |point: Option<usize>, star: usize| match point {
                 Some(_) => (star.wrapping_mul(0x9e37_79b9) >> 7) % PARTS == part,
@@ -106,11 +122,16 @@ pub(in crate::diagnose) struct Turns {
 
 /// What the turns say of each of the effects found by all rows; those given are in every turn.
 pub(in crate::diagnose) fn held_out(rows: &Rows, all: &RowFit, (found, given): (&[usize], &[usize]), threshold: f64) -> Turns {
-    let turns = turns(rows);
+    held_out_of(rows, all, (found, given), (threshold, LeftOut::Blocks))
+}
+
+fn held_out_of(rows: &Rows, all: &RowFit, (found, given): (&[usize], &[usize]), (threshold, left_out): (f64, LeftOut)) -> Turns {
+    let turns = turns(rows, left_out);
     // What leaves the same trace is seen beside what is given alone: of an effect that is fitted nothing is left.
     let beside = RowFit::under(rows, &all.take, &columns_of(rows, given), all);
     let of_turn = |[train, held]: &[Vec<bool>; 2]| -> (Vec<Option<HeldOut>>, Vec<[f64; 2]>) {
         let (chosen, fit) = select(rows, train, given, threshold);
+        let (chosen, fit) = as_in_all_rows(rows, &beside, (chosen, given.len()), fit, found);
         let on_held = RowFit::under(rows, held, &[], &fit);
         let of_chosen: Vec<&Vec<f64>> = columns_of(rows, &chosen);
         let everything: Vec<f64> = (0..of_chosen.len()).map(|k| fit.size[k]).collect();
@@ -147,6 +168,24 @@ pub(in crate::diagnose) fn held_out(rows: &Rows, all: &RowFit, (found, given): (
     Turns { effects, left }
 }
 
+/// A trend of the frames' widths was chosen at odds at which the few frames of a turn do not choose it, and the name that its scatter has otherwise is
+/// held against nothing that was left out: it is sized by two thirds of the frames, and scored on those between. Widths that scatter by chance are not foretold
+/// so. What was chosen again is told as it was.
+pub(in crate::diagnose) fn sized_alone(
+    rows: &Rows,
+    all: &RowFit,
+    (found, given): (&[usize], &[usize]),
+    (own, threshold): (usize, f64),
+    turns: &mut Turns,
+) {
+    let Some(k) = found.iter().position(|question| *question == own).filter(|k| turns.effects[*k].fails().is_some()) else { return };
+    let with: Vec<usize> = given.iter().copied().chain([own]).collect();
+    let sized = held_out_of(rows, all, (found, &with), (threshold, LeftOut::Interleaved));
+    let chosen = turns.effects[k].chosen;
+    turns.effects[k] = HeldOut { chosen, is_sized_alone: true, ..sized.effects[k].clone() };
+    turns.left = sized.left;
+}
+
 /// χ² and degrees of freedom of the kinds of a channel.
 pub(super) fn of_channel(rows: &Rows, by_kind: &[[f64; 2]], channel: Channel) -> [f64; 2] {
     let own = rows.kinds.iter().zip(by_kind).filter(|(kind, _)| kind.channel == channel);
@@ -164,7 +203,7 @@ fn add_all(sums: &mut [[f64; 2]], own: &[[f64; 2]]) {
 fn gain(rows: &Rows, (held, fit): (&[bool], &RowFit), before: &RowFit, (columns, sizes): (&[&Vec<f64>], &[f64])) -> HeldOut {
     let after = RowFit::under(&less(rows, columns, sizes), held, &[], fit);
     let (by_kind, square) = before.fall_to(rows, &after);
-    HeldOut { delta_chi2: by_kind.iter().sum(), square, by_kind, left: Vec::new(), chosen: [1, 1] }
+    HeldOut { delta_chi2: by_kind.iter().sum(), square, by_kind, chosen: [1, 1], ..HeldOut::default() }
 }
 
 /// The rows with columns of given sizes taken off.
