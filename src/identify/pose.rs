@@ -119,3 +119,23 @@ pub(super) fn turned(rotation: &Matrix3<f64>, v: &Vector3<f64>) -> Vector3<f64> 
 
 /// A matched pair: index into the points, index into the catalogue.
 pub(super) type Pair = (usize, u32);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The factor solves its equation, up to the fold at κ·r² = 1/3, and there is none beyond.
+    #[test]
+    fn a_stretch_undoes_the_distortion() {
+        for k in -3000..=148 {
+            let c = f64::from(k) / 1000.0;
+            // At the fold q = 1/√(3c), and 2/3 of it is left: c = 4/27 = 0.148.
+            let Some(q) = stretch(c) else {
+                assert!(c > 0.14, "c = {c} has a solution");
+                continue;
+            };
+            assert!((q - c * q.powi(3) - 1.0).abs() < 1e-14 * q.max(1.0), "c = {c}: q = {q}");
+        }
+        assert_eq!(stretch(0.2), None);
+    }
+}
