@@ -148,7 +148,11 @@ impl Cells {
 
     /// Which places are held: ones and zeros.
     #[inline(always)]
-    #[allow(clippy::inline_always, reason = "inlined into what is compiled for several processors")]
+    #[allow(
+        clippy::inline_always,
+        clippy::manual_clamp,
+        reason = "inlined into what is compiled for several processors; what is no number is the first cell"
+    )]
     fn hold<const N: usize>(&self, x: &[f32; N], y: &[f32; N]) -> [u32; N] {
         const LAST: f32 = (Cells::SIDE - 1) as f32;
         let (mut columns, mut rows) = ([0; N], [0; N]);
