@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use super::forward_selection::select;
 use super::rows::{KNOWN_BEFOREHAND, Question, Row, Rows};
-use super::selection::select;
 use crate::diagnose::channels::Channel;
 
 /// Effects whose columns in the size of images are taken for the cause of a loss of light too, from this surprise on.

@@ -10,6 +10,7 @@ mod copies_tests;
 mod counted;
 mod ends_and_rays;
 mod expected_stars;
+mod forward_selection;
 mod frame_widths;
 mod halo;
 mod jitter;

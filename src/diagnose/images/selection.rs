@@ -1,4 +1,4 @@
-//! Which effects the rows ask for: each by the score of its columns, the largest first, until none is beyond chance.
+//! Scores: how surprising what each question's columns explain of the rows is, and how alike two questions are.
 
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
@@ -6,7 +6,6 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 use statrs::function::beta::beta_reg;
 
-use super::narrowing::{exchanged, narrowed};
 use super::row_fit::{Projected, RowFit};
 use super::rows::{Question, Rows};
 use crate::effects::detector::brighter_fatter::BrighterFatter;
@@ -15,14 +14,10 @@ use crate::parallel;
 use crate::statistics::order::descending;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
-/// Effects at most: a real camera has ten, and a sky and a detector add theirs.
-const MAX_EFFECTS: usize = 20;
+/// Of two names one is about as good: odds of 100 : 1.
+pub(super) const AS_GOOD: f64 = 4.6;
 /// A column of which what is fitted leaves a smaller share is no question.
 const MIN_SHARE: f64 = 0.02;
-/// Columns more alike than this are one class; the more usual name is taken,
-const SAME: f64 = 0.98;
-/// if it is about as good: odds of 100 : 1.
-pub(super) const AS_GOOD: f64 = 4.6;
 /// So many means tell their scatter.
 const MANY_GROUPS: usize = 60;
 /// Of the scatter of few means so much is left at least: what an effect takes of it is known no better.
@@ -116,44 +111,6 @@ pub(in crate::diagnose) fn columns<'a>(rows: &'a Rows, accepted: &[usize]) -> Ve
 /// A fit with questions accepted.
 pub(in crate::diagnose) fn fitted(rows: &Rows, allowed: &[bool], accepted: &[usize], begin: Option<&RowFit>) -> RowFit {
     RowFit::new(rows, allowed, &columns(rows, accepted), begin)
-}
-
-/// Effects enter beside those given while one is beyond `threshold`; whoever is not beyond it beside the others leaves. Of an effect of which a part says as
-/// much as the whole the part stays.
-pub(in crate::diagnose) fn select(rows: &Rows, allowed: &[bool], given: &[usize], threshold: f64) -> (Vec<usize>, RowFit) {
-    let mut accepted: Vec<usize> = given.to_vec();
-    let mut fit = fitted(rows, allowed, &accepted, None);
-    for _ in 0..MAX_EFFECTS {
-        let mut found = answers(rows, &fit, &accepted);
-        found.retain(|answer| answer.surprise > threshold);
-        let Some(chosen) = choose(rows, &fit, &found) else { break };
-        accepted.push(chosen);
-        fit = fitted(rows, allowed, &accepted, None);
-        let mut k = given.len();
-        while accepted.len() > 1 && k + 1 < accepted.len() {
-            let mut rest = accepted.clone();
-            let tried = rest.remove(k);
-            let without = fitted(rows, allowed, &rest, None);
-            if answer(rows, &without, tried).is_none_or(|answer| answer.surprise < threshold) {
-                (accepted, fit) = (rest, without);
-            } else {
-                k += 1;
-            }
-        }
-    }
-    let (accepted, fit) = narrowed(rows, allowed, (accepted, given.len()), fit);
-    exchanged(rows, allowed, (accepted, given.len()), fit, threshold)
-}
-
-/// The most surprising; of its class that are about as good the more usual one.
-fn choose(rows: &Rows, fit: &RowFit, found: &[Answer]) -> Option<usize> {
-    let best = found.iter().max_by(|a, b| a.surprise.total_cmp(&b.surprise).then(a.statistic.total_cmp(&b.statistic)))?;
-    // Where both are beyond all numbers (a difference that is none) the statistics decide alone.
-    let near = |other: &&Answer| {
-        other.question == best.question
-            || (best.surprise - other.surprise < AS_GOOD && cosine(rows, fit, best.question, other.question) > SAME)
-    };
-    found.iter().filter(near).min_by_key(|answer| rows.questions[answer.question].rank).map(|answer| answer.question)
 }
 
 /// How alike what two questions add to ψ is: the cosine of the smallest angle between them.

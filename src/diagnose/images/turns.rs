@@ -1,10 +1,11 @@
 //! Proof on what took no part: effects are chosen and sized without a third of the frames and a third of the stars, and scored on those stars in
 //! those frames.
 
+use super::forward_selection::select;
 use super::narrowing::as_in_all_rows;
 use super::row_fit::RowFit;
 use super::rows::{KNOWN_BEFOREHAND, Row, Rows};
-use super::selection::{columns as columns_of, cosine, select};
+use super::selection::{columns as columns_of, cosine};
 use crate::diagnose::channels::Channel;
 use crate::parallel;
 
