@@ -171,7 +171,7 @@ fn held_out_of(rows: &Rows, all: &RowFit, (found, given): (&[usize], &[usize]), 
 
 /// A trend of the frames' widths was chosen at odds at which the few frames of a turn do not choose it, and the name that its scatter has otherwise is
 /// held against nothing that was left out: it is sized by two thirds of the frames, and scored on those between. Widths that scatter by chance are not foretold
-/// so. What was chosen again is told as it was.
+/// so. What was chosen again, and what the turns leave in each channel, is told as it was.
 pub(in crate::diagnose) fn sized_alone(
     rows: &Rows,
     all: &RowFit,
@@ -184,7 +184,6 @@ pub(in crate::diagnose) fn sized_alone(
     let sized = held_out_of(rows, all, (found, &with), (threshold, LeftOut::Interleaved));
     let chosen = turns.effects[k].chosen;
     turns.effects[k] = HeldOut { chosen, is_sized_alone: true, ..sized.effects[k].clone() };
-    turns.left = sized.left;
 }
 
 /// χ² and degrees of freedom of the kinds of a channel.
