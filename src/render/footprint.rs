@@ -5,7 +5,7 @@
 //! first two elements on the diagonal of F⁻¹ (Cramér and Rao). Background and shape of the image are taken as known. Derivatives along columns and rows are
 //! differences between the light in its place and a little beside it, by the code that renders.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 
 use super::light::{Spreader, StarLight};
 use super::truth::Seen;
@@ -68,15 +68,24 @@ impl Footprint {
 
 /// See the head of this file; `beside`: electrons of the light a step to the right and a step down, in the pixels of `seen`.
 fn bound_px(seen: &Seen, beside: &[Vec<f64>; 2]) -> [f64; 2] {
-    let mut information = Matrix3::zeros();
-    for (place, (electrons, background_e)) in seen.light.electrons.iter().zip(&seen.light.background_e).enumerate() {
+    // The upper triangle, row by row.
+    let mut sums = [0.0; 6];
+    let both = beside[0].iter().zip(&beside[1]);
+    for ((electrons, background_e), (right, down)) in seen.light.electrons.iter().zip(&seen.light.background_e).zip(both) {
+        // Much of the rectangle about a trail holds nothing of it.
+        if *electrons == 0.0 && *right == 0.0 && *down == 0.0 {
+            continue;
+        }
         let variance = electrons + background_e + seen.read_variance;
         if variance > 0.0 {
-            let along = |axis: usize| (beside[axis][place] - electrons) / STEP_PX;
-            let gradient = Vector3::new(along(0), along(1), *electrons);
-            information += gradient * gradient.transpose() / variance;
+            let (x, y, flux) = ((right - electrons) / STEP_PX, (down - electrons) / STEP_PX, *electrons);
+            for (sum, product) in sums.iter_mut().zip([x * x, x * y, x * flux, y * y, y * flux, flux * flux]) {
+                *sum += product / variance;
+            }
         }
     }
+    let [xx, xy, xf, yy, yf, ff] = sums;
+    let information = Matrix3::new(xx, xy, xf, xy, yy, yf, xf, yf, ff);
     let covariance = information.try_inverse();
     let bound = |axis: usize| covariance.map_or(f64::INFINITY, |covariance| covariance[(axis, axis)].max(0.0).sqrt());
     [0, 1].map(bound).map(|bound| if bound.is_finite() { bound } else { f64::INFINITY })

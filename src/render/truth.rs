@@ -187,14 +187,18 @@ impl Seen {
                 (joined.left, joined.top, joined.width, joined.sums(&own))
             }
         };
-        let of_pixel = |place: usize| {
-            let [x, y] = self.pixel(place);
-            let there = x.checked_sub(left).filter(|column| *column < width).zip(y.checked_sub(top));
-            let sent = there.and_then(|(column, row)| sent_e.get(row * width + column)).copied().unwrap_or(0.0);
-            // The share that is seen is that of the pixel, or where it is not known, all.
-            if self.sent_e[place] > 0.0 { sent * self.light.electrons[place] / self.sent_e[place] } else { sent }
-        };
-        (0..self.sent_e.len()).map(of_pixel).collect()
+        let own_width = self.width_px.max(1);
+        let (sent_rows, seen_rows) = (self.sent_e.chunks_exact(own_width), self.light.electrons.chunks_exact(own_width));
+        let mut all = Vec::with_capacity(self.sent_e.len());
+        for (y, (own_sent, own_seen)) in (self.top_px..).zip(sent_rows.zip(seen_rows)) {
+            let row = y.checked_sub(top).and_then(|row| sent_e.get(row * width..(row + 1) * width)).unwrap_or_default();
+            for (x, (own_sent, own_seen)) in (self.left_px..).zip(own_sent.iter().zip(own_seen)) {
+                let sent = x.checked_sub(left).and_then(|column| row.get(column)).copied().unwrap_or(0.0);
+                // The share that is seen is that of the pixel, or where it is not known, all.
+                all.push(if *own_sent > 0.0 { sent * own_seen / own_sent } else { sent });
+            }
+        }
+        all
     }
 
     /// All of it together, of a light that holds so many electrons on the frame and beside it.

@@ -38,10 +38,9 @@ use bytemuck::{Pod, Zeroable};
 
 use super::dark_current::freed_e;
 use crate::effects::ParameterSpec;
-use crate::effects::pixel::first_words::FirstWords;
-use crate::effects::pixel::lanes::{BLOCK_PX, vectorised};
+use crate::effects::pixel::first_words::where_first_word_is;
 use crate::effects::pixel::math::{poly_ln, unit_interval};
-use crate::effects::pixel::pattern::{fixed_words, word_limit};
+use crate::effects::pixel::pattern::word_limit;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
 use crate::rng::StageKey;
 
@@ -59,44 +58,10 @@ pub struct HotPixelsUniforms {
     mean_e: f32,
 }
 
-vectorised! {
-    /// The first of the words that stay, of each of a run of pixels: it alone says whether a pixel has a defect, and few have one. Says whether any of
-    /// them has one.
-    fn first_words(uniforms: &HotPixelsUniforms, key: StageKey, first_pixel: u32, words: &mut [u32]) -> bool {
-        let (hot_below, dead_above) = (uniforms.hot_below, uniforms.dead_above);
-        for (i, word) in (0..).zip(&mut *words) {
-            *word = fixed_words(key, first_pixel.wrapping_add(i), 0)[0];
-        }
-        words.iter().fold(0, |any, word| any | u32::from(*word < hot_below) | u32::from(*word > dead_above)) != 0
-    }
-}
-
 /// The twin.
 fn hot_pixels(uniforms: &HotPixelsUniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
-    let mut first = [0; BLOCK_PX];
-    let kept = FirstWords::of(key);
-    for (block, pixels) in (0..).zip(pixels.chunks_mut(BLOCK_PX)) {
-        let first_pixel = first_pixel.wrapping_add(block * BLOCK_PX as u32);
-        if let Some([smallest, largest]) = kept.extremes(first_pixel, pixels.len())
-            && smallest >= uniforms.hot_below
-            && largest <= uniforms.dead_above
-        {
-            continue;
-        }
-        let first = &mut first[..pixels.len()];
-        if first_words(uniforms, key, first_pixel, first) {
-            defects(uniforms, key, first_pixel, first, pixels);
-        }
-        kept.keep(first_pixel, first);
-    }
-}
-
-/// The same for a block of pixels of which the first words are known.
-fn defects(uniforms: &HotPixelsUniforms, key: StageKey, first_pixel: u32, first: &[u32], pixels: &mut [f32]) {
-    let sound = uniforms.hot_below..=uniforms.dead_above;
-    for ((i, electrons), _) in (0..).zip(pixels).zip(first).filter(|(_, first)| !sound.contains(first)) {
-        let index = first_pixel.wrapping_add(i);
-        let words = fixed_words(key, index, 0);
+    let limits = [uniforms.hot_below, uniforms.dead_above];
+    where_first_word_is(limits, key, first_pixel, pixels, |index, words, electrons| {
         if words[0] < uniforms.hot_below {
             let is_off = words[2] < uniforms.blinks_below && key.words(index, 0)[0] & 1 == 1;
             *electrons += if is_off { 0.0 } else { -poly_ln(unit_interval(words[1])) * uniforms.mean_e };
@@ -104,7 +69,7 @@ fn defects(uniforms: &HotPixelsUniforms, key: StageKey, first_pixel: u32, first:
         if words[0] > uniforms.dead_above {
             *electrons = 0.0;
         }
-    }
+    });
 }
 
 impl PixelEffect for HotPixels {

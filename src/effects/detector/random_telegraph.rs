@@ -41,6 +41,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::dark_current::freed_e;
 use crate::effects::ParameterSpec;
+use crate::effects::pixel::first_words::where_first_word_is;
 use crate::effects::pixel::math::{poly_ln, unit_interval};
 use crate::effects::pixel::pattern::{exponential, fixed_words, word_limit};
 use crate::effects::pixel::{ExposureContext, PixelEffect, Role, Stage, uniform_fields};
@@ -106,16 +107,12 @@ fn is_high(key: StageKey, pixel: u32, events_per_frame: f32, high_share: f32) ->
 
 /// The twin.
 fn random_telegraph(uniforms: &RandomTelegraphUniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
-    for (i, electrons) in (0..).zip(pixels) {
-        let index = first_pixel.wrapping_add(i);
-        let words = fixed_words(key, index, 0);
-        if words[0] < uniforms.share_below {
-            let events_per_frame = uniforms.events_per_frame * exponential(uniforms.log_spread * (unit_interval(words[2]) - 0.5));
-            if is_high(key, index, events_per_frame, uniforms.high_share) {
-                *electrons += -poly_ln(unit_interval(words[1])) * uniforms.mean_e;
-            }
+    where_first_word_is([uniforms.share_below, u32::MAX], key, first_pixel, pixels, |index, words, electrons| {
+        let events_per_frame = uniforms.events_per_frame * exponential(uniforms.log_spread * (unit_interval(words[2]) - 0.5));
+        if is_high(key, index, events_per_frame, uniforms.high_share) {
+            *electrons += -poly_ln(unit_interval(words[1])) * uniforms.mean_e;
         }
-    }
+    });
 }
 
 impl PixelEffect for RandomTelegraph {

@@ -1,36 +1,53 @@
-//! The smallest and the largest of the first words that stay, for each block of pixels of the last cameras.
+//! The pixels of the last cameras whose first word that stays is extreme: those that may have a defect.
 //!
-//! Few pixels have a defect, and which have one is the same in every frame of a camera. Where neither of the two is beyond a limit, no pixel of the
-//! block has a defect, whatever the share of pixels with defects is in a frame; then the words need not be drawn again.
+//! Few pixels have a defect, and which have one is the same in every frame of a camera. Up to shares of [`EXTREME_SHARE`] they are among the pixels
+//! kept here, whatever the share is in a frame, and the words of the others need not be drawn again.
 
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use crate::effects::pixel::lanes::BLOCK_PX;
+use crate::effects::pixel::lanes::{BLOCK_PX, vectorised};
+use crate::effects::pixel::pattern::fixed_words;
 use crate::rng::StageKey;
 
 /// Pixels behind these blocks (16 Mpx) are looked at in every frame.
 const BLOCKS: usize = 1 << 16;
-/// Cameras of which the blocks are kept: 2 MB.
+/// Cameras of which the blocks are kept: 2 MB each, and 3 MB of a frame of 16 Mpx.
 const CAMERAS: usize = 4;
-/// No block has it: a smallest word above the largest.
-const UNKNOWN: u64 = u32::MAX as u64;
+/// The share of the pixels that are kept for small words, and once more for large ones.
+#[cfg(test)]
+const EXTREME_SHARE: f64 = 1.0 / 256.0;
+/// Words below the one or above the other are extreme.
+const SMALL: u32 = 1 << 24;
+const LARGE: u32 = u32::MAX - SMALL;
 
 static KEPT: Mutex<Vec<(u64, u32, FirstWords)>> = Mutex::new(Vec::new());
 
-/// Those of a camera and a stage.
+/// The extreme pixels of a block, in order, by their numbers in it: they fit, as a block has no more than 256.
+type Extreme = Box<[u8]>;
+
+/// The extreme pixels of a camera and a stage.
 #[derive(Clone, Debug)]
-pub(crate) struct FirstWords(Arc<[AtomicU64]>);
+struct FirstWords(Arc<[OnceLock<Extreme>]>);
+
+vectorised! {
+    /// The first of the words that stay, of each of a run of pixels: it alone says whether a pixel has a defect. Says whether any of them is below the
+    /// one limit or above the other.
+    fn first_words(key: StageKey, first_pixel: u32, [below, above]: [u32; 2], words: &mut [u32]) -> bool {
+        for (i, word) in (0..).zip(&mut *words) {
+            *word = fixed_words(key, first_pixel.wrapping_add(i), 0)[0];
+        }
+        words.iter().fold(0, |any, word| any | u32::from(*word < below) | u32::from(*word > above)) != 0
+    }
+}
 
 impl FirstWords {
     /// Those of the seed and the stage of a key: its frame does not count.
-    #[must_use]
-    pub(crate) fn of(key: StageKey) -> Self {
+    fn of(key: StageKey) -> Self {
         let mut kept = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, _, found)) = kept.iter().find(|(seed, stage, _)| (*seed, *stage) == (key.seed, key.stage)) {
             return found.clone();
         }
-        let new = Self((0..BLOCKS).map(|_| AtomicU64::new(UNKNOWN)).collect());
+        let new = Self((0..BLOCKS).map(|_| OnceLock::new()).collect());
         if kept.len() == CAMERAS {
             kept.remove(0);
         }
@@ -38,24 +55,52 @@ impl FirstWords {
         new
     }
 
-    /// The smallest and the largest word of the pixels from `first_pixel` on, if they are a whole block of which both are known.
-    #[must_use]
-    pub(crate) fn extremes(&self, first_pixel: u32, count: usize) -> Option<[u32; 2]> {
-        let known = self.block(first_pixel, count)?.load(Ordering::Relaxed);
-        (known != UNKNOWN).then_some([known as u32, (known >> 32) as u32])
+    /// The extreme pixels of a block, by its number.
+    fn extreme(&self, key: StageKey, block: usize) -> Option<&[u8]> {
+        Some(self.0.get(block)?.get_or_init(|| {
+            let mut words = [0; BLOCK_PX];
+            let _ = first_words(key, (block * BLOCK_PX) as u32, [SMALL, LARGE], &mut words);
+            (0..=u8::MAX).zip(words).filter(|(_, word)| *word < SMALL || *word > LARGE).map(|(i, _)| i).collect()
+        }))
     }
+}
 
-    /// Keeps both for the next frame, if the words are those of a whole block.
-    pub(crate) fn keep(&self, first_pixel: u32, words: &[u32]) {
-        if let (Some(block), Some(smallest), Some(largest)) = (self.block(first_pixel, words.len()), words.iter().min(), words.iter().max())
-        {
-            block.store(u64::from(*largest) << 32 | u64::from(*smallest), Ordering::Relaxed);
+/// Hands every pixel whose first word that stays is below the one limit or above the other to `change`, with its index in the frame and its words.
+pub(crate) fn where_first_word_is(
+    [below, above]: [u32; 2],
+    key: StageKey,
+    first_pixel: u32,
+    pixels: &mut [f32],
+    mut change: impl FnMut(u32, [u32; 4], &mut f32),
+) {
+    let kept = (below <= SMALL && above >= LARGE).then(|| FirstWords::of(key));
+    let mut drawn = [0; BLOCK_PX];
+    let mut ask = |index: u32, pixel: &mut f32| {
+        let words = fixed_words(key, index, 0);
+        if words[0] < below || words[0] > above {
+            change(index, words, pixel);
         }
-    }
-
-    fn block(&self, first_pixel: u32, count: usize) -> Option<&AtomicU64> {
-        let place = first_pixel as usize;
-        if count == BLOCK_PX && place.is_multiple_of(BLOCK_PX) { self.0.get(place / BLOCK_PX) } else { None }
+    };
+    let (mut rest, mut first) = (pixels, first_pixel);
+    while !rest.is_empty() {
+        // What the run has of a block.
+        let (block, before) = (first as usize / BLOCK_PX, first as usize % BLOCK_PX);
+        let (part, later) = rest.split_at_mut(rest.len().min(BLOCK_PX - before));
+        if let Some(extreme) = kept.as_ref().and_then(|kept| kept.extreme(key, block)) {
+            let end = before + part.len();
+            for i in extreme.iter().map(|i| usize::from(*i)).filter(|i| (before..end).contains(i)) {
+                ask(first + (i - before) as u32, &mut part[i - before]);
+            }
+        } else {
+            let drawn = &mut drawn[..part.len()];
+            if first_words(key, first, [below, above], drawn) {
+                for ((i, pixel), _) in (0..).zip(&mut *part).zip(drawn).filter(|(_, word)| **word < below || **word > above) {
+                    ask(first + i, pixel);
+                }
+            }
+        }
+        first = first.wrapping_add(part.len() as u32);
+        rest = later;
     }
 }
 
@@ -63,25 +108,54 @@ impl FirstWords {
 mod tests {
     use super::*;
 
-    const KEY: StageKey = StageKey { seed: 0x0f12_57a0_0d5e_ed01, frame: 3, stage: 7 };
+    /// Which pixels are handed over, of a run.
+    fn handed(limits: [u32; 2], key: StageKey, first_pixel: u32, count: usize) -> Vec<u32> {
+        let mut found = Vec::new();
+        let mut pixels = vec![0.0; count];
+        where_first_word_is(limits, key, first_pixel, &mut pixels, |index, words, pixel| {
+            assert_eq!(words, fixed_words(key, index, 0));
+            *pixel = 1.0;
+            found.push(index);
+        });
+        let marked = (0..).zip(&pixels).filter(|(_, pixel)| **pixel == 1.0).map(|(i, _)| first_pixel.wrapping_add(i)).collect::<Vec<_>>();
+        assert_eq!(marked, found);
+        found
+    }
 
+    /// Pixel by pixel, from whole blocks and from parts of them, below the shares that are kept and above, in the first frame and behind others.
     #[test]
-    fn a_whole_block_is_known_in_the_next_frame_of_its_camera_alone() {
-        let words: Vec<u32> = (10..10 + BLOCK_PX as u32).collect();
-        let first = BLOCK_PX as u32 * 5;
-        FirstWords::of(KEY).keep(first, &words);
-        assert_eq!(FirstWords::of(StageKey { frame: 4, ..KEY }).extremes(first, BLOCK_PX), Some([10, 9 + BLOCK_PX as u32]));
-        assert_eq!(FirstWords::of(StageKey { stage: 8, ..KEY }).extremes(first, BLOCK_PX), None);
-        assert_eq!(FirstWords::of(StageKey { seed: 1, ..KEY }).extremes(first, BLOCK_PX), None);
-        assert_eq!(FirstWords::of(KEY).extremes(first + BLOCK_PX as u32, BLOCK_PX), None);
+    fn the_pixels_are_those_of_their_words() {
+        let share = |share: f64| (share * f64::from(u32::MAX)) as u32;
+        for seed in [0x0f12_57a0_0d5e_ed01, 2, 3, 4, 5, 6] {
+            for (frame, (small, large)) in (0..).zip([(1e-3, 1e-4), (EXTREME_SHARE, EXTREME_SHARE), (0.02, 0.0), (0.0, 1e-3), (1e-3, 1e-4)])
+            {
+                let (key, limits) = (StageKey { seed, frame, stage: 7 }, [share(small), u32::MAX - share(large)]);
+                for (first, count) in [(0, 40_000), (BLOCK_PX as u32 * 3, BLOCK_PX), (777, 5000), (u32::MAX - 700, 2000)] {
+                    let is_one = |index: &u32| {
+                        let word = fixed_words(key, *index, 0)[0];
+                        word < limits[0] || word > limits[1]
+                    };
+                    let expected: Vec<u32> = (0..count as u32).map(|i| first.wrapping_add(i)).filter(is_one).collect();
+                    assert_eq!(handed(limits, key, first, count), expected, "{small} {large} from {first}");
+                }
+            }
+        }
     }
 
     #[test]
-    fn parts_of_a_block_are_never_kept() {
-        let own = FirstWords::of(StageKey { stage: 9, ..KEY });
-        own.keep(0, &[1, 2, 3]);
-        own.keep(1, &vec![4; BLOCK_PX]);
-        own.keep(u32::MAX - BLOCK_PX as u32 + 1, &vec![4; BLOCK_PX]);
-        assert_eq!([own.extremes(0, 3), own.extremes(0, BLOCK_PX), own.extremes(1, BLOCK_PX)], [None; 3]);
+    fn cameras_and_stages_are_kept_apart_and_old_ones_given_up() {
+        let key = StageKey { seed: 77, frame: 1, stage: 9 };
+        let of = |key: StageKey| FirstWords::of(key).extreme(key, 0).map(<[u8]>::to_vec);
+        let first = of(key);
+        assert_eq!(of(StageKey { frame: 2, ..key }), first);
+        let all: Vec<_> = (0..64).map(|block| FirstWords::of(key).extreme(key, block).unwrap().len()).collect();
+        let (mean, expected) = (all.iter().sum::<usize>() as f64 / 64.0, 2.0 * EXTREME_SHARE * BLOCK_PX as f64);
+        assert!((mean - expected).abs() < 4.5 * (expected / 64.0).sqrt(), "{mean} of {expected}");
+        assert_eq!(FirstWords::of(key).extreme(key, BLOCKS), None);
+        for seed in 100..100 + 2 * CAMERAS as u64 {
+            let _ = of(StageKey { seed, ..key });
+        }
+        assert!(KEPT.lock().unwrap().len() <= CAMERAS);
+        assert_eq!(of(key), first);
     }
 }
