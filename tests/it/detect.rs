@@ -188,8 +188,8 @@ fn trial(sigma: f64, snr: f64, frames: usize, options: &DetectOptions, seed: u64
 fn centroids_reach_the_cramer_rao_bound_and_state_their_error() {
     let known =
         |sigma| DetectOptions { psf_sigma_px: Some(sigma), gain_e_per_dn: Some(SIXTEEN_BIT.gain_e_per_dn), ..DetectOptions::default() };
-    for (i, sigma) in [0.6, 1.0, 1.5, 2.0].into_iter().enumerate() {
-        for (k, snr) in [10.0, 30.0, 100.0, 1000.0].into_iter().enumerate() {
+    for (i, sigma) in [0.6, 1.0, 2.0].into_iter().enumerate() {
+        for (k, snr) in [10.0, 100.0, 1000.0].into_iter().enumerate() {
             for (name, options) in [("psf and gain known", known(sigma)), ("nothing known", DetectOptions::default())] {
                 let s = trial(sigma, snr, 8, &options, (10 * i + k) as u64);
                 let n = s.found as f64;
@@ -246,7 +246,7 @@ fn noise_alone_gives_as_many_stars_as_stated() {
         ("8 bit, coarse and clipped", Detector { gain_e_per_dn: 25.0, ..EIGHT_BIT }, 0.0, None),
         ("8 bit, few photons", Detector { read_noise_e: 0.1, gain_e_per_dn: 1.0, ..EIGHT_BIT }, 0.05, None),
     ] {
-        let (frames, asked) = (40, 1.0);
+        let (frames, asked) = (20, 1.0);
         let options = DetectOptions { psf_sigma_px: sigma, false_alarms_per_frame: asked, ..DetectOptions::default() };
         let mut rng = Pcg64::seed_from_u64(5);
         let sky = Sky::new(512, 400, background);

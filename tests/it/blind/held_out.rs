@@ -7,7 +7,7 @@ use boresight::diagnose::{DiagnoseOptions, diagnose};
 use rayon::prelude::*;
 
 const SEED: u64 = 20_261_122;
-const NULLS: u32 = 40;
+const NULLS: u32 = 24;
 
 /// Diagnosed so loosely that chance is proposed.
 fn answered(index: u32) -> Answer {
@@ -49,6 +49,6 @@ fn what_is_held_out_has_no_mean_above_zero_where_nothing_is_hidden() {
     let [all, by_parts, by_all] = [0, 1, 2].map(|k| &study.rows[k]);
     assert!(study.is_honest(), "{all:?}");
     assert!(all.mean < 0.0 && by_parts.mean < -2.0 * by_parts.error, "{all:?} {by_parts:?}");
-    assert!(by_all.count >= 5 && by_all.in_sample > 7.0, "{by_all:?}");
+    assert!(by_all.count >= 3 && by_all.in_sample > 7.0, "{by_all:?}");
     assert!(by_all.mean < 0.3 * by_all.in_sample, "a choice made with all errors in hand: {by_all:?}");
 }

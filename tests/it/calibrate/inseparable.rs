@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::effects::{SkyNight, camera, largest_pull, solving};
 
-const SEEDS: u64 = 20;
+const SEEDS: u64 = 12;
 
 /// What is solved beside f, x0, y0 and k1; effects in force, and at how many times their typical size.
 fn solve_many(effects: &[&str], times_typical: f64, with: &[&str]) -> Vec<(f64, Vec<String>)> {
