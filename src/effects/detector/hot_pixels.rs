@@ -38,7 +38,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::dark_current::freed_e;
 use crate::effects::ParameterSpec;
-use crate::effects::pixel::first_words::where_first_word_is;
+use crate::effects::pixel::defect_pixels::for_each_defect;
 use crate::effects::pixel::math::{poly_ln, unit_interval};
 use crate::effects::pixel::pattern::word_limit;
 use crate::effects::pixel::{ExposureContext, PixelEffect, Stage, uniform_fields};
@@ -61,7 +61,7 @@ pub struct HotPixelsUniforms {
 /// The twin.
 fn hot_pixels(uniforms: &HotPixelsUniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
     let limits = [uniforms.hot_below, uniforms.dead_above];
-    where_first_word_is(limits, key, first_pixel, pixels, |index, words, electrons| {
+    for_each_defect(limits, key, first_pixel, pixels, |index, words, electrons| {
         if words[0] < uniforms.hot_below {
             let is_off = words[2] < uniforms.blinks_below && key.words(index, 0)[0] & 1 == 1;
             *electrons += if is_off { 0.0 } else { -poly_ln(unit_interval(words[1])) * uniforms.mean_e };

@@ -41,7 +41,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::dark_current::freed_e;
 use crate::effects::ParameterSpec;
-use crate::effects::pixel::first_words::where_first_word_is;
+use crate::effects::pixel::defect_pixels::for_each_defect;
 use crate::effects::pixel::math::{poly_ln, unit_interval};
 use crate::effects::pixel::pattern::{exponential, fixed_words, word_limit};
 use crate::effects::pixel::{ExposureContext, PixelEffect, Role, Stage, uniform_fields};
@@ -107,7 +107,7 @@ fn is_high(key: StageKey, pixel: u32, events_per_frame: f32, high_share: f32) ->
 
 /// The twin.
 fn random_telegraph(uniforms: &RandomTelegraphUniforms, key: StageKey, first_pixel: u32, pixels: &mut [f32]) {
-    where_first_word_is([uniforms.share_below, u32::MAX], key, first_pixel, pixels, |index, words, electrons| {
+    for_each_defect([uniforms.share_below, u32::MAX], key, first_pixel, pixels, |index, words, electrons| {
         let events_per_frame = uniforms.events_per_frame * exponential(uniforms.log_spread * (unit_interval(words[2]) - 0.5));
         if is_high(key, index, events_per_frame, uniforms.high_share) {
             *electrons += -poly_ln(unit_interval(words[1])) * uniforms.mean_e;

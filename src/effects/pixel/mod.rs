@@ -7,7 +7,7 @@
 //! A pixel effect sees one pixel. What moves charge between pixels is a pass over the whole frame ([`pass`]), in its place in the same list:
 //! the effects before it and those after it are programs of their own.
 
-pub(crate) mod first_words;
+pub(crate) mod defect_pixels;
 mod found_stage;
 pub(crate) mod lanes;
 pub mod math;
