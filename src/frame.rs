@@ -22,6 +22,31 @@ impl Frame {
     pub fn at(&self, x: usize, y: usize) -> f32 {
         self.pixels_dn[y * self.width_px + x]
     }
+
+    /// Lowers the count at which pixels are full to the last step of the counts, where these come in steps of a power of two: of twelve bits in
+    /// the upper part of sixteen a full pixel has 65 520, and a converter that has lost its lowest three bits gives 4088.
+    pub fn lower_saturation_to_step(&mut self) {
+        const MAX_COUNT: f32 = 16_777_216.0;
+        let Some(first) = self.pixels_dn.first().map(|count| *count as u32) else { return };
+        let mut differing = 0;
+        for count in &self.pixels_dn {
+            if !(0.0..MAX_COUNT).contains(count) || count.fract() != 0.0 {
+                return;
+            }
+            differing |= *count as u32 ^ first;
+            if differing & 1 == 1 {
+                return;
+            }
+        }
+        if differing == 0 || !(0.0..MAX_COUNT).contains(&self.saturation_dn) {
+            return;
+        }
+        let step = 1 << differing.trailing_zeros();
+        let (rest, top) = (first % step, self.saturation_dn as u32);
+        if top >= rest {
+            self.saturation_dn = (top - (top - rest) % step) as f32;
+        }
+    }
 }
 
 /// A frame of which some pixels have no value: NaN or BLANK in a reduced image.
@@ -66,5 +91,31 @@ impl From<Frame> for MaskedFrame {
     /// A frame of which every pixel has a value.
     fn from(frame: Frame) -> Self {
         Self { frame, undefined: None }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pixel_is_full_at_the_last_step() {
+        let top = |counts: &[u16], saturation_dn: f32| {
+            let pixels_dn: Vec<f32> = counts.iter().map(|count| f32::from(*count)).collect();
+            let mut frame = Frame { width_px: counts.len(), height_px: 1, pixels_dn, saturation_dn };
+            frame.lower_saturation_to_step();
+            frame.saturation_dn
+        };
+        assert_eq!(top(&[0, 16, 160, 65_520], 65_535.0), 65_520.0);
+        assert_eq!(top(&[8, 16, 240, 4088], 4095.0), 4088.0);
+        // Steps that begin at three.
+        assert_eq!(top(&[3, 7, 15], 255.0), 255.0);
+        assert_eq!(top(&[3, 7, 15], 256.0), 255.0);
+        // Every count, one count alone, and counts that are none.
+        assert_eq!(top(&[1, 2, 3, 4], 4095.0), 4095.0);
+        assert_eq!(top(&[16; 4], 4095.0), 4095.0);
+        let mut frame = Frame { width_px: 2, height_px: 1, pixels_dn: vec![0.5, 16.0], saturation_dn: 4095.0 };
+        frame.lower_saturation_to_step();
+        assert_eq!(frame.saturation_dn, 4095.0);
     }
 }

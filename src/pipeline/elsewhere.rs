@@ -39,6 +39,7 @@ fn one(
     let mut widths: Vec<f64> = own.detections.stars.iter().filter(is_clean).map(|star| star.width_px).collect();
     let sigma_px = median_in_place(&mut widths)?;
     let MaskedFrame { mut frame, undefined: mut bad } = load(own.index)?;
+    frame.lower_saturation_to_step();
     if let Some(dark) = dark {
         dark.subtract(&mut frame).ok()?;
         match &mut bad {

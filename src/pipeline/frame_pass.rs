@@ -74,6 +74,7 @@ where
         };
         let undefined = masked.count_undefined();
         let MaskedFrame { mut frame, undefined: mut bad } = masked;
+        frame.lower_saturation_to_step();
         if let Some(counts) = self.counts {
             // As read: what a dark takes off is no code.
             let first = || (self.load)(self.recording, 0).ok()?.ok().map(|first| first.frame);
