@@ -9,6 +9,8 @@ use super::proposed::Proposed;
 use super::row_fit::RowFit;
 use super::rows::{Question, Rows};
 use super::selection::{columns, directions};
+use super::turns::of_channel;
+use crate::diagnose::causes::GAIN_NOISE;
 use crate::diagnose::channels::{Channel, ChannelMeasure};
 use crate::effects::optics::vignetting::Vignetting;
 use crate::effects::pixel::PixelEffect;
@@ -22,6 +24,10 @@ const SHOWN_BY_FIELDS: f64 = 6.9;
 const MAX_LEFT: f64 = 0.1;
 /// or no more than chance does, at this probability (as −ln).
 const LEFT_BY_CHANCE: f64 = 6.9;
+/// χ² of the noise per degree of freedom that a line against the level may leave,
+const MAX_NOISE: f64 = 1.4;
+/// of which so much is no more than errors that are stated too small.
+const ERRORS_OFF: f64 = 1.1;
 
 /// Size and standard error of a first column beside the others of its effect, of what a fit with all of them has left. `without`: the fit of the same
 /// noise without the effect.
@@ -111,9 +117,45 @@ pub(super) fn withhold_what_leaves_much(rows: &Rows, background: &Background, [n
     }
 }
 
+/// A wrong gain or read noise is a line of the noise against the level. Where frames that took no part keep much beside it, the noise is another's: of
+/// charge that is trapped, of a smoothing. `left`: by kind χ² of what took no part, and its degrees of freedom.
+pub(super) fn withhold_gain_beside_other_noise(rows: &Rows, left: &[[f64; 2]], proposed: &mut [Proposed]) {
+    let [chi2, dof] = of_channel(rows, left, Channel::Noise);
+    for own in proposed.iter_mut().filter(|own| rows.questions[own.question].id == GAIN_NOISE) {
+        own.against.extend(leaves_other_noise([chi2, dof], own.held_out.delta_chi2));
+    }
+}
+
+/// The same of the numbers: `explained`: by how much the line makes χ² less.
+fn leaves_other_noise([chi2, dof]: [f64; 2], explained: f64) -> Option<String> {
+    let left = chi2 - dof;
+    let is_much = chi2 > MAX_NOISE * dof && left > MAX_LEFT * (left + explained.max(0.0));
+    (is_much && neg_ln_chi2_sf(dof, chi2 / ERRORS_OFF) > LEFT_BY_CHANCE).then(|| {
+        format!(
+            "the noise of frames that took no part keeps χ² {:.1} per degree of freedom beside it: it is no line against the level",
+            chi2 / dof
+        )
+    })
+}
+
 /// The fit with the effects that stand alone, under the noise of all; nothing where all do.
 pub(super) fn standing(rows: &Rows, (given, accepted): (&[usize], &[usize]), fit: &RowFit, proposed: &[Proposed]) -> Option<RowFit> {
     let is_withheld = |question: &usize| proposed.iter().any(|own| own.question == *question && !own.against.is_empty());
     let kept: Vec<usize> = accepted.iter().copied().filter(|question| given.contains(question) || !is_withheld(question)).collect();
     (kept.len() < accepted.len()).then(|| RowFit::under(rows, &fit.take, &columns(rows, &kept), fit))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_of_the_noise_stands_only_where_it_leaves_little() {
+        // As frames without another effect have it, and with charge that is trapped.
+        assert_eq!(leaves_other_noise([1.15 * 570.0, 570.0], 90.0), None);
+        assert!(leaves_other_noise([3.0 * 402.0, 402.0], 300.0).is_some_and(|reason| reason.contains("χ² 3.0")));
+        // A gain that is wrong by far is one whatever small thing is beside it, and few numbers tell nothing.
+        assert_eq!(leaves_other_noise([2.0 * 402.0, 402.0], 9000.0), None);
+        assert_eq!(leaves_other_noise([9.0, 6.0], 10.0), None);
+    }
 }

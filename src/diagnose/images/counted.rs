@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use crate::diagnose::causes::COMPRESSION;
 use crate::diagnose::channels::{ByChannel, Channel, ChannelMeasure};
 use crate::diagnose::diagnosis::{ColumnSource, EffectState, EffectStatus, Finding, FoundParameter, Signs};
+use crate::effects::detector::crosstalk::Crosstalk;
 use crate::effects::ids;
+use crate::effects::pixel::pass::PassHead;
 use crate::pixel_statistics::PixelStatistics;
 use crate::statistics::significance::deviations;
 
@@ -36,6 +38,25 @@ pub(in crate::diagnose) struct Counted {
     alike: Vec<&'static str>,
     /// Why it has no name though it is beyond chance.
     against: Option<&'static str>,
+}
+
+/// What is found by counting, for what is fitted beside it.
+#[derive(Clone, Debug, Default)]
+pub(in crate::diagnose) struct FoundByCount {
+    pub(in crate::diagnose) ids: Vec<&'static str>,
+    /// The part of the counts of one amplifier that another adds to its own, with its standard error, where that is found.
+    pub(in crate::diagnose) coupling: Option<[f64; 2]>,
+}
+
+impl FoundByCount {
+    pub(in crate::diagnose) fn new(counted: &[Counted]) -> Self {
+        let coupling =
+            counted.iter().find(|own| own.found_id() == Some(<Crosstalk as PassHead>::ID)).and_then(|own| own.parameters.first());
+        Self {
+            ids: counted.iter().filter_map(Counted::found_id).collect(),
+            coupling: coupling.map(|(_, value, sigma, _)| [*value, *sigma]),
+        }
+    }
 }
 
 /// −ln of the probability of so many where few are expected (Poisson).

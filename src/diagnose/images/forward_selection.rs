@@ -37,13 +37,16 @@ pub(in crate::diagnose) fn select(rows: &Rows, allowed: &[bool], given: &[usize]
     exchanged(rows, allowed, (accepted, given.len()), fit, threshold)
 }
 
-/// The most surprising; of its class that are about as good the more usual one.
+/// The most surprising; of its class that are about as good the more usual one, if it asks for no more parameters: a curved focal surface with
+/// astigmatism can be sized to look like any coma, which has one size.
 fn choose(rows: &Rows, fit: &RowFit, found: &[Answer]) -> Option<usize> {
     let best = found.iter().max_by(|a, b| a.surprise.total_cmp(&b.surprise).then(a.statistic.total_cmp(&b.statistic)))?;
     // Where both are beyond all numbers (a difference that is none) the statistics decide alone.
     let near = |other: &&Answer| {
         other.question == best.question
-            || (best.surprise - other.surprise < AS_GOOD && cosine(rows, fit, best.question, other.question) > SAME)
+            || (best.surprise - other.surprise < AS_GOOD
+                && other.rank <= best.rank
+                && cosine(rows, fit, best.question, other.question) > SAME)
     };
     found.iter().filter(near).min_by_key(|answer| rows.questions[answer.question].rank).map(|answer| answer.question)
 }

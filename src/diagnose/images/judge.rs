@@ -139,6 +139,7 @@ pub(in crate::diagnose) fn judge(
     if let Some(own) = looked_at {
         confirmed::withhold_what_leaves_much(&rows, own, [&nothing, &fit], &mut proposed);
     }
+    confirmed::withhold_gain_beside_other_noise(&rows, &held_out, &mut proposed);
     // What is withheld explains nothing.
     let left = confirmed::standing(&rows, (&given, &accepted), &fit, &proposed);
     let after = left.as_ref().unwrap_or(&fit);

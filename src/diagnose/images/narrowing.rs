@@ -189,6 +189,19 @@ mod tests {
         assert!(right >= 4, "{names:?}");
     }
 
+    /// Without a tilt too, and with tails too small to be seen: the sizes of a curvature and an astigmatism that do the same are two.
+    #[test]
+    fn coma_alone_is_no_focal_surface() {
+        let added = |image: &ImageContext| {
+            let [u, v] = image.at;
+            let across = (u * u + v * v) / 6.0;
+            ([across + u * u / 3.0, u * v / 3.0, across + v * v / 3.0].map(|own| 0.12 * own), [0.0; 2])
+        };
+        let names: Vec<_> = (50..56).map(|seed| told(seed, added)).collect();
+        let right = names.iter().filter(|names| **names == ["coma"]).count();
+        assert!(right >= 5, "{names:?}");
+    }
+
     /// The same without tails, and with as much astigmatism as a lens likes: no coma.
     #[test]
     fn another_focal_surface_is_no_coma_beside_a_tilt() {

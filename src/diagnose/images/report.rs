@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::channel_reports::{NINETY_FIVE, channel_report, unknown};
 use super::copies::copies;
-use super::counted::{Counted, counted};
+use super::counted::{Counted, FoundByCount, counted};
 use super::ends_and_rays::{cosmic_rays, field_stop, streaks};
 use super::expected_stars::StarMeasurement;
 use super::halo::{self, halo};
@@ -99,9 +99,10 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
             .into_iter()
             .flat_map(|pixels| [cosmic_rays(pixels, is_compressed), field_stop(pixels), streaks(pixels, is_compressed)]),
     );
-    let mut by_count: Vec<&'static str> = counted.iter().filter_map(Counted::found_id).collect();
-    if let Some(overshoot) = images.pixels.and_then(|pixels| shared_noise(pixels, &images.detector, &by_count)) {
-        by_count.extend(overshoot.found_id());
+    counted.extend(images.pixels.map_or_else(Vec::new, |pixels| elsewhere(&pixels.elsewhere)));
+    let mut by_count = FoundByCount::new(&counted);
+    if let Some(overshoot) = images.pixels.and_then(|pixels| shared_noise(pixels, &images.detector, &by_count.ids)) {
+        by_count.ids.extend(overshoot.found_id());
         counted.push(overshoot);
     }
     if is_compressed {
@@ -117,7 +118,6 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     let numbers: Vec<usize> = places.keys().copied().collect();
     counted.extend(single_frames(&judged, images.pixels, (images.detector.bias_dn, images.looks_through_air), &numbers));
     counted.extend(jitter(&judged, images.looks_through_air).into_iter().chain([intrapixel_response()]));
-    counted.extend(images.pixels.map_or_else(Vec::new, |pixels| elsewhere(&pixels.elsewhere)));
     for (channel, state) in &judged.channels {
         // Rounded blocks explain what the noise shows, whatever it looks like, and what else changes the noise explains a gain that seems wrong.
         let is_explained = *channel == Channel::Noise && (is_compressed || is_gain_explained(diagnosis, &judged, &by_count));
@@ -218,7 +218,7 @@ fn in_the_equation(question: &Question, proposed: &Proposed) -> Vec<[f64; 2]> {
 }
 
 /// A finding, or the status of what is withheld.
-fn add_proposed(diagnosis: &mut Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &[&str]) {
+fn add_proposed(diagnosis: &mut Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &FoundByCount) {
     let question = &judged.rows.questions[proposed.question];
     // Parameters without a column stand last.
     let own = in_the_equation(question, proposed);

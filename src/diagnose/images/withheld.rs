@@ -1,6 +1,6 @@
 //! What is withheld beside other findings: they leave the same trace, and are the more usual cause.
 
-use super::counted::COMPRESSED;
+use super::counted::{COMPRESSED, FoundByCount};
 use super::judge::{Judged, Proposed};
 use crate::diagnose::causes::{COMPRESSION, GAIN_NOISE};
 use crate::diagnose::channels::{Channel, ChannelVerdict};
@@ -48,18 +48,20 @@ pub(super) fn withhold_shadows(diagnosis: &mut Diagnosis) {
 }
 
 /// Why a proposal is withheld: by itself, and since something else that is there does the same to the noise.
-pub(super) fn against(diagnosis: &Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &[&str]) -> Vec<String> {
+pub(super) fn against(diagnosis: &Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &FoundByCount) -> Vec<String> {
     proposed.against.iter().cloned().chain(beside_others(diagnosis, judged, proposed, by_count)).collect()
 }
 
 /// What else that is there explains a proposal.
-fn beside_others(diagnosis: &Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &[&str]) -> Option<String> {
+fn beside_others(diagnosis: &Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &FoundByCount) -> Option<String> {
     let id = |own: &Proposed| judged.rows.questions[own.question].id;
     let is_of_noise = proposed.channels.keys().all(|channel| *channel == Channel::Noise);
     let by_images = judged.proposed.iter().filter(|own| own.against.is_empty()).map(id);
     let by_places = diagnosis.findings.iter().map(|finding| finding.id.as_str());
-    let there: Vec<&str> = by_places.chain(by_images).chain(by_count.iter().copied()).collect();
-    done_by_others(id(proposed), is_of_noise, &there).or_else(|| by_two_gains(judged, proposed))
+    let there: Vec<&str> = by_places.chain(by_images).chain(by_count.ids.iter().copied()).collect();
+    done_by_others(id(proposed), is_of_noise, &there)
+        .or_else(|| by_two_gains(judged, proposed))
+        .or_else(|| by_coupling(judged, proposed, by_count))
 }
 
 /// Of halves with two gains the declared gain is that of neither, or of one: the noise of all pixels shows one that is off by up to the step.
@@ -76,6 +78,15 @@ fn by_two_gains(judged: &Judged, proposed: &Proposed) -> Option<String> {
     is_within_step(gain, beside, step).then(|| format!("{STEP} gives the two halves gains that differ by as much"))
 }
 
+/// What one amplifier adds of another's counts raises the level of the sky, and its noise by no more than the square of that share.
+fn by_coupling(judged: &Judged, proposed: &Proposed, by_count: &FoundByCount) -> Option<String> {
+    let coupling = by_count.coupling?;
+    let is_gain = judged.rows.questions[proposed.question].id == GAIN_NOISE;
+    let gain = proposed.sizes.first().copied().filter(|_| is_gain)?;
+    let beside = proposed.sizes.get(1).copied().unwrap_or([0.0, 1.0]);
+    is_within_step(gain, beside, coupling).then(|| "the crosstalk raises the level by as much, and not the noise".to_owned())
+}
+
 /// Whether the ratio of a gain (less one) is no farther off than a step of the gains, and nothing but a gain is (sizes with their errors). In a frame the half
 /// with more counts has the square of that more noise: over both the line of noise against level is steeper, and lies lower at no light. So a read noise that
 /// is less than declared cannot be told beside a step.
@@ -85,7 +96,7 @@ fn is_within_step(gain: [f64; 2], beside: [f64; 2], step: [f64; 2]) -> bool {
 }
 
 /// Whether a gain that nothing else speaks against seems wrong since something that is there changes the noise.
-pub(super) fn is_gain_explained(diagnosis: &Diagnosis, judged: &Judged, by_count: &[&str]) -> bool {
+pub(super) fn is_gain_explained(diagnosis: &Diagnosis, judged: &Judged, by_count: &FoundByCount) -> bool {
     let is_gain = |own: &&Proposed| judged.rows.questions[own.question].id == GAIN_NOISE && own.against.is_empty();
     judged.proposed.iter().find(is_gain).is_some_and(|own| beside_others(diagnosis, judged, own, by_count).is_some())
 }
@@ -108,6 +119,8 @@ mod tests {
         let step = [-0.0393, 0.0007];
         assert!(is_within_step([0.0287, 0.0037], [-1.1, 3.5], step));
         assert!(!is_within_step([0.08, 0.0037], [-1.1, 3.5], step));
+        // Crosstalk of 1.7 %.
+        assert!(is_within_step([0.0187, 0.0035], [-0.21, 0.64], [0.0166, 0.0007]));
         assert!(is_within_step([-0.0369, 0.0054], [-92.6, 15.4], [0.1184, 0.0016]));
         // A read noise that is more than declared is no matter of two gains.
         assert!(!is_within_step([0.0287, 0.0037], [30.0, 3.5], step));
