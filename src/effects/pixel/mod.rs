@@ -13,6 +13,7 @@ pub(crate) mod lanes;
 pub mod math;
 pub mod pass;
 pub mod pattern;
+pub(crate) mod poisson;
 mod spread;
 
 pub use found_stage::{DetectorScale, found_parameter, found_stage};
