@@ -149,8 +149,11 @@ fn charge_transfer_inefficiency(uniforms: &TrappedChargeUniforms, traps: f32, re
         return electrons;
     }
     let filling = electrons * uniforms.per_full_well;
-    let met = traps * power(filling, uniforms.cloud_exponent);
-    let certain = 1.0 - exponential(-uniforms.capture * power(filling, 1.0 - uniforms.cloud_exponent));
+    let (exponent, rest) = (uniforms.cloud_exponent, 1.0 - uniforms.cloud_exponent);
+    let volume = power(filling, exponent);
+    let met = traps * volume;
+    // The usual exponent is a half, and powers are most of the work.
+    let certain = 1.0 - exponential(-uniforms.capture * if rest == exponent { volume } else { power(filling, rest) });
     let at_least = if electrons > MIN_E { electrons } else { MIN_E };
     let taken = (met - *held) / (met / at_least + 1.0) * certain;
     let taken = if taken > 0.0 && electrons > MIN_E { taken } else { 0.0 };
