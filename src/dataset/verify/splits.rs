@@ -2,10 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::folder::DatasetFile;
-use super::leaks::nearest_rad;
-use super::recipe::ApartBy;
-use super::verify_result::SeenFrame;
+use super::result::SeenFrame;
+use crate::dataset::folder::DatasetFile;
+use crate::dataset::leaks::nearest_rad;
+use crate::dataset::recipe::ApartBy;
 
 /// What splits share and should not, a sentence for each fault; `seen` in the order of the frames.
 pub(super) fn split_faults(dataset: &DatasetFile, seen: &[SeenFrame]) -> Vec<String> {

@@ -1,9 +1,9 @@
 //! Masks and distances held against labels.
 
-use super::image_files::read_png8;
-use super::pixel_labels::{STAR, distances};
-use super::sample_labels::{STAR as STAR_KIND, SampleLabels};
-use super::samples::Sample;
+use crate::dataset::image_files::read_png8;
+use crate::dataset::pixel_labels::{STAR, distances};
+use crate::dataset::sample_labels::{STAR as STAR_KIND, SampleLabels};
+use crate::dataset::samples::Sample;
 
 /// Stars that stand out have at least this ratio of electrons to their standard error.
 const MIN_SNR: f64 = 20.0;

@@ -1,25 +1,33 @@
 //! Holds a dataset against what it says of itself: hashes, frames made again, labels against pixels, masks against labels, splits against each other.
 
+mod alone;
+mod labels;
+mod masks;
+pub(super) mod result;
+mod shard;
+mod splits;
+mod sums;
+
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use super::chance::AddressedChance;
-use super::error::DatasetError;
-use super::folder::{DatasetFile, RECIPE};
-use super::frame_key::{DatasetSplit, FrameKey, ShardKey};
-use super::plan::{CPU, DatasetPlan};
-use super::run::{DatasetProgress, on_threads};
-use super::table_columns::TableWriter;
-use super::verify_labels::LabelMeasure;
-use super::verify_masks::MaskMeasure;
-use super::verify_result::{Remake, SeenFrame, VERIFY_FORMAT, VerifyCheck, VerifyFault, VerifyResult};
-use super::verify_shard::ShardCheck;
-use super::verify_splits::split_faults;
-use super::verify_sums::sum_faults;
 use crate::catalog::Catalog;
+use crate::dataset::chance::AddressedChance;
+use crate::dataset::error::DatasetError;
+use crate::dataset::folder::{DatasetFile, RECIPE};
+use crate::dataset::frame_key::{DatasetSplit, FrameKey, ShardKey};
+use crate::dataset::plan::{CPU, DatasetPlan};
+use crate::dataset::run::{DatasetProgress, on_threads};
+use crate::dataset::table_columns::TableWriter;
 use crate::provenance::Provenance;
 use crate::render::PsfTables;
 use crate::statistics::order::sort_by_key;
+use labels::LabelMeasure;
+use masks::MaskMeasure;
+use result::{Remake, SeenFrame, VERIFY_FORMAT, VerifyCheck, VerifyFault, VerifyResult};
+use shard::ShardCheck;
+use splits::split_faults;
+use sums::sum_faults;
 
 /// How a dataset is looked at.
 #[derive(Clone, Debug, PartialEq, Eq)]

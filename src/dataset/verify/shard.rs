@@ -6,20 +6,20 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
-use super::folder::DatasetFile;
-use super::frame_key::{FrameKey, ShardKey};
-use super::frame_scene::tai_s;
-use super::image_files::read_image;
-use super::plan::hexadecimal;
-use super::recipe::SampleMember;
-use super::run::DatasetProgress;
-use super::sample_labels::SampleLabels;
-use super::samples::{Sample, samples_of};
-use super::shard::{ShardMark, ShardTables};
-use super::table_columns::TableWriter;
-use super::verify_labels::{LabelMeasure, good_stars, needs_images};
-use super::verify_masks::MaskMeasure;
-use super::verify_result::{Remake, SeenFrame, VerifyCheck, VerifyFault};
+use super::labels::{LabelMeasure, good_stars, needs_images};
+use super::masks::MaskMeasure;
+use super::result::{Remake, SeenFrame, VerifyCheck, VerifyFault};
+use crate::dataset::folder::DatasetFile;
+use crate::dataset::frame_key::{FrameKey, ShardKey};
+use crate::dataset::frame_scene::tai_s;
+use crate::dataset::image_files::read_image;
+use crate::dataset::plan::hexadecimal;
+use crate::dataset::recipe::SampleMember;
+use crate::dataset::run::DatasetProgress;
+use crate::dataset::sample_labels::SampleLabels;
+use crate::dataset::samples::{Sample, samples_of};
+use crate::dataset::shard::{ShardMark, ShardTables};
+use crate::dataset::table_columns::TableWriter;
 use crate::recording::low_byte_first;
 use crate::render::StarsAlone;
 

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
-use super::error::DatasetError;
-use super::folder::{DatasetFile, SUMS};
-use super::plan::hexadecimal;
+use crate::dataset::error::DatasetError;
+use crate::dataset::folder::{DatasetFile, SUMS};
+use crate::dataset::plan::hexadecimal;
 
 /// What is wrong with the list of sums, and with the small files in it.
 pub(super) fn sum_faults(folder: &Path, dataset: &DatasetFile) -> Result<Vec<String>, DatasetError> {

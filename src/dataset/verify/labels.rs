@@ -1,15 +1,15 @@
 //! Labels held against pixels: where the light of bright lone stars is, and where the labels say.
 //!
 //! The light of a star is the sum of the counts about its labelled place less the median around, and its place the centre of that light. Nothing of
-//! the renderer takes part, but where images have wings or are lopsided: `verify_alone.rs`. The median over many stars is held to a hundredth of a pixel,
+//! the renderer takes part, but where images have wings or are lopsided: `alone.rs`. The median over many stars is held to a hundredth of a pixel,
 //! where nothing pulls the light aside: stars of frames whose effects move charge between pixels are counted by themselves and held to a tenth. So axes that
 //! are exchanged or mirrored and an origin that is half a pixel off show, whatever wrote the labels. That holds for trails as well: a label is the centre of
 //! the light over the exposure.
 
 use std::collections::HashMap;
 
-use super::sample_labels::{STAR, SampleLabels};
-use super::verify_alone::{core_px, place_px};
+use super::alone::{core_px, place_px};
+use crate::dataset::sample_labels::{STAR, SampleLabels};
 use crate::effects::effect;
 use crate::effects::pixel::{Work, pixel_effect};
 use crate::render::{StarAlone, StarsAlone};

@@ -3,9 +3,9 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::frame_key::ShardKey;
-use super::plan::DatasetPlan;
 use crate::catalog::Catalog;
+use crate::dataset::frame_key::ShardKey;
+use crate::dataset::plan::DatasetPlan;
 use crate::provenance::Provenance;
 use crate::render::PsfTables;
 
