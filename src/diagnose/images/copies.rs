@@ -10,7 +10,7 @@
 //! ```
 //! R what T² is at the places beside where it is more than one: places that stay with the same stars from frame to frame count but once; m and s the
 //! location and scale of the sums there, ψ cut at [`CLIP`] (Huber, *Robust Statistics* (1981)). A name stands where odd and even frames show the same,
-//! and odd and even stars.
+//! and two halves of the stars that weigh as much as each other, as far as that can be.
 
 use super::counted::{Counted, MAX_SURPRISE};
 use crate::diagnose::causes::{GHOST, PERSISTENCE};
@@ -115,6 +115,24 @@ impl<'a> Sums<'a> {
         if square > 0.0 { sum / square.sqrt() } else { 0.0 }
     }
 
+    /// The half, 0 or 1, that each sum is in when stars are shared out: those of a frame from the brightest on, each to the half that weighs less. Most of
+    /// what is known of a copy is told by a few stars; odd and even ones would leave a half with little.
+    fn star_halves(&self) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.all.len()).collect();
+        order.sort_by_key(|index| (self.all[*index].0, self.all[*index].1.rank));
+        let (mut halves, mut weights, mut of) = (vec![0; self.all.len()], [0.0; 2], None);
+        for index in order {
+            let (place, sum) = self.all[index];
+            if of != Some(place) {
+                (of, weights) = (Some(place), [0.0; 2]);
+            }
+            let half = usize::from(weights[1] < weights[0]);
+            halves[index] = half;
+            weights[half] += light(sum).min(self.most).powi(2);
+        }
+        halves
+    }
+
     /// T at the places beside.
     fn chance(&self) -> impl Iterator<Item = f64> {
         (0..CONTROLS).map(|k| {
@@ -124,8 +142,8 @@ impl<'a> Sums<'a> {
     }
 
     /// T of a part of the sums, and the copy's share of the light with its standard error.
-    fn part(&self, is_taken: impl Fn(usize, &PartnerSum) -> bool, inflation: f64) -> Part {
-        let taken = || self.all.iter().filter(|(place, sum)| is_taken(*place, sum)).map(|(_, sum)| *sum);
+    fn part(&self, is_taken: impl Fn(usize) -> bool, inflation: f64) -> Part {
+        let taken = || self.all.iter().enumerate().filter(|(index, _)| is_taken(*index)).map(|(_, (_, sum))| *sum);
         let told = |sum: &PartnerSum| (light(sum), sum.sum_dn / sum.sigma_dn);
         let score = self.score(taken().map(told)) / inflation.sqrt();
         // Stars with full pixels show a copy, but not how large a share it is.
@@ -165,12 +183,11 @@ struct Shown {
 
 impl Shown {
     fn of(sums: &Sums<'_>, look: usize, inflation: f64, tests: usize) -> Self {
-        let whole = sums.part(|_, _| true, inflation);
-        let half =
-            |odd: usize, by_star: bool| sums.part(|place, sum: &PartnerSum| (if by_star { sum.rank } else { place }) % 2 == odd, inflation);
+        let whole = sums.part(|_| true, inflation);
+        let by_frame = sums.all.iter().map(|(place, _)| place % 2).collect();
         let is_shown = |part: &Part| part.score * whole.score.signum() > HALF_SHOWS;
-        let agrees = [false, true].into_iter().all(|by_star| {
-            let halves = [half(0, by_star), half(1, by_star)];
+        let agrees = [by_frame, sums.star_halves()].into_iter().all(|half_of: Vec<usize>| {
+            let halves = [0, 1].map(|half| sums.part(|index| half_of[index] == half, inflation));
             let ratio = halves[0].relative / halves[1].relative;
             halves.iter().all(is_shown) && ratio > HALF_SHARE && ratio < HALF_SHARE.recip()
         });

@@ -1,7 +1,7 @@
 //! Jitter: images that are wider in some frames than in others, with nothing that explains it.
 //!
-//! The camera shakes by another amount in each exposure, and adds its variance to that of every image. A camera that looks through air sees the same of
-//! seeing, so that it has this name in space alone. What goes with temperature, time or a declared rate is taken off before.
+//! The camera shakes by another amount in each exposure, and adds its variance to that of every image. On the ground seeing, haze and dew on the lens do
+//! the same, so that it has this name in space alone. What goes with temperature, time or a declared rate is taken off before.
 
 use super::counted::Counted;
 use super::frame_widths::{frame_means, scatter};
@@ -24,7 +24,11 @@ pub(super) fn jitter(judged: &Judged, looks_through_air: bool) -> Option<Counted
         "The images are wider in some frames than in others: their variance scatters by {added_px2:.3} px² from frame to frame, as a camera that shakes makes it."
     );
     let counted = Counted::of_stars(JITTER, Channel::Shape, vec![("sigma_px", sigma_px, error, "px")], surprise, "frame", sentence);
-    Some(if looks_through_air { counted.withheld("the air does the same: its seeing differs from frame to frame") } else { counted })
+    Some(if looks_through_air {
+        counted.withheld("on the ground seeing, haze and dew on the lens do the same: they differ from frame to frame")
+    } else {
+        counted
+    })
 }
 
 #[cfg(test)]
