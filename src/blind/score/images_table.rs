@@ -48,7 +48,7 @@ fn head(page: &mut String, score: &ImageScore, commit: &str) {
          from the equations of the literature; the whole program then works on them as `boresight diagnose` does. Strengths are multiples of what is just seen, \
          a signal-to-noise ratio of 5 by Fisher information (reckoned by *stamps*, *background* or *noise*; nuisances are each star's place, background and \
          width, the error of its magnitude in the catalogue, each frame's zero point, the mean width, the wings of the image), or *steps* of a physical unit where no such figure is simple. Shares of sizes that had to be cut, \
-         because more would be no camera's, stand as \"reached\".\n",
+         because more would be no camera's, stand as \"reached\". Jitter is hidden in space alone: on the ground seeing, haze and dew do the same.\n",
     );
 }
 

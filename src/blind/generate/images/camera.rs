@@ -112,7 +112,8 @@ pub struct ImageWorld {
 /// What a recording is to have.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Needs {
-    pub(super) ground: bool,
+    /// Air above the camera; `None`: by chance.
+    pub(super) ground: Option<bool>,
     pub(super) exposures: bool,
     pub(super) trap: Option<Trap>,
 }
@@ -128,7 +129,7 @@ fn setup(rng: &mut Pcg64Mcg, needs: Needs, catalog: &Catalog) -> Setup {
         let middle = 0.5 * (low + high);
         if (catalog.brighter_than(middle).len() as f64) < wanted { low = middle } else { high = middle }
     }
-    let ground = needs.ground || chance(rng, 0.5);
+    let ground = needs.ground.unwrap_or_else(|| chance(rng, 0.5));
     let frames = if needs.trap == Some(Trap::FewFrames) { 4 } else { 12 + pick(rng, 5) };
     Setup {
         name: if ground { "image-ground" } else { "image-space" },

@@ -290,9 +290,13 @@ impl PixelKind {
         }
     }
 
-    /// Whether air must be above the camera.
-    pub(super) fn needs_ground(self) -> bool {
-        self == Extinction
+    /// Whether air must be above the camera, or must not; `None`: either will do. Below air nothing tells jitter from seeing, haze and dew on the lens.
+    pub(super) fn needs_ground(self) -> Option<bool> {
+        match self {
+            Extinction => Some(true),
+            Jitter => Some(false),
+            _ => None,
+        }
     }
 
     /// Whether the exposures of the frames must differ.

@@ -104,7 +104,7 @@ pub(super) fn concealed_images(family: Family, index: u32, seed: u64, catalog: &
     let (planned, trap) = plan(family, index);
     let of = |part: u32| stream(seed, family.number(), index, part);
     let needs = Needs {
-        ground: planned.iter().any(|(kind, _)| kind.needs_ground()),
+        ground: planned.iter().find_map(|(kind, _)| kind.needs_ground()),
         exposures: planned.iter().any(|(kind, _)| kind.needs_exposures()),
         trap,
     };

@@ -412,7 +412,7 @@ mod tests {
     #[test]
     fn the_same_loss_of_all_stars_is_not_seen() {
         let mut rng = super::super::super::random::stream(4, 0, 0, 0);
-        let needs = Needs { ground: true, exposures: false, trap: Some(Trap::BlendedField) };
+        let needs = Needs { ground: Some(true), exposures: false, trap: Some(Trap::BlendedField) };
         let mut world = ImageWorld::draw(&mut rng, needs, Catalog::embedded());
         let extinction = HiddenImage { kind: PixelKind::Extinction, size: 0.1, numbers: Vec::new() };
         let differs = Noiseless::new(&world).snr(&extinction);
