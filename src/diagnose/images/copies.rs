@@ -75,6 +75,24 @@ fn light(sum: &PartnerSum) -> f64 {
     sum.flux_dn / sum.sigma_dn
 }
 
+/// The half, 0 or 1, of each star, given by its frame, rank and weight: those of a frame from the brightest on, each to the half that weighs less. Most of
+/// what is known of a copy is told by a few stars; odd and even ones would leave a half with little.
+fn halves(stars: &[(usize, usize, f64)]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..stars.len()).collect();
+    order.sort_by_key(|index| (stars[*index].0, stars[*index].1));
+    let (mut halves, mut weights, mut of) = (vec![0; stars.len()], [0.0; 2], None);
+    for index in order {
+        let (frame, _, weight) = stars[index];
+        if of != Some(frame) {
+            (of, weights) = (Some(frame), [0.0; 2]);
+        }
+        let half = usize::from(weights[1] < weights[0]);
+        halves[index] = half;
+        weights[half] += weight;
+    }
+    halves
+}
+
 impl<'a> Sums<'a> {
     fn of(frames: &'a [ElsewhereFrame], look: usize, equal_from: f64) -> Option<Self> {
         let of_look = |frame: &'a ElsewhereFrame| frame.sums.iter().filter(move |sum| sum.look == look);
@@ -113,24 +131,6 @@ impl<'a> Sums<'a> {
         };
         let (sum, square) = values.fold((0.0, 0.0), add);
         if square > 0.0 { sum / square.sqrt() } else { 0.0 }
-    }
-
-    /// The half, 0 or 1, that each sum is in when stars are shared out: those of a frame from the brightest on, each to the half that weighs less. Most of
-    /// what is known of a copy is told by a few stars; odd and even ones would leave a half with little.
-    fn star_halves(&self) -> Vec<usize> {
-        let mut order: Vec<usize> = (0..self.all.len()).collect();
-        order.sort_by_key(|index| (self.all[*index].0, self.all[*index].1.rank));
-        let (mut halves, mut weights, mut of) = (vec![0; self.all.len()], [0.0; 2], None);
-        for index in order {
-            let (place, sum) = self.all[index];
-            if of != Some(place) {
-                (of, weights) = (Some(place), [0.0; 2]);
-            }
-            let half = usize::from(weights[1] < weights[0]);
-            halves[index] = half;
-            weights[half] += light(sum).min(self.most).powi(2);
-        }
-        halves
     }
 
     /// T at the places beside.
@@ -186,7 +186,8 @@ impl Shown {
         let whole = sums.part(|_| true, inflation);
         let by_frame = sums.all.iter().map(|(place, _)| place % 2).collect();
         let is_shown = |part: &Part| part.score * whole.score.signum() > HALF_SHOWS;
-        let agrees = [by_frame, sums.star_halves()].into_iter().all(|half_of: Vec<usize>| {
+        let stars: Vec<_> = sums.all.iter().map(|(place, sum)| (*place, sum.rank, light(sum).min(sums.most).powi(2))).collect();
+        let agrees = [by_frame, halves(&stars)].into_iter().all(|half_of: Vec<usize>| {
             let halves = [0, 1].map(|half| sums.part(|index| half_of[index] == half, inflation));
             let ratio = halves[0].relative / halves[1].relative;
             halves.iter().all(is_shown) && ratio > HALF_SHARE && ratio < HALF_SHARE.recip()
@@ -294,4 +295,27 @@ fn counted(id: &'static str, shown: Option<Shown>, sign: Option<f64>) -> Counted
     let surprise = if is_right_sign { shown.surprise } else { 0.0 };
     let own = Counted::of_stars(id, Channel::Background, vec![("relative", relative, sigma, "")], surprise, "flux", sentence);
     if shown.agrees { own } else { own.withheld("halves of the frames or of the stars do not show the same") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::halves;
+
+    /// Weights as those of a sky of stars, (rank + 1)⁻²: the lesser half has 0.38 of them, and odd ranks would have 0.25.
+    #[test]
+    fn halves_of_the_stars_weigh_as_much_as_they_can() {
+        let stars: Vec<_> = (0..80).rev().map(|k| (k / 40, k % 40, ((k % 40 + 1) as f64).powi(-2))).collect();
+        let of = halves(&stars);
+        for frame in 0..2 {
+            let sum = |is_own: &dyn Fn(usize) -> bool| -> f64 {
+                (0..stars.len()).filter(|index| stars[*index].0 == frame && is_own(*index)).map(|index| stars[index].2).sum()
+            };
+            let share = |is_own: &dyn Fn(usize) -> bool| sum(is_own) / sum(&|_| true);
+            let lesser = share(&|index| of[index] == 1);
+            assert!((lesser - 0.383).abs() < 0.01, "{lesser}");
+            assert!(share(&|index| stars[index].1 % 2 == 1) < 0.26);
+        }
+        // Of one star there is one half, and of the next frame the brightest is in the first again.
+        assert_eq!(halves(&[(0, 0, 5.0), (1, 0, 4.0), (1, 1, 4.0)]), [0, 0, 1]);
+    }
 }

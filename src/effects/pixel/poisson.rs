@@ -9,7 +9,7 @@ pub(crate) const EXPANSION_FROM_E: f32 = 12.0;
 /// Bits from which half of those of a number are taken for the reciprocal of its root (Lomont 2003, Fast inverse square root).
 const ROUGH_INVERSE_ROOT: u32 = 0x5f37_59df;
 
-/// Pixels of which all are worked out exactly if one has to be: a register of them.
+/// Pixels that are worked out by z together where one of them has to be.
 const LANES: usize = 8;
 
 /// a, c₁, c₂ and c₃ of the page as polynomials of t, the constant first.
@@ -64,9 +64,9 @@ fn first_survival(lambda: f32, zero: f32) -> f32 {
     if l < 0.1 { series } else { 1.0 - zero }
 }
 
-/// The same from the expansion of the quantile alone, and whether that may err: it lies near a whole number, or far out.
+/// What [`poisson_quantile`] gives, from the expansion of the quantile alone, and whether that may err: it lies near a whole number, or far out.
 ///
-/// What the expansion leaves out is below 0.56 λ^(−3/2) for |w| ≤ 3.2, found by the incomplete gamma function; the rest is for rounding.
+/// What the expansion leaves out is below 0.81 λ^(−3/2) for |w| ≤ 3.2 and λ ≥ 12, by the incomplete gamma function; the bound has more, for rounding.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "inlined into the loops over pixels, which are vectorised only then")]
 #[allow(clippy::needless_bitwise_bool, reason = "a lazy `and` is a branch, and the loop would not vectorise")]
