@@ -205,25 +205,59 @@ mod tests {
     const SIDE: usize = 384;
     const SKY_DN: f64 = 6.0;
 
-    /// A frame of stars with a narrow core and a wide skirt, which no Gaussian is, and where they are.
-    fn frame(seed: u64) -> (Frame, Vec<[f64; 2]>) {
+    /// A frame of stars with a core and a wide skirt, shares of the light with their σ, which no Gaussian is, and where they are.
+    fn frame(seed: u64, parts: &[(f64, f64)], saturation_dn: f32) -> (Frame, Vec<[f64; 2]>) {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
         let mut light = vec![0.0; SIDE * SIDE];
         let mut places = Vec::new();
         for cell in 0..100 {
             let at = [cell % 10, cell / 10].map(|k| 24.0 + 37.0 * f64::from(k) + rng.random_range(-3.0..3.0));
             let flux = 4000.0 * 12.0_f64.powf(rng.random_range(0.0..1.0));
-            paint_star(&mut light, SIDE, at, flux, &[(0.6, 0.3), (0.4, 0.8)]);
+            paint_star(&mut light, SIDE, at, flux, parts);
             places.push(at);
         }
         let pixels_dn = light
             .iter()
             .map(|value| {
                 let noise = Normal::new(0.0, (SKY_DN * SKY_DN + value).sqrt()).unwrap();
-                (100.0 + value + noise.sample(&mut rng)) as f32
+                ((100.0 + value + noise.sample(&mut rng)) as f32).min(saturation_dn)
             })
             .collect();
-        (Frame { width_px: SIDE, height_px: SIDE, pixels_dn, saturation_dn: f32::INFINITY }, places)
+        (Frame { width_px: SIDE, height_px: SIDE, pixels_dn, saturation_dn }, places)
+    }
+
+    /// Frames, the stars found in each, and those that may tell the image.
+    struct Night {
+        frames: Vec<(Frame, Vec<[f64; 2]>)>,
+        found: Vec<Vec<Detection>>,
+        stars: Vec<PredictedStar>,
+    }
+
+    /// So many frames; what the sky says lacks a shift and a tilt of each.
+    fn night(count: u64, parts: &[(f64, f64)], saturation_dn: f32) -> Night {
+        let mut rng = Pcg64Mcg::seed_from_u64(99);
+        let turbulence = Normal::new(0.0, 0.02).unwrap();
+        let mut night =
+            Night { frames: (0..count).map(|seed| frame(seed, parts, saturation_dn)).collect(), found: Vec::new(), stars: Vec::new() };
+        for (index, (frame, places)) in night.frames.iter().enumerate() {
+            let (found, own) = detect_aided(frame, &options(), &Aids { keep: 100, ..Aids::default() }).unwrap();
+            for star in own {
+                let at = places.iter().find(|at| (at[0] - star.model.x).hypot(at[1] - star.model.y) < 1.0).unwrap();
+                let predicted = at.map(|along| along + 0.3 * index as f64 + 1e-3 * at[0] + turbulence.sample(&mut rng));
+                night.stars.push(PredictedStar { star, frame: index, predicted_px: predicted, conditions: [0.0; 2] });
+            }
+            night.found.push(found.stars);
+        }
+        night
+    }
+
+    fn options() -> DetectOptions {
+        DetectOptions { gain_e_per_dn: Some(1.0), ..DetectOptions::default() }
+    }
+
+    fn asked(stars: &[Vec<Detection>]) -> Vec<BiasedStar> {
+        let of = |star: &Detection| BiasedStar { at_px: [star.x_px, star.y_px], flux_dn: star.flux_dn, conditions: [0.0; 2] };
+        stars.iter().flatten().map(of).collect()
     }
 
     /// Amplitude of the sine of the phase in errors along an axis, px.
@@ -243,43 +277,48 @@ mod tests {
         stars.iter().filter_map(of).collect()
     }
 
+    /// Amplitudes of the errors that follow the phase, before and after, of stars found in frames.
+    fn both_s_curves(frames: &[(Frame, Vec<[f64; 2]>)], found: &[Vec<Detection>], bias: &PhaseBias) -> [f64; 2] {
+        [None, Some(bias)].map(|bias| {
+            let all: Vec<_> = found.iter().zip(frames).flat_map(|(stars, (_, places))| errors(stars, places, bias)).collect();
+            s_curve(&all)
+        })
+    }
+
     #[test]
     fn places_follow_no_phase_once_the_image_is_learnt_from_the_sky() {
-        let options = DetectOptions { gain_e_per_dn: Some(1.0), ..DetectOptions::default() };
-        let frames: Vec<_> = (0..4).map(frame).collect();
-        let mut rng = Pcg64Mcg::seed_from_u64(99);
-        let turbulence = Normal::new(0.0, 0.02).unwrap();
-        let (mut stars, mut gaussian, mut windowed) = (Vec::new(), Vec::new(), Vec::new());
-        for (index, (frame, places)) in frames.iter().enumerate() {
-            let (found, own) = detect_aided(frame, &options, &Aids { keep: 100, ..Aids::default() }).unwrap();
-            // What the sky says lacks a shift and a tilt of the frame.
-            for star in own {
-                let at = places.iter().find(|at| (at[0] - star.model.x).hypot(at[1] - star.model.y) < 1.0).unwrap();
-                let predicted = at.map(|along| along + 0.3 * index as f64 + 1e-3 * at[0] + turbulence.sample(&mut rng));
-                stars.push(PredictedStar { star, frame: index, predicted_px: predicted, conditions: [0.0; 2] });
-            }
-            gaussian.push(found.stars);
-            windowed.push(detect_windowed(frame, &options, None).unwrap().stars);
-        }
+        let Night { frames, found: gaussian, stars } = night(4, &[(0.6, 0.3), (0.4, 0.8)], f32::INFINITY);
+        let windowed: Vec<_> = frames.iter().map(|(frame, _)| detect_windowed(frame, &options(), None).unwrap().stars).collect();
         let image = learn_from_sky(&stars, [false; 2]);
         assert!((image.place_sigma_px - 0.02).abs() < 0.008, "{image:?}");
         let psf = image.psf.unwrap();
-        let noise = PixelNoise { sky_dn2: SKY_DN * SKY_DN, per_dn: 1.0 };
-        let all = |of: &[Vec<Detection>]| -> Vec<BiasedStar> {
-            let asked = |star: &Detection| BiasedStar { at_px: [star.x_px, star.y_px], flux_dn: star.flux_dn, conditions: [0.0; 2] };
-            of.iter().flatten().map(asked).collect()
-        };
+        let noise = PixelNoise { sky_dn2: SKY_DN * SKY_DN, per_dn: 1.0, full_dn: f64::INFINITY };
         let width = median(&windowed.iter().flatten().map(|star| star.width_px).collect::<Vec<_>>()).unwrap();
         for (name, estimator, found) in [("gaussian", Estimator::Gaussian, &gaussian), ("windowed", Estimator::Windowed(width), &windowed)]
         {
-            let bias = PhaseBias::predict(&psf, estimator, noise, &all(found)).unwrap();
-            let both = [None, Some(&bias)]
-                .map(|bias| found.iter().zip(&frames).flat_map(|(stars, (_, places))| errors(stars, places, bias)).collect::<Vec<_>>());
-            let [before, after] = both.map(|errors| s_curve(&errors));
+            let bias = PhaseBias::predict(&psf, estimator, noise, &asked(found)).unwrap();
+            let [before, after] = both_s_curves(&frames, found, &bias);
             assert!(before.abs() > 0.02, "{name}: {before}");
             // The sky's places of the stars that the image is learnt from leave √(2/n)·σ in an amplitude.
             let left = (2.0 / image.report.stars as f64).sqrt() * image.place_sigma_px;
             assert!(after.abs() < 3.5 * left, "{name}: {before} {after}, left {left}");
         }
+    }
+
+    #[test]
+    fn places_of_stars_with_full_pixels_follow_no_phase_either() {
+        const FULL_DN: f32 = 8000.0;
+        let Night { frames, found, stars } = night(12, &[(0.7, 0.5), (0.3, 1.1)], FULL_DN);
+        let psf = learn_from_sky(&stars, [false; 2]).psf.unwrap();
+        let full: Vec<Vec<Detection>> =
+            found.iter().map(|stars| stars.iter().filter(|star| star.flags.saturated).cloned().collect()).collect();
+        assert!(full.iter().flatten().count() > 60, "{}", full.iter().flatten().count());
+        let of = |full_dn: f64| {
+            let noise = PixelNoise { sky_dn2: SKY_DN * SKY_DN, per_dn: 1.0, full_dn };
+            both_s_curves(&frames, &full, &PhaseBias::predict(&psf, Estimator::Gaussian, noise, &asked(&found)).unwrap())
+        };
+        let ([before, after], [_, as_if_none]) = (of(f64::from(FULL_DN) - 100.0), of(f64::INFINITY));
+        assert!(before.abs() > 0.01 && after.abs() < 0.4 * before.abs(), "{before} {after}");
+        assert!(as_if_none.abs() > 2.0 * after.abs(), "as if no pixel were full: {as_if_none}, {after}");
     }
 }

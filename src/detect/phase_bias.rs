@@ -3,7 +3,9 @@
 //! Whatever the estimator, it is fitted to the image drawn without noise at places all over the pixel. The mean over the phases is left alone: it is
 //! the estimator's choice of what the centre of a lopsided image is, smooth over the frame, and no error that a camera model could not hold. What is
 //! left is a Fourier series of the phases along both axes, to second order, at a few places of the frame, brightnesses, colours and temperatures; a
-//! star's bias lies between these.
+//! star's bias lies between these. Full pixels take no part in a fit: of a star that has some the bias is another, and often the opposite.
+
+use std::f64::consts::PI;
 
 use super::epsf::{Conditions, EmpiricalPsf};
 use super::fit::{Freedom, SNR_FOR_WIDTH};
@@ -33,6 +35,8 @@ pub struct PixelNoise {
     pub sky_dn2: f64,
     /// Variance per count of a star's light: 1 / gain.
     pub per_dn: f64,
+    /// Counts above the sky at which a pixel is full and takes no part; infinite where none is.
+    pub full_dn: f64,
 }
 
 /// A star whose bias is asked for.
@@ -72,7 +76,7 @@ impl PhaseBias {
         let nodes = [
             along(of(|star| star.at_px[0]), is_in_field, 3)?,
             along(of(|star| star.at_px[1]), is_in_field, 3)?,
-            along(of(|star| star.flux_dn.max(f64::MIN_POSITIVE).ln()), true, 4)?,
+            flux_nodes(of(|star| star.flux_dn.max(f64::MIN_POSITIVE).ln()), |flux_dn| has_free_width(psf, estimator, noise, flux_dn))?,
             along(of(|star| star.conditions[0]), psf.terms.by[0], 2)?,
             along(of(|star| star.conditions[1]), psf.terms.by[1], 2)?,
         ];
@@ -127,6 +131,31 @@ fn nodes(mut values: Vec<f64>, count: usize) -> Option<Vec<f64>> {
     Some((0..count).map(|k| low + (high - low) * k as f64 / (count - 1) as f64).collect())
 }
 
+/// Nodes over the logarithm of the flux, up to the brightest star: bright stars say most of a bias, and theirs is another than that of faint ones, since the
+/// core's pixels count less the more noise the star's own light makes. On both sides of the flux from which on the width is fitted there is one.
+fn flux_nodes(ln_fluxes: Vec<f64>, has_free_width: impl Fn(f64) -> Option<bool>) -> Option<Vec<f64>> {
+    /// Distance of nodes, and how many at most.
+    const STEP: f64 = 0.5;
+    const MAX_NODES: usize = 12;
+    /// Where the width is fitted scatters about its flux by so much.
+    const SCATTER: f64 = 0.1;
+    const HALVINGS: usize = 12;
+    let high = ln_fluxes.iter().copied().filter(|value| value.is_finite()).max_by(f64::total_cmp)?;
+    let low = *nodes(ln_fluxes, 2)?.first()?;
+    let count = (((high - low) / STEP).ceil() as usize + 1).clamp(1, MAX_NODES);
+    let mut found: Vec<f64> = (0..count).map(|k| low + (high - low) * k as f64 / (count - 1).max(1) as f64).collect();
+    if !has_free_width(low.exp())? && has_free_width(high.exp())? {
+        let mut about = [low, high];
+        for _ in 0..HALVINGS {
+            let middle = f64::midpoint(about[0], about[1]);
+            about[usize::from(has_free_width(middle.exp())?)] = middle;
+        }
+        found.extend([about[0] - SCATTER, about[1] + SCATTER].into_iter().filter(|node| low < *node && *node < high));
+        found.sort_by(f64::total_cmp);
+    }
+    Some(found)
+}
+
 /// The node before a value, and its share of the way to the next.
 fn between(nodes: &[f64], at: f64) -> (usize, f64) {
     let after = nodes.partition_point(|node| *node <= at);
@@ -167,38 +196,78 @@ fn series(psf: &EmpiricalPsf, estimator: Estimator<'_>, noise: PixelNoise, at_px
     Some(series)
 }
 
+/// A star drawn without noise, as fits see it.
+struct DrawnStar {
+    model: Model,
+    is_full: bool,
+    stamp: Stamp,
+    photons: Photons,
+}
+
+impl DrawnStar {
+    fn new(psf: &EmpiricalPsf, noise: PixelNoise, at: [f64; 2], flux_dn: f64) -> Self {
+        let lone = Self::in_window(psf, noise, at, flux_dn, 0);
+        let full = lone.stamp.used.iter().filter(|used| !**used).count();
+        // The window of a star with full pixels is larger by their radius.
+        if full == 0 { lone } else { Self::in_window(psf, noise, at, flux_dn, (full as f64 / PI).sqrt().ceil() as usize) }
+    }
+
+    fn in_window(psf: &EmpiricalPsf, noise: PixelNoise, at: [f64; 2], flux_dn: f64, wider: usize) -> Self {
+        let radius = radius_px(psf.base) + wider;
+        let model = Model { x: at[0], y: at[1], flux_dn, shape: psf.base, radius, empirical: true };
+        let side = 2 * radius + 1;
+        let corner = |axis: usize| (at[axis].round() as usize).saturating_sub(radius);
+        let window = Window { x0: corner(0), y0: corner(1), columns: side, rows: side };
+        let mut profile = Profile::of(Some(psf));
+        profile.draw(window, &model, false);
+        let data: Vec<f64> = profile.value.iter().map(|share| flux_dn * share).collect();
+        let used: Vec<bool> = data.iter().map(|value| *value < noise.full_dn).collect();
+        let (peak_dn, pixels) = (data.iter().copied().fold(0.0, f64::max), data.len());
+        let is_full = used.contains(&false);
+        let stamp = Stamp { window, data, variance: vec![noise.sky_dn2; pixels], used, edge: false, peak_dn };
+        Self { model, is_full, stamp, photons: Photons { variance_per_dn: noise.per_dn } }
+    }
+
+    fn fit(&self, start: Model, freedom: Freedom, profile: &mut Profile<'_>) -> Option<(Model, f64)> {
+        self.photons.settle(&mut self.stamp.clone(), Model { empirical: freedom == Freedom::Empirical, ..start }, freedom, profile)
+    }
+
+    /// Of a Gaussian of known width: the fit, and whether the star is so bright that its width is fitted too.
+    fn of_known_width(&self, profile: &mut Profile<'_>) -> Option<((Model, f64), bool)> {
+        let fixed = self.fit(self.model, Freedom::Fixed, profile)?;
+        profile.draw(self.stamp.window, &fixed.0, false);
+        let own = inverse(&self.photons.normal(&self.stamp, profile, fixed.0.flux_dn, fixed.1, 4).matrix, 4)?;
+        Some((fixed, fixed.0.flux_dn > SNR_FOR_WIDTH * own[0][0].sqrt()))
+    }
+}
+
+/// Whether the width of a star of such a flux, in the middle of the frame and of its pixel, is fitted too.
+fn has_free_width(psf: &EmpiricalPsf, estimator: Estimator<'_>, noise: PixelNoise, flux_dn: f64) -> Option<bool> {
+    if !matches!(estimator, Estimator::Gaussian) {
+        return Some(false);
+    }
+    let star = DrawnStar::new(psf, noise, psf.size_px.map(|size| (0.5 * size).round()), flux_dn);
+    Some(star.of_known_width(&mut Profile::new())?.1)
+}
+
 /// Where the estimator sees a star that is drawn without noise.
 fn estimate(psf: &EmpiricalPsf, estimator: Estimator<'_>, noise: PixelNoise, at: [f64; 2], flux_dn: f64) -> Option<[f64; 2]> {
-    let radius = radius_px(psf.base);
-    let photons = Photons { variance_per_dn: noise.per_dn };
-    let model = Model { x: at[0], y: at[1], flux_dn, shape: psf.base, radius, empirical: true };
-    let side = 2 * radius + 1;
-    let window = Window { x0: at[0].round() as usize - radius, y0: at[1].round() as usize - radius, columns: side, rows: side };
-    let mut profile = Profile::of(Some(psf));
-    profile.draw(window, &model, false);
-    let data: Vec<f64> = profile.value.iter().map(|share| flux_dn * share).collect();
-    if let Estimator::Windowed(sigma_px) = estimator {
-        let pixels_dn = data.iter().map(|value| *value as f32).collect();
-        let frame = Frame { width_px: side, height_px: side, pixels_dn, saturation_dn: f32::INFINITY };
-        let found = windowed::centre(&frame, [radius as f64; 2], sigma_px)?;
-        return Some([found[0] + window.x0 as f64, found[1] + window.y0 as f64]);
-    }
-    let peak_dn = data.iter().copied().fold(0.0, f64::max);
-    let pixels = data.len();
-    let stamp = Stamp { window, data, variance: vec![noise.sky_dn2; pixels], used: vec![true; pixels], edge: false, peak_dn };
-    let fit = |start: Model, freedom: Freedom, profile: &mut Profile<'_>| {
-        photons.settle(&mut stamp.clone(), Model { empirical: freedom == Freedom::Empirical, ..start }, freedom, profile)
+    let star = DrawnStar::new(psf, noise, at, flux_dn);
+    let found = match estimator {
+        Estimator::Windowed(sigma_px) => {
+            let (window, radius) = (star.stamp.window, star.model.radius as f64);
+            let pixels_dn = star.stamp.data.iter().map(|value| *value as f32).collect();
+            let frame = Frame { width_px: window.columns, height_px: window.rows, pixels_dn, saturation_dn: f32::INFINITY };
+            let found = windowed::centre(&frame, [radius; 2], sigma_px)?;
+            return Some([found[0] + window.x0 as f64, found[1] + window.y0 as f64]);
+        }
+        Estimator::Empirical(own) => star.fit(Model { shape: own.base, ..star.model }, Freedom::Empirical, &mut Profile::of(Some(own)))?.0,
+        Estimator::Gaussian => {
+            let mut profile = Profile::new();
+            let (fixed, is_bright) = star.of_known_width(&mut profile)?;
+            let freedom = if psf.base.is_round() || star.is_full { Freedom::Width } else { Freedom::Ellipse };
+            if is_bright || star.is_full { star.fit(fixed.0, freedom, &mut profile).unwrap_or(fixed).0 } else { fixed.0 }
+        }
     };
-    let found = if let Estimator::Empirical(own) = estimator {
-        fit(Model { shape: own.base, ..model }, Freedom::Empirical, &mut Profile::of(Some(own)))?
-    } else {
-        let mut profile = Profile::new();
-        let fixed = fit(model, Freedom::Fixed, &mut profile)?;
-        profile.draw(window, &fixed.0, false);
-        let own = inverse(&photons.normal(&stamp, &profile, fixed.0.flux_dn, fixed.1, 4).matrix, 4)?;
-        let freedom = if psf.base.is_round() { Freedom::Width } else { Freedom::Ellipse };
-        let is_bright = fixed.0.flux_dn > SNR_FOR_WIDTH * own[0][0].sqrt();
-        if is_bright { fit(fixed.0, freedom, &mut profile).unwrap_or(fixed) } else { fixed }
-    };
-    Some([found.0.x, found.0.y])
+    Some([found.x, found.y])
 }

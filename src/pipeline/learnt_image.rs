@@ -204,9 +204,12 @@ fn typical_width_px(measured: &Measured) -> Option<f64> {
     median(&measured.frames.iter().flat_map(|frame| &frame.detections.stars).map(|star| star.width_px).collect::<Vec<_>>())
 }
 
-/// The noise that the estimator weighted with.
+/// The noise that the estimator weighted with, and from where on pixels took no part.
 fn noise(measured: &Measured, stars: &[PredictedStar]) -> Option<PixelNoise> {
     let sky_dn = median(&measured.frames.iter().map(|frame| frame.detections.noise_dn).collect::<Vec<_>>())?;
     let per_dn = median(&stars.iter().map(|one| one.star.variance_per_dn()).collect::<Vec<_>>())?;
-    (sky_dn > 0.0).then_some(PixelNoise { sky_dn2: sky_dn * sky_dn, per_dn })
+    let all = measured.frames.iter().flat_map(|frame| &frame.detections.stars);
+    let full = all.filter(|star| star.flags.saturated).map(|star| star.peak_dn - star.background_dn);
+    let full_dn = median(&full.collect::<Vec<_>>()).unwrap_or(f64::INFINITY);
+    (sky_dn > 0.0).then_some(PixelNoise { sky_dn2: sky_dn * sky_dn, per_dn, full_dn })
 }
