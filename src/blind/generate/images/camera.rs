@@ -198,6 +198,19 @@ impl ImageWorld {
         own
     }
 
+    /// The codes of the sky of all frames, and how often each comes.
+    pub(super) fn sky_codes(&self) -> Vec<(u32, f64)> {
+        const SIGMAS: f64 = 3.0;
+        let (camera, last) = (&self.camera, f64::from((1_u32 << self.camera.bits) - 1));
+        let of = |frame: &Conditions| {
+            let level_dn = camera.bias_dn + frame.sky_e[0] / camera.gain_e_per_dn;
+            let sigma_dn = (frame.sky_e[0] + camera.quiet_e2()).sqrt() / camera.gain_e_per_dn;
+            let [low, high] = [-SIGMAS, SIGMAS].map(|sigmas| (level_dn + sigmas * sigma_dn).clamp(0.0, last) as u32);
+            (low..=high).map(move |code| (code, (-0.5 * ((f64::from(code) - level_dn) / sigma_dn).powi(2)).exp() / sigma_dn))
+        };
+        self.frames.iter().flat_map(of).collect()
+    }
+
     /// Mean of the skies of the frames, electrons per pixel.
     pub(super) fn mean_sky_e(&self) -> f64 {
         self.frames.iter().map(|frame| frame.sky_e[0]).sum::<f64>() / self.frames.len() as f64

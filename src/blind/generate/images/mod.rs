@@ -70,7 +70,7 @@ impl ImageCanvas {
         let causes = Causes(&self.hidden);
         let of = |part: u32| stream(self.seed, self.family, self.index, part);
         let pixels = Pixels::draw(&mut of(PART_PIXELS), &self.world, causes);
-        let electronics = Electronics::draw(&mut of(PART_ELECTRONICS), &self.world.camera, causes);
+        let electronics = Electronics::draw(&mut of(PART_ELECTRONICS), &self.world.camera, &self.world.sky_codes(), causes);
         let frame = |number: usize| {
             let mut rng = of(PART_FRAMES + number as u32);
             let light = light::light(&self.world, number, causes);

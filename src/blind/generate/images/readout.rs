@@ -12,8 +12,6 @@ use super::kind::PixelKind;
 
 /// Of a disturbed line so much is left a pixel later.
 pub(super) const LINE_MEMORY: f64 = 0.5;
-/// Bits whose errors show among the codes of a sky: a weight's error is so made that these together have the width error asked for.
-const SKY_BITS: f64 = 7.0;
 /// Side of a block.
 const BLOCK: usize = 8;
 
@@ -27,12 +25,10 @@ pub(super) struct Electronics {
 }
 
 impl Electronics {
-    pub(super) fn draw(rng: &mut Pcg64Mcg, camera: &ImageCamera, causes: Causes<'_>) -> Self {
+    /// `codes`: those of the sky, and how often each comes.
+    pub(super) fn draw(rng: &mut Pcg64Mcg, camera: &ImageCamera, codes: &[(u32, f64)], causes: Causes<'_>) -> Self {
         let columns_e = (0..SIZE_PX).map(|_| causes.size(PixelKind::ColumnBanding) * normal(rng)).collect();
-        let dnl_dn = causes.size(PixelKind::CodeWidths) / SKY_BITS.sqrt();
-        let weight = |bit: u32| f64::from(1_u32 << bit) + dnl_dn * f64::from(1_u32 << bit).sqrt() * normal(rng);
-        let weights_dn = (0..camera.bits).rev().map(weight).collect();
-        Self { columns_e, weights_dn }
+        Self { columns_e, weights_dn: weights_dn(rng, camera.bits, codes, causes.size(PixelKind::CodeWidths)) }
     }
 
     /// The code of a voltage: bits are tried from the highest on, and kept where their weight is not too much.
@@ -47,6 +43,22 @@ impl Electronics {
         }
         code
     }
+}
+
+/// Weights of a converter's bits, DN, the highest first. Their errors are scaled so that the codes of the sky have the width error asked for in every
+/// converter: of the few bits that change among them the mean square would scatter by half.
+fn weights_dn(rng: &mut Pcg64Mcg, bits: u32, codes: &[(u32, f64)], dnl_dn: f64) -> Vec<f64> {
+    let mut errors: Vec<f64> = (0..bits).rev().map(|bit| f64::from(1_u32 << bit).sqrt() * normal(rng)).collect();
+    errors.reverse();
+    // From a code to the next one the last bit that was not set is set, and those below it go.
+    let of_width = |code: u32| {
+        let bit = (code.trailing_ones() as usize).min(errors.len() - 1);
+        errors[bit] - errors[..bit].iter().sum::<f64>()
+    };
+    let often: f64 = codes.iter().map(|(_, often)| often).sum();
+    let square: f64 = codes.iter().map(|(code, often)| often * of_width(*code).powi(2)).sum();
+    let scale = if square > 0.0 { dnl_dn * (often / square).sqrt() } else { 0.0 };
+    (0..bits).rev().map(|bit| f64::from(1_u32 << bit) + scale * errors[bit as usize]).collect()
 }
 
 /// What the amplifiers make of the charge, electrons, without noise.
@@ -166,22 +178,19 @@ mod tests {
     fn code_widths_scatter_as_asked() {
         let mut rng = Pcg64Mcg::seed_from_u64(3);
         let hidden = |size| [HiddenImage { kind: PixelKind::CodeWidths, size, numbers: Vec::new() }];
-        let exact = Electronics::draw(&mut rng, &camera(), Causes(&hidden(0.0)));
+        let sky: Vec<(u32, f64)> = (110..290).map(|code| (code, 1.0)).collect();
+        let exact = Electronics::draw(&mut rng, &camera(), &sky, Causes(&hidden(0.0)));
         assert!([0.2, 99.7, 1234.5, 4000.1].iter().all(|dn| exact.code(*dn) == *dn as u32));
-        let (mut square, mut count) = (0.0, 0.0);
         for _ in 0..60 {
-            let unequal = Electronics::draw(&mut rng, &camera(), Causes(&hidden(0.1)));
+            let unequal = Electronics::draw(&mut rng, &camera(), &sky, Causes(&hidden(0.03)));
             let mut widths = [0.0; 300];
-            for step in 0..40_000 {
-                let code = unequal.code(100.0 + f64::from(step) * 0.005) as usize;
-                widths[code.min(299)] += 0.005;
+            for step in 0..80_000 {
+                let code = unequal.code(100.0 + f64::from(step) * 0.0025) as usize;
+                widths[code.min(299)] += 0.0025;
             }
-            for width in &widths[110..290] {
-                (square, count) = (square + (width - 1.0_f64).powi(2), count + 1.0);
-            }
+            let square = sky.iter().map(|(code, _)| (widths[*code as usize] - 1.0_f64).powi(2)).sum::<f64>() / sky.len() as f64;
+            assert!((square.sqrt() - 0.03).abs() < 0.003, "{}", square.sqrt());
         }
-        let rms = f64::sqrt(square / count);
-        assert!((0.06..0.14).contains(&rms), "{rms}");
     }
 
     #[test]
