@@ -28,7 +28,7 @@ pub enum Estimator<'a> {
     Windowed(f64),
 }
 
-/// The noise of a pixel.
+/// The noise of a pixel, and where it is full.
 #[derive(Clone, Copy, Debug)]
 pub struct PixelNoise {
     /// Variance of the sky's counts.
@@ -90,7 +90,8 @@ impl PhaseBias {
             }
             series(&psf.under([at[3], at[4]]), estimator, noise, [at[0], at[1]], at[2].exp())
         };
-        let series = parallel::map_numbers(count, series).into_iter().collect::<Option<Vec<Series>>>()?;
+        let found = parallel::map_numbers(count, series);
+        let (nodes, series) = with_fits(nodes, found)?;
         Some(Self { nodes, series })
     }
 
@@ -133,7 +134,7 @@ fn nodes(mut values: Vec<f64>, count: usize) -> Option<Vec<f64>> {
 
 /// Nodes over the logarithm of the flux, up to the brightest star: bright stars say most of a bias, and theirs is another than that of faint ones, since the
 /// core's pixels count less the more noise the star's own light makes. On both sides of the flux from which on the width is fitted there is one.
-fn flux_nodes(ln_fluxes: Vec<f64>, has_free_width: impl Fn(f64) -> Option<bool>) -> Option<Vec<f64>> {
+fn flux_nodes(ln_fluxes: Vec<f64>, has_free_width: impl Fn(f64) -> bool) -> Option<Vec<f64>> {
     /// Distance of nodes, and how many at most.
     const STEP: f64 = 0.5;
     const MAX_NODES: usize = 12;
@@ -144,16 +145,32 @@ fn flux_nodes(ln_fluxes: Vec<f64>, has_free_width: impl Fn(f64) -> Option<bool>)
     let low = *nodes(ln_fluxes, 2)?.first()?;
     let count = (((high - low) / STEP).ceil() as usize + 1).clamp(1, MAX_NODES);
     let mut found: Vec<f64> = (0..count).map(|k| low + (high - low) * k as f64 / (count - 1).max(1) as f64).collect();
-    if !has_free_width(low.exp())? && has_free_width(high.exp())? {
+    if !has_free_width(low.exp()) && has_free_width(high.exp()) {
         let mut about = [low, high];
         for _ in 0..HALVINGS {
             let middle = f64::midpoint(about[0], about[1]);
-            about[usize::from(has_free_width(middle.exp())?)] = middle;
+            about[usize::from(has_free_width(middle.exp()))] = middle;
         }
         found.extend([about[0] - SCATTER, about[1] + SCATTER].into_iter().filter(|node| low < *node && *node < high));
         found.sort_by(f64::total_cmp);
     }
     Some(found)
+}
+
+/// The table without the fluxes at which a drawn star has no fit, as one that is full all over: brighter stars have the bias of the last node then.
+/// Nothing where none is left.
+fn with_fits(mut nodes: [Vec<f64>; AXES], found: Vec<Option<Series>>) -> Option<([Vec<f64>; AXES], Vec<Series>)> {
+    let faster = nodes[3].len() * nodes[4].len();
+    let mut has_fit = vec![true; nodes[2].len()];
+    for (index, series) in found.iter().enumerate() {
+        let flux = index / faster % has_fit.len();
+        has_fit[flux] &= series.is_some();
+    }
+    let series = found.into_iter().enumerate().filter(|(index, _)| has_fit[index / faster % has_fit.len()]).filter_map(|(_, own)| own);
+    let series: Vec<Series> = series.collect();
+    let mut fits = has_fit.iter();
+    nodes[2].retain(|_| *fits.next().unwrap_or(&false));
+    (!nodes[2].is_empty()).then_some((nodes, series))
 }
 
 /// The node before a value, and its share of the way to the next.
@@ -241,13 +258,14 @@ impl DrawnStar {
     }
 }
 
-/// Whether the width of a star of such a flux, in the middle of the frame and of its pixel, is fitted too.
-fn has_free_width(psf: &EmpiricalPsf, estimator: Estimator<'_>, noise: PixelNoise, flux_dn: f64) -> Option<bool> {
+/// Whether the width of a star of such a flux, in the middle of the frame and of its pixel, is fitted too; also where so little of it is not full that
+/// no fit of known width is found.
+fn has_free_width(psf: &EmpiricalPsf, estimator: Estimator<'_>, noise: PixelNoise, flux_dn: f64) -> bool {
     if !matches!(estimator, Estimator::Gaussian) {
-        return Some(false);
+        return false;
     }
     let star = DrawnStar::new(psf, noise, psf.size_px.map(|size| (0.5 * size).round()), flux_dn);
-    Some(star.of_known_width(&mut Profile::new())?.1)
+    star.of_known_width(&mut Profile::new()).is_none_or(|(_, is_bright)| is_bright)
 }
 
 /// Where the estimator sees a star that is drawn without noise.
@@ -270,4 +288,21 @@ fn estimate(psf: &EmpiricalPsf, estimator: Estimator<'_>, noise: PixelNoise, at:
         }
     };
     Some([found.x, found.y])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two rows and three fluxes, of which the brightest has no fit in one of the rows.
+    #[test]
+    fn a_flux_without_a_fit_leaves_the_table() {
+        let series = |value: f64| Some([[value; TERMS]; 2]);
+        let nodes = || [vec![10.0], vec![20.0, 30.0], vec![7.0, 8.0, 9.0], vec![0.0], vec![0.0]];
+        let table = vec![series(1.0), series(2.0), series(3.0), series(4.0), series(5.0), None];
+        let (kept, found) = with_fits(nodes(), table).unwrap();
+        assert_eq!(kept[2], [7.0, 8.0]);
+        assert_eq!(found.iter().map(|own| own[0][0]).collect::<Vec<_>>(), [1.0, 2.0, 4.0, 5.0]);
+        assert!(with_fits(nodes(), vec![None; 6]).is_none());
+    }
 }

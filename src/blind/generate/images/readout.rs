@@ -46,7 +46,7 @@ impl Electronics {
 }
 
 /// Weights of a converter's bits, DN, the highest first. Their errors are scaled so that the codes of the sky have the width error asked for in every
-/// converter: of the few bits that change among them the mean square would scatter by half.
+/// converter: of the few bits that change among them their rms would scatter by four tenths.
 fn weights_dn(rng: &mut Pcg64Mcg, bits: u32, codes: &[(u32, f64)], dnl_dn: f64) -> Vec<f64> {
     let mut errors: Vec<f64> = (0..bits).rev().map(|bit| f64::from(1_u32 << bit).sqrt() * normal(rng)).collect();
     errors.reverse();
