@@ -79,6 +79,10 @@ pub(super) struct FrameLines {
     pub(super) row_means: Vec<f32>,
     /// Mean of every column.
     pub(super) column_means: Vec<f32>,
+    /// Means of the left and the right half of every row, DN; NaN where one has no sky.
+    pub(super) row_halves: Vec<[f32; 2]>,
+    /// Of the upper and the lower half of every column.
+    pub(super) column_halves: Vec<[f32; 2]>,
 }
 
 impl FrameLines {
@@ -93,7 +97,9 @@ impl FrameLines {
             let wider = |own: Estimate, by: f64| Estimate { sigma: own.sigma.hypot(by), ..own };
             [wider(x, by_chance(of_columns, sky.width_px)), wider(y, by_chance(of_rows, sky.height_px)), diagonal]
         });
-        Self { rows: of_rows, columns: of_columns, parity, step: step(sky), row_means: means(&rows), column_means: means(&columns) }
+        let ([row_means, column_means], [row_halves, column_halves]) =
+            ([&rows, &columns].map(means), [&rows, &columns].map(means_of_halves));
+        Self { rows: of_rows, columns: of_columns, parity, step: step(sky), row_means, column_means, row_halves, column_halves }
     }
 }
 
@@ -126,6 +132,11 @@ fn means(lines: &Halves) -> Vec<f32> {
         if count >= 2 * MIN_HALF_PX { (sum / count as f64) as f32 } else { f32::NAN }
     };
     lines.iter().map(mean).collect()
+}
+
+fn means_of_halves(lines: &Halves) -> Vec<[f32; 2]> {
+    let mean = |(sum, count): (f64, usize)| if count >= MIN_HALF_PX { (sum / count as f64) as f32 } else { f32::NAN };
+    lines.iter().map(|halves| halves.map(mean)).collect()
 }
 
 /// Covariance of the two halves' means over the lines; columns of two kinds are no offsets, so the means of odd and even lines are taken out.

@@ -30,6 +30,7 @@ mod sky_mesh;
 #[cfg(test)]
 mod sky_mesh_tests;
 mod sky_pixels;
+mod star_chains;
 mod star_images;
 mod star_transfer;
 mod stop_fit;
@@ -137,6 +138,7 @@ impl FrameStatistics {
         let streaks = StreakFrame::of(sky_frame, &sky, &deviations);
         if compared.is_none() {
             (lines.row_means, lines.column_means) = (Vec::new(), Vec::new());
+            (lines.row_halves, lines.column_halves) = (Vec::new(), Vec::new());
         }
         Some(Self { noise, points, lines, neighbours, mesh, compared, rays, streaks })
     }

@@ -1,8 +1,8 @@
 //! Streaks: straight lines of light in one frame alone, as satellites, meteors and aircraft leave them.
 //!
 //! Bright ones are found as pixels that hang together and form a line; the search for stars takes pieces of them for stars, so their stars are no reason to
-//! leave them out. Faint ones are found by sums along lines of all places, slopes and lengths ([`super::line_sums`]) where no star was found, single pixels
-//! held down so that none makes a line. Of a line's eight parts the sum of the six faintest must be significant: a chain of a few stars has none. What is at
+//! leave them out. Faint ones are found by sums along lines of all places, slopes and lengths ([`super::line_sums`]) where no star was found, but for stars in
+//! a chain ([`super::star_chains`]), and with single pixels held down so that none makes a line. Of a line's eight parts the sum of the six faintest must be significant: a chain of a few stars has none. What is at
 //! the same place in another frame is the detector's.
 
 use schemars::JsonSchema;
@@ -12,6 +12,7 @@ use super::line_sums::{Plane, StripLine};
 use super::ray_candidates::{Deviations, square};
 use super::sky_frame::{SkyFrame, covered};
 use super::sky_pixels::SkyPixels;
+use super::star_chains::in_chains;
 use super::streak_way::{ends, trimmed};
 use crate::statistics::median_in_place;
 use crate::statistics::order::descending;
@@ -204,7 +205,8 @@ impl Searched {
     fn of(sky_frame: &SkyFrame<'_>, sky: &SkyPixels, deviations: &Deviations, bright: &[Streak]) -> Self {
         let (width, height) = (sky.width_px, sky.height_px);
         let mut values = deviations.values.clone();
-        for star in sky_frame.stars {
+        let chained = in_chains(sky_frame.stars, [width, height]);
+        for (star, _) in sky_frame.stars.iter().zip(chained).filter(|(_, chained)| !chained) {
             for y in covered(star.y_px, star.radius_px, height) {
                 let half = (star.radius_px.powi(2) - (y as f64 - star.y_px).powi(2)).max(0.0).sqrt();
                 values[y * width..][covered(star.x_px, half, width)].fill(f32::NAN);
