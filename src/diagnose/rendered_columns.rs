@@ -35,6 +35,8 @@ const MIN_COSINE: f64 = 0.3;
 const MIN_STARS: usize = 20;
 /// More star images take longer to render than their diagnosis is worth (minutes).
 pub(super) const MAX_IMAGES: usize = 30_000;
+/// A step that moves the stars which tell its unit by less (rms, px) is too small for one: the rounding of faint stars is a part of it.
+const MIN_STEP_PX: f64 = 1e-4;
 /// Stars that move farther than this when rendered with more of an effect have been lost by the fit.
 const LOST_PX: f64 = 1.0;
 
@@ -225,7 +227,8 @@ impl ColumnRenderer<'_> {
             }
         }
         let cosine = along / (own * square).sqrt();
-        (cosine.is_finite() && cosine.abs() > MIN_COSINE).then(|| along / square)
+        let is_seen = own > MIN_STEP_PX * MIN_STEP_PX * found.len() as f64;
+        (is_seen && cosine.is_finite() && cosine.abs() > MIN_COSINE).then(|| along / square)
     }
 
     /// Renders and measures every star layout with two cameras; the change of each star's centre, by its number.
