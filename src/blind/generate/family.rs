@@ -99,6 +99,8 @@ pub enum Trap {
     WingedImages,
     /// Star images are elongated, all alike.
     ElongatedImages,
+    /// Star images are longer on one side, all alike.
+    LopsidedImages,
     /// Magnitudes of a quarter of the catalogue are wrong by 0.1 to 0.3.
     CatalogueMagnitudes,
     /// Stars of a frame move together with their neighbours.
@@ -125,9 +127,10 @@ pub const TRAPS: [Trap; 9] = [
 ];
 
 /// The traps of frames of pixels.
-pub const IMAGE_TRAPS: [Trap; 7] = [
+pub const IMAGE_TRAPS: [Trap; 8] = [
     Trap::WingedImages,
     Trap::ElongatedImages,
+    Trap::LopsidedImages,
     Trap::CatalogueMagnitudes,
     Trap::Turbulence,
     Trap::Clouds,

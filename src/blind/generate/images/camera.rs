@@ -40,6 +40,8 @@ pub struct ImageCamera {
     pub profile: PaintedProfile,
     /// Radius of the geometric blur in best focus of the recording, px; its sign says on which side.
     pub blur_px: f64,
+    /// Coma that is the same all over the field, along columns and rows, px: c of `spread::coma`.
+    pub tail_px: [f64; 2],
 }
 
 impl ImageCamera {
@@ -162,7 +164,14 @@ fn detector(rng: &mut Pcg64Mcg, brightest_peak_e: f64, trap: Option<Trap>) -> Im
         bits,
         profile: PaintedProfile { sigma_px, core, wings, beta, axes: [ellipticity * cos, ellipticity * sin] },
         blur_px: between(rng, 0.4, 0.9) * if chance(rng, 0.5) { 1.0 } else { -1.0 },
+        tail_px: if trap == Some(Trap::LopsidedImages) { lopsided(rng, sigma_px) } else { [0.0; 2] },
     }
+}
+
+/// Coma of a lens whose elements are not centred: the same all over the field (Thompson, JOSA A 22, 1389 (2005)).
+fn lopsided(rng: &mut Pcg64Mcg, sigma_px: f64) -> [f64; 2] {
+    let length = between(rng, 0.6, 1.0) * sigma_px;
+    on_circle(rng).map(|along| length * along)
 }
 
 impl ImageWorld {

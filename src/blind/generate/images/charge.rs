@@ -283,7 +283,8 @@ mod tests {
     fn a_far_packet_loses_its_share_to_its_tail() {
         use super::super::spread::PaintedProfile;
         let profile = PaintedProfile { sigma_px: 0.8, core: 0.9, wings: 2.0, beta: 3.0, axes: [0.0; 2] };
-        let camera = ImageCamera { gain_e_per_dn: 2.0, bias_dn: 100.0, read_noise_e: 4.0, bits: 14, profile, blur_px: 0.5 };
+        let camera =
+            ImageCamera { gain_e_per_dn: 2.0, bias_dn: 100.0, read_noise_e: 4.0, bits: 14, profile, blur_px: 0.5, tail_px: [0.0; 2] };
         let mut charge = vec![0.0; SIZE_PX * SIZE_PX];
         let (row, column) = (SIZE_PX - 40, 100);
         charge[row * SIZE_PX + column] = PACKET_E;

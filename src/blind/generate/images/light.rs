@@ -75,8 +75,10 @@ fn blur(world: &ImageWorld, frame: &Conditions, star: &SkyStar, number: usize, c
         variance += (own.size * own.number(number)).powi(2);
     }
     let mut places = Vec::new();
-    if let Some(own) = causes.find(PixelKind::Coma) {
-        places = coma(own.size * u.hypot(v), v.atan2(u));
+    let hidden = causes.size(PixelKind::Coma);
+    let tail = [hidden * u + world.camera.tail_px[0], hidden * v + world.camera.tail_px[1]];
+    if tail != [0.0; 2] {
+        places = coma(tail[0].hypot(tail[1]), tail[1].atan2(tail[0]));
     }
     if let Some(own) = causes.find(PixelKind::MotionSmear) {
         // Turning about y moves stars along x, about x along y.

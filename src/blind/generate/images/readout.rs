@@ -170,7 +170,7 @@ mod tests {
 
     fn camera() -> ImageCamera {
         let profile = PaintedProfile { sigma_px: 0.8, core: 0.9, wings: 2.0, beta: 3.0, axes: [0.0; 2] };
-        ImageCamera { gain_e_per_dn: 2.0, bias_dn: 100.0, read_noise_e: 4.0, bits: 12, profile, blur_px: 0.5 }
+        ImageCamera { gain_e_per_dn: 2.0, bias_dn: 100.0, read_noise_e: 4.0, bits: 12, profile, blur_px: 0.5, tail_px: [0.0; 2] }
     }
 
     /// A converter with true weights is exact, and one with errors has the width error asked for among the codes of a sky.
