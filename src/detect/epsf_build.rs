@@ -78,6 +78,9 @@ const PART: f64 = 0.4;
 const MIN_SHARE: f64 = 0.02;
 /// A more complex image must fit held-out stars better by so many σ of what chance makes.
 const CLEARLY_SIGMA: f64 = 3.0;
+/// Where the sky says the places an image need not be so clear: what it is wrong by counts for less in a place than that the true image is no Gaussian,
+/// which no lens's is.
+const BY_SKY_SIGMA: f64 = 1.0;
 /// An image that leaves held-out stars more than this per degree of freedom has not been found: places would be worse with it, not better.
 const MAX_CHI2: f64 = 1.5;
 
@@ -168,7 +171,9 @@ impl<'a> Trial<'a> {
         let judged: Vec<(f64, f64)> = images.iter().zip(&self.parts).flat_map(|(image, [_, held])| judge(held, image)).collect();
         let chi2 = per_dof(&judged);
         self.report.empirical_deviance_per_dof = self.report.empirical_deviance_per_dof.min(chi2);
-        if clearly_better(&judged, &self.best) && chi2 < MAX_CHI2 {
+        let by_sky = self.parts.iter().flatten().flatten().all(|star| star.sky.is_some());
+        let sigmas = if by_sky && !self.report.empirical { BY_SKY_SIGMA } else { CLEARLY_SIGMA };
+        if clearly_better(&judged, &self.best, sigmas) && chi2 < MAX_CHI2 {
             (self.report.empirical, self.report.field_order, self.terms) = (true, terms.order, terms);
             self.best = judged;
         }
@@ -181,11 +186,11 @@ fn per_dof(judged: &[(f64, f64)]) -> f64 {
     judged.iter().map(|j| j.0).sum::<f64>() / judged.iter().map(|j| j.1).sum::<f64>().max(1.0)
 }
 
-/// Whether the first are clearly better: the sum of the differences against their own scatter, which one odd star cannot decide.
-fn clearly_better(new: &[(f64, f64)], old: &[(f64, f64)]) -> bool {
+/// Whether the first are better by so many standard errors: the sum of the differences against their own scatter, which one odd star cannot decide.
+fn clearly_better(new: &[(f64, f64)], old: &[(f64, f64)], sigmas: f64) -> bool {
     let differences = || new.iter().zip(old).map(|(n, o)| o.0 / o.1 - n.0 / n.1);
     let (sum, square) = (differences().sum::<f64>(), differences().map(|d| d * d).sum::<f64>());
-    square > 0.0 && sum > CLEARLY_SIGMA * square.sqrt()
+    square > 0.0 && sum > sigmas * square.sqrt()
 }
 
 impl PsfStar {

@@ -41,7 +41,7 @@ pub struct SkyImage {
 }
 
 /// Pixels that are used, about: more take time.
-const MAX_PIXELS: usize = 12_000;
+const MAX_PIXELS: usize = 30_000;
 /// Stars of a frame for a polynomial of second, of first, and of no order over it.
 const MIN_STARS: [(usize, usize); 3] = [(30, 6), (12, 3), (4, 1)];
 /// Standard errors beyond which a star is not where it should be: a double, a wrong name.
@@ -205,15 +205,15 @@ mod tests {
     const SIDE: usize = 384;
     const SKY_DN: f64 = 6.0;
 
-    /// A frame of stars with a core and a wide skirt, shares of the light with their σ, which no Gaussian is, and where they are.
-    fn frame(seed: u64, parts: &[(f64, f64)], saturation_dn: f32) -> (Frame, Vec<[f64; 2]>) {
+    /// A frame of stars, and where they are: between faint and `range` times as bright, each drawn by `paint` at its place and with its flux.
+    fn frame(seed: u64, range: f64, saturation_dn: f32, paint: impl Fn(&mut [f64], [f64; 2], f64)) -> (Frame, Vec<[f64; 2]>) {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
         let mut light = vec![0.0; SIDE * SIDE];
         let mut places = Vec::new();
         for cell in 0..100 {
             let at = [cell % 10, cell / 10].map(|k| 24.0 + 37.0 * f64::from(k) + rng.random_range(-3.0..3.0));
-            let flux = 4000.0 * 12.0_f64.powf(rng.random_range(0.0..1.0));
-            paint_star(&mut light, SIDE, at, flux, parts);
+            let flux = 48_000.0 * range.powf(rng.random_range(-1.0..0.0));
+            paint(&mut light, at, flux);
             places.push(at);
         }
         let pixels_dn = light
@@ -226,6 +226,11 @@ mod tests {
         (Frame { width_px: SIDE, height_px: SIDE, pixels_dn, saturation_dn }, places)
     }
 
+    /// A star with a core and a wide skirt, shares of the light with their σ, which no Gaussian is.
+    fn skirted(parts: &[(f64, f64)]) -> impl Fn(&mut [f64], [f64; 2], f64) {
+        |light, at, flux| paint_star(light, SIDE, at, flux, parts)
+    }
+
     /// Frames, the stars found in each, and those that may tell the image.
     struct Night {
         frames: Vec<(Frame, Vec<[f64; 2]>)>,
@@ -233,12 +238,11 @@ mod tests {
         stars: Vec<PredictedStar>,
     }
 
-    /// So many frames; what the sky says lacks a shift and a tilt of each.
-    fn night(count: u64, parts: &[(f64, f64)], saturation_dn: f32) -> Night {
+    /// What the sky says of the frames lacks a shift and a tilt of each.
+    fn night(frames: Vec<(Frame, Vec<[f64; 2]>)>) -> Night {
         let mut rng = Pcg64Mcg::seed_from_u64(99);
         let turbulence = Normal::new(0.0, 0.02).unwrap();
-        let mut night =
-            Night { frames: (0..count).map(|seed| frame(seed, parts, saturation_dn)).collect(), found: Vec::new(), stars: Vec::new() };
+        let mut night = Night { frames, found: Vec::new(), stars: Vec::new() };
         for (index, (frame, places)) in night.frames.iter().enumerate() {
             let (found, own) = detect_aided(frame, &options(), &Aids { keep: 100, ..Aids::default() }).unwrap();
             for star in own {
@@ -287,7 +291,8 @@ mod tests {
 
     #[test]
     fn places_follow_no_phase_once_the_image_is_learnt_from_the_sky() {
-        let Night { frames, found: gaussian, stars } = night(4, &[(0.6, 0.3), (0.4, 0.8)], f32::INFINITY);
+        let all = (0..4).map(|seed| frame(seed, 12.0, f32::INFINITY, skirted(&[(0.6, 0.3), (0.4, 0.8)]))).collect();
+        let Night { frames, found: gaussian, stars } = night(all);
         let windowed: Vec<_> = frames.iter().map(|(frame, _)| detect_windowed(frame, &options(), None).unwrap().stars).collect();
         let image = learn_from_sky(&stars, [false; 2]);
         assert!((image.place_sigma_px - 0.02).abs() < 0.008, "{image:?}");
@@ -308,7 +313,8 @@ mod tests {
     #[test]
     fn places_of_stars_with_full_pixels_follow_no_phase_either() {
         const FULL_DN: f32 = 8000.0;
-        let Night { frames, found, stars } = night(12, &[(0.7, 0.5), (0.3, 1.1)], FULL_DN);
+        let Night { frames, found, stars } =
+            night((0..12).map(|seed| frame(seed, 12.0, FULL_DN, skirted(&[(0.7, 0.5), (0.3, 1.1)]))).collect());
         let psf = learn_from_sky(&stars, [false; 2]).psf.unwrap();
         let full: Vec<Vec<Detection>> =
             found.iter().map(|stars| stars.iter().filter(|star| star.flags.saturated).cloned().collect()).collect();
@@ -320,5 +326,32 @@ mod tests {
         let ([before, after], [_, as_if_none]) = (of(f64::from(FULL_DN) - 100.0), of(f64::INFINITY));
         assert!(before.abs() > 0.01 && after.abs() < 0.4 * before.abs(), "{before} {after}");
         assert!(as_if_none.abs() > 2.0 * after.abs(), "as if no pixel were full: {as_if_none}, {after}");
+    }
+
+    /// Lopsided stars: a bright one is found otherwise than a faint one, and no longer once the image is learnt.
+    #[test]
+    fn places_follow_no_brightness_once_the_image_is_learnt_from_the_sky() {
+        let lopsided = |light: &mut [f64], at: [f64; 2], flux: f64| {
+            paint_star(light, SIDE, at, 0.75 * flux, &[(1.0, 0.7)]);
+            paint_star(light, SIDE, [at[0] + 1.2, at[1]], 0.25 * flux, &[(1.0, 0.9)]);
+        };
+        let Night { frames, found, stars } = night((0..6).map(|seed| frame(seed, 60.0, f32::INFINITY, lopsided)).collect());
+        let psf = learn_from_sky(&stars, [false; 2]).psf.unwrap();
+        let noise = PixelNoise { sky_dn2: SKY_DN * SKY_DN, per_dn: 1.0, full_dn: f64::INFINITY };
+        let bias = PhaseBias::predict(&psf, Estimator::Gaussian, noise, &asked(&found)).unwrap();
+        // By how much stars of over 20,000 DN are found farther to the right than those below 2000 DN, px.
+        let step = |bias: Option<&PhaseBias>| {
+            let mean = |is_asked: fn(f64) -> bool| {
+                let own = found.iter().zip(&frames).flat_map(|(stars, (_, places))| {
+                    let asked: Vec<Detection> = stars.iter().filter(|star| is_asked(star.flux_dn)).cloned().collect();
+                    errors(&asked, places, bias)
+                });
+                let all: Vec<f64> = own.map(|(_, error)| error).collect();
+                all.iter().sum::<f64>() / all.len() as f64
+            };
+            mean(|flux_dn| flux_dn > 20_000.0) - mean(|flux_dn| flux_dn < 2000.0)
+        };
+        let [before, after] = [None, Some(&bias)].map(step);
+        assert!(before > 0.03 && after.abs() < 0.2 * before, "{before} {after}");
     }
 }

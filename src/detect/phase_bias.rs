@@ -1,9 +1,11 @@
-//! Bias of a centroid that follows the pixel phase, predicted from the image of a star.
+//! Bias of a centroid that follows the pixel phase and the brightness, predicted from the image of a star.
 //!
-//! Whatever the estimator, it is fitted to the image drawn without noise at places all over the pixel. The mean over the phases is left alone: it is
-//! the estimator's choice of what the centre of a lopsided image is, smooth over the frame, and no error that a camera model could not hold. What is
-//! left is a Fourier series of the phases along both axes, to second order, at a few places of the frame, brightnesses, colours and temperatures; a
-//! star's bias lies between these. Full pixels take no part in a fit: of a star that has some the bias is another, and often the opposite.
+//! Whatever the estimator, it is fitted to the image drawn without noise at places all over the pixel. The mean over the phases of a faint star is left
+//! alone: it is the estimator's choice of what the centre of a lopsided image is, smooth over the frame, and no error that a camera model could not hold.
+//! Of a bright star the mean is another, since the noise of its own light takes weight from the core: a lopsided image moves with the brightness, as by a
+//! magnitude equation. What is left is this difference and a Fourier series of the phases along both axes, to second order, at a few places of the frame,
+//! brightnesses, colours and temperatures; a star's bias lies between these. Full pixels take no part in a fit: of a star that has some the bias is
+//! another, and often the opposite.
 
 use std::f64::consts::PI;
 
@@ -91,7 +93,9 @@ impl PhaseBias {
             series(&psf.under([at[3], at[4]]), estimator, noise, [at[0], at[1]], at[2].exp())
         };
         let found = parallel::map_numbers(count, series);
-        let (nodes, series) = with_fits(nodes, found)?;
+        let (nodes, mut series) = with_fits(nodes, found)?;
+        let fluxes = nodes[2].len();
+        take_faintest_means_off(&mut series, fluxes, nodes[3].len() * nodes[4].len());
         Some(Self { nodes, series })
     }
 
@@ -173,6 +177,17 @@ fn with_fits(mut nodes: [Vec<f64>; AXES], found: Vec<Option<Series>>) -> Option<
     (!nodes[2].is_empty()).then_some((nodes, series))
 }
 
+/// Takes the mean over the phases that the faintest star has off that of all stars at its place and under its conditions.
+fn take_faintest_means_off(series: &mut [Series], fluxes: usize, faster: usize) {
+    for of_place in series.chunks_exact_mut(fluxes * faster) {
+        for index in (0..of_place.len()).rev() {
+            for axis in 0..2 {
+                of_place[index][axis][0] -= of_place[index % faster][axis][0];
+            }
+        }
+    }
+}
+
 /// The node before a value, and its share of the way to the next.
 fn between(nodes: &[f64], at: f64) -> (usize, f64) {
     let after = nodes.partition_point(|node| *node <= at);
@@ -183,13 +198,13 @@ fn between(nodes: &[f64], at: f64) -> (usize, f64) {
     nodes.get(after).map_or((low, 0.0), |next| (low, (at - nodes[low]) / (next - nodes[low])))
 }
 
-/// 1, cos φ, sin φ, cos 2φ, sin 2φ of an axis times those of the other; the first, their mean, is left out.
+/// 1, cos φ, sin φ, cos 2φ, sin 2φ of an axis times those of the other.
 fn basis(phase_px: [f64; 2]) -> [f64; TERMS] {
     let [x, y] = phase_px.map(|phase| {
         let (one, two) = ((std::f64::consts::TAU * phase).sin_cos(), (2.0 * std::f64::consts::TAU * phase).sin_cos());
         [1.0, one.1, one.0, two.1, two.0]
     });
-    std::array::from_fn(|k| if k == 0 { 0.0 } else { x[k % PHASES] * y[k / PHASES] })
+    std::array::from_fn(|k| x[k % PHASES] * y[k / PHASES])
 }
 
 /// The series at a place of the frame.

@@ -1,8 +1,8 @@
-//! The image of a star, learnt where the sky says that the stars are, and places without the bias that follows the pixel phase.
+//! The image of a star, learnt where the sky says that the stars are, and places without the bias that follows the pixel phase and the brightness.
 //!
 //! Whatever estimator measured the places, an image that is not the estimator's shifts them with the phase within the pixel: an S-curve that no physics
-//! of the sensor makes. The image learnt from pixels alone cannot tell it from another image; the one learnt at the places that catalogue, camera and
-//! attitude predict can. The estimator's bias under that image, less its mean over the phases, is taken off every place.
+//! of the sensor makes; and where it is lopsided, with the brightness: a magnitude equation that is none. The image learnt from pixels alone cannot tell it from another image; the one learnt at the places that catalogue, camera and
+//! attitude predict can. The estimator's bias under that image, less its mean over the phases of a faint star, is taken off every place.
 
 use std::collections::BTreeMap;
 
@@ -26,7 +26,7 @@ const MIN_SPAN_K: f64 = 1.0;
 
 /// Learns the image at the places of a baseline solution, takes the bias that it predicts off the places of all star images of the recording and of the
 /// baseline's control points, and solves once more. Of a camera without a declared gain the noise of these stars tells it, too. Places do not change where
-/// too few stars' pixels were kept, where stars held out do not prefer an image to Gaussians, or where the residuals do not fall.
+/// too few stars' pixels were kept, where stars held out do not prefer an image to Gaussians, or where the residuals of the same stars do not fall.
 pub fn take_phase_bias_off(
     measured: &mut Measured,
     baseline: &mut Calibration,
@@ -58,8 +58,11 @@ pub fn take_phase_bias_off(
     let moves = moves(measured, &all, &bias);
     let mut points = baseline.control_points.clone();
     move_points(&mut points, &moves, parity);
-    let again = calibrate(&points, solver).ok().filter(|again| again.status == Status::Converged && again.rms_px < baseline.rms_px);
-    let Some(again) = again else {
+    let nearer = |again: &Calibration| {
+        let [as_measured, without_bias] = misfits(&points, [baseline, again]);
+        again.status == Status::Converged && without_bias < as_measured
+    };
+    let Some(again) = calibrate(&points, solver).ok().filter(nearer) else {
         tracing::info!("the image that was learnt does not bring the stars nearer to their places: they stay as measured");
         return None;
     };
@@ -147,6 +150,23 @@ struct PointPlace {
     found: [f64; 2],
     predicted: [f64; 2],
     conditions: [f64; 2],
+}
+
+/// Squares of the residuals in stated standard errors, summed over the stars that both solutions hold against their cameras, those of little weight too:
+/// the stars that a bias moves farthest are those that the first solution rejects. No star counts for more than a wrong name.
+fn misfits(points: &ControlPoints, solutions: [&Calibration; 2]) -> [f64; 2] {
+    const MAX_SQUARE: f64 = 25.0;
+    let mut sums = [0.0; 2];
+    for (index, point) in points.points.iter().enumerate() {
+        let [Some(one), Some(other)] = solutions.map(|solution| solution.points.get(index).and_then(|own| own.residual_px)) else {
+            continue;
+        };
+        let variance_px2 = f64::midpoint(point.covariance_px2[0], point.covariance_px2[2]);
+        for (sum, [dx, dy]) in sums.iter_mut().zip([one, other]) {
+            *sum += ((dx * dx + dy * dy) / variance_px2).min(MAX_SQUARE);
+        }
+    }
+    sums
 }
 
 /// The stars whose pixels were kept and that are control points in their place, in the columns of the files.
