@@ -180,9 +180,10 @@ fn with_fits(mut nodes: [Vec<f64>; AXES], found: Vec<Option<Series>>) -> Option<
 /// Takes the mean over the phases that the faintest star has off that of all stars at its place and under its conditions.
 fn take_faintest_means_off(series: &mut [Series], fluxes: usize, faster: usize) {
     for of_place in series.chunks_exact_mut(fluxes * faster) {
-        for index in (0..of_place.len()).rev() {
-            for axis in 0..2 {
-                of_place[index][axis][0] -= of_place[index % faster][axis][0];
+        let faintest: Vec<[f64; 2]> = of_place[..faster].iter().map(|series| series.map(|axis| axis[0])).collect();
+        for (index, series) in of_place.iter_mut().enumerate() {
+            for (axis, mean) in series.iter_mut().zip(faintest[index % faster]) {
+                axis[0] -= mean;
             }
         }
     }
