@@ -304,7 +304,8 @@ mod tests {
             let bias = PhaseBias::predict(&psf, estimator, noise, &asked(found)).unwrap();
             let [before, after] = both_s_curves(&frames, found, &bias);
             assert!(before.abs() > 0.02, "{name}: {before}");
-            // The sky's places of the stars that the image is learnt from leave √(2/n)·σ in an amplitude, and the two orders of the series a little.
+            // The sky's places of the stars that the image is learnt from leave √(2/n)·σ in an amplitude. Beside it
+            // a twentieth of the bias may be predicted wrongly: the rest of the windowed estimator's does not fall with the number of stars.
             let left = (2.0 / image.report.stars as f64).sqrt() * image.place_sigma_px;
             assert!(after.abs() < 3.5 * left + 0.05 * before.abs(), "{name}: {before} {after}, left {left}");
         }
@@ -324,6 +325,7 @@ mod tests {
             both_s_curves(&frames, &full, &PhaseBias::predict(&psf, Estimator::Gaussian, noise, &asked(&found)).unwrap())
         };
         let ([before, after], [_, as_if_none]) = (of(f64::from(FULL_DN) - 100.0), of(f64::INFINITY));
+        // What is left does not fall with the number of stars: the fit of so few pixels is foreseen to a half.
         assert!(before.abs() > 0.01 && after.abs() < 0.5 * before.abs(), "{before} {after}");
         assert!(as_if_none.abs() > 2.0 * after.abs(), "as if no pixel were full: {as_if_none}, {after}");
     }

@@ -1,16 +1,16 @@
 //! Streaks: straight lines of light in one frame alone, as satellites, meteors and aircraft leave them.
 //!
 //! Bright ones are found as pixels that hang together and form a line; the search for stars takes pieces of them for stars, so their stars are no reason to
-//! leave them out. Faint ones are found by sums along lines of all places, slopes and lengths ([`super::line_sums`]) where no star was found, but for stars in
-//! a chain ([`super::star_chains`]), and with single pixels held down so that none makes a line. Of a line's eight parts the sum of the six faintest must be significant: a chain of a few stars has none. What is at
-//! the same place in another frame is the detector's.
+//! leave them out. Faint ones are found by sums along lines of all places, slopes and lengths ([`super::line_sums`]) where no star was found, single pixels
+//! held down so that none makes a line. Stars in a chain ([`super::star_chains`]) are pieces of a streak, and count as no stars. Of a line's eight parts the
+//! sum of the six faintest must be significant: a chain of a few stars has none. What is at the same place in another frame is the detector's.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::line_sums::{Plane, StripLine};
 use super::ray_candidates::{Deviations, square};
-use super::sky_frame::{SkyFrame, covered};
+use super::sky_frame::{SkyFrame, StarDisc, covered, sky_mask};
 use super::sky_pixels::SkyPixels;
 use super::star_chains::in_chains;
 use super::streak_way::{ends, trimmed};
@@ -121,6 +121,19 @@ pub(super) fn streaks(frames: &[StreakFrame]) -> Option<Streaks> {
 
 impl StreakFrame {
     pub(super) fn of(sky_frame: &SkyFrame<'_>, sky: &SkyPixels, deviations: &Deviations) -> Self {
+        let chained = in_chains(sky_frame.stars, [sky.width_px, sky.height_px]);
+        if !chained.contains(&true) {
+            return Self::among_stars(sky_frame, sky, deviations);
+        }
+        // The chain covers whole blocks of the sky, of which nothing would be known: they are measured with it.
+        let stars: Vec<StarDisc> = sky_frame.stars.iter().zip(chained).filter(|(_, chained)| !chained).map(|(star, _)| *star).collect();
+        let sky_frame = SkyFrame { stars: &stars, ..*sky_frame };
+        let sky = SkyPixels::new(sky_frame.frame, &sky_mask(&sky_frame));
+        Self::among_stars(&sky_frame, &sky, &Deviations::of(&sky_frame, &sky))
+    }
+
+    /// All of these stars taken for stars.
+    fn among_stars(sky_frame: &SkyFrame<'_>, sky: &SkyPixels, deviations: &Deviations) -> Self {
         let mut found = Vec::new();
         let bright = bright_streaks(sky_frame.number, deviations);
         let mut are_trails = bright.len() >= MAX_STREAKS || bright.len() as f64 > 1.0 + TRAILS * sky_frame.stars.len() as f64;
@@ -205,8 +218,7 @@ impl Searched {
     fn of(sky_frame: &SkyFrame<'_>, sky: &SkyPixels, deviations: &Deviations, bright: &[Streak]) -> Self {
         let (width, height) = (sky.width_px, sky.height_px);
         let mut values = deviations.values.clone();
-        let chained = in_chains(sky_frame.stars, [width, height]);
-        for (star, _) in sky_frame.stars.iter().zip(chained).filter(|(_, chained)| !chained) {
+        for star in sky_frame.stars {
             for y in covered(star.y_px, star.radius_px, height) {
                 let half = (star.radius_px.powi(2) - (y as f64 - star.y_px).powi(2)).max(0.0).sqrt();
                 values[y * width..][covered(star.x_px, half, width)].fill(f32::NAN);

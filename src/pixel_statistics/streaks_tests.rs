@@ -6,7 +6,6 @@ use rand_pcg::Pcg64Mcg;
 
 use super::*;
 use crate::frame::Frame;
-use crate::pixel_statistics::sky_frame::{StarDisc, sky_mask};
 
 const SIDE: usize = 320;
 const NOISE_DN: f64 = 5.0;
@@ -86,7 +85,7 @@ fn streaks_are_found_where_they_are() {
     }
 }
 
-/// A streak whose pieces were taken for stars is found all the same, in parts.
+/// A streak whose pieces were taken for stars is found whole all the same; where these stay stars it is not.
 #[test]
 fn a_chain_of_stars_is_a_streak() {
     let way = [[20.0, -30.0], [250.0, 350.0]];
@@ -97,9 +96,13 @@ fn a_chain_of_stars_is_a_streak() {
         let [x_px, y_px] = [0, 1].map(|axis| way[0][axis] + share * (way[1][axis] - way[0][axis]));
         StarDisc { x_px, y_px, radius_px: 6.0 }
     }));
-    let found = searched(0, &(frame, stars));
-    let longest = found.found.iter().map(Streak::length_px).fold(0.0, f64::max);
-    assert!(!found.are_trails && longest > 150.0, "{found:?}");
+    let sky_frame = SkyFrame { number: 0, frame: &frame, stars: &stars, bad: None, exposure_s: None, is_compared: false };
+    let sky = SkyPixels::new(&frame, &sky_mask(&sky_frame));
+    let deviations = Deviations::of(&sky_frame, &sky);
+    let found = StreakFrame::of(&sky_frame, &sky, &deviations);
+    assert!(!found.are_trails && found.found.len() == 1 && found.found[0].length_px() > 280.0, "{found:?}");
+    let none = StreakFrame::among_stars(&sky_frame, &sky, &deviations);
+    assert!(none.found.iter().all(|own| own.length_px() < 100.0), "{none:?}");
 }
 
 /// What is at the same place in two frames is the detector's; what is in one counts.
