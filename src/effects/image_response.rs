@@ -104,6 +104,10 @@ pub trait ImageEffect: Sync {
     fn parts(&self) -> &'static [&'static [usize]] {
         &[]
     }
+    /// The covariate that a part follows.
+    fn part_follows(&self, _part: &[usize]) -> &'static str {
+        self.follows()
+    }
     /// What it needs, in words, for where it is not known.
     fn needs(&self) -> &'static str;
     /// The size of its first parameter that real cameras and skies have, and where that is from.

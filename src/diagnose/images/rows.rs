@@ -165,10 +165,10 @@ pub(in crate::diagnose) struct Question {
 }
 
 impl Question {
-    /// Some of its columns.
-    pub(super) fn part(&self, which: &[usize]) -> Self {
+    /// Some of its columns, and the covariate that they follow.
+    pub(super) fn part(&self, which: &[usize], follows: &'static str) -> Self {
         let parameters = which.iter().map(|k| self.parameters[*k]).collect();
-        Self { parameters, columns: which.iter().map(|k| self.columns[*k].clone()).collect(), is_part: true, ..self.clone() }
+        Self { parameters, columns: which.iter().map(|k| self.columns[*k].clone()).collect(), follows, is_part: true, ..self.clone() }
     }
 }
 

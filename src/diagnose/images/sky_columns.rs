@@ -57,12 +57,14 @@ pub(super) fn asked(light: &SkyLight, gain_e_per_dn: Option<f64>, knows_bias: bo
         let columns = [("loss_at_corner", 0), ("loss_fourth_order", 1), ("loss_sixth_order", 2)].map(lost).into();
         all.push(one(<Vignetting as PixelEffect>::ID, "field-radius", columns, Some(1.0)));
     }
-    let is_below = |at: [f64; 2]| if at[1] > 0.0 { 1.0 } else { 0.0 };
     let mut halves = Vec::new();
-    if knows_bias {
-        halves.push((parameter("gain_relative", ""), light.column(|frame, cell| whole(frame) * is_below(cell.at))));
+    for (axis, gain, offset) in [(1, "gain_relative", "offset_dn"), (0, "gain_right_relative", "offset_right_dn")] {
+        let is_beyond = |at: [f64; 2]| if at[axis] > 0.0 { 1.0 } else { 0.0 };
+        if knows_bias {
+            halves.push((parameter(gain, ""), light.column(|frame, cell| whole(frame) * is_beyond(cell.at))));
+        }
+        halves.push((parameter(offset, "DN"), light.added(|_, cell| is_beyond(cell.at))));
     }
-    halves.push((parameter("offset_dn", "DN"), light.added(|_, cell| is_below(cell.at))));
     all.push(one(<AmplifierHalves as PixelEffect>::ID, "row", halves, None));
     let rates = gain_e_per_dn.filter(|_| light.frames.iter().all(|frame| frame.exposure_s.is_some()));
     let Some(gain) = rates else {

@@ -137,7 +137,7 @@ pub(super) fn rows_of_stars(
     for effect in IMAGE_EFFECTS.iter().chain(IMAGE_CAUSES) {
         match question(*effect, &told, rendered.iter().find(|own| own.id == effect.id())) {
             Ok(question) => {
-                rows.questions.extend(effect.parts().iter().map(|part| question.part(part)));
+                rows.questions.extend(effect.parts().iter().map(|part| question.part(part, effect.part_follows(part))));
                 rows.questions.push(question);
             }
             Err(reason) => {

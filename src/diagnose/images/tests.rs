@@ -112,6 +112,30 @@ fn nothing_is_found_where_nothing_is() {
     assert!(left < 7, "{left} channels of {SEEDS} nulls were left with something");
 }
 
+/// Halves with an amplifier each, upper and lower or left and right, and quarters: the parameters are those that are there.
+#[test]
+fn halves_are_told_apart() {
+    let right: Added = |image| (if image.at[0] > 0.0 { -0.03 } else { 0.0 }, [0.0; 3]);
+    let lower: Added = |image| (if image.at[1] > 0.0 { -0.03 } else { 0.0 }, [0.0; 3]);
+    let both: Added = |image| ([0, 1].map(|axis| if image.at[axis] > 0.0 { -0.03 } else { 0.0 }).iter().sum(), [0.0; 3]);
+    for (added, names) in
+        [(right, &["gain_right_relative"][..]), (lower, &["gain_relative"]), (both, &["gain_relative", "gain_right_relative"])]
+    {
+        for seed in 30..33 {
+            let judged = judge(&stars(seed, added), None, FRAMES, &asked(1e-3), &[]).unwrap();
+            assert_eq!(found(&judged), ["amplifier-step"], "seed {seed}");
+            let own = judged.proposed.iter().find(|own| own.against.is_empty()).unwrap();
+            let question = &judged.rows.questions[own.question];
+            let told: Vec<&str> = question.parameters.iter().map(|own| own.name).collect();
+            assert_eq!(told, names, "seed {seed}");
+            for [value, sigma] in &own.sizes {
+                // 0.03 mag are 0.0276 of the natural logarithm.
+                assert!((value - 0.0276).abs() < 4.0 * sigma && *sigma < 0.006, "seed {seed}: {value} ± {sigma}");
+            }
+        }
+    }
+}
+
 /// A loss at the corners that turns its sign in the last third of the frames: it makes these worse, and the colour term is fitted without it.
 #[test]
 fn what_makes_other_frames_worse_is_in_no_fit() {

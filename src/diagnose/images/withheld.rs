@@ -5,7 +5,7 @@ use super::judge::{Judged, Proposed};
 use crate::diagnose::causes::{COMPRESSION, GAIN_NOISE};
 use crate::diagnose::channels::{Channel, ChannelVerdict};
 use crate::diagnose::diagnosis::{Diagnosis, EffectState, Finding};
-use crate::effects::detector::amplifier_step::AmplifierStep;
+use crate::effects::detector::amplifier_step::{AmplifierStep, is_gain_step};
 use crate::effects::detector::brighter_fatter::BrighterFatter;
 use crate::effects::detector::charge_transfer_inefficiency::ChargeTransferInefficiency;
 use crate::effects::detector::{even_odd, magnitude_equation, overshoot, s_curve};
@@ -68,12 +68,11 @@ fn beside_others(diagnosis: &Diagnosis, judged: &Judged, proposed: &Proposed, by
 fn by_two_gains(judged: &Judged, proposed: &Proposed) -> Option<String> {
     const STEP: &str = <AmplifierStep as CentroidShift>::ID;
     let id = |own: &Proposed| judged.rows.questions[own.question].id;
-    let first = |own: &Proposed| own.sizes.first().copied();
-    let is_step = |own: &&Proposed| {
-        id(own) == STEP && own.against.is_empty() && judged.rows.questions[own.question].parameters[0].name == "gain_relative"
-    };
-    let step = judged.proposed.iter().find(is_step).and_then(first)?;
-    let gain = first(proposed).filter(|_| id(proposed) == GAIN_NOISE)?;
+    let is_step = |own: &&Proposed| id(own) == STEP && own.against.is_empty();
+    let found = judged.proposed.iter().find(is_step)?;
+    let gains = judged.rows.questions[found.question].parameters.iter().zip(&found.sizes).filter(|(own, _)| is_gain_step(own.name));
+    let step = gains.map(|(_, size)| *size).max_by(|a, b| a[0].abs().total_cmp(&b[0].abs()))?;
+    let gain = proposed.sizes.first().copied().filter(|_| id(proposed) == GAIN_NOISE)?;
     let beside = proposed.sizes.get(1).copied().unwrap_or([0.0, 1.0]);
     is_within_step(gain, beside, step).then(|| format!("{STEP} gives the two halves gains that differ by as much"))
 }

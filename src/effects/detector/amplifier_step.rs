@@ -2,8 +2,8 @@
 //!
 //! ## What it does
 //!
-//! The upper and the lower half of the sensor are read to opposite sides, each through an amplifier of its own. Lag of charge
-//! and non-linearity then move faint stars one way in one half, and another way in the other.
+//! The halves of the sensor, upper and lower or left and right, are read to opposite sides, each through an amplifier of its own; its quarters where there
+//! are four. Lag of charge and non-linearity then move faint stars one way in the upper half, and another way in the lower one.
 //!
 //! ## Equation
 //!
@@ -14,14 +14,14 @@
 //!
 //! ### In the pixels
 //!
-//! electrons = N·(1 + g) + o in the rows below the middle, N above. The lag of charge and the non-linearity are effects of
-//! their own: rendered, a gain alone moves only stars whose light lies on both sides of the line.
+//! electrons = N·(1 + g) + o in the rows below the middle, N above; of that (1 + h) as much and p more in the columns right of the middle. The lag of charge
+//! and the non-linearity are effects of their own: rendered, a gain alone moves only stars whose light lies on both sides of the line.
 //!
 //! ## Parameters
 //!
 //! `px_per_mag` (b): displacement along the columns of a star one magnitude fainter in the lower half against the upper one, px.
-//! In the pixels: `gain_relative` (g) and `offset_e` (o), gain and offset of the lower half against the upper one, of the order of 0.01 and of a
-//! few electrons.
+//! In the pixels: `gain_relative` (g) and `offset_e` (o), gain and offset of the lower half against the upper one, `gain_right_relative` (h) and
+//! `offset_right_e` (p) those of the right half against the left one, of the order of 0.01 and of a few electrons.
 //!
 //! ## Signature
 //!
@@ -35,8 +35,7 @@
 //!
 //! ## Neglected
 //!
-//! The displacement grows with the way to the register, and is not the same over a half; halves to the left and right; four
-//! amplifiers; displacement along x.
+//! The displacement grows with the way to the register, and is not the same over a half; displacement along x; four amplifiers of which one alone differs.
 //!
 //! ## Source
 //!
@@ -94,7 +93,7 @@ impl CentroidShift for AmplifierStep {
     }
 }
 
-/// Gain and offset of the lower half, in the pixels.
+/// Gains and offsets of the lower and of the right half, in the pixels.
 #[derive(Clone, Copy, Debug)]
 pub struct AmplifierHalves;
 
@@ -105,16 +104,23 @@ pub struct AmplifierStepUniforms {
     gain: f32,
     offset_e: f32,
     first_row_below: u32,
+    gain_right: f32,
+    offset_right_e: f32,
+    first_column_right: u32,
     width: u32,
 }
 
 /// The twin.
 fn amplifier_step(uniforms: &AmplifierStepUniforms, first_pixel: u32, pixels: &mut [f32]) {
-    by_rows(uniforms.width, first_pixel, pixels, |_, y, row| {
+    by_rows(uniforms.width, first_pixel, pixels, |x, y, row| {
         if y >= uniforms.first_row_below {
-            for electrons in row {
+            for electrons in &mut *row {
                 *electrons = *electrons * uniforms.gain + uniforms.offset_e;
             }
+        }
+        let first = uniforms.first_column_right.saturating_sub(x) as usize;
+        for electrons in row.iter_mut().skip(first) {
+            *electrons = *electrons * uniforms.gain_right + uniforms.offset_right_e;
         }
     });
 }
@@ -125,17 +131,23 @@ impl PixelEffect for AmplifierHalves {
     const PARAMETERS: &'static [ParameterSpec] = &[
         ParameterSpec { name: "gain_relative", unit: "", typical: 0.01, range: (-0.9, 9.0) },
         ParameterSpec { name: "offset_e", unit: "e-", typical: 5.0, range: (-1e6, 1e6) },
+        ParameterSpec { name: "gain_right_relative", unit: "", typical: 0.01, range: (-0.9, 9.0) },
+        ParameterSpec { name: "offset_right_e", unit: "e-", typical: 5.0, range: (-1e6, 1e6) },
     ];
     const WGSL: &'static str = include_str!("../../../shaders/amplifier_step.wgsl");
     const SOURCE: &'static str = page_source!("amplifier_step.rs");
     type Uniforms = AmplifierStepUniforms;
-    const FIELDS: &'static [(&'static str, usize)] = uniform_fields!(AmplifierStepUniforms { gain, offset_e, first_row_below, width });
+    const FIELDS: &'static [(&'static str, usize)] =
+        uniform_fields!(AmplifierStepUniforms { gain, offset_e, first_row_below, gain_right, offset_right_e, first_column_right, width });
 
     fn uniforms(parameters: &[f64], exposure: &ExposureContext) -> AmplifierStepUniforms {
         AmplifierStepUniforms {
             gain: (1.0 + parameters[0]) as f32,
             offset_e: parameters[1] as f32,
             first_row_below: exposure.height_px.div_ceil(2) as u32,
+            gain_right: (1.0 + parameters[2]) as f32,
+            offset_right_e: parameters[3] as f32,
+            first_column_right: exposure.width_px.div_ceil(2) as u32,
             width: exposure.width_px as u32,
         }
     }
@@ -143,7 +155,7 @@ impl PixelEffect for AmplifierHalves {
         amplifier_step(uniforms, first_pixel, pixels);
     }
     fn identity() -> Option<Vec<f64>> {
-        Some(vec![0.0; 2])
+        Some(vec![0.0; 4])
     }
 }
 
@@ -152,15 +164,27 @@ pub(crate) fn relative_step([step, sigma]: [f64; 2]) -> [f64; 2] {
     [step.exp_m1(), step.exp() * sigma]
 }
 
+/// Whether a parameter is a ratio of the gains of two halves.
+pub(crate) fn is_gain_step(name: &str) -> bool {
+    matches!(name, "gain_relative" | "gain_right_relative")
+}
+
 impl ImageEffect for AmplifierStep {
     fn id(&self) -> &'static str {
         <Self as CentroidShift>::ID
     }
     fn parameters(&self) -> &'static [(&'static str, &'static str)] {
-        &[("gain_relative", "")]
+        &[("gain_relative", ""), ("gain_right_relative", "")]
     }
     fn follows(&self) -> &'static str {
         "row"
+    }
+    /// Two amplifiers are more usual than four.
+    fn parts(&self) -> &'static [&'static [usize]] {
+        &[&[0], &[1]]
+    }
+    fn part_follows(&self, part: &[usize]) -> &'static str {
+        if part == [1] { "column-half" } else { self.follows() }
     }
     fn needs(&self) -> &'static str {
         "stars in both halves"
@@ -168,9 +192,9 @@ impl ImageEffect for AmplifierStep {
     fn ordinary(&self) -> (f64, &'static str) {
         (0.01, "gains of amplifiers differ by of the order of a percent (Janesick 2001)")
     }
-    /// The lower half has more counts.
+    /// The lower half has more counts, and the right one.
     fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
-        Some(vec![ImageResponse::loss(if image.at[1] > 0.0 { -1.0 } else { 0.0 })])
+        Some([1, 0].map(|axis| ImageResponse::loss(if image.at[axis] > 0.0 { -1.0 } else { 0.0 })).into())
     }
 }
 
@@ -192,8 +216,21 @@ mod tests {
         for (height, expected) in [(4, [10.0, 10.0, 23.0, 23.0]), (3, [10.0, 10.0, 23.0, 10.0])] {
             let exposure = ExposureContext { width_px: 1, height_px: height, ..ExposureContext::default() };
             let mut pixels = [10.0; 4];
-            amplifier_step(&AmplifierHalves::uniforms(&[1.0, 3.0], &exposure), 0, &mut pixels[..height]);
+            amplifier_step(&AmplifierHalves::uniforms(&[1.0, 3.0, 0.0, 0.0], &exposure), 0, &mut pixels[..height]);
             assert_eq!(pixels, expected);
+        }
+    }
+
+    /// Wherever among the pixels a share of them begins.
+    #[test]
+    fn the_right_half_begins_right_of_the_middle() {
+        let exposure = ExposureContext { width_px: 5, height_px: 2, ..ExposureContext::default() };
+        let uniforms = AmplifierHalves::uniforms(&[0.5, 0.0, 1.0, 3.0], &exposure);
+        let expected = [10.0, 10.0, 10.0, 23.0, 23.0, 15.0, 15.0, 15.0, 33.0, 33.0];
+        for first in 0..10 {
+            let mut pixels = [10.0; 10];
+            amplifier_step(&uniforms, first as u32, &mut pixels[first..]);
+            assert_eq!(pixels[first..], expected[first..]);
         }
     }
 }

@@ -36,6 +36,7 @@ pub fn found_parameter(stage: &str, name: &str, scale: &DetectorScale) -> Option
         ("banding", "row_sigma_dn") => return Some(("row_sigma_e", scale.gain_e_per_dn)),
         ("banding", "column_sigma_dn") => return Some(("column_sigma_e", scale.gain_e_per_dn)),
         ("amplifier-step", "offset_dn") => return Some(("offset_e", scale.gain_e_per_dn)),
+        ("amplifier-step", "offset_right_dn") => return Some(("offset_right_e", scale.gain_e_per_dn)),
         ("even-odd", "relative") => return Some(("gain_relative", 1.0)),
         ("hot-pixels", "count") => return Some(("hot_per_million", per_million)),
         ("hot-pixels", "dead_count") => return Some(("dead_per_million", per_million)),
