@@ -4,12 +4,15 @@
 
 use crate::effects::{ImageContext, ImageEffect, ImageResponse};
 
+/// Light of the stars lost to clear air.
+pub(in crate::diagnose) const EXTINCTION: &str = "extinction";
+
 /// Loss of light in the air.
 pub(super) struct Extinction;
 
 impl ImageEffect for Extinction {
     fn id(&self) -> &'static str {
-        "extinction"
+        EXTINCTION
     }
     fn parameters(&self) -> &'static [(&'static str, &'static str)] {
         &[("mag_per_airmass", "mag")]

@@ -8,6 +8,7 @@ mod passband;
 mod psf_shape;
 
 use crate::effects::ImageEffect;
+pub(super) use extinction::EXTINCTION;
 pub(super) use motion_smear::MOTION_SMEAR;
 
 /// Those with columns in brightness or shape.

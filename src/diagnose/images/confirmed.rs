@@ -8,10 +8,12 @@ use super::background::Background;
 use super::proposed::Proposed;
 use super::row_fit::RowFit;
 use super::rows::{Question, Rows};
-use super::selection::{columns, directions};
+use super::selection::{AS_GOOD, columns, directions};
+use super::sky_columns::AMPLIFIER_GLOW;
 use super::turns::of_channel;
 use crate::diagnose::causes::GAIN_NOISE;
 use crate::diagnose::channels::{Channel, ChannelMeasure};
+use crate::effects::detector::amplifier_step::AmplifierHalves;
 use crate::effects::optics::vignetting::Vignetting;
 use crate::effects::pixel::PixelEffect;
 use crate::statistics::significance::neg_ln_chi2_sf;
@@ -113,6 +115,34 @@ pub(super) fn withhold_what_leaves_much(rows: &Rows, background: &Background, [n
                 "{:.0} % of what the sky shows is left beside it: its shape is another one",
                 100.0 * (after - rank) / before
             ));
+        }
+    }
+}
+
+/// A sky that leans or bends evenly over the frame (the light of a lens, of a wall nearby) is told as well by the place and its squares, which point at no
+/// corner and have no step: neither a glow nor halves that differ have the name then.
+pub(super) fn withhold_what_a_gradient_tells(
+    rows: &Rows,
+    background: &Background,
+    (accepted, fit): (&[usize], &RowFit),
+    proposed: &mut [Proposed],
+) {
+    let columns_of = |pattern: &Question| match pattern.follows {
+        "x" | "y" | "field-azimuth" => pattern.columns.clone(),
+        "field-radius" => pattern.columns[..1].to_vec(),
+        _ => Vec::new(),
+    };
+    let squares: Vec<Vec<f64>> = background.patterns.iter().flat_map(columns_of).collect();
+    const SHAPES: [(&str, &str); 2] = [(AMPLIFIER_GLOW, "points at no corner"), (<AmplifierHalves as PixelEffect>::ID, "has no step")];
+    for own in proposed {
+        let Some((_, lacks)) = SHAPES.iter().find(|(id, _)| *id == rows.questions[own.question].id) else { continue };
+        let others: Vec<usize> = accepted.iter().copied().filter(|other| *other != own.question).collect();
+        let without = RowFit::under(rows, &fit.take, &columns(rows, &others), fit);
+        let psi = nalgebra::DVector::from_column_slice(&without.psi);
+        let basis = directions(rows, &without, &squares);
+        let told: f64 = basis.iter().map(|direction| direction.dot(&psi).powi(2)).sum();
+        if neg_ln_chi2_sf(basis.len() as f64, told) > own.surprise - AS_GOOD {
+            own.against.push(format!("a sky that bends evenly over the frame tells as much, and {lacks}"));
         }
     }
 }

@@ -199,6 +199,11 @@ impl Counted {
         self
     }
 
+    /// Its id.
+    pub(super) fn id(&self) -> &'static str {
+        self.id
+    }
+
     /// Its id, where it is there.
     pub(super) fn found_id(&self) -> Option<&'static str> {
         self.is_found().then_some(self.id)

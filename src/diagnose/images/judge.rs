@@ -23,7 +23,7 @@ use crate::diagnose::channels::{Channel, ChannelMeasure};
 use crate::diagnose::image_profiles::ImageProfile;
 use crate::diagnose::null_distribution::{family_p, independent};
 use crate::effects::CentroidShift;
-use crate::effects::detector::amplifier_step::AmplifierStep;
+use crate::effects::detector::amplifier_step::{AmplifierStep, is_gain_step};
 use crate::effects::detector::brighter_fatter::BrighterFatter;
 use crate::effects::pixel::pass::PassHead;
 use crate::statistics::order::{sort_by, sort_by_key};
@@ -138,6 +138,7 @@ pub(in crate::diagnose) fn judge(
     let looked_at = background.as_ref().filter(|own| own.why_not.is_none());
     if let Some(own) = looked_at {
         confirmed::withhold_what_leaves_much(&rows, own, [&nothing, &fit], &mut proposed);
+        confirmed::withhold_what_a_gradient_tells(&rows, own, (&accepted, &fit), &mut proposed);
     }
     confirmed::withhold_gain_beside_other_noise(&rows, &held_out, &mut proposed);
     // What is withheld explains nothing.
@@ -281,13 +282,14 @@ fn alike(rows: &Rows, without: &RowFit, accepted: &[usize], chosen: &Answer) -> 
 /// Sizes that no detector has: halves that differ by too much, charge that is pushed aside and adds noise.
 fn implausible(question: &Question, sizes: &[[f64; 2]]) -> Option<String> {
     const MAX_GAIN_STEP: f64 = 0.2;
-    let is_step = question.id == <AmplifierStep as CentroidShift>::ID && question.parameters.first()?.name == "gain_relative";
-    let size = sizes.first()?[0];
+    let step =
+        question.parameters.iter().zip(sizes).filter(|(own, _)| is_gain_step(own.name)).map(|(_, size)| size[0].abs()).fold(0.0, f64::max);
     // Pixels that push charge aside share their noise: none has more of it.
     if question.id == <BrighterFatter as PassHead>::ID && sizes.get(1).is_some_and(|[lost, sigma]| *lost < -2.0 * sigma) {
         return Some("the noise of the sky grows with the light, and charge that is pushed aside makes it fall".to_owned());
     }
-    (is_step && size.abs() > MAX_GAIN_STEP).then(|| format!("no two amplifiers differ by {:.0} %", 100.0 * size.abs()))
+    let is_of_amplifiers = question.id == <AmplifierStep as CentroidShift>::ID;
+    (is_of_amplifiers && step > MAX_GAIN_STEP).then(|| format!("no two amplifiers differ by {:.0} %", 100.0 * step))
 }
 
 /// Of what the places have found the columns here are a formula: what is left of it is not to be named after another effect.

@@ -44,6 +44,7 @@ mod tests;
 mod transfer_tests;
 mod turns;
 mod withheld;
+mod zero_point_scatter;
 
 pub use expected_stars::StarMeasurement;
 pub use measured_detector::detector_numbers;

@@ -16,7 +16,7 @@ use super::profiles::shape_map;
 use super::rendered::StampCamera;
 use super::rows::{Parameter, Question};
 use super::shared_noise::shared_noise;
-use super::single_frames::single_frames;
+use super::single_frames::{Air, single_frames};
 use super::sky_view::SkyView;
 use super::withheld::{against, is_gain_explained, withhold_shadows};
 use crate::diagnose::causes::{COMPRESSION, INTRAPIXEL_RESPONSE};
@@ -24,7 +24,7 @@ use crate::diagnose::channels::{ByChannel, Channel, ChannelReport, ChannelVerdic
 use crate::diagnose::diagnosis::{ColumnSource, Diagnosis, EffectState, EffectStatus, Finding, FoundParameter, Limit, Signs};
 use crate::diagnose::options::DiagnoseOptions;
 use crate::diagnose::wording;
-use crate::effects::detector::amplifier_step::{AmplifierHalves, relative_step};
+use crate::effects::detector::amplifier_step::{AmplifierHalves, is_gain_step, relative_step};
 use crate::effects::optics::vignetting::{Vignetting, losses};
 use crate::effects::pixel::PixelEffect;
 use crate::pixel_statistics::{ElsewhereFrame, LOOKS, PixelStatistics};
@@ -116,7 +116,8 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
         set_status(diagnosis, status);
     }
     let numbers: Vec<usize> = places.keys().copied().collect();
-    counted.extend(single_frames(&judged, images.pixels, (images.detector.bias_dn, images.looks_through_air), &numbers));
+    let air = Air::of(&stars, images.looks_through_air);
+    counted.extend(single_frames(&judged, images.pixels, &air, images.detector.bias_dn, &numbers));
     counted.extend(jitter(&judged, images.looks_through_air).into_iter().chain([intrapixel_response()]));
     for (channel, state) in &judged.channels {
         // Rounded blocks explain what the noise shows, whatever it looks like, and what else changes the noise explains a gain that seems wrong.
@@ -210,8 +211,9 @@ fn in_the_equation(question: &Question, proposed: &Proposed) -> Vec<[f64; 2]> {
         sizes if is(<Vignetting as PixelEffect>::ID, "loss_at_corner") => {
             losses(&sizes.iter().map(|size| size[0]).collect::<Vec<_>>(), &proposed.covariance)
         }
-        [step, rest @ ..] if is(<AmplifierHalves as PixelEffect>::ID, "gain_relative") => {
-            std::iter::once(relative_step(*step)).chain(rest.iter().copied()).collect()
+        sizes if question.id == <AmplifierHalves as PixelEffect>::ID => {
+            let told = |(own, size): (&Parameter, &[f64; 2])| if is_gain_step(own.name) { relative_step(*size) } else { *size };
+            question.parameters.iter().zip(sizes).map(told).collect()
         }
         sizes => sizes.to_vec(),
     }

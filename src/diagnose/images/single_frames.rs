@@ -8,9 +8,11 @@
 use std::collections::BTreeMap;
 
 use super::counted::{Counted, MAX_SURPRISE};
+use super::expected_stars::StarMeasurement;
 use super::judge::Judged;
 use super::rows::Kind;
 use super::stars::{DIAGONAL, ELONGATION, SIZE};
+use super::zero_point_scatter::scattered;
 use crate::diagnose::causes::{CLOUDS, EXPOSURE_TIME, MOTION_SMEAR, ZERO_POINT};
 use crate::diagnose::channels::Channel;
 use crate::pixel_statistics::PixelStatistics;
@@ -21,10 +23,10 @@ use crate::statistics::{mad_sigma, median};
 const MIN_FRAMES: usize = 5;
 /// From frame to frame the light differs by so much anyway, and a frame that differs by less is no finding, whatever its significance; magnitudes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Steady {
-    scatter_mag: f64,
+pub(super) struct Steady {
+    pub(super) scatter_mag: f64,
     least_mag: f64,
-    has_clouds: bool,
+    pub(super) has_clouds: bool,
 }
 
 /// The transparency of a clear night.
@@ -42,26 +44,57 @@ const MIN_STARS: usize = 5;
 
 /// A frame's zero point less that of the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Level {
+pub(super) struct Level {
     frame: usize,
     /// Fainter is positive, magnitudes.
-    stars: f64,
-    sigma: f64,
+    pub(super) stars: f64,
+    pub(super) sigma: f64,
     /// The same of the sky.
-    sky: Option<f64>,
+    pub(super) sky: Option<f64>,
+    /// Mean air mass of its stars.
+    pub(super) airmass: Option<f64>,
 }
 
-/// All that single frames show, with the counts of no light and whether the camera looks through air. `numbers`: of every place among the frames that are tested the frame's number.
+/// The air above the camera.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Air {
+    /// Whether there is any.
+    pub(super) is_there: bool,
+    /// Mean air mass of the stars of every frame, by its place among those that are tested; empty where it is not known.
+    pub(super) mass_of_frame: BTreeMap<usize, f64>,
+}
+
+impl Air {
+    /// As the stars tell it.
+    pub(super) fn of(stars: &[StarMeasurement], is_there: bool) -> Self {
+        let mut sums: BTreeMap<usize, [f64; 2]> = BTreeMap::new();
+        for (frame, airmass) in stars.iter().filter_map(|star| Some((star.frame, star.image.airmass?))) {
+            let own = sums.entry(frame).or_default();
+            *own = [own[0] + airmass, own[1] + 1.0];
+        }
+        Self { is_there, mass_of_frame: sums.into_iter().map(|(frame, [sum, count])| (frame, sum / count)).collect() }
+    }
+}
+
+/// All that single frames show; `bias_dn`: the counts of no light, `numbers`: of every place among the frames that are tested the frame's number.
 pub(super) fn single_frames(
     judged: &Judged,
     pixels: Option<&PixelStatistics>,
-    (bias_dn, looks_through_air): (Option<f64>, bool),
+    air: &Air,
+    bias_dn: Option<f64>,
     numbers: &[usize],
 ) -> Vec<Counted> {
     let mut all: Vec<Counted> = Vec::new();
-    let levels = levels(judged, pixels, bias_dn, numbers);
+    let levels = levels(judged, pixels, (bias_dn, &air.mass_of_frame), numbers);
     if levels.len() >= MIN_FRAMES {
-        all.extend(uneven(&levels, if looks_through_air { THROUGH_AIR } else { IN_SPACE }));
+        let steady = if air.is_there { THROUGH_AIR } else { IN_SPACE };
+        all.extend(uneven(&levels, steady));
+        // Where none stands out all may scatter.
+        let all_scatter = if all.iter().any(Counted::is_found) { None } else { scattered(&levels, steady) };
+        if let Some(own) = all_scatter.filter(Counted::is_found) {
+            all.retain(|other| other.id() != own.id());
+            all.push(own);
+        }
     } else {
         let reason = format!("it needs {MIN_FRAMES} frames whose zero points the stars tell");
         all.extend([EXPOSURE_TIME, CLOUDS, ZERO_POINT].map(|id| Counted::untold(id, Channel::Flux, reason.clone())));
@@ -73,7 +106,12 @@ pub(super) fn single_frames(
 }
 
 /// Zero points of the frames, exposure times taken off.
-fn levels(judged: &Judged, pixels: Option<&PixelStatistics>, bias_dn: Option<f64>, numbers: &[usize]) -> Vec<Level> {
+fn levels(
+    judged: &Judged,
+    pixels: Option<&PixelStatistics>,
+    (bias_dn, airmass): (Option<f64>, &BTreeMap<usize, f64>),
+    numbers: &[usize],
+) -> Vec<Level> {
     let Some(kind) = judged.rows.kinds.iter().position(|kind| kind.channel == Channel::Flux) else { return Vec::new() };
     let of_frames: BTreeMap<usize, (f64, Option<f64>)> =
         pixels.iter().flat_map(|pixels| &pixels.by_frame).map(|own| (own.frame, (own.level_dn, own.exposure_s))).collect();
@@ -85,7 +123,7 @@ fn levels(judged: &Judged, pixels: Option<&PixelStatistics>, bias_dn: Option<f64
             let (level_dn, exposure_s) = of_frames.get(&frame).copied().unwrap_or((f64::NAN, None));
             let by_time = exposure_s.filter(|time| *time > 0.0).map_or(0.0, magnitudes);
             let sky = bias_dn.map(|bias| level_dn - bias).filter(|sky| *sky > 0.0).map(|sky| magnitudes(sky) - by_time);
-            Some(Level { frame, stars: stars - by_time, sigma: *sigma, sky })
+            Some(Level { frame, stars: stars - by_time, sigma: *sigma, sky, airmass: airmass.get(place).copied() })
         })
         .collect();
     let middle = median(&told.iter().map(|level| level.stars).collect::<Vec<_>>()).unwrap_or(0.0);

@@ -2,11 +2,15 @@
 
 use std::f64::consts::TAU;
 
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
+
 use super::counted::Counted;
 use super::expected_stars::StarMeasurement;
 use super::judge::{Judged, Pixels, judge};
 use super::noise::DeclaredDetector;
-use super::single_frames::single_frames;
+use super::single_frames::{Air, single_frames};
 use super::tests::{FRAMES, asked, nothing, stars};
 use crate::pixel_statistics::{FrameNoise, PixelStatistics};
 
@@ -18,6 +22,11 @@ fn judged(stars: &[StarMeasurement], statistics: &PixelStatistics) -> Judged {
     let detector = DeclaredDetector::default();
     let pixels = Pixels { statistics, detector: &detector, places: &places, views: &[] };
     judge(stars, Some(&pixels), FRAMES, &asked(1e-3), &[]).unwrap()
+}
+
+/// Air of which nobody knows how much each frame looks through.
+fn air(is_there: bool) -> Air {
+    Air { is_there, ..Air::default() }
 }
 
 /// Frames of one sky; that of one of them is brighter by a factor.
@@ -48,7 +57,7 @@ fn told_through(looks_through_air: bool, seed: u64, factor: f64, sky: f64) -> Ve
     }
     let statistics = skies(sky);
     let numbers: Vec<usize> = (0..FRAMES).collect();
-    found(single_frames(&judged(&stars, &statistics), Some(&statistics), (Some(BIAS_DN), looks_through_air), &numbers))
+    found(single_frames(&judged(&stars, &statistics), Some(&statistics), &air(looks_through_air), Some(BIAS_DN), &numbers))
 }
 
 fn found(counted: Vec<Counted>) -> Vec<(String, f64)> {
@@ -88,6 +97,66 @@ fn without_air_a_small_difference_is_one() {
     }
 }
 
+/// What is told where the light of every frame is off by a draw of its own, that of stars and that of the sky by these scatters (magnitudes).
+fn scattering(looks_through_air: bool, seed: u64, stars_mag: f64, sky_mag: f64) -> Vec<(String, f64)> {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x5ca7);
+    // Draws of a known scatter, so that its size is the truth.
+    let mut draws: [f64; FRAMES] = std::array::from_fn(|_| StandardNormal.sample(&mut rng));
+    let mean = draws.iter().sum::<f64>() / FRAMES as f64;
+    let rms = (draws.iter().map(|own| (own - mean).powi(2)).sum::<f64>() / FRAMES as f64).sqrt();
+    draws.iter_mut().for_each(|own| *own = (*own - mean) / rms);
+    let factor = |frame: usize, mag: f64| 10.0_f64.powf(-0.4 * mag * draws[frame]);
+    let mut stars = stars(seed, nothing);
+    for star in &mut stars {
+        star.flux_dn *= factor(star.frame, stars_mag);
+    }
+    let mut statistics = skies(1.0);
+    for frame in &mut statistics.by_frame {
+        frame.level_dn = BIAS_DN + (frame.level_dn - BIAS_DN) * factor(frame.frame, sky_mag);
+    }
+    let numbers: Vec<usize> = (0..FRAMES).collect();
+    found(single_frames(&judged(&stars, &statistics), Some(&statistics), &air(looks_through_air), Some(BIAS_DN), &numbers))
+}
+
+/// Where none stands out: exposures that scatter take the sky along, clouds do not.
+#[test]
+fn zero_points_that_scatter_are_told() {
+    for seed in 60..66 {
+        // A clear night scatters by 0.02 mag.
+        assert_eq!(scattering(true, seed, 0.02, 0.0), [], "seed {seed}");
+        let exposure = scattering(true, seed, 0.04, 0.04);
+        assert!(
+            matches!(&exposure[..], [(id, size)] if id == "exposure-time" && (size - 0.037).abs() < 0.015),
+            "seed {seed}: {exposure:?}"
+        );
+        let clouds = scattering(true, seed, 0.1, 0.0);
+        assert!(matches!(&clouds[..], [(id, _)] if id == "clouds"), "seed {seed}: {clouds:?}");
+        let shutter = scattering(false, seed, 0.04, 0.0);
+        assert!(matches!(&shutter[..], [(id, _)] if id == "zero-point"), "seed {seed}: {shutter:?}");
+    }
+}
+
+/// Frames that look through more air lose more light: no clouds, where the air masses are known.
+#[test]
+fn extinction_is_no_cloud() {
+    const MAG_PER_AIRMASS: f64 = 0.25;
+    // As fields here and there have it, in no order.
+    let mass = |frame: usize| 1.0 + 0.1 * ((5 * frame) % FRAMES) as f64;
+    for seed in 70..73 {
+        let mut stars = stars(seed, nothing);
+        for star in &mut stars {
+            star.flux_dn *= 10.0_f64.powf(-0.4 * MAG_PER_AIRMASS * mass(star.frame));
+        }
+        let (judged, statistics) = (judged(&stars, &skies(1.0)), skies(1.0));
+        let numbers: Vec<usize> = (0..FRAMES).collect();
+        let told = |air: &Air| found(single_frames(&judged, Some(&statistics), air, Some(BIAS_DN), &numbers));
+        let known = Air { is_there: true, mass_of_frame: (0..FRAMES).map(|frame| (frame, mass(frame))).collect() };
+        assert_eq!(told(&known), [], "seed {seed}");
+        let unknown = told(&air(true));
+        assert!(matches!(&unknown[..], [(id, _)] if id == "clouds"), "seed {seed}: {unknown:?}, the test could not fail");
+    }
+}
+
 /// Images drawn out by `length_px`, in every frame along another direction; no rates are known.
 fn moved(seed: u64, length_px: f64) -> Vec<(String, f64)> {
     let mut stars = stars(seed, nothing);
@@ -103,7 +172,7 @@ fn moved(seed: u64, length_px: f64) -> Vec<(String, f64)> {
         }
     }
     let numbers: Vec<usize> = (0..FRAMES).collect();
-    found(single_frames(&judged(&stars, &PixelStatistics::default()), None, (None, true), &numbers))
+    found(single_frames(&judged(&stars, &PixelStatistics::default()), None, &air(true), None, &numbers))
 }
 
 #[test]

@@ -113,8 +113,8 @@ fn an_even_sky_shows_nothing() {
     assert!(left < 5, "{left} of {SEEDS} even skies were left with something");
 }
 
-/// Id, its parameters' places and true sizes, and the sky.
-type Case<'a> = (&'a str, &'a [(usize, f64)], Light<'a>);
+/// Id, its parameters and their true sizes, and the sky.
+type Case<'a> = (&'a str, &'a [(&'a str, f64)], Light<'a>);
 
 #[test]
 fn what_the_camera_adds_is_named_with_its_size() {
@@ -129,10 +129,12 @@ fn what_the_camera_adds_is_named_with_its_size() {
         even(sky, at) + rate_e * sky.exposure_s / GAIN_E_PER_DN
     };
     let step = |sky: &Sky, at: [f64; 2]| even(sky, at) + if at[1] > 0.0 { 1.5 } else { 0.0 };
-    let cases: [Case<'_>; 3] = [
-        ("amplifier-glow", &[(0, 40.0)], &glow),
-        ("stray-light", &[(0, 0.02), (1, -0.03)], &slope),
-        ("amplifier-step", &[(1, 1.5)], &step),
+    let right = |sky: &Sky, at: [f64; 2]| even(sky, at) + if at[0] > 0.0 { 1.5 } else { 0.0 };
+    let cases: [Case<'_>; 4] = [
+        ("amplifier-glow", &[("e_per_px_s", 40.0)], &glow),
+        ("stray-light", &[("slope_x_e_per_px_s", 0.02), ("slope_y_e_per_px_s", -0.03)], &slope),
+        ("amplifier-step", &[("offset_dn", 1.5)], &step),
+        ("amplifier-step", &[("offset_right_dn", 1.5)], &right),
     ];
     for (id, truths, light) in cases {
         let mut pulls = Vec::new();
@@ -140,8 +142,9 @@ fn what_the_camera_adds_is_named_with_its_size() {
             let judged = judged_with(seed, 1e-3, FEW, light);
             assert_eq!(found(&judged), [id], "seed {seed}: {:?}", judged.proposed);
             let own = judged.proposed.iter().find(|own| judged.rows.questions[own.question].id == id).unwrap();
-            for (which, truth) in truths {
-                let [value, sigma] = own.sizes[*which];
+            for (name, truth) in truths {
+                let which = judged.rows.questions[own.question].parameters.iter().position(|own| own.name == *name).unwrap();
+                let [value, sigma] = own.sizes[which];
                 assert!((value / truth - 1.0).abs() < 0.25, "{id}: {value} ± {sigma} for {truth}");
                 pulls.push((value - truth) / sigma);
             }
@@ -167,6 +170,24 @@ fn a_glow_has_its_corner() {
         assert_eq!((question.id, told), ("amplifier-glow", Some(("corner", [corner as f64, 0.0]))));
         let state = &judged.channels[&Channel::Background];
         assert!(state.p_value < 1e-3 && state.left_p_value > 1e-3, "{state:?}");
+    }
+}
+
+/// A sky that bends evenly is no glow of a corner, though a long one fits a part of it.
+#[test]
+fn a_sky_that_bends_evenly_has_no_corner() {
+    let half_px = 0.5 * (SIZE_PX[0] as f64).hypot(SIZE_PX[1] as f64);
+    for seed in 160..166 {
+        let bent = |sky: &Sky, at: [f64; 2]| {
+            let rate_e = half_px * (0.02 * at[0] + 0.015 * at[1]) + 8.0 * (at[0] * at[0] + 0.6 * at[0] * at[1]);
+            even(sky, at) + rate_e * sky.exposure_s / GAIN_E_PER_DN
+        };
+        let judged = judged_with(seed, 1e-3, FEW, &bent);
+        let stand: Vec<&str> =
+            judged.proposed.iter().filter(|own| own.against.is_empty()).map(|own| judged.rows.questions[own.question].id).collect();
+        let tried = judged.proposed.iter().any(|own| judged.rows.questions[own.question].id == "amplifier-glow");
+        assert!(!stand.contains(&"amplifier-glow"), "seed {seed}: {stand:?}");
+        assert!(tried, "seed {seed}: no glow was proposed, so that the test could not fail");
     }
 }
 
