@@ -70,52 +70,69 @@ fn blurred(quantiser_dn: f64, step_dn: f64) -> f64 {
     (-std::f64::consts::PI.powi(2) / 6.0 * (step_dn / quantiser_dn).powi(2)).exp()
 }
 
-/// cos(2π turns), to a 2048th of a turn.
-struct Cosines(Vec<f64>);
+/// Values that are summed side by side.
+const LANES: usize = 8;
 
-impl Cosines {
-    fn new() -> Self {
-        Self((0..2048).map(|index| (std::f64::consts::TAU * f64::from(index) / 2048.0).cos()).collect())
-    }
+/// cos(2π·turns) to 4e-6: 1 − 2·sin²(π·r) of the rest r to the nearest whole turn, by the sine's series.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "inlined into the loop over values, which is vectorised only then")]
+fn cosine(turns: f64) -> f64 {
+    // Rounds to a whole number without a call.
+    const WHOLE: f64 = 6_755_399_441_055_744.0;
+    let angle = std::f64::consts::PI * (turns - ((turns + WHOLE) - WHOLE));
+    let square = angle * angle;
+    let sine = angle * (1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))));
+    1.0 - 2.0 * sine * sine
+}
 
-    fn at(&self, turns: f64) -> f64 {
-        let place = turns * 2048.0 + 0.5;
-        // Rounded down by hand: without an instruction of its own it is a call.
-        let toward_zero = place as i64;
-        let down = toward_zero - i64::from(place < toward_zero as f64);
-        self.0[(down & 2047) as usize]
+/// Number of the values that lie `limit_dn` or more from a tooth, and the sum of their cosines.
+#[multiversion::multiversion(targets("x86_64+avx2"))]
+fn cosines_beyond(values: &[(f64, f64)], frequency: f64, tooth_dn: f64, limit_dn: f64) -> [f64; 2] {
+    let (mut number, mut sum) = ([0.0; LANES], [0.0; LANES]);
+    let of = |&(value, times): &(f64, f64)| {
+        let counted = if (value - tooth_dn).abs() >= limit_dn { times } else { 0.0 };
+        (counted, counted * cosine(value * frequency))
+    };
+    let whole = values.chunks_exact(LANES);
+    let rest = whole.remainder();
+    for chunk in whole {
+        for (lane, own) in chunk.iter().enumerate() {
+            let (counted, cosine) = of(own);
+            number[lane] += counted;
+            sum[lane] += cosine;
+        }
     }
+    for (lane, own) in rest.iter().enumerate() {
+        let (counted, cosine) = of(own);
+        number[lane] += counted;
+        sum[lane] += cosine;
+    }
+    [number.iter().sum(), sum.iter().sum()]
 }
 
 impl Coefficient {
     /// Number of independent values outside of the tooth nearest to the median, and the sum of their cosines.
-    fn cosines(&self, quantiser_dn: f64, cosines: &Cosines) -> (f64, f64) {
-        let (frequency, tooth) = (1.0 / quantiser_dn, quantiser_dn * (self.median_dn / quantiser_dn).round());
-        let (mut number, mut sum) = (0.0, 0.0);
-        for &(value, times) in &self.values {
-            // A bin across the limit counts: its cosine is near −1, so that the test errs to the safe side.
-            if (value - tooth).abs() >= 0.5 * (quantiser_dn - 1.0 / BINS_PER_DN) {
-                number += times;
-                sum += times * cosines.at(value * frequency);
-            }
-        }
+    fn cosines(&self, quantiser_dn: f64) -> (f64, f64) {
+        let tooth = quantiser_dn * (self.median_dn / quantiser_dn).round();
+        // A bin across the limit counts: its cosine is near −1, so that the test errs to the safe side.
+        let limit = 0.5 * (quantiser_dn - 1.0 / BINS_PER_DN);
+        let [number, sum] = cosines_beyond(&self.values, 1.0 / quantiser_dn, tooth, limit);
         let repeats = self.frames.max(1.0);
         (number / repeats, sum / repeats)
     }
 
     /// C and N C², 0 where C is not positive.
-    fn score(&self, quantiser_dn: f64, cosines: &Cosines) -> (f64, f64) {
-        let (number, sum) = self.cosines(quantiser_dn, cosines);
+    fn score(&self, quantiser_dn: f64) -> (f64, f64) {
+        let (number, sum) = self.cosines(quantiser_dn);
         if sum > 0.0 { (sum / number, sum * sum / number) } else { (0.0, 0.0) }
     }
 
     pub(super) fn scan(&self, smallest_dn: f64, step_dn: f64) -> Scan {
-        let cosines = Cosines::new();
         let step = 0.15 / self.reach_dn;
         let (low, high) = (1.0 / MAX_QUANTISER_DN, 1.0 / smallest_dn.max(self.core_dn / 30.0));
         let trials = ((high - low).max(0.0) / step).ceil() as usize + 1;
         let frequency = |index: usize| low + step * index as f64;
-        let scores: Vec<(f64, f64)> = (0..trials).map(|index| self.score(1.0 / frequency(index), &cosines)).collect();
+        let scores: Vec<(f64, f64)> = (0..trials).map(|index| self.score(1.0 / frequency(index))).collect();
         let score = scores.iter().map(|score| score.1).fold(0.0, f64::max);
         // The fundamental is the largest quantiser whose comb is as sharp as the rounding lets it be and scores nearly as the best one: its
         // harmonics (q/2, q/3, …) may score higher.
@@ -132,7 +149,7 @@ impl Coefficient {
             let range = (first..trials).take_while(|index| frequency(*index) < 1.5 * frequency(first));
             let peak = range.max_by(|a, b| scores[*a].1.total_cmp(&scores[*b].1)).unwrap_or(first);
             let fine = (-30..=30).map(|part| 1.0 / (frequency(peak) + step * f64::from(part) / 30.0).max(0.5 * low));
-            let scored = fine.map(|quantiser_dn| (quantiser_dn, self.score(quantiser_dn, &cosines).1));
+            let scored = fine.map(|quantiser_dn| (quantiser_dn, self.score(quantiser_dn).1));
             scored.fold((1.0 / frequency(peak), 0.0), |a, b| if b.1 > a.1 { b } else { a }).0
         });
         Scan { quantiser_dn, score, trials: trials as f64 }
@@ -175,14 +192,13 @@ impl Coefficient {
 
 /// The scale of the standard's table that fits all coefficients best, and its p-value with all trials.
 pub(super) fn table(coefficients: &[Coefficient], smallest_dn: f64, step_dn: f64) -> (f64, f64) {
-    let cosines = Cosines::new();
     let score = |scale: f64| {
         let (mut sum, mut norm) = (0.0, 0.0);
         for coefficient in coefficients {
             let quantiser_dn = scale * TABLE[coefficient.index];
             if (smallest_dn.max(coefficient.core_dn / 8.0)..=MAX_QUANTISER_DN).contains(&quantiser_dn) {
                 let weight = blurred(quantiser_dn, step_dn);
-                let (number, cosine) = coefficient.cosines(quantiser_dn, &cosines);
+                let (number, cosine) = coefficient.cosines(quantiser_dn);
                 sum += weight * cosine;
                 norm += weight * weight * number;
             }

@@ -11,9 +11,10 @@ use super::sky_frame::StarDisc;
 const ANGLES: usize = 360;
 /// Width of a band; bands overlap by half.
 const BAND_PX: f64 = 4.0;
-/// A chain has so many stars at least, and so many deviations more than chance brings: 10⁵ bands are asked.
+/// A chain has so many stars at least,
 const MIN_STARS: f64 = 10.0;
-const MIN_DEVIATIONS: f64 = 8.0;
+/// and more than chance brings in one of so many frames: whoever takes a chain of stars for a streak finds their light in it.
+const FRAMES_WITHOUT: f64 = 1e4;
 /// Bands nearer than this to an axis, rad: columns that bleed and rows of hot pixels are no streaks.
 const AXIS_RAD: f64 = 0.02;
 /// Of more stars the brightest are asked.
@@ -21,12 +22,18 @@ const MAX_STARS: usize = 5000;
 
 /// Of each star whether it lies in a chain.
 pub(super) fn in_chains(stars: &[StarDisc], size_px: [usize; 2]) -> Vec<bool> {
+    in_chains_of(FRAMES_WITHOUT, stars, size_px)
+}
+
+/// The same of chains that chance brings in one of so many frames.
+fn in_chains_of(frames_without: f64, stars: &[StarDisc], size_px: [usize; 2]) -> Vec<bool> {
     let [width, height] = size_px.map(|side| side as f64);
     let asked = &stars[..stars.len().min(MAX_STARS)];
     let step = 0.5 * BAND_PX;
     let half = 0.5 * width.hypot(height) + BAND_PX;
     let bands = (2.0 * half / step).ceil() as usize + 1;
     let mut chained = vec![false; stars.len()];
+    let by_chance = (frames_without * (ANGLES * bands) as f64).ln();
     for angle in 0..ANGLES {
         let (sin, cos) = (std::f64::consts::PI * (angle as f64 + 0.5) / ANGLES as f64).sin_cos();
         if sin.abs().min(cos.abs()) < AXIS_RAD {
@@ -45,7 +52,7 @@ pub(super) fn in_chains(stars: &[StarDisc], size_px: [usize; 2]) -> Vec<bool> {
             let count = steps[band] + steps[band + 1];
             let middle = (band as f64 + 1.0) * step - half;
             let expected = asked.len() as f64 * BAND_PX * chord(middle, [cos, sin], [width, height]) / (width * height);
-            if count < MIN_STARS || count - expected < MIN_DEVIATIONS * expected.max(1.0).sqrt() {
+            if count < MIN_STARS || surprise(count, expected) < by_chance {
                 continue;
             }
             for (star, chained) in asked.iter().zip(&mut chained) {
@@ -54,6 +61,11 @@ pub(super) fn in_chains(stars: &[StarDisc], size_px: [usize; 2]) -> Vec<bool> {
         }
     }
     chained
+}
+
+/// −ln of the probability of so many stars or more where fewer are expected, at least (Chernoff's bound of Poisson's tail).
+fn surprise(count: f64, expected: f64) -> f64 {
+    if count > expected { count * (count / expected).ln() - count + expected } else { 0.0 }
 }
 
 /// Length within the frame of the line at a distance from its middle along a normal, px.
@@ -88,6 +100,18 @@ mod tests {
             let found = in_chains(&scattered(seed, count), SIZE_PX);
             assert!(!found.contains(&true) && found.len() == count, "{count} stars");
         }
+    }
+
+    /// Few stars in many frames: bands with ten of them come by chance in some, and are no chains.
+    #[test]
+    fn many_frames_have_no_chain_by_chance() {
+        const FRAMES: u64 = 400;
+        let with_any = |frames_without: f64| {
+            let has_any = |seed: &u64| in_chains_of(frames_without, &scattered(1000 + seed, 150), SIZE_PX).contains(&true);
+            (0..FRAMES).filter(has_any).count()
+        };
+        assert_eq!(with_any(FRAMES_WITHOUT), 0);
+        assert!(with_any(0.01) > 0, "the test could not fail");
     }
 
     /// Whole ways across the frame, among few stars and many.
