@@ -26,7 +26,7 @@ help:
 	@echo "make study    calibrators on wrong identifications and on clean data, against rivals and bounds: outputs/; STUDY=--quick for a minute"
 	@echo "make blind    conceals effects in star lists and in frames of pixels, diagnoses them and scores: outputs/blind, docs/studies/blind.md; hours"
 	@echo "make blind-pixels  conceals effects in the pixels themselves, diagnoses and scores: outputs/blind-pixels, docs/studies/blind-pixels.md; hours, can be stopped and gone on with"
-	@echo "              SHARD=I/N does the Ith of N parts into a folder of its own, and make blind-pixels-score then scores all parts; BLIND_QUICK=1 for minutes"
+	@echo "              SHARD=I/N does the Ith of N parts into a folder of its own, and make blind-pixels-score then scores all parts, PARTS=\"FILE.json …\" with those of other machines; BLIND_QUICK=1 for minutes"
 	@echo "make peers    the calibrator beside tetra3rs, scipy and OpenCV: benches/peers (takes PyPI and half an hour)"
 	@echo "make claims   compares the figures quoted from studies with the pages of docs/studies"
 	@echo "make fuzz     damaged inputs over all readers: docs/studies/fuzz.txt; FUZZ=\"--cases N --seed S\""
@@ -167,11 +167,12 @@ blind-pixels:
 	$(PEERS_PROGRAM) blind run --family $${part%:*} --to $${part#*:} $(SHARD_OPTION) --nulls $(BLIND_IMAGES_NULLS) -o $(SHARD_FOLDER) || exit 1; done
 	$(if $(SHARD),,$(MAKE) blind-pixels-score)
 
-# Of all shards that are there, the last folder receiving the page.
+# Of all shards that are there, the first folder receiving the page. PARTS: score-images.json of shards that were answered elsewhere.
+PARTS ?=
 blind-pixels-score:
 	folders=$$(for folder in $(BLIND_IMAGES) $(BLIND_IMAGES)/shard-*; do [ -e $$folder/seal.json ] && echo $$folder; done); \
-	set -- $$folders; first=$$1; shift; \
-	$(PEERS_PROGRAM) blind score-images -o $$first $${1:+--also "$$@"} --commit "$$(git rev-parse --short HEAD)" --page docs/studies/blind-pixels.md > /dev/null
+	set -- $$folders; first=$${1:-$(BLIND_IMAGES)}; [ $$# = 0 ] || shift; \
+	$(PEERS_PROGRAM) blind score-images -o $$first $${1:+--also "$$@"} $(if $(PARTS),--parts $(PARTS)) --commit "$$(git rev-parse --short HEAD)" --page docs/studies/blind-pixels.md > /dev/null
 
 # Whether what is called held out is: nulls diagnosed so loosely that chance is proposed in most of them. Can be stopped and gone on with.
 HELD_OUT := outputs/held-out

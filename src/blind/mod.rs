@@ -39,8 +39,8 @@ pub use rivals::{RivalFits, rival_fits};
 pub use run::{answer, make, run};
 pub use score::{
     Agreement, ConfuserScore, HeldOutChi2, HeldOutScore, ImageLadder, ImageNullScore, ImagePairScore, ImageRung, ImageScore, Ladder, Names,
-    NullScore, OffLibraryScore, PixelScore, Pulls, Rate, Rung, SCORE_FORMAT, Score, WayOfPixels, image_markdown, image_score, markdown,
-    score,
+    NullScore, OffLibraryScore, PixelScore, Pulls, Rate, Rung, SCORE_FORMAT, Score, WayOfPixels, image_markdown, image_score, joined,
+    markdown, score,
 };
 pub use seal::{Seal, open, seal};
 

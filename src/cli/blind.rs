@@ -1,12 +1,12 @@
 //! `boresight blind`: the benchmark of concealed recordings.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use boresight::blind::generate::{FAMILIES, Family};
 use boresight::blind::{
-    HeldOutResult, ImageScoreResult, SCORE_FORMAT, ScoreResult, StepResult, answers, held_out_study, image_markdown, image_score, make,
-    markdown, opened, run, score,
+    HeldOutResult, ImageScore, ImageScoreResult, SCORE_FORMAT, ScoreResult, StepResult, answers, held_out_study, image_markdown,
+    image_score, joined, make, markdown, opened, run, score,
 };
 use boresight::diagnose::DiagnoseOptions;
 use boresight::recording::write_file;
@@ -123,6 +123,9 @@ struct ScoreImagesArgs {
     /// Folders of other shards of the same seed, scored with it
     #[arg(long, value_name = "DIR", num_args = 1.., help_heading = heading::INPUT)]
     also: Vec<PathBuf>,
+    /// Scores of other parts of the same study (their score-images.json), joined to it: seed and program must be the same
+    #[arg(long, value_name = "FILE.json", num_args = 1.., help_heading = heading::INPUT)]
+    parts: Vec<PathBuf>,
     /// The commit that the page is to name
     #[arg(long, value_name = "HASH", default_value = "unknown")]
     commit: String,
@@ -167,22 +170,33 @@ impl Which {
 }
 
 /// `boresight blind score-images`.
+/// The score that a file holds.
+fn score_of(path: &Path) -> Result<ImageScore> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("--parts {}", path.display()))?;
+    serde_json::from_str(&text).with_context(|| format!("--parts {}: it is no score-images.json", path.display()))
+}
+
 fn score_images(asked: &ScoreImagesArgs) -> Result<()> {
     let mut pairs = Vec::new();
     for folder in asked.also.iter().chain([&asked.output]) {
         pairs.extend(opened(folder)?);
     }
     pairs.retain(|(truth, _)| truth.family.is_of_images());
-    let seed = pairs.first().map(|(truth, _)| truth.seed);
-    if seed.is_none() {
+    let first = pairs.first().map(|(truth, _)| truth.seed);
+    if first.is_none() && asked.parts.is_empty() {
         bail!("{}: nothing of the families image-… is answered yet; run `boresight blind run` first", asked.output.display());
     }
-    if pairs.iter().any(|(truth, _)| Some(truth.seed) != seed) {
+    if pairs.iter().any(|(truth, _)| Some(truth.seed) != first) {
         bail!("--also: the folders hold recordings of different seeds; score each by itself");
     }
+    let own = first.map(|_| Ok(image_score(&pairs)));
+    let parts: Vec<ImageScore> = own.into_iter().chain(asked.parts.iter().map(|path| score_of(path))).collect::<Result<_>>()?;
+    let Some(score) = joined(&parts) else {
+        bail!("--parts: the scores are of different seeds or programs; score each by itself");
+    };
     let mut provenance = output::provenance();
-    provenance.seed = seed;
-    let object = ImageScoreResult { format: SCORE_FORMAT, score: image_score(&pairs), provenance };
+    provenance.seed = Some(score.seed);
+    let object = ImageScoreResult { format: SCORE_FORMAT, score, provenance };
     let page = image_markdown(&object.score, &asked.commit);
     write_file(&asked.output.join("score-images.json"), output::json_text(&object)?.as_bytes())?;
     write_file(&asked.output.join("blind-pixels.md"), page.as_bytes())?;

@@ -10,8 +10,13 @@ use super::images_held_out::{HeldOutChi2, held_out_chi2};
 use super::{Ladder, NullScore, Pulls, Rate};
 use crate::blind::answer::Answer;
 use crate::blind::generate::images::{HiddenImage, PixelKind, Reckoned};
-use crate::blind::generate::{Family, TrueEffect, Truth};
+use crate::blind::generate::{Family, Trap, TrueEffect, Truth};
 use crate::statistics::order::ascending;
+
+/// What all plain nulls together are called.
+pub(super) const PLAIN_NULLS: &str = "all plain nulls";
+/// The name of what frames behind clouds have.
+const CLOUDS: &str = "clouds";
 
 /// What is named without being there: ids and how often.
 pub type Names = BTreeMap<String, usize>;
@@ -163,13 +168,15 @@ fn nulls(given: &[Pair], family: Family) -> Vec<ImageNullScore> {
         names: Names::new(),
         unexplained: Names::new(),
     };
-    let total_label = if family == Family::ImageNull { "all plain nulls" } else { "all hard nulls" };
+    let total_label = if family == Family::ImageNull { PLAIN_NULLS } else { "all hard nulls" };
     let (mut kinds, mut total) = (BTreeMap::new(), fresh(total_label));
     for (truth, answer) in given.iter().filter(|(truth, _)| truth.family == family) {
         let trap = truth.trap.and_then(|trap| serde_json::to_value(trap).ok()?.as_str().map(str::to_owned));
+        // What a trap truly has is no false name.
+        let is_there = |id: &str| truth.trap == Some(Trap::Clouds) && id == CLOUDS;
         let label = trap.unwrap_or_else(|| format!("plain, {}", truth.setup));
         for own in [kinds.entry(label.clone()).or_insert_with(|| fresh(&label)), &mut total] {
-            own.counts.named.count(!answer.findings.is_empty());
+            own.counts.named.count(answer.findings.iter().any(|finding| !is_there(&finding.id)));
             own.counts.alarmed.count(alarmed(answer));
             answer.findings.iter().for_each(|finding| count(&mut own.names, &finding.id));
             let unexplained = answer.channels.iter().filter(|(_, told)| told.starts_with("unexplained"));

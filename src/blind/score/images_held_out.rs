@@ -24,6 +24,26 @@ pub struct HeldOutChi2 {
     pub after: f64,
 }
 
+/// The label of all effects together.
+const ALL_EFFECTS: &str = "all effects";
+/// That of what nothing leaves, before the channel.
+const NOTHING: &str = "nothing, ";
+
+impl HeldOutChi2 {
+    /// Where it stands among all: nulls, effects by name, their sum.
+    pub(super) fn place(&self) -> (bool, bool, String) {
+        (!self.label.starts_with(NOTHING), self.label == ALL_EFFECTS, self.label.clone())
+    }
+
+    /// More recordings of the same.
+    pub(super) fn add(&mut self, more: &Self) {
+        let share = more.dof / (self.dof + more.dof);
+        self.before += share * (more.before - self.before);
+        self.after += share * (more.after - self.after);
+        (self.recordings, self.dof) = (self.recordings + more.recordings, self.dof + more.dof);
+    }
+}
+
 /// By channel of plain nulls, which say what the noise that was found leaves where nothing is missing; then by effect, and of all effects last. Single
 /// effects, from twice what is just seen on.
 pub(super) fn held_out_chi2(given: &[(&Truth, &Answer)]) -> Vec<HeldOutChi2> {
@@ -56,7 +76,7 @@ pub(super) fn held_out_chi2(given: &[(&Truth, &Answer)]) -> Vec<HeldOutChi2> {
         after: own.after / own.dof,
         ..own
     };
-    let every = (all.recordings > 0).then_some(("all effects", all));
+    let every = (all.recordings > 0).then_some((ALL_EFFECTS, all));
     nulls(given).into_iter().chain(sums.into_iter().chain(every).map(finished)).collect()
 }
 
@@ -71,7 +91,7 @@ fn nulls(given: &[(&Truth, &Answer)]) -> Vec<HeldOutChi2> {
     }
     let finished = |(channel, own): (&str, HeldOutChi2)| {
         let per_dof = own.after / own.dof;
-        HeldOutChi2 { label: format!("nothing, {channel}"), before: per_dof, after: per_dof, ..own }
+        HeldOutChi2 { label: format!("{NOTHING}{channel}"), before: per_dof, after: per_dof, ..own }
     };
     sums.into_iter().map(finished).collect()
 }

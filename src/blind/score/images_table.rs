@@ -54,7 +54,8 @@ fn head(page: &mut String, score: &ImageScore, commit: &str) {
 
 fn nulls(page: &mut String, score: &ImageScore) {
     line(page, "## Nulls\n");
-    line(page, "| kind | a name | not \"consistent\" | names | unexplained |");
+    line(page, "`clouds` is the right name of frames behind clouds, and no false one.\n");
+    line(page, "| kind | a false name | not \"consistent\" | names | unexplained |");
     line(page, "|---|---|---|---|---|");
     for own in &score.nulls {
         let counts = &own.counts;

@@ -3,6 +3,7 @@
 mod count;
 mod images;
 mod images_held_out;
+mod images_joined;
 mod images_table;
 mod ladder;
 mod pixels;
@@ -14,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 pub use images::{ImageLadder, ImageNullScore, ImagePairScore, ImageRung, ImageScore, Names, image_score};
 pub use images_held_out::HeldOutChi2;
+pub use images_joined::joined;
 pub use images_table::image_markdown;
 pub use ladder::{Ladder, Rung};
 pub use pixels::{Agreement, PixelScore, WayOfPixels};
