@@ -62,8 +62,9 @@ fn add(all: &mut ImageScore, part: &ImageScore) {
         add_names(&mut known.unexplained, &own.unexplained);
     }
     for own in &part.ladders {
-        let known = known_or_new(&mut all.ladders, own, |other| other.label == own.label);
-        known.into_iter().for_each(|known| add_ladder(known, own));
+        if let Some(known) = known_or_new(&mut all.ladders, own, |other| other.label == own.label) {
+            add_ladder(known, own);
+        }
     }
     let (sum, own) = (&mut all.pool, &part.pool);
     add_rate(&mut sum.first, own.first);
@@ -78,12 +79,14 @@ fn add(all: &mut ImageScore, part: &ImageScore) {
         add_names(&mut known.wrong, &own.wrong);
     }
     for own in &part.pulls {
-        let known = known_or_new(&mut all.pulls, own, |other| other.label == own.label);
-        known.into_iter().for_each(|known| add_pulls(known, own));
+        if let Some(known) = known_or_new(&mut all.pulls, own, |other| other.label == own.label) {
+            add_pulls(known, own);
+        }
     }
     for own in &part.held_out {
-        let known = known_or_new(&mut all.held_out, own, |other| other.label == own.label);
-        known.into_iter().for_each(|known| known.add(own));
+        if let Some(known) = known_or_new(&mut all.held_out, own, |other| other.label == own.label) {
+            known.add(own);
+        }
     }
 }
 
@@ -167,11 +170,11 @@ mod tests {
             set: Vec::new(),
             held_out_chi2: [("flux".to_owned(), [2.0, 1.0 + 0.02 * f64::from(index % 7), 100.0 + f64::from(index)])].into(),
         };
-        if index % 3 > 0 {
+        if !index.is_multiple_of(3) {
             answer.findings = truth.effects.first().map_or_else(Vec::new, |effect| vec![finding(&effect.id)]);
             answer.verdict = "explained".to_owned();
         }
-        if index % 5 == 0 {
+        if index.is_multiple_of(5) {
             answer.findings.push(finding("stray-light"));
         }
         (truth, answer)
@@ -182,16 +185,17 @@ mod tests {
     }
 
     /// Numbers to nine digits, wherever they stand.
+    fn round(value: &mut serde_json::Value) {
+        match value {
+            serde_json::Value::Number(number) if number.is_f64() => *value = format!("{:.9}", number.as_f64().unwrap()).into(),
+            serde_json::Value::Array(all) => all.iter_mut().for_each(round),
+            serde_json::Value::Object(all) => all.values_mut().for_each(round),
+            _ => (),
+        }
+    }
+
     fn rounded(score: &ImageScore) -> String {
         let mut value = serde_json::to_value(score).unwrap();
-        fn round(value: &mut serde_json::Value) {
-            match value {
-                serde_json::Value::Number(number) if number.is_f64() => *value = format!("{:.9}", number.as_f64().unwrap()).into(),
-                serde_json::Value::Array(all) => all.iter_mut().for_each(round),
-                serde_json::Value::Object(all) => all.values_mut().for_each(round),
-                _ => (),
-            }
-        }
         round(&mut value);
         serde_json::to_string_pretty(&value).unwrap()
     }

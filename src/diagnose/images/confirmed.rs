@@ -127,13 +127,14 @@ pub(super) fn withhold_what_a_gradient_tells(
     (accepted, fit): (&[usize], &RowFit),
     proposed: &mut [Proposed],
 ) {
+    /// What has a shape of its own, and what a gradient lacks of it.
+    const SHAPES: [(&str, &str); 2] = [(AMPLIFIER_GLOW, "points at no corner"), (<AmplifierHalves as PixelEffect>::ID, "has no step")];
     let columns_of = |pattern: &Question| match pattern.follows {
         "x" | "y" | "field-azimuth" => pattern.columns.clone(),
         "field-radius" => pattern.columns[..1].to_vec(),
         _ => Vec::new(),
     };
     let squares: Vec<Vec<f64>> = background.patterns.iter().flat_map(columns_of).collect();
-    const SHAPES: [(&str, &str); 2] = [(AMPLIFIER_GLOW, "points at no corner"), (<AmplifierHalves as PixelEffect>::ID, "has no step")];
     for own in proposed {
         let Some((_, lacks)) = SHAPES.iter().find(|(id, _)| *id == rows.questions[own.question].id) else { continue };
         let others: Vec<usize> = accepted.iter().copied().filter(|other| *other != own.question).collect();

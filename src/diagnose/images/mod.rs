@@ -11,6 +11,7 @@ mod counted;
 mod ends_and_rays;
 mod expected_stars;
 mod forward_selection;
+mod frame_levels;
 mod frame_widths;
 mod halo;
 mod jitter;

@@ -7,6 +7,7 @@ use super::copies::copies;
 use super::counted::{Counted, FoundByCount, counted};
 use super::ends_and_rays::{cosmic_rays, field_stop, streaks};
 use super::expected_stars::StarMeasurement;
+use super::frame_levels::Air;
 use super::halo::{self, halo};
 use super::jitter::jitter;
 use super::judge::{Asked, ChannelState, Judged, Pixels, Proposed, judge};
@@ -16,7 +17,7 @@ use super::profiles::shape_map;
 use super::rendered::StampCamera;
 use super::rows::{Parameter, Question};
 use super::shared_noise::shared_noise;
-use super::single_frames::{Air, single_frames};
+use super::single_frames::single_frames;
 use super::sky_view::SkyView;
 use super::withheld::{against, is_gain_explained, withhold_shadows};
 use crate::diagnose::causes::{COMPRESSION, INTRAPIXEL_RESPONSE};
@@ -116,8 +117,7 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
         set_status(diagnosis, status);
     }
     let numbers: Vec<usize> = places.keys().copied().collect();
-    let air = Air::of(&stars, images.looks_through_air);
-    counted.extend(single_frames(&judged, images.pixels, &air, images.detector.bias_dn, &numbers));
+    counted.extend(single_frames(&judged, images.pixels, &Air::of(&stars, images.looks_through_air), images.detector.bias_dn, &numbers));
     counted.extend(jitter(&judged, images.looks_through_air).into_iter().chain([intrapixel_response()]));
     for (channel, state) in &judged.channels {
         // Rounded blocks explain what the noise shows, whatever it looks like, and what else changes the noise explains a gain that seems wrong.

@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 
 use super::counted::{Counted, MAX_SURPRISE};
-use super::expected_stars::StarMeasurement;
+use super::frame_levels::{Air, Level, Steady, levels};
 use super::judge::Judged;
 use super::rows::Kind;
 use super::stars::{DIAGONAL, ELONGATION, SIZE};
@@ -21,18 +21,6 @@ use crate::statistics::{mad_sigma, median};
 
 /// Fewer frames tell nothing of one among them.
 const MIN_FRAMES: usize = 5;
-/// From frame to frame the light differs by so much anyway, and a frame that differs by less is no finding, whatever its significance; magnitudes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Steady {
-    pub(super) scatter_mag: f64,
-    least_mag: f64,
-    pub(super) has_clouds: bool,
-}
-
-/// The transparency of a clear night.
-const THROUGH_AIR: Steady = Steady { scatter_mag: 0.02, least_mag: 0.08, has_clouds: true };
-/// Where there is no air the shutter alone differs.
-const IN_SPACE: Steady = Steady { scatter_mag: 0.005, least_mag: 0.02, has_clouds: false };
 /// Stars and sky differ by the same factor within this share of it.
 const SAME_SHARE: f64 = 0.25;
 /// Of what is added to the elongation by a motion so much at least is added to the size, and so much at most.
@@ -41,40 +29,6 @@ const SMEAR_SLOPE: [f64; 2] = [0.4, 1.6];
 const AGREES: f64 = 8.0;
 /// Frames have stars on both sides, for what one half shows is held against the other.
 const MIN_STARS: usize = 5;
-
-/// A frame's zero point less that of the others.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Level {
-    frame: usize,
-    /// Fainter is positive, magnitudes.
-    pub(super) stars: f64,
-    pub(super) sigma: f64,
-    /// The same of the sky.
-    pub(super) sky: Option<f64>,
-    /// Mean air mass of its stars.
-    pub(super) airmass: Option<f64>,
-}
-
-/// The air above the camera.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Air {
-    /// Whether there is any.
-    pub(super) is_there: bool,
-    /// Mean air mass of the stars of every frame, by its place among those that are tested; empty where it is not known.
-    pub(super) mass_of_frame: BTreeMap<usize, f64>,
-}
-
-impl Air {
-    /// As the stars tell it.
-    pub(super) fn of(stars: &[StarMeasurement], is_there: bool) -> Self {
-        let mut sums: BTreeMap<usize, [f64; 2]> = BTreeMap::new();
-        for (frame, airmass) in stars.iter().filter_map(|star| Some((star.frame, star.image.airmass?))) {
-            let own = sums.entry(frame).or_default();
-            *own = [own[0] + airmass, own[1] + 1.0];
-        }
-        Self { is_there, mass_of_frame: sums.into_iter().map(|(frame, [sum, count])| (frame, sum / count)).collect() }
-    }
-}
 
 /// All that single frames show; `bias_dn`: the counts of no light, `numbers`: of every place among the frames that are tested the frame's number.
 pub(super) fn single_frames(
@@ -87,7 +41,7 @@ pub(super) fn single_frames(
     let mut all: Vec<Counted> = Vec::new();
     let levels = levels(judged, pixels, (bias_dn, &air.mass_of_frame), numbers);
     if levels.len() >= MIN_FRAMES {
-        let steady = if air.is_there { THROUGH_AIR } else { IN_SPACE };
+        let steady = Steady::under(air);
         all.extend(uneven(&levels, steady));
         // Where none stands out all may scatter.
         let all_scatter = if all.iter().any(Counted::is_found) { None } else { scattered(&levels, steady) };
@@ -103,32 +57,6 @@ pub(super) fn single_frames(
     let is_told = judged.proposed.iter().any(|own| own.against.is_empty() && judged.rows.questions[own.question].id == MOTION_SMEAR);
     all.extend(if is_told { None } else { smeared(judged) });
     all
-}
-
-/// Zero points of the frames, exposure times taken off.
-fn levels(
-    judged: &Judged,
-    pixels: Option<&PixelStatistics>,
-    (bias_dn, airmass): (Option<f64>, &BTreeMap<usize, f64>),
-    numbers: &[usize],
-) -> Vec<Level> {
-    let Some(kind) = judged.rows.kinds.iter().position(|kind| kind.channel == Channel::Flux) else { return Vec::new() };
-    let of_frames: BTreeMap<usize, (f64, Option<f64>)> =
-        pixels.iter().flat_map(|pixels| &pixels.by_frame).map(|own| (own.frame, (own.level_dn, own.exposure_s))).collect();
-    let magnitudes = |light: f64| -2.5 * light.log10();
-    let told: Vec<Level> = judged.fit.frame_levels[kind]
-        .iter()
-        .filter_map(|(place, [stars, sigma])| {
-            let frame = *numbers.get(*place)?;
-            let (level_dn, exposure_s) = of_frames.get(&frame).copied().unwrap_or((f64::NAN, None));
-            let by_time = exposure_s.filter(|time| *time > 0.0).map_or(0.0, magnitudes);
-            let sky = bias_dn.map(|bias| level_dn - bias).filter(|sky| *sky > 0.0).map(|sky| magnitudes(sky) - by_time);
-            Some(Level { frame, stars: stars - by_time, sigma: *sigma, sky, airmass: airmass.get(place).copied() })
-        })
-        .collect();
-    let middle = median(&told.iter().map(|level| level.stars).collect::<Vec<_>>()).unwrap_or(0.0);
-    let sky = median(&told.iter().filter_map(|level| level.sky).collect::<Vec<_>>()).unwrap_or(0.0);
-    told.into_iter().map(|level| Level { stars: level.stars - middle, sky: level.sky.map(|own| own - sky), ..level }).collect()
 }
 
 /// Frames whose zero points lie off those of the others.

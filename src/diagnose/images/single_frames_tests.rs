@@ -8,9 +8,10 @@ use rand_pcg::Pcg64Mcg;
 
 use super::counted::Counted;
 use super::expected_stars::StarMeasurement;
+use super::frame_levels::Air;
 use super::judge::{Judged, Pixels, judge};
 use super::noise::DeclaredDetector;
-use super::single_frames::{Air, single_frames};
+use super::single_frames::single_frames;
 use super::tests::{FRAMES, asked, nothing, stars};
 use crate::pixel_statistics::{FrameNoise, PixelStatistics};
 
@@ -104,7 +105,9 @@ fn scattering(looks_through_air: bool, seed: u64, stars_mag: f64, sky_mag: f64) 
     let mut draws: [f64; FRAMES] = std::array::from_fn(|_| StandardNormal.sample(&mut rng));
     let mean = draws.iter().sum::<f64>() / FRAMES as f64;
     let rms = (draws.iter().map(|own| (own - mean).powi(2)).sum::<f64>() / FRAMES as f64).sqrt();
-    draws.iter_mut().for_each(|own| *own = (*own - mean) / rms);
+    for own in &mut draws {
+        *own = (*own - mean) / rms;
+    }
     let factor = |frame: usize, mag: f64| 10.0_f64.powf(-0.4 * mag * draws[frame]);
     let mut stars = stars(seed, nothing);
     for star in &mut stars {

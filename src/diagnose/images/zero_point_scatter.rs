@@ -4,7 +4,7 @@
 //! is one of the exposures, however small: nothing else does that. One of the stars alone has to be more than that of a clear night, or of a shutter.
 
 use super::counted::{Counted, MAX_SURPRISE};
-use super::single_frames::{Level, Steady};
+use super::frame_levels::{Level, Steady};
 use crate::diagnose::causes::{CLOUDS, EXPOSURE_TIME, EXTINCTION, ZERO_POINT};
 use crate::diagnose::channels::Channel;
 use crate::effects::MAGNITUDES;
@@ -56,9 +56,8 @@ pub(super) fn scattered(levels: &[Level], steady: Steady) -> Option<Counted> {
     let Scatter { rms_mag: [rms_mag, error_mag], surprise } =
         scatter(&stars, &errors, ordinary_mag, smooth.ncols()).filter(|own| own.rms_mag[0] > least_mag)?;
     let mut alike: Vec<&'static str> = match (id, is_exposure, is_star_alone) {
-        (CLOUDS, _, true) => vec![ZERO_POINT],
-        (CLOUDS, ..) => vec![EXPOSURE_TIME, ZERO_POINT],
-        (EXPOSURE_TIME, false, _) => vec![ZERO_POINT],
+        (CLOUDS, _, false) => vec![EXPOSURE_TIME, ZERO_POINT],
+        (CLOUDS, ..) | (EXPOSURE_TIME, false, _) => vec![ZERO_POINT],
         _ => Vec::new(),
     };
     if id == CLOUDS && airmass.is_none() {
@@ -78,11 +77,12 @@ pub(super) fn scattered(levels: &[Level], steady: Steady) -> Option<Counted> {
 /// What is smooth: a parabola in the number of the frame, and the air mass where it is known and differs.
 fn smooth(frames: usize, airmass: Option<&[f64]>) -> nalgebra::DMatrix<f64> {
     let at = |k: usize| 2.0 * k as f64 / (frames - 1) as f64 - 1.0;
+    let powers = |at: f64| [1.0, at, at * at];
     let differs = |own: &&[f64]| own.iter().any(|other| (other - own[0]).abs() > MIN_AIRMASS);
     let airmass = airmass.filter(differs);
     nalgebra::DMatrix::from_fn(frames, PARABOLA + usize::from(airmass.is_some()), |row, column| match airmass {
         Some(airmass) if column == PARABOLA => airmass[row] - 1.0,
-        _ => at(row).powi(column as i32),
+        _ => powers(at(row))[column],
     })
 }
 
