@@ -179,7 +179,10 @@ fn score_of(path: &Path) -> Result<ImageScore> {
 fn score_images(asked: &ScoreImagesArgs) -> Result<()> {
     let mut pairs = Vec::new();
     for folder in asked.also.iter().chain([&asked.output]) {
-        pairs.extend(opened(folder)?);
+        // Of parts that were all answered elsewhere the folder takes the page alone.
+        if asked.parts.is_empty() || folder.join("seal.json").exists() {
+            pairs.extend(opened(folder)?);
+        }
     }
     pairs.retain(|(truth, _)| truth.family.is_of_images());
     let first = pairs.first().map(|(truth, _)| truth.seed);
