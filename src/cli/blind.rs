@@ -194,6 +194,9 @@ fn score_images(asked: &ScoreImagesArgs) -> Result<()> {
     }
     let own = first.map(|_| Ok(image_score(&pairs)));
     let parts: Vec<ImageScore> = own.into_iter().chain(asked.parts.iter().map(|path| score_of(path))).collect::<Result<_>>()?;
+    if parts.iter().enumerate().any(|(k, part)| parts[..k].contains(part)) {
+        bail!("--parts: the same score is given twice; its recordings would count twice");
+    }
     let Some(score) = joined(&parts) else {
         bail!("--parts: the scores are of different seeds or programs; score each by itself");
     };
