@@ -42,7 +42,7 @@ pub use score::{
     NullScore, OffLibraryScore, PixelScore, Pulls, Rate, Rung, SCORE_FORMAT, Score, WayOfPixels, image_markdown, image_score, joined,
     markdown, score,
 };
-pub use seal::{Seal, open, seal};
+pub use seal::{Seal, is_sealed, open, seal};
 
 use generate::{FAMILIES, Truth};
 

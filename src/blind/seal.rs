@@ -29,6 +29,12 @@ const FORMAT: &str = "boresight-blind-seal/1";
 const SEAL_FILE: &str = "seal.json";
 const SALT_FILE: &str = "salt.txt";
 
+/// Whether a benchmark's folder holds sealed recordings.
+#[must_use]
+pub fn is_sealed(directory: &Path) -> bool {
+    directory.join(SEAL_FILE).exists()
+}
+
 /// The folder of the truths.
 fn folder(directory: &Path) -> PathBuf {
     directory.join("truth")

@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail};
 use boresight::blind::generate::{FAMILIES, Family};
 use boresight::blind::{
     HeldOutResult, ImageScore, ImageScoreResult, SCORE_FORMAT, ScoreResult, StepResult, answers, held_out_study, image_markdown,
-    image_score, joined, make, markdown, opened, run, score,
+    image_score, is_sealed, joined, make, markdown, opened, run, score,
 };
 use boresight::diagnose::DiagnoseOptions;
 use boresight::recording::write_file;
@@ -178,11 +178,12 @@ fn score_of(path: &Path) -> Result<ImageScore> {
 
 fn score_images(asked: &ScoreImagesArgs) -> Result<()> {
     let mut pairs = Vec::new();
-    for folder in asked.also.iter().chain([&asked.output]) {
-        // Of parts that were all answered elsewhere the folder takes the page alone.
-        if asked.parts.is_empty() || folder.join("seal.json").exists() {
-            pairs.extend(opened(folder)?);
-        }
+    let is_page_alone = !asked.parts.is_empty() && !is_sealed(&asked.output);
+    if is_page_alone {
+        tracing::warn!("{}: no recordings are sealed here; the score is that of --parts and --also alone", asked.output.display());
+    }
+    for folder in asked.also.iter().chain((!is_page_alone).then_some(&asked.output)) {
+        pairs.extend(opened(folder)?);
     }
     pairs.retain(|(truth, _)| truth.family.is_of_images());
     let first = pairs.first().map(|(truth, _)| truth.seed);

@@ -218,3 +218,22 @@ pub(super) fn table(coefficients: &[Coefficient], smallest_dn: f64, step_dn: f64
     let (scale, _) = fine.map(|scale| (scale, score(scale))).fold((low, -1.0), |a, b| if b.1 > a.1 { b } else { a });
     (scale, (trials as f64 * (-best).exp()).min(1.0))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cosines_are_those_of_the_library() {
+        let values: Vec<(f64, f64)> = (-1003..1004).map(|k| (0.125 * f64::from(k), f64::from(1 + k * k % 7))).collect();
+        for quantiser in [0.53, 1.7, 6.25, 40.0] {
+            let [tooth, limit] = [3.0 * quantiser, 0.4 * quantiser];
+            let plain =
+                values.iter().filter(|(value, _)| (value - tooth).abs() >= limit).fold([0.0, 0.0], |[number, sum], (value, times)| {
+                    [number + times, sum + times * (std::f64::consts::TAU * value / quantiser).cos()]
+                });
+            let [number, sum] = cosines_beyond(&values, 1.0 / quantiser, tooth, limit);
+            assert!(number == plain[0] && (sum - plain[1]).abs() < 5e-6 * number, "{quantiser}: {number} {sum} for {plain:?}");
+        }
+    }
+}

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use super::images::{ImageLadder, ImageNullScore, ImagePairScore, ImageRung, ImageScore, Names, PLAIN_NULLS};
+use super::images::{ImageLadder, ImageNullScore, ImageRung, ImageScore, Names, PLAIN_NULLS};
 use super::images_held_out::HeldOutChi2;
 use super::{Ladder, Pulls, Rate};
 use crate::statistics::order::{ascending, sort_by_key};
@@ -72,7 +72,7 @@ fn add(all: &mut ImageScore, part: &ImageScore) {
     add_rate(&mut sum.first_of_cut, own.first_of_cut);
     add_rate(&mut sum.first_of_unjudged, own.first_of_unjudged);
     for own in &part.pairs {
-        let known: Option<&mut ImagePairScore> = known_or_new(&mut all.pairs, own, |other| other.label == own.label);
+        let known = known_or_new(&mut all.pairs, own, |other| other.label == own.label);
         let Some(known) = known else { continue };
         add_rate(&mut known.exact, own.exact);
         add_rate(&mut known.one, own.one);
@@ -90,7 +90,7 @@ fn add(all: &mut ImageScore, part: &ImageScore) {
     }
 }
 
-/// The one among all that is the same; nothing where it is new, and then it is one of them.
+/// The one among all that is the same. Where there is none it is pushed as it is, and nothing is left to add.
 fn known_or_new<'a, T: Clone>(all: &'a mut Vec<T>, own: &T, is_same: impl Fn(&T) -> bool) -> Option<&'a mut T> {
     let Some(place) = all.iter().position(is_same) else {
         all.push(own.clone());

@@ -1,7 +1,8 @@
 //! Zero points that scatter over all frames, though none of them stands out: exposures that are not as declared, or air that is not steady.
 //!
-//! What goes smoothly with the number of the frame (a lens that dews) is taken off as a parabola, and what goes with the air mass as a line. A scatter of stars and sky together
-//! is one of the exposures, however small: nothing else does that. One of the stars alone has to be more than that of a clear night, or of a shutter.
+//! What goes smoothly with the number of the frame (a lens that dews) is taken off as a parabola, and what goes with the air mass as a line. A scatter
+//! of stars and sky together is one of the exposures, however small: nothing else does that. One of the stars alone has to be more than that of a clear
+//! night, or of a shutter.
 
 use super::counted::{Counted, MAX_SURPRISE};
 use super::frame_levels::{Level, Steady};
@@ -93,17 +94,24 @@ fn beside(smooth: &nalgebra::DMatrix<f64>, values: &[f64]) -> Option<Vec<f64>> {
     Some((right - smooth * solved).iter().copied().collect())
 }
 
-/// The scatter of all but the frame that is farthest off: one frame is another question. Nothing where it is no more than that of the errors.
+/// The scatter of the frames; nothing where it is no more than that of the errors. Whether there is one is asked without the frame that is farthest off,
+/// for one frame is another question; its size is that of all, since without the farthest it is too small.
 fn scatter(deviations: &[f64], errors: &[f64], ordinary_mag: f64, fitted: usize) -> Option<Scatter> {
     let farthest = (0..deviations.len()).max_by(|a, b| deviations[*a].abs().total_cmp(&deviations[*b].abs()))?;
-    let own: Vec<(f64, f64)> =
-        deviations.iter().zip(errors).enumerate().filter(|(k, _)| *k != farthest).map(|(_, (off, error))| (*off, *error)).collect();
-    let degrees = (deviations.len() - fitted - 1) as f64;
-    let chi2: f64 = own.iter().map(|(off, error)| off * off / (error * error + ordinary_mag * ordinary_mag)).sum();
-    let error2 = own.iter().map(|(_, error)| error * error).sum::<f64>() / own.len() as f64;
-    let square = own.iter().map(|(off, _)| off * off).sum::<f64>() / degrees;
+    let of = |which: &dyn Fn(usize) -> bool| -> Vec<[f64; 2]> {
+        deviations.iter().zip(errors).enumerate().filter(|(k, _)| which(*k)).map(|(_, (off, error))| [off * off, error * error]).collect()
+    };
+    let (all, others) = (of(&|_| true), of(&|k| k != farthest));
+    let sum = |own: &[[f64; 2]], which: usize| own.iter().map(|squares| squares[which]).sum::<f64>();
+    let degrees = (others.len() - fitted) as f64;
+    let error2 = sum(&all, 1) / all.len() as f64;
     // Errors that are stated too small are no scatter.
-    let rms_mag = Some(square - error2).filter(|beyond| *beyond > error2)?.sqrt();
-    let error_mag = square / rms_mag / (2.0 * degrees).sqrt();
+    if sum(&others, 0) / degrees < 2.0 * error2 {
+        return None;
+    }
+    let chi2: f64 = others.iter().map(|[off2, error2]| off2 / (error2 + ordinary_mag * ordinary_mag)).sum();
+    let square = sum(&all, 0) / (degrees + 1.0);
+    let rms_mag = (square - error2).max(0.0).sqrt();
+    let error_mag = square / rms_mag / (2.0 * (degrees + 1.0)).sqrt();
     Some(Scatter { rms_mag: [rms_mag, error_mag], surprise: neg_ln_chi2_sf(degrees, chi2).min(MAX_SURPRISE) })
 }

@@ -87,6 +87,12 @@ fn traps_are_what_they_are_called() {
     let [a, b] = elongated.world.camera.profile.axes;
     assert!(a.hypot(b) > 0.14 && elongated.hidden.is_empty());
     assert!(of("winged-images").images.unwrap().world.camera.profile.core == 0.0);
+    // No clouds are drawn where there is no air.
+    let place = IMAGE_TRAPS.iter().position(|trap| serde_json::to_value(trap).unwrap() == "clouds").unwrap();
+    for round in 0..4 {
+        let truth = made(Family::ImageHardNull, (place + round * IMAGE_TRAPS.len()) as u32).truth;
+        assert_eq!(truth.setup, "image-ground", "{}", truth.index);
+    }
     let blended = of("blended-field").images.unwrap();
     let stars = || blended.world.frames.iter().flat_map(|frame| &frame.stars);
     let share = stars().filter(|star| !star.is_catalogued).count() as f64 / stars().filter(|star| star.is_catalogued).count() as f64;

@@ -131,7 +131,8 @@ fn setup(rng: &mut Pcg64Mcg, needs: Needs, catalog: &Catalog) -> Setup {
         let middle = 0.5 * (low + high);
         if (catalog.brighter_than(middle).len() as f64) < wanted { low = middle } else { high = middle }
     }
-    let ground = needs.ground.unwrap_or_else(|| chance(rng, 0.5));
+    // Where there is no air there are no clouds.
+    let ground = needs.ground.unwrap_or_else(|| chance(rng, 0.5)) || needs.trap == Some(Trap::Clouds);
     let frames = if needs.trap == Some(Trap::FewFrames) { 4 } else { 12 + pick(rng, 5) };
     Setup {
         name: if ground { "image-ground" } else { "image-space" },
