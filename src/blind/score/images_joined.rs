@@ -203,10 +203,12 @@ mod tests {
     #[test]
     fn scores_of_parts_are_the_score_of_all() {
         let kinds = IMAGE_KINDS.len() as u32;
-        let ladder = (0..3 * kinds).filter(|index| index % kinds < 5).map(|index| answered(Family::ImageLadder, index));
-        let nulls = (0..10).map(|index| answered(Family::ImageNull, index));
-        let hard = (0..10).map(|index| answered(Family::ImageHardNull, index));
-        let two = (0..6).map(|index| answered(Family::ImageTwo, index));
+        // Two effects, each twice at two strengths. Few, since what is just seen of each is worked out anew.
+        let ladder =
+            (0..6 * kinds).filter(|index| index % kinds < 2 && index / kinds % 4 < 2).map(|index| answered(Family::ImageLadder, index));
+        let nulls = (0..4).map(|index| answered(Family::ImageNull, index));
+        let hard = (0..9).step_by(4).map(|index| answered(Family::ImageHardNull, index));
+        let two = (0..3).map(|index| answered(Family::ImageTwo, index));
         let all: Vec<(Truth, Answer)> = ladder.chain(nulls).chain(hard).chain(two).collect();
         let parts: Vec<ImageScore> = (0..3)
             .map(|part| image_score(&all.iter().enumerate().filter(|(k, _)| k % 3 == part).map(|(_, own)| own.clone()).collect::<Vec<_>>()))
