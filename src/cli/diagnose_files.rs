@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
-use boresight::diagnose::{Diagnosis, EffectState, PREDICTED, Profile, Unknown};
+use boresight::diagnose::{Channel, Diagnosis, EffectState, Finding, PREDICTED, Profile, Unknown};
 use boresight::recording::write_file;
 use boresight::report;
 use boresight::statistics::significance::deviations;
@@ -89,7 +89,8 @@ fn residuals(path: &Path, diagnosis: &Diagnosis, size: (usize, usize)) -> Result
         let rejected = vectors.iter().filter(|vector| vector.rejected).count();
         report::VectorPanel { title: title.to_owned(), vectors, told: Some(report::FitNumbers { rms_px, stars, rejected }) }
     };
-    let ids: Vec<&str> = diagnosis.findings.iter().map(|finding| finding.id.as_str()).collect();
+    let displaces = |finding: &&Finding| finding.channels.get(&Channel::Astrometry).is_some_and(Option::is_some);
+    let ids: Vec<&str> = diagnosis.findings.iter().filter(displaces).map(|finding| finding.id.as_str()).collect();
     let after = if ids.is_empty() { "after (nothing was found)".to_owned() } else { format!("after, with {}", ids.join(", ")) };
     let fit = &diagnosis.fit;
     let panels = [&panel("before", |row| row.before_px, fit.baseline.rms_px), &panel(&after, |row| row.after_px, fit.after.rms_px)];
@@ -132,7 +133,7 @@ fn ranking(diagnosis: &Diagnosis, alpha: f64) -> report::Ranking {
     let ranks: Vec<report::Rank> = ranks.collect();
     let hypotheses = diagnosis.effective_hypotheses;
     report::Ranking {
-        title: "How far each effect stands out of the positions".to_owned(),
+        title: "How far each effect stands out of the noise".to_owned(),
         summary: format!("{} effects tested; they count as {} independent hypotheses", ranks.len(), significant(hypotheses)),
         ranks,
         threshold: (hypotheses >= 1.0).then(|| deviations((hypotheses / alpha).ln())),

@@ -318,7 +318,7 @@ fn row(effect: &EffectStatus) -> [String; 5] {
     let shown = if effect.upper_limit_95.is_some() { effect.parameters.first() } else { surest(&effect.parameters) };
     let size = match (&effect.upper_limit_95, shown) {
         (Some(limit), _) => format!("< {}", compact(limit.value)),
-        (None, Some(shown)) => with_error(shown.value, shown.sigma),
+        (None, Some(shown)) => with_error(shown),
         (None, None) => "–".to_owned(),
     };
     [
@@ -343,23 +343,14 @@ fn compact(number: f64) -> String {
     if number != 0.0 && !(1e-3..1e5).contains(&number.abs()) { format!("{number:.1e}") } else { significant(number) }
 }
 
-/// A number with its error, small ones with a common power of ten.
-pub(super) fn with_error(value: f64, sigma: f64) -> String {
-    if !(sigma > 0.0 && sigma.is_finite()) {
-        return compact(value);
-    }
-    if (5e-3..1e5).contains(&sigma) {
-        let [value, sigma] = with_sigma(value, sigma);
-        return format!("{value} ± {sigma}");
-    }
-    let power = sigma.log10().floor();
-    let unit = 10.0_f64.powi(power as i32);
-    format!("({:.1} ± {:.1})e{power}", value / unit, sigma / unit)
+/// Its value with its error; what was counted has none.
+fn with_error(parameter: &FoundParameter) -> String {
+    if parameter.sigma > 0.0 && parameter.sigma.is_finite() { parameter.value_and_error() } else { compact(parameter.value) }
 }
 
 /// `name = value ± sigma unit`, the unit where the name does not end with it.
 pub(super) fn measured(parameter: &FoundParameter) -> String {
-    let number = with_error(parameter.value, parameter.sigma);
+    let number = with_error(parameter);
     let is_named = parameter.name.split('_').any(|part| part == parameter.unit);
     let unit = if parameter.unit.is_empty() || is_named { String::new() } else { format!(" {}", parameter.unit) };
     format!("{} {number}{unit}", parameter.name)
@@ -417,7 +408,7 @@ mod tests {
         assert!(at("refraction") < at("spiral") && at("spiral") < at("at the limit") && at("at the limit") < at("shear"), "{text}");
         assert!(at("shear") < at("not observable in this recording:\n  tilt 0.250 – attitudes take it up"), "{text}");
         assert!(at("not applicable:\n  pressure-scale 0.250 – no pressure") > at("tilt"), "{text}");
-        assert!(text.contains("(12.3 ± 4.0)e-3") && text.contains("found:\n  refraction"), "{text}");
+        assert!(text.contains("0.0123 ± 0.0040") && text.contains("found:\n  refraction"), "{text}");
         // Every column has a heading, and what stands in them is explained before.
         let heading = text.lines().find(|line| line.starts_with("effect")).unwrap();
         assert_eq!(heading.split("  ").filter(|part| !part.trim().is_empty()).count(), 5, "{heading}");

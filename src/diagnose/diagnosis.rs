@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::channels::{ByChannel, Channel, Channels};
 use super::image_profiles::{ImageProfile, ShapeCell};
 use super::profile_bin::ProfileBin;
+use super::value_with_error::with_error;
 use super::verdict::{Bound, Verdict};
 use crate::detect::LearntImage;
 use crate::provenance::Provenance;
@@ -42,6 +43,14 @@ pub struct FoundParameter {
     pub sigma: f64,
     /// Its unit.
     pub unit: String,
+}
+
+impl FoundParameter {
+    /// `value ± sigma`, as many digits as the error bears; small ones with a common power of ten.
+    #[must_use]
+    pub fn value_and_error(&self) -> String {
+        with_error(self.value, self.sigma)
+    }
 }
 
 /// An effect that a finding cannot be told apart from, or resembles.

@@ -55,6 +55,7 @@ mod step;
 mod stepwise;
 mod unexplained;
 mod untimed;
+mod value_with_error;
 mod verdict;
 mod wild_bootstrap;
 mod wording;

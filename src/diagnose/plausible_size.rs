@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use super::final_fit::FinalFit;
 use super::fit_state::AGREES;
 use super::hypotheses::{Hypothesis, Variant};
-use super::wording;
+use super::value_with_error::with_error;
 use crate::effects::Natural;
 
 /// What speaks against the size found of an accepted effect whose size nobody knows, if anything does.
@@ -18,7 +18,7 @@ pub(super) fn veto(solved: &FinalFit, k: usize, hypothesis: &Hypothesis, before:
     let length = values.norm();
     let sigma = (values.dot(&(&covariance * &values)) / (length * length).max(f64::MIN_POSITIVE)).max(0.0).sqrt();
     let unit = hypothesis.effect.parameters()[*natural.parameters.first()?].unit;
-    let size = wording::with_error(if values.len() == 1 { values[0] } else { length }, sigma);
+    let size = with_error(if values.len() == 1 { values[0] } else { length }, sigma);
     let (least, most) = natural.range;
     Some(format!("its size, {} = {size} {unit}, is none that nature has ({least} to {most})", natural.what))
 }

@@ -3,29 +3,12 @@
 use super::channels::{ChannelVerdict, Detectable};
 use super::diagnosis::{ColumnSource, Diagnosis, EffectState, Finding, FoundParameter};
 use super::resolved::{least_p, told};
+use super::value_with_error::with_error;
 use crate::effects::AnyDisplacement;
-
-/// A number with its error, as many digits as the error bears.
-pub(super) fn with_error(value: f64, sigma: f64) -> String {
-    if !(sigma > 0.0 && sigma.is_finite()) {
-        return format!("{value:.4}");
-    }
-    let digits = 1 - sigma.log10().floor() as i32;
-    if (0..=6).contains(&digits) {
-        let digits = usize::try_from(digits).unwrap_or(0);
-        format!("{value:.digits$} ± {sigma:.digits$}")
-    } else if digits < 0 && digits > -5 {
-        format!("{value:.0} ± {sigma:.0}")
-    } else {
-        let exponent = sigma.log10().floor() as i32;
-        let unit = 10.0_f64.powi(exponent);
-        format!("({:.1} ± {:.1})e{exponent}", value / unit, sigma / unit)
-    }
-}
 
 fn quantity(parameter: &FoundParameter) -> String {
     let space = if parameter.unit.is_empty() { "" } else { " " };
-    format!("{} = {}{space}{}", parameter.name, with_error(parameter.value, parameter.sigma), parameter.unit)
+    format!("{} = {}{space}{}", parameter.name, parameter.value_and_error(), parameter.unit)
 }
 
 /// The title of an effect's page, in the middle of a sentence.

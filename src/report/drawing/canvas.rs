@@ -117,6 +117,18 @@ impl<'a> Canvas<'a> {
         Ok((f64::from(width) / OVERSAMPLING as f64, f64::from(height) / OVERSAMPLING as f64))
     }
 
+    /// The text, or as many of its words from the first on as there is room for.
+    pub(super) fn fitting(&self, text: &str, size: f64, width: f64) -> Result<String, Box<dyn std::error::Error>> {
+        let mut fitting = text.to_owned();
+        let mut words = text;
+        while self.text_size(&fitting, size)?.0 > width {
+            let Some((before, _)) = words.rsplit_once(' ') else { break };
+            words = before;
+            fitting = format!("{} …", before.trim_end_matches(','));
+        }
+        Ok(fitting)
+    }
+
     /// An arrow; its head grows with it up to a limit.
     pub(super) fn arrow(&self, from: Place, to: Place, colour: impl Color + Copy, width: f64) -> Drawn {
         self.line(&[from, to], colour, width)?;
@@ -252,6 +264,20 @@ impl FrameBox {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn text_is_cut_between_words() {
+        let folder = tempfile::tempdir().unwrap();
+        picture(&folder.path().join("text.png"), (400, 100), PAPER, |sheet| {
+            let text = "refraction, lateral-colour, wedge-colour";
+            let width = |text: &str| sheet.text_size(text, 18.0).map(|(width, _)| width);
+            assert_eq!(sheet.fitting(text, 18.0, width(text)?)?, text);
+            assert_eq!(sheet.fitting(text, 18.0, width(text)? - 5.0)?, "refraction, lateral-colour …");
+            assert_eq!(sheet.fitting(text, 18.0, 0.0)?, "refraction …", "a first word stays");
+            Ok(())
+        })
+        .unwrap();
+    }
 
     #[test]
     fn ticks_are_one_two_or_five() {

@@ -39,8 +39,8 @@ impl Plot {
             .margin_left(scaled(8.0))
             .x_label_area_size(scaled(52.0))
             .y_label_area_size(scaled(84.0))
-            .build_cartesian_2d(across, along)?;
-        let digits = |number: &f64| short(*number);
+            .build_cartesian_2d(across.clone(), along.clone())?;
+        let [x_digits, y_digits] = [across, along].map(|range| move |number: &f64| tick_label(*number, &range));
         chart
             .configure_mesh()
             .light_line_style(PAPER)
@@ -50,8 +50,8 @@ impl Plot {
             .axis_desc_style(style(16.0))
             .x_labels(9)
             .y_labels(8)
-            .x_label_formatter(&digits)
-            .y_label_formatter(&digits)
+            .x_label_formatter(&x_digits)
+            .y_label_formatter(&y_digits)
             .x_desc(&self.x_label)
             .y_desc(&self.y_label)
             .draw()?;
@@ -100,6 +100,12 @@ impl Plot {
     }
 }
 
+/// Ticks come as sums of steps: what rounding leaves of nought is nought.
+fn tick_label(number: f64, range: &Range<f64>) -> String {
+    let is_rounding = number.abs() < 1e-9 * (range.end - range.start);
+    short(if is_rounding { 0.0 } else { number })
+}
+
 fn finite(points: &[[f64; 2]]) -> impl Iterator<Item = [f64; 2]> {
     points.iter().copied().filter(|[x, y]| x.is_finite() && y.is_finite())
 }
@@ -143,5 +149,12 @@ mod tests {
             let range = span(values.iter().copied()).unwrap();
             assert!(values.iter().all(|value| range.contains(value)) && range.end > range.start, "{values:?} in {range:?}");
         }
+    }
+
+    #[test]
+    fn what_rounding_leaves_of_nought_is_nought() {
+        let labels = [-0.2, -0.2 + 0.1 + 0.1 - 5.6e-17, 0.2].map(|number| tick_label(number, &(-0.5..0.5)));
+        assert_eq!(labels, ["−0.2", "0", "0.2"]);
+        assert_eq!(tick_label(5e-17, &(0.0..1e-16)), "5e-17".replace('-', "−"));
     }
 }

@@ -17,6 +17,10 @@ const USUAL: f64 = 0.025;
 const MAX_ARROWS: usize = 700;
 const PANEL_WIDTH: f64 = 640.0;
 const MARGIN_LEFT: f64 = 76.0;
+/// The lines of text need this.
+const MIN_SLOT: f64 = 460.0;
+/// Height of the letters above a panel.
+const TITLE: f64 = 18.0;
 const GAP: f64 = 92.0;
 const MARGIN_RIGHT: f64 = 24.0;
 const TOP: f64 = 106.0;
@@ -58,7 +62,7 @@ fn write(path: &Path, title: &str, frame_px: (usize, usize), panels: [&VectorPan
     let aspect = rows as f64 / columns as f64;
     let width = if aspect > 1.0 { PANEL_WIDTH / aspect } else { PANEL_WIDTH }.max(PANEL_WIDTH / 3.0);
     let height = (width * aspect).clamp(60.0, PANEL_WIDTH * 1.5);
-    let slot = width.max(460.0); // the lines of text need this
+    let slot = width.max(MIN_SLOT);
     let sheet_size = (MARGIN_LEFT + slot + GAP + slot + MARGIN_RIGHT, TOP + height + BOTTOM);
     picture(path, (sheet_size.0.ceil() as usize, sheet_size.1.ceil() as usize), PAPER, |sheet| {
         sheet.text(title, (MARGIN_LEFT, 14.0), 22.0, &INK, HPos::Left, VPos::Top)?;
@@ -78,7 +82,8 @@ fn draw(sheet: &Canvas, frame_box: &FrameBox, panel: &VectorPanel, factor: Optio
     let rejected = vectors.len() - kept.len();
     let rms = (kept.iter().map(|length| length * length).sum::<f64>() / kept.len().max(1) as f64).sqrt();
 
-    sheet.text(&panel.title, (left, top - 58.0), 18.0, &INK, HPos::Left, VPos::Top)?;
+    let title = sheet.fitting(&panel.title, TITLE, frame_box.size.0.max(MIN_SLOT))?;
+    sheet.text(&title, (left, top - 58.0), TITLE, &INK, HPos::Left, VPos::Top)?;
     let summary = if kept.is_empty() { "no stars kept".to_owned() } else { format!("rms {} px, {} stars", significant(rms), kept.len()) };
     let summary = match panel.told {
         Some(told) => format!("rms {} px, {} stars", significant(told.rms_px), told.stars),
