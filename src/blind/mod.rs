@@ -87,6 +87,22 @@ pub enum BlindError {
         /// How.
         reason: &'static str,
     },
+    /// Scores that are to be joined are of different studies.
+    #[error("the scores are of different studies ({one}; {other}); score each by itself")]
+    OtherStudy {
+        /// Seed and program of the first.
+        one: String,
+        /// Of another.
+        other: String,
+    },
+    /// Scores that are to be joined hold the same recording.
+    #[error("recording {index} of {family} is in two scores and would count twice; leave one of them out")]
+    Twice {
+        /// The family.
+        family: &'static str,
+        /// The index in it.
+        index: u32,
+    },
     /// Nothing is sealed.
     #[error("{}: no seal; run `boresight blind generate` first", directory.display())]
     NoSeal {

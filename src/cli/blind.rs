@@ -1,5 +1,6 @@
 //! `boresight blind`: the benchmark of concealed recordings.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
@@ -169,13 +170,13 @@ impl Which {
     }
 }
 
-/// `boresight blind score-images`.
 /// The score that a file holds.
 fn score_of(path: &Path) -> Result<ImageScore> {
     let text = std::fs::read_to_string(path).with_context(|| format!("--parts {}", path.display()))?;
     serde_json::from_str(&text).with_context(|| format!("--parts {}: it is no score-images.json", path.display()))
 }
 
+/// `boresight blind score-images`.
 fn score_images(asked: &ScoreImagesArgs) -> Result<()> {
     let mut pairs = Vec::new();
     let is_page_alone = !asked.parts.is_empty() && !is_sealed(&asked.output);
@@ -193,14 +194,12 @@ fn score_images(asked: &ScoreImagesArgs) -> Result<()> {
     if pairs.iter().any(|(truth, _)| Some(truth.seed) != first) {
         bail!("--also: the folders hold recordings of different seeds; score each by itself");
     }
-    let own = first.map(|_| Ok(image_score(&pairs)));
-    let parts: Vec<ImageScore> = own.into_iter().chain(asked.parts.iter().map(|path| score_of(path))).collect::<Result<_>>()?;
-    if parts.iter().enumerate().any(|(k, part)| parts[..k].contains(part)) {
-        bail!("--parts: the same score is given twice; its recordings would count twice");
+    let own = first.map(|_| image_score(&pairs));
+    if own.as_ref().is_some_and(|own| own.recordings.values().map(BTreeSet::len).sum::<usize>() < pairs.len()) {
+        bail!("--also: the folders hold the same recordings, which would count twice; leave one of them out");
     }
-    let Some(score) = joined(&parts) else {
-        bail!("--parts: the scores are of different seeds or programs; score each by itself");
-    };
+    let parts: Vec<ImageScore> = own.into_iter().map(Ok).chain(asked.parts.iter().map(|path| score_of(path))).collect::<Result<_>>()?;
+    let score = joined(&parts).context("--parts")?;
     let mut provenance = output::provenance();
     provenance.seed = Some(score.seed);
     let object = ImageScoreResult { format: SCORE_FORMAT, score, provenance };

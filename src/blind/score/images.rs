@@ -1,6 +1,6 @@
 //! The figures of recordings with effects hidden in their pixels.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -105,6 +105,8 @@ pub struct ImageScore {
     pub version: String,
     /// Seed.
     pub seed: u64,
+    /// Which recordings were tried.
+    pub recordings: BTreeMap<Family, BTreeSet<u32>>,
     /// Answers counted.
     pub answers: usize,
     /// Recordings without an answer, by reason.
@@ -136,6 +138,7 @@ pub fn image_score(pairs: &[(Truth, Answer)]) -> ImageScore {
     let mut score = ImageScore { answers: given.len(), ..ImageScore::default() };
     for (truth, answer) in &own {
         (score.seed, score.version) = (truth.seed, answer.version.clone());
+        score.recordings.entry(truth.family).or_default().insert(truth.index);
         if let Some(error) = &answer.error {
             *score.unanswered.entry(error.clone()).or_default() += 1;
         }

@@ -8,17 +8,24 @@ use std::collections::BTreeMap;
 use super::images::{ImageLadder, ImageNullScore, ImageRung, ImageScore, Names, PLAIN_NULLS};
 use super::images_held_out::HeldOutChi2;
 use super::{Ladder, Pulls, Rate};
+use crate::blind::BlindError;
 use crate::statistics::order::{ascending, sort_by_key};
 
-/// The score of all parts; nothing where they are of different seeds or programs, or there are none.
-#[must_use]
-pub fn joined(parts: &[ImageScore]) -> Option<ImageScore> {
-    let (first, others) = parts.split_first()?;
-    if others.iter().any(|other| other.seed != first.seed || other.version != first.version) {
-        return None;
-    }
+/// The score of all parts. Fails where they are of different seeds or programs, or hold the same recording.
+pub fn joined(parts: &[ImageScore]) -> Result<ImageScore, BlindError> {
+    let Some(first) = parts.first() else { return Ok(ImageScore::default()) };
     let mut all = ImageScore { version: first.version.clone(), seed: first.seed, ..ImageScore::default() };
     for part in parts {
+        if part.seed != first.seed || part.version != first.version {
+            let of = |score: &ImageScore| format!("seed {}, boresight {}", score.seed, score.version);
+            return Err(BlindError::OtherStudy { one: of(first), other: of(part) });
+        }
+        for (family, indices) in &part.recordings {
+            let known = all.recordings.entry(*family).or_default();
+            if let Some(&index) = indices.iter().find(|index| !known.insert(**index)) {
+                return Err(BlindError::Twice { family: family.name(), index });
+            }
+        }
         add(&mut all, part);
     }
     sort_by_key(&mut all.nulls, |own| (!own.is_of_plain(), own.is_total(), own.counts.label.clone()));
@@ -35,7 +42,7 @@ pub fn joined(parts: &[ImageScore]) -> Option<ImageScore> {
     sort_by_key(&mut all.pairs, |own| own.label.clone());
     sort_by_key(&mut all.pulls, |own| (own.label == "all", own.label.clone()));
     sort_by_key(&mut all.held_out, HeldOutChi2::place);
-    Some(all)
+    Ok(all)
 }
 
 impl ImageNullScore {
@@ -221,6 +228,10 @@ mod tests {
         }
         assert_eq!(rounded(&of_parts), rounded(&whole));
         assert_ne!(rounded(&parts[0]), rounded(&whole));
-        assert_eq!(joined(&[parts[0].clone(), ImageScore { seed: 6, ..parts[1].clone() }]), None);
+        let refused = |parts: &[ImageScore]| joined(parts).unwrap_err().to_string();
+        let other = ImageScore { seed: 6, ..parts[1].clone() };
+        assert!(refused(&[parts[0].clone(), other]).contains("seed 6"));
+        // A part of all, and all: the first null of the part is in both.
+        assert!(refused(&[whole, parts[1].clone()]).contains("recording 2 of image-null "));
     }
 }
