@@ -5,8 +5,8 @@ CARGO ?= cargo
 
 # Mesa complains without a runtime folder, and compiles its shaders anew without a cache.
 RUNTIME := $(CURDIR)/target/runtime
-export XDG_RUNTIME_DIR ?= $(RUNTIME)
-export MESA_SHADER_CACHE_DIR ?= $(CURDIR)/target/mesa-shader-cache
+export XDG_RUNTIME_DIR := $(or $(XDG_RUNTIME_DIR),$(RUNTIME))
+export MESA_SHADER_CACHE_DIR := $(or $(MESA_SHADER_CACHE_DIR),$(CURDIR)/target/mesa-shader-cache)
 
 .PHONY: help demo test interop learner bench-dataset bench-gain slurm readme claims surface check format lint doc deny bench bench-render bench-identify bench-centroid bench-cedar pictures study blind blind-pixels blind-pixels-score held-out peers trackers suite catalog fuzz zoo cluster-chaos cluster-overhead runtime
 

@@ -57,15 +57,18 @@ impl Lines {
     }
 
     /// The knots that reach a pixel, and their numbers there.
+    #[inline]
     fn of<'a>(&self, values: &'a [f64], pixel: usize) -> (Range<usize>, &'a [f64]) {
         let reach = self.reach[pixel].clone();
         (reach.clone(), &values[pixel * self.knots..][reach])
     }
 
+    #[inline]
     fn value(&self, pixel: usize) -> (Range<usize>, &[f64]) {
         self.of(&self.value, pixel)
     }
 
+    #[inline]
     fn slope(&self, pixel: usize) -> &[f64] {
         self.of(&self.slope, pixel).1
     }
@@ -82,8 +85,9 @@ impl Lines {
     fn row_sum(&self, weights: &[f64], knots: &[f64], pixel: usize, sum: &mut [f64]) {
         let (reach, weights) = self.of(weights, pixel);
         sum.fill(0.0);
-        for (row, weight) in knots[reach.start * sum.len()..].chunks_exact(sum.len()).zip(weights) {
-            add_scaled(sum, *weight, row);
+        for (k, weight) in weights.iter().enumerate() {
+            let row = (reach.start + k) * sum.len();
+            add_scaled(sum, *weight, &knots[row..row + sum.len()]);
         }
     }
 }
@@ -91,23 +95,28 @@ impl Lines {
 /// Σ a·b in four partial sums, whatever the processor: the same everywhere, and none waits for another.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "inlined into loops compiled for several instruction sets")]
+#[allow(clippy::needless_range_loop, reason = "zips are calls where a crate is built in parts")]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<4>(), b.as_chunks::<4>());
     let mut sums = [0.0; 4];
-    for (a, b) in a.iter().zip(b) {
+    for i in 0..a.len().min(b.len()) {
         for k in 0..4 {
-            sums[k] += a[k] * b[k];
+            sums[k] += a[i][k] * b[i][k];
         }
     }
-    let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
+    let mut rest = 0.0;
+    for i in 0..a_rest.len().min(b_rest.len()) {
+        rest += a_rest[i] * b_rest[i];
+    }
     (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "inlined into loops compiled for several instruction sets")]
+#[allow(clippy::needless_range_loop, reason = "as above")]
 fn add_scaled(target: &mut [f64], factor: f64, source: &[f64]) {
-    for (t, s) in target.iter_mut().zip(source) {
-        *t += factor * s;
+    for i in 0..target.len().min(source.len()) {
+        target[i] += factor * source[i];
     }
 }
 
@@ -224,8 +233,9 @@ pub(super) fn knots_of_light(value: &[f64], [across, down]: &[Lines; 2], factor:
             add_scaled(&mut sum[reach], factor * v, shares);
         }
         let (reach, shares) = down.value(y);
-        for (knots, share) in knots[reach.start * across.knots..].chunks_exact_mut(across.knots).zip(shares) {
-            add_scaled(knots, *share, &sum);
+        for (k, share) in shares.iter().enumerate() {
+            let row = (reach.start + k) * across.knots;
+            add_scaled(&mut knots[row..row + across.knots], *share, &sum);
         }
     }
 }

@@ -19,10 +19,10 @@ use crate::coordinates::Attitude;
 use crate::units::ARCSEC_RAD;
 
 /// Suites that are run of each kind, and how many of them may pass at the exact limit: at a probability of 5 % no more do in 99 of 100 cases.
-const SUITES: u64 = 1000;
-const MAX_PASSES: usize = 66;
+const SUITES: u64 = 300;
+const MAX_PASSES: usize = 24;
 /// The same of suites at four standard errors, of which none may fail.
-const BETTER_SUITES: u64 = 3000;
+const BETTER_SUITES: u64 = 1000;
 
 /// What a tracker does: shares of its answers, and its errors, arcsec per axis.
 #[derive(Clone, Copy, Debug)]

@@ -191,7 +191,7 @@ fn centroids_reach_the_cramer_rao_bound_and_state_their_error() {
     for (i, sigma) in [0.6, 1.0, 2.0].into_iter().enumerate() {
         for (k, snr) in [10.0, 100.0, 1000.0].into_iter().enumerate() {
             for (name, options) in [("psf and gain known", known(sigma)), ("nothing known", DetectOptions::default())] {
-                let s = trial(sigma, snr, 8, &options, (10 * i + k) as u64);
+                let s = trial(sigma, snr, 5, &options, (10 * i + k) as u64);
                 let n = s.found as f64;
                 let (ratio, pull, flux_pull) = ((s.over_bound / (2.0 * n)).sqrt(), s.pull / (2.0 * n), s.flux_pull / n);
                 println!(

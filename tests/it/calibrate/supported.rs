@@ -127,7 +127,7 @@ fn a_wide_lens_gets_the_terms_that_it_needs() {
 /// Pulls of f over nights whose k2 is so many of its standard errors large: none, and about the size at which it is chosen.
 #[test]
 fn errors_are_true_after_the_choice() {
-    const NIGHTS: u64 = 120;
+    const NIGHTS: u64 = 60;
     let base = Camera { principal_point_px: [516.0, 508.0], ..Camera::pinhole(1024, 1024, 2800.0) };
     let lens = |k1: f64, k2: f64| {
         let mut truth = Model::new(Camera { k1, ..base });
@@ -153,8 +153,8 @@ fn errors_are_true_after_the_choice() {
             let within = pulls.iter().filter(|pull| pull.abs() < 2.0).count();
             let size = rms(pulls.iter().copied());
             println!("{what}, a term of {sigmas} σ: pulls of f have an rms of {size:.2}, {within} of {NIGHTS} within two σ");
-            // 114 of 120 are expected within two of their errors, and 107 are three standard deviations fewer.
-            assert!((0.2..1.3).contains(&size) && within >= 107, "{what}, {sigmas} σ: {size} {within}");
+            // 57 of 60 are expected within two of their errors, and 52 are three standard deviations fewer.
+            assert!((0.2..1.3).contains(&size) && within >= 52, "{what}, {sigmas} σ: {size} {within}");
         }
     }
 }
