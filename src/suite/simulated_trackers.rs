@@ -21,6 +21,9 @@ use crate::units::ARCSEC_RAD;
 /// Suites that are run of each kind, and how many of them may pass at the exact limit: at a probability of 5 % no more do in 99 of 100 cases.
 const SUITES: u64 = 300;
 const MAX_PASSES: usize = 24;
+/// The same of suites whose frames share errors, of which a finer look is taken.
+const SHARED_SUITES: u64 = 1000;
+const MAX_SHARED_PASSES: usize = 66;
 /// The same of suites at four standard errors, of which none may fail.
 const BETTER_SUITES: u64 = 1000;
 
@@ -204,11 +207,11 @@ fn frames_of_a_field_count_as_one_unit() {
         at_most("attitude.cross_boresight_arcsec.mean", sigma * (0.5 * std::f64::consts::PI).sqrt()),
     ] {
         let plan = suite("frames = 1080", attitudes, std::slice::from_ref(&own));
-        let [passes, fails] = counted(&plan, &tracker, 0..SUITES, true);
-        let [as_alone, _] = counted(&plan, &tracker, 0..SUITES / 5, false);
-        println!("{own:?}: {passes} PASS, {fails} FAIL of {SUITES} by fields; {as_alone} PASS of {} by frames", SUITES / 5);
-        assert!(passes <= MAX_PASSES, "{own}: {passes} PASS");
+        let [passes, fails] = counted(&plan, &tracker, 0..SHARED_SUITES, true);
+        let [as_alone, _] = counted(&plan, &tracker, 0..SHARED_SUITES / 5, false);
+        println!("{own:?}: {passes} PASS, {fails} FAIL of {SHARED_SUITES} by fields; {as_alone} PASS of {} by frames", SHARED_SUITES / 5);
+        assert!(passes <= MAX_SHARED_PASSES, "{own}: {passes} PASS");
         excess = excess.max(as_alone);
     }
-    assert!(excess > 2 * MAX_PASSES / 5, "{excess}");
+    assert!(excess > 2 * MAX_SHARED_PASSES / 5, "{excess}");
 }
