@@ -46,25 +46,22 @@ fn parameter(object: &Value, name: &str) -> [f64; 2] {
 fn the_default_solves_what_a_wide_lens_needs() {
     let folder = tempfile::tempdir().unwrap();
     let camera = "width_px = 800\nheight_px = 800\nfocal_length_px = 858.0\nprincipal_point_px = [404.0, 396.0]\nk1 = -1.63e-7";
-    for seed in [1, 2] {
-        let scene =
-            wide_scene(seed, camera, 8) + "[[effects]]\nid = \"radial-high-order\"\nparameters = { k2_norm = 0.05, k3_norm = -0.03 }\n";
-        let images = bare_images(&scene, folder.path(), &format!("wide{seed}"));
-        let mut args = vec!["calibrate", "--json", "--physics", "none"];
-        args.extend(images.iter().map(|path| text(path)));
-        let object = json(&args);
-        let [f, sigma] = parameter(&object, "f");
-        println!("seed {seed}: f {f:.3} ± {sigma:.3}, {}, rms {} px, {} star images", object["model"], object["rms_px"], object["stars"]);
-        assert!((f - 858.0).abs() < 3.0 * sigma, "{f} ± {sigma}");
-        assert!(object["model"].as_array().unwrap().iter().any(|name| name == "radial-high-order.k2_norm"), "{}", object["model"]);
-        assert!(number(&object, "/rms_px") < 0.3, "{}", object["rms_px"]);
-        args.extend(["--solve", "x0,y0,f,k1,p1,p2"]);
-        let held = json(&args);
-        let [f, sigma] = parameter(&held, "f");
-        println!("    with k1 alone f {f:.3} ± {sigma:.3}, rms {} px", held["rms_px"]);
-        assert!((f - 858.0).abs() > 5.0 * sigma, "k1 alone would do: {f} ± {sigma}");
-        assert!(number(&object, "/held_out_rms_px") < number(&held, "/held_out_rms_px"));
-    }
+    let scene = wide_scene(1, camera, 8) + "[[effects]]\nid = \"radial-high-order\"\nparameters = { k2_norm = 0.05, k3_norm = -0.03 }\n";
+    let images = bare_images(&scene, folder.path(), "wide");
+    let mut args = vec!["calibrate", "--json", "--physics", "none"];
+    args.extend(images.iter().map(|path| text(path)));
+    let object = json(&args);
+    let [f, sigma] = parameter(&object, "f");
+    println!("f {f:.3} ± {sigma:.3}, {}, rms {} px, {} star images", object["model"], object["rms_px"], object["stars"]);
+    assert!((f - 858.0).abs() < 3.0 * sigma, "{f} ± {sigma}");
+    assert!(object["model"].as_array().unwrap().iter().any(|name| name == "radial-high-order.k2_norm"), "{}", object["model"]);
+    assert!(number(&object, "/rms_px") < 0.3, "{}", object["rms_px"]);
+    args.extend(["--solve", "x0,y0,f,k1,p1,p2"]);
+    let held = json(&args);
+    let [f, sigma] = parameter(&held, "f");
+    println!("    with k1 alone f {f:.3} ± {sigma:.3}, rms {} px", held["rms_px"]);
+    assert!((f - 858.0).abs() > 5.0 * sigma, "k1 alone would do: {f} ± {sigma}");
+    assert!(number(&object, "/held_out_rms_px") < number(&held, "/held_out_rms_px"));
 }
 
 #[test]
