@@ -40,7 +40,7 @@ fn plain_cases_are_answered_rightly() {
 /// The place of a seam is searched for, and its error is that of the search: deviations are as large as they are said to be.
 #[test]
 fn the_place_of_a_seam_is_known_as_well_as_is_said() {
-    const CYCLES: u32 = 4;
+    const CYCLES: u32 = 6;
     let cycle = (LIBRARY.len() * LADDER.len()) as u32;
     let of = |rung: usize| (0..CYCLES).map(move |k| (on_the_ladder("sensor-step", rung).1, k * cycle)).map(|(index, more)| index + more);
     let options = DiagnoseOptions { nulls: 200, ..DiagnoseOptions::default() };
@@ -58,6 +58,6 @@ fn the_place_of_a_seam_is_known_as_well_as_is_said() {
         .collect();
     let rms = (pulls.iter().map(|pull| pull * pull).sum::<f64>() / pulls.len() as f64).sqrt();
     println!("{pulls:?}: {rms}");
-    // χ² of 6: 0.22 … 2.01 with 99.9 %; errors of the top alone, without the search, gave 2.4.
-    assert!(pulls.len() >= 6 && (0.22..2.01).contains(&rms), "{pulls:?}: {rms}");
+    // χ² of 9: 0.33 … 1.82 with 99.9 %; errors of the top alone, without the search, gave 2.4.
+    assert!(pulls.len() >= 9 && (0.33..1.82).contains(&rms), "{pulls:?}: {rms}");
 }
