@@ -108,7 +108,7 @@ pub struct LightColumns {
     pub hip: Vec<u32>,
     /// `star`, `false-star`, `satellite`, `meteor`, `ghost` or `cosmic-ray`.
     pub kind: Vec<Cow<'static, str>>,
-    /// Column of the centre of its light over the exposure.
+    /// Column of the centre of its light over the exposure; of a trail that is no star's, of the light on the frame.
     pub x_px: Vec<f64>,
     /// Row of the same.
     pub y_px: Vec<f64>,
@@ -207,10 +207,12 @@ fn rows<'r>(rendered: &'r Rendered, footprints: &'r [Footprint], catalog: &'r Ca
     let lights = rendered.lights.iter().zip(of_lights).map(|(light, footprint)| {
         let (start, end) = ([light.x_start_px, light.y_start_px], [light.x_end_px, light.y_end_px]);
         let middle = [0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])];
+        // The light of a trail may be uneven along it, or begin beside the frame.
+        let of_trail = footprint.centre_px.filter(|_| start != end);
         LightRow {
             hip: light.hip.unwrap_or(0),
             kind: kind(light.kind, start == end),
-            centre: middle,
+            centre: of_trail.unwrap_or(middle),
             middle,
             start,
             end,
@@ -436,6 +438,26 @@ fn fixed(value: f64, per_unit: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dataset::frame_key::{DatasetSplit, FrameKey};
+    use crate::dataset::plan::tests::{SCENE, plan_of, recipe};
+    use crate::render::PsfTables;
+
+    /// A meteor that fades, and a satellite that comes from far beside the frame: where their light is, and that it is seen.
+    #[test]
+    fn a_trail_is_where_its_light_is() {
+        let scene = format!(
+            "{SCENE}[[streaks]]\nkind = \"meteor\"\nframe = 0\nstart_px = [10.0, 10.0]\nend_px = [50.0, 10.0]\nelectrons = 1e6\nlight_curve = [2.0, 1.0]\n\
+             [[streaks]]\nkind = \"satellite\"\nframe = 0\nstart_px = [-200.0, 30.0]\nend_px = [40.0, 30.0]\nelectrons = 1e6\n"
+        );
+        let plan = plan_of(&recipe("[hard]\nno_stars = 1.0\n"), &scene).unwrap();
+        let sample = plan.sample(Catalog::embedded(), &PsfTables::default(), FrameKey { split: DatasetSplit::Train, index: 0 }).unwrap();
+        let lights = &sample.labels.lights;
+        assert_eq!(lights.kind, ["meteor", "satellite"]);
+        // Brightness goes as t²(1 − t): its centre is at three fifths of the 40 px.
+        assert!((lights.x_px[0] - 34.0).abs() < 0.1 && (lights.y_px[0] - 10.0).abs() < 0.02, "{:?}", lights.x_px);
+        assert!((lights.x_px[1] - 20.0).abs() < 0.5 && (lights.y_px[1] - 30.0).abs() < 0.02, "{:?}", lights.x_px);
+        assert_eq!((lights.x_mid_px[1], &lights.visible), (-80.0, &vec![true, true]));
+    }
 
     #[test]
     fn numbers_have_fixed_digits() {

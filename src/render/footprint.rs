@@ -1,7 +1,7 @@
 //! Footprint of a light: which pixels of the frame show it, where most of it is, and how well it can be measured at best.
 //!
-//! **Bound.** With the expected electrons s of the light in each pixel, those b of everything else and the read noise r, the Fisher information of
-//! column, row and logarithm of the flux is F = Σ ∇s ∇sᵀ/(s + b + r²); the standard errors that no unbiased estimate falls below are the roots of the
+//! **Bound.** With the expected electrons s of the light in each pixel, those b of everything else and the read noise r, with which the rounding of the
+//! converter counts (gain²/12), the Fisher information of column, row and logarithm of the flux is F = Σ ∇s ∇sᵀ/(s + b + r²); the standard errors that no unbiased estimate falls below are the roots of the
 //! first two elements on the diagonal of F⁻¹ (Cramér and Rao). Background and shape of the image are taken as known. Derivatives along columns and rows are
 //! differences between the light in its place and a little beside it, by the code that renders.
 
@@ -18,6 +18,8 @@ use crate::scene::Scene;
 pub struct Footprint {
     /// Electrons over their expected standard error where every pixel is weighted in the best way.
     pub snr: f64,
+    /// Centre of its expected electrons on the frame; `None` if none of them is there.
+    pub centre_px: Option<[f64; 2]>,
     /// Expected electrons of everything else in its brightest pixel.
     pub background_e: f64,
     /// Whether one of its pixels is expected to be full.
@@ -57,6 +59,7 @@ impl Footprint {
         };
         Ok(Self {
             snr: landed.snr,
+            centre_px: seen.light_centre_px(),
             background_e: landed.background_e,
             is_saturated: landed.is_full,
             box_px: box_px(seen),

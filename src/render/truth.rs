@@ -40,7 +40,8 @@ pub struct TrueStar {
     pub electrons_landed: f64,
     /// The same in its brightest pixel.
     pub peak_electrons: f64,
-    /// Electrons over their expected standard error where every pixel is weighted in the best way: √Σ s²/(s + background + read noise²).
+    /// Electrons over their expected standard error where every pixel is weighted in the best way: √Σ s²/(s + background + read noise² + gain²/12),
+    /// the last of the rounding to counts.
     pub snr: f64,
     /// One of its pixels is expected to be full, by its own light and the background.
     pub saturated: bool,
@@ -122,6 +123,20 @@ pub(super) struct Landed {
     on_frame_share: f64,
 }
 
+/// What the rounding to counts adds to the variance of a pixel, or of a joined one, in electrons squared: electrons of a count are all as likely.
+fn rounding_variance(scene: &Scene) -> f64 {
+    let of = |gain_e_per_dn: f64| gain_e_per_dn.powi(2) / 12.0;
+    let gain_e_per_dn = scene.detector.gain_e_per_dn;
+    let Some(binning) = scene.binning else { return of(gain_e_per_dn) };
+    let of_joined = of(gain_e_per_dn / binning.share());
+    let of_each = binning.pixels() * of(gain_e_per_dn);
+    match binning.place {
+        BinningPlace::OnChip => of_joined,
+        BinningPlace::Digital if binning.is_mean => of_each + of_joined,
+        BinningPlace::Digital => of_each,
+    }
+}
+
 /// A light in the pixels of the frame that hold any of it.
 #[derive(Clone, Debug)]
 pub(super) struct Seen {
@@ -144,7 +159,8 @@ impl Seen {
         let (left_px, top_px, width_px) = (stamp.left_px, stamp.top_px, stamp.width_px);
         // A dark frame stands in the place of read noise; pixels are not joined then.
         let read_noise_e = scene.dark_frame.as_ref().map_or(chain.read_noise_e(), |dark| dark.noise_e);
-        let own = Self { left_px, top_px, width_px, light: seen, sent_e, read_variance: read_noise_e.powi(2), is_full };
+        let rounding = rounding_variance(scene);
+        let own = Self { left_px, top_px, width_px, light: seen, sent_e, read_variance: read_noise_e.powi(2) + rounding, is_full };
         let Some(binning) = scene.binning else { return own };
         let joined = Joined::new(binning.factor, stamp);
         let light = StampLight { electrons: joined.sums(&own.light.electrons), background_e: joined.sums(&own.light.background_e) };
@@ -153,7 +169,7 @@ impl Seen {
             top_px: joined.top,
             width_px: joined.width,
             sent_e: joined.sums(&own.sent_e),
-            read_variance: (chain.read_noise_e() * binning.read_noise_factor()).powi(2),
+            read_variance: (chain.read_noise_e() * binning.read_noise_factor()).powi(2) + rounding,
             is_full: own.is_full || is_joined_full(scene, &light),
             light,
         }
@@ -175,6 +191,17 @@ impl Seen {
             (0..2).for_each(|axis| moments[axis] += electrons * at[axis] as f64);
         }
         (is_whole && sum > 0.0).then(|| moments.map(|moment| moment / sum))
+    }
+
+    /// The centre of the electrons that are expected on the frame.
+    pub(super) fn light_centre_px(&self) -> Option<[f64; 2]> {
+        let (mut sum, mut moments) = (0.0, [0.0; 2]);
+        for (place, electrons) in self.light.electrons.iter().enumerate() {
+            let at = self.pixel(place);
+            sum += electrons;
+            (0..2).for_each(|axis| moments[axis] += electrons * at[axis] as f64);
+        }
+        (sum > 0.0).then(|| moments.map(|moment| moment / sum))
     }
 
     /// What its pixels would see of the same light elsewhere.
