@@ -140,6 +140,31 @@ fn a_dataset_as_it_was_made_is_right() {
     assert!(!ran.stdout.contains("not looked at: "), "{}", ran.stdout);
 }
 
+/// Real frames under the stars: the dataset holds what it says, and is the same wherever its recipe lies.
+#[test]
+fn a_dataset_on_real_frames_is_right_and_the_same_in_another_folder() {
+    let made = |folder: &Path| {
+        std::fs::create_dir(folder.join("darks")).unwrap();
+        for number in 0..2_u32 {
+            let pixels: Vec<u16> =
+                (0..160 * 120_u32).map(|place| 207 + (place.wrapping_mul(2_654_435_761 + number) >> 16) as u16 % 7).collect();
+            let headers = boresight::recording::FitsHeaders::default();
+            boresight::recording::write_fits_u16(&folder.join(format!("darks/{number}.fits")), 160, 120, &pixels, &headers).unwrap();
+        }
+        std::fs::create_dir(folder.join("scenes")).unwrap();
+        std::fs::write(folder.join("scenes/sky.toml"), SCENE).unwrap();
+        std::fs::write(folder.join("recipe.toml"), format!("{RECIPE}[background]\nframes = \"darks/*.fits\"\n")).unwrap();
+        let set = folder.join("set");
+        let made = run(&["dataset", text(&folder.join("recipe.toml")), "-o", text(&set)]);
+        assert_eq!(made.code, 0, "{}", made.stderr);
+        let ran = run(&["dataset", "verify", text(&set), "--frames", "12"]);
+        assert!(ran.code == 0 && ran.stdout.contains("12 frames made again"), "{}{}", ran.stdout, ran.stderr);
+        std::fs::read_to_string(set.join("SHA256SUMS")).unwrap()
+    };
+    let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    assert_eq!(made(folders[0].path()), made(folders[1].path()));
+}
+
 #[test]
 fn axes_that_are_exchanged_mirrored_or_shifted_are_told_apart() {
     let (code, faults) = relabelled(&|labels| {
@@ -168,6 +193,10 @@ fn axes_that_are_exchanged_mirrored_or_shifted_are_told_apart() {
         one_has(&faults, told);
         assert!(!faults.iter().any(|fault| fault.contains("they fit with")), "{faults:?}");
     }
+    // Places alone, beside boxes that are right.
+    let (code, faults) = relabelled(&|labels| exchanged(&mut labels["lights"], "x_px", "y_px"));
+    assert_eq!(code, 3);
+    one_has(&faults, "so that places and boxes of the labels disagree");
 }
 
 #[test]
@@ -184,6 +213,10 @@ fn a_byte_a_shard_and_a_mark_that_are_wrong_are_told() {
     let (code, faults) = found(&own);
     assert_eq!((code, faults.len()), (3, 1), "{faults:?}");
     one_has(&faults, "files: train/000001.tar is missing; make it again with");
+    // What loaders would read beside the shards.
+    let (_folder, own) = set();
+    std::fs::copy(own.join("test/000000.tar"), own.join("train/000009.tar")).unwrap();
+    assert_eq!(found(&own), (3, vec!["files: train/000009.tar is of no shard, and loaders read it; remove it".to_owned()]));
     let (_folder, own) = set();
     std::fs::write(own.join("README.md"), "mine").unwrap();
     std::fs::remove_file(own.join("shards/test-000000.json")).unwrap();

@@ -8,22 +8,21 @@
 
 use std::collections::HashMap;
 
-use super::alone::{core_px, place_px};
+use super::alone::place_px;
+use super::label_window::Window;
+use super::symmetry::Symmetry;
 use crate::dataset::sample_labels::{STAR, SampleLabels};
 use crate::effects::effect;
 use crate::effects::pixel::{Work, pixel_effect};
-use crate::render::{StarAlone, StarsAlone};
+use crate::render::StarsAlone;
 use crate::statistics::{mad_sigma, median};
 
 /// Stars that are measured have at least this ratio of electrons to their standard error.
 const MIN_SNR: f64 = 20.0;
 /// A neighbour with more than this share of the light disturbs.
 const MAX_NEIGHBOUR: f64 = 0.02;
-/// Pixels beside the box of a star that are summed too, and beyond them those that the background is taken from.
-const MARGIN_PX: isize = 1;
+/// Pixels beyond the window of a star that the background is taken from.
 const RING_PX: isize = 3;
-/// Nothing of a frame is farther off, px; a label may say anything.
-const FAR_PX: f64 = 1e9;
 /// The light at the labelled place, in units of the labelled one, that counts as found.
 const FOUND: std::ops::Range<f64> = 0.5..2.0;
 /// The share of stars that must be found.
@@ -44,44 +43,6 @@ const MAX_DEVIATIONS: f64 = 4.0;
 /// Fewer stars than this tell nothing.
 const MIN_STARS: usize = 10;
 
-/// A symmetry of the frame: how labels would have to be changed to fit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Symmetry {
-    is_exchanged: bool,
-    mirrored: [bool; 2],
-}
-
-impl Symmetry {
-    const ALL: [Self; 8] = {
-        let mut all = [Self { is_exchanged: false, mirrored: [false; 2] }; 8];
-        let mut number = 1;
-        while number < 8 {
-            all[number] = Self { is_exchanged: number & 1 != 0, mirrored: [number & 2 != 0, number & 4 != 0] };
-            number += 1;
-        }
-        all
-    };
-
-    fn words(self) -> &'static str {
-        match (self.is_exchanged, self.mirrored) {
-            (false, [false, false]) => "as they are",
-            (true, [false, false]) => "with x and y exchanged",
-            (false, [true, false]) => "with x mirrored",
-            (false, [false, true]) => "with y mirrored",
-            (false, [true, true]) => "with x and y mirrored",
-            (true, [true, false]) => "with x and y exchanged and then x mirrored",
-            (true, [false, true]) => "with x and y exchanged and then y mirrored",
-            (true, [true, true]) => "with x and y exchanged and then both mirrored",
-        }
-    }
-
-    fn applied(self, [x, y]: [f64; 2], [width_px, height_px]: [usize; 2]) -> [f64; 2] {
-        let [x, y] = if self.is_exchanged { [y, x] } else { [x, y] };
-        let mirror = |at: f64, side: usize, is_mirrored: bool| if is_mirrored { side as f64 - 1.0 - at } else { at };
-        [mirror(x, width_px, self.mirrored[0]), mirror(y, height_px, self.mirrored[1])]
-    }
-}
-
 /// What was measured, over many frames.
 #[derive(Clone, Debug, Default)]
 pub(super) struct LabelMeasure {
@@ -91,6 +52,8 @@ pub(super) struct LabelMeasure {
     looked_for: usize,
     /// Those found, for each symmetry.
     found: [usize; 8],
+    /// Those whose light is in the labelled box, wherever the labelled place is.
+    in_boxes: usize,
 }
 
 /// What labels and pixels have in common.
@@ -100,55 +63,6 @@ pub(super) struct MeasuredOffset {
     /// Median of measured less labelled place.
     pub(super) offset_px: [f64; 2],
     pub(super) standard_error_px: [f64; 2],
-}
-
-/// Columns and rows from and to which pixels are taken, the last included.
-#[derive(Clone, Copy, Debug)]
-struct Window {
-    from: [isize; 2],
-    to: [isize; 2],
-}
-
-impl Window {
-    /// The box of a light with its margin, moved to where a symmetry has it.
-    fn new(labels: &SampleLabels, index: usize, symmetry: Symmetry) -> Self {
-        let lights = &labels.lights;
-        let corner = |x: usize, y: usize| symmetry.applied([x as f64, y as f64], labels.size_px).map(|at| at.clamp(-FAR_PX, FAR_PX));
-        let a = corner(lights.box_left_px[index], lights.box_top_px[index]);
-        let b = corner(lights.box_right_px[index], lights.box_bottom_px[index]);
-        let ends = |axis: usize| (a[axis].min(b[axis]) as isize - MARGIN_PX, a[axis].max(b[axis]) as isize + MARGIN_PX);
-        let ((left, right), (top, bottom)) = (ends(0), ends(1));
-        Self { from: [left, top], to: [right, bottom] }
-    }
-
-    /// The core of a star's image, moved from its own place to another.
-    fn of_core(star: &StarAlone, place: [f64; 2]) -> Self {
-        let core = core_px(star);
-        let end = |axis: usize, which: usize| {
-            (core[axis][which] as f64 + (place[axis] - star.centre_px[axis]).clamp(-FAR_PX, FAR_PX)).round() as isize
-        };
-        Self { from: [end(0, 0), end(1, 0)], to: [end(0, 1), end(1, 1)] }.grown(MARGIN_PX)
-    }
-
-    fn grown(self, by: isize) -> Self {
-        Self { from: self.from.map(|from| from - by), to: self.to.map(|to| to + by) }
-    }
-
-    fn is_on(self, size: [usize; 2]) -> bool {
-        (0..2).all(|axis| self.from[axis] >= 0 && self.to[axis] < size[axis].cast_signed())
-    }
-
-    fn touches(self, other: Self) -> bool {
-        (0..2).all(|axis| self.from[axis] <= other.to[axis] && other.from[axis] <= self.to[axis])
-    }
-
-    fn contains(self, [x, y]: [isize; 2]) -> bool {
-        self.from[0] <= x && x <= self.to[0] && self.from[1] <= y && y <= self.to[1]
-    }
-
-    fn places(self) -> impl Iterator<Item = [isize; 2]> {
-        (self.from[1]..=self.to[1]).flat_map(move |y| (self.from[0]..=self.to[0]).map(move |x| [x, y]))
-    }
 }
 
 /// Whether something pulls the light of stars aside in the pixels of a frame: an effect that moves charge between pixels or has a displacement of its
@@ -260,15 +174,22 @@ impl LabelMeasure {
                 continue;
             }
             self.looked_for += 1;
+            let label = [lights.x_px[index], lights.y_px[index]];
             for (symmetry, found) in Symmetry::ALL.into_iter().zip(&mut self.found) {
-                let Some((sum, centre)) = light(&counts, size, Window::new(labels, index, symmetry)) else { continue };
+                let window = Window::new(labels, index, symmetry);
+                let Some((sum, centre)) = light(&counts, size, window) else { continue };
                 if !FOUND.contains(&(sum / expected_dn)) {
                     continue;
                 }
+                let is_as_labelled = symmetry == Symmetry::ALL[0];
+                self.in_boxes += usize::from(is_as_labelled);
+                // The box alone does not tell: the place is a label of its own.
+                if !window.is_centre(centre, symmetry.applied(label, size)) {
+                    continue;
+                }
                 *found += 1;
-                if symmetry == Symmetry::ALL[0] {
-                    self.offsets_px[kind][0].push(centre[0] - lights.x_px[index]);
-                    self.offsets_px[kind][1].push(centre[1] - lights.y_px[index]);
+                if is_as_labelled {
+                    (0..2).for_each(|axis| self.offsets_px[kind][axis].push(centre[axis] - label[axis]));
                 }
             }
         }
@@ -304,6 +225,7 @@ impl LabelMeasure {
             own.extend(more);
         }
         self.looked_for += other.looked_for;
+        self.in_boxes += other.in_boxes;
         self.found.iter_mut().zip(other.found).for_each(|(own, more)| *own += more);
     }
 
@@ -335,6 +257,8 @@ impl LabelMeasure {
             let (best, symmetry) = self.found.iter().zip(Symmetry::ALL).max_by_key(|(found, _)| **found).unwrap_or((&0, Symmetry::ALL[0]));
             let told = if symmetry != Symmetry::ALL[0] && share(*best) >= MIN_FOUND {
                 format!("they fit {}: {best} of {looked_for}", symmetry.words())
+            } else if share(self.in_boxes) >= MIN_FOUND {
+                format!("{} have it in their boxes, so that places and boxes of the labels disagree", self.in_boxes)
             } else {
                 "no exchange or mirroring of the axes makes them fit".to_owned()
             };
@@ -429,6 +353,9 @@ mod tests {
         let told = |change: &dyn Fn(&mut SampleLabels)| measured(frames, change).faults().join("; ");
         assert!(told(&exchange).contains("they fit with x and y exchanged"), "{}", told(&exchange));
         assert!(told(&mirror).contains("they fit with x mirrored"), "{}", told(&mirror));
+        // Places alone, with the boxes as they are.
+        let places = told(&|labels| std::mem::swap(&mut labels.lights.x_px, &mut labels.lights.y_px));
+        assert!(places.contains("places and boxes of the labels disagree"), "{places}");
         let half = told(&|labels| labels.lights.y_px.iter_mut().for_each(|y| *y += 0.5));
         assert!(half.contains("along rows (y)") && !half.contains("along columns") && half.contains("is -0."), "{half}");
         // Many stars: a label that is off by a twentieth of a pixel is found, and one that is right is not.

@@ -1,12 +1,14 @@
 //! Holds a dataset against what it says of itself: hashes, frames made again, labels against pixels, masks against labels, splits against each other.
 
 mod alone;
+mod label_window;
 mod labels;
 mod masks;
 pub(super) mod result;
 mod shard;
 mod splits;
 mod sums;
+mod symmetry;
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
