@@ -66,13 +66,13 @@ const PROJECTIONS: [&str; 5] = [ids::PINHOLE, ids::EQUIDISTANT, ids::EQUISOLID, 
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = heading::SOLVER)]
 pub(crate) struct SolveArgs {
-    /// Read the solver's options from this TOML file (keys as under "options" in a calibrate.json); what is given here goes before them
+    /// Read the solver's options from this TOML file (keys as under "options" in a calibrate.json); options of the command line take precedence
     #[arg(long, value_name = "FILE")]
     pub(crate) options: Option<PathBuf>,
     /// Threshold F of the variable weights: pairs whose statistic T is above it are weighted down [default: 10.83]
     #[arg(long, value_name = "F", value_parser = super::identify::positive)]
     pub(crate) threshold: Option<f64>,
-    /// The parameters to solve, others keep their ground values: x0, y0, f, k1, p1, p2, k2, k3, any effect or effect.parameter of
+    /// The parameters to solve, others keep their starting values: x0, y0, f, k1, p1, p2, k2, k3, any effect or effect.parameter of
     /// `boresight effects`, or `auto`: those of the camera that the data support [default: x0,y0,f,k1,p1,p2, and in `calibrate` what the
     /// data support of k2 and k3]
     #[arg(long, value_name = "LIST|auto", value_delimiter = ',', value_parser = solvable, help_heading = heading::MODEL)]
@@ -120,7 +120,7 @@ pub(crate) enum MethodChoice {
 /// What a deliberately wrong identification is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum MisidentifyChoice {
-    /// Any star of the field
+    /// A wrong direction, 0.05° to 2° away, in which no star need be
     #[default]
     Random,
     /// A star near by

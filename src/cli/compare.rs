@@ -20,7 +20,7 @@ pub(crate) struct CompareArgs {
     /// The second; differences are second minus first
     #[arg(value_name = "B")]
     second: PathBuf,
-    /// The largest difference anywhere in the frame that is no difference: exit code 3 beyond it
+    /// Exit code 3 if the two maps differ by more than this anywhere in the frame
     #[arg(long, value_name = "PX", value_parser = super::identify::positive, allow_negative_numbers = true, help_heading = heading::STATISTICS)]
     max_px: Option<f64>,
     #[command(flatten)]

@@ -19,6 +19,9 @@ use super::dataset_steps::DatasetStep;
 use super::options::heading;
 use super::{Answer, Usage, output};
 
+/// What a folder with a dataset holds.
+const DESCRIPTION: &str = "dataset.json";
+
 /// Where the frames of a dataset are rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum DatasetBackend {
@@ -37,7 +40,7 @@ pub(crate) struct DatasetArgs {
     /// The recipe; one that is named like a step is given as ./NAME
     #[arg(value_name = "RECIPE.toml", help_heading = None, required = true)]
     recipe: Option<PathBuf>,
-    /// The folder of the dataset; what is done there already is gone on with
+    /// The folder of the dataset; one that was begun is resumed
     #[arg(short, long, value_name = "DIR", value_parser = super::options::folder())]
     output: Option<PathBuf>,
     /// Make nothing, and tell what would be made: frames, shards, bytes, hours, what splits share
@@ -85,7 +88,7 @@ pub(crate) fn dataset(args: &DatasetArgs) -> Result<Answer> {
     }
     let catalog = super::options::open_catalog(args.catalog.as_deref())?;
     if let Some(number) = args.scene {
-        let scene = plan.frame_scene(frame(&plan, number)?)?.scene;
+        let scene = plan.scene_file(frame(&plan, number)?)?;
         let text = toml::to_string(&scene).context("writing the scene as TOML")?;
         output::print(&format!("# Frame {number:09} of {}\n{text}", recipe.display()))?;
         return Ok(Answer::Yes);
@@ -99,6 +102,9 @@ pub(crate) fn dataset(args: &DatasetArgs) -> Result<Answer> {
     if let Some(number) = args.frame {
         let key = frame(&plan, number)?;
         return one_frame(plan, &catalog, key, folder, args.force);
+    }
+    if !folder.join(DESCRIPTION).exists() {
+        plan.try_frames()?;
     }
     let description = plan.describe(&catalog);
     let [part, parts] = args.shard.unwrap_or([0, 1]).map(|number| number as usize);
@@ -194,6 +200,7 @@ fn drawn(draw: &DrawTable) -> Result<String> {
 fn told(plan: &DatasetPlan, catalog: &Catalog, json: bool) -> Result<Answer> {
     /// Frames by which time and bytes are estimated.
     const TRIED: u64 = 8;
+    plan.try_frames()?;
     let dataset = plan.describe(catalog);
     if json {
         output::print(&output::json_text(&dataset)?)?;
@@ -227,13 +234,13 @@ fn told(plan: &DatasetPlan, catalog: &Catalog, json: bool) -> Result<Answer> {
     );
     for split in &dataset.splits {
         text += &format!(
-            "{}: {} frames from number {:09} on, {} shards, {} cameras, {:.1} % of the sky\n",
+            "{}: {} frames from number {:09} on, {} shards, {} cameras, sky: {}\n",
             split.name,
             split.frames,
             split.first_frame,
             split.shards,
             split.cameras,
-            100.0 * split.sky_share
+            split.sky()
         );
     }
     for leak in &dataset.leaks {

@@ -18,7 +18,7 @@ pub(crate) enum DatasetStep {
     /// Write card, statistics and sums of a dataset whose shards many processes have made
     #[command(after_help = examples::DATASET_FINISH)]
     Finish(FinishArgs),
-    /// Hold a dataset against what it says: hashes, frames made again, labels against pixels, splits
+    /// Check a dataset: hashes, frames rendered again, labels against pixels, splits
     #[command(after_help = examples::DATASET_VERIFY)]
     Verify(VerifyArgs),
     /// Write a dataset in the form of another program, shard by shard

@@ -34,7 +34,7 @@ pub(crate) struct DiagnoseArgs {
     sky: SkyArgs,
     #[command(flatten)]
     search: SearchArgs,
-    /// Read options from this TOML file (nulls, alpha, seed, solve, terms, `proper_motion_only`); what is given here goes before them
+    /// Read options from this TOML file (nulls, alpha, seed, solve, terms, `proper_motion_only`); options of the command line take precedence
     #[arg(long, value_name = "FILE", help_heading = heading::STATISTICS)]
     options: Option<PathBuf>,
     /// Minimum number of null simulations for the omnibus test [default: 1000]

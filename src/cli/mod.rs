@@ -141,7 +141,7 @@ enum Verb {
     /// Make a deeper catalogue from star tables of other programs
     #[command(subcommand, after_help = examples::CATALOG)]
     Catalog(catalog::CatalogCommand),
-    /// Hide effects in simulated star lists, diagnose them, and score the answers
+    /// Hide effects in simulated star lists and frames, diagnose them, and score the answers
     #[command(after_help = examples::BLIND)]
     Blind(blind::BlindArgs),
     /// List the effects that this build knows, or print the page of one

@@ -146,7 +146,7 @@ pub(crate) struct SkyArgs {
     /// Read stars from this file (CSV, or made by `boresight catalog import`) instead of the built-in Hipparcos stars
     #[arg(long, value_name = "FILE")]
     pub(crate) catalog: Option<PathBuf>,
-    /// The effects of known size that the model contains: a list, `none`, or `predicted` (all that follow from the recording)
+    /// The effects of known size that the model contains: a list, `none`, or `known` (all that follow from the recording)
     /// [default: known; in `diagnose` proper-motion]
     #[arg(long, value_name = "LIST|none|known", help_heading = heading::MODEL)]
     physics: Option<Physics>,

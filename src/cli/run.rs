@@ -163,6 +163,7 @@ fn night(
     let [_, _, bundle] = &solutions;
 
     let wrong = wrong_identifications(&recording_path, &true_points)?;
+    let [misidentified_rejected, misidentified_left_out] = rejected(&points.misidentified, bundle);
     let mut object = RunResult {
         format: RUN_FORMAT,
         parameters: parameter_rows(scene, &solutions),
@@ -174,7 +175,8 @@ fn night(
         misidentified: points.misidentified.len(),
         misidentify_share: solve.misidentify.unwrap_or(0.0),
         misidentify_seed: solve.misidentify_seed,
-        misidentified_rejected: rejected(&points.misidentified, bundle),
+        misidentified_rejected,
+        misidentified_left_out,
         notes: points.notes.clone(),
         requirements: Vec::new(),
         provenance,
@@ -294,10 +296,12 @@ fn wrong_identifications(recording: &Path, points: &ControlPoints) -> Result<usi
         .count())
 }
 
-/// How many of the deliberate misidentifications the calibration rejected or did not use.
-fn rejected(misidentified: &[boresight::identify::Misidentification], solved: &Solved) -> usize {
-    let Ok(calibration) = &solved.result else { return 0 };
-    misidentified.iter().filter(|wrong| calibration.points.get(wrong.point).is_none_or(|point| point.weight <= 0.5)).count()
+/// How many of the deliberate misidentifications the calibration rejected, and how many never entered it.
+fn rejected(misidentified: &[boresight::identify::Misidentification], solved: &Solved) -> [usize; 2] {
+    let Ok(calibration) = &solved.result else { return [0; 2] };
+    let found = || misidentified.iter().map(|wrong| calibration.points.get(wrong.point));
+    let left_out = found().filter(|point| point.is_none_or(|point| point.left_out.is_some())).count();
+    [found().flatten().filter(|point| point.left_out.is_none() && point.weight <= 0.5).count(), left_out]
 }
 
 /// Writes which identifications were made wrong on purpose: truth/misidentified.csv.
@@ -380,13 +384,14 @@ fn text(object: &RunResult, target: &Path) -> String {
     let header = ["camera", "mapping error rms/px", "max/px", "residual rms/px", "held out/px", ""];
     text += &boresight::report::table(&header, &rows);
     text += &format!(
-        "\n{} of {} frames identified, {} of {} identifications wrong; then {} made wrong on purpose, of which {} were rejected\n",
+        "\n{} of {} frames identified, {} of {} identifications wrong; then {} made wrong on purpose: {} rejected, {} left out beforehand\n",
         object.frames_identified,
         object.frames,
         object.wrong_identifications,
         object.control_points,
         object.misidentified,
-        object.misidentified_rejected
+        object.misidentified_rejected,
+        object.misidentified_left_out
     );
     for note in &object.notes {
         text += &format!("{note}\n");

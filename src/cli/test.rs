@@ -50,7 +50,7 @@ pub(crate) struct TestArgs {
     /// What becomes of the suite where frames do not decide a requirement
     #[arg(long, value_enum, default_value_t = UndecidedChoice::Fail)]
     undecided: UndecidedChoice,
-    /// Also tell what became worse than in an earlier result (its test.json) by more than its bounds
+    /// Also list metrics that are worse than in an earlier result (its test.json) by more than their bounds
     #[arg(long, value_name = "FILE")]
     baseline: Option<PathBuf>,
     /// Exit code 3 where something became worse

@@ -16,7 +16,7 @@ pub(crate) struct ToldArgs {
     /// Middle of the exposure, UTC: one for all frames, one for each (given again, or with commas between), or the first with --interval-s
     #[arg(long, value_name = "TIME", value_delimiter = ',')]
     time: Vec<Time>,
-    /// From the time of a frame to that of the next, where --time tells the first
+    /// Time from the middle of a frame to that of the next, where --time gives the first
     #[arg(long, value_name = "SECONDS", value_parser = positive, requires = "time", allow_negative_numbers = true)]
     interval_s: Option<f64>,
     /// Length of every exposure
@@ -25,8 +25,8 @@ pub(crate) struct ToldArgs {
     /// Where the camera stands on the ground: latitude and longitude in degrees (east positive), and the height above sea in m
     #[arg(long, value_name = "LAT,LON[,HEIGHT]", value_parser = site, allow_hyphen_values = true)]
     site: Option<Site>,
-    /// Which image of a file that holds several: the plane of a FITS cube or the page of a TIFF file, from 1; or that the three planes of a
-    /// cube are `colours`, whose luminance is meant
+    /// Which image of a file that holds several: the plane of a FITS cube or the page of a TIFF file, from 1; or
+    /// `colours`: the three planes of a cube are colours, and their luminance is used
     #[arg(long, value_name = "N|colours", value_parser = plane)]
     plane: Option<Plane>,
 }

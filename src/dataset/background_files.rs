@@ -121,14 +121,22 @@ impl BackgroundFiles {
 
     /// Puts a file into a scene, with its window from a place; gives its name.
     fn put(&self, index: usize, scene: &mut Table, corner: [usize; 2]) -> String {
-        let BackgroundFile { name, path, .. } = &self.files[index];
-        set(scene, "detector", "dark_frame", Value::String(path.clone()));
+        let BackgroundFile { name, .. } = &self.files[index];
+        set(scene, "detector", "dark_frame", Value::String(name.clone()));
         let corner = corner.map(|place| Value::Integer(place.cast_signed() as i64)).to_vec();
         set(scene, "detector", "dark_frame_corner_px", Value::Array(corner));
         if self.has_sky {
             set(scene, "sky", "background_e_per_px_s", Value::Float(0.0));
         }
         name.clone()
+    }
+
+    /// Names the file of a scene by where it is.
+    pub(super) fn resolve(&self, scene: &mut Table) {
+        let Some(Value::String(dark)) = scene.get_mut("detector").and_then(|detector| detector.get_mut("dark_frame")) else { return };
+        if let Some(file) = self.files.iter().find(|file| file.name == *dark) {
+            dark.clone_from(&file.path);
+        }
     }
 
     /// Puts a file into a scene that is tried.
@@ -219,10 +227,17 @@ mod tests {
         let marked: Vec<usize> = (0..hot.len()).filter(|place| hot[*place] == 7).collect();
         assert_eq!(marked, [pixels.iter().position(|count| *count == 9000).unwrap()]);
         // The scene that is told renders to the same counts.
-        let scene = toml::to_string(&plan.frame_scene(FrameKey { split: DatasetSplit::Test, index: 0 }).unwrap().scene).unwrap();
+        let key = FrameKey { split: DatasetSplit::Test, index: 0 };
+        let scene = toml::to_string(&plan.scene_file(key).unwrap()).unwrap();
         let scene = crate::scene::Scene::parse("elsewhere/s.toml", &scene).unwrap();
         let again = crate::render::Renderer::new(&scene, Catalog::embedded(), crate::render::Backend::Auto).unwrap().render(0).unwrap();
         assert_eq!(again.pixels_dn, pixels);
+        // The same recipe in another folder gives the same bytes.
+        let elsewhere = tempfile::tempdir().unwrap();
+        darks(elsewhere.path(), 3);
+        let moved = DatasetPlan::parse("r.toml", &text, elsewhere.path()).unwrap();
+        let there = moved.sample(Catalog::embedded(), &PsfTables::default(), key).unwrap();
+        assert_eq!(there.members, sample.members);
     }
 
     #[test]

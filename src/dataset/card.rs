@@ -3,6 +3,7 @@
 use serde_json::Value;
 
 use super::folder::DatasetFile;
+use super::plan::CPU;
 use super::recipe::{ImageFormat, SampleMember};
 use super::sample_labels::SampleLabels;
 use super::whole_dataset::WholeDataset;
@@ -12,10 +13,11 @@ pub(super) fn card(whole: &WholeDataset<'_>) -> String {
     let dataset = whole.file;
     let mut text = head(dataset);
     text += &format!("# {}\n\n", dataset.name);
+    let (on, option) = if dataset.backend == CPU { ("the CPU", "") } else { (dataset.backend.as_str(), " --backend gpu") };
     text += &format!(
-        "{} labelled frames of a star camera, simulated by boresight {} on the CPU from `recipe.toml` (seed {}).\n\
+        "{} labelled frames of a star camera, simulated by boresight {} on {on} from `recipe.toml` (seed {}).\n\
          Every frame follows from recipe and number alone, and can be made again:\n\
-         `boresight dataset recipe.toml --frame NUMBER -o DIR`.\n\n",
+         `boresight dataset recipe.toml --frame NUMBER{option} -o DIR`.\n\n",
         dataset.frames(),
         dataset.version,
         dataset.seed
@@ -135,13 +137,13 @@ fn splits(whole: &WholeDataset<'_>) -> String {
             bytes += mark.bytes + mark.tables.iter().map(|table| table.bytes).sum::<u64>();
         }
         text += &format!(
-            "| {} | {} | {} of {} | {} | {:.1} % | {stars} | {none} | {bytes} |\n",
+            "| {} | {} | {} of {} | {} | {} | {stars} | {none} | {bytes} |\n",
             split.name,
             split.frames,
             split.shards,
             dataset.frames_per_shard,
             split.cameras,
-            100.0 * split.sky_share
+            split.sky()
         );
     }
     if !dataset.leaks.is_empty() {

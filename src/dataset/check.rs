@@ -3,6 +3,7 @@
 use super::error::DatasetError;
 use super::frame_key::{DatasetSplit, MAX_CAMERAS, MAX_FRAMES};
 use super::recipe::{RECIPE_FORMAT, RecipeFile};
+use super::scene_path::one_way;
 
 /// Shards larger than this lose too much when a run is killed.
 const MAX_FRAMES_OF_A_SHARD: u64 = 1_000_000;
@@ -17,6 +18,10 @@ pub(super) fn check(path: &str, recipe: &RecipeFile) -> Result<(), DatasetError>
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || letter == '-' || letter == '_';
     if recipe.name.is_empty() || !recipe.name.chars().all(is_plain) {
         return refuse("name", format!("{:?}", recipe.name), "must be made of letters, digits, - and _".to_owned());
+    }
+    if let Some(licence) = recipe.licence.as_ref().filter(|licence| !is_licence(licence)) {
+        let remedy = "must be an SPDX expression, as CC-BY-4.0 or LicenseRef-proprietary: the card and croissant.json name it".to_owned();
+        return refuse("licence", format!("{licence:?}"), remedy);
     }
     let size = &recipe.size;
     if !(1..=MAX_FRAMES_OF_A_SHARD).contains(&size.frames_per_shard) {
@@ -54,12 +59,20 @@ pub(super) fn check(path: &str, recipe: &RecipeFile) -> Result<(), DatasetError>
     }
     check_hard(&refuse, recipe)?;
     for (number, draw) in recipe.draw.iter().enumerate() {
-        if let Some(before) = recipe.draw[..number].iter().position(|other| other.path == draw.path) {
+        if let Some(before) = recipe.draw[..number].iter().position(|other| one_way(&other.path) == one_way(&draw.path)) {
             let remedy = format!("is drawn by draw[{before}] already; keep one of the two");
             return refuse(&format!("draw[{number}].path"), format!("{:?}", draw.path), remedy);
         }
     }
     Ok(())
+}
+
+/// Whether a text is written as an SPDX expression: names of licences, joined by AND, OR and WITH, with brackets.
+fn is_licence(text: &str) -> bool {
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "-.+() ".contains(letter);
+    let words: Vec<&str> = text.split([' ', '(', ')']).filter(|word| !word.is_empty()).collect();
+    let is_joint = |word: &str| ["AND", "OR", "WITH"].contains(&word);
+    text.chars().all(is_plain) && words.iter().enumerate().all(|(place, word)| is_joint(word) == (place % 2 == 1)) && words.len() % 2 == 1
 }
 
 fn check_hard(refuse: &dyn Fn(&str, String, String) -> Result<(), DatasetError>, recipe: &RecipeFile) -> Result<(), DatasetError> {
@@ -98,6 +111,7 @@ mod tests {
     #[test]
     fn every_bad_number_is_told_with_what_would_do() {
         assert_eq!(checked(GOOD), Ok(()));
+        assert!(is_licence("MIT OR (Apache-2.0 WITH LLVM-exception)") && is_licence("LicenseRef-own") && !is_licence("MIT Apache-2.0"));
         for (from, to, told) in [
             ("recipe/1", "recipe/2", "r.toml: format = \"boresight-recipe/2\" must be \"boresight-recipe/1\""),
             ("\"a\"", "\"a/b\"", "r.toml: name = \"a/b\" must be made of letters"),
@@ -107,6 +121,11 @@ mod tests {
                 "r.toml: size.frames.train = 9 is no multiple of size.frames_per_shard = 4, and loaders need equal shards: take 8 or 12",
             ),
             ("train = 8", "train = 2", "take 4"),
+            (
+                "name = \"a\"",
+                "name = \"a\"\nlicence = \"Proprietary: see LICENSE\"",
+                "licence = \"Proprietary: see LICENSE\" must be an SPDX expression",
+            ),
             ("train = 8", "train = 0", "size.frames = nothing must give a split some frames"),
             ("shard = 4", "shard = 0", "size.frames_per_shard = 0 must lie between 1 and"),
             ("shard = 4", "shard = 4\nframes_per_recording = 0", "size.frames_per_recording = 0 must lie between 1 and"),
@@ -123,6 +142,11 @@ mod tests {
                 "shard = 4\n",
                 "shard = 4\n[[draw]]\nper = \"frame\"\npath = \"camera.k1\"\nuniform = [0, 1]\n[[draw]]\nper = \"camera\"\npath = \"camera.k1\"\nuniform = [0, 1]\n",
                 "draw[1].path = \"camera.k1\" is drawn by draw[0] already",
+            ),
+            (
+                "shard = 4\n",
+                "shard = 4\n[[draw]]\nper = \"frame\"\npath = \"frames.exposure_s\"\nuniform = [1, 2]\n[[draw]]\nper = \"frame\"\npath = \"frames.0.exposure_s\"\nuniform = [1, 2]\n",
+                "draw[1].path = \"frames.0.exposure_s\" is drawn by draw[0] already",
             ),
         ] {
             let fault = checked(&GOOD.replacen(from, to, 1)).unwrap_err();

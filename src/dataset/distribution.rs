@@ -57,7 +57,7 @@ pub(super) fn rounded(number: f64) -> f64 {
 
 fn number(value: f64, kind: &PlaceKind) -> Value {
     match kind {
-        PlaceKind::Integer => Value::Integer(value.floor() as i64),
+        PlaceKind::Integer => Value::Integer(value.round() as i64),
         _ => Value::Float(rounded(value)),
     }
 }
@@ -73,7 +73,7 @@ impl Distribution {
         match self {
             Self::Uniform([low, high]) if *kind == PlaceKind::Integer => {
                 // The last of the whole numbers as often as the others.
-                number((low + unit(0) * (high - low + 1.0)).min(*high), kind)
+                number((low + unit(0) * (high - low + 1.0)).floor().min(*high), kind)
             }
             Self::Uniform(ends) => number(between(*ends, unit(0)), kind),
             Self::LogUniform(ends) => number(between(*ends, unit(0)).exp(), kind),

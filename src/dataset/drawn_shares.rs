@@ -128,6 +128,8 @@ impl Distribution {
                 values.iter().zip(starts).map(|((_, up_to), from)| up_to - from).collect()
             }
             Self::Probability(probability) => vec![*probability, 1.0 - probability],
+            // Whole numbers next to these do not fill the parts as the numbers themselves do.
+            Self::LogUniform(_) | Self::Normal { .. } | Self::Quantiles(_) if *kind == PlaceKind::Integer => Vec::new(),
             // Splits have parts of the sky.
             Self::Sky { .. } => Vec::new(),
             _ => vec![1.0 / PARTS as f64; PARTS],

@@ -11,6 +11,10 @@ use super::distribution::{Distribution, MAX_SIGMAS, normal_probability};
 use super::error::DatasetError;
 use super::recipe::{DrawLevel, DrawSpread, DrawTable, QuantileTable};
 use super::scene_path::{PlaceKind, ScenePath};
+use crate::statistics::order::ascending;
+
+/// The upper end of a draw, as a random number from 0 to 1.
+pub(super) const UPPER: f64 = 1.0 - f64::EPSILON;
 
 /// A draw, ready.
 #[derive(Clone, Debug)]
@@ -57,6 +61,12 @@ impl Draw {
         if let Some(wanted) = mismatch(&distribution, &path.kind) {
             return Err(refuse(key, value, format!("gives {wanted}, but {} is {}", table.path, path.kind.words())));
         }
+        if let Distribution::Uniform(ends) = distribution
+            && path.kind == PlaceKind::Integer
+            && ends.iter().any(|end| end.fract() != 0.0)
+        {
+            return Err(refuse(key, value, format!("must have whole ends, since {} is a whole number", table.path)));
+        }
         let chance = AddressedChance::new(seed, table.per as u32, &path.text);
         Ok(Self { level: table.per, path, distribution, is_even: table.spread == DrawSpread::Even, chance })
     }
@@ -76,6 +86,11 @@ impl Draw {
     /// A random number of its own that is never spread evenly.
     pub(super) fn independent(&self, at: DrawIndex, number: u32) -> f64 {
         self.chance.uniform(at.index, number)
+    }
+
+    /// Whether it is of the exposure, which both frames of a pair share.
+    pub(super) fn is_of_exposure(&self) -> bool {
+        self.path.text.starts_with("frames.")
     }
 
     /// Whether it says that something is there or not.
@@ -105,8 +120,18 @@ impl Draw {
                 starts.zip(values).map(middle).collect()
             }
             Distribution::Probability(_) => vec![("switched on".to_owned(), 0.0), ("switched off".to_owned(), 1.0)],
-            _ => vec![("at its lower end".to_owned(), 0.0), ("at its upper end".to_owned(), 1.0 - f64::EPSILON)],
+            _ => vec![("at its lower end".to_owned(), 0.0), ("at its upper end".to_owned(), UPPER)],
         }
+    }
+
+    /// The lower and the upper of them, of numbers alone.
+    pub(super) fn outermost(&self) -> Option<[(String, f64); 2]> {
+        let number = |value: &Value| value.as_float().or(value.as_integer().map(|whole| whole as f64));
+        let value = |at: f64| number(&self.value(&|_| at));
+        let mut ends: Vec<(f64, (String, f64))> = self.ends().into_iter().filter_map(|end| Some((value(end.1)?, end))).collect();
+        ascending(&mut ends, |(value, _)| *value);
+        let (low, high) = (ends.first()?.clone(), ends.last()?.clone());
+        (low.0 < high.0).then_some([low.1, high.1])
     }
 }
 
@@ -149,11 +174,19 @@ fn distribution(folder: &Path, table: &DrawTable, refuse: Refuse<'_>) -> Result<
     }
     if let Some(sphere) = table.sphere {
         let checked = match sphere.radius {
+            None if sphere.lowest_altitude_deg.is_some_and(|altitude| !(-90.0..=85.0).contains(&altitude)) => {
+                Err("must have a lowest_altitude_deg between -90 and 85".to_owned())
+            }
             None => Ok(Distribution::Sky { lowest_altitude_deg: sphere.lowest_altitude_deg }),
             Some(radius) if radius.is_finite() && radius > 0.0 => Ok(Distribution::Shell(radius)),
             Some(_) => Err(NO_RADIUS.to_owned()),
         };
-        given.push(("sphere", format!("{{ radius = {:?} }}", sphere.radius), checked));
+        let told = match (sphere.radius, sphere.lowest_altitude_deg) {
+            (Some(radius), _) => format!("{{ radius = {radius} }}"),
+            (None, Some(altitude)) => format!("{{ lowest_altitude_deg = {altitude} }}"),
+            (None, None) => "{}".to_owned(),
+        };
+        given.push(("sphere", told, checked));
     }
     if let Some(table) = &table.table {
         given.push(("table", format!("{:?}", table.file.display().to_string()), quantiles(folder, table).map(Distribution::Quantiles)));
@@ -264,6 +297,11 @@ mod tests {
             (
                 "path = \"camera.k1\"\nball = { radius = 1 }",
                 "r.toml: draw[2].ball = { radius = 1 } gives three numbers, but camera.k1 is a number",
+            ),
+            ("path = \"camera.width_px\"\nuniform = [99.5, 120.5]", "must have whole ends, since camera.width_px is a whole number"),
+            (
+                "path = \"frames.boresight_radec_deg\"\nsphere = { lowest_altitude_deg = 120 }",
+                "draw[2].sphere = { lowest_altitude_deg = 120 } must have a lowest_altitude_deg between -90 and 85",
             ),
             ("path = \"frames.rate_deg_s\"\nball = { radius = 0 }", "r.toml: draw[2].ball = { radius = 0 } must have a radius above 0"),
             ("path = \"effects.moonlight\"\nprobability = 1.5", "r.toml: draw[2].probability = 1.5 must lie between 0 and 1"),

@@ -11,7 +11,7 @@ use super::export_forms::{CocoShard, coco_head, satnet, yolo_head, yolo_lines};
 use super::folder::{DatasetFile, DatasetFolder};
 use super::frame_key::ShardKey;
 use super::image_files::{fits_headers, png16, read_image};
-use super::label_tables::frame_columns;
+use super::label_tables::{frame_columns, light_columns};
 use super::run::DatasetProgress;
 use super::sample_labels::SampleLabels;
 use super::samples::{Sample, samples_of};
@@ -27,7 +27,7 @@ pub enum ExportForm {
     Yolo,
     /// FITS: `SPLIT/KEY.fits`, and `SPLIT/KEY.json` with the labels.
     Fits,
-    /// Parquet: `data/SPLIT-NNNNNN.parquet` with image and labels of frames.
+    /// Parquet: `data/SPLIT-NNNNNN.parquet` with image and labels of frames, and `stars/SPLIT-NNNNNN.parquet` with a row for each light.
     Parquet,
     /// SatNet, as SatSim writes it: `SPLIT/ImageFiles/KEY.fits` and `SPLIT/Annotations/KEY.json`.
     Satnet,
@@ -90,7 +90,8 @@ impl ShardExport<'_> {
         let unread = |source| DatasetError::Read { path: path.display().to_string(), source };
         let wrong = |message| DatasetError::Parse { path: path.display().to_string(), message };
         let file = BufReader::with_capacity(1 << 18, File::open(&path).map_err(unread)?);
-        let (mut coco, mut rows, mut counts) = (CocoShard::default(), TableRows::new(writer), ExportCounts::default());
+        let (mut coco, mut counts) = (CocoShard::default(), ExportCounts::default());
+        let (mut rows, mut stars) = (TableRows::new(writer), TableRows::new(writer));
         for sample in samples_of(file) {
             let sample = sample.map_err(unread)?;
             let mut labels = sample.labels().map_err(wrong)?;
@@ -128,6 +129,7 @@ impl ShardExport<'_> {
                     let image = vec![(self.png(&sample, &labels)?, format!("{:09}.png", sample.key))];
                     columns.insert(0, TableColumn { name: "image".to_owned(), cells: TableCells::Image(image) });
                     rows.add(columns).map_err(wrong)?;
+                    stars.add(light_columns(sample.key, &labels.lights)).map_err(wrong)?;
                     count
                 }
             };
@@ -136,10 +138,14 @@ impl ShardExport<'_> {
         let name = format!("{}-{:06}", self.shard.split.name(), self.shard.index);
         match self.form {
             ExportForm::Coco => json_file(&self.target.join(format!("annotations/{name}.json")), &coco.object(self.dataset))?,
-            ExportForm::Parquet => match rows.finish().map_err(wrong)? {
-                Some(bytes) => write_file(&self.target.join(format!("data/{name}.parquet")), &bytes)?,
-                None => return Err(wrong("this build writes no Parquet: it was compiled without the feature parquet".to_owned())),
-            },
+            ExportForm::Parquet => {
+                for (folder, rows) in [("data", rows), ("stars", stars)] {
+                    match rows.finish().map_err(wrong)? {
+                        Some(bytes) => write_file(&self.target.join(format!("{folder}/{name}.parquet")), &bytes)?,
+                        None => return Err(wrong("this build writes no Parquet: it was compiled without the feature parquet".to_owned())),
+                    }
+                }
+            }
             _ => {}
         }
         Ok(counts)

@@ -13,7 +13,7 @@ use super::pixel_labels::PIXEL_CLASSES;
 use super::plan::{CPU, DatasetPlan, hexadecimal};
 use super::recipe::{ApartBy, ImageFormat, SampleMember};
 use super::shard::{HashedFile, ShardMark, done, write_bytes, write_json, write_text};
-use super::source_files::SourceFile;
+use super::source_files::{SourceFile, is_kept};
 use crate::catalog::Catalog;
 use crate::recording::OutputError;
 
@@ -59,7 +59,7 @@ pub struct DatasetFile {
     pub leaks: Vec<SharedBySplits>,
     /// No boresight of a split is nearer than this to a cell of another one; 0 where splits are not apart by sky.
     pub guard_deg: f64,
-    /// Half the diagonal of the field.
+    /// Half the diagonal of the widest field that is drawn.
     pub field_radius_deg: f64,
     /// What the values of masks mean.
     pub pixel_classes: Vec<DescribedName>,
@@ -120,14 +120,22 @@ pub struct DescribedSplit {
     pub frames: u64,
     /// Its shards.
     pub shards: u64,
-    /// Its camera instances.
+    /// Its camera instances: no more than it has recordings.
     pub cameras: u64,
     /// Number of its first frame.
     pub first_frame: u64,
     /// Its cells of the sky, and all of them; 0 where splits are not apart by sky.
     pub sky_cells: [usize; 2],
-    /// The share of the whole sky that its boresights may fall into.
+    /// The share of the whole sky that its boresights may fall into; 0: they are single places.
     pub sky_share: f64,
+}
+
+impl DescribedSplit {
+    /// Where in the sky its boresights may fall, in words.
+    #[must_use]
+    pub fn sky(&self) -> String {
+        if self.sky_share > 0.0 { format!("{:.1} %", 100.0 * self.sky_share) } else { "single places".to_owned() }
+    }
 }
 
 /// A name and what it stands for.
@@ -144,8 +152,7 @@ fn described(names: &[(&str, &str)]) -> Vec<DescribedName> {
 }
 
 fn hashed(source: &SourceFile) -> HashedFile {
-    let (sha256, bytes) = (hexadecimal(&Sha256::digest(&source.bytes)), source.bytes.len() as u64);
-    HashedFile { file: source.name.clone(), sha256, bytes }
+    HashedFile { file: source.name.clone(), sha256: hexadecimal(&source.sha256), bytes: source.bytes }
 }
 
 impl DatasetPlan {
@@ -171,10 +178,13 @@ impl DatasetPlan {
                 name: split.name().to_owned(),
                 frames,
                 shards: frames / size.frames_per_shard,
-                cameras: recipe.cameras.of(*split),
+                cameras: recipe.cameras.of(*split).min(frames.div_ceil(size.frames_per_recording)),
                 first_frame: FrameKey { split: *split, index: 0 }.number(),
                 sky_cells: self.regions.as_ref().map_or([0; 2], |regions| regions.cells(split.rank())),
-                sky_share: self.regions.as_ref().map_or(1.0, |regions| regions.share(split.rank())),
+                sky_share: self
+                    .regions
+                    .as_ref()
+                    .map_or(if self.points_anywhere() { 1.0 } else { 0.0 }, |regions| regions.share(split.rank())),
             })
         };
         DatasetFile {
@@ -268,6 +278,8 @@ impl DatasetFolder {
                 }
                 let is_same = serde_json::from_str::<Head>(&text).is_ok_and(|head| head.recipe_sha256 == dataset.recipe_sha256);
                 if is_same {
+                    // A process that was killed here may have left some of them out.
+                    folder.write_sources(plan)?;
                     return Ok(folder);
                 }
                 if !force {
@@ -279,11 +291,23 @@ impl DatasetFolder {
         }
         // The description comes first: it makes the folder known as that of the recipe, also to a process that begins at the same time.
         write_json(&path.join(DESCRIPTION), dataset)?;
-        write_text(&path.join(RECIPE), &plan.text)?;
-        for source in plan.sources.iter().filter(|source| source.is_kept()) {
-            write_bytes(&path.join(&source.name), &source.bytes)?;
-        }
+        folder.write_sources(plan)?;
         Ok(folder)
+    }
+
+    /// Writes the recipe and what it names, as far as they are not there.
+    fn write_sources(&self, plan: &DatasetPlan) -> Result<(), DatasetError> {
+        let recipe = self.path.join(RECIPE);
+        if !recipe.exists() {
+            write_text(&recipe, &plan.text)?;
+        }
+        for source in plan.sources.iter().filter(|source| source.is_kept()) {
+            let path = self.path.join(&source.name);
+            if !path.exists() {
+                write_bytes(&path, &source.read()?)?;
+            }
+        }
+        Ok(())
     }
 
     /// Removes what an earlier run wrote, and nothing else; `description` is the text of its `dataset.json`.
@@ -302,8 +326,7 @@ impl DatasetFolder {
             let _ = std::fs::remove_dir(&folder);
         }
         let sources = serde_json::from_str::<DatasetFile>(description).map(|dataset| dataset.sources).unwrap_or_default();
-        let is_kept = |name: &String| SourceFile { name: name.clone(), bytes: Vec::new().into() }.is_kept();
-        let sources = sources.into_iter().map(|source| source.file).filter(is_kept);
+        let sources = sources.into_iter().map(|source| source.file).filter(|name| is_kept(name));
         // The description goes last: while it is there the folder is known as that of a dataset.
         for name in sources.chain(FINISHED.map(str::to_owned)).chain([SUMS, RECIPE, DESCRIPTION].map(str::to_owned)) {
             match std::fs::remove_file(self.path.join(name)) {
@@ -351,7 +374,7 @@ mod tests {
     use std::sync::Barrier;
 
     use super::*;
-    use crate::dataset::plan::tests::{SCENE, plan_of, recipe};
+    use crate::dataset::plan::tests::{SCENE, recipe};
 
     /// A description that another process wrote after the first look counts; files without one are somebody else's.
     #[test]
@@ -371,9 +394,10 @@ mod tests {
     #[test]
     fn a_folder_is_begun_by_many_at_once() {
         const TOGETHER: usize = 4;
-        let plan = plan_of(&recipe(""), SCENE).unwrap();
-        let dataset = plan.describe(Catalog::embedded());
         let parent = tempfile::tempdir().unwrap();
+        std::fs::write(parent.path().join("scene.toml"), SCENE).unwrap();
+        let plan = DatasetPlan::parse("r.toml", &recipe(""), parent.path()).unwrap();
+        let dataset = plan.describe(Catalog::embedded());
         for round in 0..100 {
             let (path, barrier) = (parent.path().join(round.to_string()), Barrier::new(TOGETHER));
             std::fs::create_dir(&path).unwrap();
@@ -387,6 +411,13 @@ mod tests {
                 }
             });
         }
+        // A process that was killed after the description left the rest to the next one.
+        let killed = parent.path().join("0");
+        for name in [RECIPE, "scene.toml"] {
+            std::fs::remove_file(killed.join(name)).unwrap();
+        }
+        DatasetFolder::open(&killed, &plan, &dataset, false).map(|_| ()).unwrap();
+        assert!(killed.join(RECIPE).exists() && killed.join("scene.toml").exists());
         let other = parent.path().join("other");
         std::fs::create_dir(&other).unwrap();
         std::fs::write(other.join("notes.txt"), "mine").unwrap();

@@ -52,8 +52,9 @@ impl DatasetPlan {
             // The direction follows when site and time are known.
             if draw.path.text != BORESIGHT {
                 let at = self.index_of(draw, key, pair);
-                let [from, to] = if draw.path.text == TIME { self.period(key.split) } else { [0.0, 1.0] };
-                draw.apply(&mut scene, draw.value(&|number| from + (to - from) * draw.unit(at, number))).map_err(wrong)?;
+                let value =
+                    if draw.path.text == TIME { self.time(draw, at, key.split) } else { draw.value(&|number| draw.unit(at, number)) };
+                draw.apply(&mut scene, value).map_err(wrong)?;
             }
         }
         if let Some(draw) = self.draws.iter().find(|draw| draw.path.text == BORESIGHT) {
@@ -61,11 +62,7 @@ impl DatasetPlan {
             draw.apply(&mut scene, value).map_err(wrong)?;
         }
         let camera = key.camera_number(&self.recipe.size, &self.recipe.cameras, self.cameras_are_apart());
-        let of_seed = key.camera_number(&self.recipe.size, &self.recipe.cameras, self.seeds_are_apart());
-        let [low, high, ..] = self.chance(CAMERA, "seed").words(of_seed, 0);
-        // Whole numbers of TOML have 63 bits.
-        let seed = (i64::from(high) << 32 | i64::from(low)) & i64::MAX;
-        scene.insert("seed".to_owned(), Value::Integer(seed));
+        scene.insert("seed".to_owned(), Value::Integer(self.seed(key)));
         scene.insert("first_frame".to_owned(), Value::Integer(key.number().cast_signed()));
         let is_starless = self.chance(FRAME, "hard.no_stars").uniform(key.number(), 0) < self.recipe.hard.no_stars;
         if is_starless {
@@ -79,28 +76,94 @@ impl DatasetPlan {
         Ok(FrameScene { key, camera, recording, pair, is_starless, false_stars, background, scene })
     }
 
+    /// The seed of the camera instance of a frame.
+    pub(super) fn seed(&self, key: FrameKey) -> i64 {
+        let of_seed = key.camera_number(&self.recipe.size, &self.recipe.cameras, self.seeds_are_apart());
+        let [low, high, ..] = self.chance(CAMERA, "seed").words(of_seed, 0);
+        // Whole numbers of TOML have 63 bits.
+        (i64::from(high) << 32 | i64::from(low)) & i64::MAX
+    }
+
+    /// Checks the scenes of frames that are spread over each split, since draws that are all possible at their ends may not be so in between or together.
+    pub fn try_frames(&self) -> Result<(), DatasetError> {
+        const FRAMES_OF_A_SPLIT: u64 = 100;
+        for split in DatasetSplit::ALL {
+            let all = self.recipe.size.frames.of(split);
+            let tried = all.min(FRAMES_OF_A_SPLIT);
+            for index in (0..tried).map(|number| number * all / tried) {
+                self.scene_of(&self.frame_scene(FrameKey { split, index })?)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The tables of a frame's scene as a file that may lie anywhere: a real frame under it is named by where it is.
+    pub fn scene_file(&self, key: FrameKey) -> Result<Table, DatasetError> {
+        let mut scene = self.frame_scene(key)?.scene;
+        self.resolve(&mut scene);
+        Ok(scene)
+    }
+
     /// The scene of a frame, checked.
     pub fn scene_of(&self, frame: &FrameScene) -> Result<Scene, DatasetError> {
         self.build(&format!("frame {:09}", frame.key.number()), frame.scene.clone())
     }
 }
 
-impl FrameScene {
+/// Where and when a frame is taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct FramePlace {
     /// Its boresight in ICRS axes, where it is drawn by sphere or stands in the scene.
-    pub(super) fn boresight(&self) -> Option<[f64; 3]> {
-        let radec = self.scene.get("frames")?.get(0)?.get("boresight_radec_deg")?.as_array()?.clone();
+    pub(super) boresight: Option<[f64; 3]>,
+    /// The middle of its exposure, seconds from 1900 of the clock TAI, where that is drawn or stands in the scene.
+    pub(super) time_s: Option<f64>,
+    /// The seed of its camera instance.
+    pub(super) seed: i64,
+}
+
+impl DatasetPlan {
+    /// Where and when a frame is taken. The rest of its scene is drawn only where the direction follows from that.
+    pub(super) fn place(&self, key: FrameKey) -> Result<FramePlace, DatasetError> {
+        let needs_scene = |draw: &Draw| {
+            draw.path.text.starts_with(BORESIGHT)
+                && (draw.path.text != BORESIGHT || matches!(draw.distribution, Distribution::Sky { lowest_altitude_deg: Some(_) }))
+        };
+        if self.draws.iter().any(needs_scene) {
+            return Ok(self.frame_scene(key)?.place(self.seed(key)));
+        }
+        let pair = self.pair(key);
+        let mut scene = Table::from_iter(self.base.get("frames").map(|frames| ("frames".to_owned(), frames.clone())));
+        for draw in self.draws.iter().filter(|draw| [BORESIGHT, TIME].contains(&draw.path.text.as_str())) {
+            let at = self.index_of(draw, key, pair);
+            let value = if draw.path.text == TIME { self.time(draw, at, key.split) } else { self.pointing(draw, at, key.split, &scene)? };
+            draw.apply(&mut scene, value).map_err(|message| DatasetError::Parse { path: self.path.clone(), message })?;
+        }
+        Ok(place_of(&scene, self.seed(key)))
+    }
+
+    /// The value of a draw of the time: in the part of the period that the split has.
+    fn time(&self, draw: &Draw, at: DrawIndex, split: DatasetSplit) -> Value {
+        let [from, to] = self.period(split);
+        draw.value(&|number| from + (to - from) * draw.unit(at, number))
+    }
+}
+
+/// Where and when the exposure of a scene is taken.
+fn place_of(scene: &Table, seed: i64) -> FramePlace {
+    let exposure = scene.get("frames").and_then(|frames| frames.get(0));
+    let boresight = || {
+        let radec = exposure?.get("boresight_radec_deg")?.as_array()?;
         let [ra, dec] = [0, 1].map(|place: usize| radec.get(place).and_then(Value::as_float).map(f64::to_radians));
         Some(crate::coordinates::Direction::<crate::coordinates::Icrs>::from_radec_rad(ra?, dec?).xyz)
-    }
+    };
+    let time_s = || tai_s(exposure?.get("time_utc")?.as_str()?);
+    FramePlace { boresight: boresight(), time_s: time_s(), seed }
+}
 
-    /// The middle of its exposure, seconds from 1900 of the clock TAI, where that is drawn or stands in the scene.
-    pub(super) fn time_s(&self) -> Option<f64> {
-        tai_s(self.scene.get("frames")?.get(0)?.get("time_utc")?.as_str()?)
-    }
-
-    /// Its seed.
-    pub(super) fn seed(&self) -> i64 {
-        self.scene.get("seed").and_then(Value::as_integer).unwrap_or_default()
+impl FrameScene {
+    /// Where and when it is taken.
+    pub(super) fn place(&self, seed: i64) -> FramePlace {
+        place_of(&self.scene, seed)
     }
 
     /// SHA-256 of its scene as a file.
@@ -132,6 +195,9 @@ impl DatasetPlan {
     fn index_of(&self, draw: &Draw, key: FrameKey, pair: Option<(u64, u64)>) -> DrawIndex {
         let (size, cameras) = (&self.recipe.size, &self.recipe.cameras);
         let group = key.split.rank() as u32;
+        // The second of a pair has the exposure of the first.
+        let first = pair.filter(|_| draw.is_of_exposure()).map_or(key.index, |(first, _)| first);
+        let key = FrameKey { split: key.split, index: first };
         match draw.level {
             DrawLevel::Dataset => DrawIndex { index: 0, stratum: Stratum { index: 0, count: 1, group: 0 } },
             DrawLevel::Camera => {
@@ -146,11 +212,7 @@ impl DatasetPlan {
                 DrawIndex { index: key.recording_number(size), stratum: Stratum { index: key.recording(size), count, group } }
             }
             DrawLevel::Frame => {
-                // The second of a pair has the exposure of the first.
-                let follows = draw.path.text.starts_with("frames.");
-                let index = pair.filter(|_| follows).map_or(key.index, |(first, _)| first);
-                let key = FrameKey { split: key.split, index };
-                DrawIndex { index: key.number(), stratum: Stratum { index, count: size.frames.of(key.split), group } }
+                DrawIndex { index: key.number(), stratum: Stratum { index: key.index, count: size.frames.of(key.split), group } }
             }
         }
     }
@@ -293,6 +355,29 @@ mod tests {
         }
     }
 
+    /// The short way to place and time is that of the whole scene.
+    #[test]
+    fn places_are_those_of_the_scenes() {
+        let draws = "[hard]\ntwins = 0.5\n[splits]\napart_by = [\"epoch\"]\n[[draw]]\nper = \"recording\"\npath = \"frames.time_utc\"\n\
+                     times = [\"2026-01-01T00:00:00Z\", \"2026-01-13T00:00:00Z\"]\n[[draw]]\nper = \"frame\"\npath = \"camera.k1\"\nuniform = [0, 1e-9]\n";
+        let pointed = format!("{SCENE}boresight_radec_deg = [10.0, 20.0]\n");
+        let part = "[[draw]]\nper = \"frame\"\npath = \"frames.0.boresight_radec_deg.1\"\nuniform = [-10.0, 10.0]\n";
+        for (scene, more) in [(SCENE, ""), (&pointed, ""), (&pointed, part)] {
+            let plan = plan_of(&recipe(&format!("{draws}{more}")), scene).unwrap();
+            for key in [(DatasetSplit::Train, 0), (DatasetSplit::Train, 5), (DatasetSplit::Test, 3)]
+                .map(|(split, index)| FrameKey { split, index })
+            {
+                let place = plan.place(key).unwrap();
+                assert_eq!(place, plan.frame_scene(key).unwrap().place(plan.seed(key)));
+                assert!(place.boresight.is_some() && place.time_s.is_some());
+                assert_eq!(plan.frame_scene(key).unwrap().scene["seed"].as_integer(), Some(place.seed));
+            }
+        }
+        // A part of a direction that is drawn as a whole would be lost.
+        let refused = plan_of(&recipe(part), SCENE).unwrap_err();
+        assert!(refused.contains("line 11") && refused.contains("is a part of the direction, which is drawn as a whole"), "{refused}");
+    }
+
     #[test]
     fn hard_frames_come_at_their_shares_and_pairs_share_the_sky() {
         let hard = "[hard]\nno_stars = 0.25\ntwins = 0.5\nfalse_stars = { share = 0.5, count = [2, 3] }\n";
@@ -309,6 +394,14 @@ mod tests {
         for pair in pairs {
             assert_eq!((pair[0].pair, &pair[0].scene["frames"]), (pair[1].pair, &pair[1].scene["frames"]));
         }
+        // So do pairs of cameras and recordings of their own that point each to one place.
+        let text = recipe(
+            "[cameras]\ntrain = 2\ntest = 2\n[hard]\ntwins = 1.0\n[[draw]]\nper = \"recording\"\npath = \"frames.boresight_radec_deg\"\nsphere = {}\n",
+        );
+        let of_recordings = plan_of(&text, SCENE).unwrap();
+        let pair = [0, 1].map(|index| of_recordings.frame_scene(FrameKey { split: DatasetSplit::Train, index }).unwrap());
+        assert!(pair[0].pair.is_some() && pair[0].recording != pair[1].recording);
+        assert_eq!(pair[0].scene["frames"], pair[1].scene["frames"]);
         let alone = frames.chunks(2).find(|pair| pair[0].pair.is_none()).unwrap();
         assert_ne!(alone[0].scene["frames"], alone[1].scene["frames"]);
         let starless = frames.iter().find(|frame| frame.is_starless && frame.false_stars > 0).unwrap();
@@ -324,7 +417,7 @@ mod tests {
         let plan = plan_of(&recipe(""), &scene).unwrap();
         let up = zenith(&plan.base).unwrap();
         for index in 0..8 {
-            let boresight = plan.frame_scene(FrameKey { split: DatasetSplit::Train, index }).unwrap().boresight().unwrap();
+            let boresight = plan.place(FrameKey { split: DatasetSplit::Train, index }).unwrap().boresight.unwrap();
             assert!(dot(boresight, up) >= 60.0_f64.to_radians().sin() - 1e-9);
         }
     }

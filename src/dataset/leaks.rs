@@ -6,10 +6,10 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::frame_key::{DatasetSplit, FrameKey};
+use super::frame_scene::FramePlace;
 use super::plan::DatasetPlan;
 use crate::catalog::Catalog;
 use crate::coordinates::Direction;
-use crate::dual::dot;
 use crate::parallel;
 use crate::statistics::order::ascending;
 
@@ -29,8 +29,8 @@ pub struct SharedBySplits {
     /// Smallest time between a frame of one and one of the other; absent where the scene has no times.
     #[serde(default)]
     pub nearest_epochs_s: Option<f64>,
-    /// Of the catalogue's stars that may be seen in the smaller set, the share that may be seen in both: stars within half the diagonal of the field from a
-    /// boresight.
+    /// Of the catalogue's stars that may be seen in the smaller set, the share that may be seen in both: stars within half the diagonal of the widest field
+    /// from a boresight.
     #[serde(default)]
     pub shared_stars: Option<f64>,
     /// Frames of each that were looked at: the first ones.
@@ -74,19 +74,19 @@ impl DatasetPlan {
         let (size, cameras) = (&self.recipe.size, &self.recipe.cameras);
         let frames = size.frames.of(split).min(MAX_FRAMES);
         let key = |index| FrameKey { split, index };
-        let told = |index: usize| self.frame_scene(key(index as u64)).ok().map(|frame| (frame.boresight(), frame.time_s(), frame.seed()));
-        let told: Vec<_> = parallel::map_numbers(frames as usize, told).into_iter().flatten().collect();
-        let boresights: Vec<[f64; 3]> = told.iter().filter_map(|(boresight, ..)| *boresight).collect();
+        let places = parallel::map_numbers(frames as usize, |index: usize| self.place(key(index as u64)).ok());
+        let places: Vec<FramePlace> = places.into_iter().flatten().collect();
+        let boresights: Vec<[f64; 3]> = places.iter().filter_map(|place| place.boresight).collect();
         let radius_rad = self.field_radius_deg.to_radians();
-        let faintest = self.faintest_magnitude();
+        let faintest = self.faintest_magnitude;
         let mut stars = vec![false; catalog.stars.len()];
         for boresight in &boresights {
             catalog.stars_within(&Direction::from_unit(*boresight), radius_rad, faintest).into_iter().for_each(|star| stars[star] = true);
         }
         Seen {
             cameras: (0..frames).map(|index| key(index).camera_number(size, cameras, self.cameras_are_apart())).collect(),
-            seeds: told.iter().map(|(.., seed)| *seed).collect(),
-            times_s: told.iter().filter_map(|(_, time_s, _)| *time_s).collect(),
+            seeds: places.iter().map(|place| place.seed).collect(),
+            times_s: places.iter().filter_map(|place| place.time_s).collect(),
             stars,
             boresights,
             frames,
@@ -121,26 +121,28 @@ fn nearest_s(a: &[f64], b: &[f64]) -> Option<f64> {
 
 /// The smallest angle between two sets of directions, by their heights in order: nothing farther in height can be nearer.
 pub(super) fn nearest_rad(a: &[[f64; 3]], b: &[[f64; 3]]) -> Option<f64> {
-    let mut sorted: Vec<&[f64; 3]> = b.iter().collect();
+    let mut sorted: Vec<[f64; 3]> = b.to_vec();
     ascending(&mut sorted, |one| one[2]);
     // The smallest square of a chord so far.
     let mut nearest = f64::INFINITY;
-    let chord = |one: &[f64; 3], other: &[f64; 3]| {
-        let difference = [0, 1, 2].map(|axis| one[axis] - other[axis]);
-        dot(difference, difference)
-    };
     for own in a {
         let from = sorted.partition_point(|other| other[2] < own[2]);
-        let mut look = |others: &mut dyn Iterator<Item = &&[f64; 3]>| {
-            for other in others {
-                if (other[2] - own[2]).powi(2) >= nearest {
-                    break;
-                }
-                nearest = nearest.min(chord(own, other));
+        let (below, above) = sorted.split_at(from);
+        // Two loops, and no arrays of differences: splits that are apart by a wide guard are looked through hundreds of millions of times.
+        for other in above {
+            let (x, y, z) = (other[0] - own[0], other[1] - own[1], other[2] - own[2]);
+            if z * z >= nearest {
+                break;
             }
-        };
-        look(&mut sorted[from..].iter());
-        look(&mut sorted[..from].iter().rev());
+            nearest = nearest.min(x * x + y * y + z * z);
+        }
+        for other in below.iter().rev() {
+            let (x, y, z) = (other[0] - own[0], other[1] - own[1], other[2] - own[2]);
+            if z * z >= nearest {
+                break;
+            }
+            nearest = nearest.min(x * x + y * y + z * z);
+        }
     }
     nearest.is_finite().then(|| 2.0 * (0.5 * nearest.sqrt()).min(1.0).asin())
 }
@@ -148,6 +150,7 @@ pub(super) fn nearest_rad(a: &[[f64; 3]], b: &[[f64; 3]]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::dual::dot;
     use crate::dataset::plan::tests::{SCENE, plan_of, recipe};
 
     #[test]
@@ -166,6 +169,20 @@ mod tests {
         assert!(table.shared_stars.unwrap() > 0.5 && table.nearest_boresights_deg.unwrap() < 3.0, "{table:?}");
     }
 
+    /// A field that is drawn keeps the distance of the widest, and the table counts what that sees.
+    #[test]
+    fn the_guard_is_that_of_the_widest_field_drawn() {
+        let draw = "[[draw]]\nper = \"camera\"\npath = \"camera.focal_length_px\"\nuniform = [100, 1100]\n";
+        let text = recipe(&format!("[splits]\napart_by = [\"sky\"]\n{draw}")).replace("train = 8, test = 4", "train = 200, test = 40");
+        let plan = plan_of(&text, SCENE).unwrap();
+        assert!((plan.guard_deg - (40.0_f64 / 100.0).atan().to_degrees()).abs() < 0.2, "{}", plan.guard_deg);
+        let [table] = <[SharedBySplits; 1]>::try_from(plan.leaks(Catalog::embedded())).unwrap();
+        assert_eq!(table.shared_stars, Some(0.0));
+        let narrow = plan_of(&text.replace("[\"sky\"]", "[\"sky\"]\nguard_deg = 5.49"), SCENE).unwrap();
+        let [table] = <[SharedBySplits; 1]>::try_from(narrow.leaks(Catalog::embedded())).unwrap();
+        assert!(table.shared_stars.unwrap() > 0.05, "{table:?}");
+    }
+
     #[test]
     fn splits_apart_by_time_and_seed_share_neither() {
         let draw = "[[draw]]\nper = \"frame\"\npath = \"frames.time_utc\"\ntimes = [\"2026-01-01T00:00:00Z\", \"2026-01-13T00:00:00Z\"]\n";
@@ -177,7 +194,7 @@ mod tests {
         };
         let told = |plan: &DatasetPlan| <[SharedBySplits; 1]>::try_from(plan.leaks(Catalog::embedded())).unwrap()[0].clone();
         let times = |plan: &DatasetPlan, split, count| -> Vec<f64> {
-            (0..count).map(|index| plan.frame_scene(FrameKey { split, index }).unwrap().time_s().unwrap()).collect()
+            (0..count).map(|index| plan.place(FrameKey { split, index }).unwrap().time_s.unwrap()).collect()
         };
         let apart = of("[\"epoch\", \"seed\"]", draw).unwrap();
         let (train, test) = (times(&apart, DatasetSplit::Train, 80), times(&apart, DatasetSplit::Test, 40));

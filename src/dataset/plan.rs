@@ -8,10 +8,11 @@ use toml::{Table, Value};
 use super::background_files::BackgroundFiles;
 use super::check;
 use super::distribution::Distribution;
-use super::draws::Draw;
+use super::draws::{Draw, UPPER};
 use super::error::DatasetError;
 use super::frame_key::DatasetSplit;
 use super::recipe::{ApartBy, DrawLevel, RecipeFile};
+use super::scene_path::one_way;
 use super::sky_regions::{NoSky, SkyRegions};
 use super::source_files::{SourceFile, add_sources, sources};
 use super::telemetry::idle_effect;
@@ -58,8 +59,10 @@ pub struct DatasetPlan {
     pub(super) background: Option<BackgroundFiles>,
     /// Columns and rows of the frames.
     pub(super) size_px: [usize; 2],
-    /// Half the diagonal of the field of the scene's camera.
+    /// Half the diagonal of the widest field that is drawn.
     pub(super) field_radius_deg: f64,
+    /// The faintest star that any frame shows.
+    pub(super) faintest_magnitude: f64,
     /// The guard in force.
     pub(super) guard_deg: f64,
 }
@@ -83,15 +86,19 @@ impl DatasetPlan {
         let (scene_path, scene_text) = scene_text(path, &recipe.scene, folder)?;
         let parse = |message: String| DatasetError::Parse { path: scene_path.clone(), message };
         let whole: Table = crate::toml_file::tables(&scene_text).map_err(parse)?;
+        let of_scene = |source| DatasetError::Scene { path: path.to_owned(), place: "its scene".to_owned(), source: Box::new(source) };
+        Scene::check_series(&scene_path, &whole).map_err(of_scene)?;
         let Exposure { scene: base, lowest_altitude_deg, is_pointed } = one_exposure(path, &recipe.scene, whole)?;
         let root = schema();
         let mut draws = Vec::with_capacity(recipe.draw.len() + 2);
         for (number, table) in recipe.draw.iter().enumerate() {
             draws.push(Draw::new(path, folder, recipe.seed, number, table, &root)?);
         }
-        if !is_pointed && recipe.draw.iter().all(|table| table.path != BORESIGHT) {
+        check_parts_of_pointing(path, &recipe, &draws, is_pointed)?;
+        let is_drawn = |draws: &[Draw], path: &str| draws.iter().any(|draw| draw.path.text == path);
+        if !is_pointed && !is_drawn(&draws, BORESIGHT) {
             draws.extend(Draw::implied(recipe.seed, BORESIGHT, Distribution::Sky { lowest_altitude_deg }, &root));
-            if recipe.draw.iter().all(|table| table.path != ROLL) {
+            if !is_drawn(&draws, ROLL) {
                 draws.extend(Draw::implied(recipe.seed, ROLL, Distribution::Uniform([0.0, 360.0]), &root));
             }
         }
@@ -117,9 +124,12 @@ impl DatasetPlan {
             background,
             size_px,
             field_radius_deg: 0.0,
+            faintest_magnitude: f64::NEG_INFINITY,
             guard_deg: 0.0,
         };
-        plan.field_radius_deg = field_radius_deg(&plan.try_draws()?);
+        let tried = plan.try_draws()?;
+        plan.field_radius_deg = tried.iter().map(|sky| sky.radius_deg).fold(0.0, f64::max);
+        plan.faintest_magnitude = tried.iter().map(|sky| sky.faintest_magnitude).fold(f64::NEG_INFINITY, f64::max);
         plan.share_out_sky()?;
         plan.check_epochs()?;
         Ok(plan)
@@ -131,6 +141,11 @@ impl DatasetPlan {
         let gpu = Gpu::open(Need::Any).map_err(wrong)?;
         (self.backend, self.adapter) = (Backend::Gpu, gpu.adapter().to_string());
         Ok(self)
+    }
+
+    /// Whether the camera is pointed over the sky by chance.
+    pub(super) fn points_anywhere(&self) -> bool {
+        self.draws.iter().any(|draw| draw.path.text == BORESIGHT && matches!(draw.distribution, Distribution::Sky { .. }))
     }
 
     /// Whether a split is the first that has frames.
@@ -206,11 +221,12 @@ impl DatasetPlan {
         }
     }
 
-    /// Tries the scene with every draw at its middle, each at its ends with the others at their middle, and all at their ends at once. Gives the first.
-    fn try_draws(&self) -> Result<Scene, DatasetError> {
+    /// Tries the scene with every draw at its middle, each at its ends with the others at their middle, each two at crossed ends, and all at their ends at
+    /// once. Gives what sky each of them sees.
+    fn try_draws(&self) -> Result<Vec<SeenSky>, DatasetError> {
         // What can be switched off is on while others are tried.
         let middle = |draw: &Draw| if draw.is_switch() { 0.0 } else { 0.5 };
-        let scene = self.tried("with every draw at its middle", &middle)?;
+        let mut seen = vec![self.tried("with every draw at its middle", &middle)?];
         for index in 1..self.background.as_ref().map_or(0, BackgroundFiles::len) {
             self.tried_on(index, "with every draw at its middle", &middle)?;
         }
@@ -218,21 +234,45 @@ impl DatasetPlan {
             for (words, at) in draw.ends() {
                 let place = format!("the draw of {} {words}", draw.path.text);
                 let unit = |other: &Draw| if std::ptr::eq(other, draw) { at } else { middle(other) };
-                self.tried(&place, &unit)?;
+                seen.push(self.tried(&place, &unit)?);
             }
         }
-        for (words, at) in [("with every draw at its lower end", 0.0), ("with every draw at its upper end", 1.0 - f64::EPSILON)] {
-            self.tried(words, &|draw| if draw.is_switch() { 0.0 } else { at })?;
+        for (words, at) in [("with every draw at its lower end", 0.0), ("with every draw at its upper end", UPPER)] {
+            seen.push(self.tried(words, &|draw| if draw.is_switch() { 0.0 } else { at })?);
         }
-        Ok(scene)
+        for (number, draw) in self.draws.iter().enumerate() {
+            for other in &self.draws[..number] {
+                self.try_crossed(draw, other, &middle)?;
+            }
+        }
+        Ok(seen)
     }
 
-    fn tried(&self, place: &str, unit: &dyn Fn(&Draw) -> f64) -> Result<Scene, DatasetError> {
+    /// Tries two draws at ends that are not the same: what each of them may be alone, both together may not.
+    fn try_crossed(&self, one: &Draw, other: &Draw, middle: &dyn Fn(&Draw) -> f64) -> Result<(), DatasetError> {
+        let (Some(ends), Some(beside)) = (one.outermost(), other.outermost()) else { return Ok(()) };
+        for ((words, at), (other_words, other_at)) in [(&ends[0], &beside[1]), (&ends[1], &beside[0])] {
+            let place = format!("the draw of {} {words}, that of {} {other_words}", one.path.text, other.path.text);
+            let unit = |draw: &Draw| {
+                if std::ptr::eq(draw, one) {
+                    *at
+                } else if std::ptr::eq(draw, other) {
+                    *other_at
+                } else {
+                    middle(draw)
+                }
+            };
+            self.tried(&place, &unit)?;
+        }
+        Ok(())
+    }
+
+    fn tried(&self, place: &str, unit: &dyn Fn(&Draw) -> f64) -> Result<SeenSky, DatasetError> {
         self.tried_on(0, place, unit)
     }
 
     /// The same on a file of `[background]`, if there are any.
-    fn tried_on(&self, index: usize, place: &str, unit: &dyn Fn(&Draw) -> f64) -> Result<Scene, DatasetError> {
+    fn tried_on(&self, index: usize, place: &str, unit: &dyn Fn(&Draw) -> f64) -> Result<SeenSky, DatasetError> {
         let mut scene = self.base.clone();
         let (switches, values): (Vec<&Draw>, Vec<&Draw>) = self.draws.iter().partition(|draw| draw.is_switch());
         for draw in values.into_iter().chain(switches) {
@@ -243,15 +283,43 @@ impl DatasetPlan {
         self.background.iter().for_each(|files| files.put_on_trial(index, &mut scene));
         let built = self.build(place, scene.clone())?;
         match idle_effect(&built, &scene) {
-            None => Ok(built),
+            None => Ok(SeenSky { radius_deg: field_radius_deg(&built), faintest_magnitude: built.sky.faintest_magnitude }),
             Some(what) => Err(DatasetError::Parse { path: self.path.clone(), message: format!("{place}: {what}") }),
         }
     }
 
     /// The scene of these tables; `place` is used in messages.
-    pub(super) fn build(&self, place: &str, scene: Table) -> Result<Scene, DatasetError> {
+    pub(super) fn build(&self, place: &str, mut scene: Table) -> Result<Scene, DatasetError> {
+        self.resolve(&mut scene);
         let wrong = |source| DatasetError::Scene { path: self.path.clone(), place: place.to_owned(), source: Box::new(source) };
         Scene::from_table(&self.scene_path, scene).map_err(wrong)
+    }
+}
+
+impl DatasetPlan {
+    /// Names the real frame under a scene by where it is: in the scene of a frame it has the name that the recipe gives it, so that labels and hashes are the
+    /// same wherever the recipe lies.
+    pub(super) fn resolve(&self, scene: &mut Table) {
+        self.background.iter().for_each(|files| files.resolve(scene));
+    }
+}
+
+/// Refuses a draw of a part of the direction where the whole is drawn: it would be lost.
+fn check_parts_of_pointing(path: &str, recipe: &RecipeFile, draws: &[Draw], is_pointed: bool) -> Result<(), DatasetError> {
+    if is_pointed && draws.iter().all(|draw| draw.path.text != BORESIGHT) {
+        return Ok(());
+    }
+    let is_part = |draw: &Draw| draw.path.text.strip_prefix(BORESIGHT).is_some_and(|rest| rest.starts_with('.'));
+    match draws.iter().position(is_part) {
+        None => Ok(()),
+        Some(number) => Err(DatasetError::Value {
+            path: path.to_owned(),
+            key: format!("draw[{number}].path"),
+            value: format!("{:?}", recipe.draw[number].path),
+            remedy: format!(
+                "is a part of the direction, which is drawn as a whole; draw {BORESIGHT} by choice or sphere, or say in the scene where the camera points"
+            ),
+        }),
     }
 }
 
@@ -262,7 +330,7 @@ fn with_line(error: DatasetError, recipe: &str, text: &str) -> DatasetError {
         DatasetError::Value { path, key, value, remedy } if path == recipe => DatasetError::Value { path: at(&key), key, value, remedy },
         DatasetError::Scene { path, place, source } if path == recipe => {
             let draws = RecipeFile::parse(recipe, text).map(|recipe| recipe.draw).unwrap_or_default();
-            let of_place = draws.iter().position(|draw| place.starts_with(&format!("the draw of {} ", draw.path)));
+            let of_place = draws.iter().position(|draw| place.starts_with(&format!("the draw of {} ", one_way(&draw.path))));
             let path = of_place.map_or(path, |number| at(&format!("draw[{number}].path")));
             DatasetError::Scene { path, place, source }
         }
@@ -338,6 +406,14 @@ fn one_exposure(recipe: &str, name: &str, mut scene: Table) -> Result<Exposure, 
     Ok(Exposure { scene, lowest_altitude_deg, is_pointed: false })
 }
 
+/// What sky a scene sees.
+#[derive(Clone, Copy, Debug)]
+struct SeenSky {
+    /// Half the diagonal of its field.
+    radius_deg: f64,
+    faintest_magnitude: f64,
+}
+
 /// Half the diagonal of the field of a camera, degrees.
 fn field_radius_deg(scene: &Scene) -> f64 {
     let camera = &scene.camera;
@@ -362,7 +438,7 @@ fn hash(text: &str, scene: &str, sources: &[SourceFile]) -> String {
     add(text.as_bytes());
     add(scene.as_bytes());
     for source in sources {
-        add(&source.bytes);
+        add(&source.sha256);
     }
     hexadecimal(&hasher.finalize())
 }
@@ -412,6 +488,12 @@ pub(super) mod tests {
         assert!(upper.contains("at its upper end: ./scene.toml: frames[0].exposure_s = "), "{upper}");
         let third = draw("path = \"psf.kind\"\nchoice = { values = [\"gaussian\", \"airie\"] }").unwrap_err();
         assert!(third.contains("at its value \"airie\"") || third.contains("psf"), "{third}");
+        // Each may be as it is, and both together may not.
+        let crossed = draw(
+            "path = \"detector.bits\"\nchoice = { values = [8, 16] }\n[[draw]]\nper = \"frame\"\npath = \"detector.bias_dn\"\nuniform = [10, 300]",
+        );
+        let crossed = crossed.unwrap_err();
+        assert!(crossed.contains("the draw of detector.b") && crossed.contains("that of detector.bi"), "{crossed}");
         let missing = draw("path = \"streaks.0.electrons\"\nuniform = [1, 2]").unwrap_err();
         assert!(missing.contains("streaks.0.electrons: the scene has 0 elements there"), "{missing}");
     }
@@ -420,6 +502,16 @@ pub(super) mod tests {
     fn the_scene_must_have_one_exposure_and_be_there() {
         let two = plan_of(&recipe(""), &format!("{SCENE}[[frames]]\nexposure_s = 2.0\n")).unwrap_err();
         assert!(two.contains("must have a [series] or one [[frames]]") && two.contains("it has 2"), "{two}");
+        let series = |lines: &str| plan_of(&recipe(""), &SCENE.replace("[[frames]]\n", &format!("[series]\n{lines}\n"))).map(|_| ());
+        assert_eq!(series("count = 5"), Ok(()));
+        let typed = series("count = 5\nrate_deg_sec = [0.0, 0.5, 0.0]").unwrap_err();
+        assert!(
+            typed.starts_with("r.toml: its scene: ./scene.toml: series: unknown key rate_deg_sec; did you mean rate_deg_s?"),
+            "{typed}"
+        );
+        assert!(series("count = 0").unwrap_err().contains("series.count = 0 must lie between 1 and"));
+        let beside = plan_of(&recipe(""), &format!("{SCENE}[series]\ncount = 5\nexposure_s = 1.0\n")).unwrap_err();
+        assert!(beside.contains("series = given stands beside [[frames]]"), "{beside}");
         let preset = recipe("").replace("scene.toml", "preset:cubesat-traker");
         assert!(plan_of(&preset, SCENE).unwrap_err().ends_with("is no preset: did you mean preset:cubesat-tracker?"));
         assert!(plan_of(&recipe("").replace("scene.toml", "absent.toml"), SCENE).unwrap_err().contains("absent.toml: cannot be read"));

@@ -55,7 +55,7 @@ enum Step {
 /// A place in a scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ScenePath {
-    /// As written.
+    /// As written, but one way for each place: see [`one_way`].
     pub text: String,
     steps: Vec<Step>,
     /// What stands there.
@@ -140,6 +140,16 @@ fn property<'s>(node: &'s Schema, key: &str, before: &str) -> Result<&'s Schema,
     })
 }
 
+/// One way to write a path of which there are several: the one exposure of a sample has no number, and ids have no underscores.
+pub(super) fn one_way(text: &str) -> String {
+    let words: Vec<&str> = text.split('.').collect();
+    match words.as_slice() {
+        ["frames", "0", rest @ ..] if !rest.is_empty() => format!("frames.{}", rest.join(".")),
+        ["effects", id, rest @ ..] => [&["effects", &id_of(id)], rest].concat().join("."),
+        _ => text.to_owned(),
+    }
+}
+
 impl ScenePath {
     /// Finds a path in the schema of scenes; else the sentence that says why not.
     pub fn find(root: &Schema, text: &str) -> Result<Self, String> {
@@ -196,7 +206,7 @@ impl ScenePath {
             before += if before.is_empty() { "" } else { "." };
             before += word;
         }
-        Ok(Self { text: text.to_owned(), steps, kind })
+        Ok(Self { text: one_way(text), steps, kind })
     }
 
     /// Sets the value there; what is missing on the way is made.
@@ -327,6 +337,14 @@ mod tests {
         ] {
             assert_eq!(ScenePath::find(&root, text).map(|path| path.kind), Ok(kind), "{text}");
         }
+    }
+
+    #[test]
+    fn a_place_has_one_path() {
+        let text = |text: &str| ScenePath::find(&schema(), text).unwrap().text;
+        assert_eq!(text("frames.0.rate_deg_s.2"), "frames.rate_deg_s.2");
+        assert_eq!(text("effects.hot_pixels.hot_per_million"), "effects.hot-pixels.hot_per_million");
+        assert_eq!(text("streaks.0.electrons"), "streaks.0.electrons");
     }
 
     #[test]

@@ -106,7 +106,7 @@ impl ShardStatistics {
             *self.frames_by_effect.entry(effect.clone()).or_default() += 1;
         }
         for (draw, shares) in plan.draws.iter().zip(&mut self.draws) {
-            if plan.is_drawn_anew(draw.level, frame.key, frame.pair.is_some() && draw.path.text.starts_with("frames.")) {
+            if plan.is_drawn_anew(draw.level, frame.key, frame.pair.is_some() && draw.is_of_exposure()) {
                 shares.add(draw, &frame.scene);
             }
         }
@@ -141,17 +141,21 @@ impl ShardStatistics {
 }
 
 impl DatasetPlan {
-    /// Whether a frame is the first with its value of a draw; `follows`: it is one of a pair, of which the second has the exposure of the first.
+    /// Whether a frame is the first with its value of a draw; `follows`: it is one of a pair, and the draw is of the exposure.
     fn is_drawn_anew(&self, level: DrawLevel, key: FrameKey, follows: bool) -> bool {
         let (size, cameras) = (&self.recipe.size, &self.recipe.cameras);
         let begins_recording = key.index.is_multiple_of(size.frames_per_recording);
         let begins_camera = begins_recording && key.recording(size) < cameras.of(key.split);
+        // The second of a pair has the exposure of the first.
+        if follows && key.index % 2 == 1 {
+            return false;
+        }
         match level {
             DrawLevel::Dataset => key.index == 0 && self.is_first_split(key.split),
             // Splits that share cameras share their values.
             DrawLevel::Camera => begins_camera && (self.cameras_are_apart() || self.is_first_split(key.split)),
             DrawLevel::Recording => begins_recording,
-            DrawLevel::Frame => !(follows && key.index % 2 == 1),
+            DrawLevel::Frame => true,
         }
     }
 }

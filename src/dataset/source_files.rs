@@ -2,9 +2,10 @@
 //!
 //! They are hashed, since frames follow from them, and kept in the folder of the dataset, so that its frames can be made again from the folder alone.
 
-use std::path::{Component, Path};
-use std::sync::Arc;
+use std::io::Read;
+use std::path::{Component, Path, PathBuf};
 
+use sha2::{Digest, Sha256};
 use toml::{Table, Value};
 
 use super::error::DatasetError;
@@ -15,11 +16,16 @@ use super::recipe::RecipeFile;
 pub(super) struct SourceFile {
     /// As seen from the recipe.
     pub(super) name: String,
-    pub(super) bytes: Arc<[u8]>,
+    /// Where it is.
+    path: PathBuf,
+    /// Of its bytes. They stay in the file: frames under the stars may be many and large.
+    pub(super) sha256: [u8; 32],
+    /// How many they are.
+    pub(super) bytes: u64,
 }
 
 /// Places of a scene that name an image.
-const IMAGES: [(&str, &str); 2] = [("sky", "background_image"), ("psf", "image")];
+const IMAGES: [(&str, &str); 3] = [("sky", "background_image"), ("psf", "image"), ("detector", "dark_frame")];
 /// What a dataset has at the top of its folder.
 const RESERVED: [&str; 12] = [
     "train",
@@ -36,12 +42,45 @@ const RESERVED: [&str; 12] = [
     ".boresight",
 ];
 
+/// Whether a file can lie in the folder of the dataset under its own name, as seen from the recipe there.
+pub(super) fn is_kept(name: &str) -> bool {
+    let mut parts = Path::new(name).components().filter(|part| !matches!(part, Component::CurDir));
+    let is_plain = parts.clone().all(|part| matches!(part, Component::Normal(_)));
+    is_plain && parts.next().and_then(|part| part.as_os_str().to_str()).is_some_and(|first| !RESERVED.contains(&first))
+}
+
 impl SourceFile {
-    /// Whether it can lie in the folder of the dataset under its own name, as seen from the recipe there.
+    /// Reads a file for its hash.
+    fn new(name: String, path: &Path) -> Result<Self, DatasetError> {
+        const PIECE: usize = 1 << 16;
+        let (mut hasher, mut bytes, mut piece) = (Sha256::new(), 0, vec![0; PIECE]);
+        let unread = |source| DatasetError::Read { path: path.display().to_string(), source };
+        let mut file = std::fs::File::open(path).map_err(unread)?;
+        loop {
+            match file.read(&mut piece).map_err(unread)? {
+                0 => return Ok(Self { name, path: path.to_owned(), sha256: hasher.finalize().into(), bytes }),
+                count => {
+                    hasher.update(&piece[..count]);
+                    bytes += count as u64;
+                }
+            }
+        }
+    }
+
+    /// Whether it can lie in the folder of the dataset.
     pub(super) fn is_kept(&self) -> bool {
-        let mut parts = Path::new(&self.name).components().filter(|part| !matches!(part, Component::CurDir));
-        let is_plain = parts.clone().all(|part| matches!(part, Component::Normal(_)));
-        is_plain && parts.next().and_then(|part| part.as_os_str().to_str()).is_some_and(|first| !RESERVED.contains(&first))
+        is_kept(&self.name)
+    }
+
+    /// Its bytes, if they still are what frames follow from.
+    pub(super) fn read(&self) -> Result<Vec<u8>, DatasetError> {
+        let path = self.path.display().to_string();
+        let bytes = std::fs::read(&self.path).map_err(|source| DatasetError::Read { path: path.clone(), source })?;
+        if <[u8; 32]>::from(Sha256::digest(&bytes)) == self.sha256 {
+            Ok(bytes)
+        } else {
+            Err(DatasetError::Parse { path, message: "was changed since the recipe was read; run the command again".to_owned() })
+        }
     }
 }
 
@@ -52,8 +91,7 @@ pub(super) fn sources(recipe: &RecipeFile, scene: &Table, (folder, scene_path): 
         if found.iter().any(|known| known.name == name) {
             return Ok(());
         }
-        let bytes = std::fs::read(path).map_err(|source| DatasetError::Read { path: path.display().to_string(), source })?;
-        found.push(SourceFile { name, bytes: bytes.into() });
+        found.push(SourceFile::new(name, path)?);
         Ok(())
     };
     let is_preset = recipe.scene.starts_with("preset:");
@@ -88,9 +126,7 @@ pub(super) fn add_sources<'n>(
     folder: &Path,
 ) -> Result<(), DatasetError> {
     for name in names {
-        let path = folder.join(name);
-        let bytes = std::fs::read(&path).map_err(|source| DatasetError::Read { path: path.display().to_string(), source })?;
-        sources.push(SourceFile { name: name.to_owned(), bytes: bytes.into() });
+        sources.push(SourceFile::new(name.to_owned(), &folder.join(name))?);
     }
     Ok(())
 }
@@ -120,14 +156,33 @@ mod tests {
         assert!(first.sources.iter().all(SourceFile::is_kept));
         level("b.fits", 3.0);
         assert_ne!(plan().sha256, first.sha256);
+        // What was copied would not be what was hashed.
+        let changed = first.sources[2].read().unwrap_err().to_string();
+        assert!(changed.contains("b.fits: was changed since the recipe was read"), "{changed}");
+    }
+
+    /// A dark frame that the scene itself names is one of them.
+    #[test]
+    fn a_dark_frame_of_the_scene_counts_for_the_identity() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("scene.toml"), format!("{SCENE}[detector]\ndark_frame = \"dark.fits\"\n")).unwrap();
+        let dark = |level: u16| {
+            let headers = crate::recording::FitsHeaders::default();
+            crate::recording::write_fits_u16(&folder.path().join("dark.fits"), 64, 48, &vec![level; 64 * 48], &headers).unwrap();
+        };
+        let plan = || DatasetPlan::parse("r.toml", &recipe(""), folder.path()).unwrap();
+        dark(200);
+        let first = plan();
+        assert!(first.sources.iter().any(|source| source.name == "dark.fits" && source.is_kept()), "{:?}", first.sources);
+        dark(201);
+        assert_ne!(plan().sha256, first.sha256);
     }
 
     #[test]
     fn what_lies_elsewhere_or_would_cover_the_dataset_is_not_kept() {
-        let kept = |name: &str| SourceFile { name: name.to_owned(), bytes: Vec::new().into() }.is_kept();
-        assert!(kept("scene.toml") && kept("./scenes/a.toml"));
+        assert!(is_kept("scene.toml") && is_kept("./scenes/a.toml"));
         for name in ["../scene.toml", "/scene.toml", "a/../../b", "train/scene.toml", "README.md", ""] {
-            assert!(!kept(name), "{name}");
+            assert!(!is_kept(name), "{name}");
         }
     }
 }

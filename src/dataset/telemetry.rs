@@ -6,7 +6,8 @@ use crate::effects::displacement;
 use crate::scene::Scene;
 
 /// Ends of the names of parameters that count from such a mean, and what they follow.
-const FOLLOWERS: [(&str, &str); 3] = [("_per_kelvin", "temperature"), ("_per_hour", "time"), ("_per_hpa", "pressure")];
+const FOLLOWERS: [(&str, &str); 4] =
+    [("_per_kelvin", "temperature"), ("_per_hour", "time"), ("_per_hpa", "pressure"), ("_per_frame", "number of the frame")];
 
 /// Why an effect of a scene would do nothing in samples of one frame; `None`: all do something. `tables` are those of the scene.
 pub(super) fn idle_effect(scene: &Scene, tables: &Table) -> Option<String> {
@@ -42,9 +43,11 @@ mod tests {
     fn what_follows_a_mean_over_a_recording_is_refused() {
         let cold = SCENE.replace("exposure_s = 1.0", "exposure_s = 1.0\ntemperature_c = 5.0\ntime_utc = \"2026-01-01T00:00:00Z\"");
         assert!(plan_of(&recipe(""), &cold).is_ok());
-        for (id, parameter, what) in
-            [("thermal-focal-length", "relative_per_kelvin", "temperature"), ("focal-length-drift", "relative_per_hour", "time")]
-        {
+        for (id, parameter, what) in [
+            ("thermal-focal-length", "relative_per_kelvin", "temperature"),
+            ("focal-length-drift", "relative_per_hour", "time"),
+            ("focal-length-drift", "relative_per_frame", "number of the frame"),
+        ] {
             let scene = format!("{cold}[[effects]]\nid = \"{id}\"\nparameters = {{ {parameter} = 1e-5 }}\n");
             let refused = plan_of(&recipe(""), &scene).unwrap_err();
             assert!(refused.contains(&format!("the effect {id} follows the {what} with {parameter}")), "{refused}");

@@ -34,6 +34,8 @@ pub struct RunResult {
     pub misidentify_seed: u64,
     /// Those of them that the joint method rejected.
     pub misidentified_rejected: usize,
+    /// Those of them that did not enter, as those of stars without a known proper motion do not.
+    pub misidentified_left_out: usize,
     /// What was left out, and whether fewer identifications were made wrong than asked for, one sentence each.
     pub notes: Vec<String>,
     /// The limits that were asked for.

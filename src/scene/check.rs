@@ -75,16 +75,29 @@ fn numbers(file: &SceneFile) -> Vec<(&'static str, Option<f64>, Rule)> {
             ("site.relative_humidity", site.relative_humidity, Within(0.0, 1.0, NO_AIR)),
         ]);
     }
-    if let Some(series) = series {
-        let altitude = Within(-90.0, 85.0, "must lie between -90 and 85");
-        numbers.extend([
-            ("series.count", Some(series.count as f64), Within(1.0, 1e6, "must lie between 1 and 1000000")),
-            ("series.exposure_s", Some(series.exposure_s), EXPOSURE),
-            ("series.interval_s", Some(series.interval_s), Within(0.0, 1e9, "must lie between 0 and 1000000000 s")),
-            ("series.lowest_altitude_deg", Some(series.lowest_altitude_deg), altitude),
-        ]);
-    }
+    numbers.extend(series.iter().flat_map(series_numbers));
     numbers
+}
+
+/// Those of a series.
+fn series_numbers(series: &SeriesTable) -> [(&'static str, Option<f64>, Rule); 4] {
+    use Rule::Within;
+    let altitude = Within(-90.0, 85.0, "must lie between -90 and 85");
+    [
+        ("series.count", Some(series.count as f64), Within(1.0, 1e6, "must lie between 1 and 1000000")),
+        ("series.exposure_s", Some(series.exposure_s), EXPOSURE),
+        ("series.interval_s", Some(series.interval_s), Within(0.0, 1e9, "must lie between 0 and 1000000000 s")),
+        ("series.lowest_altitude_deg", Some(series.lowest_altitude_deg), altitude),
+    ]
+}
+
+/// Checks a series by itself: in a dataset the rest of the scene is drawn before it is whole.
+pub(super) fn series_alone(path: &str, series: &SeriesTable) -> Result<(), SceneError> {
+    let refusal = Refusal(path);
+    for (key, value, rule) in series_numbers(series) {
+        value.map_or(Ok(()), |value| refusal.number(key, value, rule))?;
+    }
+    refusal.rate("series.rate_deg_s", series.rate_deg_s)
 }
 
 /// A number as a message shows it: without a hundred zeros.

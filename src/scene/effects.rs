@@ -72,9 +72,12 @@ pub(super) fn check_telemetry(path: &str, tables: &[EffectTable], terms: &[Term]
             let missing = effect.unmet_requirement(known).or_else(|| {
                 let no_temperature = known.temperature_offset_k.is_none() && follows("_per_kelvin");
                 let no_time = known.time_offset_h.is_none() && follows("px_per_hour");
+                // An amplitude is that of the size which the exposure lets expect.
+                let no_size = follows("amplitude") && effect.predicted(known).is_none();
                 no_temperature
                     .then_some("the temperature of the frames is not known")
                     .or(no_time.then_some("the time of the frames is not known"))
+                    .or(no_size.then_some(effect.facts().unknown_size))
             });
             if let Some(reason) = missing {
                 let id = &term.effect;

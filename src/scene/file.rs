@@ -1,6 +1,6 @@
 //! How a scene file is read, and the cameras and the sky that its tables describe.
 
-use super::{FrameTable, NominalTable, SceneError, SceneFile, SkyTable, TrueCameraTable};
+use super::{FrameTable, NominalTable, SceneError, SceneFile, SeriesTable, SkyTable, TrueCameraTable};
 use crate::camera::{Camera, Model};
 use crate::coordinates::{Direction, Icrs};
 use crate::effects::Observation;
@@ -75,6 +75,15 @@ impl NominalTable {
 /// Reads the tables.
 pub(super) fn parse(path: &str, text: &str) -> Result<SceneFile, SceneError> {
     tables(text).map_err(|message| SceneError::Parse { path: path.to_owned(), message })
+}
+
+/// `[series]` by itself.
+pub(super) fn of_series(path: &str, series: &toml::Value) -> Result<SeriesTable, SceneError> {
+    let wrong = |error: toml::de::Error| SceneError::Parse {
+        path: path.to_owned(),
+        message: format!("series: {}", with_suggestion(error.message())),
+    };
+    series.clone().try_into().map_err(wrong)
 }
 
 /// The tables of a text that is read already.

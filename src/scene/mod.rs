@@ -259,6 +259,16 @@ impl Scene {
         file::of_table(path, table)?.build(path)
     }
 
+    /// Checks the tables of a series that a dataset takes its one exposure from; `path` is used in messages.
+    pub(crate) fn check_series(path: &str, scene: &toml::Table) -> Result<(), SceneError> {
+        let Some(series) = scene.get("series") else { return Ok(()) };
+        if scene.contains_key("frames") {
+            let (key, value, remedy) = ("series".to_owned(), "given".to_owned(), "stands beside [[frames]]: keep one of the two");
+            return Err(SceneError::Value { path: path.to_owned(), key, value, remedy });
+        }
+        check::series_alone(path, &file::of_series(path, series)?)
+    }
+
     /// The number of exposure `index` among all that the camera takes: with the seed, the key of its random numbers.
     #[must_use]
     pub fn frame_number(&self, index: usize) -> u32 {

@@ -80,4 +80,10 @@ fn every_form_has_every_frame_and_places_from_the_corner() {
     let bytes = parts.get_column_iter().next().unwrap().1;
     let parquet::record::Field::Bytes(bytes) = bytes else { panic!("{bytes:?}") };
     assert_eq!(bytes.data(), std::fs::read(one.path().join("000000005.image.png")).unwrap());
+    // A row for each light, by the key of its frame.
+    let stars = SerializedFileReader::new(std::fs::File::open(table.path().join("out/stars/train-000001.parquet")).unwrap()).unwrap();
+    let key = |row: &parquet::record::Row| row.get_column_iter().find(|(name, _)| *name == "key").unwrap().1.clone();
+    let of_frame = stars.get_row_iter(None).unwrap().map(Result::unwrap).filter(|row| key(row) == parquet::record::Field::Long(5)).count();
+    let labels: Value = serde_json::from_slice(&std::fs::read(one.path().join("000000005.json")).unwrap()).unwrap();
+    assert_eq!(of_frame, labels["lights"]["hip"].as_array().unwrap().len());
 }

@@ -284,6 +284,13 @@ def test_a_printed_array_makes_what_is_missing(work, reference):
     assert (code, script) == (0, "") and "nothing is missing" in err
 
 
+def test_images_stand_in_a_manifest_as_base64():
+    from boresight_cluster.scripts import _texts_and_binaries
+
+    texts, binaries = _texts_and_binaries({"sky.toml": "µ = 1".encode(), "glow.fits": b"\xff\x00\x10"})
+    assert texts == {"sky.toml": "µ = 1"} and binaries == {"glow.fits": "/wAQ"}
+
+
 def test_a_printed_manifest_is_what_kubernetes_takes(work, reference, s3):
     import kubernetes_validate
 

@@ -18,7 +18,7 @@ pub struct SkyTable {
     pub extinction_mag_per_airmass: f64,
     /// Faintest V magnitude rendered.
     pub faintest_magnitude: f64,
-    /// Which displacements act at their full, known size: `predicted`, `none` or a list of effects.
+    /// Which displacements act at their full, known size: `known`, `none` or a list of effects.
     pub physics: String,
 }
 

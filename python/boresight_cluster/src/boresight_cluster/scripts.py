@@ -1,5 +1,6 @@
 """The plain adapters: a Slurm array and a Kubernetes Indexed Job of the missing units, ready to be submitted."""
 
+import base64
 import json
 import re
 import shlex
@@ -71,6 +72,17 @@ def _named_files(path: Path, found: dict[str, Path]) -> None:
         walk(tomllib.loads(path.read_text(encoding="utf-8")))
 
 
+def _texts_and_binaries(contents: dict[str, bytes]) -> tuple[dict[str, str], dict[str, str]]:
+    """What a ConfigMap has as text, and what it has in base64, as images."""
+    texts, binaries = {}, {}
+    for name, content in contents.items():
+        try:
+            texts[name] = content.decode()
+        except UnicodeDecodeError:
+            binaries[name] = base64.b64encode(content).decode()
+    return texts, binaries
+
+
 def kubernetes(job: Job, missing: list[Unit]) -> str:
     """A ConfigMap with what the work is made of, and an Indexed Job, as JSON, which kubectl takes as it takes YAML."""
     cluster, options = job.cluster, job.cluster.engine.kubernetes
@@ -82,9 +94,10 @@ def kubernetes(job: Job, missing: list[Unit]) -> str:
     _named_files(cluster.path, named)
     for name in filter(None, [cluster.work.dataset, cluster.work.items]):
         _named_files(cluster.beside(name), named)
-    files = {name: path.read_text(encoding="utf-8") for name, path in sorted(named.items())}
-    files["missing"] = "".join(f"{unit.number}\n" for unit in missing)
-    if sum(map(len, files.values())) > MAX_CONFIG_BYTES:
+    contents = {name: path.read_bytes() for name, path in sorted(named.items())}
+    contents["missing"] = "".join(f"{unit.number}\n" for unit in missing).encode()
+    files, binaries = _texts_and_binaries(contents)
+    if sum(len(text.encode()) for text in files.values()) + sum(map(len, binaries.values())) > MAX_CONFIG_BYTES:
         raise NeverError(f"{cluster.path}: its files are too large for a ConfigMap; put them into the image, or do the work in parts")
     number = '"$(sed -n "$((JOB_COMPLETION_INDEX + 1))p" /config/missing)/%d"' % len(job.units)
     script = f"exec python3 -m boresight_cluster shard /config/{shlex.quote(cluster.path.name)} --shard {number}"
@@ -115,7 +128,7 @@ def kubernetes(job: Job, missing: list[Unit]) -> str:
         "template": {"spec": pods},
     }
     items = [
-        {"apiVersion": "v1", "kind": "ConfigMap", "metadata": metadata, "data": files},
+        {"apiVersion": "v1", "kind": "ConfigMap", "metadata": metadata, "data": files} | ({"binaryData": binaries} if binaries else {}),
         {"apiVersion": "batch/v1", "kind": "Job", "metadata": metadata, "spec": spec},
     ]
     return json.dumps({"apiVersion": "v1", "kind": "List", "items": items}, indent=2) + "\n"
