@@ -63,6 +63,7 @@ pub use sky_frame::{SkyFrame, StarDisc};
 pub use sky_mesh::{SkyCell, SkyMesh};
 pub use star_images::{ImageFrame, SplitVariance, SummedImage};
 pub use star_transfer::StarTransfer;
+pub(crate) use streaks::MIN_STREAK_FRAMES;
 pub use streaks::{Streak, Streaks};
 
 use crate::frame::Frame;

@@ -39,6 +39,8 @@ const SLENDER: f64 = 6.0;
 const MAX_STREAKS: usize = 8;
 /// Two lines are one where the ends of the shorter are no farther from the longer, px.
 const SAME_PX: f64 = 6.0;
+/// One frame alone does not tell what is at the same place in others.
+pub(crate) const MIN_STREAK_FRAMES: usize = 2;
 /// Where so large a part of the stars is drawn out, they all are.
 const TRAILS: f64 = 0.1;
 
@@ -99,10 +101,10 @@ pub(super) struct StreakFrame {
     found: Vec<Streak>,
 }
 
-/// Counts the streaks of all frames; nothing where most frames show trails of stars.
+/// Counts the streaks of all frames; nothing where most frames show trails of stars, or where no second frame tells a streak from a line of the detector.
 pub(super) fn streaks(frames: &[StreakFrame]) -> Option<Streaks> {
     let searched: Vec<&StreakFrame> = frames.iter().filter(|frame| !frame.are_trails).collect();
-    if searched.is_empty() || 2 * searched.len() < frames.len() {
+    if searched.len() < MIN_STREAK_FRAMES || 2 * searched.len() < frames.len() {
         return None;
     }
     let all: Vec<Streak> = searched.iter().flat_map(|frame| frame.found.iter().copied()).collect();

@@ -118,6 +118,16 @@ fn what_stays_is_the_detectors() {
     assert!((counted.per_s.unwrap() - 1.0 / 8.0).abs() < 1e-12);
 }
 
+/// With one frame alone nobody knows what is at the same place in others.
+#[test]
+fn one_frame_tells_no_streak_from_a_line_of_the_detector() {
+    let one = searched(0, &frame(3, 40, line([[40.0, 30.0], [260.0, 280.0]], 30.0)));
+    let other = searched(1, &frame(4, 40, |_, _| 0.0));
+    assert_eq!(one.found.len(), 1, "{one:?}");
+    assert_eq!(streaks(std::slice::from_ref(&one)), None);
+    assert_eq!(streaks(&[one, other]).unwrap().count, 1);
+}
+
 /// Stars that are drawn out are no streaks.
 #[test]
 fn trails_of_stars_are_no_streaks() {

@@ -5,7 +5,7 @@ use crate::diagnose::causes::{COSMIC_RAYS, STREAKS};
 use crate::diagnose::channels::Channel;
 use crate::effects::optics::field_stop;
 use crate::effects::pixel::PixelEffect;
-use crate::pixel_statistics::{MIN_RAY_FRAMES, MIN_STAR_SIGMA_PX, MIN_STOP_FRAMES, PixelStatistics, Streak};
+use crate::pixel_statistics::{MIN_RAY_FRAMES, MIN_STAR_SIGMA_PX, MIN_STOP_FRAMES, MIN_STREAK_FRAMES, PixelStatistics, Streak};
 
 /// Cosmic rays by chance in a frame, at most: noise brings far fewer, pixels that jump once and are quiet ever after do not show what they are.
 const EXPECTED_RAYS: f64 = 1e-2;
@@ -48,7 +48,12 @@ pub(super) fn streaks(pixels: &PixelStatistics, is_compressed: bool) -> Counted 
     /// Blocks of a compression that a line is longer than, px.
     const BLOCKS_PX: f64 = 64.0;
     let Some(mut found) = pixels.streaks.clone() else {
-        return Counted::untold(STREAKS, Channel::Background, "the stars are drawn out themselves, or no sky is seen between them");
+        let reason = if pixels.by_frame.len() < MIN_STREAK_FRAMES {
+            "one frame alone does not tell a streak from a line of the detector"
+        } else {
+            "the stars are drawn out themselves, or no sky is seen between them"
+        };
+        return Counted::untold(STREAKS, Channel::Background, reason);
     };
     if is_compressed {
         let all = found.count.max(1) as f64;
