@@ -15,7 +15,7 @@ use crate::statistics::median_in_place;
 
 /// Cells of a frame, at most.
 pub(super) const MAX_CELLS: usize = 64;
-/// Blocks of a cell, on average at least.
+/// Blocks of a cell where no star lies, on average at least.
 const MIN_BLOCKS: usize = 4;
 /// Degrees of freedom of the t distribution of the blocks' errors.
 const TAIL_DEGREES: f64 = 4.0;
@@ -88,7 +88,8 @@ impl SkyMesh {
     /// Of the blocks of a frame, `blocks_shape` of them along x and y; nothing where they are too few.
     pub(super) fn of(frame: &MeshFrame, blocks: &[Block], blocks_shape: [usize; 2]) -> Option<Self> {
         let surface = smooth_levels(blocks, blocks_shape)?;
-        let shape = shape(blocks_shape, blocks.len());
+        // All frames of a size have the same cells, however many blocks their stars leave: cells are held against each other by their number.
+        let shape = shape(blocks_shape);
         let mut mesh = Self {
             frame: frame.number,
             exposure_s: frame.exposure_s,
@@ -127,8 +128,8 @@ struct Member {
 }
 
 /// Cells along x and y: even numbers, about square, not more than the blocks allow.
-fn shape(blocks: [usize; 2], count: usize) -> [usize; 2] {
-    let most = (count / MIN_BLOCKS).clamp(4, MAX_CELLS) as f64;
+fn shape(blocks: [usize; 2]) -> [usize; 2] {
+    let most = (blocks[0] * blocks[1] / MIN_BLOCKS).clamp(4, MAX_CELLS) as f64;
     let ratio = (blocks[0] as f64 / blocks[1].max(1) as f64).sqrt();
     let even = |cells: f64, most: f64| 2 * (0.5 * cells.clamp(2.0, most.max(2.0))).floor() as usize;
     let columns = even((most.sqrt() * ratio + 0.5).floor(), 0.5 * most);

@@ -87,6 +87,18 @@ fn a_wrong_shape_shows_in_the_deviations() {
     assert!(scatter > 3.0, "{scatter}");
 }
 
+/// Cells of two frames of a size are the same, though stars cover blocks of one.
+#[test]
+fn all_frames_of_a_size_have_the_same_cells() {
+    let shape = |covered: usize| {
+        let block = |place: [usize; 2]| sky_pixels::Block { place, level_dn: 100.0, slope_dn: [0.0; 2], variance_dn2: 1.0, pixels: 256 };
+        let blocks: Vec<sky_pixels::Block> = (covered..256).map(|k| block([k % 16, k / 16])).collect();
+        let frame = MeshFrame { number: 0, exposure_s: None, size_px: [256, 256], noise_dn: 1.0 };
+        SkyMesh::of(&frame, &blocks, [16, 16]).unwrap().shape
+    };
+    assert_eq!([0, 1, 36, 100].map(shape), [[8, 8]; 4]);
+}
+
 /// Cells lie in one quarter of the frame each, whatever its size, and are no more than agreed.
 #[test]
 fn no_cell_lies_across_the_middle() {
