@@ -97,16 +97,20 @@ impl CodeHistogram {
 
     /// Adds the usable pixels of a frame. Counts that are no number are left out.
     pub fn add_frame(&mut self, pixels_dn: &[f32], usable: impl Fn(usize) -> bool) {
-        let mut before = None;
+        self.add_frame_by(1, pixels_dn, usable);
+    }
+
+    /// The same, neighbours being so many columns apart: in a colour mosaic those of one colour are two apart.
+    pub(super) fn add_frame_by(&mut self, apart: usize, pixels_dn: &[f32], usable: impl Fn(usize) -> bool) {
+        let mut before = vec![None; apart];
         let mut own = vec![0_u64; DIFFERENCES];
         for (index, &value_dn) in pixels_dn.iter().enumerate() {
             let code = if usable(index) { self.add(value_dn) } else { None };
-            if let (Some(left), Some(right)) = (before, code)
+            if let (Some(left), Some(right)) = (std::mem::replace(&mut before[index % apart], code), code)
                 && let Some(number) = own.get_mut(usize::abs_diff(left, right))
             {
                 *number += 1;
             }
-            before = code;
         }
         self.differences.iter_mut().zip(&own).for_each(|(all, own)| *all += own);
         self.take_quieter(own);

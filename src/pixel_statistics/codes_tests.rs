@@ -39,6 +39,20 @@ impl Random {
     }
 }
 
+/// Neighbours in a mosaic are of one colour two columns apart.
+#[test]
+fn the_noise_of_a_mosaic_is_that_of_one_colour() {
+    let mut random = Random::new(8);
+    let pixels: Vec<f32> =
+        (0..1 << 16).map(|index| (if index % 2 == 0 { 100.0 } else { 140.0 } + 3.0 * random.normal()).round() as f32).collect();
+    let noise = |apart: usize| {
+        let mut histogram = CodeHistogram::new();
+        histogram.add_frame_by(apart, &pixels, |_| true);
+        histogram.statistics(1.0).noise_dn.unwrap()
+    };
+    assert!((noise(2) - 3.0).abs() < 0.1 && noise(1) > 9.0, "{} {}", noise(2), noise(1));
+}
+
 /// Displaced edges e_k of codes 0..count: code k reaches from k − 1/2 + e_k to k + 1/2 + e_(k+1).
 fn edges(random: &mut Random, count: usize, d: f64) -> Vec<f64> {
     (0..=count).map(|_| (d / 2.0_f64.sqrt() * random.normal()).clamp(-0.45, 0.45)).collect()

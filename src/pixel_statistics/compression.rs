@@ -11,7 +11,12 @@
 //! - **Table**: the same with q_uv = s·K_uv of the standard's table K.1, all coefficients in one sum with weights C. It sees
 //!   a fine quantisation by the coarse steps of the high frequencies, and a coarse one by the few coefficients that are not 0.
 //! - **Blocks of one value**: where everything is quantised away. Their number is compared with that of the same blocks shifted by half a
-//!   block in both directions (McNemar 1947, with Hoeffding's bound): black or saturated regions are constant in both.
+//!   block in both directions (McNemar 1947, with Hoeffding's bound): black or saturated regions are constant in both. A straight border of
+//!   such a region makes a whole line of blocks constant in one and not in the other, all at once: blocks at the frame's lowest or highest
+//!   count do not vote.
+//!
+//! Of a colour mosaic every block is transformed less the means of its four colours: their contrast displaces the coefficients of odd
+//! frequency, whose phases then do not spread.
 //!
 //! (0,0), (0,4), (4,0), (4,4) are left out, because they are rational combinations of whole counts and have combs of their own. (0,1) and
 //! (1,0) are left out, because a gradient of the sky displaces them. Quantisers below 0.6 of the counts' step are not tried.
@@ -19,6 +24,7 @@
 //! Frames of a still scene repeat their stars and their fixed pattern, so all frames count as one: N is the mean number of a frame.
 
 use super::compression_combs::{BINS_PER_DN, BLOCK, Coefficient, CoefficientComb, MIN_QUANTISER_DN, Scan, TABLE, TOLD, table};
+use super::mosaic::is_mosaic;
 use crate::parallel;
 use serde::{Deserialize, Serialize};
 
@@ -35,9 +41,9 @@ pub struct BlockDct {
     histograms: Vec<u32>,
     blocks: u64,
     frames: u64,
-    /// Blocks that are of one value, and not so when shifted by half a block.
+    /// Blocks that are of one value between the ends, and not so when shifted by half a block.
     constant_aligned: u64,
-    /// Blocks that are not of one value, and are when shifted.
+    /// Blocks that are not of one value, and are of one between the ends when shifted.
     constant_shifted: u64,
     /// Blocks that are of one value wherever they lie.
     constant_both: u64,
@@ -122,11 +128,14 @@ impl BlockDct {
             }
             Some(block)
         };
+        let ends = ends(pixels_dn, &usable).map(|end_dn| f64::from(end_dn / unit_dn));
+        let is_mosaic = is_mosaic(pixels_dn, width_px, &usable);
         let constant = |block: &[f64; 64]| block.iter().all(|value| *value == block[0]);
+        let votes = |block: &[f64; 64]| !ends.contains(&block[0]);
         for index in (0..columns * rows).step_by(stride) {
             let (left, top) = (index % columns * BLOCK, index / columns * BLOCK);
             let Some(block) = read(left, top) else { continue };
-            self.add_block(&block, &basis);
+            self.add_block(&if is_mosaic { without_colours(&block) } else { block }, &basis);
             let half = BLOCK / 2;
             if left + half + BLOCK > width_px || top + half + BLOCK > height_px {
                 continue;
@@ -134,10 +143,10 @@ impl BlockDct {
             if let Some(shifted) = read(left + half, top + half) {
                 self.compared += 1;
                 match (constant(&block), constant(&shifted)) {
-                    (true, false) => self.constant_aligned += 1,
-                    (false, true) => self.constant_shifted += 1,
                     (true, true) => self.constant_both += 1,
-                    (false, false) => {}
+                    (true, false) if votes(&block) => self.constant_aligned += 1,
+                    (false, true) if votes(&shifted) => self.constant_shifted += 1,
+                    _ => {}
                 }
             }
         }
@@ -280,6 +289,22 @@ impl BlockDct {
         let reach_dn = values.first()?.0.abs().max(values.last()?.0.abs()).max(4.0);
         Some(Coefficient { index, values, median_dn, core_dn: (high - low) / 2.0, reach_dn, frames: self.frames as f64 })
     }
+}
+
+/// The lowest and the highest count of the usable pixels.
+fn ends(pixels_dn: &[f32], usable: impl Fn(usize) -> bool) -> [f32; 2] {
+    let all = pixels_dn.iter().enumerate().filter(|(index, value)| value.is_finite() && usable(*index));
+    all.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], (_, value)| [low.min(*value), high.max(*value)])
+}
+
+/// A block less the means of the four places of its 2 × 2 cells.
+fn without_colours(block: &[f64; 64]) -> [f64; 64] {
+    let cell = |index: usize| index % 2 + 2 * (index / BLOCK % 2);
+    let mut sums = [0.0; 4];
+    for (index, value) in block.iter().enumerate() {
+        sums[cell(index)] += value;
+    }
+    std::array::from_fn(|index| block[index] - sums[cell(index)] / 16.0)
 }
 
 /// Mean difference across borders over that inside, and its standard error. The largest hundredth, which is stars, is cut to one value.

@@ -132,6 +132,43 @@ fn no_alarm_without_compression() {
     println!("{all} nulls, smallest p {smallest:.3}, border ratio off 1 by at most {largest:.1} errors");
 }
 
+/// A straight border makes a whole line of blocks constant at once, and says nothing of blocks.
+#[test]
+fn a_border_of_one_value_is_no_compression() {
+    for (name, is_border) in [("top", (|index| index < 16 * SIDE) as fn(usize) -> bool), ("left", |index| index % SIDE < 32)] {
+        let mut random = Random::new(11);
+        let mut dct = BlockDct::new(1.0);
+        let levels = scene(&mut random, PLAIN);
+        let mut pixels = expose(&mut random, &levels, PLAIN);
+        pixels.iter_mut().enumerate().filter(|(index, _)| is_border(*index)).for_each(|(_, value)| *value = 0.0);
+        dct.add_frame(&pixels, SIDE, SIDE, |_| true);
+        let result = dct.statistics(1.0);
+        assert!(result.p_value > 1e-3 && result.constant_p_value == 1.0, "{name}: {result:?}");
+    }
+}
+
+/// The contrast of colours displaces coefficients of odd frequency; less their means blocks look as those of any sky.
+#[test]
+fn a_mosaic_of_colours_is_no_compression() {
+    let sky = Sky { sigma: 3.0, span: 0.0, stars: 0, level: 400.0, ..PLAIN };
+    let (mut dct, mut raw) = (BlockDct::new(1.0), BlockDct::new(1.0));
+    let mut random = Random::new(12);
+    for _ in 0..4 {
+        let colour = |index: usize| [0.6, 1.0, 1.0, 0.5][index % SIDE % 2 + 2 * (index / SIDE % 2)];
+        let levels: Vec<f64> = (0..SIDE * SIDE).map(|index| sky.level * colour(index)).collect();
+        let pixels = expose(&mut random, &levels, sky);
+        dct.add_frame(&pixels, SIDE, SIDE, |_| true);
+        raw.frames += 1;
+        for (row, column) in (0..SIDE / BLOCK).flat_map(|row| (0..SIDE / BLOCK).map(move |column| (row, column))) {
+            let at = |k: usize| f64::from(pixels[(row * BLOCK + k / BLOCK) * SIDE + column * BLOCK + k % BLOCK]);
+            raw.add_block(&std::array::from_fn(at), &basis());
+        }
+    }
+    let (less, with) = (dct.statistics(1.0).p_value, raw.statistics(1.0).p_value);
+    println!("p less the means {less:.1e}, with them {with:.1e}");
+    assert!(less > 1e-3, "{less}");
+}
+
 /// Told quantisers further than 3 % and three errors from the truth.
 fn wrong(result: &CompressionStatistics, truth: impl Fn(usize) -> f64) -> usize {
     let off = |comb: &&CoefficientComb| {

@@ -68,6 +68,7 @@ impl PatternFrame {
                     let residual = sky.residual_dn[index];
                     if !residual.is_nan() {
                         let rest = residual - or_zero(lines.row_means[y]) - or_zero(lines.column_means[x]);
+                        let by_sigma = by_sigma / sky.cell_noise[x % 2 + 2 * (y % 2)] as f32;
                         values[index] = (rest * by_sigma).round().clamp(-127.0, 127.0) as i8;
                     }
                 }
@@ -213,6 +214,9 @@ impl FixedPattern {
         let share = first.plain[0] / first.plain[1].max(1.0) / KEPT_BY_PLANE;
         // A pattern lets ordinary pixels lie farther out.
         let all = sums(&chosen, &weights, share.max(0.0));
+        if all.plain[1] <= 0.0 {
+            return Self { frames: chosen.len(), ..Self::default() };
+        }
         let plain = Estimate { value: all.plain[0] / all.plain[1] / KEPT_BY_PLANE, sigma: (2.0 / all.plain[1]).sqrt() / KEPT_BY_PLANE };
         let [by_light, by_exposure, cosine] = split(&all);
         Self {

@@ -182,7 +182,8 @@ fn parity(sky: &SkyPixels, sigma_dn: f64) -> Option<[Estimate; 3]> {
     if cells.iter().any(|cell| cell.1 < 256.0) {
         return None;
     }
-    let mean = cells.map(|(sum, count)| sum / count);
+    // Of a mosaic the means were taken out before.
+    let mean: [f64; 4] = std::array::from_fn(|cell| cells[cell].0 / cells[cell].1 + sky.cells_dn[cell]);
     let sigma = 0.25 * sigma_dn * cells.iter().map(|cell| 1.0 / cell.1).sum::<f64>().sqrt();
     let half = |signs: [f64; 4], kept: f64| {
         let value = 0.25 * (0..4).map(|k| signs[k] * mean[k]).sum::<f64>();

@@ -20,6 +20,7 @@ mod joined_transfer;
 mod line_pairs;
 mod line_sums;
 mod lines;
+mod mosaic;
 mod neighbours;
 mod partner_places;
 mod photon_transfer;
@@ -162,8 +163,9 @@ impl CountStatistics {
     /// With a frame as it was read; `bad` pixels say nothing.
     pub fn add(&mut self, frame: &Frame, bad: Option<&[bool]>) {
         let is_used = |index: usize| bad.is_none_or(|bad| !bad[index]);
-        self.codes.add_frame(&frame.pixels_dn, is_used);
         let is_below_full = |index: usize| is_used(index) && frame.pixels_dn[index] < frame.saturation_dn;
+        let apart = if mosaic::is_mosaic(&frame.pixels_dn, frame.width_px, is_below_full) { 2 } else { 1 };
+        self.codes.add_frame_by(apart, &frame.pixels_dn, is_used);
         self.blocks.add_frame(&frame.pixels_dn, frame.width_px, frame.height_px, is_below_full);
     }
 

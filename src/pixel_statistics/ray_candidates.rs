@@ -124,7 +124,7 @@ fn is_mosaic(sky: &SkyPixels) -> bool {
         let own = sky.residual_dn.iter().enumerate().filter(is_of_cell).filter(|(_, residual)| !residual.is_nan());
         median_in_place(&mut own.map(|(_, residual)| f64::from(*residual)).collect::<Vec<_>>())
     };
-    let levels: Vec<f64> = (0..4).filter_map(median_of).collect();
+    let levels: Vec<f64> = (0..4).filter_map(|cell| Some(median_of(cell)? + sky.cells_dn[cell])).collect();
     let (low, high) = levels.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), own| (low.min(*own), high.max(*own)));
     sky.sigma_dn().is_some_and(|noise_dn| high - low > MOSAIC * noise_dn)
 }

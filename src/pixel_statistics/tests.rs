@@ -92,13 +92,16 @@ fn frames(camera: &Camera, skies: &[f64], seed: u64) -> Vec<(Frame, Vec<StarDisc
 }
 
 fn statistics(camera: &Camera, skies: &[f64], seed: u64) -> PixelStatistics {
-    let frames = frames(camera, skies, seed);
+    statistics_of(camera, &frames(camera, skies, seed), |_| Some(1.0))
+}
+
+fn statistics_of(camera: &Camera, frames: &[(Frame, Vec<StarDisc>)], exposure_s: impl Fn(usize) -> Option<f64>) -> PixelStatistics {
     let of = |(number, (frame, stars)): (usize, &(Frame, Vec<StarDisc>))| {
-        FrameStatistics::of(&SkyFrame { number, frame, stars, bad: None, exposure_s: Some(1.0), is_compared: true })
+        FrameStatistics::of(&SkyFrame { number, frame, stars, bad: None, exposure_s: exposure_s(number), is_compared: true })
     };
     let all = frames.iter().enumerate().filter_map(of).collect();
     let mut counts = CountStatistics::new(1.0);
-    for (frame, _) in &frames {
+    for (frame, _) in frames {
         counts.add(frame, None);
     }
     PixelStatistics::of(
@@ -207,4 +210,46 @@ fn frames_are_kept_evenly() {
         let most = (MAX_PATTERN_BYTES / pixels).min(MAX_PATTERN_FRAMES).min(frames);
         assert_eq!(kept.len(), most, "{frames} frames of {pixels} pixels");
     }
+}
+
+/// The frames of a camera without anything wrong, with what `change` makes of a pixel (column, row) and its count.
+fn changed(seed: u64, change: impl Fn([usize; 2], f32) -> f32) -> Vec<(Frame, Vec<StarDisc>)> {
+    let mut all = frames(&Camera::default(), &SKIES, seed);
+    for (frame, _) in &mut all {
+        let width = frame.width_px;
+        frame.pixels_dn.iter_mut().enumerate().for_each(|(index, value)| *value = change([index % width, index / width], *value));
+    }
+    all
+}
+
+/// A border that stacking leaves, or pixels that are cut at one count, have no noise to measure by.
+#[test]
+fn a_border_of_one_value_is_no_sky() {
+    let bordered = changed(1, |[_, y], value| if y < 32 { 0.0 } else { value });
+    let found = statistics_of(&Camera::default(), &bordered, |_| Some(1.0)).fixed_pattern;
+    assert_eq!((found.hot, found.dead, found.jumping), (0, 0, Some(0)), "{found:?}");
+    assert!(found.pixels <= 256 * 224 && found.share.unwrap().deviation().abs() < 4.0, "{found:?}");
+}
+
+/// Colours have levels of their own: neither pixels that are hot, dead or unequal, nor banding, nor blocks, nor a noise that is too large.
+#[test]
+fn a_mosaic_of_colours_is_no_pattern() {
+    const COLOURS: [f32; 4] = [0.6, 1.0, 1.0, 0.5];
+    let mosaic = changed(2, |[x, y], value| (100.0 + COLOURS[x % 2 + 2 * (y % 2)] * (value - 100.0)).round());
+    let found = statistics_of(&Camera::default(), &mosaic, |_| Some(1.0));
+    let pattern = &found.fixed_pattern;
+    assert_eq!((pattern.hot, pattern.dead, pattern.jumping), (0, 0, Some(0)), "{pattern:?}");
+    assert!(pattern.share.unwrap().deviation().abs() < 4.0, "{pattern:?}");
+    let lines = &found.lines;
+    for (name, own) in [("rows", lines.row_variance_dn2), ("columns", lines.column_variance_dn2)] {
+        assert!(own.unwrap().deviation().abs() < 4.0, "{name}: {own:?}");
+    }
+    // What the colours differ by is measured still: of the light, in counts, of frames that count by the inverse of their variance.
+    let light_dn = 2.0 * SKIES.len() as f64 / SKIES.iter().map(|sky| sky.recip()).sum::<f64>();
+    let diagonal = lines.diagonal_parity_dn.unwrap();
+    assert!((diagonal.value / light_dn + 0.225).abs() < 0.02, "{diagonal:?} of {light_dn}");
+    assert!(found.compression.unwrap().p_value > 1e-3);
+    // Of a sky of 300 electrons greens scatter by about 36 counts, and others by less.
+    let noise_dn = found.codes.unwrap().noise_dn.unwrap();
+    assert!((15.0..60.0).contains(&noise_dn), "{noise_dn}");
 }
