@@ -100,12 +100,14 @@ pub fn image_answer(family: Family, index: u32, seed: u64, options: &DiagnoseOpt
     let stars = star_measurements(&measured, &points, parity);
     let camera = &measured.recording.camera;
     let detector = DeclaredDetector::from(camera);
+    let exposures_s: Vec<Option<f64>> = measured.recording.frames.iter().map(|frame| frame.exposure_s).collect();
     let views = sky_views(&measured, &points, parity);
     let of_images = ImageMeasurements {
         stars: &stars,
         pixels: measured.pixels.as_ref(),
         detector,
         views: &views,
+        exposures_s: &exposures_s,
         looks_through_air: looks_through_air(&measured.recording),
         stamps: stamp_camera(&measured, &points),
     };

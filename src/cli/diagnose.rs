@@ -176,12 +176,14 @@ fn diagnose_into(args: &DiagnoseArgs, of_input: &mut Provenance) -> Result<Answe
     let stars = star_measurements(&measured, &points, prepared.parity);
     let camera = &measured.recording.camera;
     let detector = DeclaredDetector::from(camera);
+    let exposures_s: Vec<Option<f64>> = measured.recording.frames.iter().map(|frame| frame.exposure_s).collect();
     let views = sky_views(&measured, &points, prepared.parity);
     let images = ImageMeasurements {
         stars: &stars,
         pixels: measured.pixels.as_ref(),
         detector,
         views: &views,
+        exposures_s: &exposures_s,
         looks_through_air: looks_through_air(&measured.recording),
         stamps: stamp_camera(&measured, &points).filter(|_| !args.formulas),
     };

@@ -205,11 +205,12 @@ impl FixedPattern {
         let count = chosen.len() as f64;
         let mean = |value: &dyn Fn(&PatternFrame) -> f64| chosen.iter().map(|frame| value(frame)).sum::<f64>() / count;
         let (level_dn, sigma_dn) = (mean(&|frame| frame.level_dn), mean(&|frame| frame.sigma_dn));
+        // Seconds and frames are no one unit: where a single exposure is not known all count as frames.
+        let are_timed = chosen.iter().all(|frame| frame.exposure_s.is_some());
+        let time = |frame: &PatternFrame| frame.exposure_s.filter(|_| are_timed).unwrap_or(1.0);
         // A pattern of light moves a pixel by share · (level − bias)/σ, one of exposure by DN · t/σ.
-        let weights: Vec<[f64; 2]> = chosen
-            .iter()
-            .map(|frame| [(frame.level_dn - bias_dn.unwrap_or(0.0)) / frame.sigma_dn, frame.exposure_s.unwrap_or(1.0) / frame.sigma_dn])
-            .collect();
+        let weights: Vec<[f64; 2]> =
+            chosen.iter().map(|frame| [(frame.level_dn - bias_dn.unwrap_or(0.0)) / frame.sigma_dn, time(frame) / frame.sigma_dn]).collect();
         let first = sums(&chosen, &weights, 0.0);
         let share = first.plain[0] / first.plain[1].max(1.0) / KEPT_BY_PLANE;
         // A pattern lets ordinary pixels lie farther out.

@@ -253,3 +253,20 @@ fn a_mosaic_of_colours_is_no_pattern() {
     let noise_dn = found.codes.unwrap().noise_dn.unwrap();
     assert!((15.0..60.0).contains(&noise_dn), "{noise_dn}");
 }
+
+/// Where a single exposure is not known, seconds and frames are not mixed.
+#[test]
+fn a_missing_exposure_makes_all_count_as_frames() {
+    let frames = frames(&Camera::default(), &SKIES, 4);
+    let ratio = |exposure_s: &dyn Fn(usize) -> Option<f64>| {
+        let found = statistics_of(&Camera::default(), &frames, exposure_s);
+        let by = |number: usize| {
+            let sigma_dn = found.by_frame[number].sigma_dn * found.by_frame[number + 1].sigma_dn;
+            let is_own = |pair: &&PatternPair| pair.frames == [number, number + 1];
+            found.fixed_pattern.pairs.iter().find(is_own).unwrap().by_exposure * sigma_dn
+        };
+        by(0) / by(2)
+    };
+    assert!((ratio(&|number| Some(if number < 2 { 10.0 } else { 1.0 })) - 100.0).abs() < 1e-6);
+    assert!((ratio(&|number| (number > 0).then_some(10.0)) - 1.0).abs() < 1e-6);
+}

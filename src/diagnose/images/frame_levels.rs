@@ -62,24 +62,33 @@ impl Air {
     }
 }
 
-/// Zero points of the frames, exposure times taken off.
+/// A frame among those that are tested: its number in the recording, and its exposure time where that is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct TestedFrame {
+    pub(super) number: usize,
+    pub(super) exposure_s: Option<f64>,
+}
+
+/// Zero points of the frames, exposure times taken off. A frame of which that is not known has none: it may have been exposed in any way.
 pub(super) fn levels(
     judged: &Judged,
     pixels: Option<&PixelStatistics>,
     (bias_dn, airmass): (Option<f64>, &BTreeMap<usize, f64>),
-    numbers: &[usize],
+    tested: &[TestedFrame],
 ) -> Vec<Level> {
     let Some(kind) = judged.rows.kinds.iter().position(|kind| kind.channel == Channel::Flux) else { return Vec::new() };
-    let of_frames: BTreeMap<usize, (f64, Option<f64>)> =
-        pixels.iter().flat_map(|pixels| &pixels.by_frame).map(|own| (own.frame, (own.level_dn, own.exposure_s))).collect();
+    let sky_dn: BTreeMap<usize, f64> = pixels.iter().flat_map(|pixels| &pixels.by_frame).map(|own| (own.frame, own.level_dn)).collect();
     let magnitudes = |light: f64| -2.5 * light.log10();
     let told: Vec<Level> = judged.fit.frame_levels[kind]
         .iter()
         .filter_map(|(place, [stars, sigma])| {
-            let frame = *numbers.get(*place)?;
-            let (level_dn, exposure_s) = of_frames.get(&frame).copied().unwrap_or((f64::NAN, None));
-            let by_time = exposure_s.filter(|time| *time > 0.0).map_or(0.0, magnitudes);
-            let sky = bias_dn.map(|bias| level_dn - bias).filter(|sky| *sky > 0.0).map(|sky| magnitudes(sky) - by_time);
+            let TestedFrame { number: frame, exposure_s } = *tested.get(*place)?;
+            let by_time = exposure_s.filter(|time| *time > 0.0).map(magnitudes)?;
+            let sky = bias_dn
+                .zip(sky_dn.get(&frame))
+                .map(|(bias, level_dn)| level_dn - bias)
+                .filter(|sky| *sky > 0.0)
+                .map(|sky| magnitudes(sky) - by_time);
             Some(Level { frame, stars: stars - by_time, sigma: *sigma, sky, airmass: airmass.get(place).copied() })
         })
         .collect();

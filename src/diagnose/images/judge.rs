@@ -9,7 +9,7 @@ use super::expected_stars::StarMeasurement;
 use super::forward_selection::select;
 use super::frame_widths::{Trend, trend};
 use super::light_lost::take_size_out_of_flux;
-use super::noise::add_noise;
+use super::noise::{add_noise, unasked_pattern};
 use super::patterns::patterns;
 use super::profiles::profiles;
 pub(in crate::diagnose) use super::proposed::{ChannelState, Pixels, Proposed};
@@ -100,7 +100,8 @@ pub(in crate::diagnose) fn judge(
     }
     let mut background = None;
     if let Some(pixels) = pixels {
-        add_noise(&mut rows, pixels.statistics, pixels.detector, |frame| pixels.places.get(&frame).copied().unwrap_or(0));
+        add_noise(&mut rows, pixels.statistics, pixels.detector, |frame| pixels.place(frame));
+        unasked.extend(unasked_pattern(&rows, pixels.statistics));
         background = Some(add_background(&mut rows, pixels, &stars));
     }
     for (id, reason) in background.iter().flat_map(|own| &own.unasked) {

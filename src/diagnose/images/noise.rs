@@ -257,6 +257,16 @@ fn pattern(pairs: &[PatternPair]) -> Option<NoiseKind> {
     (!numbers.is_empty()).then(|| NoiseKind { name: "fixed pattern", numbers, common: Vec::new(), columns })
 }
 
+/// Of what no frames are held against each other for, why not.
+pub(super) fn unasked_pattern(rows: &Rows, pixels: &PixelStatistics) -> Vec<(&'static str, String)> {
+    if !pixels.fixed_pattern.pairs.is_empty() {
+        return Vec::new();
+    }
+    let reason = "it needs frames of three different pointings, of one size, that are compared pixel by pixel";
+    let is_asked = |id: &str| rows.questions.iter().any(|question| question.id == id);
+    [PRNU, DARK].into_iter().filter(|id| !is_asked(id)).map(|id| (id, reason.to_owned())).collect()
+}
+
 /// Standard deviation of levels over their mean.
 fn spread(levels: impl Iterator<Item = f64> + Clone) -> f64 {
     let count = levels.clone().count().max(1) as f64;
@@ -296,8 +306,9 @@ fn transfer(pixels: &PixelStatistics, detector: &DeclaredDetector) -> Option<Noi
     // A gain larger by a share makes so much less of the photons.
     let by_gain = with(0.0, &|point| -(point.level_dn - bias) / gain);
     let by_lines = with(0.0, &|_| LINES_IN_BLOCK);
+    // Where a single exposure is not known all count as frames, as they do for the pattern.
     let exposures: std::collections::BTreeMap<usize, f64> =
-        pixels.by_frame.iter().map(|frame| (frame.frame, frame.exposure_s.unwrap_or(1.0))).collect();
+        pixels.by_frame.iter().map(|frame| Some((frame.frame, frame.exposure_s?))).collect::<Option<_>>().unwrap_or_default();
     // Unequal dark current is a part of the scatter of the pixels of a block, as it is of what two frames share.
     let by_dark = with(0.0, &|point| exposures.get(&point.frame).map_or(1.0, |time| time * time));
     let mut columns = vec![

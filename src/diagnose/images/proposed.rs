@@ -21,6 +21,13 @@ pub(in crate::diagnose) struct Pixels<'a> {
     pub(in crate::diagnose) views: &'a [SkyView],
 }
 
+impl Pixels<'_> {
+    /// Place of a frame by its number; of one that is not tested that of the tested one before it, else of the first.
+    pub(super) fn place(&self, number: usize) -> usize {
+        self.places.range(..=number).next_back().map_or(0, |(_, place)| *place)
+    }
+}
+
 /// An effect that all rows propose.
 #[derive(Clone, Debug)]
 pub(in crate::diagnose) struct Proposed {

@@ -7,7 +7,7 @@ use super::copies::copies;
 use super::counted::{Counted, FoundByCount, counted};
 use super::ends_and_rays::{cosmic_rays, field_stop, streaks};
 use super::expected_stars::StarMeasurement;
-use super::frame_levels::Air;
+use super::frame_levels::{Air, TestedFrame};
 use super::halo::{self, halo};
 use super::jitter::jitter;
 use super::judge::{Asked, ChannelState, Judged, Pixels, Proposed, judge};
@@ -51,6 +51,8 @@ pub struct ImageMeasurements<'a> {
     pub views: &'a [SkyView],
     /// Whether the camera may look through air.
     pub looks_through_air: bool,
+    /// Exposure times of the recording's frames, by their number, where they are declared.
+    pub exposures_s: &'a [Option<f64>],
     /// How its stars are rendered; nothing where nobody tells how many electrons a count stands for.
     pub stamps: Option<StampCamera>,
 }
@@ -116,8 +118,9 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     if let Some(status) = images.pixels.and_then(|pixels| measured_detector(pixels.photon_transfer.as_ref(), &images.detector)) {
         set_status(diagnosis, status);
     }
-    let numbers: Vec<usize> = places.keys().copied().collect();
-    counted.extend(single_frames(&judged, images.pixels, &Air::of(&stars, images.looks_through_air), images.detector.bias_dn, &numbers));
+    let of_frame = |number: &usize| TestedFrame { number: *number, exposure_s: images.exposures_s.get(*number).copied().flatten() };
+    let tested: Vec<TestedFrame> = places.keys().map(of_frame).collect();
+    counted.extend(single_frames(&judged, images.pixels, &Air::of(&stars, images.looks_through_air), images.detector.bias_dn, &tested));
     counted.extend(jitter(&judged, images.looks_through_air).into_iter().chain([intrapixel_response()]));
     for (channel, state) in &judged.channels {
         // Rounded blocks explain what the noise shows, whatever it looks like, and what else changes the noise explains a gain that seems wrong.
@@ -163,14 +166,13 @@ fn spread(numbers: BTreeSet<usize>) -> Vec<usize> {
     (0..tested).map(|k| all[k * all.len() / tested]).collect()
 }
 
-/// The numbers of some frames alone; what is of all frames together stays.
+/// The numbers of some frames alone; what is of all frames together stays, and so do pairs: the frames that are compared pixel by pixel are others than
+/// those that are tested, and few of their pairs are of two of these.
 fn of_frames(pixels: &PixelStatistics, places: &BTreeMap<usize, usize>) -> PixelStatistics {
     let mut own = pixels.clone();
     own.by_frame.retain(|frame| places.contains_key(&frame.frame));
     own.sky.retain(|mesh| places.contains_key(&mesh.frame));
     own.transfer_points.retain(|point| places.contains_key(&point.frame));
-    own.fixed_pattern.pairs.retain(|pair| pair.frames.iter().all(|frame| places.contains_key(frame)));
-    own.line_pairs.retain(|pair| pair.frames.iter().all(|frame| places.contains_key(frame)));
     own
 }
 
@@ -353,5 +355,29 @@ fn add_others(diagnosis: &mut Diagnosis, judged: &Judged) {
                 reason: reason.clone(),
             });
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnose::images::judge::Pixels;
+    use crate::pixel_statistics::{Estimate, PatternPair};
+
+    /// Of 32 frames that are compared pixel by pixel and 24 that are tested few are the same: all pairs count, each by a tested frame near it.
+    #[test]
+    fn pairs_of_frames_that_are_not_tested_stay() {
+        const ALL: usize = 1000;
+        let compared: Vec<usize> = (0..32).map(|k| k * ALL / 32).collect();
+        let places: BTreeMap<usize, usize> = spread((0..ALL).collect()).into_iter().zip(0..).collect();
+        let covariance = Estimate { value: 0.0, sigma: 1e-3 };
+        let pair = |frames: [usize; 2]| PatternPair { frames, covariance, by_light: None, by_exposure: 1.0 };
+        let mut statistics = PixelStatistics::default();
+        statistics.fixed_pattern.pairs =
+            (0..32).flat_map(|a| (a + 1..32).map(move |b| (a, b))).map(|(a, b)| pair([compared[a], compared[b]])).collect();
+        assert_eq!(of_frames(&statistics, &places).fixed_pattern.pairs.len(), 496);
+        let detector = DeclaredDetector::default();
+        let pixels = Pixels { statistics: &statistics, detector: &detector, places: &places, views: &[] };
+        assert_eq!([0, 41, 82, 83, 999].map(|frame| pixels.place(frame)), [0, 1, 1, 2, 23]);
     }
 }

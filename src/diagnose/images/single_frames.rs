@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 
 use super::counted::{Counted, MAX_SURPRISE};
-use super::frame_levels::{Air, Level, Steady, levels};
+use super::frame_levels::{Air, Level, Steady, TestedFrame, levels};
 use super::judge::Judged;
 use super::rows::Kind;
 use super::stars::{DIAGONAL, ELONGATION, SIZE};
@@ -30,16 +30,16 @@ const AGREES: f64 = 8.0;
 /// Frames have stars on both sides, for what one half shows is held against the other.
 const MIN_STARS: usize = 5;
 
-/// All that single frames show; `bias_dn`: the counts of no light, `numbers`: of every place among the frames that are tested the frame's number.
+/// All that single frames show; `bias_dn`: the counts of no light, `tested`: the frames that are tested, in the order of their places.
 pub(super) fn single_frames(
     judged: &Judged,
     pixels: Option<&PixelStatistics>,
     air: &Air,
     bias_dn: Option<f64>,
-    numbers: &[usize],
+    tested: &[TestedFrame],
 ) -> Vec<Counted> {
     let mut all: Vec<Counted> = Vec::new();
-    let levels = levels(judged, pixels, (bias_dn, &air.mass_of_frame), numbers);
+    let levels = levels(judged, pixels, (bias_dn, &air.mass_of_frame), tested);
     if levels.len() >= MIN_FRAMES {
         let steady = Steady::under(air);
         all.extend(uneven(&levels, steady));
@@ -50,7 +50,11 @@ pub(super) fn single_frames(
             all.push(own);
         }
     } else {
-        let reason = format!("it needs {MIN_FRAMES} frames whose zero points the stars tell");
+        let reason = if tested.iter().all(|frame| frame.exposure_s.is_none()) {
+            "no exposure time is known: frames that are brighter or fainter may have been exposed for longer or shorter".to_owned()
+        } else {
+            format!("it needs {MIN_FRAMES} frames whose exposure times are known and whose zero points the stars tell")
+        };
         all.extend([EXPOSURE_TIME, CLOUDS, ZERO_POINT].map(|id| Counted::untold(id, Channel::Flux, reason.clone())));
     }
     // Where the declared rates tell it the frames by themselves need not.

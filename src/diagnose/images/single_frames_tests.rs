@@ -8,7 +8,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::counted::Counted;
 use super::expected_stars::StarMeasurement;
-use super::frame_levels::Air;
+use super::frame_levels::{Air, TestedFrame};
 use super::judge::{Judged, Pixels, judge};
 use super::noise::DeclaredDetector;
 use super::single_frames::single_frames;
@@ -28,6 +28,11 @@ fn judged(stars: &[StarMeasurement], statistics: &PixelStatistics) -> Judged {
 /// Air of which nobody knows how much each frame looks through.
 fn air(is_there: bool) -> Air {
     Air { is_there, ..Air::default() }
+}
+
+/// The frames with their exposures.
+fn timed(exposure_s: impl Fn(usize) -> Option<f64>) -> Vec<TestedFrame> {
+    (0..FRAMES).map(|number| TestedFrame { number, exposure_s: exposure_s(number) }).collect()
 }
 
 /// Frames of one sky; that of one of them is brighter by a factor.
@@ -57,8 +62,8 @@ fn told_through(looks_through_air: bool, seed: u64, factor: f64, sky: f64) -> Ve
         star.flux_sigma_dn *= factor.sqrt();
     }
     let statistics = skies(sky);
-    let numbers: Vec<usize> = (0..FRAMES).collect();
-    found(single_frames(&judged(&stars, &statistics), Some(&statistics), &air(looks_through_air), Some(BIAS_DN), &numbers))
+    let tested = timed(|_| Some(1.0));
+    found(single_frames(&judged(&stars, &statistics), Some(&statistics), &air(looks_through_air), Some(BIAS_DN), &tested))
 }
 
 fn found(counted: Vec<Counted>) -> Vec<(String, f64)> {
@@ -117,8 +122,8 @@ fn scattering(looks_through_air: bool, seed: u64, stars_mag: f64, sky_mag: f64) 
     for frame in &mut statistics.by_frame {
         frame.level_dn = BIAS_DN + (frame.level_dn - BIAS_DN) * factor(frame.frame, sky_mag);
     }
-    let numbers: Vec<usize> = (0..FRAMES).collect();
-    found(single_frames(&judged(&stars, &statistics), Some(&statistics), &air(looks_through_air), Some(BIAS_DN), &numbers))
+    let tested = timed(|_| Some(1.0));
+    found(single_frames(&judged(&stars, &statistics), Some(&statistics), &air(looks_through_air), Some(BIAS_DN), &tested))
 }
 
 /// Where none stands out: exposures that scatter take the sky along, clouds do not.
@@ -148,8 +153,8 @@ fn extinction_is_no_cloud() {
             star.flux_dn *= 10.0_f64.powf(-0.4 * MAG_PER_AIRMASS * mass(star.frame));
         }
         let (judged, statistics) = (judged(&stars, &skies(1.0)), skies(1.0));
-        let numbers: Vec<usize> = (0..FRAMES).collect();
-        let told = |air: &Air| found(single_frames(&judged, Some(&statistics), air, Some(BIAS_DN), &numbers));
+        let tested = timed(|_| Some(1.0));
+        let told = |air: &Air| found(single_frames(&judged, Some(&statistics), air, Some(BIAS_DN), &tested));
         let known = Air { is_there: true, mass_of_frame: (0..FRAMES).map(|frame| (frame, mass(frame))).collect() };
         assert_eq!(told(&known), [], "seed {seed}");
         let unknown = told(&air(true));
@@ -171,8 +176,8 @@ fn moved(seed: u64, length_px: f64) -> Vec<(String, f64)> {
             *value += added * more;
         }
     }
-    let numbers: Vec<usize> = (0..FRAMES).collect();
-    found(single_frames(&judged(&stars, &PixelStatistics::default()), None, &air(true), None, &numbers))
+    let tested = timed(|_| Some(1.0));
+    found(single_frames(&judged(&stars, &PixelStatistics::default()), None, &air(true), None, &tested))
 }
 
 #[test]
@@ -181,5 +186,35 @@ fn a_motion_is_told_by_its_frames() {
         assert_eq!(moved(seed, 0.0), [], "seed {seed}");
         let smear = moved(seed, 1.5);
         assert!(matches!(&smear[..], [(id, length)] if id == "motion-smear" && (length - 1.5).abs() < 0.2), "seed {seed}: {smear:?}");
+    }
+}
+
+/// A frame of which the exposure is not known may have been exposed in any way, and where none is known nothing was declared.
+#[test]
+fn an_unknown_exposure_is_no_other_than_declared() {
+    let mut stars = stars(80, nothing);
+    for star in stars.iter_mut().filter(|star| star.frame == ODD) {
+        star.flux_dn *= 0.1;
+    }
+    let statistics = skies(0.1);
+    let judged = judged(&stars, &statistics);
+    let told = |exposure_s: &dyn Fn(usize) -> Option<f64>| {
+        single_frames(&judged, Some(&statistics), &air(true), Some(BIAS_DN), &timed(exposure_s))
+    };
+    assert_eq!(found(told(&|_| Some(10.0))).first().map(|(id, _)| id.as_str()), Some("exposure-time"));
+    // Of a tenth of the time there is a tenth of the light.
+    assert_eq!(found(told(&|frame| Some(if frame == ODD { 1.0 } else { 10.0 }))), []);
+    assert_eq!(found(told(&|frame| (frame != ODD).then_some(10.0))), []);
+    let untold = told(&|_| None);
+    let reasons: Vec<String> = untold.into_iter().take(3).map(|own| own.reported().0.reason).collect();
+    assert!(reasons.len() == 3 && reasons.iter().all(|reason| reason.contains("no exposure time is known")), "{reasons:?}");
+}
+
+/// Without frames that are held against each other pixel by pixel patterns are not asked for, and that is said.
+#[test]
+fn patterns_without_pairs_are_not_asked_for() {
+    let judged = judged(&stars(81, nothing), &skies(1.0));
+    for id in ["prnu", "dark-current"] {
+        assert!(judged.unasked.get(id).is_some_and(|reason| reason.contains("three different pointings")), "{id}: {:?}", judged.unasked);
     }
 }

@@ -73,7 +73,9 @@ pub(super) fn laws(light: &SkyLight) -> Vec<Vec<f64>> {
     let of = |law: &dyn Fn(&SkyFrame) -> f64| -> Vec<f64> { light.frames.iter().map(law).collect() };
     let whole = |frame: &SkyFrame| if light.is_relative { frame.light_dn } else { 1.0 };
     let by_light = of(&|frame| if light.is_relative { frame.light_dn.recip() } else { frame.light_dn });
-    let by_exposure = of(&|frame| frame.exposure_s.unwrap_or(1.0) / whole(frame));
+    // Seconds and frames are no one unit: where a single exposure is not known all are taken for the same.
+    let are_timed = light.frames.iter().all(|frame| frame.exposure_s.is_some());
+    let by_exposure = of(&|frame| frame.exposure_s.filter(|_| are_timed).unwrap_or(1.0) / whole(frame));
     let mut basis: Vec<Vec<f64>> = Vec::new();
     for law in [vec![1.0; fields], by_exposure, by_light] {
         let length = |of: &[f64]| of.iter().map(|value| value * value).sum::<f64>().sqrt();
