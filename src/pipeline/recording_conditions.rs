@@ -50,8 +50,14 @@ pub fn detector_numbers(measured: &Measured) -> Option<DetectorNumbers> {
 }
 
 /// The line of photon transfer: through the sky's pixels where these were looked at, else through the level and the noise that the stars were found in; with
-/// what the stars tell.
+/// what the stars tell. Where the frames were processed neither tells a gain.
 pub(super) fn line_with_stars(measured: &Measured) -> Option<PhotonTransfer> {
+    let line = joined_line(measured)?;
+    let is_altered = measured.pixels.as_ref().is_some_and(|pixels| pixels.altered_noise().is_some());
+    Some(if is_altered { line.without_gain() } else { line })
+}
+
+fn joined_line(measured: &Measured) -> Option<PhotonTransfer> {
     let of_sky = measured.pixels.as_ref().and_then(|pixels| pixels.photon_transfer.clone());
     match (of_sky, measured.star_noise) {
         // Stars that are in it already are not counted twice.

@@ -10,9 +10,9 @@
 //! - **Code widths**: `code_widths`.
 //!
 //! Limits. Noise below about 1.3 steps, or fewer than 9 codes of 20 counts, leave the widths untold. Poisson counts need independent
-//! draws: in a still scene whose fixed pattern is much wider than its temporal noise, and that noise below a step, the same counts come
-//! back in every frame, and φ must say so. Electrons in whole numbers with less than 0.5 e of read noise make a true comb in the
-//! histogram; it is reported as unequal widths.
+//! draws: where a fixed pattern is much wider than the noise from frame to frame, and that noise below a step, the same counts come back
+//! in every frame, and φ must say so; where frames of different pointings tell the pattern, the widths are then left untold. Electrons in
+//! whole numbers with less than 0.5 e of read noise make a true comb in the histogram; it is reported as unequal widths.
 
 use super::code_widths::{CodeWidths, MissingCodes, dnl, local_fit, missing, widths};
 use crate::statistics::significance::normal_cdf;
@@ -207,6 +207,17 @@ impl CodeHistogram {
             result.dnl = dnl(&widths, sigma, over_dispersion, step as f64);
         }
         result
+    }
+}
+
+impl CodeStatistics {
+    /// Of noise of which the pixels keep this share (of its variance) from frame to frame: what is left has to be as wide as codes need it.
+    pub(super) fn beside_pattern(self, share: f64) -> Self {
+        let is_wide = |noise_dn: f64, step_dn: u32| noise_dn * (1.0 - share).max(0.0).sqrt() >= MIN_SIGMA_STEPS * f64::from(step_dn);
+        if self.noise_dn.zip(self.step_dn).is_none_or(|(noise_dn, step_dn)| is_wide(noise_dn, step_dn)) {
+            return self;
+        }
+        Self { missing: None, dnl: None, ..self }
     }
 }
 

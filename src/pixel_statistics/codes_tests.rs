@@ -53,6 +53,17 @@ fn the_noise_of_a_mosaic_is_that_of_one_colour() {
     assert!((noise(2) - 3.0).abs() < 0.1 && noise(1) > 9.0, "{} {}", noise(2), noise(1));
 }
 
+/// Where most of the noise stays with the pixels, what is left of it is narrower than codes need.
+#[test]
+fn a_fixed_pattern_leaves_the_widths_untold() {
+    let mut random = Random::new(9);
+    let pixels: Vec<f32> = (0..1 << 17).map(|_| (100.0 + 1.6 * random.normal()).round() as f32).collect();
+    let mut histogram = CodeHistogram::new();
+    histogram.add_frame(&pixels, |_| true);
+    let told = |share: f64| histogram.statistics(1.0).beside_pattern(share).dnl.is_some();
+    assert!(told(0.0) && told(0.2) && !told(0.6));
+}
+
 /// Displaced edges e_k of codes 0..count: code k reaches from k − 1/2 + e_k to k + 1/2 + e_(k+1).
 fn edges(random: &mut Random, count: usize, d: f64) -> Vec<f64> {
     (0..=count).map(|_| (d / 2.0_f64.sqrt() * random.normal()).clamp(-0.45, 0.45)).collect()

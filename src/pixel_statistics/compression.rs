@@ -96,6 +96,15 @@ pub struct CompressionStatistics {
     pub border_ratio_error: Option<f64>,
 }
 
+impl CompressionStatistics {
+    /// Whether the frames were compressed: as rarely by chance as what is counted has to be.
+    pub(crate) fn is_told(&self) -> bool {
+        /// −ln of that probability.
+        const SURPRISE: f64 = 12.0;
+        -self.p_value.max(f64::MIN_POSITIVE).ln() > SURPRISE
+    }
+}
+
 impl BlockDct {
     /// Nothing added yet. `unit_dn` sets the bins of the histograms, which reach to 256 units: the step of the counts as the first frame
     /// tells it, 1 where it is not known. Anything but a positive number counts as 1.

@@ -81,6 +81,8 @@ use streaks::StreakFrame;
 /// Frames that are compared pixel by pixel, at most, and the bytes that they may take together.
 const MAX_PATTERN_FRAMES: usize = 32;
 const MAX_PATTERN_BYTES: usize = 256 << 20;
+/// A pattern is there beyond so many standard errors.
+const CLEARLY: f64 = 5.0;
 
 /// What one frame tells.
 #[derive(Clone, Debug)]
@@ -205,7 +207,7 @@ pub struct PixelStatistics {
     pub sky: Vec<SkyMesh>,
     /// Variance against level.
     pub photon_transfer: Option<PhotonTransfer>,
-    /// The points of that line, for its picture.
+    /// The points that the line goes through.
     pub transfer_points: Vec<TransferPoint>,
     /// Rows, columns and halves.
     pub lines: LineStatistics,
@@ -237,22 +239,26 @@ pub struct PixelStatistics {
 }
 
 impl PixelStatistics {
-    /// Points that a picture shows, at most.
-    const MAX_POINTS: usize = 2000;
+    /// Why the variance of the pixels is not as light and reading made it, where that is so: it tells no gain then.
+    pub(crate) fn altered_noise(&self) -> Option<&'static str> {
+        if self.compression.as_ref().is_some_and(CompressionStatistics::is_told) {
+            return Some("the frames are compressed, which takes noise away");
+        }
+        let is_shared = self.neighbours.as_ref().is_some_and(NeighbourCorrelation::is_of_processing);
+        is_shared.then_some("neighbouring pixels share their noise, as in frames that were demosaicked, smoothed or resampled")
+    }
 
     /// Of all frames, in their order.
     #[must_use]
     pub fn of(frames: Vec<FrameStatistics>, counts: Option<CountStatistics>, known: &KnownCamera) -> Self {
-        let codes = counts.as_ref().map(|counts| counts.codes.statistics(1.0));
+        let mut codes = counts.as_ref().map(|counts| counts.codes.statistics(1.0));
         let step_dn = codes.as_ref().and_then(|codes| codes.step_dn).map_or(0.0, f64::from);
         let compression = counts.map(|counts| counts.blocks.statistics(step_dn));
         let by_frame = frames.iter().map(|frame| frame.noise).collect();
-        let mut points: Vec<TransferPoint> = frames.iter().flat_map(|frame| frame.points.iter().copied()).collect();
+        let points: Vec<TransferPoint> = frames.iter().flat_map(|frame| frame.points.iter().copied()).collect();
         let photon_transfer = PhotonTransfer::fitted(&points, step_dn);
         let neighbours = NeighbourCorrelation::pooled(&frames.iter().filter_map(|frame| frame.neighbours).collect::<Vec<_>>());
         let sky = frames.iter().filter_map(|frame| frame.mesh.clone()).collect();
-        let step = points.len().div_ceil(Self::MAX_POINTS).max(1);
-        points = points.into_iter().step_by(step).collect();
         let mut lines = Vec::with_capacity(frames.len());
         let (mut patterns, mut rays) = (Vec::new(), Vec::with_capacity(frames.len()));
         let mut of_streaks = Vec::with_capacity(frames.len());
@@ -270,14 +276,18 @@ impl PixelStatistics {
         let gain_e_per_dn = known.gain_e_per_dn.or_else(|| photon_transfer.as_ref()?.gain_e_per_dn);
         let of_rays = |sigma_px| events::cosmic_rays(&rays, &patterns, &RayConditions { sigma_px, gain_e_per_dn });
         let cosmic_rays = known.narrowest_star_px.and_then(of_rays);
-        Self {
+        let fixed_pattern = FixedPattern::of(&patterns, known.bias_dn);
+        if let Some(share) = fixed_pattern.share.filter(|share| share.deviation() > CLEARLY) {
+            codes = codes.map(|codes| codes.beside_pattern(share.value));
+        }
+        let all = Self {
             by_frame,
             sky,
             photon_transfer,
             transfer_points: points,
             lines: LineStatistics::of(&lines),
             neighbours,
-            fixed_pattern: FixedPattern::of(&patterns, known.bias_dn),
+            fixed_pattern,
             means: PixelMeans::of(&lines, &patterns),
             cosmic_rays,
             streaks: streaks::streaks(&of_streaks),
@@ -286,6 +296,10 @@ impl PixelStatistics {
             compression,
             elsewhere: Vec::new(),
             line_pairs,
+        };
+        if all.altered_noise().is_none() {
+            return all;
         }
+        Self { photon_transfer: all.photon_transfer.clone().map(PhotonTransfer::without_gain), ..all }
     }
 }

@@ -31,7 +31,16 @@ pub struct NeighbourCorrelation {
     pub two_rows: Estimate,
 }
 
+/// Neighbours along rows and columns alike share no more of their noise than this by stars that were not found.
+const MAX_SHARED: f64 = 0.02;
+
 impl NeighbourCorrelation {
+    /// Whether neighbours along both axes share more of their noise than any sky makes them: frames that were demosaicked, smoothed, resampled or sharpened.
+    /// Offsets of lines, and a read-out that remembers, act along one axis.
+    pub(crate) fn is_of_processing(&self) -> bool {
+        self.column.value.abs().min(self.row.value.abs()) > MAX_SHARED
+    }
+
     /// In the order of the fields.
     #[must_use]
     pub fn all(&self) -> [Estimate; 6] {

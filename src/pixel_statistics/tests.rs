@@ -270,3 +270,33 @@ fn a_missing_exposure_makes_all_count_as_frames() {
     assert!((ratio(&|number| Some(if number < 2 { 10.0 } else { 1.0 })) - 100.0).abs() < 1e-6);
     assert!((ratio(&|number| (number > 0).then_some(10.0)) - 1.0).abs() < 1e-6);
 }
+
+/// Neighbours that were joined have less noise, and would tell a gain that is too high.
+#[test]
+fn smoothed_frames_tell_no_gain() {
+    let plain = frames(&Camera::default(), &SKIES, 5);
+    let mut smooth = plain.clone();
+    for (frame, _) in &mut smooth {
+        let (own, width) = (frame.pixels_dn.clone(), frame.width_px);
+        for index in 0..own.len() - width - 1 {
+            frame.pixels_dn[index] = 0.25 * (own[index] + own[index + 1] + own[index + width] + own[index + width + 1]);
+        }
+    }
+    let told = |frames: &[(Frame, Vec<StarDisc>)]| {
+        let found = statistics_of(&Camera::default(), frames, |_| Some(1.0));
+        (found.altered_noise().is_some(), found.photon_transfer.unwrap().gain_e_per_dn.is_some())
+    };
+    assert_eq!((told(&plain), told(&smooth)), ((false, true), (true, false)));
+}
+
+/// All groups of all frames are kept: every so many of them would be the darkest ones of each.
+#[test]
+fn points_of_long_recordings_are_kept() {
+    let camera = Camera { side: 128, ..Camera::default() };
+    let (frame, _) = &frames(&camera, &SKIES[..1], 6)[0];
+    let sky = SkyFrame { number: 0, frame, stars: &[], bad: None, exposure_s: None, is_compared: false };
+    let one = FrameStatistics::of(&sky).unwrap();
+    let groups = one.points.len();
+    let found = PixelStatistics::of(vec![one; 600], None, &KnownCamera::default());
+    assert!(groups > 3 && found.transfer_points.len() == 600 * groups, "{groups}: {}", found.transfer_points.len());
+}

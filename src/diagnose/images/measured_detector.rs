@@ -6,19 +6,19 @@
 use super::noise::DeclaredDetector;
 use crate::diagnose::causes::GAIN_NOISE;
 use crate::diagnose::diagnosis::{EffectState, EffectStatus, FoundParameter};
-use crate::pixel_statistics::PhotonTransfer;
+use crate::pixel_statistics::{PhotonTransfer, PixelStatistics};
 
 /// The status of the detector's numbers; nothing where a gain is declared, for then it is held against the sky.
-pub(super) fn measured_detector(line: Option<&PhotonTransfer>, declared: &DeclaredDetector) -> Option<EffectStatus> {
+pub(super) fn measured_detector(pixels: &PixelStatistics, declared: &DeclaredDetector) -> Option<EffectStatus> {
     if declared.gain_e_per_dn.is_some() {
         return None;
     }
-    let nothing = || {
-        (
-            Vec::new(),
-            "no gain is declared; the levels of the sky differ too little to tell it, and the stars are too few or too faint".to_owned(),
-        )
-    };
+    /// Why the sky tells none, where its noise is as the light made it.
+    const TOO_LITTLE: &str = "the levels of the sky differ too little to tell it, or its noise is less than 0.6 steps of the counts, and the stars \
+                              are too few or too faint";
+    let altered = pixels.altered_noise();
+    let nothing = || (Vec::new(), format!("no gain is declared; {}", altered.unwrap_or(TOO_LITTLE)));
+    let line = pixels.photon_transfer.as_ref().filter(|_| altered.is_none());
     let (parameters, reason) = line.and_then(|line| detector_numbers(line, declared)).unwrap_or_else(nothing);
     Some(EffectStatus {
         id: GAIN_NOISE.to_owned(),
@@ -82,7 +82,7 @@ fn told_by(line: &PhotonTransfer) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pixel_statistics::StarTransfer;
+    use crate::pixel_statistics::{Estimate, NeighbourCorrelation, StarTransfer};
 
     /// Variance = level/2 + 3.5 DN²: of a bias of 100 DN and a gain of 2 e/DN the read noise is √(4·(3.5 − 1/12 + 50)) e.
     fn line() -> PhotonTransfer {
@@ -106,7 +106,8 @@ mod tests {
 
     #[test]
     fn what_is_not_declared_is_measured_as_far_as_it_can_be_told() {
-        let told = |declared: &DeclaredDetector| measured_detector(Some(&line()), declared).map(|own| (own.parameters, own.reason));
+        let pixels = PixelStatistics { photon_transfer: Some(line()), ..PixelStatistics::default() };
+        let told = |declared: &DeclaredDetector| measured_detector(&pixels, declared).map(|own| (own.parameters, own.reason));
         let names = |declared: &DeclaredDetector| -> Vec<String> {
             told(declared).map_or_else(Vec::new, |(parameters, _)| parameters.into_iter().map(|own| own.name).collect())
         };
@@ -131,7 +132,16 @@ mod tests {
         assert!(by(stars(0.5, 0.0025)).contains("the noise of the sky and of the light of 200 stars gives 2.0000"));
         assert!(by(stars(0.5, 0.0001)).contains("the noise of the light of 200 stars gives 2.0000"));
         assert!(by(stars(0.8, 0.0025)).contains("of 200 stars gives 1.2500 ± 0.0039, that of the sky, which is taken, 2.0000"));
-        let none = measured_detector(None, &nothing).unwrap();
+        let none = measured_detector(&PixelStatistics::default(), &nothing).unwrap();
         assert!(none.parameters.is_empty() && none.reason.contains("too little"));
+    }
+
+    #[test]
+    fn processed_frames_tell_no_gain() {
+        let shared = Estimate { value: 0.3, sigma: 6e-4 };
+        let neighbours = NeighbourCorrelation { column: shared, row: shared, ..NeighbourCorrelation::default() };
+        let pixels = PixelStatistics { photon_transfer: Some(line()), neighbours: Some(neighbours), ..PixelStatistics::default() };
+        let told = measured_detector(&pixels, &DeclaredDetector::default()).unwrap();
+        assert!(told.parameters.is_empty() && told.reason.contains("share their noise"), "{told:?}");
     }
 }

@@ -293,15 +293,19 @@ fn transfer(pixels: &PixelStatistics, detector: &DeclaredDetector) -> Option<Noi
     let bias = detector.bias_dn.unwrap_or(0.0);
     let beside = detector.read_noise_e.map_or(0.0, |read_noise| (read_noise / gain).powi(2)) + step * step / 12.0;
     let is_told = detector.bias_dn.is_some() && detector.read_noise_e.is_some();
-    let points: &[TransferPoint] = &pixels.transfer_points;
-    let number = |point: &TransferPoint| {
+    // Of less noise the variance hangs on the place of the level between two codes, and of processed frames on what was done to them.
+    if pixels.altered_noise().is_some() {
+        return None;
+    }
+    let points: Vec<&TransferPoint> = pixels.transfer_points.iter().filter(|point| point.is_wider_than_rounding(step)).collect();
+    let number = |point: &&TransferPoint| {
         let expected = (point.level_dn - bias) / gain + beside;
         (point.frame, point.variance_dn2 - expected, point.sigma_dn2)
     };
     // The last number is no point: it says what the share of stars that were not found is, within its error.
     let [share, error] = confusion(pixels);
     let numbers = points.iter().map(number).chain([(KNOWN_BEFOREHAND, share, error)]).collect();
-    let with = |last: f64, of: &dyn Fn(&TransferPoint) -> f64| -> Vec<f64> { points.iter().map(of).chain([last]).collect() };
+    let with = |last: f64, of: &dyn Fn(&TransferPoint) -> f64| -> Vec<f64> { points.iter().map(|point| of(point)).chain([last]).collect() };
     let one = with(0.0, &|_| 1.0);
     // A gain larger by a share makes so much less of the photons.
     let by_gain = with(0.0, &|point| -(point.level_dn - bias) / gain);

@@ -115,7 +115,7 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
         add_proposed(diagnosis, &judged, proposed, &by_count);
     }
     add_others(diagnosis, &judged);
-    if let Some(status) = images.pixels.and_then(|pixels| measured_detector(pixels.photon_transfer.as_ref(), &images.detector)) {
+    if let Some(status) = images.pixels.and_then(|pixels| measured_detector(pixels, &images.detector)) {
         set_status(diagnosis, status);
     }
     let of_frame = |number: &usize| TestedFrame { number: *number, exposure_s: images.exposures_s.get(*number).copied().flatten() };

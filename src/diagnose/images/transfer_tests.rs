@@ -120,6 +120,15 @@ fn charge_that_is_pushed_aside_is_no_response_that_bends() {
     }
 }
 
+/// Neighbours of smoothed frames share their noise: what it has less of is no gain.
+#[test]
+fn smoothed_noise_is_no_gain() {
+    let smoothed = |level: f64| 0.5 * (level / GAIN_E_PER_DN + quiet());
+    for (shared, names) in [(0.3, &[][..]), (0.0, &["gain-noise"][..])] {
+        assert_eq!(found(&judged_beside(Some(shared), 50, nothing, smoothed)), names, "{shared}");
+    }
+}
+
 /// Stars that were not found add to the variance, and neighbours share that: it is no gain. Where neighbours share nothing a small error of the gain shows,
 /// and where nobody knows what they share it does not.
 #[test]
