@@ -150,8 +150,8 @@ pub(super) fn nearest_rad(a: &[[f64; 3]], b: &[[f64; 3]]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dual::dot;
     use crate::dataset::plan::tests::{SCENE, plan_of, recipe};
+    use crate::dual::dot;
 
     #[test]
     fn splits_apart_share_neither_camera_nor_star() {
