@@ -111,8 +111,8 @@ impl SkyPixels {
             return;
         }
         let mut squares = [(0.0, 0.0); 4];
-        for number in 0..self.blocks.len() {
-            let (block, mut own, mut slope_dn) = (self.blocks[number], cells_dn[number], [0.0; 2]);
+        for (number, of_block) in cells_dn.iter().enumerate() {
+            let (block, mut own, mut slope_dn) = (self.blocks[number], *of_block, [0.0; 2]);
             if let Some([a, b, c, d, along, down]) = self.colours(&block, &own) {
                 (own, slope_dn) = ([a, b, c, d], [along, down]);
             }

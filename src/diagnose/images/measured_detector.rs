@@ -8,14 +8,14 @@ use crate::diagnose::causes::GAIN_NOISE;
 use crate::diagnose::diagnosis::{EffectState, EffectStatus, FoundParameter};
 use crate::pixel_statistics::{PhotonTransfer, PixelStatistics};
 
+/// Why sky and stars tell no gain, where the noise of the sky is as the light made it.
+const TOO_LITTLE: &str = "the levels of the sky differ too little to tell it, or its noise is less than 0.6 steps of the counts, and the stars are too few or too faint";
+
 /// The status of the detector's numbers; nothing where a gain is declared, for then it is held against the sky.
 pub(super) fn measured_detector(pixels: &PixelStatistics, declared: &DeclaredDetector) -> Option<EffectStatus> {
     if declared.gain_e_per_dn.is_some() {
         return None;
     }
-    /// Why the sky tells none, where its noise is as the light made it.
-    const TOO_LITTLE: &str = "the levels of the sky differ too little to tell it, or its noise is less than 0.6 steps of the counts, and the stars \
-                              are too few or too faint";
     let altered = pixels.altered_noise();
     let nothing = || (Vec::new(), format!("no gain is declared; {}", altered.unwrap_or(TOO_LITTLE)));
     let line = pixels.photon_transfer.as_ref().filter(|_| altered.is_none());

@@ -94,15 +94,7 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     if let Some(reason) = judged.background.as_ref().and_then(|own| own.why_not.as_ref()) {
         diagnosis.channels.background = ChannelReport::not_looked_at(reason);
     }
-    let mut counted = images.pixels.map_or_else(Vec::new, counted);
-    let is_compressed = counted.iter().any(|own| own.found_id() == Some(COMPRESSION));
-    counted.extend(
-        images
-            .pixels
-            .into_iter()
-            .flat_map(|pixels| [cosmic_rays(pixels, is_compressed), field_stop(pixels), streaks(pixels, is_compressed)]),
-    );
-    counted.extend(images.pixels.map_or_else(Vec::new, |pixels| elsewhere(&pixels.elsewhere)));
+    let (mut counted, is_compressed) = images.pixels.map_or_else(Default::default, counted_in);
     let mut by_count = FoundByCount::new(&counted);
     if let Some(overshoot) = images.pixels.and_then(|pixels| shared_noise(pixels, &images.detector, &by_count.ids)) {
         by_count.ids.extend(overshoot.found_id());
@@ -138,6 +130,15 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     diagnosis.verdict = diagnosis.channels.verdict();
     diagnosis.summary = wording::summary(diagnosis, diagnosis.left_p_value.unwrap_or(1.0));
     crate::diagnose::resolved::bound(diagnosis);
+}
+
+/// What is counted in the pixels, and whether they were compressed.
+fn counted_in(pixels: &PixelStatistics) -> (Vec<Counted>, bool) {
+    let mut all = counted(pixels);
+    let is_compressed = all.iter().any(|own| own.found_id() == Some(COMPRESSION));
+    all.extend([cosmic_rays(pixels, is_compressed), field_stop(pixels), streaks(pixels, is_compressed)]);
+    all.extend(elsewhere(&pixels.elsewhere));
+    (all, is_compressed)
 }
 
 /// How the pixels cut the image goes with the place in the pixel as well.
