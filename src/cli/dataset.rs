@@ -19,9 +19,6 @@ use super::dataset_steps::DatasetStep;
 use super::options::heading;
 use super::{Answer, Usage, output};
 
-/// What a folder with a dataset holds.
-const DESCRIPTION: &str = "dataset.json";
-
 /// Where the frames of a dataset are rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum DatasetBackend {
@@ -102,9 +99,6 @@ pub(crate) fn dataset(args: &DatasetArgs) -> Result<Answer> {
     if let Some(number) = args.frame {
         let key = frame(&plan, number)?;
         return one_frame(plan, &catalog, key, folder, args.force);
-    }
-    if !folder.join(DESCRIPTION).exists() {
-        plan.try_frames()?;
     }
     let description = plan.describe(&catalog);
     let [part, parts] = args.shard.unwrap_or([0, 1]).map(|number| number as usize);

@@ -3,7 +3,7 @@
 use super::error::DatasetError;
 use super::frame_key::{DatasetSplit, MAX_CAMERAS, MAX_FRAMES};
 use super::recipe::{RECIPE_FORMAT, RecipeFile};
-use super::scene_path::one_way;
+use super::scene_path::canonical_path;
 
 /// Shards larger than this lose too much when a run is killed.
 const MAX_FRAMES_OF_A_SHARD: u64 = 1_000_000;
@@ -59,7 +59,7 @@ pub(super) fn check(path: &str, recipe: &RecipeFile) -> Result<(), DatasetError>
     }
     check_hard(&refuse, recipe)?;
     for (number, draw) in recipe.draw.iter().enumerate() {
-        if let Some(before) = recipe.draw[..number].iter().position(|other| one_way(&other.path) == one_way(&draw.path)) {
+        if let Some(before) = recipe.draw[..number].iter().position(|other| canonical_path(&other.path) == canonical_path(&draw.path)) {
             let remedy = format!("is drawn by draw[{before}] already; keep one of the two");
             return refuse(&format!("draw[{number}].path"), format!("{:?}", draw.path), remedy);
         }

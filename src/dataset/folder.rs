@@ -285,9 +285,11 @@ impl DatasetFolder {
                 if !force {
                     return Err(DatasetError::OtherRecipe { path: path.to_owned() });
                 }
+                // A recipe that fails takes nothing away.
+                plan.try_frames()?;
                 folder.clear(&text).map_err(error)?;
             }
-            Described::New => {}
+            Described::New => plan.try_frames()?,
         }
         // The description comes first: it makes the folder known as that of the recipe, also to a process that begins at the same time.
         write_json(&path.join(DESCRIPTION), dataset)?;

@@ -12,7 +12,7 @@ use super::draws::{Draw, UPPER};
 use super::error::DatasetError;
 use super::frame_key::DatasetSplit;
 use super::recipe::{ApartBy, DrawLevel, RecipeFile};
-use super::scene_path::one_way;
+use super::scene_path::canonical_path;
 use super::sky_regions::{NoSky, SkyRegions};
 use super::source_files::{SourceFile, add_sources, sources};
 use super::telemetry::idle_effect;
@@ -330,7 +330,7 @@ fn with_line(error: DatasetError, recipe: &str, text: &str) -> DatasetError {
         DatasetError::Value { path, key, value, remedy } if path == recipe => DatasetError::Value { path: at(&key), key, value, remedy },
         DatasetError::Scene { path, place, source } if path == recipe => {
             let draws = RecipeFile::parse(recipe, text).map(|recipe| recipe.draw).unwrap_or_default();
-            let of_place = draws.iter().position(|draw| place.starts_with(&format!("the draw of {} ", one_way(&draw.path))));
+            let of_place = draws.iter().position(|draw| place.starts_with(&format!("the draw of {} ", canonical_path(&draw.path))));
             let path = of_place.map_or(path, |number| at(&format!("draw[{number}].path")));
             DatasetError::Scene { path, place, source }
         }

@@ -55,7 +55,7 @@ enum Step {
 /// A place in a scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ScenePath {
-    /// As written, but one way for each place: see [`one_way`].
+    /// As written, but in canonical form: see [`canonical_path`].
     pub text: String,
     steps: Vec<Step>,
     /// What stands there.
@@ -141,7 +141,7 @@ fn property<'s>(node: &'s Schema, key: &str, before: &str) -> Result<&'s Schema,
 }
 
 /// One way to write a path of which there are several: the one exposure of a sample has no number, and ids have no underscores.
-pub(super) fn one_way(text: &str) -> String {
+pub(super) fn canonical_path(text: &str) -> String {
     let words: Vec<&str> = text.split('.').collect();
     match words.as_slice() {
         ["frames", "0", rest @ ..] if !rest.is_empty() => format!("frames.{}", rest.join(".")),
@@ -206,7 +206,7 @@ impl ScenePath {
             before += if before.is_empty() { "" } else { "." };
             before += word;
         }
-        Ok(Self { text: one_way(text), steps, kind })
+        Ok(Self { text: canonical_path(text), steps, kind })
     }
 
     /// Sets the value there; what is missing on the way is made.

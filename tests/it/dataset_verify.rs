@@ -216,7 +216,7 @@ fn a_byte_a_shard_and_a_mark_that_are_wrong_are_told() {
     // What loaders would read beside the shards.
     let (_folder, own) = set();
     std::fs::copy(own.join("test/000000.tar"), own.join("train/000009.tar")).unwrap();
-    assert_eq!(found(&own), (3, vec!["files: train/000009.tar is of no shard, and loaders read it; remove it".to_owned()]));
+    assert_eq!(found(&own), (3, vec!["files: train/000009.tar belongs to no shard, and loaders would read it; remove it".to_owned()]));
     let (_folder, own) = set();
     std::fs::write(own.join("README.md"), "mine").unwrap();
     std::fs::remove_file(own.join("shards/test-000000.json")).unwrap();

@@ -22,7 +22,9 @@ fn surplus(folder: &Path, dataset: &DatasetFile) -> Vec<String> {
             let names =
                 names.filter(|name| Path::new(name).extension().is_some_and(|own| own == ending)).map(|name| format!("{place}/{name}"));
             faults.extend(
-                names.filter(|name| !own.contains(name)).map(|name| format!("{name} is of no shard, and loaders read it; remove it")),
+                names
+                    .filter(|name| !own.contains(name))
+                    .map(|name| format!("{name} belongs to no shard, and loaders would read it; remove it")),
             );
         }
     }
