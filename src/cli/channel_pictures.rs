@@ -131,7 +131,8 @@ fn interpolated(known: &[([f64; 2], f64)], size: (usize, usize)) -> Vec<f64> {
 
 /// Variance of the sky's pixels against their level, with the line that tells the gain.
 fn photon_transfer(pixels: &PixelStatistics) -> Option<ProfilePlot> {
-    let line = pixels.photon_transfer.as_ref()?;
+    // A line may be of the stars alone.
+    let line = pixels.photon_transfer.as_ref().filter(|_| !pixels.transfer_points.is_empty())?;
     let mut points = pixels.transfer_points.clone();
     sort_by(&mut points, |a, b| a.level_dn.total_cmp(&b.level_dn));
     let of_bin = |bin: &[TransferPoint]| {
@@ -149,7 +150,7 @@ fn photon_transfer(pixels: &PixelStatistics) -> Option<ProfilePlot> {
     };
     let gain = match (line.gain_e_per_dn, line.gain_sigma) {
         (Some(gain), Some(sigma)) => format!("gain {gain:.4} ± {sigma:.4} e/DN"),
-        _ => "the levels differ too little to tell a gain".to_owned(),
+        _ => "it gives no gain".to_owned(),
     };
     Some(ProfilePlot {
         title: "Photon transfer: noise of the sky against its level".to_owned(),

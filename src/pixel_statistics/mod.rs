@@ -81,6 +81,8 @@ use streaks::StreakFrame;
 /// Frames that are compared pixel by pixel, at most, and the bytes that they may take together.
 const MAX_PATTERN_FRAMES: usize = 32;
 const MAX_PATTERN_BYTES: usize = 256 << 20;
+/// A sky that is fewer standard deviations above the count 0, and never below it, has lost a hundredth of its noise.
+const MIN_LEVEL_SIGMAS: f64 = 2.3;
 /// A pattern is there beyond so many standard errors.
 const CLEARLY: f64 = 5.0;
 
@@ -95,6 +97,8 @@ pub struct FrameStatistics {
     compared: Option<PatternFrame>,
     rays: RayFrame,
     streaks: StreakFrame,
+    /// Whether the noise is cut off at the count 0.
+    is_clipped: bool,
 }
 
 /// Whether a frame is one of those that are compared pixel by pixel: as many as memory allows, spread evenly.
@@ -128,8 +132,10 @@ impl FrameStatistics {
         let bright = sky_frame.stars.iter().take(BRIGHT_STARS).map(|star| [star.x_px as f32, star.y_px as f32]).collect();
         let compared =
             sky_frame.is_compared.then(|| PatternFrame::new(sky_frame.number, &sky, &lines, sky_frame.exposure_s, bright)).flatten();
-        let points = photon_transfer::points(sky_frame.number, &sky.blocks, sky.shape);
-        let neighbours = NeighbourCorrelation::of_frame(&sky);
+        let is_clipped = noise.level_dn < MIN_LEVEL_SIGMAS * noise.sigma_dn && sky_frame.frame.pixels_dn.iter().all(|value| *value >= 0.0);
+        // What is left of clipped noise grows with the level, whatever the gain.
+        let points = if is_clipped { Vec::new() } else { photon_transfer::points(sky_frame.number, &sky.blocks, sky.shape) };
+        let neighbours = NeighbourCorrelation::of_frame(&sky, &lines);
         let mesh_frame = MeshFrame {
             number: sky_frame.number,
             exposure_s: sky_frame.exposure_s,
@@ -144,7 +150,7 @@ impl FrameStatistics {
             (lines.row_means, lines.column_means) = (Vec::new(), Vec::new());
             (lines.row_halves, lines.column_halves) = (Vec::new(), Vec::new());
         }
-        Some(Self { noise, points, lines, neighbours, mesh, compared, rays, streaks })
+        Some(Self { noise, points, lines, neighbours, mesh, compared, rays, streaks, is_clipped })
     }
 }
 
@@ -230,6 +236,9 @@ pub struct PixelStatistics {
     /// What bright stars leave at other places.
     #[serde(skip)]
     pub(crate) elsewhere: Vec<ElsewhereFrame>,
+    /// Whether the noise of most frames is cut off at the count 0.
+    #[serde(skip)]
+    pub(crate) is_clipped: bool,
     /// Rows and columns of frames of different pointings, frame against frame.
     #[serde(skip)]
     pub(crate) line_pairs: Vec<LinePair>,
@@ -243,6 +252,9 @@ impl PixelStatistics {
     pub(crate) fn altered_noise(&self) -> Option<&'static str> {
         if self.compression.as_ref().is_some_and(CompressionStatistics::is_told) {
             return Some("the frames are compressed, which takes noise away");
+        }
+        if self.is_clipped {
+            return Some("the sky is so dark that its noise is cut off at the count 0");
         }
         let is_shared = self.neighbours.as_ref().is_some_and(NeighbourCorrelation::is_of_processing);
         is_shared.then_some("neighbouring pixels share their noise, as in frames that were demosaicked, smoothed or resampled")
@@ -260,6 +272,7 @@ impl PixelStatistics {
         let neighbours = NeighbourCorrelation::pooled(&frames.iter().filter_map(|frame| frame.neighbours).collect::<Vec<_>>());
         let sky = frames.iter().filter_map(|frame| frame.mesh.clone()).collect();
         let mut lines = Vec::with_capacity(frames.len());
+        let is_clipped = 2 * frames.iter().filter(|frame| frame.is_clipped).count() > frames.len();
         let (mut patterns, mut rays) = (Vec::new(), Vec::with_capacity(frames.len()));
         let mut of_streaks = Vec::with_capacity(frames.len());
         let compared = frames.iter().filter_map(|frame| Some((frame.compared.as_ref()?, &frame.lines))).collect();
@@ -295,6 +308,7 @@ impl PixelStatistics {
             codes,
             compression,
             elsewhere: Vec::new(),
+            is_clipped,
             line_pairs,
         };
         if all.altered_noise().is_none() {

@@ -1,12 +1,13 @@
 //! Correlation of the noise between neighbouring pixels: demosaicking, smoothing, compression.
 //!
-//! The plane taken out of every block makes neighbours differ: for white noise with the hat matrix H of the fit E[r_i r_j] = −h_ij σ². That
-//! share, averaged over a full block, is taken off.
+//! Offsets of rows and columns are taken off first: they are no noise that pixels share by processing. The plane taken out of every block makes neighbours
+//! differ: for white noise with the hat matrix H of the fit E[r_i r_j] = −h_ij σ². That share, averaged over a full block, is taken off, and so is that of
+//! the means of lines.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::lines::Estimate;
+use super::lines::{Estimate, FrameLines};
 use super::sky_pixels::{BLOCK_PX, SkyPixels};
 
 /// Lags in columns and rows.
@@ -31,14 +32,17 @@ pub struct NeighbourCorrelation {
     pub two_rows: Estimate,
 }
 
-/// Neighbours along rows and columns alike share no more of their noise than this by stars that were not found.
-const MAX_SHARED: f64 = 0.02;
+/// Frames whose neighbours share more of their noise were processed: 0.3 to 0.5 along the axes where colours were interpolated, 0.1 to 0.4 where frames
+/// were resampled, above 0.5 on the diagonals where they were smoothed. Raw frames of dense skies reach 0.1 by stars that were not found.
+const MIN_PROCESSED: f64 = 0.15;
 
 impl NeighbourCorrelation {
-    /// Whether neighbours along both axes share more of their noise than any sky makes them: frames that were demosaicked, smoothed, resampled or sharpened.
-    /// Offsets of lines, and a read-out that remembers, act along one axis.
+    /// Whether neighbours along both axes, or on both diagonals, share more of their noise than any sky makes them: frames that were demosaicked,
+    /// smoothed, resampled or sharpened. A read-out that remembers acts along one axis.
     pub(crate) fn is_of_processing(&self) -> bool {
-        self.column.value.abs().min(self.row.value.abs()) > MAX_SHARED
+        let along_both = self.column.value.abs().min(self.row.value.abs());
+        let diagonally = self.diagonal.value.abs().min(self.antidiagonal.value.abs());
+        along_both.max(diagonally) > MIN_PROCESSED
     }
 
     /// In the order of the fields.
@@ -52,9 +56,10 @@ impl NeighbourCorrelation {
     }
 
     /// Of a frame.
-    pub(super) fn of_frame(sky: &SkyPixels) -> Option<Self> {
+    pub(super) fn of_frame(sky: &SkyPixels, lines: &FrameLines) -> Option<Self> {
         let sigma = sky.sigma_dn().filter(|sigma| *sigma > 0.0)?;
         let cut = (CUT_SIGMAS * sigma) as f32;
+        let (rest_dn, of_lines) = without_lines(sky, lines);
         let lag = |[dx, dy]: [isize; 2]| -> Option<Estimate> {
             let (mut product, mut first, mut second, mut count) = (0.0, 0.0, 0.0, 0_usize);
             for block in &sky.blocks {
@@ -62,7 +67,7 @@ impl NeighbourCorrelation {
                 let rows = top..top + BLOCK_PX - dy.unsigned_abs();
                 for y in rows {
                     let (own, other) = if dy < 0 { (y + dy.unsigned_abs(), y) } else { (y, y + dy.unsigned_abs()) };
-                    let line = |y: usize| &sky.residual_dn[y * sky.width_px + left..y * sky.width_px + left + BLOCK_PX];
+                    let line = |y: usize| &rest_dn[y * sky.width_px + left..y * sky.width_px + left + BLOCK_PX];
                     let reach = dx.unsigned_abs();
                     for (a, b) in line(own).iter().zip(&line(other)[reach..]) {
                         if a.abs() < cut && b.abs() < cut {
@@ -73,8 +78,10 @@ impl NeighbourCorrelation {
                 }
             }
             let norm = (first * second).sqrt();
-            (count > 256 && norm > 0.0)
-                .then(|| Estimate { value: product / norm + fitted_share([dx, dy]), sigma: 1.0 / (count as f64).sqrt() })
+            (count > 256 && norm > 0.0).then(|| Estimate {
+                value: product / norm + fitted_share([dx, dy]) + of_lines([dx, dy]),
+                sigma: 1.0 / (count as f64).sqrt(),
+            })
         };
         let mut all = [Estimate::default(); 6];
         for (estimate, of) in all.iter_mut().zip(LAGS) {
@@ -91,6 +98,31 @@ impl NeighbourCorrelation {
         }
         Some(Self::from_all(all))
     }
+}
+
+/// Residuals without the means of rows and columns, row by row, and how much less neighbours of one line share by that.
+fn without_lines(sky: &SkyPixels, lines: &FrameLines) -> (Vec<f32>, impl Fn([isize; 2]) -> f64 + use<>) {
+    /// A plane has taken two of the degrees of freedom of a block's lines.
+    const LEFT_BY_PLANE: f64 = 1.0 - 2.0 / BLOCK_PX as f64;
+    let or_zero = |mean: Option<&f32>| mean.copied().filter(|mean| mean.is_finite()).unwrap_or(0.0);
+    let rest: Vec<f32> = sky
+        .residual_dn
+        .chunks(sky.width_px.max(1))
+        .enumerate()
+        .flat_map(|(y, row)| {
+            let of_row = or_zero(lines.row_means.get(y));
+            row.iter().zip(&lines.column_means).map(move |(value, of_column)| value - of_row - or_zero(Some(of_column)))
+        })
+        .collect();
+    let known = rest.iter().filter(|value| !value.is_nan()).count() as f64;
+    let told = |means: &[f32]| means.iter().filter(|mean| mean.is_finite()).count() as f64;
+    let [by_rows, by_columns] = [told(&lines.row_means), told(&lines.column_means)].map(|lines| LEFT_BY_PLANE * lines / known.max(1.0));
+    let share = move |[dx, dy]: [isize; 2]| match (dx, dy) {
+        (_, 0) => by_rows,
+        (0, _) => by_columns,
+        _ => 0.0,
+    };
+    (rest, share)
 }
 
 /// Mean element of the hat matrix of the plane's fit between pixels of a full block that are so far apart, over the mean of what it leaves of one.

@@ -300,3 +300,63 @@ fn points_of_long_recordings_are_kept() {
     let found = PixelStatistics::of(vec![one; 600], None, &KnownCamera::default());
     assert!(groups > 3 && found.transfer_points.len() == 600 * groups, "{groups}: {}", found.transfer_points.len());
 }
+
+/// Offsets of rows that go with those of their neighbours, and of columns, are no processing.
+#[test]
+fn banded_frames_tell_a_gain() {
+    let mut all = frames(&Camera::default(), &SKIES, 7);
+    let mut chance = Chance(99);
+    for (frame, _) in &mut all {
+        let (width, height) = (frame.width_px, frame.height_px);
+        let mut offset = 0.0;
+        let rows: Vec<f64> = (0..height)
+            .map(|_| {
+                offset = 0.6 * offset + 12.0 * chance.normal();
+                offset
+            })
+            .collect();
+        let columns: Vec<f64> = (0..width).map(|_| 8.0 * chance.normal()).collect();
+        for (index, value) in frame.pixels_dn.iter_mut().enumerate() {
+            *value = (*value + (rows[index / width] + columns[index % width]) as f32).round();
+        }
+    }
+    let found = statistics_of(&Camera::default(), &all, |_| Some(1.0));
+    let shared = found.neighbours.unwrap().all().map(|estimate| estimate.value);
+    println!("{shared:.4?}");
+    assert!(shared.iter().all(|value| value.abs() < 0.02), "{shared:?}");
+    assert!(found.altered_noise().is_none());
+}
+
+/// A converter that has no count below 0 cuts the noise of a dark sky off: less is left of it the darker it is, which looks like a gain.
+#[test]
+fn noise_that_is_cut_off_at_zero_tells_no_gain() {
+    let camera = Camera { bias: 0.0, ..Camera::default() };
+    let dark: Vec<f64> = SKIES.iter().map(|sky| sky / 100.0).collect();
+    let whole = frames(&camera, &dark, 8);
+    let mut cut = whole.clone();
+    for (frame, _) in &mut cut {
+        frame.pixels_dn.iter_mut().for_each(|value| *value = value.max(0.0));
+    }
+    assert!(statistics_of(&camera, &whole, |_| Some(1.0)).altered_noise().is_none());
+    let found = statistics_of(&camera, &cut, |_| Some(1.0));
+    assert!(found.altered_noise().unwrap().contains("cut off"));
+    assert!(found.photon_transfer.and_then(|line| line.gain_e_per_dn).is_none());
+    // Higher up nothing is lost.
+    let high = Camera { bias: 20.0, ..Camera::default() };
+    assert!(statistics_of(&high, &frames(&high, &dark, 8), |_| Some(1.0)).altered_noise().is_none());
+}
+
+/// Stars that were not found are no processing; interpolated colours, resampling, smoothing and sharpening are.
+#[test]
+fn a_dense_sky_is_no_processing() {
+    let of = |[axes, diagonals]: [f64; 2]| {
+        let [along, across] = [axes, diagonals].map(|value| Estimate { value, sigma: 0.001 });
+        let [column, row, diagonal, antidiagonal] = [along, along, across, across];
+        NeighbourCorrelation { column, row, diagonal, antidiagonal, ..NeighbourCorrelation::default() }.is_of_processing()
+    };
+    assert!(!of([0.093, 0.066]));
+    // Resampled by half a pixel, smoothed, and sharpened.
+    assert!(of([0.5, 0.25]) && of([0.78, 0.61]) && of([-0.2, 0.03]));
+    let remembers = Estimate { value: 0.5, sigma: 0.001 };
+    assert!(!NeighbourCorrelation { column: remembers, ..NeighbourCorrelation::default() }.is_of_processing());
+}
