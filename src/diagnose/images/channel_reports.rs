@@ -39,7 +39,10 @@ fn detectable(judged: &Judged, channel: Channel) -> Vec<Detectable> {
         .filter_map(|question| {
             let of_stars = || effect_of(question.id).map(ImageEffect::ordinary);
             let is_glow = || sky_glow(question.id).is_some();
-            let of_sky = || sky_columns::ordinary(question.id).or_else(|| is_glow().then_some((1.0, "the model's own brightness")));
+            // Ordinary sizes are of electrons.
+            let is_in_counts = question.parameters.first().is_some_and(|own| own.unit.starts_with("DN/"));
+            let of_rates = || sky_columns::ordinary(question.id).filter(|_| !is_in_counts);
+            let of_sky = || of_rates().or_else(|| is_glow().then_some((1.0, "the model's own brightness")));
             let (ordinary, source) = match channel {
                 Channel::Noise => ordinary(question.id),
                 Channel::Background => of_sky().or_else(of_stars),

@@ -7,7 +7,7 @@ use crate::effects::ImageContext;
 use crate::statistics::median;
 
 /// Stars that are expected to be fainter than this are found where noise has made them brighter, and tell that.
-const MIN_SNR: f64 = 10.0;
+pub(super) const MIN_SNR: f64 = 10.0;
 /// Fewer bright stars tell no zero point of a frame.
 const MIN_ZERO: usize = 5;
 

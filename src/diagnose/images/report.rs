@@ -6,7 +6,7 @@ use super::channel_reports::{NINETY_FIVE, channel_report, unknown};
 use super::copies::copies;
 use super::counted::{Counted, FoundByCount, counted};
 use super::ends_and_rays::{cosmic_rays, field_stop, streaks};
-use super::expected_stars::StarMeasurement;
+use super::expected_stars::{MIN_SNR, StarMeasurement};
 use super::frame_levels::{Air, TestedFrame};
 use super::halo::{self, halo};
 use super::jitter::jitter;
@@ -19,6 +19,7 @@ use super::rows::{Parameter, Question};
 use super::shared_noise::shared_noise;
 use super::single_frames::single_frames;
 use super::sky_view::SkyView;
+use super::stars::MIN_ROWS;
 use super::withheld::{against, is_gain_explained, withhold_shadows};
 use crate::diagnose::causes::{COMPRESSION, INTRAPIXEL_RESPONSE};
 use crate::diagnose::channels::{ByChannel, Channel, ChannelReport, ChannelVerdict};
@@ -91,6 +92,9 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     diagnosis.shape_map = shape_map(images.stars);
     let Some(mut judged) = judged else { return };
     diagnosis.image_profiles = std::mem::take(&mut judged.profiles);
+    if is_enough {
+        too_few_bright_stars(diagnosis, &judged);
+    }
     if let Some(reason) = judged.background.as_ref().and_then(|own| own.why_not.as_ref()) {
         diagnosis.channels.background = ChannelReport::not_looked_at(reason);
     }
@@ -157,6 +161,17 @@ fn too_few_stars(diagnosis: &mut Diagnosis, stars: usize) {
     };
     for channel in [&mut diagnosis.channels.flux, &mut diagnosis.channels.shape] {
         *channel = ChannelReport::not_looked_at(&reason);
+    }
+}
+
+/// Says why brightness or shape is not tested, where there are stars but hardly any is bright enough.
+fn too_few_bright_stars(diagnosis: &mut Diagnosis, judged: &Judged) {
+    for channel in [Channel::Flux, Channel::Shape] {
+        if !judged.rows.kinds.iter().any(|kind| kind.channel == channel) {
+            let reason =
+                format!("fewer than {MIN_ROWS} star images are expected to be {MIN_SNR} times as bright as the error of their light");
+            *diagnosis.channels.of_mut(channel) = ChannelReport::not_looked_at(&reason);
+        }
     }
 }
 

@@ -42,6 +42,25 @@ const fn parameter(name: &'static str, unit: &'static str) -> Parameter {
     Parameter { name, unit, shown: Shown::Same }
 }
 
+/// Rates of light: in electrons where a gain is known, else in counts.
+struct Rates {
+    /// Counts per unit.
+    dn: f64,
+    /// Slopes along columns and rows, and a rate at a corner.
+    parameters: [Parameter; 3],
+}
+
+impl Rates {
+    fn new(gain_e_per_dn: Option<f64>) -> Self {
+        let slope = |name| parameter(name, if gain_e_per_dn.is_some() { "e-/px²/s" } else { "DN/px/s" });
+        let parameters = match gain_e_per_dn {
+            Some(_) => [slope("slope_x_e_per_px_s"), slope("slope_y_e_per_px_s"), parameter("e_per_px_s", "e-/px/s")],
+            None => [slope("slope_x_dn_per_px_s"), slope("slope_y_dn_per_px_s"), parameter("dn_per_s", "DN/s")],
+        };
+        Self { dn: gain_e_per_dn.map_or(1.0, f64::recip), parameters }
+    }
+}
+
 /// The effects that can be asked for, and of the others why not.
 pub(super) fn asked(light: &SkyLight, gain_e_per_dn: Option<f64>, knows_bias: bool) -> (Vec<Asked>, Vec<(&'static str, String)>) {
     let one = |id: &'static str, follows, columns, sign| Asked { id, follows, columns, sign, is_shared: true, corner: None };
@@ -66,18 +85,18 @@ pub(super) fn asked(light: &SkyLight, gain_e_per_dn: Option<f64>, knows_bias: bo
         halves.push((parameter(offset, "DN"), light.added(|_, cell| is_beyond(cell.at))));
     }
     all.push(one(<AmplifierHalves as PixelEffect>::ID, "row", halves, None));
-    let rates = gain_e_per_dn.filter(|_| light.frames.iter().all(|frame| frame.exposure_s.is_some()));
-    let Some(gain) = rates else {
-        let lacks = "it needs exposure times and a gain".to_owned();
+    if light.frames.iter().any(|frame| frame.exposure_s.is_none()) {
+        let lacks = "it needs exposure times".to_owned();
         unasked.extend([(AMPLIFIER_GLOW, lacks.clone()), (<StrayLightSlope as PixelEffect>::ID, lacks)]);
         return (all, unasked);
-    };
-    // What a rate of electrons adds to the number.
+    }
+    let of_rates = Rates::new(gain_e_per_dn);
+    // What a rate adds to the number.
     let by_rate = |shape: &dyn Fn(&SkyFrame, [f64; 2]) -> f64| {
-        light.added(|frame, cell| frame.exposure_s.unwrap_or(0.0) / gain * shape(frame, cell.at))
+        light.added(|frame, cell| frame.exposure_s.unwrap_or(0.0) * of_rates.dn * shape(frame, cell.at))
     };
-    let slopes = [("slope_x_e_per_px_s", 0), ("slope_y_e_per_px_s", 1)]
-        .map(|(name, axis)| (parameter(name, "e-/px²/s"), by_rate(&|frame, at| at[axis] * frame.half_px)));
+    let [along_x, along_y, of_glow] = of_rates.parameters;
+    let slopes = [(along_x, 0), (along_y, 1)].map(|(parameter, axis)| (parameter, by_rate(&|frame, at| at[axis] * frame.half_px)));
     all.push(one(<StrayLightSlope as PixelEffect>::ID, "x", slopes.into(), None));
     for (corner, signs) in (0..).zip(CORNERS) {
         for length in GLOW_LENGTHS {
@@ -88,7 +107,7 @@ pub(super) fn asked(light: &SkyLight, gain_e_per_dn: Option<f64>, knows_bias: bo
             all.push(Asked {
                 id: AMPLIFIER_GLOW,
                 follows: "edge-distance",
-                columns: vec![(parameter("e_per_px_s", "e-/px/s"), by_rate(&shape))],
+                columns: vec![(of_glow, by_rate(&shape))],
                 sign: Some(1.0),
                 is_shared: false,
                 corner: Some(corner),

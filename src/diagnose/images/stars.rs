@@ -19,7 +19,7 @@ pub(super) const DIAGONAL: &str = "elongation along the diagonal";
 /// Harmonics of the place in the pixel that are nuisance parameters, and the rows that there must be.
 const HARMONICS: &[(f64, usize)] = &[(1.0, 60), (2.0, 200)];
 /// Fewer rows of a kind are no kind.
-const MIN_ROWS: usize = 30;
+pub(super) const MIN_ROWS: usize = 30;
 /// An effect is asked for where so large a part of the stars has what it depends on.
 const MIN_KNOWN: f64 = 0.75;
 

@@ -37,6 +37,8 @@ pub fn found_parameter(stage: &str, name: &str, scale: &DetectorScale) -> Option
         ("banding", "column_sigma_dn") => return Some(("column_sigma_e", scale.gain_e_per_dn)),
         ("amplifier-step", "offset_dn") => return Some(("offset_e", scale.gain_e_per_dn)),
         ("amplifier-step", "offset_right_dn") => return Some(("offset_right_e", scale.gain_e_per_dn)),
+        ("stray-light", "slope_x_dn_per_px_s") => return Some(("slope_x_e_per_px_s", scale.gain_e_per_dn)),
+        ("stray-light", "slope_y_dn_per_px_s") => return Some(("slope_y_e_per_px_s", scale.gain_e_per_dn)),
         ("even-odd", "relative") => return Some(("gain_relative", 1.0)),
         ("hot-pixels", "count") => return Some(("hot_per_million", per_million)),
         ("hot-pixels", "dead_count") => return Some(("dead_per_million", per_million)),
@@ -58,6 +60,7 @@ mod tests {
         let of = |id: &str, name: &str| found_parameter(found_stage(id), name, &scale);
         assert_eq!(of("vignetting", "loss_at_corner"), Some(("loss_at_corner", 1.0)));
         assert_eq!(of("banding", "row_sigma_dn"), Some(("row_sigma_e", 2.0)));
+        assert_eq!(of("stray-light", "slope_y_dn_per_px_s"), Some(("slope_y_e_per_px_s", 2.0)));
         assert_eq!(of("hot-pixels", "count"), Some(("hot_per_million", 2.0)));
         assert_eq!(of("adc", "dnl_dn"), Some(("dnl_dn", 1.0)));
         assert_eq!(of("adc", "lost_bits"), None);

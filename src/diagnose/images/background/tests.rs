@@ -80,10 +80,16 @@ fn judged_with(seed: u64, alpha: f64, stars: (Added, usize), light: Light) -> Ju
     judged_under(seed, alpha, stars, light, &[])
 }
 
-fn judged_under(seed: u64, alpha: f64, (added, most): (Added, usize), light: Light, views: &[SkyView]) -> Judged {
+fn judged_under(seed: u64, alpha: f64, stars: (Added, usize), light: Light, views: &[SkyView]) -> Judged {
+    judged_by(seed, alpha, stars, light, (views, Some(GAIN_E_PER_DN)))
+}
+
+type Seen<'a> = (&'a [SkyView], Option<f64>);
+
+fn judged_by(seed: u64, alpha: f64, (added, most): (Added, usize), light: Light, (views, gain_e_per_dn): Seen<'_>) -> Judged {
     let (skies, mut rng) = skies(seed);
     let pixels = PixelStatistics { sky: skies.iter().map(|sky| mesh(sky, &mut rng, light)).collect(), ..PixelStatistics::default() };
-    let detector = DeclaredDetector { gain_e_per_dn: Some(GAIN_E_PER_DN), bias_dn: Some(BIAS_DN), read_noise_e: None, saturation_dn: None };
+    let detector = DeclaredDetector { gain_e_per_dn, bias_dn: Some(BIAS_DN), read_noise_e: None, saturation_dn: None };
     let places: BTreeMap<usize, usize> = (0..FRAMES).map(|frame| (frame, frame)).collect();
     let stars: Vec<StarMeasurement> = stars(seed, added).into_iter().filter(|star| star.star < most).collect();
     let pixels = Pixels { statistics: &pixels, detector: &detector, places: &places, views };
@@ -152,6 +158,19 @@ fn what_the_camera_adds_is_named_with_its_size() {
         println!("{id}: pulls {pulls:.2?}, rms {:.2}", rms(&pulls));
         assert!((0.4..1.8).contains(&rms(&pulls)), "{id}: pulls {pulls:?}");
     }
+}
+
+/// Without a gain rates are told in counts.
+#[test]
+fn a_slope_needs_no_gain() {
+    let half_px = 0.5 * (SIZE_PX[0] as f64).hypot(SIZE_PX[1] as f64);
+    let slope = |sky: &Sky, at: [f64; 2]| even(sky, at) + 0.01 * at[0] * half_px * sky.exposure_s;
+    let judged = judged_by(107, 1e-3, FEW, &slope, (&[], None));
+    assert_eq!(found(&judged), ["stray-light"]);
+    let own = &judged.proposed[0];
+    let parameter = judged.rows.questions[own.question].parameters[0];
+    assert_eq!((parameter.name, parameter.unit), ("slope_x_dn_per_px_s", "DN/px/s"));
+    assert!((own.sizes[0][0] / 0.01 - 1.0).abs() < 0.25, "{:?}", own.sizes);
 }
 
 /// The corner is that of the equations, and the sky is explained.
