@@ -120,7 +120,7 @@ pub(crate) enum MethodChoice {
 /// What a deliberately wrong identification is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub(crate) enum MisidentifyChoice {
-    /// A wrong direction, 0.05° to 2° away, in which no star need be
+    /// A wrong direction without a star, 0.05° to 2° from the right one
     #[default]
     Random,
     /// A star near by

@@ -117,6 +117,9 @@ fn agreement(finding: &Finding, looks_alike: bool) -> String {
         None if signs.units.is_empty() => Vec::new(),
         None => vec![format!("too few {} for a sign-flip test (effective number {:.0})", signs.units, signs.effective)],
     };
+    if let Some(p) = signs.between_frames_p_value {
+        parts.push(format!("against the scatter between frames: p = {}", probability(p)));
+    }
     let [times, turns] = finding.chosen_again;
     parts.push(format!("selected again in {times} of {turns} folds, {} left out", finding.left_out));
     if let Some(p) = finding.resimulated_p_value.filter(|_| looks_alike) {

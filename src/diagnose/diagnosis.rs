@@ -90,6 +90,10 @@ pub struct Signs {
     pub effective: f64,
     /// The share; nothing where even the smallest that so few units allow would not be small.
     pub p_value: Option<f64>,
+    /// Probability by chance of as large a mean score, by its scatter between frames; where parts of frames are the units and six frames or more tell
+    /// alike.
+    #[serde(default)]
+    pub between_frames_p_value: Option<f64>,
 }
 
 /// An effect that was left out (or is there at another size than the model has it).

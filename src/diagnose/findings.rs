@@ -103,6 +103,7 @@ impl Context<'_> {
                 units: own.units.to_owned(),
                 effective: own.effective,
                 p_value: own.p_value,
+                between_frames_p_value: own.between_frames,
             }),
             resimulated_p_value: self.resimulated.get(k).copied(),
             score_sigma: deviations(neg_ln_chi2_sf(rank as f64, t)),

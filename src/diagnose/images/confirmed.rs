@@ -11,7 +11,7 @@ use super::rows::{Question, Rows};
 use super::selection::{AS_GOOD, columns, directions};
 use super::sky_columns::AMPLIFIER_GLOW;
 use super::turns::of_channel;
-use crate::diagnose::causes::GAIN_NOISE;
+use crate::diagnose::causes::{EXTINCTION, GAIN_NOISE};
 use crate::diagnose::channels::{Channel, ChannelMeasure};
 use crate::effects::detector::amplifier_step::AmplifierHalves;
 use crate::effects::optics::vignetting::Vignetting;
@@ -20,8 +20,10 @@ use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// The stars must show a loss of light at this probability themselves (as −ln).
 const SHOWN_BY_STARS: f64 = 6.9;
-/// What the sky alone shows must be there in every field, at this probability.
+/// What the sky alone shows must be there in every field, at this probability (as −ln).
 const SHOWN_BY_FIELDS: f64 = 6.9;
+/// What thin clouds over parts of the frames imitate must be there in every field, at this one: the stars of a frame lose light together.
+const SHOWN_BESIDE_CLOUDS: f64 = 4.6;
 /// Names of what the sky alone shows stand where they leave no more than this share of it,
 const MAX_LEFT: f64 = 0.1;
 /// or no more than chance does, at this probability (as −ln).
@@ -72,12 +74,14 @@ fn is_of_sky_alone(rows: &Rows, question: &Question) -> bool {
     rows.kinds.iter().zip(rows.ranges()).all(|(kind, range)| is_in(&range) == (kind.channel == Channel::Background))
 }
 
-/// What the sky alone shows must be there field by field: its size in each is measured, and their scatter judges the mean (a test of Student's, the
-/// fields weighted by what the effect does in them). A sky that happens to lean one way in most fields scatters from field to field.
+/// What the sky alone shows, and extinction, must be there field by field: its size in each is measured, and their scatter judges the mean (a test of Student's, the
+/// fields weighted by what the effect does in them). A sky that happens to lean one way in most fields, and clouds, scatter from field to field.
 pub(super) fn by_fields(rows: &Rows, without: &RowFit, question: &Question, sizes: &[[f64; 2]]) -> Option<String> {
-    if !is_of_sky_alone(rows, question) {
-        return None;
-    }
+    let least = match question.id {
+        EXTINCTION => SHOWN_BESIDE_CLOUDS,
+        _ if is_of_sky_alone(rows, question) => SHOWN_BY_FIELDS,
+        _ => return None,
+    };
     let mut own = nalgebra::DVector::zeros(rows.len());
     for (column, [size, _]) in question.columns.iter().zip(sizes) {
         own += without.response(rows, column) * *size;
@@ -94,7 +98,7 @@ pub(super) fn by_fields(rows: &Rows, without: &RowFit, question: &Question, size
     let scatter =
         fields.values().map(|field| (field[0] - mean * field[1]).powi(2)).sum::<f64>().sqrt() / square * (count / (count - 1.0)).sqrt();
     let p_value = StudentsT::new(0.0, 1.0, count - 1.0).ok().map(|law| 2.0 * law.sf((mean / scatter).abs()))?;
-    (-p_value.ln() < SHOWN_BY_FIELDS).then(|| format!("its size scatters from field to field: p = {p_value:.1e} over {count} fields"))
+    (-p_value.ln() < least).then(|| format!("its size scatters from field to field: p = {p_value:.1e} over {count} fields"))
 }
 
 /// Names that only the sky speaks for are withheld where most of what it shows is left beside them: then the shape is another one.
