@@ -60,12 +60,10 @@ pub(super) fn wild_bootstrap(evidence: &Evidence, stand: &FitState, entries: &[S
     let rest: Vec<Whitened> = own.iter().map(|column| without.project(column)).collect();
     let (directions, _) = basis(&rest, &own, &without);
     let (units, of) = units(evidence, entries[k]);
-    let psi: Vec<f64> = without.psi.iter().copied().collect();
-    let directions: Vec<Vec<f64>> = directions.iter().map(|direction| direction.iter().copied().collect()).collect();
-    let Scores { scores, told } = Scores::of(&directions, &psi, &of);
+    let Scores { scores, told } = Scores::of(&directions, &without.psi, &of);
     let effective = effective(&told);
     let p_value = (2.0_f64.powf(1.0 - effective) < LEVEL).then(|| share_of_signs(&scores, seed));
-    let between_frames = if units == PARTS { between_frames(&directions, &psi, &evidence.place) } else { None };
+    let between_frames = if units == PARTS { between_frames(&directions, &without.psi, &evidence.place) } else { None };
     WildBootstrap { units, effective, p_value, between_frames }
 }
 
