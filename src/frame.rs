@@ -23,6 +23,12 @@ impl Frame {
         self.pixels_dn[y * self.width_px + x]
     }
 
+    /// The lowest count, DN; infinite where there is none.
+    #[must_use]
+    pub fn lowest_dn(&self) -> f32 {
+        self.pixels_dn.iter().copied().fold(f32::INFINITY, f32::min)
+    }
+
     /// Lowers the count at which pixels are full to the last step of the counts, where these come in steps of a power of two: of twelve bits in
     /// the upper part of sixteen a full pixel has 65 520, and a converter that has lost its lowest three bits gives 4088.
     pub fn lower_saturation_to_step(&mut self) {

@@ -392,6 +392,30 @@ mod tests {
         assert!(matches!(look(), Described::By(text) if text == "{}"));
     }
 
+    /// Frames that fail where the ends of all draws do not: nothing is begun, and with `force` nothing is taken away.
+    #[test]
+    fn a_recipe_that_fails_leaves_everything_as_it_is() {
+        let parent = tempfile::tempdir().unwrap();
+        std::fs::write(parent.path().join("scene.toml"), SCENE).unwrap();
+        let plan = || DatasetPlan::parse("r.toml", &recipe(""), parent.path()).unwrap();
+        let mut failing = plan();
+        failing.sha256 = "0".repeat(64);
+        // After the ends were tried.
+        failing.base.insert("detector".to_owned(), toml::Value::Table("bits = 8\nbias_dn = 300.0".parse().unwrap()));
+        let path = parent.path().join("set");
+        let open = |plan: &DatasetPlan, force| {
+            let opened = DatasetFolder::open(&path, plan, &plan.describe(Catalog::embedded()), force);
+            opened.map(|_| ()).map_err(|error| error.to_string())
+        };
+        let error = open(&failing, false).unwrap_err();
+        assert!(error.contains("frame ") && error.contains("detector.bi"), "{error}");
+        assert!(!path.exists());
+        open(&plan(), false).unwrap();
+        let before = std::fs::read_to_string(path.join(DESCRIPTION)).unwrap();
+        open(&failing, true).unwrap_err();
+        assert_eq!(std::fs::read_to_string(path.join(DESCRIPTION)).unwrap(), before);
+    }
+
     /// Processes of one dataset that begin at the same time all find it theirs; what is another's stays another's.
     #[test]
     fn a_folder_is_begun_by_many_at_once() {

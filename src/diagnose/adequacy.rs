@@ -40,7 +40,7 @@ pub(super) fn vetoes(named: &Named, scan: &Scan, statistic: f64) -> Vec<String> 
 /// Whether the frames (or stars) do not agree on it.
 pub(super) fn disagreement(signs: &WildBootstrap) -> Option<String> {
     if let Some(p) = signs.between_frames.filter(|p| *p >= LEVEL) {
-        return Some(format!("its size scatters from frame to frame as much as errors that are shared within frames make it (p = {p:.2})"));
+        return Some(format!("its size scatters between frames, as errors that the stars of a frame share make it (p = {p:.2})"));
     }
     let p = signs.p_value.filter(|p| *p >= LEVEL)?;
     Some(format!("the {} do not agree on it (choosing a sign for each does as well in {:.1} % of the choices)", signs.units, 100.0 * p))

@@ -80,6 +80,7 @@ where
             let first = || (self.load)(self.recording, 0).ok()?.ok().map(|first| first.frame);
             counts.add(&frame, StoppedField::unusable(self.stop, &frame, bad.as_deref()).as_deref(), first);
         }
+        let lowest_read_dn = frame.lowest_dn();
         let failed = |source| PipelineError::Detect { frame: name.clone(), source };
         if let Some(dark) = &self.options.dark {
             dark.subtract(&mut frame).map_err(|source| PipelineError::Dark { frame: name.clone(), source })?;
@@ -121,7 +122,8 @@ where
         };
         let unusable = StoppedField::unusable(self.stop, &frame, bad);
         let unusable = unusable.as_deref();
-        let statistics = self.options.pixels.then(|| frame_statistics(self.recording, (index, &frame), &detections, unusable)).flatten();
+        let statistics =
+            self.options.pixels.then(|| frame_statistics(self.recording, (index, &frame, lowest_read_dn), &detections, unusable)).flatten();
         let images = if self.options.pixels { star_images(&frame, &detections, unusable) } else { Vec::new() };
         done();
         let own = kept.iter().take(for_sky).cloned().collect();

@@ -60,16 +60,17 @@ impl StoppedField {
     }
 }
 
-/// Of a frame as read and its stars. `frames`: how many the recording has.
+/// Of a frame and its stars. `lowest_read_dn`: its lowest count before a dark was taken off.
 pub(super) fn frame_statistics(
     recording: &Recording,
-    (index, frame): (usize, &Frame),
+    (index, frame, lowest_read_dn): (usize, &Frame, f32),
     detections: &Detections,
     bad: Option<&[bool]>,
 ) -> Option<FrameStatistics> {
     let stars = discs(detections);
     FrameStatistics::of(&SkyFrame {
         number: index,
+        lowest_read_dn,
         frame,
         stars: &stars,
         bad,

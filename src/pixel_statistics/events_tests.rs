@@ -124,7 +124,15 @@ impl Night {
         let all = (0..self.frames)
             .filter_map(|number| {
                 let (frame, stars) = self.frame(&mut rng, &hot, &jumping);
-                FrameStatistics::of(&SkyFrame { number, frame: &frame, stars: &stars, bad: None, exposure_s: Some(2.0), is_compared: true })
+                FrameStatistics::of(&SkyFrame {
+                    number,
+                    lowest_read_dn: 0.0,
+                    frame: &frame,
+                    stars: &stars,
+                    bad: None,
+                    exposure_s: Some(2.0),
+                    is_compared: true,
+                })
             })
             .collect();
         let known = KnownCamera { bias_dn: Some(200.0), gain_e_per_dn: Some(self.gain), narrowest_star_px: Some(self.sigma_px) };

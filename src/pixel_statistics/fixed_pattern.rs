@@ -59,7 +59,6 @@ impl PatternFrame {
         let levels: Vec<f64> = sky.blocks.iter().map(|block| block.level_dn).collect();
         let level_dn = crate::statistics::median(&levels)?;
         let mut values = vec![NOT_KEPT; sky.residual_dn.len()];
-        let or_zero = |mean: f32| if mean.is_nan() { 0.0 } else { mean };
         for block in &sky.blocks {
             let by_sigma = STEPS / block.variance_dn2.sqrt().max(1e-6) as f32;
             for y in block.place[1] * BLOCK_PX..(block.place[1] + 1) * BLOCK_PX {
@@ -67,7 +66,7 @@ impl PatternFrame {
                     let index = y * sky.width_px + x;
                     let residual = sky.residual_dn[index];
                     if !residual.is_nan() {
-                        let rest = residual - or_zero(lines.row_means[y]) - or_zero(lines.column_means[x]);
+                        let rest = residual - lines.of_pixel([x, y]);
                         let by_sigma = by_sigma / sky.cell_noise[x % 2 + 2 * (y % 2)] as f32;
                         values[index] = (rest * by_sigma).round().clamp(-127.0, 127.0) as i8;
                     }

@@ -101,6 +101,22 @@ impl FrameLines {
             ([&rows, &columns].map(means), [&rows, &columns].map(means_of_halves));
         Self { rows: of_rows, columns: of_columns, parity, step: step(sky), row_means, column_means, row_halves, column_halves }
     }
+
+    /// What the means of its row and its column add to a pixel, DN.
+    pub(super) fn of_pixel(&self, [x, y]: [usize; 2]) -> f32 {
+        let or_zero = |mean: f32| if mean.is_nan() { 0.0 } else { mean };
+        or_zero(self.row_means[y]) + or_zero(self.column_means[x])
+    }
+
+    /// The lines whose means are taken off both pixels so far apart: of two in one row all rows, of two in one column all columns.
+    pub(super) fn told_along(&self, [dx, dy]: [isize; 2]) -> usize {
+        let told = |means: &[f32]| means.iter().filter(|mean| !mean.is_nan()).count();
+        match (dx, dy) {
+            (_, 0) => told(&self.row_means),
+            (0, _) => told(&self.column_means),
+            _ => 0,
+        }
+    }
 }
 
 /// Sums and numbers of the sky pixels of the two halves of every line.

@@ -132,7 +132,7 @@ impl FrameStatistics {
         let bright = sky_frame.stars.iter().take(BRIGHT_STARS).map(|star| [star.x_px as f32, star.y_px as f32]).collect();
         let compared =
             sky_frame.is_compared.then(|| PatternFrame::new(sky_frame.number, &sky, &lines, sky_frame.exposure_s, bright)).flatten();
-        let is_clipped = noise.level_dn < MIN_LEVEL_SIGMAS * noise.sigma_dn && sky_frame.frame.pixels_dn.iter().all(|value| *value >= 0.0);
+        let is_clipped = noise.level_dn < MIN_LEVEL_SIGMAS * noise.sigma_dn && sky_frame.lowest_read_dn >= 0.0;
         // What is left of clipped noise grows with the level, whatever the gain.
         let points = if is_clipped { Vec::new() } else { photon_transfer::points(sky_frame.number, &sky.blocks, sky.shape) };
         let neighbours = NeighbourCorrelation::of_frame(&sky, &lines);

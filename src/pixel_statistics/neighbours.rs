@@ -32,6 +32,8 @@ pub struct NeighbourCorrelation {
     pub two_rows: Estimate,
 }
 
+/// Of the means of lines a plane has taken two degrees of freedom of those of every block already.
+const LEFT_BY_PLANE: f64 = 1.0 - 2.0 / BLOCK_PX as f64;
 /// Frames whose neighbours share more of their noise were processed: 0.3 to 0.5 along the axes where colours were interpolated, 0.1 to 0.4 where frames
 /// were resampled, above 0.5 on the diagonals where they were smoothed. Raw frames of dense skies reach 0.1 by stars that were not found.
 const MIN_PROCESSED: f64 = 0.15;
@@ -59,33 +61,26 @@ impl NeighbourCorrelation {
     pub(super) fn of_frame(sky: &SkyPixels, lines: &FrameLines) -> Option<Self> {
         let sigma = sky.sigma_dn().filter(|sigma| *sigma > 0.0)?;
         let cut = (CUT_SIGMAS * sigma) as f32;
-        let (rest_dn, of_lines) = without_lines(sky, lines);
-        let lag = |[dx, dy]: [isize; 2]| -> Option<Estimate> {
-            let (mut product, mut first, mut second, mut count) = (0.0, 0.0, 0.0, 0_usize);
-            for block in &sky.blocks {
-                let [left, top] = block.place.map(|place| place * BLOCK_PX);
-                let rows = top..top + BLOCK_PX - dy.unsigned_abs();
-                for y in rows {
-                    let (own, other) = if dy < 0 { (y + dy.unsigned_abs(), y) } else { (y, y + dy.unsigned_abs()) };
-                    let line = |y: usize| &rest_dn[y * sky.width_px + left..y * sky.width_px + left + BLOCK_PX];
-                    let reach = dx.unsigned_abs();
-                    for (a, b) in line(own).iter().zip(&line(other)[reach..]) {
-                        if a.abs() < cut && b.abs() < cut {
-                            let (a, b) = (f64::from(*a), f64::from(*b));
-                            (product, first, second, count) = (product + a * b, first + a * a, second + b * b, count + 1);
-                        }
-                    }
+        let mut products = [Products::default(); 6];
+        let mut known = 0_usize;
+        for block in &sky.blocks {
+            let [left, top] = block.place.map(|place| place * BLOCK_PX);
+            let mut rest_dn = [[0.0_f32; BLOCK_PX]; BLOCK_PX];
+            for (y, row) in rest_dn.iter_mut().enumerate() {
+                for (x, rest) in row.iter_mut().enumerate() {
+                    let at = [left + x, top + y];
+                    *rest = sky.residual_dn[at[1] * sky.width_px + at[0]] - lines.of_pixel(at);
+                    known += usize::from(!rest.is_nan());
                 }
             }
-            let norm = (first * second).sqrt();
-            (count > 256 && norm > 0.0).then(|| Estimate {
-                value: product / norm + fitted_share([dx, dy]) + of_lines([dx, dy]),
-                sigma: 1.0 / (count as f64).sqrt(),
-            })
-        };
+            for (products, lag) in products.iter_mut().zip(LAGS) {
+                products.add(&rest_dn, lag, cut);
+            }
+        }
         let mut all = [Estimate::default(); 6];
-        for (estimate, of) in all.iter_mut().zip(LAGS) {
-            *estimate = lag(of)?;
+        for ((estimate, products), lag) in all.iter_mut().zip(products).zip(LAGS) {
+            let of_lines = LEFT_BY_PLANE * lines.told_along(lag) as f64 / known.max(1) as f64;
+            *estimate = products.correlation(fitted_share(lag) + of_lines)?;
         }
         Some(Self::from_all(all))
     }
@@ -100,29 +95,36 @@ impl NeighbourCorrelation {
     }
 }
 
-/// Residuals without the means of rows and columns, row by row, and how much less neighbours of one line share by that.
-fn without_lines(sky: &SkyPixels, lines: &FrameLines) -> (Vec<f32>, impl Fn([isize; 2]) -> f64 + use<>) {
-    /// A plane has taken two of the degrees of freedom of a block's lines.
-    const LEFT_BY_PLANE: f64 = 1.0 - 2.0 / BLOCK_PX as f64;
-    let or_zero = |mean: Option<&f32>| mean.copied().filter(|mean| mean.is_finite()).unwrap_or(0.0);
-    let rest: Vec<f32> = sky
-        .residual_dn
-        .chunks(sky.width_px.max(1))
-        .enumerate()
-        .flat_map(|(y, row)| {
-            let of_row = or_zero(lines.row_means.get(y));
-            row.iter().zip(&lines.column_means).map(move |(value, of_column)| value - of_row - or_zero(Some(of_column)))
-        })
-        .collect();
-    let known = rest.iter().filter(|value| !value.is_nan()).count() as f64;
-    let told = |means: &[f32]| means.iter().filter(|mean| mean.is_finite()).count() as f64;
-    let [by_rows, by_columns] = [told(&lines.row_means), told(&lines.column_means)].map(|lines| LEFT_BY_PLANE * lines / known.max(1.0));
-    let share = move |[dx, dy]: [isize; 2]| match (dx, dy) {
-        (_, 0) => by_rows,
-        (0, _) => by_columns,
-        _ => 0.0,
-    };
-    (rest, share)
+/// Sums over the pairs of pixels at one lag.
+#[derive(Clone, Copy, Debug, Default)]
+struct Products {
+    product: f64,
+    squares: [f64; 2],
+    count: usize,
+}
+
+impl Products {
+    /// Adds the pairs of a block of which both are below the cut.
+    fn add(&mut self, rest_dn: &[[f32; BLOCK_PX]; BLOCK_PX], [dx, dy]: [isize; 2], cut: f32) {
+        let reach = [dx, dy].map(isize::unsigned_abs);
+        for y in 0..BLOCK_PX - reach[1] {
+            let (own, other) = if dy < 0 { (y + reach[1], y) } else { (y, y + reach[1]) };
+            for (a, b) in rest_dn[own].iter().zip(&rest_dn[other][reach[0]..]) {
+                if a.abs() < cut && b.abs() < cut {
+                    let (a, b) = (f64::from(*a), f64::from(*b));
+                    self.product += a * b;
+                    self.squares = [self.squares[0] + a * a, self.squares[1] + b * b];
+                    self.count += 1;
+                }
+            }
+        }
+    }
+
+    /// The correlation, with what was taken out of neighbours put back; nothing of few pairs.
+    fn correlation(&self, taken: f64) -> Option<Estimate> {
+        let norm = (self.squares[0] * self.squares[1]).sqrt();
+        (self.count > 256 && norm > 0.0).then(|| Estimate { value: self.product / norm + taken, sigma: 1.0 / (self.count as f64).sqrt() })
+    }
 }
 
 /// Mean element of the hat matrix of the plane's fit between pixels of a full block that are so far apart, over the mean of what it leaves of one.

@@ -31,6 +31,8 @@ impl StarDisc {
 pub struct SkyFrame<'a> {
     /// Number in the recording.
     pub number: usize,
+    /// The lowest count as read, DN, before a dark was taken off.
+    pub lowest_read_dn: f32,
     /// The pixels.
     pub frame: &'a Frame,
     /// Its stars, the brightest first.

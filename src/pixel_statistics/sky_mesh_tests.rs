@@ -41,7 +41,8 @@ fn mesh(seed: u64, stars: usize, shape: Shape) -> SkyMesh {
     let pixels_dn = electrons.into_iter().map(&mut count).collect();
     let frame = Frame { width_px: width, height_px: height, pixels_dn, saturation_dn: 65_535.0 };
     let stars = [StarDisc { x_px: 60.0, y_px: 200.0, radius_px: 14.0 }, StarDisc { x_px: 200.0, y_px: 90.0, radius_px: 30.0 }];
-    let sky_frame = SkyFrame { number: 3, frame: &frame, stars: &stars, bad: None, exposure_s: Some(2.0), is_compared: false };
+    let sky_frame =
+        SkyFrame { number: 3, lowest_read_dn: 0.0, frame: &frame, stars: &stars, bad: None, exposure_s: Some(2.0), is_compared: false };
     FrameStatistics::of(&sky_frame).and_then(|own| own.mesh).unwrap()
 }
 

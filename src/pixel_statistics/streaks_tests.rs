@@ -32,7 +32,7 @@ fn frame(seed: u64, stars: usize, light: impl Fn(f64, f64) -> f64) -> (Frame, Ve
 }
 
 fn searched(number: usize, (frame, stars): &(Frame, Vec<StarDisc>)) -> StreakFrame {
-    let sky_frame = SkyFrame { number, frame, stars, bad: None, exposure_s: Some(2.0), is_compared: false };
+    let sky_frame = SkyFrame { number, lowest_read_dn: 0.0, frame, stars, bad: None, exposure_s: Some(2.0), is_compared: false };
     let sky = SkyPixels::new(frame, &sky_mask(&sky_frame));
     StreakFrame::of(&sky_frame, &sky, &Deviations::of(&sky_frame, &sky))
 }
@@ -96,7 +96,8 @@ fn a_chain_of_stars_is_a_streak() {
         let [x_px, y_px] = [0, 1].map(|axis| way[0][axis] + share * (way[1][axis] - way[0][axis]));
         StarDisc { x_px, y_px, radius_px: 6.0 }
     }));
-    let sky_frame = SkyFrame { number: 0, frame: &frame, stars: &stars, bad: None, exposure_s: None, is_compared: false };
+    let sky_frame =
+        SkyFrame { number: 0, lowest_read_dn: 0.0, frame: &frame, stars: &stars, bad: None, exposure_s: None, is_compared: false };
     let sky = SkyPixels::new(&frame, &sky_mask(&sky_frame));
     let deviations = Deviations::of(&sky_frame, &sky);
     let found = StreakFrame::of(&sky_frame, &sky, &deviations);

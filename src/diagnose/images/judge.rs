@@ -35,8 +35,10 @@ const MAX_NULLS: usize = 1000;
 const TURN_P: f64 = 1e-2;
 /// What is as alike as this to an effect that is known to be there may be what its formula leaves.
 const SHADOW: f64 = 0.3;
-/// A formula leaves no more than so many times what it explains.
-const MAX_LEFT: f64 = 10.0;
+/// What is as alike as this to a formula can do all that the formula does,
+const CONTAINS: f64 = 0.999;
+/// and is an effect of its own where it explains more than this share of it: a formula leaves less.
+const LEFT_BY_FORMULA: f64 = 0.1;
 /// What is as alike as this and better by no more than odds of 100 : 1 cannot be told apart.
 const SAME_TRACE: f64 = 0.9;
 const AS_GOOD: f64 = 4.6;
@@ -295,13 +297,14 @@ fn implausible(question: &Question, sizes: &[[f64; 2]]) -> Option<String> {
     (is_of_amplifiers && step > MAX_GAIN_STEP).then(|| format!("no two amplifiers differ by {:.0} %", 100.0 * step))
 }
 
-/// Of what the places have found the columns here are a formula: what is left of it is not to be named after another effect. What is far larger than
-/// what the formula explains is an effect of its own.
+/// Of what the places have found the columns here are a formula: what is left of it is not to be named after another effect. A mosaic of colours has
+/// even and odd columns in it, and rows and diagonals, which no formula of these leaves.
 fn beside(rows: &Rows, nothing: &RowFit, given: &[usize], mut own: Proposed) -> Proposed {
     for known in given {
         let cosine = cosine(rows, nothing, *known, own.question);
         let explained = answer(rows, nothing, *known).map_or(0.0, |answer| answer.statistic);
-        if cosine > SHADOW && own.statistic < MAX_LEFT * explained {
+        let goes_beyond = cosine > CONTAINS && own.statistic > LEFT_BY_FORMULA * explained;
+        if cosine > SHADOW && !goes_beyond {
             own.against.push(format!(
                 "it may be what the formula of {} leaves, which the positions show (cosine {cosine:.2})",
                 rows.questions[*known].id

@@ -11,7 +11,7 @@ use crate::diagnose::channels::Channel;
 use crate::effects::CentroidShift;
 use crate::effects::detector::charge_transfer_inefficiency::ChargeTransferInefficiency;
 use crate::effects::detector::overshoot;
-use crate::pixel_statistics::{Estimate, FrameNoise, PixelStatistics};
+use crate::pixel_statistics::PixelStatistics;
 use crate::statistics::median;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
@@ -20,8 +20,6 @@ const OVERSHOOT: &str = <overshoot::Overshoot as CentroidShift>::ID;
 const MIN_SHARED: f64 = 0.009;
 /// and are known no better than this.
 const MIN_ERROR: f64 = 0.002;
-/// The share of the noise that is of whole lines is known to this part of it.
-const LINES_ARE_TOLD: f64 = 0.2;
 /// What the pixel after the next shares of it at most: more is no memory of the pixel before, but an offset of the whole row.
 const MAX_KEPT: f64 = 0.8;
 /// Neighbours in a column share at most this part of what those in a row do.
@@ -30,16 +28,10 @@ const MAX_ACROSS: f64 = 0.35;
 /// Overshoot by the noise; nothing where neighbours in rows and columns share alike. `others`: what else was counted.
 pub(super) fn shared_noise(pixels: &PixelStatistics, detector: &DeclaredDetector, others: &[&str]) -> Option<Counted> {
     let neighbours = pixels.neighbours.as_ref().filter(|_| !others.contains(&COMPRESSION))?;
-    // Offsets of whole lines are shared by all of their pixels.
-    let [of_rows, of_columns] = [
-        line_share(pixels, |frame| frame.row_variance_dn2.map(|own| own.value)),
-        line_share(pixels, |frame| frame.column_variance_dn2.map(|own| own.value)),
-    ];
-    let less = |own: Estimate, share: f64| Estimate { value: own.value - share, sigma: own.sigma.hypot(LINES_ARE_TOLD * share) };
-    let (along, across) = (less(neighbours.column, of_rows), less(neighbours.row, of_columns));
+    let (along, across) = (neighbours.column, neighbours.row);
     let sigma = along.sigma.hypot(across.sigma).hypot(MIN_ERROR);
     let surprise = neg_ln_chi2_sf(1.0, ((along.value - across.value) / sigma).powi(2)).min(MAX_SURPRISE);
-    let kept = ((neighbours.two_columns.value - of_rows) / along.value).max(0.0);
+    let kept = (neighbours.two_columns.value / along.value).max(0.0);
     let is_along = along.value.abs() > MIN_SHARED && across.value.abs() < MAX_ACROSS * along.value.abs();
     if !is_along || kept > MAX_KEPT || !Counted::is_surprising(surprise) {
         return None;
@@ -60,13 +52,6 @@ pub(super) fn shared_noise(pixels: &PixelStatistics, detector: &DeclaredDetector
     Some(Counted::of_stars(OVERSHOOT, Channel::Noise, parameters, surprise, "x", sentence).or(alike))
 }
 
-/// The part of the variance of the sky's pixels that offsets of lines make, of the typical frame.
-fn line_share(pixels: &PixelStatistics, variance_dn2: impl Fn(&FrameNoise) -> Option<f64>) -> f64 {
-    let shares: Vec<f64> =
-        pixels.by_frame.iter().filter_map(|frame| Some(variance_dn2(frame)?.max(0.0) / frame.sigma_dn.powi(2))).collect();
-    median(&shares).filter(|share| share.is_finite()).unwrap_or(0.0)
-}
-
 /// The part of the sky's variance that its light makes.
 fn photon_share(pixels: &PixelStatistics, detector: &DeclaredDetector) -> Option<f64> {
     let (gain, bias) = (detector.gain_e_per_dn?, detector.bias_dn?);
@@ -77,14 +62,9 @@ fn photon_share(pixels: &PixelStatistics, detector: &DeclaredDetector) -> Option
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pixel_statistics::NeighbourCorrelation;
+    use crate::pixel_statistics::{Estimate, NeighbourCorrelation};
 
     fn told(column: f64, row: f64, two_columns: f64) -> Option<(f64, Vec<String>)> {
-        told_beside(0.0, column, row, two_columns)
-    }
-
-    /// Where offsets of rows make a share of the variance.
-    fn told_beside(banding: f64, column: f64, row: f64, two_columns: f64) -> Option<(f64, Vec<String>)> {
         let estimate = |value: f64| Estimate { value, sigma: 6e-4 };
         let neighbours = NeighbourCorrelation {
             column: estimate(column),
@@ -92,17 +72,7 @@ mod tests {
             two_columns: estimate(two_columns),
             ..NeighbourCorrelation::default()
         };
-        let frame = FrameNoise {
-            frame: 0,
-            exposure_s: None,
-            level_dn: 200.0,
-            sigma_dn: 2.0,
-            row_variance_dn2: Some(estimate(4.0 * banding)),
-            column_variance_dn2: None,
-            parity_dn: None,
-            middle_step_dn: None,
-        };
-        let pixels = PixelStatistics { neighbours: Some(neighbours), by_frame: vec![frame], ..PixelStatistics::default() };
+        let pixels = PixelStatistics { neighbours: Some(neighbours), ..PixelStatistics::default() };
         let found = shared_noise(&pixels, &DeclaredDetector::default(), &[])?.reported().1?;
         Some((found.parameters[0].value, found.indistinguishable_from))
     }
@@ -121,15 +91,5 @@ mod tests {
         for (column, row) in [(0.03, 0.028), (-0.02, -0.03), (0.004, 0.0), (0.0, 0.05)] {
             assert!(told(column, row, 0.01).is_none(), "{column} {row}");
         }
-    }
-
-    /// Rows with offsets share as much at every distance; a memory beside them is told still.
-    #[test]
-    fn offsets_of_rows_are_no_memory() {
-        for share in [0.02, 0.1, 0.3] {
-            assert!(told_beside(share, share, 0.0, share).is_none(), "{share}");
-            assert!(told_beside(0.0, share, 0.0, 0.95 * share).is_none(), "{share}");
-        }
-        assert!(told_beside(0.02, 0.02 - 0.03, 0.0, 0.02 - 0.01).is_some());
     }
 }

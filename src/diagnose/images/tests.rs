@@ -112,6 +112,26 @@ fn nothing_is_found_where_nothing_is() {
     assert!(left < 7, "{left} channels of {SEEDS} nulls were left with something");
 }
 
+/// Air takes light in proportion to the air mass in every field; clouds lie now on one side of a field and now on the other. What clouds leave on the
+/// whole is proposed by the errors of single stars, and withheld since the fields differ.
+#[test]
+fn clouds_over_parts_of_the_fields_are_no_extinction() {
+    let proposed = |mag_per_airmass: &dyn Fn(usize) -> f64| {
+        let mut stars = stars(7, nothing);
+        for star in &mut stars {
+            let airmass = 1.6 + 0.5 * star.image.at[1];
+            star.image.airmass = Some(airmass);
+            star.flux_dn *= 10.0_f64.powf(-0.4 * mag_per_airmass(star.frame) * airmass);
+        }
+        let judged = judge(&stars, None, FRAMES, &asked(1e-3), &[]).unwrap();
+        let own = judged.proposed.iter().find(|own| judged.rows.questions[own.question].id == "extinction");
+        own.map(|own| own.against.join("; "))
+    };
+    assert_eq!(proposed(&|_| 0.2), Some(String::new()));
+    let clouds = proposed(&|frame| 0.1 + 0.2 * (2.4 * frame as f64).sin()).unwrap();
+    assert!(clouds.contains("scatters from field to field"), "{clouds}");
+}
+
 /// Halves with an amplifier each, upper and lower or left and right, and quarters: the parameters are those that are there.
 #[test]
 fn halves_are_told_apart() {
@@ -251,6 +271,34 @@ fn lines_that_are_offset_are_banding_however_much() {
         let [value, _] = size(&judged, "banding").unwrap();
         assert!((value / variance - 1.0).abs() < 0.05, "{value} for {variance}");
     }
+}
+
+/// The positions show even and odd columns, which are a part of a mosaic of colours: rows and diagonals are no remainder of them. A remainder of a tenth
+/// of them may be one.
+#[test]
+fn a_mosaic_stands_beside_the_even_and_odd_columns_in_it() {
+    let of = |parity_dn: [f64; 3]| {
+        let frame = |frame: usize| FrameNoise {
+            frame,
+            exposure_s: None,
+            level_dn: 200.0,
+            sigma_dn: 2.6,
+            row_variance_dn2: None,
+            column_variance_dn2: None,
+            parity_dn: Some(std::array::from_fn(|which| {
+                let noise = ((3 * frame + which) as f64 * 2.399).sin() * 2.0_f64.sqrt();
+                Estimate { value: parity_dn[which] + 0.01 * noise, sigma: 0.01 }
+            })),
+            middle_step_dn: None,
+        };
+        let pixels = PixelStatistics { by_frame: (0..FRAMES).map(frame).collect(), ..PixelStatistics::default() };
+        let places = (0..FRAMES).map(|frame| (frame, frame)).collect();
+        let detector = DeclaredDetector::default();
+        let noise = Some(&Pixels { statistics: &pixels, detector: &detector, places: &places, views: &[] });
+        found(&judge(&stars(3, nothing), noise, FRAMES, &asked(1e-3), &["even-odd".to_owned()]).unwrap())
+    };
+    assert_eq!(of([2.0, 1.0, 3.0]), ["bayer"]);
+    assert_eq!(of([2.0, 0.1, 0.1]), Vec::<&str>::new());
 }
 
 /// Columns that are the same in all frames, too weak for one frame: the pairs of frames tell them. What pairs share is nothing without them.
