@@ -79,6 +79,9 @@ pub struct ImagePairScore {
     pub label: String,
     /// Both named, and nothing else.
     pub exact: Rate,
+    /// Sum over the recordings of the cosines between what the two change in the stamps, without sign; 0 where they are not both reckoned by stamps.
+    #[serde(default)]
+    pub cosines: f64,
     /// At least one named.
     pub one: Rate,
     /// Names given that are wrong.
@@ -287,6 +290,7 @@ fn together(given: &[Pair]) -> Vec<ImagePairScore> {
         let all_right: Vec<&str> = truth.effects.iter().flat_map(right_names).collect();
         let wrong: Vec<&str> = answer.findings.iter().map(|finding| finding.id.as_str()).filter(|id| !all_right.contains(id)).collect();
         own.exact.count(named == truth.effects.len() && wrong.is_empty());
+        own.cosines += truth.pair_cos.unwrap_or_default().abs();
         own.one.count(named > 0);
         for id in wrong {
             count(&mut own.wrong, id);
@@ -300,7 +304,8 @@ fn pulls(given: &[Pair]) -> Vec<Pulls> {
     let mut all: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     for (truth, answer) in given.iter().filter(|(truth, _)| truth.family == Family::ImageLadder) {
         for effect in truth.effects.iter().filter(|effect| effect.multiple >= FROM) {
-            let comparable = PixelKind::labelled(&effect.label).is_some_and(HiddenImage::is_comparable);
+            let size = effect.parameters.first().map_or(0.0, |parameter| parameter.value);
+            let comparable = PixelKind::labelled(&effect.label).is_some_and(|kind| HiddenImage::is_comparable(kind, size));
             let Some(finding) = answer.findings.iter().find(|finding| comparable && finding.id == effect.id) else { continue };
             for parameter in &effect.parameters {
                 if let Some(found) = finding.parameters.iter().find(|found| found.name == parameter.name && found.sigma > 0.0) {

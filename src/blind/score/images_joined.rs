@@ -82,6 +82,7 @@ fn add(all: &mut ImageScore, part: &ImageScore) {
         let known = known_or_new(&mut all.pairs, own, |other| other.label == own.label);
         let Some(known) = known else { continue };
         add_rate(&mut known.exact, own.exact);
+        known.cosines += own.cosines;
         add_rate(&mut known.one, own.one);
         add_names(&mut known.wrong, &own.wrong);
     }

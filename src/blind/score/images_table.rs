@@ -117,10 +117,17 @@ fn pairs(page: &mut String, score: &ImageScore) {
         return;
     }
     line(page, "## Two at once\n");
-    line(page, "| hidden | exactly the two | at least one | wrong names |");
-    line(page, "|---|---|---|---|");
+    line(
+        page,
+        "The cosine is that between what the two change in the stamps of stars, with nuisances taken out: beside the other each is seen with √(1 − cos²) of its \
+         own signal-to-noise ratio. Effects of which one is not told by stamps have none.\n",
+    );
+    line(page, "| hidden | cosine | exactly the two | at least one | wrong names |");
+    line(page, "|---|---|---|---|---|");
     for pair in &score.pairs {
-        line(page, &format!("| {} | {} | {} | {} |", pair.label, pair.exact, pair.one, names(&pair.wrong)));
+        let mean = pair.cosines / pair.exact.of.max(1) as f64;
+        let cosine = if mean > 0.0 { format!("{mean:.2}") } else { "–".to_owned() };
+        line(page, &format!("| {} | {cosine} | {} | {} | {} |", pair.label, pair.exact, pair.one, names(&pair.wrong)));
     }
     line(page, "");
 }

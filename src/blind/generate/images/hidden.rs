@@ -56,14 +56,18 @@ impl HiddenImage {
         self.numbers.get(index).copied().unwrap_or_default()
     }
 
-    /// Whether a parameter of the diagnosis is this one, so that they can be compared.
+    /// Whether a parameter of the diagnosis is this one, so that they can be compared. A response that is an exponential here is a parabola there: small
+    /// losses are the same.
     #[must_use]
-    pub fn is_comparable(kind: PixelKind) -> bool {
+    pub fn is_comparable(kind: PixelKind, size: f64) -> bool {
+        /// At which what the two differ by, two thirds of the square of the loss, is a fifteenth of the loss.
+        const SMALL_LOSS: f64 = 0.1;
         use PixelKind::{AmplifierStep, ColumnBanding, EvenOdd, Extinction, LostBits, Nonlinearity, Passband, Prnu, RowBanding, WrongGain};
-        matches!(
-            kind,
-            AmplifierStep | ColumnBanding | EvenOdd | Extinction | LostBits | Nonlinearity | Passband | Prnu | RowBanding | WrongGain
-        )
+        match kind {
+            AmplifierStep | ColumnBanding | EvenOdd | Extinction | LostBits | Passband | Prnu | RowBanding | WrongGain => true,
+            Nonlinearity => size.abs() < SMALL_LOSS,
+            _ => false,
+        }
     }
 
     /// Its parameters as result files name them.

@@ -114,7 +114,8 @@ pub(super) fn concealed_images(family: Family, index: u32, seed: u64, catalog: &
     let mut hidden = Vec::new();
     let mut effects = Vec::new();
     for (kind, multiple) in planned {
-        let (own, snr) = sized(kind, multiple, &mut rng, &world, noiseless.as_ref());
+        let beside = (!hidden.is_empty()).then(|| Noiseless::beside(&world, &hidden));
+        let (own, snr) = sized(kind, multiple, &mut rng, &world, beside.as_ref().or(noiseless.as_ref()));
         effects.push(TrueEffect {
             id: kind.id().to_owned(),
             label: kind.label().to_owned(),
@@ -130,6 +131,10 @@ pub(super) fn concealed_images(family: Family, index: u32, seed: u64, catalog: &
         });
         hidden.push(own);
     }
+    let pair_cos = match (&hidden[..], &noiseless) {
+        ([a, b], Some(noiseless)) if [a, b].iter().all(|own| own.kind.reckoned() == Reckoned::Stamps) => Some(noiseless.cosine([a, b])),
+        _ => None,
+    };
     let optics = &world.world.optics;
     let truth = Truth {
         format: TRUTH_FORMAT.to_owned(),
@@ -139,7 +144,7 @@ pub(super) fn concealed_images(family: Family, index: u32, seed: u64, catalog: &
         setup: world.world.setup.to_owned(),
         trap,
         effects,
-        pair_cos: None,
+        pair_cos,
         camera: TrueCamera { parameters: [optics.centre_px[0], optics.centre_px[1], optics.focal_px, optics.k1, optics.p1, optics.p2] },
         frames: world.frames.len(),
         stars: world.frames.iter().map(|frame| frame.stars.len()).sum(),

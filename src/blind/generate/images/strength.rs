@@ -36,9 +36,10 @@ fn expected(world: &ImageWorld, number: usize, pixels: &Pixels, causes: Causes<'
     amplified(&world.camera, moved(&world.camera, charge, causes), causes)
 }
 
-/// The frames without anything hidden, for differences against them.
+/// The frames without the effects of which the differences are asked, perhaps with others.
 pub(super) struct Noiseless<'w> {
     world: &'w ImageWorld,
+    others: Vec<HiddenImage>,
     pixels: Pixels,
     frames: Vec<Vec<f64>>,
     stamps: Vec<Vec<Stamp>>,
@@ -61,32 +62,53 @@ impl Stamp {
 
 impl<'w> Noiseless<'w> {
     pub(super) fn new(world: &'w ImageWorld) -> Self {
+        Self::beside(world, &[])
+    }
+
+    /// With other effects hidden already: what adds up before its square is seen, as displacements of the focus do, is seen otherwise beside them.
+    pub(super) fn beside(world: &'w ImageWorld, others: &[HiddenImage]) -> Self {
         let mut rng = super::super::random::stream(0, 0, 0, 0);
         let pixels = Pixels::draw(&mut rng, world, Causes(&[]));
         let all: Vec<usize> = (0..world.frames.len()).collect();
-        let frames = all.par_iter().map(|number| expected(world, *number, &pixels, Causes(&[]))).collect();
+        let frames = all.par_iter().map(|number| expected(world, *number, &pixels, Causes(others))).collect();
         let stamps = world.frames.par_iter().map(|frame| stamps(world, frame)).collect();
-        Self { world, pixels, frames, stamps }
+        Self { world, others: others.to_vec(), pixels, frames, stamps }
     }
 
     /// Signal-to-noise ratio of an effect that stamps or background tell.
     pub(super) fn snr(&self, hidden: &HiddenImage) -> f64 {
-        let reckoned = hidden.kind.reckoned();
+        self.information(std::slice::from_ref(hidden)).sqrt()
+    }
+
+    /// Cosine between what two effects change that stamps tell, with what is free taken out of both: of two that are as large, each is told beside the other
+    /// with the share √(1 − cos²) of its signal-to-noise ratio. Sizes are made small, so that changes add up.
+    pub(super) fn cosine(&self, pair: [&HiddenImage; 2]) -> f64 {
+        const SMALL: f64 = 0.1;
+        let [a, b] = pair.map(|own| HiddenImage { size: SMALL * own.size, ..own.clone() });
+        let (of_a, of_b) = (self.information(std::slice::from_ref(&a)), self.information(std::slice::from_ref(&b)));
+        let product = 0.5 * (self.information(&[a, b]) - of_a - of_b);
+        (product / (of_a * of_b).sqrt().max(f64::MIN_POSITIVE)).clamp(-1.0, 1.0)
+    }
+
+    /// What is known of the common size of effects that are reckoned alike, in units of it.
+    fn information(&self, hidden: &[HiddenImage]) -> f64 {
+        let first = hidden[0].kind;
+        let all: Vec<HiddenImage> = self.others.iter().chain(hidden).cloned().collect();
+        let reckoned = first.reckoned();
         let quiet = self.world.camera.quiet_e2();
         let catalogue = self.world.catalogue_mag * std::f64::consts::LN_10 / 2.5;
         let changes: Vec<FrameChange> = (0..self.frames.len())
             .into_par_iter()
             .map(|number| {
                 let base = &self.frames[number];
-                let own = [hidden.clone()];
-                let mut change = expected(self.world, number, &self.pixels, Causes(&own));
+                let mut change = expected(self.world, number, &self.pixels, Causes(&all));
                 change.iter_mut().zip(base).for_each(|(value, base)| *value -= base);
                 if reckoned == Reckoned::Background {
                     let slope_e = SLOPE_SHARE * self.world.frames[number].sky_e[0];
-                    let is_image = if hidden.kind == PixelKind::VeilingGlare { self.images(number) } else { Vec::new() };
+                    let is_image = if first == PixelKind::VeilingGlare { self.images(number) } else { Vec::new() };
                     FrameChange { left: of_background(&change, base, quiet, slope_e, &is_image), ..FrameChange::default() }
                 } else {
-                    let of = if hidden.kind == PixelKind::IntrapixelResponse { of_all_light } else { of_stamps };
+                    let of = if first == PixelKind::IntrapixelResponse { of_all_light } else { of_stamps };
                     of(&change, base, quiet, &self.stamps[number])
                 }
             })
@@ -100,7 +122,7 @@ impl<'w> Noiseless<'w> {
             _ => ZeroPoints::OfFrames,
         };
         let lights: Vec<Vec<StarLight>> = changes.into_iter().map(|own| own.lights).collect();
-        (light_information(&lights, catalogue, zero_points) + width + left).max(0.0).sqrt()
+        (light_information(&lights, catalogue, zero_points) + width + left).max(0.0)
     }
 
     /// Pixels in the images of a frame's stars: the wings of an image are free, so that nothing wide is told there.
@@ -406,6 +428,39 @@ mod tests {
         let told = light_information(&dim, 0.02, ZeroPoints::Within(CLEAR_NIGHT)).sqrt();
         assert!(told < 0.1 / CLEAR_NIGHT && told > 0.3 * 0.1 / CLEAR_NIGHT, "{told}");
         assert!(light_information(&dim, 0.02, ZeroPoints::OfFrames) < 1e-6, "a zero point of its own takes it up");
+    }
+
+    /// An effect is itself, with its sign; a tilt of the focal surface is not another one across, nor is light that is lost with the colour.
+    #[test]
+    fn effects_are_as_alike_as_their_changes() {
+        let mut rng = super::super::super::random::stream(6, 0, 0, 0);
+        let needs = Needs { ground: Some(true), exposures: false, trap: None };
+        let world = ImageWorld::draw(&mut rng, needs, Catalog::embedded());
+        let noiseless = Noiseless::new(&world);
+        let of = |kind: PixelKind, size: f64, numbers: &[f64]| HiddenImage { kind, size, numbers: numbers.to_vec() };
+        let tilt = |size: f64, along: [f64; 2]| of(PixelKind::FieldTilt, size, &along);
+        let same = noiseless.cosine([&tilt(0.1, [1.0, 0.0]), &tilt(-0.2, [1.0, 0.0])]);
+        assert!((same + 1.0).abs() < 0.02, "{same}");
+        // A few bright stars tell most, so that the two directions of a tilt are not quite independent.
+        for (other, most) in [(tilt(0.1, [0.0, 1.0]), 0.8), (of(PixelKind::Passband, 0.02, &[]), 0.3)] {
+            let cosine = noiseless.cosine([&tilt(0.1, [1.0, 0.0]), &other]);
+            assert!(cosine.abs() < most, "{:?}: {cosine}", other.kind);
+        }
+    }
+
+    /// A drift of the focus changes images that a curved focal surface has widened more than others.
+    #[test]
+    fn what_adds_up_before_its_square_is_seen_is_reckoned_beside_the_others() {
+        let mut rng = super::super::super::random::stream(6, 0, 0, 0);
+        let world = ImageWorld::draw(&mut rng, Needs { ground: Some(true), exposures: false, trap: None }, Catalog::embedded());
+        let of = |kind: PixelKind, size: f64| HiddenImage { kind, size, numbers: Vec::new() };
+        let drift = of(PixelKind::FocusWithTime, 0.02);
+        let reckoned = |other: HiddenImage| Noiseless::beside(&world, &[other]).snr(&drift);
+        let alone = Noiseless::new(&world).snr(&drift);
+        let curved = reckoned(of(PixelKind::FieldCurvature, 4.0 * world.camera.blur_px));
+        assert!(curved > 1.5 * alone, "{alone} {curved}");
+        let coloured = reckoned(of(PixelKind::Passband, 0.02));
+        assert!((coloured / alone - 1.0).abs() < 0.02, "{alone} {coloured}");
     }
 
     /// What dims all stars of a frame alike is the zero point's, also where stars stand in each other's stamps.
