@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::Rate;
 use super::images::{ImageRung, ImageScore, Names};
 use crate::statistics::order::sort_by_key;
 
@@ -117,10 +118,23 @@ fn pairs(page: &mut String, score: &ImageScore) {
         return;
     }
     line(page, "## Two at once\n");
+    if score.pairs.iter().all(|pair| pair.cosines == 0.0) {
+        line(page, "| hidden | exactly the two | at least one | wrong names |");
+        line(page, "|---|---|---|---|");
+        for pair in &score.pairs {
+            line(page, &format!("| {} | {} | {} | {} |", pair.label, pair.exact, pair.one, names(&pair.wrong)));
+        }
+    } else {
+        pairs_with_cosines(page, score);
+    }
+    line(page, "");
+}
+
+fn pairs_with_cosines(page: &mut String, score: &ImageScore) {
     line(
         page,
-        "The cosine is that between what the two change in the stamps of stars, with nuisances taken out: beside the other each is seen with √(1 − cos²) of its \
-         own signal-to-noise ratio. Effects of which one is not told by stamps have none.\n",
+        "The cosine is that between what the two change in the stamps of stars, with nuisances taken out, without its sign: beside the other each is seen with \
+         √(1 − cos²) of its own signal-to-noise ratio. Effects of which one is not told by stamps have none. The second is sized beside the first.\n",
     );
     line(page, "| hidden | cosine | exactly the two | at least one | wrong names |");
     line(page, "|---|---|---|---|---|");
@@ -129,7 +143,8 @@ fn pairs(page: &mut String, score: &ImageScore) {
         let cosine = if mean > 0.0 { format!("{mean:.2}") } else { "–".to_owned() };
         line(page, &format!("| {} | {cosine} | {} | {} | {} |", pair.label, pair.exact, pair.one, names(&pair.wrong)));
     }
-    line(page, "");
+    let all = score.pairs.iter().fold([0, 0], |sum, pair| [sum[0] + pair.exact.hits, sum[1] + pair.exact.of]);
+    line(page, &format!("| all | | {} | | |", Rate { hits: all[0], of: all[1] }));
 }
 
 fn pulls(page: &mut String, score: &ImageScore) {
