@@ -19,7 +19,9 @@ pub(super) static IMAGE_CAUSES: &[&dyn ImageEffect] = &[
     &psf_shape::FieldOfFocusBeyond,
     &axial_colour::AxialColour,
     &focus_drift::FocusWithTemperature,
+    &focus_drift::FocusWithTemperatureBeyond,
     &focus_drift::FocusWithTime,
+    &focus_drift::FocusWithTimeBeyond,
     &motion_smear::MotionSmear,
 ];
 

@@ -228,17 +228,37 @@ fn an_effect_is_told_by_no_more_parameters_than_it_needs() {
         }),
         ("focus-drift", &["sigma_px_per_hour"], |image| (0.0, [0.02, 0.0, 0.02].map(|share| share * image.time_offset_h.unwrap()))),
         ("focus-drift", &["sigma_px_per_hour", "sigma_px_per_hour2"], |image| {
-            (0.0, [0.02, 0.0, 0.02].map(|share| share * image.time_offset_h.unwrap().powi(2)))
+            (0.0, [0.03, 0.0, 0.03].map(|share| share * image.time_offset_h.unwrap().powi(2)))
         }),
     ];
     for (id, parameters, added) in cases {
         for seed in 300..303 {
             let judged = judge(&stars(seed, added), None, FRAMES, &asked(1e-3), &[]).unwrap();
-            assert_eq!(found(&judged), [id], "seed {seed}: {:?}", judged.proposed);
+            assert_eq!(found(&judged), [id], "seed {seed}, {parameters:?}: {:?}", judged.proposed);
             let own = judged.proposed.iter().find(|own| own.against.is_empty()).unwrap();
             let told: Vec<&str> = judged.rows.questions[own.question].parameters.iter().map(|own| own.name).collect();
             assert_eq!(told, parameters, "seed {seed}: {own:?}");
         }
+    }
+}
+
+/// The blur of a defocus is its square: a drift over a curved focal surface widens images by the product of both, which no camera that shakes does.
+#[test]
+fn a_drift_over_a_curved_focal_surface_is_no_jitter() {
+    let added: Added = |image| {
+        let curved = image.at[0].powi(2) + image.at[1].powi(2);
+        let blur = (0.7 * curved + 0.25 * image.time_offset_h.unwrap()).powi(2);
+        (0.0, [0.25 * blur, 0.0, 0.25 * blur])
+    };
+    for seed in 210..214 {
+        let judged = judge(&stars(seed, added), None, FRAMES, &asked(1e-3), &[]).unwrap();
+        let mut names = found(&judged);
+        names.sort_unstable();
+        names.dedup();
+        assert_eq!(names, ["focus-drift", "psf-shape"], "seed {seed}: {:?}", judged.proposed);
+        let questions = judged.proposed.iter().map(|own| &judged.rows.questions[own.question]);
+        let told: Vec<&str> = questions.flat_map(|question| question.parameters.iter().map(|own| own.name)).collect();
+        assert!(told.contains(&"sigma_px_per_hour_at_corner"), "seed {seed}: {told:?}");
     }
 }
 

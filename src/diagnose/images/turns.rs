@@ -133,21 +133,22 @@ fn held_out_of(rows: &Rows, all: &RowFit, (found, given): (&[usize], &[usize]), 
     let of_turn = |[train, held]: &[Vec<bool>; 2]| -> (Vec<Option<HeldOut>>, Vec<[f64; 2]>) {
         let (chosen, fit) = select(rows, train, given, threshold);
         let (chosen, fit) = as_in_all_rows(rows, &beside, (chosen, given.len()), fit, found);
-        let on_held = RowFit::under(rows, held, &[], &fit);
         let of_chosen: Vec<&Vec<f64>> = columns_of(rows, &chosen);
-        let everything: Vec<f64> = (0..of_chosen.len()).map(|k| fit.size[k]).collect();
-        let left = RowFit::under(&less(rows, &of_chosen, &everything), held, &[], &fit).chi2_and_dof(rows);
+        let everything = &fit.size.as_slice()[..of_chosen.len()];
+        let with_all = RowFit::under(&less(rows, &of_chosen, everything), held, &[], &fit);
+        let left = with_all.chi2_and_dof(rows);
         let mut credited = vec![None; found.len()];
         let mut first = 0;
         for &question in &chosen {
-            let columns = &rows.questions[question].columns;
-            let sizes: Vec<f64> = (0..columns.len()).map(|k| fit.size[first + k]).collect();
-            first += columns.len();
+            let own = first..first + rows.questions[question].columns.len();
+            first = own.end;
             let is_alike = |own: &usize| !chosen.contains(own) && cosine(rows, &beside, *own, question) > SAME_TRACE;
             let owner = found.iter().position(|own| *own == question).or_else(|| found.iter().position(is_alike));
             if let Some(owner) = owner.filter(|owner| credited[*owner].is_none()) {
-                let columns: Vec<&Vec<f64>> = columns.iter().collect();
-                credited[owner] = Some(HeldOut { left: left.clone(), ..gain(rows, (held, &fit), &on_held, (&columns, &sizes)) });
+                let others: (Vec<&Vec<f64>>, Vec<f64>) =
+                    (0..of_chosen.len()).filter(|k| !own.contains(k)).map(|k| (of_chosen[k], everything[k])).unzip();
+                let without = RowFit::under(&less(rows, &others.0, &others.1), held, &[], &fit);
+                credited[owner] = Some(HeldOut { left: left.clone(), ..gain(rows, &without, &with_all) });
             }
         }
         (credited, left)
@@ -199,10 +200,10 @@ fn add_all(sums: &mut [[f64; 2]], own: &[[f64; 2]]) {
     }
 }
 
-/// Fall of χ² on held-out rows with columns of given sizes: their nuisance parameters are fitted with the effect taken off, and without.
-fn gain(rows: &Rows, (held, fit): (&[bool], &RowFit), before: &RowFit, (columns, sizes): (&[&Vec<f64>], &[f64])) -> HeldOut {
-    let after = RowFit::under(&less(rows, columns, sizes), held, &[], fit);
-    let (by_kind, square) = before.fall_to(rows, &after);
+/// Fall of χ² on held-out rows from what all others of a turn leave to what all leave, each with the sizes of the turn; the nuisance parameters of the
+/// rows are fitted to both. Beside nothing the trace of another effect would count for it or against it, by the sign of their product.
+fn gain(rows: &Rows, without: &RowFit, with_all: &RowFit) -> HeldOut {
+    let (by_kind, square) = without.fall_to(rows, with_all);
     HeldOut { delta_chi2: by_kind.iter().sum(), square, by_kind, chosen: [1, 1], ..HeldOut::default() }
 }
 
