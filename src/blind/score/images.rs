@@ -15,6 +15,8 @@ use crate::statistics::order::ascending;
 
 /// What all plain nulls together are called.
 pub(super) const PLAIN_NULLS: &str = "all plain nulls";
+/// Strong is what is hidden at four times what is just seen.
+const STRONG: f64 = 3.9;
 /// The name of what frames behind clouds have.
 const CLOUDS: &str = "clouds";
 
@@ -70,6 +72,13 @@ pub struct ImageLadder {
     pub rungs: Vec<ImageRung>,
     /// Strength of half detection.
     pub half: Option<f64>,
+    /// Sum, over the recordings from four times what is just seen on in which it is named, of its signal-to-noise ratio as it was found over that of
+    /// what was hidden, and their number: how much of the information in the pixels the program uses.
+    #[serde(default)]
+    pub snr_shares: f64,
+    /// See `snr_shares`.
+    #[serde(default)]
+    pub sized: usize,
 }
 
 /// Two effects together.
@@ -209,10 +218,14 @@ fn ladders(given: &[Pair]) -> Vec<ImageLadder> {
         let Counting { own, curve, reached } = ladders.entry(effect.label.clone()).or_insert_with(|| {
             let (label, id) = (effect.label.clone(), effect.id.clone());
             let reckoned = effect.reckoned.unwrap_or(Reckoned::Steps);
-            let own = ImageLadder { label, id, reckoned, known: false, rungs: Vec::new(), half: None };
+            let own = ImageLadder { label, id, reckoned, known: false, rungs: Vec::new(), half: None, snr_shares: 0.0, sized: 0 };
             Counting { own, curve: Ladder::default(), reached: BTreeMap::new() }
         });
         own.known |= is_judged(effect, answer);
+        if let Some(share) = snr_share(effect, answer) {
+            own.snr_shares += share;
+            own.sized += 1;
+        }
         curve.add(effect.multiple, alarmed(answer), false);
         let place = own.rungs.iter().position(|rung| (rung.multiple / effect.multiple - 1.0).abs() < 0.05).unwrap_or_else(|| {
             own.rungs.push(ImageRung { multiple: effect.multiple, ..ImageRung::default() });
@@ -235,17 +248,23 @@ fn ladders(given: &[Pair]) -> Vec<ImageLadder> {
     ladders.into_values().map(finish).collect()
 }
 
+/// The signal-to-noise ratio of an effect as it was found over that of what was hidden, where it is strong enough that no threshold chooses which are found.
+fn snr_share(effect: &TrueEffect, answer: &Answer) -> Option<f64> {
+    let right = right_names(effect);
+    let found = answer.findings.iter().find(|finding| right.contains(&finding.id.as_str()))?;
+    (effect.multiple >= STRONG && effect.snr > 0.0).then(|| found.snr.abs() / effect.snr)
+}
+
 /// Whether the program that answered judges an effect.
 fn is_judged(effect: &TrueEffect, answer: &Answer) -> bool {
     right_names(effect).iter().any(|id| answer.status_of(id).is_some_and(|status| status != "not-applicable"))
 }
 
 fn pool(given: &[Pair]) -> ImagePool {
-    const FROM: f64 = 3.9;
     const WHOLE: f64 = 0.9;
     let mut pool = ImagePool::default();
     for (truth, answer) in given.iter().filter(|(truth, _)| truth.family == Family::ImageLadder) {
-        for effect in truth.effects.iter().filter(|effect| effect.multiple >= FROM) {
+        for effect in truth.effects.iter().filter(|effect| effect.multiple >= STRONG) {
             let mut rung = ImageRung::default();
             add(&mut rung, effect, answer);
             let is_cut = effect.snr > 0.0 && effect.snr < WHOLE * 5.0 * effect.multiple;

@@ -119,6 +119,8 @@ fn add_rate(all: &mut Rate, own: Rate) {
 
 fn add_ladder(all: &mut ImageLadder, own: &ImageLadder) {
     all.known |= own.known;
+    all.snr_shares += own.snr_shares;
+    all.sized += own.sized;
     for rung in &own.rungs {
         let is_same = |other: &ImageRung| (other.multiple / rung.multiple - 1.0).abs() < 0.05;
         let Some(known) = known_or_new(&mut all.rungs, rung, is_same) else { continue };

@@ -54,6 +54,9 @@ fn head(page: &mut String, score: &ImageScore, commit: &str) {
 }
 
 fn nulls(page: &mut String, score: &ImageScore) {
+    if score.nulls.is_empty() {
+        return;
+    }
     line(page, "## Nulls\n");
     line(page, "`clouds` is the right name of frames behind clouds, and no false one.\n");
     line(page, "| kind | a false name | not \"consistent\" | names | unexplained |");
@@ -74,13 +77,22 @@ fn cell(rung: &ImageRung) -> String {
 }
 
 fn ladders(page: &mut String, score: &ImageScore) {
+    if score.ladders.is_empty() {
+        return;
+    }
     line(page, "## Ladders: right name first · right name printed · withheld · silent / all\n");
+    line(
+        page,
+        "Half detection: the strength at which half of the recordings are called anything but consistent, interpolated in the logarithm of the \
+         strength: none at 1 × and all at 2 × give 1.41, wherever between them it is. SNR found / hidden: of the first \
+         parameter over that of the hidden effect, mean of what is named from 4 × on; below one the program's errors are larger than the bound of the pixels.\n",
+    );
     let mut multiples: Vec<f64> = score.ladders.iter().flat_map(|ladder| &ladder.rungs).map(|rung| rung.multiple).collect();
     multiples.sort_by(f64::total_cmp);
     multiples.dedup();
     let columns: Vec<String> = multiples.iter().map(|multiple| format!("{multiple:.0} ×")).collect();
-    line(page, &format!("| hidden | reckoned by | {} | half detection | wrong names |", columns.join(" | ")));
-    line(page, &format!("|---|---|{}---|---|", "---|".repeat(columns.len())));
+    line(page, &format!("| hidden | reckoned by | {} | half detection | SNR found / hidden | wrong names |", columns.join(" | ")));
+    line(page, &format!("|---|---|{}---|---|---|", "---|".repeat(columns.len())));
     for ladder in &score.ladders {
         let of =
             |multiple: &f64| ladder.rungs.iter().find(|rung| (rung.multiple / multiple - 1.0).abs() < 0.05).map_or_else(String::new, cell);
@@ -91,13 +103,17 @@ fn ladders(page: &mut String, score: &ImageScore) {
         }
         let reckoned = serde_json::to_value(ladder.reckoned).ok().and_then(|value| value.as_str().map(str::to_owned)).unwrap_or_default();
         let unknown = if ladder.known { "" } else { " *(not judged)*" };
+        let share = if ladder.sized > 0 { format!("{:.2}", ladder.snr_shares / ladder.sized as f64) } else { "–".to_owned() };
         let half = ladder.half.map_or_else(|| "–".to_owned(), |half| format!("{half:.2}"));
-        line(page, &format!("| {}{unknown} | {reckoned} | {} | {half} | {} |", ladder.label, cells.join(" | "), names(&wrong)));
+        line(page, &format!("| {}{unknown} | {reckoned} | {} | {half} | {share} | {} |", ladder.label, cells.join(" | "), names(&wrong)));
     }
     line(page, "");
 }
 
 fn pool(page: &mut String, score: &ImageScore) {
+    if score.ladders.is_empty() {
+        return;
+    }
     let own = &score.pool;
     line(page, "## All ladders, from 4 × on\n");
     line(page, "| | of the recordings |");

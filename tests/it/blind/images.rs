@@ -173,6 +173,8 @@ fn answers_are_counted() {
     let rung = &ladder.rungs[0];
     assert_eq!((rung.of, rung.first, rung.in_set, rung.withheld, rung.silent, rung.detected), (5, 1, 2, 1, 1, 3));
     assert_eq!((rung.wrong["shear"], ladder.known, rung.multiple), (1, true, 2.0));
+    // Two of the strong ones are named, with the signal-to-noise ratio of `answer_of` where 20 were hidden.
+    assert_eq!((ladder.sized, ladder.snr_shares), (2, 2.0 * 9.0 / 20.0));
     let total = figures.nulls.last().unwrap();
     assert_eq!((total.counts.named.hits, total.names["vignetting"], total.unexplained["flux : field-radius"]), (1, 1, 1));
     let page = image_markdown(&figures, "abc1234");
