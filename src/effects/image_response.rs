@@ -108,6 +108,10 @@ pub trait ImageEffect: Sync {
     fn part_follows(&self, _part: &[usize]) -> &'static str {
         self.follows()
     }
+    /// The effects of which its columns are products, where they are: what one of them explains is asked beside the others.
+    fn products_of(&self) -> &'static [&'static str] {
+        &[]
+    }
     /// What it needs, in words, for where it is not known.
     fn needs(&self) -> &'static str;
     /// The size of its first parameter that real cameras and skies have, and where that is from.

@@ -6,6 +6,9 @@
 
 use crate::effects::{ImageContext, ImageEffect, ImageResponse};
 
+/// What a defocus of field and drift together is made of.
+const OF_FOCUS: &[&str] = &["psf-shape", "focus-drift"];
+
 /// A width that goes with the temperature.
 pub(super) struct FocusWithTemperature;
 
@@ -52,6 +55,9 @@ impl ImageEffect for FocusWithTemperatureBeyond {
     }
     fn follows(&self) -> &'static str {
         "temperature"
+    }
+    fn products_of(&self) -> &'static [&'static str] {
+        OF_FOCUS
     }
     /// A curved focal surface, a tilted one.
     fn parts(&self) -> &'static [&'static [usize]] {
@@ -120,6 +126,9 @@ impl ImageEffect for FocusWithTimeBeyond {
     }
     fn follows(&self) -> &'static str {
         "time"
+    }
+    fn products_of(&self) -> &'static [&'static str] {
+        OF_FOCUS
     }
     /// A curved focal surface, a tilted one.
     fn parts(&self) -> &'static [&'static [usize]] {

@@ -135,7 +135,7 @@ pub(super) fn add_background(
         .into_iter()
         .map(|(follows, own)| {
             let columns = columns.by_ref().take(own.len()).map(over_all).collect();
-            Question { id: "", parameters: Vec::new(), follows, columns, rank: 0, sign: None, is_part: false }
+            Question { id: "", parameters: Vec::new(), follows, columns, rank: 0, sign: None, is_part: false, products_of: &[] }
         })
         .collect();
     rows.kinds.push(Kind {
@@ -163,6 +163,7 @@ fn add_question(rows: &mut Rows, own: Asked, columns: Vec<Vec<f64>>) -> Vec<Vec<
             rank: 1,
             sign: own.sign,
             is_part: false,
+            products_of: &[],
         });
         known.push(rows.questions.len() - 1);
     }

@@ -46,6 +46,8 @@ pub(in crate::diagnose) struct FoundByCount {
     pub(in crate::diagnose) ids: Vec<&'static str>,
     /// The part of the counts of one amplifier that another adds to its own, with its standard error, where that is found.
     pub(in crate::diagnose) coupling: Option<[f64; 2]>,
+    /// The ratio of gains, less one, that noise which neighbours share along one axis pretends, with its standard error, where they do.
+    pub(in crate::diagnose) gain_by_memory: Option<[f64; 2]>,
 }
 
 impl FoundByCount {
@@ -55,6 +57,7 @@ impl FoundByCount {
         Self {
             ids: counted.iter().filter_map(Counted::found_id).collect(),
             coupling: coupling.map(|(_, value, sigma, _)| [*value, *sigma]),
+            gain_by_memory: None,
         }
     }
 }

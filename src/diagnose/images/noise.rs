@@ -88,7 +88,7 @@ pub(super) fn add_noise(rows: &mut Rows, pixels: &PixelStatistics, detector: &De
             let told = |own: &Parameter| Parameter { shown: shown(key, pixels).unwrap_or(own.shown), ..*own };
             let parameters = parameters.iter().enumerate().filter(|(which, _)| keep(*which)).map(|(_, own)| told(own)).collect();
             let columns = columns.into_iter().enumerate().filter(|(which, _)| keep(*which)).map(|(_, own)| own).collect();
-            rows.questions.push(Question { id, parameters, follows, columns, rank: 1, sign: *sign, is_part: false });
+            rows.questions.push(Question { id, parameters, follows, columns, rank: 1, sign: *sign, is_part: false, products_of: &[] });
         }
     }
     join_stars(rows, &all, before);

@@ -28,7 +28,7 @@ pub(super) fn patterns(rows: &Rows, stars: &[StarMeasurement]) -> Vec<Question> 
                 column
             };
             let columns = (0..count).map(column).collect();
-            all.push(Question { id: "", parameters: Vec::new(), follows, columns, rank: 0, sign: None, is_part: false });
+            all.push(Question { id: "", parameters: Vec::new(), follows, columns, rank: 0, sign: None, is_part: false, products_of: &[] });
         }
     }
     all

@@ -16,7 +16,7 @@ use super::noise::DeclaredDetector;
 use super::profiles::shape_map;
 use super::rendered::StampCamera;
 use super::rows::{Parameter, Question};
-use super::shared_noise::shared_noise;
+use super::shared_noise::{gain_by_memory, shared_noise};
 use super::single_frames::single_frames;
 use super::sky_view::SkyView;
 use super::stars::MIN_ROWS;
@@ -100,6 +100,7 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     }
     let (mut counted, is_compressed) = images.pixels.map_or_else(Default::default, counted_in);
     let mut by_count = FoundByCount::new(&counted);
+    by_count.gain_by_memory = images.pixels.and_then(|pixels| gain_by_memory(pixels, &images.detector));
     if let Some(overshoot) = images.pixels.and_then(|pixels| shared_noise(pixels, &images.detector, &by_count.ids)) {
         by_count.ids.extend(overshoot.found_id());
         counted.push(overshoot);

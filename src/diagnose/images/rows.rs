@@ -162,6 +162,8 @@ pub(in crate::diagnose) struct Question {
     pub(in crate::diagnose) sign: Option<f64>,
     /// Some columns of another question of the same effect: fewer are seen sooner, and told where they say as much.
     pub(in crate::diagnose) is_part: bool,
+    /// The effects of which its columns are products.
+    pub(in crate::diagnose) products_of: &'static [&'static str],
 }
 
 impl Question {

@@ -11,7 +11,7 @@ use crate::diagnose::channels::Channel;
 use crate::effects::CentroidShift;
 use crate::effects::detector::charge_transfer_inefficiency::ChargeTransferInefficiency;
 use crate::effects::detector::overshoot;
-use crate::pixel_statistics::PixelStatistics;
+use crate::pixel_statistics::{Estimate, PixelStatistics};
 use crate::statistics::median;
 use crate::statistics::significance::neg_ln_chi2_sf;
 
@@ -22,6 +22,8 @@ const MIN_SHARED: f64 = 0.009;
 const MIN_ERROR: f64 = 0.002;
 /// What the pixel after the next shares of it at most: more is no memory of the pixel before, but an offset of the whole row.
 const MAX_KEPT: f64 = 0.8;
+/// So many standard errors apart are shares along rows and columns that differ.
+const AXES_DIFFER: f64 = 3.0;
 /// Neighbours in a column share at most this part of what those in a row do.
 const MAX_ACROSS: f64 = 0.35;
 
@@ -52,6 +54,21 @@ pub(super) fn shared_noise(pixels: &PixelStatistics, detector: &DeclaredDetector
     Some(Counted::of_stars(OVERSHOOT, Channel::Noise, parameters, surprise, "x", sentence).or(alike))
 }
 
+/// The ratio of the gains (less one) that noise with such a memory pretends, with its error, along the axis where neighbours share more; nothing where they
+/// share alike along both. Of the variance of the photons −2ρ₁/(1 − q) is added, to first order, whether the read-out remembers the pixel before or charge
+/// arrives late: so much is seen in the variance before the share itself is beyond chance.
+pub(super) fn gain_by_memory(pixels: &PixelStatistics, detector: &DeclaredDetector) -> Option<[f64; 2]> {
+    let own = pixels.neighbours.as_ref()?;
+    let of_photons = photon_share(pixels, detector).unwrap_or(1.0);
+    let of_axis = |(along, after, across): (Estimate, Estimate, Estimate)| {
+        let (share, sigma) = (along.value - across.value, along.sigma.hypot(across.sigma));
+        let is_along = along.value.abs() > across.value.abs() && share.abs() > AXES_DIFFER * sigma;
+        let kept = (after.value / along.value).clamp(0.0, MAX_KEPT);
+        is_along.then(|| [share, sigma].map(|value| 2.0 * value / ((1.0 - kept) * of_photons)))
+    };
+    [(own.column, own.two_columns, own.row), (own.row, own.two_rows, own.column)].into_iter().find_map(of_axis)
+}
+
 /// The part of the sky's variance that its light makes.
 fn photon_share(pixels: &PixelStatistics, detector: &DeclaredDetector) -> Option<f64> {
     let (gain, bias) = (detector.gain_e_per_dn?, detector.bias_dn?);
@@ -62,7 +79,7 @@ fn photon_share(pixels: &PixelStatistics, detector: &DeclaredDetector) -> Option
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::pixel_statistics::{Estimate, NeighbourCorrelation};
+    use crate::pixel_statistics::NeighbourCorrelation;
 
     fn told(column: f64, row: f64, two_columns: f64) -> Option<(f64, Vec<String>)> {
         let estimate = |value: f64| Estimate { value, sigma: 6e-4 };
@@ -91,5 +108,28 @@ mod tests {
         for (column, row) in [(0.03, 0.028), (-0.02, -0.03), (0.004, 0.0), (0.0, 0.05)] {
             assert!(told(column, row, 0.01).is_none(), "{column} {row}");
         }
+    }
+
+    /// Shares that are too small to be called an overshoot say what variance they bring; alike along both axes, or within chance, they say nothing.
+    #[test]
+    fn a_small_share_along_one_axis_pretends_a_gain() {
+        let pretended = |column: f64, row: f64, after: f64| {
+            let estimate = |value: f64| Estimate { value, sigma: 5e-4 };
+            let neighbours = NeighbourCorrelation {
+                column: estimate(column),
+                row: estimate(row),
+                two_columns: estimate(after),
+                two_rows: estimate(after),
+                ..NeighbourCorrelation::default()
+            };
+            let pixels = PixelStatistics { neighbours: Some(neighbours), ..PixelStatistics::default() };
+            gain_by_memory(&pixels, &DeclaredDetector::default()).map(|own| own[0])
+        };
+        // More variance is a smaller gain: k = −0.008 and q = 1/2 add 0.016 of it.
+        assert!((pretended(-0.004, 0.0, -0.002).unwrap() + 0.016).abs() < 1e-9);
+        // Charge that arrives late takes variance away, along columns.
+        assert!((pretended(0.0, 0.005, 0.0).unwrap() - 0.01).abs() < 1e-9);
+        assert_eq!(pretended(0.006, 0.005, 0.0), None, "stars that were not found");
+        assert_eq!(pretended(-0.002, 0.0, 0.0), None, "chance");
     }
 }

@@ -173,7 +173,7 @@ fn question_of(column: &RenderedColumn, told: &[Told<'_>]) -> Option<Question> {
     let (name, unit) = column.parameter;
     let parameters = vec![Parameter { name, unit, shown: Shown::Same }];
     let columns = vec![values.into_iter().map(|value| value.unwrap_or(0.0)).collect()];
-    Some(Question { id: column.id, parameters, follows: column.follows, columns, rank: 1, sign: None, is_part: false })
+    Some(Question { id: column.id, parameters, follows: column.follows, columns, rank: 1, sign: None, is_part: false, products_of: &[] })
 }
 
 /// Columns of an effect over the rows of stars, the first as rendered where it was; or why there are none.
@@ -216,5 +216,6 @@ fn question(effect: &'static dyn ImageEffect, told: &[Told<'_>], rendered: Optio
         rank: effect.name_rank(),
         sign: effect.sign(),
         is_part: false,
+        products_of: effect.products_of(),
     })
 }

@@ -1,6 +1,8 @@
 //! Proof on what took no part: effects are chosen and sized without a third of the frames and a third of the stars, and scored on those stars in
 //! those frames.
 
+use std::ops::Range;
+
 use super::forward_selection::select;
 use super::narrowing::as_in_all_rows;
 use super::row_fit::RowFit;
@@ -134,21 +136,23 @@ fn held_out_of(rows: &Rows, all: &RowFit, (found, given): (&[usize], &[usize]), 
         let (chosen, fit) = select(rows, train, given, threshold);
         let (chosen, fit) = as_in_all_rows(rows, &beside, (chosen, given.len()), fit, found);
         let of_chosen: Vec<&Vec<f64>> = columns_of(rows, &chosen);
-        let everything = &fit.size.as_slice()[..of_chosen.len()];
-        let with_all = RowFit::under(&less(rows, &of_chosen, everything), held, &[], &fit);
-        let left = with_all.chi2_and_dof(rows);
+        let taken_off = |columns: &[usize]| {
+            let (of, sizes): (Vec<&Vec<f64>>, Vec<f64>) = columns.iter().map(|k| (of_chosen[*k], fit.size[*k])).unzip();
+            RowFit::under(&less(rows, &of, &sizes), held, &[], &fit)
+        };
+        let on_held = RowFit::under(rows, held, &[], &fit);
+        let left = taken_off(&(0..of_chosen.len()).collect::<Vec<_>>()).chi2_and_dof(rows);
         let mut credited = vec![None; found.len()];
-        let mut first = 0;
-        for &question in &chosen {
-            let own = first..first + rows.questions[question].columns.len();
-            first = own.end;
+        let places = places_of(rows, &chosen);
+        for (k, &question) in chosen.iter().enumerate() {
             let is_alike = |own: &usize| !chosen.contains(own) && cosine(rows, &beside, *own, question) > SAME_TRACE;
             let owner = found.iter().position(|own| *own == question).or_else(|| found.iter().position(is_alike));
             if let Some(owner) = owner.filter(|owner| credited[*owner].is_none()) {
-                let others: (Vec<&Vec<f64>>, Vec<f64>) =
-                    (0..of_chosen.len()).filter(|k| !own.contains(k)).map(|k| (of_chosen[k], everything[k])).unzip();
-                let without = RowFit::under(&less(rows, &others.0, &others.1), held, &[], &fit);
-                credited[owner] = Some(HeldOut { left: left.clone(), ..gain(rows, &without, &with_all) });
+                let others: Vec<usize> = of_same_product(rows, &chosen, k).into_iter().flat_map(|other| places[other].clone()).collect();
+                let with: Vec<usize> = others.iter().copied().chain(places[k].clone()).collect();
+                let beside_them = (!others.is_empty()).then(|| taken_off(&others));
+                let gain = gain(rows, beside_them.as_ref().unwrap_or(&on_held), &taken_off(&with));
+                credited[owner] = Some(HeldOut { left: left.clone(), ..gain });
             }
         }
         (credited, left)
@@ -200,10 +204,32 @@ fn add_all(sums: &mut [[f64; 2]], own: &[[f64; 2]]) {
     }
 }
 
-/// Fall of χ² on held-out rows from what all others of a turn leave to what all leave, each with the sizes of the turn; the nuisance parameters of the
-/// rows are fitted to both. Beside nothing the trace of another effect would count for it or against it, by the sign of their product.
-fn gain(rows: &Rows, without: &RowFit, with_all: &RowFit) -> HeldOut {
-    let (by_kind, square) = without.fall_to(rows, with_all);
+/// Places of the columns of each of the questions among those of all.
+fn places_of(rows: &Rows, questions: &[usize]) -> Vec<Range<usize>> {
+    let mut end = 0;
+    let place = |question: &usize| {
+        let first = end;
+        end += rows.questions[*question].columns.len();
+        first..end
+    };
+    questions.iter().map(place).collect()
+}
+
+/// The others of the questions that are chosen with a product, if this one is of it: over a curved focal surface a drift of the focus does in some frames the
+/// opposite of what the surface does in the mean, so that either is asked beside the other and their product (J. A. Nelder, J. R. Stat. Soc. A 140, 48 (1977),
+/// on marginality).
+fn of_same_product(rows: &Rows, chosen: &[usize], own: usize) -> Vec<usize> {
+    let id = |k: usize| rows.questions[chosen[k]].id;
+    let products: Vec<&str> = chosen.iter().flat_map(|question| rows.questions[*question].products_of).copied().collect();
+    if !products.contains(&id(own)) {
+        return Vec::new();
+    }
+    (0..chosen.len()).filter(|other| *other != own && products.contains(&id(*other))).collect()
+}
+
+/// Fall of χ² on held-out rows from one fit of their nuisance parameters to another.
+fn gain(rows: &Rows, without: &RowFit, with: &RowFit) -> HeldOut {
+    let (by_kind, square) = without.fall_to(rows, with);
     HeldOut { delta_chi2: by_kind.iter().sum(), square, by_kind, chosen: [1, 1], ..HeldOut::default() }
 }
 

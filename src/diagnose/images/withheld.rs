@@ -49,7 +49,8 @@ pub(super) fn withhold_shadows(diagnosis: &mut Diagnosis) {
 
 /// Why a proposal is withheld: by itself, and since something else that is there does the same to the noise.
 pub(super) fn against(diagnosis: &Diagnosis, judged: &Judged, proposed: &Proposed, by_count: &FoundByCount) -> Vec<String> {
-    proposed.against.iter().cloned().chain(beside_others(diagnosis, judged, proposed, by_count)).collect()
+    let beside = beside_others(diagnosis, judged, proposed, by_count).or_else(|| by_memory(judged, proposed, by_count));
+    proposed.against.iter().cloned().chain(beside).collect()
 }
 
 /// What else that is there explains a proposal.
@@ -84,6 +85,17 @@ fn by_coupling(judged: &Judged, proposed: &Proposed, by_count: &FoundByCount) ->
     let gain = proposed.sizes.first().copied().filter(|_| is_gain)?;
     let beside = proposed.sizes.get(1).copied().unwrap_or([0.0, 1.0]);
     is_within_step(gain, beside, coupling).then(|| "the crosstalk raises the level by as much, and not the noise".to_owned())
+}
+
+/// Noise that neighbours share along one axis has another variance: a read-out that remembers, charge that arrives late. Which of them is not told, so that
+/// the channel stays unexplained.
+fn by_memory(judged: &Judged, proposed: &Proposed, by_count: &FoundByCount) -> Option<String> {
+    let memory = by_count.gain_by_memory?;
+    let is_gain = judged.rows.questions[proposed.question].id == GAIN_NOISE;
+    let gain = proposed.sizes.first().copied().filter(|[ratio, _]| is_gain && ratio * memory[0] > 0.0)?;
+    let beside = proposed.sizes.get(1).copied().unwrap_or([0.0, 1.0]);
+    is_within_step(gain, beside, memory)
+        .then(|| "neighbouring pixels share noise along one axis alone, which changes its variance by as much".to_owned())
 }
 
 /// Whether the ratio of a gain (less one) is no farther off than a step of the gains, and nothing but a gain is (sizes with their errors). In a frame the half
