@@ -150,8 +150,8 @@ fn widths(finding: &Finding, [width, height]: [usize; 2]) -> Vec<VaryTable> {
             "sigma_px_per_kelvin" => &[(1.0, [0, 0, 0, 1])],
             "sigma_px_per_kelvin2" => &[(1.0, [0, 0, 0, 2])],
             "sigma_px_per_kelvin_at_corner" => &[(1.0, [2, 0, 0, 1]), (1.0, [0, 2, 0, 1])],
-            "sigma_px_per_kelvin_per_half_diagonal_x" => &[(1.0, [1, 0, 0, 1])],
-            "sigma_px_per_kelvin_per_half_diagonal_y" => &[(1.0, [0, 1, 0, 1])],
+            "sigma_px_per_kelvin_x" => &[(1.0, [1, 0, 0, 1])],
+            "sigma_px_per_kelvin_y" => &[(1.0, [0, 1, 0, 1])],
             _ => &[],
         };
         powers.iter().map(|(factor, powers)| term(factor * value, *powers)).collect()

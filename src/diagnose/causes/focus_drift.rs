@@ -2,7 +2,7 @@
 //!
 //! The blur of a defocus z adds z² to the variance: about the best focus the change is a square, elsewhere a slope. Both are columns. Where the focal
 //! surface is curved or tilted the square has products of the field and the temperature, or the time, which tell it from a camera that shakes: that one
-//! widens all images of a frame alike.
+//! widens all images of a frame alike. Their parameters are for one half-diagonal from the middle, along the radius, x or y.
 
 use crate::effects::{ImageContext, ImageEffect, ImageResponse};
 
@@ -47,11 +47,7 @@ impl ImageEffect for FocusWithTemperatureBeyond {
         "focus-drift"
     }
     fn parameters(&self) -> &'static [(&'static str, &'static str)] {
-        &[
-            ("sigma_px_per_kelvin_at_corner", "px/K"),
-            ("sigma_px_per_kelvin_per_half_diagonal_x", "px/K"),
-            ("sigma_px_per_kelvin_per_half_diagonal_y", "px/K"),
-        ]
+        &[("sigma_px_per_kelvin_at_corner", "px/K"), ("sigma_px_per_kelvin_x", "px/K"), ("sigma_px_per_kelvin_y", "px/K")]
     }
     fn follows(&self) -> &'static str {
         "temperature"
@@ -118,11 +114,7 @@ impl ImageEffect for FocusWithTimeBeyond {
         "focus-drift"
     }
     fn parameters(&self) -> &'static [(&'static str, &'static str)] {
-        &[
-            ("sigma_px_per_hour_at_corner", "px/h"),
-            ("sigma_px_per_hour_per_half_diagonal_x", "px/h"),
-            ("sigma_px_per_hour_per_half_diagonal_y", "px/h"),
-        ]
+        &[("sigma_px_per_hour_at_corner", "px/h"), ("sigma_px_per_hour_x", "px/h"), ("sigma_px_per_hour_y", "px/h")]
     }
     fn follows(&self) -> &'static str {
         "time"
