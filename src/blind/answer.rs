@@ -34,11 +34,23 @@ pub struct AnswerFinding {
     pub located_by: Vec<String>,
     /// Signal-to-noise ratio.
     pub snr: f64,
+    /// Fall of χ² with it.
+    #[serde(default)]
+    pub delta_chi2: f64,
     /// Effects that cannot be told from it.
     pub set: Vec<String>,
     /// By channel, on frames and stars that took no part: χ² per degree of freedom without it, with all that was found, and the degrees of freedom.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub held_out_chi2: BTreeMap<String, [f64; 3]>,
+}
+
+/// The size of an effect that is not found.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AnswerSize {
+    /// Its id.
+    pub id: String,
+    /// Its first parameter.
+    pub parameter: AnswerParameter,
 }
 
 /// An effect proposed, named or not.
@@ -106,6 +118,9 @@ pub struct Answer {
     /// The same: effects that are significant and not named, with the reasons.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub withheld: BTreeMap<String, String>,
+    /// The same: sizes of effects that are not found.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub not_found: Vec<AnswerSize>,
     /// Frames set aside for it.
     pub held_out_frames: Vec<usize>,
     /// The same data by other ways of mending.
@@ -140,6 +155,7 @@ impl Answer {
             held_out: [None; 2],
             channels: BTreeMap::new(),
             withheld: BTreeMap::new(),
+            not_found: Vec::new(),
             held_out_frames: Vec::new(),
             rivals: None,
             pixels: None,

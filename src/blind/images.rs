@@ -8,6 +8,7 @@ use super::generate::images::ImageCanvas;
 use super::generate::{Concealed, Family, Lists, concealed};
 use super::pixels::whole;
 use super::run::shortened;
+use super::answer::{AnswerParameter, AnswerSize};
 use super::{Answer, BlindError, recording};
 use crate::camera::Physics;
 use crate::catalog::Catalog;
@@ -122,7 +123,7 @@ pub fn image_answer(family: Family, index: u32, seed: u64, options: &DiagnoseOpt
     answer
 }
 
-/// What every channel says, and why names were withheld.
+/// What every channel says, why names were withheld, and the sizes of what is not found.
 fn with_channels(answer: &mut Answer, diagnosis: &Diagnosis) {
     let name = |channel: Channel| serde_json::to_value(channel).ok()?.as_str().map(str::to_owned);
     for channel in diagnosis.channels.scope() {
@@ -135,4 +136,10 @@ fn with_channels(answer: &mut Answer, diagnosis: &Diagnosis) {
     }
     let withheld = diagnosis.effects.iter().filter(|effect| effect.status == EffectState::Withheld);
     answer.withheld.extend(withheld.map(|effect| (effect.id.clone(), effect.reason.clone())));
+    let sizes = diagnosis.effects.iter().filter(|effect| effect.status != EffectState::Found);
+    answer.not_found.extend(sizes.filter_map(|effect| {
+        let own = effect.parameters.first()?;
+        let parameter = AnswerParameter { name: own.name.clone(), value: own.value, sigma: own.sigma };
+        Some(AnswerSize { id: effect.id.clone(), parameter })
+    }));
 }

@@ -133,6 +133,7 @@ pub(super) fn shortened(diagnosis: &Diagnosis, family: Family, index: u32, seed:
             .collect(),
         located_by: finding.located_by.clone(),
         snr: finding.snr,
+        delta_chi2: finding.delta_chi2,
         set: finding.indistinguishable_from.clone(),
         held_out_chi2: held_out_chi2(finding),
     };

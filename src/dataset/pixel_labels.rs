@@ -35,12 +35,19 @@ pub(super) fn classes<'f>(
     stars: impl Iterator<Item = &'f Footprint>,
     false_stars: impl Iterator<Item = &'f Footprint>,
 ) -> Vec<u8> {
+    /// Pixels that are looked at together: most have no flag.
+    const RUN_PX: usize = 64;
     let mut classes = vec![0; flags.len()];
     // A false star is a trail of no length to the renderer.
-    for (pixel, flags) in flags.iter().enumerate().filter(|(_, flags)| **flags != 0) {
-        for (flag, class) in OF_FLAGS {
-            if flags & flag != 0 {
-                classes[pixel] = class;
+    for (classes, flags) in classes.chunks_mut(RUN_PX).zip(flags.chunks(RUN_PX)) {
+        if flags.iter().fold(0, |all, own| all | own) == 0 {
+            continue;
+        }
+        for (own, flags) in classes.iter_mut().zip(flags) {
+            for (flag, class) in OF_FLAGS {
+                if flags & flag != 0 {
+                    *own = class;
+                }
             }
         }
     }

@@ -1,5 +1,6 @@
 //! A sample: the files that a frame becomes, from the recipe and its number alone.
 
+use std::borrow::Cow;
 use std::time::Instant;
 
 use sha2::{Digest, Sha256};
@@ -135,10 +136,12 @@ fn ms_since(begun: Instant) -> f64 {
 }
 
 /// The counts as a recording of the same scene has them: those of converters of 8 bits end at 255.
-fn counts(scene: &Scene, rendered: &Rendered) -> Vec<u16> {
+fn counts<'r>(scene: &Scene, rendered: &'r Rendered) -> Cow<'r, [u16]> {
     let is_of_bytes = scene.detector.bits <= 8 && scene.detector.joined(scene.binning).top_dn() <= 255.0;
-    let top = if is_of_bytes { u16::from(u8::MAX) } else { u16::MAX };
-    rendered.pixels_dn.iter().map(|count| *count.min(&top)).collect()
+    if !is_of_bytes {
+        return Cow::Borrowed(&rendered.pixels_dn);
+    }
+    rendered.pixels_dn.iter().map(|count| (*count).min(u8::MAX.into())).collect()
 }
 
 #[cfg(test)]

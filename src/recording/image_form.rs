@@ -1,5 +1,6 @@
 //! The forms of image files that counts are written as: every count is kept, in each of them.
 
+use std::borrow::Cow;
 use std::io::Cursor;
 use std::path::Path;
 
@@ -76,7 +77,7 @@ pub fn write_image(
         ImageFileForm::Png16 => png_u16(size, pixels_dn),
         ImageFileForm::Png8 => png_u8(size, &as_bytes()),
         ImageFileForm::Tiff16 => tiff_u16(size, pixels_dn),
-        ImageFileForm::Raw16 => Ok(low_byte_first(pixels_dn)),
+        ImageFileForm::Raw16 => Ok(low_byte_first(pixels_dn).into_owned()),
     };
     write_file(path, &bytes.map_err(fault)?)
 }
@@ -114,12 +115,12 @@ pub(crate) fn png_u8(size: [usize; 2], pixels: &[u8]) -> Result<Vec<u8>, String>
 }
 
 /// Numbers as bytes, the low one of each first.
-pub(crate) fn low_byte_first(pixels: &[u16]) -> Vec<u8> {
-    let mut rows = vec![0; 2 * pixels.len()];
-    for (bytes, pixel) in rows.as_chunks_mut().0.iter_mut().zip(pixels) {
-        *bytes = pixel.to_le_bytes();
+pub(crate) fn low_byte_first(pixels: &[u16]) -> Cow<'_, [u8]> {
+    // On most processors they lie so already.
+    if cfg!(target_endian = "little") {
+        return Cow::Borrowed(bytemuck::cast_slice(pixels));
     }
-    rows
+    Cow::Owned(pixels.iter().flat_map(|pixel| pixel.to_le_bytes()).collect())
 }
 
 /// The bytes of a FITS file with an image of 16 bits that is packed by Rice coding, a tile a row as cfitsio does it.

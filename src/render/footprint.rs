@@ -44,10 +44,13 @@ impl Footprint {
         let landed = seen.landed(spreader.whole_e(light));
         let width_px = scene.camera.width_px;
         let mut pixels = Vec::new();
-        for (place, (electrons, background_e)) in seen.light.electrons.iter().zip(&seen.light.background_e).enumerate() {
-            if electrons * electrons >= background_e + seen.read_variance && *electrons > 0.0 {
-                let [x, y] = seen.pixel(place);
-                pixels.push(((y * width_px + x) as u32, *electrons as f32));
+        let own_width = seen.width_px.max(1);
+        let rows = seen.light.electrons.chunks_exact(own_width).zip(seen.light.background_e.chunks_exact(own_width));
+        for (y, (electrons, background_e)) in (seen.top_px..).zip(rows) {
+            for (x, (electrons, background_e)) in (seen.left_px..).zip(electrons.iter().zip(background_e)) {
+                if electrons * electrons >= background_e + seen.read_variance && *electrons > 0.0 {
+                    pixels.push(((y * width_px + x) as u32, *electrons as f32));
+                }
             }
         }
         let moved = [[STEP_PX, 0.0], [0.0, STEP_PX]].map(|by_px| spreader.stamp(&spreader.moved(light, by_px), imager));
@@ -82,8 +85,9 @@ fn bound_px(seen: &Seen, beside: &[Vec<f64>; 2]) -> [f64; 2] {
         let variance = electrons + background_e + seen.read_variance;
         if variance > 0.0 {
             let (x, y, flux) = ((right - electrons) / STEP_PX, (down - electrons) / STEP_PX, *electrons);
+            let weight = variance.recip();
             for (sum, product) in sums.iter_mut().zip([x * x, x * y, x * flux, y * y, y * flux, flux * flux]) {
-                *sum += product / variance;
+                *sum += product * weight;
             }
         }
     }

@@ -175,31 +175,28 @@ impl Seen {
         }
     }
 
-    /// Column and row of one of its pixels.
-    pub(super) fn pixel(&self, place: usize) -> [usize; 2] {
-        [self.left_px + place % self.width_px, self.top_px + place / self.width_px]
-    }
-
     /// The centre of the light that reaches the pixels; `None` where they end with the frame, so that light may be missing.
     pub(super) fn centre_px(&self, [columns, rows]: [usize; 2]) -> Option<[f64; 2]> {
         let end = [self.left_px + self.width_px, self.top_px + self.sent_e.len() / self.width_px.max(1)];
         let is_whole = self.left_px > 0 && self.top_px > 0 && end[0] < columns && end[1] < rows;
-        let (mut sum, mut moments) = (0.0, [0.0; 2]);
-        for (place, electrons) in self.sent_e.iter().enumerate() {
-            let at = self.pixel(place);
-            sum += electrons;
-            (0..2).for_each(|axis| moments[axis] += electrons * at[axis] as f64);
-        }
-        (is_whole && sum > 0.0).then(|| moments.map(|moment| moment / sum))
+        self.centre_of(&self.sent_e).filter(|_| is_whole)
     }
 
     /// The centre of the electrons that are expected on the frame.
     pub(super) fn light_centre_px(&self) -> Option<[f64; 2]> {
+        self.centre_of(&self.light.electrons)
+    }
+
+    /// The centre of electrons in its pixels; `None` where there are none.
+    fn centre_of(&self, electrons: &[f64]) -> Option<[f64; 2]> {
         let (mut sum, mut moments) = (0.0, [0.0; 2]);
-        for (place, electrons) in self.light.electrons.iter().enumerate() {
-            let at = self.pixel(place);
-            sum += electrons;
-            (0..2).for_each(|axis| moments[axis] += electrons * at[axis] as f64);
+        for (y, row) in (self.top_px..).zip(electrons.chunks_exact(self.width_px.max(1))) {
+            let y = y as f64;
+            for (x, electrons) in (self.left_px..).zip(row) {
+                sum += electrons;
+                moments[0] += electrons * x as f64;
+                moments[1] += electrons * y;
+            }
         }
         (sum > 0.0).then(|| moments.map(|moment| moment / sum))
     }
@@ -215,15 +212,15 @@ impl Seen {
             }
         };
         let own_width = self.width_px.max(1);
-        let (sent_rows, seen_rows) = (self.sent_e.chunks_exact(own_width), self.light.electrons.chunks_exact(own_width));
-        let mut all = Vec::with_capacity(self.sent_e.len());
-        for (y, (own_sent, own_seen)) in (self.top_px..).zip(sent_rows.zip(seen_rows)) {
+        let mut all = vec![0.0; self.sent_e.len()];
+        let (first, skipped) = (left.saturating_sub(self.left_px), self.left_px.saturating_sub(left));
+        for (y, own) in (self.top_px..).zip(all.chunks_exact_mut(own_width)) {
             let row = y.checked_sub(top).and_then(|row| sent_e.get(row * width..(row + 1) * width)).unwrap_or_default();
-            for (x, (own_sent, own_seen)) in (self.left_px..).zip(own_sent.iter().zip(own_seen)) {
-                let sent = x.checked_sub(left).and_then(|column| row.get(column)).copied().unwrap_or(0.0);
-                // The share that is seen is that of the pixel, or where it is not known, all.
-                all.push(if *own_sent > 0.0 { sent * own_seen / own_sent } else { sent });
-            }
+            own.iter_mut().skip(first).zip(row.iter().skip(skipped)).for_each(|(own, sent)| *own = *sent);
+        }
+        // The share that is seen is that of the pixel, or where it is not known, all.
+        for ((own, sent), seen) in all.iter_mut().zip(&self.sent_e).zip(&self.light.electrons) {
+            *own = if *sent > 0.0 { *own * seen / sent } else { *own };
         }
         all
     }

@@ -72,8 +72,8 @@ pub struct ImageLadder {
     pub rungs: Vec<ImageRung>,
     /// Strength of half detection.
     pub half: Option<f64>,
-    /// Sum, over the recordings from four times what is just seen on in which it is named, of its signal-to-noise ratio as it was found over that of
-    /// what was hidden, and their number: how much of the information in the pixels the program uses.
+    /// Sum, over the recordings from four times what is just seen on in which it is named, of the root of the fall of χ² over the signal-to-noise ratio
+    /// of what was hidden, and their number: how much of the information in the pixels the program uses.
     #[serde(default)]
     pub snr_shares: f64,
     /// See `snr_shares`.
@@ -133,6 +133,9 @@ pub struct ImageScore {
     pub pairs: Vec<ImagePairScore>,
     /// Pulls of amplitudes where truth and finding are in the same parameter; of all of them last.
     pub pulls: Vec<Pulls>,
+    /// Pulls of effects that are not there, of plain nulls; of all of them last.
+    #[serde(default)]
+    pub absent: Vec<Pulls>,
     /// χ² per degree of freedom of findings' own channels where nothing took part; of all of them last.
     #[serde(default)]
     pub held_out: Vec<HeldOutChi2>,
@@ -160,6 +163,7 @@ pub fn image_score(pairs: &[(Truth, Answer)]) -> ImageScore {
     score.pool = pool(&given);
     score.pairs = together(&given);
     score.pulls = pulls(&given);
+    score.absent = absent(&given);
     score.held_out = held_out_chi2(&given);
     let mut seconds: Vec<f64> = given.iter().map(|(_, answer)| answer.seconds).collect();
     seconds.sort_by(f64::total_cmp);
@@ -248,11 +252,11 @@ fn ladders(given: &[Pair]) -> Vec<ImageLadder> {
     ladders.into_values().map(finish).collect()
 }
 
-/// The signal-to-noise ratio of an effect as it was found over that of what was hidden, where it is strong enough that no threshold chooses which are found.
+/// The root of the fall of χ² over the signal-to-noise ratio of what was hidden, where it is strong enough that no threshold chooses which are found.
 fn snr_share(effect: &TrueEffect, answer: &Answer) -> Option<f64> {
     let right = right_names(effect);
     let found = answer.findings.iter().find(|finding| right.contains(&finding.id.as_str()))?;
-    (effect.multiple >= STRONG && effect.snr > 0.0).then(|| found.snr.abs() / effect.snr)
+    (effect.multiple >= STRONG && effect.snr > 0.0).then(|| found.delta_chi2.max(0.0).sqrt() / effect.snr)
 }
 
 /// Whether the program that answered judges an effect.
@@ -334,6 +338,21 @@ fn pulls(given: &[Pair]) -> Vec<Pulls> {
             }
         }
     }
+    summaries(&all)
+}
+
+/// Pulls of effects that are not there: nothing is chosen by its size, and the error is asked about as many effects as the program knows.
+fn absent(given: &[Pair]) -> Vec<Pulls> {
+    let mut all: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    let nulls = given.iter().filter(|(truth, _)| truth.family == Family::ImageNull);
+    for own in nulls.flat_map(|(_, answer)| &answer.not_found).filter(|own| own.parameter.sigma > 0.0) {
+        all.entry(format!("{}.{}", own.id, own.parameter.name)).or_default().push(own.parameter.value / own.parameter.sigma);
+    }
+    summaries(&all)
+}
+
+/// Summaries of pulls by label, and of all of them last.
+fn summaries(all: &BTreeMap<String, Vec<f64>>) -> Vec<Pulls> {
     let every: Vec<f64> = all.values().flatten().copied().collect();
     let of_all = (!every.is_empty()).then(|| summary("all", &every));
     all.iter().map(|(label, pulls)| summary(label, pulls)).chain(of_all).collect()

@@ -118,6 +118,7 @@ mod tests {
                 parameters: Vec::new(),
                 located_by: Vec::new(),
                 snr: 9.0,
+                delta_chi2: 81.0,
                 set: Vec::new(),
                 held_out_chi2: [("flux".to_owned(), told)].into(),
             }];

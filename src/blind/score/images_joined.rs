@@ -40,7 +40,9 @@ pub fn joined(parts: &[ImageScore]) -> Result<ImageScore, BlindError> {
     }
     sort_by_key(&mut all.ladders, |own| own.label.clone());
     sort_by_key(&mut all.pairs, |own| own.label.clone());
-    sort_by_key(&mut all.pulls, |own| (own.label == "all", own.label.clone()));
+    for pulls in [&mut all.pulls, &mut all.absent] {
+        sort_by_key(pulls, |own| (own.label == "all", own.label.clone()));
+    }
     sort_by_key(&mut all.held_out, HeldOutChi2::place);
     Ok(all)
 }
@@ -86,9 +88,11 @@ fn add(all: &mut ImageScore, part: &ImageScore) {
         add_rate(&mut known.one, own.one);
         add_names(&mut known.wrong, &own.wrong);
     }
-    for own in &part.pulls {
-        if let Some(known) = known_or_new(&mut all.pulls, own, |other| other.label == own.label) {
-            add_pulls(known, own);
+    for (all, part) in [(&mut all.pulls, &part.pulls), (&mut all.absent, &part.absent)] {
+        for own in part {
+            if let Some(known) = known_or_new(all, own, |other| other.label == own.label) {
+                add_pulls(known, own);
+            }
         }
     }
     for own in &part.held_out {
@@ -155,7 +159,7 @@ fn add_pulls(all: &mut Pulls, own: &Pulls) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::blind::answer::{Answer, AnswerFinding, AnswerParameter};
+    use crate::blind::answer::{Answer, AnswerFinding, AnswerParameter, AnswerSize};
     use crate::blind::generate::images::IMAGE_KINDS;
     use crate::blind::generate::{Family, Truth, concealed};
     use crate::blind::score::image_score;
@@ -177,9 +181,11 @@ mod tests {
                 .collect(),
             located_by: Vec::new(),
             snr: 9.0,
+            delta_chi2: 81.0,
             set: Vec::new(),
             held_out_chi2: [("flux".to_owned(), [2.0, 1.0 + 0.02 * f64::from(index % 7), 100.0 + f64::from(index)])].into(),
         };
+        answer.not_found = vec![AnswerSize { id: "vignetting".to_owned(), parameter: parameter("loss", 0.1, index) }];
         if !index.is_multiple_of(3) {
             answer.findings = truth.effects.first().map_or_else(Vec::new, |effect| vec![finding(&effect.id)]);
             answer.verdict = "explained".to_owned();

@@ -84,8 +84,8 @@ fn ladders(page: &mut String, score: &ImageScore) {
     line(
         page,
         "Half detection: the strength at which half of the recordings are called anything but consistent, interpolated in the logarithm of the \
-         strength: none at 1 × and all at 2 × give 1.41, wherever between them it is. SNR found / hidden: of the first \
-         parameter over that of the hidden effect, mean of what is named from 4 × on; below one the program's errors are larger than the bound of the pixels.\n",
+         strength: none at 1 × and all at 2 × give 1.41, wherever between them it is. SNR found / hidden: the root of \
+         the fall of χ² over the hidden signal-to-noise ratio, mean of what is named from 4 × on; below one the program uses less than the pixels hold.\n",
     );
     let mut multiples: Vec<f64> = score.ladders.iter().flat_map(|ladder| &ladder.rungs).map(|rung| rung.multiple).collect();
     multiples.sort_by(f64::total_cmp);
@@ -164,14 +164,18 @@ fn pairs_with_cosines(page: &mut String, score: &ImageScore) {
 }
 
 fn pulls(page: &mut String, score: &ImageScore) {
-    if score.pulls.is_empty() {
-        return;
-    }
-    line(page, "## Parameters: (found − true)/σ, from 2 × on, where both are the same parameter\n");
-    line(page, "| parameter | number | mean | sd | within 1σ | within 1.96σ |");
-    line(page, "|---|---|---|---|---|---|");
-    for own in &score.pulls {
-        line(page, &format!("| {} | {} | {:+.2} | {:.2} | {} | {} |", own.label, own.count, own.mean, own.sd, own.within_1, own.within_2));
+    let tables = [
+        (&score.pulls, "## Parameters: (found − true)/σ, from 2 × on, where both are the same parameter"),
+        (&score.absent, "## Parameters of effects that are not there: found/σ, of plain nulls"),
+    ];
+    for (pulls, title) in tables.into_iter().filter(|(pulls, _)| !pulls.is_empty()) {
+        line(page, &format!("{title}\n"));
+        line(page, "| parameter | number | mean | sd | within 1σ | within 1.96σ |");
+        line(page, "|---|---|---|---|---|---|");
+        for own in pulls {
+            line(page, &format!("| {} | {} | {:+.2} | {:.2} | {} | {} |", own.label, own.count, own.mean, own.sd, own.within_1, own.within_2));
+        }
+        line(page, "");
     }
 }
 
@@ -179,7 +183,7 @@ fn held_out(page: &mut String, score: &ImageScore) {
     if score.held_out.is_empty() {
         return;
     }
-    line(page, "\n## Held out: χ² per degree of freedom of a finding's own channels, from 2 × on, where the name is right\n");
+    line(page, "## Held out: χ² per degree of freedom of a finding's own channels, from 2 × on, where the name is right\n");
     line(
         page,
         "Effects are chosen and sized, and the noise is found, without a third of the frames and a third of the stars; those stars in those frames are \

@@ -245,6 +245,7 @@ mod tests {
             parameters: vec![parameter],
             located_by: Vec::new(),
             snr: 9.0,
+            delta_chi2: 81.0,
             set: Vec::new(),
             held_out_chi2: BTreeMap::new(),
         }

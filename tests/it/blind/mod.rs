@@ -19,6 +19,7 @@ fn finding_of(id: &str) -> AnswerFinding {
         parameters: Vec::new(),
         located_by: Vec::new(),
         snr: 9.0,
+        delta_chi2: 81.0,
         set: Vec::new(),
         held_out_chi2: BTreeMap::new(),
     }

@@ -26,6 +26,7 @@ fn oracle(truth: &Truth, pull: f64) -> Answer {
             .collect(),
         located_by: effect.covariates.clone(),
         snr: effect.snr,
+        delta_chi2: effect.snr.powi(2),
         set: Vec::new(),
         held_out_chi2: BTreeMap::new(),
     };
