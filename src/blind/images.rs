@@ -136,7 +136,7 @@ fn with_channels(answer: &mut Answer, diagnosis: &Diagnosis) {
     }
     let withheld = diagnosis.effects.iter().filter(|effect| effect.status == EffectState::Withheld);
     answer.withheld.extend(withheld.map(|effect| (effect.id.clone(), effect.reason.clone())));
-    let sizes = diagnosis.effects.iter().filter(|effect| effect.status != EffectState::Found);
+    let sizes = diagnosis.effects.iter().filter(|effect| effect.status == EffectState::NotFound);
     answer.not_found.extend(sizes.filter_map(|effect| {
         let own = effect.parameters.first()?;
         let parameter = AnswerParameter { name: own.name.clone(), value: own.value, sigma: own.sigma };

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::Rate;
-use super::images::{ImageRung, ImageScore, Names};
+use super::images::{ImageRung, ImageScore, Names, not_normal};
 use crate::statistics::order::sort_by_key;
 
 /// The page; `commit` is the program's.
@@ -165,15 +165,17 @@ fn pairs_with_cosines(page: &mut String, score: &ImageScore) {
 
 fn pulls(page: &mut String, score: &ImageScore) {
     let tables = [
-        (&score.pulls, "## Parameters: (found − true)/σ, from 2 × on, where both are the same parameter"),
-        (&score.absent, "## Parameters of effects that are not there: found/σ, of plain nulls"),
+        (&score.pulls, "(found − true)/σ, from 2 × on, where both are the same parameter"),
+        (&score.absent, "found/σ of effects that are not there, of plain nulls; all are those without a remark"),
     ];
     for (pulls, title) in tables.into_iter().filter(|(pulls, _)| !pulls.is_empty()) {
-        line(page, &format!("{title}\n"));
-        line(page, "| parameter | number | mean | sd | within 1σ | within 1.96σ |");
-        line(page, "|---|---|---|---|---|---|");
+        line(page, &format!("## Parameters: {title}\n"));
+        line(page, "| parameter | number | mean | sd | within 1σ | within 1.96σ | |");
+        line(page, "|---|---|---|---|---|---|---|");
         for own in pulls {
-            line(page, &format!("| {} | {} | {:+.2} | {:.2} | {} | {} |", own.label, own.count, own.mean, own.sd, own.within_1, own.within_2));
+            let remark = not_normal(&own.label).filter(|_| std::ptr::eq(pulls, &score.absent)).unwrap_or_default();
+            let figures = format!("{} | {:+.2} | {:.2} | {} | {}", own.count, own.mean, own.sd, own.within_1, own.within_2);
+            line(page, &format!("| {} | {figures} | {remark} |", own.label));
         }
         line(page, "");
     }

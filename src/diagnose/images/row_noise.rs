@@ -7,6 +7,8 @@ use crate::statistics::median_in_place;
 pub(super) const TAIL_DEGREES: f64 = 6.0;
 /// Median of χ² of one degree of freedom.
 const MEDIAN_CHI2: f64 = 0.454_936;
+/// Mean of a squared residual times its weight, where residuals are standard normal.
+const MEAN_WEIGHTED_CHI2: f64 = 0.825_077;
 /// Fewer groups do not tell what their rows share.
 const MIN_GROUPS: usize = 4;
 
@@ -61,17 +63,28 @@ pub(super) fn found(kind: &Kind, rest: &[f64], take: &[bool], parameters: usize)
     noise
 }
 
-/// Factor and floor of the variance of rows. The floor f at which the median of r²/(σ² + f) is that of χ² is the median of what each row asks for alone,
-/// r²/median − σ².
+/// Factor and floor of the variance of rows. The floor f is the most likely one: with v = σ² + f and u = w·r²/v over its mean, w the weights of the t
+/// distribution, Σ (u − 1)/v = 0. The rows that tell most tell it, those of the bright stars: a floor from the typical, faint ones is smaller than its error
+/// there, and would take the bright ones' weight where none is.
 fn within(pairs: &[(f64, &Row)], dof: f64) -> KindNoise {
     let due = MEDIAN_CHI2 * dof;
-    let mut ratios: Vec<f64> = pairs.iter().map(|(rest, row)| rest * rest / (row.sigma * row.sigma)).collect();
-    let stated = median_in_place(&mut ratios).map_or(1.0 / dof, |median| median / due);
-    if stated <= 1.0 {
-        return KindNoise { factor: stated.max(0.25), ..KindNoise::STATED };
+    let score = |floor: f64| -> f64 {
+        let of = |(rest, row): &(f64, &Row)| {
+            let variance = row.sigma * row.sigma + floor;
+            let square = rest * rest / (variance * dof);
+            (weight(square.sqrt()) * square / MEAN_WEIGHTED_CHI2 - 1.0) / variance
+        };
+        pairs.iter().map(of).sum()
+    };
+    let at_nothing = score(0.0);
+    if at_nothing > 0.0 {
+        // With so much more every square is below a half.
+        let high = 2.0 * pairs.iter().map(|(rest, _)| rest * rest / dof).fold(0.0, f64::max);
+        return KindNoise { floor: root_between([0.0, high], [at_nothing, score(high)], score), ..KindNoise::STATED };
     }
-    let mut floors: Vec<f64> = pairs.iter().map(|(rest, row)| rest * rest / due - row.sigma * row.sigma).collect();
-    KindNoise { floor: median_in_place(&mut floors).unwrap_or(0.0).max(0.0), ..KindNoise::STATED }
+    let mut ratios: Vec<f64> = pairs.iter().map(|(rest, row)| rest * rest / (row.sigma * row.sigma)).collect();
+    let stated = median_in_place(&mut ratios).map_or(1.0, |median| median / due);
+    KindNoise { factor: stated.clamp(0.25, 1.0), ..KindNoise::STATED }
 }
 
 /// Variance of what groups share, from their means and the variances of these.
@@ -137,19 +150,44 @@ fn root_between([mut low, mut high]: [f64; 2], [mut at_low, mut at_high]: [f64; 
 
 #[cfg(test)]
 mod tests {
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_pcg::Pcg64Mcg;
+
     use super::*;
 
-    /// Rows whose scatter has a floor beside stated errors: the median of r²/(σ² + f) is that of χ².
+    /// Rows of stars from bright to faint, whose errors are as stated but for a floor.
+    fn scattered(seed: u64, floor: f64) -> Vec<(f64, Row)> {
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
+        let of = |k: i32| {
+            let row = Row { value: 0.0, sigma: 0.02 * 1.02_f64.powi(k % 100), frame: 0, star: 0, point: None };
+            let draw: f64 = StandardNormal.sample(&mut rng);
+            (draw * row.sigma.hypot(floor), row)
+        };
+        (0..400).map(of).collect()
+    }
+
+    /// A floor is found without bias, and where there is none the rows keep nearly all of what they tell.
     #[test]
-    fn the_floor_gives_the_median_of_chi2() {
-        let rows: Vec<Row> =
-            (0..41).map(|k| Row { value: 0.0, sigma: 0.5 + 0.05 * f64::from(k % 7), frame: 0, star: 0, point: None }).collect();
-        let pairs: Vec<(f64, &Row)> = rows.iter().enumerate().map(|(k, row)| (0.11 * (k as f64 - 19.5), row)).collect();
-        let noise = within(&pairs, 1.0);
-        assert!(noise.floor > 0.0 && noise.factor == 1.0, "{noise:?}");
-        let mut squares: Vec<f64> = pairs.iter().map(|(rest, row)| rest * rest / noise.variance(row)).collect();
-        let median = median_in_place(&mut squares).unwrap();
-        assert!((median - MEDIAN_CHI2).abs() < 1e-9, "{median}");
+    fn the_floor_is_found_and_no_other() {
+        const SEEDS: u64 = 200;
+        let of = |floor: f64| -> [f64; 2] {
+            let (mut sum, mut kept) = (0.0, 0.0);
+            for seed in 0..SEEDS {
+                let all = scattered(seed, floor);
+                let noise = within(&all.iter().map(|(rest, row)| (*rest, row)).collect::<Vec<_>>(), 1.0);
+                sum += noise.floor;
+                let told = |variance: &dyn Fn(&Row) -> f64| all.iter().map(|(_, row)| variance(row).recip()).sum::<f64>();
+                kept += told(&|row| row.sigma.powi(2) + noise.floor) / told(&|row| row.sigma.powi(2));
+            }
+            [sum / SEEDS as f64, kept / SEEDS as f64]
+        };
+        let [none, kept] = of(0.0);
+        let [found, _] = of(0.02);
+        println!("floor {none:.2e} where there is none ({kept:.3} kept), {found:.2e} for 4e-4");
+        // A tenth of the variance of the brightest.
+        assert!(none < 4e-5 && kept > 0.95, "{none:.2e}, {kept}");
+        assert!((found / 4e-4 - 1.0).abs() < 0.05, "{found:.2e}");
     }
 
     /// Means whose squares are five times what their variances say: four fifths are shared.
