@@ -4,11 +4,11 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use super::answer::{AnswerParameter, AnswerSize};
 use super::generate::images::ImageCanvas;
 use super::generate::{Concealed, Family, Lists, concealed};
 use super::pixels::whole;
 use super::run::shortened;
-use super::answer::{AnswerParameter, AnswerSize};
 use super::{Answer, BlindError, recording};
 use crate::camera::Physics;
 use crate::catalog::Catalog;
