@@ -133,7 +133,7 @@ pub struct ImageScore {
     pub pairs: Vec<ImagePairScore>,
     /// Pulls of amplitudes where truth and finding are in the same parameter; of all of them last.
     pub pulls: Vec<Pulls>,
-    /// Pulls of effects that are not there, of plain nulls; of all that are due to be standard normal last.
+    /// Pulls of effects that are not there, of plain nulls.
     #[serde(default)]
     pub absent: Vec<Pulls>,
     /// χ² per degree of freedom of findings' own channels where nothing took part; of all of them last.
@@ -343,38 +343,6 @@ fn pulls(given: &[Pair]) -> Vec<Pulls> {
     all.iter().map(|(label, pulls)| summary(label, pulls)).chain(of_all).collect()
 }
 
-/// Effects of which the first parameter is not due to be standard normal where they are not there.
-const NOT_NORMAL: [(&str, &str); 19] = [
-    ("refraction", NOT_ZERO),
-    ("stellar-aberration", NOT_ZERO),
-    ("gain-noise", NOT_ZERO),
-    ("banding", ROOT),
-    ("dark-current", ROOT),
-    ("prnu", ROOT),
-    ("jitter", ROOT),
-    ("motion-smear", ROOT),
-    ("sensor-step", LARGEST),
-    ("edge-roll-off", LARGEST),
-    ("ghost", LARGEST),
-    ("focus-drift", LARGEST),
-    ("psf-shape", LARGEST),
-    ("overshoot", LARGEST),
-    ("airglow", BESIDE_MANY),
-    ("moonlight", BESIDE_MANY),
-    ("starlight", BESIDE_MANY),
-    ("twilight", BESIDE_MANY),
-    ("zodiacal-light", BESIDE_MANY),
-];
-const NOT_ZERO: &str = "it is there, and in the model";
-const ROOT: &str = "a variance, told by its root";
-const LARGEST: &str = "the largest of several shapes";
-const BESIDE_MANY: &str = "its light is known beforehand";
-
-/// Why a parameter of an effect that is not there is not due to be standard normal.
-pub(super) fn not_normal(label: &str) -> Option<&'static str> {
-    NOT_NORMAL.iter().find(|(id, _)| label.split('.').next() == Some(id)).map(|(_, reason)| *reason)
-}
-
 /// Pulls of effects that are not there: nothing is chosen by its size, and the error is asked about as many effects as the program knows.
 fn absent(given: &[Pair]) -> Vec<Pulls> {
     let mut all: BTreeMap<String, Vec<f64>> = BTreeMap::new();
@@ -382,7 +350,5 @@ fn absent(given: &[Pair]) -> Vec<Pulls> {
     for own in nulls.flat_map(|(_, answer)| &answer.not_found).filter(|own| own.parameter.sigma > 0.0) {
         all.entry(format!("{}.{}", own.id, own.parameter.name)).or_default().push(own.parameter.value / own.parameter.sigma);
     }
-    let normal: Vec<f64> = all.iter().filter(|(label, _)| not_normal(label).is_none()).flat_map(|(_, own)| own).copied().collect();
-    let of_all = (!normal.is_empty()).then(|| summary("all", &normal));
-    all.iter().map(|(label, pulls)| summary(label, pulls)).chain(of_all).collect()
+    all.iter().map(|(label, pulls)| summary(label, pulls)).collect()
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::Rate;
-use super::images::{ImageRung, ImageScore, Names, not_normal};
+use super::images::{ImageRung, ImageScore, Names};
 use crate::statistics::order::sort_by_key;
 
 /// The page; `commit` is the program's.
@@ -164,19 +164,20 @@ fn pairs_with_cosines(page: &mut String, score: &ImageScore) {
 }
 
 fn pulls(page: &mut String, score: &ImageScore) {
-    let no_remark: fn(&str) -> Option<&'static str> = |_| None;
     let tables = [
-        (&score.pulls, no_remark, "(found − true)/σ, from 2 × on, where both are the same parameter"),
-        (&score.absent, not_normal, "found/σ of effects that are not there, of plain nulls; all are those without a remark"),
+        (&score.pulls, "(found − true)/σ, from 2 × on, where both are the same parameter"),
+        (
+            &score.absent,
+            "found/σ of effects that are not there, of plain nulls; of several shapes the largest is told, of a variance the root",
+        ),
     ];
-    for (pulls, remark_of, title) in tables.into_iter().filter(|(pulls, ..)| !pulls.is_empty()) {
+    for (pulls, title) in tables.into_iter().filter(|(pulls, _)| !pulls.is_empty()) {
         line(page, &format!("## Parameters: {title}\n"));
-        line(page, "| parameter | number | mean | sd | within 1σ | within 1.96σ | |");
-        line(page, "|---|---|---|---|---|---|---|");
+        line(page, "| parameter | number | mean | sd | within 1σ | within 1.96σ |");
+        line(page, "|---|---|---|---|---|---|");
         for own in pulls {
-            let remark = remark_of(&own.label).unwrap_or_default();
             let figures = format!("{} | {:+.2} | {:.2} | {} | {}", own.count, own.mean, own.sd, own.within_1, own.within_2);
-            line(page, &format!("| {} | {figures} | {remark} |", own.label));
+            line(page, &format!("| {} | {figures} |", own.label));
         }
         line(page, "");
     }
