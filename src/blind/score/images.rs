@@ -133,7 +133,7 @@ pub struct ImageScore {
     pub pairs: Vec<ImagePairScore>,
     /// Pulls of amplitudes where truth and finding are in the same parameter; of all of them last.
     pub pulls: Vec<Pulls>,
-    /// Pulls of effects that are not there, of plain nulls.
+    /// Sizes over their errors of effects that are not found, of plain nulls.
     #[serde(default)]
     pub absent: Vec<Pulls>,
     /// χ² per degree of freedom of findings' own channels where nothing took part; of all of them last.
@@ -343,7 +343,7 @@ fn pulls(given: &[Pair]) -> Vec<Pulls> {
     all.iter().map(|(label, pulls)| summary(label, pulls)).chain(of_all).collect()
 }
 
-/// Pulls of effects that are not there: nothing is chosen by its size, and the error is asked about as many effects as the program knows.
+/// Sizes over their errors of effects that are not found: none was chosen by its size, and each null tells of as many as the program knows.
 fn absent(given: &[Pair]) -> Vec<Pulls> {
     let mut all: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     let nulls = given.iter().filter(|(truth, _)| truth.family == Family::ImageNull);

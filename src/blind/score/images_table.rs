@@ -164,15 +164,17 @@ fn pairs_with_cosines(page: &mut String, score: &ImageScore) {
 }
 
 fn pulls(page: &mut String, score: &ImageScore) {
+    const ABSENT: &str = "Standard normal numbers are due where an effect has one shape and its parameter is linear. Of several shapes the largest is told, of a \
+        variance the root; and zero is not the truth of a ratio, and of refraction and aberration, which the model has.\n";
     let tables = [
-        (&score.pulls, "(found − true)/σ, from 2 × on, where both are the same parameter"),
-        (
-            &score.absent,
-            "found/σ of effects that are not there, of plain nulls; of several shapes the largest is told, of a variance the root",
-        ),
+        (&score.pulls, "(found − true)/σ, from 2 × on, where both are the same parameter", ""),
+        (&score.absent, "found/σ of effects that are not found, of plain nulls", ABSENT),
     ];
-    for (pulls, title) in tables.into_iter().filter(|(pulls, _)| !pulls.is_empty()) {
+    for (pulls, title, remark) in tables.into_iter().filter(|(pulls, ..)| !pulls.is_empty()) {
         line(page, &format!("## Parameters: {title}\n"));
+        if !remark.is_empty() {
+            line(page, remark);
+        }
         line(page, "| parameter | number | mean | sd | within 1σ | within 1.96σ |");
         line(page, "|---|---|---|---|---|---|");
         for own in pulls {
