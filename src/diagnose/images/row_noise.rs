@@ -7,8 +7,6 @@ use crate::statistics::median_in_place;
 pub(super) const TAIL_DEGREES: f64 = 6.0;
 /// Median of χ² of one degree of freedom.
 const MEDIAN_CHI2: f64 = 0.454_936;
-/// Mean of a squared residual times its weight, where residuals are standard normal.
-const MEAN_WEIGHTED_CHI2: f64 = 0.825_077;
 /// Fewer groups do not tell what their rows share.
 const MIN_GROUPS: usize = 4;
 
@@ -63,28 +61,17 @@ pub(super) fn found(kind: &Kind, rest: &[f64], take: &[bool], parameters: usize)
     noise
 }
 
-/// Factor and floor of the variance of rows. The floor f is the most likely one under the t distribution: with v = σ² + f, square z = r²/v and the weight
-/// w = (ν + 1)/(ν + z) of ν degrees of freedom, Σ (w·z/⟨w·z⟩ − 1)/v = 0, ⟨w·z⟩ the mean for normal errors. Rows of bright stars have the small σ and decide. A floor
-/// that gives the median of all rows is that of the faint stars, which are the most; its error is as large as the variance of the bright ones.
+/// Factor and floor of the variance of rows. The floor f at which the median of r²/(σ² + f) is that of χ² is the median of what each row asks for alone,
+/// r²/median − σ².
 fn within(pairs: &[(f64, &Row)], dof: f64) -> KindNoise {
     let due = MEDIAN_CHI2 * dof;
-    let score = |floor: f64| -> f64 {
-        let of = |(rest, row): &(f64, &Row)| {
-            let variance = row.sigma * row.sigma + floor;
-            let square = rest * rest / (variance * dof);
-            ((TAIL_DEGREES + 1.0) * square / ((TAIL_DEGREES + square) * MEAN_WEIGHTED_CHI2) - 1.0) / variance
-        };
-        pairs.iter().map(of).sum()
-    };
-    let at_nothing = score(0.0);
-    if at_nothing > 0.0 {
-        // With so much more every square is below a half.
-        let high = 2.0 * pairs.iter().map(|(rest, _)| rest * rest / dof).fold(0.0, f64::max);
-        return KindNoise { floor: root_between([0.0, high], [at_nothing, score(high)], score), ..KindNoise::STATED };
-    }
     let mut ratios: Vec<f64> = pairs.iter().map(|(rest, row)| rest * rest / (row.sigma * row.sigma)).collect();
-    let stated = median_in_place(&mut ratios).map_or(1.0, |median| median / due);
-    KindNoise { factor: stated.clamp(0.25, 1.0), ..KindNoise::STATED }
+    let stated = median_in_place(&mut ratios).map_or(1.0 / dof, |median| median / due);
+    if stated <= 1.0 {
+        return KindNoise { factor: stated.max(0.25), ..KindNoise::STATED };
+    }
+    let mut floors: Vec<f64> = pairs.iter().map(|(rest, row)| rest * rest / due - row.sigma * row.sigma).collect();
+    KindNoise { floor: median_in_place(&mut floors).unwrap_or(0.0).max(0.0), ..KindNoise::STATED }
 }
 
 /// Variance of what groups share, from their means and the variances of these.
@@ -150,65 +137,19 @@ fn root_between([mut low, mut high]: [f64; 2], [mut at_low, mut at_high]: [f64; 
 
 #[cfg(test)]
 mod tests {
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
-    use rand_pcg::Pcg64Mcg;
-
     use super::*;
 
-    /// Rows of stars from bright to faint, whose errors are as stated but for a floor.
-    fn scattered(seed: u64, floor: f64) -> Vec<(f64, Row)> {
-        let mut rng = Pcg64Mcg::seed_from_u64(seed);
-        let of = |k: i32| {
-            let row = Row { value: 0.0, sigma: 0.02 * 1.02_f64.powi(k % 100), frame: 0, star: 0, point: None };
-            let draw: f64 = StandardNormal.sample(&mut rng);
-            (draw * row.sigma.hypot(floor), row)
-        };
-        (0..400).map(of).collect()
-    }
-
-    /// The floor that gives the median of χ².
-    fn by_median(all: &[(f64, Row)]) -> f64 {
-        let mut asked: Vec<f64> = all.iter().map(|(rest, row)| rest * rest / MEDIAN_CHI2 - row.sigma * row.sigma).collect();
-        median_in_place(&mut asked).unwrap_or(0.0).max(0.0)
-    }
-
-    fn most_likely(all: &[(f64, Row)]) -> f64 {
-        within(&all.iter().map(|(rest, row)| (*rest, row)).collect::<Vec<_>>(), 1.0).floor
-    }
-
-    /// A floor is found without bias. Where there is none the rows keep nearly all of what they tell, and with a floor from the median they do not.
+    /// Rows whose scatter has a floor beside stated errors: the median of r²/(σ² + f) is that of χ².
     #[test]
-    fn the_floor_is_found_and_no_other() {
-        const SEEDS: u64 = 200;
-        /// Mean of the floor, and of the share of the information that the rows keep.
-        fn mean(floor: f64, found: fn(&[(f64, Row)]) -> f64) -> [f64; 2] {
-            let (mut sum, mut kept) = (0.0, 0.0);
-            for seed in 0..SEEDS {
-                let all = scattered(seed, floor);
-                let own = found(&all);
-                sum += own;
-                let told = |floor: f64| all.iter().map(|(_, row)| (row.sigma.powi(2) + floor).recip()).sum::<f64>();
-                kept += told(own) / told(0.0);
-            }
-            [sum / SEEDS as f64, kept / SEEDS as f64]
-        }
-        let ([_, kept], [_, by_median]) = (mean(0.0, most_likely), mean(0.0, by_median));
-        let [found, _] = mean(0.02, most_likely);
-        println!("kept where there is no floor: {kept:.3}, by the median {by_median:.3}; floor {found:.2e} for 4e-4");
-        assert!(kept > 0.95 && by_median < 0.9, "{kept}, {by_median}");
-        assert!((found / 4e-4 - 1.0).abs() < 0.05, "{found:.2e}");
-    }
-
-    /// One bright row in twenty that is far off does not take the weight of all bright ones.
-    #[test]
-    fn few_rows_far_off_make_a_small_floor() {
-        let mut all = scattered(1, 0.0);
-        for (rest, row) in all.iter_mut().step_by(20) {
-            *rest = 10.0 * row.sigma;
-        }
-        let floor = most_likely(&all);
-        assert!(floor < 1e-3, "{floor:.2e}: a variance of 4e-4 is that of the brightest");
+    fn the_floor_gives_the_median_of_chi2() {
+        let rows: Vec<Row> =
+            (0..41).map(|k| Row { value: 0.0, sigma: 0.5 + 0.05 * f64::from(k % 7), frame: 0, star: 0, point: None }).collect();
+        let pairs: Vec<(f64, &Row)> = rows.iter().enumerate().map(|(k, row)| (0.11 * (k as f64 - 19.5), row)).collect();
+        let noise = within(&pairs, 1.0);
+        assert!(noise.floor > 0.0 && noise.factor == 1.0, "{noise:?}");
+        let mut squares: Vec<f64> = pairs.iter().map(|(rest, row)| rest * rest / noise.variance(row)).collect();
+        let median = median_in_place(&mut squares).unwrap();
+        assert!((median - MEDIAN_CHI2).abs() < 1e-9, "{median}");
     }
 
     /// Means whose squares are five times what their variances say: four fifths are shared.
