@@ -237,6 +237,8 @@ mod tests {
         }
         assert_eq!(rounded(&of_parts), rounded(&whole));
         assert_ne!(rounded(&parts[0]), rounded(&whole));
+        // Of the plain nulls alone, though every answer has a size.
+        assert_eq!(whole.absent.iter().map(|own| (own.label.as_str(), own.count)).collect::<Vec<_>>(), [("vignetting.loss", 4)]);
         let refused = |parts: &[ImageScore]| joined(parts).unwrap_err().to_string();
         let other = ImageScore { seed: 6, ..parts[1].clone() };
         assert!(refused(&[parts[0].clone(), other]).contains("seed 6"));
