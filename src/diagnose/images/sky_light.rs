@@ -2,8 +2,9 @@
 //!
 //! Where the bias is known the number is ln(b/B), b the light of the cell and B that of its frame: a loss of light a·ρ² makes −ln(1 − a·ρ²) less of it,
 //! which is just what it adds to the magnitudes of stars. Light that is added, g·S, makes g·S over the logarithmic mean of the light with it and without.
-//! Of a sky too faint for a logarithm cell by cell it is that of P, what all frames together have at the cell's radius, and the rest to first order:
-//! ln P + (b/B − P)/P, which has the same columns. Where the bias is not known, or the sky is hardly above it, the number is the difference of the levels.
+//! Of skies that hardly differ the logarithm is that of P, what all frames together have in the cell, and the rest is taken to first order:
+//! ln P + (b/B − P)/P. So slopes of the skies stay slopes: the logarithm of each would leave the mean of their squares in all. Of a sky too faint for
+//! logarithms cell by cell P is what all frames have at the cell's radius. Where the bias is not known, or the sky is hardly above it, the number is the difference of the levels.
 //!
 //! Frames of one field share whatever the sky has there. They are joined, cell by cell, so that what is left are fields that differ in their sky.
 
@@ -21,6 +22,8 @@ const MIN_SIGMAS: f64 = 20.0;
 const MIN_SHARE: f64 = 0.05;
 /// Light that all frames together have at a radius is taken for what a lens leaves up to this share of their levels.
 const MAX_SHARE: f64 = 1.5;
+/// Skies hardly differ where no cell's share of the light is off by more from what all frames have there, relative to that.
+const MAX_DIFFERENCE: f64 = 0.2;
 /// Frames whose common stars have moved by less (half-diagonals, the median) look at one field.
 const SAME_FIELD: f64 = 0.25;
 /// Fewer common stars say that the fields are different ones.
@@ -56,6 +59,8 @@ pub(super) struct Cell {
     pub(super) sigma: f64,
     /// DN that change the number by one.
     pub(super) unit_dn: f64,
+    /// So many times as much changes light the number that all frames have in this cell.
+    pub(super) in_all: f64,
 }
 
 /// The sky of a recording.
@@ -74,8 +79,10 @@ enum Scale {
     Difference,
     /// Logarithms of shares.
     Logarithm,
-    /// Logarithms to first order about the share of the light at a radius: coefficients of ρ⁰, ρ², ρ⁴ and ρ⁶.
-    About([f64; 4]),
+    /// Logarithms to first order about the share of the light in a cell, by the size of the frame and the number of the cell.
+    AboutCells(BTreeMap<([usize; 2], usize), f64>),
+    /// About the share of the light at a radius: coefficients of ρ⁰, ρ², ρ⁴ and ρ⁶.
+    AboutRadius([f64; 4]),
 }
 
 impl SkyLight {
@@ -93,8 +100,8 @@ impl SkyLight {
         };
         let scale = match bias_dn {
             None => Scale::Difference,
-            Some(_) if meshes.iter().all(is_bright) => Scale::Logarithm,
-            Some(black_dn) => radial_light(&meshes, black_dn).map_or(Scale::Difference, Scale::About),
+            Some(black_dn) if meshes.iter().all(is_bright) => light_of_cells(&meshes, black_dn).map_or(Scale::Logarithm, Scale::AboutCells),
+            Some(black_dn) => radial_light(&meshes, black_dn).map_or(Scale::Difference, Scale::AboutRadius),
         };
         let mut light = Self { is_relative: !matches!(scale, Scale::Difference), ..Self::default() };
         for (frame, mesh) in meshes.into_iter().enumerate() {
@@ -111,15 +118,21 @@ impl SkyLight {
             for (number, cell) in mesh.cells.iter().enumerate() {
                 let Some(cell) = cell else { continue };
                 let own_dn = cell.level_dn - black_dn;
-                let (value, unit_dn, scale_dn) = match &scale {
+                let about = |share: f64| share.ln() + own_dn / light_dn / share - 1.0;
+                let (value, unit_dn, in_all) = match &scale {
                     Scale::Difference => (own_dn - light_dn, 1.0, 1.0),
-                    Scale::Logarithm => ((own_dn / light_dn).ln(), logarithmic_mean(own_dn, light_dn), own_dn),
-                    Scale::About(shares) => {
+                    Scale::Logarithm => ((own_dn / light_dn).ln(), logarithmic_mean(own_dn, light_dn), 1.0),
+                    Scale::AboutCells(shares) => {
+                        let share = shares[&(mesh.size_px, number)];
+                        (about(share), share * light_dn, share / logarithmic_mean(share, 1.0))
+                    }
+                    Scale::AboutRadius(shares) => {
                         let share = share_at(shares, cell.at);
-                        (share.ln() + own_dn / light_dn / share - 1.0, share * light_dn, share * light_dn)
+                        (about(share), share * light_dn, 1.0)
                     }
                 };
-                light.cells.push(Cell { frame, number, at: cell.at, value, sigma: cell.sigma_dn / scale_dn, unit_dn });
+                let scale_dn = if matches!(scale, Scale::Logarithm) { own_dn } else { unit_dn };
+                light.cells.push(Cell { frame, number, at: cell.at, value, sigma: cell.sigma_dn / scale_dn, unit_dn, in_all });
             }
         }
         light
@@ -141,7 +154,20 @@ impl SkyLight {
             let middle = median(&column[own.clone()]).unwrap_or(0.0);
             column[own].iter_mut().for_each(|light| *light -= middle);
         }
-        column.iter().zip(&self.cells).map(|(light, cell)| light / cell.unit_dn).collect()
+        column.iter_mut().zip(&self.cells).for_each(|(light, cell)| *light /= cell.unit_dn);
+        // What all frames have is in the light that the logarithm is taken of.
+        let mut shared: BTreeMap<(u64, usize), [f64; 2]> = BTreeMap::new();
+        let same = |cell: &Cell| (self.frames[cell.frame].half_px.to_bits(), cell.number);
+        for (number, cell) in column.iter().zip(&self.cells) {
+            let [sum, all] = shared.entry(same(cell)).or_default();
+            *sum += number * cell.sigma.powi(-2);
+            *all += cell.sigma.powi(-2);
+        }
+        for (number, cell) in column.iter_mut().zip(&self.cells) {
+            let [sum, all] = shared[&same(cell)];
+            *number += sum / all * (cell.in_all - 1.0);
+        }
+        column
     }
 
     /// Frames of one field joined: weighted means of the same cells, the columns with them.
@@ -167,6 +193,7 @@ impl SkyLight {
                 value: mean(&|k| self.cells[k].value),
                 sigma: total.sqrt().recip(),
                 unit_dn: mean(&|k| self.cells[k].unit_dn),
+                in_all: mean(&|k| self.cells[k].in_all),
             });
             for (joined, column) in joined.iter_mut().zip(columns) {
                 joined.push(mean(&|k| column[k]));
@@ -200,6 +227,28 @@ impl SkyLight {
         }
         field_of
     }
+}
+
+/// The light in each cell as a share of the level of its frame, of all frames together: the weighted mean. Nothing where the frames differ much.
+fn light_of_cells(meshes: &[&SkyMesh], black_dn: f64) -> Option<BTreeMap<([usize; 2], usize), f64>> {
+    let mut sums: BTreeMap<([usize; 2], usize), [f64; 2]> = BTreeMap::new();
+    for mesh in meshes {
+        let light_dn = mesh.level_dn - black_dn;
+        for (number, cell) in mesh.cells.iter().enumerate() {
+            let Some(cell) = cell else { continue };
+            let weight = (light_dn / cell.sigma_dn).powi(2);
+            let [sum, all] = sums.entry((mesh.size_px, number)).or_default();
+            *sum += (cell.level_dn - black_dn) / light_dn * weight;
+            *all += weight;
+        }
+    }
+    let shares: BTreeMap<_, f64> = sums.into_iter().map(|(cell, [sum, all])| (cell, sum / all)).collect();
+    let differs = |mesh: &SkyMesh| {
+        let cells = mesh.cells.iter().enumerate().filter_map(|(number, cell)| Some((number, cell.as_ref()?)));
+        let share = |level_dn: f64| (level_dn - black_dn) / (mesh.level_dn - black_dn);
+        cells.map(|(number, cell)| share(cell.level_dn) / shares[&(mesh.size_px, number)] - 1.0).any(|off| off.abs() > MAX_DIFFERENCE)
+    };
+    (!meshes.iter().any(|mesh| differs(mesh))).then_some(shares)
 }
 
 /// The light at a radius as a share of the level of its frame, of all frames together by weighted least squares; nothing where a frame's level or the

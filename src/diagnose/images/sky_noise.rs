@@ -8,7 +8,8 @@
 //! V = diag(σ² + floor) + Σ s_m²·p_m·p_mᵀ + level²·1·1ᵀ        level: without bound, so that each field's own is free
 //! ```
 //! From few fields a variance is known badly; it is made larger by the square of the ratio of the quantiles of Student's t and of the normal
-//! distribution, at the probability at which an effect is found.
+//! distribution, at the probability at which an effect is found. The sky knows no axes of the detector, so polynomials of one degree share their
+//! variance and its degrees of freedom, unless one of them is beyond the others' (a twilight always on the same side).
 
 use std::collections::BTreeMap;
 
@@ -160,6 +161,50 @@ fn smooth(cells: &[&Cell], design: &DMatrix<f64>, floor: f64) -> Option<Smooth> 
     Some(Smooth { coefficients, rest })
 }
 
+/// A polynomial's coefficients beyond the laws, field by field: squares with their variances.
+struct Term {
+    squares: Vec<(f64, f64)>,
+    dof: f64,
+}
+
+impl Term {
+    fn new(smooth: &[Smooth], m: usize, laws: &[Vec<f64>]) -> Self {
+        let numbers: Vec<(usize, f64)> = smooth.iter().enumerate().map(|(field, own)| (field, own.coefficients[m][0])).collect();
+        let (rest, dof) = beyond(laws, &numbers);
+        Self { squares: rest.iter().zip(smooth).map(|(rest, own)| (rest * rest, own.coefficients[m][1])).collect(), dof }
+    }
+
+    /// χ² where the coefficients scatter by so much variance beside their own.
+    fn chi2_beside(&self, more: f64) -> f64 {
+        self.squares.iter().map(|(square, variance)| square / (variance + more)).sum()
+    }
+
+    /// A variance from field to field that was found with some degrees of freedom, made larger for its own uncertainty.
+    fn widened(&self, found: f64, dof: f64) -> f64 {
+        let typical = self.squares.iter().map(|(_, variance)| variance).sum::<f64>() / self.squares.len().max(1) as f64;
+        ((found + typical) * widening(dof) - typical).max(0.0)
+    }
+}
+
+/// Of every polynomial the variance from field to field as it tells it alone, and with the others of its degree where it is like them.
+fn variances(terms: &[Term], degree: usize, given_back: f64) -> Vec<[f64; 2]> {
+    let mut all = Vec::with_capacity(terms.len());
+    let mut rest = terms;
+    for total in 1..=degree {
+        let (same, others) = rest.split_at((total + 1).min(rest.len()));
+        rest = others;
+        let squares: Vec<(f64, f64)> = same.iter().flat_map(|term| term.squares.iter().copied()).collect();
+        let dof = same.iter().map(|term| term.dof).sum();
+        let shared = excess(&squares, dof);
+        all.extend(same.iter().map(|term| {
+            let own = term.widened(excess(&term.squares, term.dof) * given_back, term.dof);
+            let is_alike = neg_ln_chi2_sf(term.dof, term.chi2_beside(shared)) < OWN_SURPRISE;
+            [own, if is_alike { term.widened(shared * given_back, dof) } else { own }]
+        }));
+    }
+    all
+}
+
 impl SkyNoise {
     /// From how the fields differ; nothing where they are too few. `models`: light that is another in every field, but known up to a factor.
     pub(super) fn found(light: &SkyLight, models: &[Vec<f64>]) -> Option<Self> {
@@ -181,25 +226,18 @@ impl SkyNoise {
         };
         let (floors, rough) = roughness(&by_field, &fitted(&vec![0.0; fields])?, &laws);
         let smooth = fitted(&floors)?;
-        let (mut surprises, mut found) = (Vec::new(), Vec::new());
-        let (mut sum, mut all_dof) = (0.0, 0.0);
-        for m in 0..smooth[0].coefficients.len() {
-            let numbers: Vec<(usize, f64)> = smooth.iter().enumerate().map(|(field, own)| (field, own.coefficients[m][0])).collect();
-            let (rest, dof) = beyond(&laws, &numbers);
-            let squares: Vec<(f64, f64)> = rest.iter().zip(&smooth).map(|(rest, own)| (rest * rest, own.coefficients[m][1])).collect();
-            let chi2 = squares.iter().map(|(square, variance)| square / variance).sum::<f64>();
-            sum += chi2;
-            all_dof += dof;
-            surprises.push(neg_ln_chi2_sf(dof, chi2));
-            let typical = squares.iter().map(|(_, variance)| variance).sum::<f64>() / squares.len() as f64;
-            let own = excess(&squares, dof);
-            found.push(((own * given_back + typical) * widening(dof) - typical).max(0.0));
-        }
-        let together = neg_ln_chi2_sf(all_dof, sum);
-        let structure: Vec<f64> = found
+        let terms: Vec<Term> = (0..smooth[0].coefficients.len()).map(|m| Term::new(&smooth, m, &laws)).collect();
+        let surprises: Vec<f64> = terms.iter().map(|term| neg_ln_chi2_sf(term.dof, term.chi2_beside(0.0))).collect();
+        let together = neg_ln_chi2_sf(terms.iter().map(|term| term.dof).sum(), terms.iter().map(|term| term.chi2_beside(0.0)).sum());
+        let variances = variances(&terms, degree, given_back);
+        let structure: Vec<f64> = variances
             .iter()
             .zip(&surprises)
-            .map(|(own, surprise)| if together > ALL_SURPRISE || *surprise > OWN_SURPRISE { *own } else { 0.0 })
+            .map(|([own, shared], surprise)| match () {
+                () if together > ALL_SURPRISE => *shared,
+                () if *surprise > OWN_SURPRISE => *own,
+                () => 0.0,
+            })
             .collect();
         let largest = surprises.iter().copied().fold(0.0, f64::max) - (surprises.len() as f64).ln();
         let surprise = (together.max(largest).max(rough) - 3.0_f64.ln()).max(0.0);

@@ -144,8 +144,8 @@ const MIN_E: f32 = 0.01;
 
 /// The twin, for one kind of traps, of which the whole way has `traps` and `held` are full.
 fn charge_transfer_inefficiency(uniforms: &TrappedChargeUniforms, traps: f32, released: f32, electrons: f32, held: &mut f32) -> f32 {
-    // No traps, and none that are full: the same without the powers.
-    if traps == 0.0 && *held == 0.0 {
+    // No traps, none that are full: the same without the powers. The way counts from one, so this is the same in all columns, which go side by side.
+    if traps == 0.0 {
         return electrons;
     }
     let filling = electrons * uniforms.per_full_well;

@@ -14,7 +14,7 @@ pub fn poly_ln(x: f32) -> f32 {
     let m0 = f32::from_bits((bits & 0x007f_ffff) | 0x3f00_0000); // in [1/2, 1)
     let small = m0 < std::f32::consts::FRAC_1_SQRT_2;
     let m = if small { m0 + m0 - 1.0 } else { m0 - 1.0 };
-    let e = ((bits >> 23).cast_signed() - 126) as f32 - if small { 1.0 } else { 0.0 };
+    let e = (bits >> 23).cast_signed().wrapping_sub(126) as f32 - if small { 1.0 } else { 0.0 };
     let z = m * m;
     let mut p = 7.0376836292e-2;
     p = p * m - 1.1514610310e-1;

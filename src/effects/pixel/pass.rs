@@ -137,6 +137,20 @@ pub struct Neighbours<P>(pub P);
 /// Columns that are walked together: a row's part of them is one or two lines of a cache.
 const COLUMNS_TOGETHER: usize = 32;
 
+/// The carries of columns that are walked together, number by number: neighbours' steps are then vectorised.
+type Carries = [[f32; COLUMNS_TOGETHER]; 4];
+
+/// A step of columns side by side, from the one at `place`.
+fn step_row<P: LinePass>(uniforms: &P::Uniforms, sweep: usize, place: [usize; 2], row: &mut [f32], carries: &mut Carries) {
+    let [first, second, third, fourth] = carries;
+    let carries = first.iter_mut().zip(second).zip(third).zip(fourth);
+    for (i, (electrons, (((first, second), third), fourth))) in row.iter_mut().zip(carries).enumerate() {
+        let mut carry = [*first, *second, *third, *fourth];
+        *electrons = P::step(uniforms, sweep, [place[0] + i, place[1]], *electrons, &mut carry);
+        [*first, *second, *third, *fourth] = carry;
+    }
+}
+
 fn walk<P: LinePass>(uniforms: &P::Uniforms, frame: &mut FrameBuffer<'_>) {
     let width = frame.width;
     for (number, sweep) in P::SWEEPS.iter().enumerate() {
@@ -149,13 +163,11 @@ fn walk<P: LinePass>(uniforms: &P::Uniforms, frame: &mut FrameBuffer<'_>) {
                     }
                 }
                 strips.par_iter_mut().enumerate().for_each(|(strip_number, strip)| {
-                    let mut carries = [Carry::default(); COLUMNS_TOGETHER];
+                    let mut carries = Carries::default();
                     let height = strip.len();
                     for turn in 0..height {
                         let y = if sweep.backward { height - 1 - turn } else { turn };
-                        for (i, (electrons, carry)) in strip[y].iter_mut().zip(&mut carries).enumerate() {
-                            *electrons = P::step(uniforms, number, [strip_number * COLUMNS_TOGETHER + i, y], *electrons, carry);
-                        }
+                        step_row::<P>(uniforms, number, [strip_number * COLUMNS_TOGETHER, y], strip[y], &mut carries);
                     }
                 });
             }

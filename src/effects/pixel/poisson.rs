@@ -42,7 +42,7 @@ fn poisson_quantile(lambda: f32, w: f32) -> f32 {
     let root = lambda.sqrt();
     let w2 = w * w + 2.0;
     // 1/√λ from the bits, to 4 %: m may be off by half, and a division is dear.
-    let inverse_root = f32::from_bits(ROUGH_INVERSE_ROOT - (lambda.to_bits() >> 1));
+    let inverse_root = f32::from_bits(ROUGH_INVERSE_ROOT.wrapping_sub(lambda.to_bits() >> 1));
     let near = whole + round(part + root * w + w2 * (1.0 / 6.0 - (1.0 / 72.0) * w * inverse_root));
     let m = if near > 1.0 { near } else { 1.0 };
     // Whole numbers first: their difference is exact.
@@ -78,7 +78,7 @@ fn quick_quantile(lambda: f32, w: f32) -> (f32, bool) {
     let whole = floor_positive(lambda);
     let root = lambda.sqrt();
     // One step of Newton's from the bits: to 0.2 %, which is enough for what is small.
-    let rough = f32::from_bits(ROUGH_INVERSE_ROOT - (lambda.to_bits() >> 1));
+    let rough = f32::from_bits(ROUGH_INVERSE_ROOT.wrapping_sub(lambda.to_bits() >> 1));
     let inverse_root = rough * (1.5 - 0.5 * lambda * (rough * rough));
     let w2 = w * w;
     let third = w * (w2 + 2.0) * (1.0 / 72.0);
