@@ -294,9 +294,7 @@ impl BlockDct {
             found.map(|value| value.0)
         };
         let (low, median_dn, high) = (quantile(0.1587)?, quantile(0.5)?, quantile(0.8413)?);
-        // All of them: where nearly everything is quantised to 0, a few values far out show the comb.
-        let reach_dn = values.first()?.0.abs().max(values.last()?.0.abs()).max(4.0);
-        Some(Coefficient { index, values, median_dn, core_dn: (high - low) / 2.0, reach_dn, frames: self.frames as f64 })
+        Coefficient::new(index, values, [median_dn, (high - low) / 2.0], self.frames as f64)
     }
 }
 

@@ -48,6 +48,9 @@ pub(super) struct Coefficient {
     pub(super) index: usize,
     /// Value in DN, and how often.
     pub(super) values: Vec<(f64, f64)>,
+    /// The same in bins from zero, and how often.
+    bins: Vec<i32>,
+    times: Vec<f32>,
     pub(super) median_dn: f64,
     /// Half the range of the middle two thirds, DN.
     pub(super) core_dn: f64,
@@ -73,50 +76,60 @@ fn blurred(quantiser_dn: f64, step_dn: f64) -> f64 {
 /// Values that are summed side by side.
 const LANES: usize = 8;
 
-/// cos(2π·turns) to 4e-6: 1 − 2·sin²(π·r) of the rest r to the nearest whole turn, by the sine's series.
+/// cos of an angle in units of 2⁻³² turns, to 4e-6: 1 − 2·sin²(π·r), by the sine's series.
 #[inline(always)]
 #[allow(clippy::inline_always, reason = "inlined into the loop over values, which is vectorised only then")]
-fn cosine(turns: f64) -> f64 {
-    // Rounds to a whole number without a call.
-    const WHOLE: f64 = 6_755_399_441_055_744.0;
-    let angle = std::f64::consts::PI * (turns - ((turns + WHOLE) - WHOLE));
+fn cosine(turn: i32) -> f32 {
+    const HALF_TURN: f32 = std::f32::consts::PI / 4_294_967_296.0;
+    let angle = turn as f32 * HALF_TURN;
     let square = angle * angle;
     let sine = angle * (1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))));
     1.0 - 2.0 * sine * sine
 }
 
-/// Number of the values that lie `limit_dn` or more from a tooth, and the sum of their cosines.
+/// Number of the values that lie `limit` bins or more from a tooth, and the sum of their cosines; `turn_per_bin` in units of 2⁻³² turns.
 #[multiversion::multiversion(targets("x86_64+avx2"))]
-fn cosines_beyond(values: &[(f64, f64)], frequency: f64, tooth_dn: f64, limit_dn: f64) -> [f64; 2] {
-    let (mut number, mut sum) = ([0.0; LANES], [0.0; LANES]);
-    let of = |&(value, times): &(f64, f64)| {
-        let counted = if (value - tooth_dn).abs() >= limit_dn { times } else { 0.0 };
-        (counted, counted * cosine(value * frequency))
+fn cosines_beyond(bins: &[i32], times: &[f32], turn_per_bin: i32, tooth: f32, limit: f32) -> [f64; 2] {
+    let (mut number, mut sum) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+    let of = |bin: i32, times: f32| {
+        let counted = if (bin as f32 - tooth).abs() >= limit { times } else { 0.0 };
+        (counted, counted * cosine(bin.wrapping_mul(turn_per_bin)))
     };
-    let whole = values.chunks_exact(LANES);
-    let rest = whole.remainder();
-    for chunk in whole {
-        for (lane, own) in chunk.iter().enumerate() {
-            let (counted, cosine) = of(own);
+    let (whole, rest) = (bins.chunks_exact(LANES).zip(times.chunks_exact(LANES)), bins.len() / LANES * LANES);
+    for (bins, times) in whole {
+        for lane in 0..LANES {
+            let (counted, cosine) = of(bins[lane], times[lane]);
             number[lane] += counted;
             sum[lane] += cosine;
         }
     }
-    for (lane, own) in rest.iter().enumerate() {
-        let (counted, cosine) = of(own);
+    for (lane, (bin, times)) in bins[rest..].iter().zip(&times[rest..]).enumerate() {
+        let (counted, cosine) = of(*bin, *times);
         number[lane] += counted;
         sum[lane] += cosine;
     }
-    [number.iter().sum(), sum.iter().sum()]
+    [number, sum].map(|lanes| lanes.into_iter().map(f64::from).sum())
 }
 
 impl Coefficient {
+    /// Of values that are whole bins, of which the middle one and half the range of the middle two thirds are known.
+    pub(super) fn new(index: usize, values: Vec<(f64, f64)>, [median_dn, core_dn]: [f64; 2], frames: f64) -> Option<Self> {
+        // All of them: where nearly everything is quantised to 0, a few values far out show the comb.
+        let reach_dn = values.first()?.0.abs().max(values.last()?.0.abs()).max(4.0);
+        let bins = values.iter().map(|(value, _)| (value * BINS_PER_DN).round() as i32).collect();
+        let times = values.iter().map(|(_, times)| *times as f32).collect();
+        Some(Self { index, values, bins, times, median_dn, core_dn, reach_dn, frames })
+    }
+
     /// Number of independent values outside of the tooth nearest to the median, and the sum of their cosines.
     fn cosines(&self, quantiser_dn: f64) -> (f64, f64) {
         let tooth = quantiser_dn * (self.median_dn / quantiser_dn).round();
         // A bin across the limit counts: its cosine is near −1, so that the test errs to the safe side.
         let limit = 0.5 * (quantiser_dn - 1.0 / BINS_PER_DN);
-        let [number, sum] = cosines_beyond(&self.values, 1.0 / quantiser_dn, tooth, limit);
+        // Whole turns do not count.
+        let turn_per_bin = ((quantiser_dn * BINS_PER_DN).recip() * 2.0_f64.powi(32)).round() as i64 as i32;
+        let [tooth, limit] = [tooth, limit].map(|dn| (dn * BINS_PER_DN) as f32);
+        let [number, sum] = cosines_beyond(&self.bins, &self.times, turn_per_bin, tooth, limit);
         let repeats = self.frames.max(1.0);
         (number / repeats, sum / repeats)
     }
@@ -227,13 +240,13 @@ mod tests {
     fn cosines_are_those_of_the_library() {
         let values: Vec<(f64, f64)> = (-1003..1004).map(|k| (0.125 * f64::from(k), f64::from(1 + k * k % 7))).collect();
         for quantiser in [0.53, 1.7, 6.25, 40.0] {
-            let [tooth, limit] = [3.0 * quantiser, 0.4 * quantiser];
-            let plain =
-                values.iter().filter(|(value, _)| (value - tooth).abs() >= limit).fold([0.0, 0.0], |[number, sum], (value, times)| {
-                    [number + times, sum + times * (std::f64::consts::TAU * value / quantiser).cos()]
-                });
-            let [number, sum] = cosines_beyond(&values, 1.0 / quantiser, tooth, limit);
-            assert!(number == plain[0] && (sum - plain[1]).abs() < 5e-6 * number, "{quantiser}: {number} {sum} for {plain:?}");
+            let limit = 0.5 * (quantiser - 1.0 / BINS_PER_DN);
+            let plain = values.iter().filter(|(value, _)| value.abs() >= limit).fold([0.0, 0.0], |[number, sum], (value, times)| {
+                [number + times, sum + times * (std::f64::consts::TAU * value / quantiser).cos()]
+            });
+            let coefficient = Coefficient::new(9, values.clone(), [0.0, 1.0], 1.0).unwrap();
+            let (number, sum) = coefficient.cosines(quantiser);
+            assert!(number == plain[0] && (sum - plain[1]).abs() < 1e-5 * number, "{quantiser}: {number} {sum} for {plain:?}");
         }
     }
 }
