@@ -1,10 +1,10 @@
 //! The sky between the stars as numbers that effects change linearly: the level of every cell of the mesh against that of its frame.
 //!
 //! Where the bias is known the number is ln(b/B), b the light of the cell and B that of its frame: a loss of light a·ρ² makes −ln(1 − a·ρ²) less of it,
-//! which is just what it adds to the magnitudes of stars. Light that is added, g·S, makes g·S over the logarithmic mean of the light with it and without.
-//! Of skies that hardly differ the logarithm is that of P, what all frames together have in the cell, and the rest is taken to first order:
-//! ln P + (b/B − P)/P. So slopes of the skies stay slopes: the logarithm of each would leave the mean of their squares in all. Of a sky too faint for
-//! logarithms cell by cell P is what all frames have at the cell's radius. Where the bias is not known, or the sky is hardly above it, the number is the difference of the levels.
+//! which is just what it adds to the magnitudes of stars. The logarithm is that of P, what all frames together have at the cell's radius and in its
+//! quadrant, and the rest is taken to first order: ln P + (b/B − P)/P. So slopes of the skies stay slopes, and a sky may be too faint for a logarithm cell
+//! by cell. Of bright skies that differ much (under a Moon) the logarithm is taken cell by cell; light that is added, g·S, makes g·S over the logarithmic
+//! mean of the light with it and without there. Where the bias is not known, or the sky is hardly above it, the number is the difference of the levels.
 //!
 //! Frames of one field share whatever the sky has there. They are joined, cell by cell, so that what is left are fields that differ in their sky.
 
@@ -22,8 +22,10 @@ const MIN_SIGMAS: f64 = 20.0;
 const MIN_SHARE: f64 = 0.05;
 /// Light that all frames together have at a radius is taken for what a lens leaves up to this share of their levels.
 const MAX_SHARE: f64 = 1.5;
-/// Skies hardly differ where no cell's share of the light is off by more from what all frames have there, relative to that.
+/// Skies differ much where a cell is off by more from what all frames have, relative to that.
 const MAX_DIFFERENCE: f64 = 0.2;
+/// Noise may make so many standard errors of that.
+const NOISE_SIGMAS: f64 = 4.0;
 /// Frames whose common stars have moved by less (half-diagonals, the median) look at one field.
 const SAME_FIELD: f64 = 0.25;
 /// Fewer common stars say that the fields are different ones.
@@ -59,8 +61,6 @@ pub(super) struct Cell {
     pub(super) sigma: f64,
     /// DN that change the number by one.
     pub(super) unit_dn: f64,
-    /// So many times as much changes light the number that all frames have in this cell.
-    pub(super) in_all: f64,
 }
 
 /// The sky of a recording.
@@ -79,10 +79,8 @@ enum Scale {
     Difference,
     /// Logarithms of shares.
     Logarithm,
-    /// Logarithms to first order about the share of the light in a cell, by the size of the frame and the number of the cell.
-    AboutCells(BTreeMap<([usize; 2], usize), f64>),
-    /// About the share of the light at a radius: coefficients of ρ⁰, ρ², ρ⁴ and ρ⁶.
-    AboutRadius([f64; 4]),
+    /// Logarithms to first order about the share of the light that all frames have.
+    About(Shares),
 }
 
 impl SkyLight {
@@ -100,8 +98,11 @@ impl SkyLight {
         };
         let scale = match bias_dn {
             None => Scale::Difference,
-            Some(black_dn) if meshes.iter().all(is_bright) => light_of_cells(&meshes, black_dn).map_or(Scale::Logarithm, Scale::AboutCells),
-            Some(black_dn) => radial_light(&meshes, black_dn).map_or(Scale::Difference, Scale::AboutRadius),
+            Some(black_dn) => match shared_light(&meshes, black_dn) {
+                Some((shares, difference)) if difference < MAX_DIFFERENCE => Scale::About(shares),
+                _ if meshes.iter().all(is_bright) => Scale::Logarithm,
+                found => found.map_or(Scale::Difference, |(shares, _)| Scale::About(shares)),
+            },
         };
         let mut light = Self { is_relative: !matches!(scale, Scale::Difference), ..Self::default() };
         for (frame, mesh) in meshes.into_iter().enumerate() {
@@ -118,24 +119,23 @@ impl SkyLight {
             for (number, cell) in mesh.cells.iter().enumerate() {
                 let Some(cell) = cell else { continue };
                 let own_dn = cell.level_dn - black_dn;
-                let about = |share: f64| share.ln() + own_dn / light_dn / share - 1.0;
-                let (value, unit_dn, in_all) = match &scale {
+                let (value, unit_dn, scale_dn) = match &scale {
                     Scale::Difference => (own_dn - light_dn, 1.0, 1.0),
-                    Scale::Logarithm => ((own_dn / light_dn).ln(), logarithmic_mean(own_dn, light_dn), 1.0),
-                    Scale::AboutCells(shares) => {
-                        let share = shares[&(mesh.size_px, number)];
-                        (about(share), share * light_dn, share / logarithmic_mean(share, 1.0))
-                    }
-                    Scale::AboutRadius(shares) => {
+                    Scale::Logarithm => ((own_dn / light_dn).ln(), logarithmic_mean(own_dn, light_dn), own_dn),
+                    Scale::About(shares) => {
                         let share = share_at(shares, cell.at);
-                        (about(share), share * light_dn, 1.0)
+                        (share.ln() + own_dn / light_dn / share - 1.0, share * light_dn, share * light_dn)
                     }
                 };
-                let scale_dn = if matches!(scale, Scale::Logarithm) { own_dn } else { unit_dn };
-                light.cells.push(Cell { frame, number, at: cell.at, value, sigma: cell.sigma_dn / scale_dn, unit_dn, in_all });
+                light.cells.push(Cell { frame, number, at: cell.at, value, sigma: cell.sigma_dn / scale_dn, unit_dn });
             }
         }
         light
+    }
+
+    /// The cells of a frame, by their places among all.
+    pub(super) fn of_frame(&self, frame: usize) -> Vec<usize> {
+        (0..self.cells.len()).filter(|k| self.cells[*k].frame == frame).collect()
     }
 
     /// A column over the cells from what a unit of a parameter adds to the number.
@@ -154,20 +154,7 @@ impl SkyLight {
             let middle = median(&column[own.clone()]).unwrap_or(0.0);
             column[own].iter_mut().for_each(|light| *light -= middle);
         }
-        column.iter_mut().zip(&self.cells).for_each(|(light, cell)| *light /= cell.unit_dn);
-        // What all frames have is in the light that the logarithm is taken of.
-        let mut shared: BTreeMap<(u64, usize), [f64; 2]> = BTreeMap::new();
-        let same = |cell: &Cell| (self.frames[cell.frame].half_px.to_bits(), cell.number);
-        for (number, cell) in column.iter().zip(&self.cells) {
-            let [sum, all] = shared.entry(same(cell)).or_default();
-            *sum += number * cell.sigma.powi(-2);
-            *all += cell.sigma.powi(-2);
-        }
-        for (number, cell) in column.iter_mut().zip(&self.cells) {
-            let [sum, all] = shared[&same(cell)];
-            *number += sum / all * (cell.in_all - 1.0);
-        }
-        column
+        column.iter().zip(&self.cells).map(|(light, cell)| light / cell.unit_dn).collect()
     }
 
     /// Frames of one field joined: weighted means of the same cells, the columns with them.
@@ -193,7 +180,6 @@ impl SkyLight {
                 value: mean(&|k| self.cells[k].value),
                 sigma: total.sqrt().recip(),
                 unit_dn: mean(&|k| self.cells[k].unit_dn),
-                in_all: mean(&|k| self.cells[k].in_all),
             });
             for (joined, column) in joined.iter_mut().zip(columns) {
                 joined.push(mean(&|k| column[k]));
@@ -229,39 +215,24 @@ impl SkyLight {
     }
 }
 
-/// The light in each cell as a share of the level of its frame, of all frames together: the weighted mean. Nothing where the frames differ much.
-fn light_of_cells(meshes: &[&SkyMesh], black_dn: f64) -> Option<BTreeMap<([usize; 2], usize), f64>> {
-    let mut sums: BTreeMap<([usize; 2], usize), [f64; 2]> = BTreeMap::new();
-    for mesh in meshes {
-        let light_dn = mesh.level_dn - black_dn;
-        for (number, cell) in mesh.cells.iter().enumerate() {
-            let Some(cell) = cell else { continue };
-            let weight = (light_dn / cell.sigma_dn).powi(2);
-            let [sum, all] = sums.entry((mesh.size_px, number)).or_default();
-            *sum += (cell.level_dn - black_dn) / light_dn * weight;
-            *all += weight;
-        }
-    }
-    let shares: BTreeMap<_, f64> = sums.into_iter().map(|(cell, [sum, all])| (cell, sum / all)).collect();
-    let differs = |mesh: &SkyMesh| {
-        let cells = mesh.cells.iter().enumerate().filter_map(|(number, cell)| Some((number, cell.as_ref()?)));
-        let share = |level_dn: f64| (level_dn - black_dn) / (mesh.level_dn - black_dn);
-        cells.map(|(number, cell)| share(cell.level_dn) / shares[&(mesh.size_px, number)] - 1.0).any(|off| off.abs() > MAX_DIFFERENCE)
-    };
-    (!meshes.iter().any(|mesh| differs(mesh))).then_some(shares)
-}
+/// The light that all frames together have in a cell, as a share of the level of their frames: coefficients of what [`terms`] gives.
+type Shares = [f64; TERMS];
+/// How many, and how many of them are the camera's: the others are slopes of the skies.
+const TERMS: usize = 8;
+const OF_CAMERA: usize = 6;
+type Terms = nalgebra::SVector<f64, TERMS>;
 
-/// The light at a radius as a share of the level of its frame, of all frames together by weighted least squares; nothing where a frame's level or the
+/// The light that all frames together have, by weighted least squares, and by how much any cell is off, relative to it; nothing where a frame's level or the
 /// share in any cell is not known to a twentieth, or the share is none that a lens leaves.
-fn radial_light(meshes: &[&SkyMesh], black_dn: f64) -> Option<[f64; 4]> {
-    let (mut matrix, mut right) = (nalgebra::Matrix4::zeros(), nalgebra::Vector4::zeros());
+fn shared_light(meshes: &[&SkyMesh], black_dn: f64) -> Option<(Shares, f64)> {
+    let (mut matrix, mut right) = (nalgebra::SMatrix::<f64, TERMS, TERMS>::zeros(), Terms::zeros());
     for mesh in meshes {
         let light_dn = mesh.level_dn - black_dn;
         let mut weight_of_level = 0.0;
         for cell in mesh.cells.iter().flatten() {
-            let (powers, weight) = (powers(cell.at), (light_dn / cell.sigma_dn).powi(2));
-            matrix += powers * powers.transpose() * weight;
-            right += powers * ((cell.level_dn - black_dn) / light_dn * weight);
+            let (terms, weight) = (terms(cell.at), (light_dn / cell.sigma_dn).powi(2));
+            matrix += terms * terms.transpose() * weight;
+            right += terms * ((cell.level_dn - black_dn) / light_dn * weight);
             weight_of_level += cell.sigma_dn.powi(-2);
         }
         if light_dn * weight_of_level.sqrt() < MIN_SIGMAS {
@@ -269,24 +240,40 @@ fn radial_light(meshes: &[&SkyMesh], black_dn: f64) -> Option<[f64; 4]> {
         }
     }
     let covariance = matrix.cholesky()?.inverse();
-    let shares: [f64; 4] = (covariance * right).into();
-    let is_known = |at: [f64; 2]| {
-        let (powers, share) = (powers(at), share_at(&shares, at));
-        let sigma = (powers.transpose() * covariance * powers)[0].sqrt();
-        share > MIN_SHARE && share < MAX_SHARE && share > MIN_SIGMAS * sigma
-    };
-    meshes.iter().flat_map(|mesh| mesh.cells.iter().flatten()).all(|cell| is_known(cell.at)).then_some(shares)
+    let shares: Shares = (covariance * right).into();
+    let mut difference = 0.0_f64;
+    for mesh in meshes {
+        for cell in mesh.cells.iter().flatten() {
+            let (own, share) = (of_camera(cell.at), share_at(&shares, cell.at));
+            let sigma = (own.transpose() * covariance * own)[0].sqrt();
+            if share < MIN_SHARE.max(MIN_SIGMAS * sigma) || share > MAX_SHARE {
+                return None;
+            }
+            let off = ((cell.level_dn - black_dn) / (mesh.level_dn - black_dn) / share - 1.0).abs();
+            // What the noise makes is no difference of the skies.
+            difference = difference.max(off - NOISE_SIGMAS * cell.sigma_dn / (mesh.level_dn - black_dn) / share);
+        }
+    }
+    Some((shares, difference))
 }
 
-/// ρ⁰, ρ², ρ⁴ and ρ⁶ of a place.
-fn powers(at: [f64; 2]) -> nalgebra::Vector4<f64> {
+/// Even powers of the radius to the sixth, the lower and the right half, and slopes.
+fn terms(at: [f64; 2]) -> Terms {
     let radius2 = at[0] * at[0] + at[1] * at[1];
-    nalgebra::Vector4::new(1.0, radius2, radius2.powi(2), radius2.powi(3))
+    let [right, lower] = at.map(|along| if along > 0.0 { 0.5 } else { -0.5 });
+    Terms::from([1.0, radius2, radius2.powi(2), radius2.powi(3), right, lower, at[0], at[1]])
 }
 
-/// The share of the light at a place, from the coefficients of its powers.
-fn share_at(shares: &[f64; 4], at: [f64; 2]) -> f64 {
-    nalgebra::Vector4::from(*shares).dot(&powers(at))
+/// What of that the camera does.
+fn of_camera(at: [f64; 2]) -> Terms {
+    let mut all = terms(at);
+    all.rows_mut(OF_CAMERA, TERMS - OF_CAMERA).fill(0.0);
+    all
+}
+
+/// The share of the light that the camera leaves at a place.
+fn share_at(shares: &Shares, at: [f64; 2]) -> f64 {
+    Terms::from(*shares).dot(&of_camera(at))
 }
 
 /// (a − b)/(ln a − ln b).

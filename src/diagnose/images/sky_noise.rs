@@ -11,7 +11,7 @@
 //! distribution, at the probability at which an effect is found. The sky knows no axes of the detector, so polynomials of one degree share their
 //! variance and its degrees of freedom, unless one of them is beyond the others' (a twilight always on the same side).
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -206,15 +206,29 @@ fn variances(terms: &[Term], degree: usize, given_back: f64) -> Vec<[f64; 2]> {
 }
 
 impl SkyNoise {
-    /// From how the fields differ; nothing where they are too few. `models`: light that is another in every field, but known up to a factor.
+    /// From how the fields differ; nothing where they are too few. `models`: light that is another in every field, but known up to a factor. They are
+    /// sized under the noise that is found without them, and so on: what the sky has besides, slopes above all, is then not taken for them.
     pub(super) fn found(light: &SkyLight, models: &[Vec<f64>]) -> Option<Self> {
+        const TURNS: usize = 3;
         let fields = light.frames.len();
         if fields < MIN_FIELDS + models.len().min(1) {
             return None;
         }
-        let light = &without_models(light, models);
+        let mut noise = Self::of(light, 1.0)?;
+        if models.is_empty() {
+            return Some(noise);
+        }
         // What the models took of the structure has to be given back.
         let given_back = fields as f64 / (fields - models.len().min(fields - 2)) as f64;
+        for _ in 0..TURNS {
+            noise = Self::of(&without_models(light, models, &noise)?, given_back)?;
+        }
+        Some(noise)
+    }
+
+    /// From how the fields differ, with the variances of structure so many times as large.
+    fn of(light: &SkyLight, given_back: f64) -> Option<Self> {
+        let fields = light.frames.len();
         let by_field: Vec<Vec<&Cell>> = (0..fields).map(|field| light.cells.iter().filter(|cell| cell.frame == field).collect()).collect();
         let fewest = by_field.iter().map(Vec::len).min()?;
         let degree = DEGREES.iter().find(|(cells, _)| fewest >= *cells).map(|(_, degree)| *degree)?;
@@ -262,7 +276,7 @@ impl SkyNoise {
         let mut value = vec![0.0; light.cells.len()];
         let mut white = vec![vec![0.0; light.cells.len()]; columns.len()];
         for (field, frame) in light.frames.iter().enumerate() {
-            let own: Vec<usize> = (0..light.cells.len()).filter(|k| light.cells[*k].frame == field).collect();
+            let own = light.of_frame(field);
             let cells: Vec<&Cell> = own.iter().map(|k| &light.cells[*k]).collect();
             let root = self.root((&cells, self.floors[field]), frame.edge)?;
             let apply = |from: &dyn Fn(usize) -> f64, to: &mut Vec<f64>| {
@@ -280,46 +294,47 @@ impl SkyNoise {
     }
 }
 
-/// The sky less the models in the sizes that fit it best beside what stays from field to field: by least squares of what differs.
-fn without_models(light: &SkyLight, models: &[Vec<f64>]) -> SkyLight {
+/// The sky less the models in the sizes that fit it best under some noise, beside what stays from field to field in every cell: by least squares.
+fn without_models(light: &SkyLight, models: &[Vec<f64>], noise: &SkyNoise) -> Option<SkyLight> {
+    /// A hair of ridge: models may be alike, and levels are free.
+    const RIDGE: f64 = 1e-9;
     let laws = laws(light);
-    // Of a column what no level of a field and no law of a cell explains; the two are taken out in turn.
-    let differing = |column: &dyn Fn(usize) -> f64| -> DVector<f64> {
-        let mut rest: Vec<f64> = (0..light.cells.len()).map(column).collect();
-        for _ in 0..3 {
-            let mut of_cell: BTreeMap<usize, Vec<(usize, usize)>> = BTreeMap::new();
-            let mut of_field: BTreeMap<usize, (f64, f64)> = BTreeMap::new();
-            for (k, cell) in light.cells.iter().enumerate() {
-                let weight = cell.sigma.powi(-2);
-                let sums = of_field.entry(cell.frame).or_default();
-                *sums = (sums.0 + weight * rest[k], sums.1 + weight);
-                of_cell.entry(cell.number).or_default().push((k, cell.frame));
-            }
-            light.cells.iter().zip(&mut rest).for_each(|(cell, rest)| *rest -= of_field[&cell.frame].0 / of_field[&cell.frame].1);
-            for own in of_cell.into_values() {
-                let numbers: Vec<(usize, f64)> = own.iter().map(|(k, field)| (*field, rest[*k])).collect();
-                own.iter().zip(beyond(&laws, &numbers).0).for_each(|((k, _), left)| rest[*k] = left);
+    let numbers: BTreeSet<usize> = light.cells.iter().map(|cell| cell.number).collect();
+    let places: BTreeMap<usize, usize> = numbers.into_iter().zip(0..).collect();
+    let (stays, asked) = (places.len() * laws.len(), models.len() + 1);
+    let (mut normal, mut right) = (DMatrix::zeros(stays, stays), DMatrix::zeros(stays, asked));
+    let mut square = DMatrix::zeros(asked, asked);
+    for (field, frame) in light.frames.iter().enumerate() {
+        let own = light.of_frame(field);
+        let cells: Vec<&Cell> = own.iter().map(|k| &light.cells[*k]).collect();
+        let precision = noise.root((&cells, noise.floors[field]), frame.edge)?.inverse();
+        let numbers = DMatrix::from_fn(own.len(), asked, |i, j| if j == 0 { cells[i].value } else { models[j - 1][own[i]] });
+        let weighted = &precision * &numbers;
+        square += numbers.tr_mul(&weighted);
+        let place = |law: usize, i: usize| law * places.len() + places[&cells[i].number];
+        for (one, by_one) in laws.iter().enumerate() {
+            for i in 0..own.len() {
+                let mut row = right.row_mut(place(one, i));
+                row += weighted.row(i) * by_one[field];
+                for (other, by_other) in laws.iter().enumerate() {
+                    for j in 0..own.len() {
+                        normal[(place(one, i), place(other, j))] += by_one[field] * by_other[field] * precision[(i, j)];
+                    }
+                }
             }
         }
-        DVector::from_iterator(rest.len(), rest.iter().zip(&light.cells).map(|(rest, cell)| rest / cell.sigma))
+    }
+    let ridged = |matrix: DMatrix<f64>| {
+        let ridge = matrix.diagonal().map(|own| RIDGE * own + f64::MIN_POSITIVE);
+        (matrix + DMatrix::from_diagonal(&ridge)).cholesky()
     };
-    let columns: Vec<DVector<f64>> = models.iter().map(|model| differing(&|k| model[k])).collect();
+    let left = square - right.tr_mul(&ridged(normal)?.solve(&right));
+    let sizes = ridged(left.view((1, 1), (models.len(), models.len())).into_owned())?.solve(&left.view((1, 0), (models.len(), 1)));
     let mut light = light.clone();
-    if columns.is_empty() {
-        return light;
+    for (model, size) in models.iter().zip(sizes.iter()) {
+        light.cells.iter_mut().zip(model).for_each(|(cell, unit)| cell.value -= size * unit);
     }
-    let value = differing(&|k| light.cells[k].value);
-    let design = DMatrix::from_columns(&columns);
-    // A hair of ridge: models may be alike.
-    let normal = design.tr_mul(&design);
-    let ridge = DMatrix::from_diagonal(&normal.diagonal().map(|square| 1e-9 * square + f64::MIN_POSITIVE));
-    if let Some(root) = (normal + ridge).cholesky() {
-        let sizes = root.solve(&design.tr_mul(&value));
-        for (model, size) in models.iter().zip(sizes.iter()) {
-            light.cells.iter_mut().zip(model).for_each(|(cell, unit)| cell.value -= size * unit);
-        }
-    }
-    light
+    Some(light)
 }
 
 /// A constant and the polynomials, over some cells.

@@ -434,6 +434,25 @@ fn views(seed: u64) -> Vec<SkyView> {
     (0..FRAMES).map(view).collect()
 }
 
+/// Sources of light that the sky may have are not fitted to its slopes: a loss of light is as well known where they can be asked for.
+#[test]
+fn slopes_of_the_sky_are_not_taken_for_its_sources() {
+    for seed in 520..524 {
+        let sloping = |sky: &Sky, at: [f64; 2]| {
+            let along_y = 0.02 * (f64::from(u32::try_from(sky.frame * 7 % 5).unwrap()) - 2.0);
+            even(sky, at) * (1.0 + along_y * at[1])
+        };
+        let sigma = |views: &[SkyView]| {
+            let judged = judged_under(seed, 1e-3, (nothing, 40), &sloping, views);
+            assert!(found(&judged).is_empty(), "seed {seed}: {:?}", judged.proposed);
+            judged.others.iter().find(|own| own.id == "vignetting").and_then(|own| own.size).unwrap()[1]
+        };
+        let [without, with] = [sigma(&[]), sigma(&views(seed))];
+        println!("standard error of vignetting: {without:.1e} without sources, {with:.1e} with them");
+        assert!(with < 2.5 * without, "seed {seed}: {with} for {without}");
+    }
+}
+
 #[test]
 fn the_light_of_the_moon_is_named_where_its_place_is_known() {
     for seed in 500..504 {
