@@ -73,7 +73,8 @@ fn blurred(quantiser_dn: f64, step_dn: f64) -> f64 {
     (-std::f64::consts::PI.powi(2) / 6.0 * (step_dn / quantiser_dn).powi(2)).exp()
 }
 
-/// Values that are summed side by side.
+/// Values that are taken together, and sums that run side by side.
+const TOGETHER: usize = 256;
 const LANES: usize = 8;
 
 /// cos of an angle in units of 2⁻³² turns, to 4e-6: 1 − 2·sin²(π·r), by the sine's series.
@@ -81,34 +82,34 @@ const LANES: usize = 8;
 #[allow(clippy::inline_always, reason = "inlined into the loop over values, which is vectorised only then")]
 fn cosine(turn: i32) -> f32 {
     const HALF_TURN: f32 = std::f32::consts::PI / 4_294_967_296.0;
+    const SERIES: [f32; 4] = [1.0 / 6.0, 1.0 / 20.0, 1.0 / 42.0, 1.0 / 72.0];
     let angle = turn as f32 * HALF_TURN;
     let square = angle * angle;
-    let sine = angle * (1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))));
+    let rest = 1.0 - square * SERIES[1] * (1.0 - square * SERIES[2] * (1.0 - square * SERIES[3]));
+    let sine = angle * (1.0 - square * SERIES[0] * rest);
     1.0 - 2.0 * sine * sine
 }
 
 /// Number of the values that lie `limit` bins or more from a tooth, and the sum of their cosines; `turn_per_bin` in units of 2⁻³² turns.
 #[multiversion::multiversion(targets("x86_64+avx2"))]
 fn cosines_beyond(bins: &[i32], times: &[f32], turn_per_bin: i32, tooth: f32, limit: f32) -> [f64; 2] {
-    let (mut number, mut sum) = ([0.0_f32; LANES], [0.0_f32; LANES]);
-    let of = |bin: i32, times: f32| {
-        let counted = if (bin as f32 - tooth).abs() >= limit { times } else { 0.0 };
-        (counted, counted * cosine(bin.wrapping_mul(turn_per_bin)))
-    };
-    let (whole, rest) = (bins.chunks_exact(LANES).zip(times.chunks_exact(LANES)), bins.len() / LANES * LANES);
-    for (bins, times) in whole {
-        for lane in 0..LANES {
-            let (counted, cosine) = of(bins[lane], times[lane]);
-            number[lane] += counted;
-            sum[lane] += cosine;
+    let mut sums = [0.0_f64; 2];
+    for (bins, times) in bins.chunks(TOGETHER).zip(times.chunks(TOGETHER)) {
+        // The terms first, and then their sums: a loop that sums is not vectorised.
+        let (mut counted, mut cosines) = ([0.0_f32; TOGETHER], [0.0_f32; TOGETHER]);
+        for (((bin, times), counted), own) in bins.iter().zip(times).zip(&mut counted).zip(&mut cosines) {
+            *counted = if (*bin as f32 - tooth).abs() >= limit { *times } else { 0.0 };
+            *own = *counted * cosine(bin.wrapping_mul(turn_per_bin));
+        }
+        for (sum, terms) in sums.iter_mut().zip([&counted, &cosines]) {
+            let mut lanes = [0.0_f32; LANES];
+            for terms in terms.as_chunks::<LANES>().0 {
+                lanes.iter_mut().zip(terms).for_each(|(lane, term)| *lane += term);
+            }
+            *sum += f64::from(lanes.iter().sum::<f32>());
         }
     }
-    for (lane, (bin, times)) in bins[rest..].iter().zip(&times[rest..]).enumerate() {
-        let (counted, cosine) = of(*bin, *times);
-        number[lane] += counted;
-        sum[lane] += cosine;
-    }
-    [number, sum].map(|lanes| lanes.into_iter().map(f64::from).sum())
+    sums
 }
 
 impl Coefficient {

@@ -60,7 +60,7 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::dual::Real;
-use crate::effects::pixel::pass::{Along, Carry, LinePass, PassHead, Sweep};
+use crate::effects::pixel::pass::{Along, Carries, Carry, LinePass, PassHead, Sweep};
 use crate::effects::pixel::pattern::{exponential, power};
 use crate::effects::pixel::{ExposureContext, Stage, uniform_fields};
 use crate::effects::{
@@ -143,11 +143,9 @@ pub struct TrappedChargeUniforms {
 const MIN_E: f32 = 0.01;
 
 /// The twin, for one kind of traps, of which the whole way has `traps` and `held` are full.
+#[inline(always)]
+#[allow(clippy::inline_always, reason = "inlined into the loop over columns, which is vectorised only then")]
 fn charge_transfer_inefficiency(uniforms: &TrappedChargeUniforms, traps: f32, released: f32, electrons: f32, held: &mut f32) -> f32 {
-    // No traps, none that are full: the same without the powers. The way counts from one, so this is the same in all columns, which go side by side.
-    if traps == 0.0 {
-        return electrons;
-    }
     let filling = electrons * uniforms.per_full_well;
     let (exponent, rest) = (uniforms.cloud_exponent, 1.0 - uniforms.cloud_exponent);
     let volume = power(filling, exponent);
@@ -161,6 +159,17 @@ fn charge_transfer_inefficiency(uniforms: &TrappedChargeUniforms, traps: f32, re
     let let_go = full * released;
     *held = full - let_go;
     electrons - taken + let_go
+}
+
+/// The twin for packets side by side.
+fn trapped(uniforms: &TrappedChargeUniforms, traps: f32, released: f32, row: &mut [f32], held: &mut [f32]) {
+    // No traps, none that are full: the same without the powers.
+    if traps == 0.0 {
+        return;
+    }
+    for (electrons, held) in row.iter_mut().zip(held) {
+        *electrons = charge_transfer_inefficiency(uniforms, traps, released, *electrons, held);
+    }
 }
 
 impl PassHead for TrappedCharge {
@@ -216,22 +225,26 @@ impl PassHead for TrappedCharge {
 impl LinePass for TrappedCharge {
     const SWEEPS: &'static [Sweep] = &[Sweep { along: Along::Columns, backward: false }, Sweep { along: Along::Rows, backward: false }];
 
-    #[inline]
     fn step(uniforms: &TrappedChargeUniforms, sweep: usize, place: [usize; 2], electrons: f32, carry: &mut Carry) -> f32 {
-        if sweep == 1 {
-            let way = (place[0] + 1) as f32;
-            return charge_transfer_inefficiency(
-                uniforms,
-                uniforms.serial_traps_per_px * way,
-                uniforms.serial_released,
-                electrons,
-                &mut carry[0],
-            );
-        }
-        let way = (place[1] + 1) as f32;
+        let mut own = [electrons];
         let [first, second, ..] = carry;
-        let electrons = charge_transfer_inefficiency(uniforms, uniforms.traps_per_px * way, uniforms.released, electrons, first);
-        charge_transfer_inefficiency(uniforms, uniforms.second_traps_per_px * way, uniforms.second_released, electrons, second)
+        if sweep == 1 {
+            let traps = uniforms.serial_traps_per_px * (place[0] + 1) as f32;
+            trapped(uniforms, traps, uniforms.serial_released, &mut own, std::slice::from_mut(first));
+        } else {
+            let way = (place[1] + 1) as f32;
+            trapped(uniforms, uniforms.traps_per_px * way, uniforms.released, &mut own, std::slice::from_mut(first));
+            trapped(uniforms, uniforms.second_traps_per_px * way, uniforms.second_released, &mut own, std::slice::from_mut(second));
+        }
+        own[0]
+    }
+
+    /// Columns alone are walked side by side.
+    fn step_row(uniforms: &TrappedChargeUniforms, _: usize, place: [usize; 2], row: &mut [f32], carries: &mut Carries) {
+        let way = (place[1] + 1) as f32;
+        let [first, second, ..] = carries;
+        trapped(uniforms, uniforms.traps_per_px * way, uniforms.released, row, first);
+        trapped(uniforms, uniforms.second_traps_per_px * way, uniforms.second_released, row, second);
     }
 }
 

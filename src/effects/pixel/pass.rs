@@ -46,6 +46,12 @@ pub enum PassShape {
 /// What goes along a line from pixel to pixel; zero where the line begins.
 pub type Carry = [f32; 4];
 
+/// Columns that are walked together: a row's part of them is one or two lines of a cache.
+pub const COLUMNS_TOGETHER: usize = 32;
+
+/// The carries of columns that are walked together, number by number.
+pub type Carries = [[f32; COLUMNS_TOGETHER]; 4];
+
 /// How far up and down a neighbour pass may look, px. Along a row it may look anywhere.
 pub const MAX_ROWS_AWAY: usize = 16;
 
@@ -115,6 +121,18 @@ pub trait LinePass: PassHead {
     const SWEEPS: &'static [Sweep];
     /// The CPU twin: one pixel's step. `place` is its column and its row.
     fn step(uniforms: &Self::Uniforms, sweep: usize, place: [usize; 2], electrons: f32, carry: &mut Carry) -> f32;
+
+    /// A step of columns side by side, from the one at `place`: the same as [`Self::step`] of each. A pass whose step is long may say it anew, so that
+    /// neighbours are vectorised.
+    fn step_row(uniforms: &Self::Uniforms, sweep: usize, place: [usize; 2], row: &mut [f32], carries: &mut Carries) {
+        let [first, second, third, fourth] = carries;
+        let carries = first.iter_mut().zip(second).zip(third).zip(fourth);
+        for (i, (electrons, (((first, second), third), fourth))) in row.iter_mut().zip(carries).enumerate() {
+            let mut carry = [*first, *second, *third, *fourth];
+            *electrons = Self::step(uniforms, sweep, [place[0] + i, place[1]], *electrons, &mut carry);
+            [*first, *second, *third, *fourth] = carry;
+        }
+    }
 }
 
 /// What the author of a neighbour pass writes. Its shader has `fn id(pixel: Pixel) -> f32`, reads with `source_at(x, y)` (integers, clamped to
@@ -134,23 +152,6 @@ pub struct Lines<P>(pub P);
 #[derive(Clone, Copy, Debug)]
 pub struct Neighbours<P>(pub P);
 
-/// Columns that are walked together: a row's part of them is one or two lines of a cache.
-const COLUMNS_TOGETHER: usize = 32;
-
-/// The carries of columns that are walked together, number by number: neighbours' steps are then vectorised.
-type Carries = [[f32; COLUMNS_TOGETHER]; 4];
-
-/// A step of columns side by side, from the one at `place`.
-fn step_row<P: LinePass>(uniforms: &P::Uniforms, sweep: usize, place: [usize; 2], row: &mut [f32], carries: &mut Carries) {
-    let [first, second, third, fourth] = carries;
-    let carries = first.iter_mut().zip(second).zip(third).zip(fourth);
-    for (i, (electrons, (((first, second), third), fourth))) in row.iter_mut().zip(carries).enumerate() {
-        let mut carry = [*first, *second, *third, *fourth];
-        *electrons = P::step(uniforms, sweep, [place[0] + i, place[1]], *electrons, &mut carry);
-        [*first, *second, *third, *fourth] = carry;
-    }
-}
-
 fn walk<P: LinePass>(uniforms: &P::Uniforms, frame: &mut FrameBuffer<'_>) {
     let width = frame.width;
     for (number, sweep) in P::SWEEPS.iter().enumerate() {
@@ -167,7 +168,7 @@ fn walk<P: LinePass>(uniforms: &P::Uniforms, frame: &mut FrameBuffer<'_>) {
                     let height = strip.len();
                     for turn in 0..height {
                         let y = if sweep.backward { height - 1 - turn } else { turn };
-                        step_row::<P>(uniforms, number, [strip_number * COLUMNS_TOGETHER, y], strip[y], &mut carries);
+                        P::step_row(uniforms, number, [strip_number * COLUMNS_TOGETHER, y], strip[y], &mut carries);
                     }
                 });
             }
