@@ -17,8 +17,7 @@ const PIXEL_VARIANCE: f64 = 1.0 / 12.0;
 /// A narrower weight sees the places of the pixels more than the image.
 const MIN_WEIGHT_PX: f64 = 0.75;
 /// The weight of the shape is wider than the image by this. Of faint stars a weight as wide as the image tells most, of bright ones, whose own light is
-/// their noise, the wider the more: this one keeps 0.85 to 0.95 of the signal-to-noise ratio of a width between 1000 and 50 000 electrons, a weight as wide
-/// as the image 0.7 to 0.94 (by the Fisher matrix of the pixels under 130 e² of sky, widths of 0.7 to 1.4 px).
+/// their noise, a wider one. The test `shapes_are_known_nearly_as_well_as_pixels_allow` compares with the Fisher matrix of the pixels.
 const WIDER_FOR_SHAPE: f64 = 1.2;
 /// The light is summed under a wider weight, by this: the less of it the weight leaves out, the less goes with the width of the image.
 const WIDER: f64 = 1.8;

@@ -2,7 +2,7 @@
 //!
 //! Where the bias is known the number is ln(b/B), b the light of the cell and B that of its frame: a loss of light a·ρ² makes −ln(1 − a·ρ²) less of it,
 //! which is just what it adds to the magnitudes of stars. The logarithm is that of P, what all frames together have at the cell's radius and in its
-//! quadrant, and the rest is taken to first order: ln P + (b/B − P)/P. So slopes of the skies stay slopes, and a sky may be too faint for a logarithm cell
+//! halves of the frame, and the rest is taken to first order: ln P + (b/B − P)/P. So slopes of the skies stay slopes, and a sky may be too faint for a logarithm cell
 //! by cell. Of bright skies that differ much (under a Moon) the logarithm is taken cell by cell; light that is added, g·S, makes g·S over the logarithmic
 //! mean of the light with it and without there. Where the bias is not known, or the sky is hardly above it, the number is the difference of the levels.
 //!

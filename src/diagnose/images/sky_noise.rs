@@ -32,6 +32,8 @@ const ALL_SURPRISE: f64 = 4.6;
 const OWN_ROUGHNESS: f64 = 6.0;
 /// Stated variances of cells may be off by this factor.
 const ERRORS_OFF: f64 = 1.5;
+/// A model of which what stays from field to field leaves a smaller part of its square is no other one.
+const MIN_LEFT: f64 = 1e-6;
 /// The level of a field is known to so many times the typical error of a cell.
 const FREE_LEVEL: f64 = 1e3;
 
@@ -221,7 +223,8 @@ impl SkyNoise {
         // What the models took of the structure has to be given back.
         let given_back = fields as f64 / (fields - models.len().min(fields - 2)) as f64;
         for _ in 0..TURNS {
-            noise = Self::of(&without_models(light, models, &noise)?, given_back)?;
+            let Some(rest) = without_models(light, models, &noise) else { break };
+            noise = Self::of(&rest, given_back)?;
         }
         Some(noise)
     }
@@ -294,47 +297,64 @@ impl SkyNoise {
     }
 }
 
-/// The sky less the models in the sizes that fit it best under some noise, beside what stays from field to field in every cell: by least squares.
+/// The sky less the models in the sizes that fit it best under some noise, beside what stays from field to field in every cell: by least squares. A model
+/// that hardly differs from what stays is not taken off; nothing where none is left.
 fn without_models(light: &SkyLight, models: &[Vec<f64>], noise: &SkyNoise) -> Option<SkyLight> {
-    /// A hair of ridge: models may be alike, and levels are free.
-    const RIDGE: f64 = 1e-9;
+    let left = beside_what_stays(light, models, noise)?;
+    // The first number is the sky's own.
+    let kept: Vec<usize> = (1..=models.len()).filter(|m| left.products[(*m, *m)] > MIN_LEFT * left.whole[*m]).collect();
+    let normal = DMatrix::from_fn(kept.len(), kept.len(), |i, j| left.products[(kept[i], kept[j])]);
+    let sizes = ridged(normal)?.solve(&DVector::from_iterator(kept.len(), kept.iter().map(|m| left.products[(*m, 0)])));
+    let mut light = light.clone();
+    for (m, size) in kept.iter().zip(sizes.iter()) {
+        light.cells.iter_mut().zip(&models[m - 1]).for_each(|(cell, unit)| cell.value -= size * unit);
+    }
+    (!kept.is_empty()).then_some(light)
+}
+
+/// Products of the sky and of models, less what stays from field to field takes of them, and their squares as a whole.
+struct Left {
+    products: DMatrix<f64>,
+    whole: DVector<f64>,
+}
+
+/// What the laws of the cells leave of the sky (the first number) and of models.
+fn beside_what_stays(light: &SkyLight, models: &[Vec<f64>], noise: &SkyNoise) -> Option<Left> {
     let laws = laws(light);
     let numbers: BTreeSet<usize> = light.cells.iter().map(|cell| cell.number).collect();
     let places: BTreeMap<usize, usize> = numbers.into_iter().zip(0..).collect();
     let (stays, asked) = (places.len() * laws.len(), models.len() + 1);
     let (mut normal, mut right) = (DMatrix::zeros(stays, stays), DMatrix::zeros(stays, asked));
-    let mut square = DMatrix::zeros(asked, asked);
+    let mut products = DMatrix::zeros(asked, asked);
     for (field, frame) in light.frames.iter().enumerate() {
         let own = light.of_frame(field);
         let cells: Vec<&Cell> = own.iter().map(|k| &light.cells[*k]).collect();
         let precision = noise.root((&cells, noise.floors[field]), frame.edge)?.inverse();
         let numbers = DMatrix::from_fn(own.len(), asked, |i, j| if j == 0 { cells[i].value } else { models[j - 1][own[i]] });
         let weighted = &precision * &numbers;
-        square += numbers.tr_mul(&weighted);
-        let place = |law: usize, i: usize| law * places.len() + places[&cells[i].number];
-        for (one, by_one) in laws.iter().enumerate() {
-            for i in 0..own.len() {
-                let mut row = right.row_mut(place(one, i));
-                row += weighted.row(i) * by_one[field];
-                for (other, by_other) in laws.iter().enumerate() {
-                    for j in 0..own.len() {
-                        normal[(place(one, i), place(other, j))] += by_one[field] * by_other[field] * precision[(i, j)];
+        products += numbers.tr_mul(&weighted);
+        let place: Vec<usize> = cells.iter().map(|cell| places[&cell.number]).collect();
+        for (one, by_one) in laws.iter().map(|law| law[field]).enumerate() {
+            for (i, row) in place.iter().map(|place| one * places.len() + place).enumerate() {
+                let mut sum = right.row_mut(row);
+                sum += weighted.row(i) * by_one;
+                for (other, by_other) in laws.iter().map(|law| law[field]).enumerate() {
+                    for (j, column) in place.iter().map(|place| other * places.len() + place).enumerate() {
+                        normal[(row, column)] += by_one * by_other * precision[(i, j)];
                     }
                 }
             }
         }
     }
-    let ridged = |matrix: DMatrix<f64>| {
-        let ridge = matrix.diagonal().map(|own| RIDGE * own + f64::MIN_POSITIVE);
-        (matrix + DMatrix::from_diagonal(&ridge)).cholesky()
-    };
-    let left = square - right.tr_mul(&ridged(normal)?.solve(&right));
-    let sizes = ridged(left.view((1, 1), (models.len(), models.len())).into_owned())?.solve(&left.view((1, 0), (models.len(), 1)));
-    let mut light = light.clone();
-    for (model, size) in models.iter().zip(sizes.iter()) {
-        light.cells.iter_mut().zip(model).for_each(|(cell, unit)| cell.value -= size * unit);
-    }
-    Some(light)
+    let whole = products.diagonal();
+    Some(Left { products: products - right.tr_mul(&ridged(normal)?.solve(&right)), whole })
+}
+
+/// The root of a matrix with a hair of ridge: models may be alike, and the levels of fields are free.
+fn ridged(matrix: DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
+    const RIDGE: f64 = 1e-9;
+    let ridge = matrix.diagonal().map(|own| RIDGE * own + f64::MIN_POSITIVE);
+    (matrix + DMatrix::from_diagonal(&ridge)).cholesky()
 }
 
 /// A constant and the polynomials, over some cells.

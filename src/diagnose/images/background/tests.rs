@@ -347,9 +347,10 @@ fn what_is_the_skys_own_has_no_name() {
     assert!(told > 20, "{told}");
 }
 
-/// Skies with slopes of their own: what stays of a law of the radius has no larger errors than are stated, nor ones of half the size.
+/// Skies with slopes of their own: what stays of a law of the radius has no larger errors than are stated, nor ones of half the size. Twelve fields know
+/// the variance of a degree to a fifth, and it is made larger for that: the sizes then scatter by 0.7 to 0.8 of what is stated.
 #[test]
-fn sizes_under_slopes_of_the_sky_scatter_as_stated() {
+fn sizes_under_slopes_of_the_sky_scatter_by_no_more_than_stated() {
     use crate::diagnose::images::sky_light::SkyLight;
     use crate::diagnose::images::sky_noise::SkyNoise;
     const SEEDS: u64 = 300;
@@ -434,7 +435,8 @@ fn views(seed: u64) -> Vec<SkyView> {
     (0..FRAMES).map(view).collect()
 }
 
-/// Sources of light that the sky may have are not fitted to its slopes: a loss of light is as well known where they can be asked for.
+/// Sources of light that the sky may have are not fitted to its slopes. A loss of light is nearly as well known where they can be asked for: four sources
+/// take a third of the twelve fields that tell the sky's structure, and the variance of that is larger by half.
 #[test]
 fn slopes_of_the_sky_are_not_taken_for_its_sources() {
     for seed in 520..524 {
@@ -449,7 +451,29 @@ fn slopes_of_the_sky_are_not_taken_for_its_sources() {
         };
         let [without, with] = [sigma(&[]), sigma(&views(seed))];
         println!("standard error of vignetting: {without:.1e} without sources, {with:.1e} with them");
-        assert!(with < 2.5 * without, "seed {seed}: {with} for {without}");
+        assert!(with < 2.0 * without, "seed {seed}: {with} for {without}");
+    }
+}
+
+/// A source that is the same in all fields, as above a camera that stands still, is no other one than what the camera does, and costs nothing.
+#[test]
+fn a_source_that_never_changes_is_left_to_the_camera() {
+    use crate::diagnose::images::sky_light::SkyLight;
+    use crate::diagnose::images::sky_noise::SkyNoise;
+    let (skies, mut rng) = skies(530);
+    let meshes: Vec<SkyMesh> = skies.iter().map(|sky| mesh(sky, &mut rng, &even)).collect();
+    let places: BTreeMap<usize, usize> = (0..FRAMES).map(|frame| (frame, frame)).collect();
+    let light = SkyLight::new(&meshes, Some(BIAS_DN), &places);
+    let same = light.column(|_, cell| 0.3 * cell.at[0] + cell.at[1] * cell.at[1]);
+    let changing = light.column(|frame, cell| cell.at[0] * (frame.number % 3) as f64);
+    let error = |models: &[Vec<f64>]| {
+        let (_, columns) = SkyNoise::found(&light, models).unwrap().whitened(&light, &[same.clone()]).unwrap();
+        columns[0].iter().map(|unit| unit * unit).sum::<f64>().sqrt().recip()
+    };
+    let without = error(&[]);
+    for (models, most) in [(vec![same.clone()], 1.0), (vec![same.clone(), changing.clone()], 1.3), (vec![changing], 1.3)] {
+        let with = error(&models);
+        assert!(with <= most * without, "{with} for {without}");
     }
 }
 
