@@ -14,7 +14,7 @@ use super::proposed::{ChannelState, Pixels};
 use super::rows::{Kind, Parameter, Question, Row, Rows, Shared, Shown};
 use super::sky_columns::{Asked, asked};
 use super::sky_light::SkyLight;
-use super::sky_noise::{MIN_FIELDS, SkyNoise, polynomials};
+use super::sky_noise::{SkyNoise, least_fields, polynomials};
 use super::sky_view::glows;
 use crate::diagnose::channels::Channel;
 
@@ -100,11 +100,13 @@ pub(super) fn add_background(
         .chain(patterns.iter().flat_map(|(_, columns)| columns.clone()))
         .collect();
     let (joined, plain_columns) = light.joined(&fields, &columns);
-    let told = SkyNoise::found(&joined, &plain_columns[models]).and_then(|noise| Some((noise.whitened(&joined, &plain_columns)?, noise)));
+    let models = &plain_columns[models];
+    let told = SkyNoise::found(&joined, models).and_then(|noise| Some((noise.whitened(&joined, &plain_columns)?, noise)));
     let Some(((values, columns), noise)) = told else {
         return Background::not_looked_at(format!(
-            "{} fields are too few to tell the sky from the camera (at least {MIN_FIELDS} that lie apart)",
-            joined.frames.len()
+            "{} fields are too few to tell the sky from the camera (at least {} that lie apart)",
+            joined.frames.len(),
+            least_fields(models)
         ));
     };
     // Before anything is found no model is in force.

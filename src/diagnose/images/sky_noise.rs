@@ -19,7 +19,7 @@ use super::sky_light::{Cell, SkyFrame, SkyLight};
 use crate::statistics::significance::neg_ln_chi2_sf;
 
 /// Fields that tell the camera's share from the sky's, at least.
-pub(super) const MIN_FIELDS: usize = 4;
+const MIN_FIELDS: usize = 4;
 /// Degrees of the polynomials by the cells that a field has.
 const DEGREES: [(usize, usize); 3] = [(40, 4), (18, 2), (0, 1)];
 /// Normal deviate of the probability at which an effect is found.
@@ -47,6 +47,11 @@ pub(super) struct SkyNoise {
     floors: Vec<f64>,
     /// −ln of the probability that even skies look as uneven, each in its way.
     pub(super) surprise: f64,
+}
+
+/// Fields that there must be: with sources of light that change from field to field one more.
+pub(super) fn least_fields(models: &[Vec<f64>]) -> usize {
+    MIN_FIELDS + models.len().min(1)
 }
 
 /// Products of Legendre polynomials of a place, without the constant, to a total degree; of mean square one over the frame.
@@ -213,7 +218,7 @@ impl SkyNoise {
     pub(super) fn found(light: &SkyLight, models: &[Vec<f64>]) -> Option<Self> {
         const TURNS: usize = 3;
         let fields = light.frames.len();
-        if fields < MIN_FIELDS + models.len().min(1) {
+        if fields < least_fields(models) {
             return None;
         }
         let mut noise = Self::of(light, 1.0)?;

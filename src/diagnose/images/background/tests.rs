@@ -467,7 +467,7 @@ fn a_source_that_never_changes_is_left_to_the_camera() {
     let same = light.column(|_, cell| 0.3 * cell.at[0] + cell.at[1] * cell.at[1]);
     let changing = light.column(|frame, cell| cell.at[0] * (frame.number % 3) as f64);
     let error = |models: &[Vec<f64>]| {
-        let (_, columns) = SkyNoise::found(&light, models).unwrap().whitened(&light, &[same.clone()]).unwrap();
+        let (_, columns) = SkyNoise::found(&light, models).unwrap().whitened(&light, std::slice::from_ref(&same)).unwrap();
         columns[0].iter().map(|unit| unit * unit).sum::<f64>().sqrt().recip()
     };
     let without = error(&[]);
