@@ -167,6 +167,9 @@ pub struct Flags {
     pub blended: bool,
     /// The stamp is cut by the edge of the frame.
     pub edge: bool,
+    /// The image's shape speaks of another star that is too near to be told apart.
+    #[serde(skip)]
+    pub is_unresolved: bool,
 }
 
 /// A star image as measured.

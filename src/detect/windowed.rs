@@ -458,7 +458,7 @@ impl<'a> Window<'a> {
             moments: Some(Box::new(star.moments)),
             chi2_per_dof: star.chi2 / (star.pixels as f64 - 3.0).max(1.0),
             peak_dn: f64::from(star.peak_dn),
-            flags: Flags { saturated: star.peak_dn >= self.frame.saturation_dn, blended: false, edge: star.is_cut },
+            flags: Flags { saturated: star.peak_dn >= self.frame.saturation_dn, blended: false, edge: star.is_cut, is_unresolved: false },
         })
     }
 }

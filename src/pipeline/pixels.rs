@@ -85,8 +85,11 @@ pub(super) fn star_images(frame: &Frame, detections: &Detections, bad: Option<&[
     let mut widths: Vec<f64> = detections.stars.iter().filter(is_clean).map(|star| star.width_px).collect();
     let Some(sigma_px) = median_in_place(&mut widths) else { return Vec::new() };
     let stars = discs(detections);
-    let frame = ImageFrame { frame, stars: &stars, bad, sigma_px, noise_dn: detections.noise_dn };
-    frame.star_images().into_iter().flatten().collect()
+    let light = |star: &Detection| [star.flux_dn, if star.flags.saturated { f64::INFINITY } else { star.flux_sigma_dn }];
+    let flux_dn: Vec<[f64; 2]> = detections.stars.iter().map(light).collect();
+    let frame = ImageFrame { frame, stars: &stars, flux_dn: &flux_dn, bad, sigma_px, noise_dn: detections.noise_dn };
+    let images = frame.star_images().into_iter().zip(&detections.stars);
+    images.filter(|(_, star)| !star.flags.is_unresolved).filter_map(|(image, _)| image).collect()
 }
 
 /// Of all frames measured.

@@ -43,7 +43,8 @@ pub fn star_measurements(measured: &Measured, points: &ControlPoints, parity: i8
         let x_px = if parity < 0 { width_px - 1.0 - point.x_px } else { point.x_px };
         let is_same = |own: &&Detection| (own.x_px - x_px).abs() < SAME_PX && (own.y_px - point.y_px).abs() < SAME_PX;
         let Some(own) = detections.get(&point.frame).and_then(|found| found.stars.iter().find(is_same)) else { continue };
-        if own.flags.saturated || own.flags.edge || own.flags.blended || own.flux_dn <= 0.0 {
+        // Sums take the light of other stars off, a fit has it in its numbers.
+        if own.flags.saturated || own.flags.edge || (own.flags.blended && !has_images) || own.flux_dn <= 0.0 {
             continue;
         }
         let images = has_images.then(|| images.get(&point.frame)).flatten();

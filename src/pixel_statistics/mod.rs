@@ -33,6 +33,7 @@ mod sky_mesh_tests;
 mod sky_pixels;
 mod star_chains;
 mod star_images;
+mod star_neighbours;
 mod star_transfer;
 mod stop_fit;
 mod streak_way;

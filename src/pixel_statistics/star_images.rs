@@ -10,6 +10,7 @@
 //! propagated from the noise of every pixel.
 
 use super::sky_frame::StarDisc;
+use super::star_neighbours::{MeanImage, Neighbours};
 use crate::frame::Frame;
 
 /// Variance of a pixel along an axis, px².
@@ -25,8 +26,17 @@ const WIDER: f64 = 1.8;
 const REACH: f64 = 4.5;
 const REACH_OF_LIGHT: f64 = 3.5 * WIDER;
 const RING: f64 = REACH_OF_LIGHT + 0.2;
-/// No other star is nearer than this, in σ of the weight of the light: it would widen the image.
-const ALONE: f64 = 2.8;
+/// A star stands alone where no other is nearer than this, in σ of the image.
+const ALONE: f64 = 5.0;
+/// Of a star that is nearer than this too little is known to take it off.
+const NEAREST: f64 = 2.5;
+/// The light of another star is taken off by the mean image of the frame's stars, which is not quite its own: so much of it may be left.
+const IMAGE_ERROR: f64 = 0.2;
+/// Of the light under its weight so much may be that of other stars.
+const MAX_BESIDE: f64 = 0.15;
+/// So many stars tell the mean image, of so large a signal-to-noise ratio.
+const MANY_ALONE: usize = 40;
+const MIN_SNR_ALONE: f64 = 30.0;
 /// Width of the ring, px, and the pixels that it has at least.
 const RING_PX: f64 = 4.0;
 const MIN_RING: usize = 40;
@@ -83,8 +93,10 @@ pub struct SummedImage {
 pub struct ImageFrame<'a> {
     /// Its pixels.
     pub frame: &'a Frame,
-    /// All stars that were found, with how far their light reaches.
+    /// All stars that were found, with how far their light reaches; the brightest first.
     pub stars: &'a [StarDisc],
+    /// Their light and its standard error, DN, by which it is taken off the images of their neighbours; of full ones the error is infinite.
+    pub flux_dn: &'a [[f64; 2]],
     /// Pixels that say nothing.
     pub bad: Option<&'a [bool]>,
     /// Typical width (Gaussian σ) of its images, px.
@@ -94,11 +106,36 @@ pub struct ImageFrame<'a> {
 }
 
 impl ImageFrame<'_> {
-    /// The images of the stars, in their order; nothing where a bad or full pixel or the edge lies in the sums, or the sums are no image's.
+    /// The images of the stars, in their order; nothing where a bad or full pixel, the edge or too much of another star lies in the sums, or the sums are
+    /// no image's.
     #[must_use]
     pub fn star_images(&self) -> Vec<Option<SummedImage>> {
         let near = Neighbours::of(self.stars);
-        (0..self.stars.len()).map(|index| self.star_image(index, &near)).collect()
+        let mean = self.mean_image(&near);
+        (0..self.stars.len()).map(|index| self.star_image(index, &near, &mean)).collect()
+    }
+
+    /// By the brightest stars that stand alone.
+    fn mean_image(&self, near: &Neighbours) -> MeanImage {
+        let weight_px = self.weight_px();
+        let mut mean = MeanImage::new(weight_px, RING * weight_px);
+        let is_bright = |index: &usize| self.flux_dn.get(*index).is_some_and(|[flux, sigma]| *flux > MIN_SNR_ALONE * sigma);
+        let is_alone = |index: &usize| self.nearest_px(*index, near, ALONE * weight_px).is_none();
+        for index in (0..self.stars.len()).filter(is_bright).filter(is_alone).take(MANY_ALONE) {
+            let at = [self.stars[index].x_px, self.stars[index].y_px];
+            let Some((level_dn, _)) = self.ring(index, near, RING * weight_px) else { continue };
+            let usable = self.within(at, RING * weight_px).filter(|(x, y)| self.is_usable(*x, *y));
+            let of = |(x, y): (usize, usize)| ((x as f64 - at[0]).hypot(y as f64 - at[1]), f64::from(self.frame.at(x, y)) - level_dn);
+            mean.add(self.flux_dn[index][0], usable.map(of));
+        }
+        mean
+    }
+
+    /// The distance of the nearest other star, where it is below `within_px`.
+    fn nearest_px(&self, index: usize, near: &Neighbours, within_px: f64) -> Option<f64> {
+        let star = &self.stars[index];
+        let distance = |other: usize| (self.stars[other].x_px - star.x_px).hypot(self.stars[other].y_px - star.y_px);
+        near.of_star(self.stars, index, within_px).into_iter().map(distance).filter(|distance| *distance < within_px).min_by(f64::total_cmp)
     }
 
     fn weight_px(&self) -> f64 {
@@ -110,31 +147,62 @@ impl ImageFrame<'_> {
         self.frame.pixels_dn[index] < self.frame.saturation_dn && self.bad.is_none_or(|bad| !bad[index])
     }
 
-    /// The pixels around a place, by their distance; `None` where the frame's edge cuts them.
-    fn around(&self, [x, y]: [f64; 2], reach_px: f64) -> Option<impl Iterator<Item = (usize, usize)>> {
+    /// The pixels around a place that are in the frame.
+    fn within(&self, [x, y]: [f64; 2], reach_px: f64) -> impl Iterator<Item = (usize, usize)> {
         let span = |at: f64, length: usize| {
-            let (low, high) = ((at - reach_px).ceil(), (at + reach_px).floor());
-            (low >= 0.0 && high < length as f64).then_some(low as usize..=high as usize)
+            (at - reach_px).ceil().max(0.0) as usize..((at + reach_px).floor() + 1.0).clamp(0.0, length as f64) as usize
         };
-        let (columns, rows) = (span(x, self.frame.width_px)?, span(y, self.frame.height_px)?);
-        Some(rows.flat_map(move |y| columns.clone().map(move |x| (x, y))))
+        let (columns, rows) = (span(x, self.frame.width_px), span(y, self.frame.height_px));
+        rows.flat_map(move |y| columns.clone().map(move |x| (x, y)))
     }
 
-    fn star_image(&self, index: usize, near: &Neighbours) -> Option<SummedImage> {
+    /// Whether a place is so far from the frame's edge.
+    fn is_inside(&self, [x, y]: [f64; 2], margin_px: f64) -> bool {
+        [(x, self.frame.width_px), (y, self.frame.height_px)]
+            .into_iter()
+            .all(|(at, length)| at >= margin_px && at <= length as f64 - 1.0 - margin_px)
+    }
+
+    /// The pixels of a star's sums, what other stars add taken off. Nothing where a pixel tells nothing, or of another star too little is known.
+    fn pixels(&self, index: usize, level_dn: f64, near: &Neighbours, mean: &MeanImage) -> Option<StarPixels> {
+        let weight_px = self.weight_px();
+        let found = [self.stars[index].x_px, self.stars[index].y_px];
+        if !self.is_inside(found, (REACH + FARTHEST) * weight_px) {
+            return None;
+        }
+        let around = self.within(found, (REACH_OF_LIGHT + FARTHEST) * weight_px);
+        let pixel = |(x, y): (usize, usize)| {
+            let lit_dn = f64::from(self.frame.at(x, y)) - level_dn;
+            self.is_usable(x, y).then_some(Pixel { x: x as f64, y: y as f64, counts: lit_dn, lit_dn })
+        };
+        let mut pixels = around.map(pixel).collect::<Option<Vec<Pixel>>>()?;
+        let mut beside = Vec::new();
+        for other in near.of_star(self.stars, index, REACH_OF_LIGHT * weight_px) {
+            let [x_px, y_px] = [self.stars[other].x_px, self.stars[other].y_px];
+            let [flux_dn, sigma_dn] = self.flux_dn.get(other).copied().unwrap_or([0.0, f64::INFINITY]);
+            let added: Vec<f64> = pixels.iter().map(|own| flux_dn * mean.share((own.x - x_px).hypot(own.y - y_px))).collect();
+            let is_near = (x_px - found[0]).hypot(y_px - found[1]) < ALONE * weight_px;
+            if is_near && !sigma_dn.is_finite() {
+                return None;
+            }
+            let error = if flux_dn > 0.0 && sigma_dn.is_finite() { (sigma_dn / flux_dn).hypot(IMAGE_ERROR) } else { 1.0 };
+            pixels.iter_mut().zip(&added).for_each(|(own, added)| own.counts -= added);
+            beside.push(added.into_iter().map(|added| error * added).collect());
+        }
+        Some(StarPixels { pixels, beside })
+    }
+
+    fn star_image(&self, index: usize, near: &Neighbours, mean: &MeanImage) -> Option<SummedImage> {
         let found = [self.stars[index].x_px, self.stars[index].y_px];
         let weight_px = self.weight_px();
-        let is_near = |other: &&StarDisc| (other.x_px - found[0]).hypot(other.y_px - found[1]) < ALONE * WIDER * weight_px;
-        if near.of_star(self.stars, index, ALONE * WIDER * weight_px).iter().any(is_near) {
+        if self.nearest_px(index, near, NEAREST * weight_px).is_some() {
             return None;
         }
         let (level_dn, ring) = self.ring(index, near, RING * weight_px)?;
-        let pixels: Vec<(f64, f64, f64)> = self
-            .around(found, (REACH_OF_LIGHT + FARTHEST) * weight_px)?
-            .map(|(x, y)| self.is_usable(x, y).then(|| (x as f64, y as f64, f64::from(self.frame.at(x, y)) - level_dn)))
-            .collect::<Option<Vec<_>>>()?;
+        let pixels = self.pixels(index, level_dn, near, mean)?;
         let mut centre = found;
         let shape_px = WIDER_FOR_SHAPE * weight_px;
-        let of = |centre: [f64; 2]| Sums::of(&pixels, Weight { centre, sigma_px: shape_px, reach: REACH / WIDER_FOR_SHAPE });
+        let of = |centre: [f64; 2]| Sums::of(&pixels.pixels, Weight { centre, sigma_px: shape_px, reach: REACH / WIDER_FOR_SHAPE });
         let mut sums = of(centre)?;
         for _ in 0..STEPS {
             let step = sums.to_centre();
@@ -144,11 +212,14 @@ impl ImageFrame<'_> {
             }
             sums = of(centre)?;
         }
-        let wide = Sums::of(&pixels, Weight { centre, sigma_px: WIDER * weight_px, reach: REACH_OF_LIGHT / WIDER })?;
+        let wide = Sums::of(&pixels.pixels, Weight { centre, sigma_px: WIDER * weight_px, reach: REACH_OF_LIGHT / WIDER })?;
+        if wide.share_of_others(&pixels.pixels) > MAX_BESIDE {
+            return None;
+        }
         let noise = [self.noise_dn * self.noise_dn, ring];
         let (flux_dn, flux_variance) = wide.light(&pixels, noise)?;
-        let is_within = |(x, y, _): &&(f64, f64, f64)| (x - centre[0]).hypot(y - centre[1]) < REACH_OF_LIGHT * weight_px;
-        let within_ring_dn = pixels.iter().filter(is_within).map(|(_, _, counts)| counts).sum();
+        let is_within = |own: &&Pixel| (own.x - centre[0]).hypot(own.y - centre[1]) < REACH_OF_LIGHT * weight_px;
+        let within_ring_dn = pixels.pixels.iter().filter(is_within).map(|own| own.counts).sum();
         sums.shape(&pixels, noise).map(|shape| SummedImage {
             found_px: found,
             centre_px: centre,
@@ -165,10 +236,10 @@ impl ImageFrame<'_> {
         let to_px = from_px + RING_PX;
         let others = near.of_star(self.stars, index, to_px);
         let (mut sum, mut count) = (0.0, 0_usize);
-        for (x, y) in self.around([star.x_px, star.y_px], to_px)? {
+        for (x, y) in self.within([star.x_px, star.y_px], to_px) {
             let (at_x, at_y) = (x as f64, y as f64);
             let square_px2 = star.distance_px2([at_x, at_y]);
-            let is_lit = |other: &&StarDisc| other.lights([at_x, at_y]);
+            let is_lit = |other: &usize| self.stars[*other].lights([at_x, at_y]);
             if square_px2 < from_px * from_px || square_px2 > to_px * to_px || !self.is_usable(x, y) || others.iter().any(is_lit) {
                 continue;
             }
@@ -179,41 +250,20 @@ impl ImageFrame<'_> {
     }
 }
 
-/// Stars by the cells of a coarse grid.
-struct Neighbours {
-    cells: std::collections::BTreeMap<[i64; 2], Vec<usize>>,
-    largest_px: f64,
+/// A pixel of a star's sums.
+struct Pixel {
+    x: f64,
+    y: f64,
+    /// Counts of the star, DN.
+    counts: f64,
+    /// Counts of all stars, DN: their noise is in it.
+    lit_dn: f64,
 }
 
-impl Neighbours {
-    const CELL_PX: f64 = 32.0;
-
-    fn cell(at: f64) -> i64 {
-        (at / Self::CELL_PX).floor() as i64
-    }
-
-    fn of(stars: &[StarDisc]) -> Self {
-        let mut cells: std::collections::BTreeMap<[i64; 2], Vec<usize>> = std::collections::BTreeMap::new();
-        for (index, star) in stars.iter().enumerate() {
-            cells.entry([Self::cell(star.x_px), Self::cell(star.y_px)]).or_default().push(index);
-        }
-        Self { cells, largest_px: stars.iter().map(|star| star.radius_px).fold(0.0, f64::max) }
-    }
-
-    /// The other stars that light something within `reach_px` of a star.
-    fn of_star<'a>(&self, stars: &'a [StarDisc], index: usize, reach_px: f64) -> Vec<&'a StarDisc> {
-        let star = &stars[index];
-        let reach = reach_px + self.largest_px;
-        let span = |at: f64| Self::cell(at - reach)..=Self::cell(at + reach);
-        let cells = span(star.x_px).flat_map(|x| span(star.y_px).map(move |y| [x, y]));
-        let of_cell = |cell: [i64; 2]| self.cells.get(&cell).into_iter().flatten().copied();
-        cells
-            .flat_map(of_cell)
-            .filter(|other| *other != index)
-            .map(|other| &stars[other])
-            .filter(|other| (other.x_px - star.x_px).hypot(other.y_px - star.y_px) < reach_px + other.radius_px)
-            .collect()
-    }
+/// The pixels of a star's sums, and of every other star in them how much light of it may be left in each, DN.
+struct StarPixels {
+    pixels: Vec<Pixel>,
+    beside: Vec<Vec<f64>>,
 }
 
 /// A round Gaussian weight, and how far it reaches in its σ.
@@ -243,11 +293,11 @@ struct Sums {
 }
 
 impl Sums {
-    fn of(pixels: &[(f64, f64, f64)], weight: Weight) -> Option<Self> {
+    fn of(pixels: &[Pixel], weight: Weight) -> Option<Self> {
         let (mut light, mut first, mut second) = (0.0, [0.0; 2], [0.0; 3]);
-        for (x, y, counts) in pixels {
-            let Some((share, u, v)) = weight.at(*x, *y) else { continue };
-            let own = share * counts;
+        for pixel in pixels {
+            let Some((share, u, v)) = weight.at(pixel.x, pixel.y) else { continue };
+            let own = share * pixel.counts;
             light += own;
             first = [first[0] + own * u, first[1] + own * v];
             second = [second[0] + own * u * u, second[1] + own * u * v, second[2] + own * v * v];
@@ -272,6 +322,12 @@ impl Sums {
         [xx * u + xy * v, xy * u + yy * v]
     }
 
+    /// How much of other stars' light was taken off under the weight, over the star's.
+    fn share_of_others(&self, pixels: &[Pixel]) -> f64 {
+        let taken = |own: &Pixel| self.weight.at(own.x, own.y).map_or(0.0, |(weight, ..)| weight * (own.lit_dn - own.counts));
+        pixels.iter().map(taken).sum::<f64>() / self.light
+    }
+
     /// What a count in a pixel adds to the light, over the light, and to the matrix under the weight.
     fn of_count(&self, (x, y): (f64, f64)) -> Option<(f64, [f64; 3], f64, f64)> {
         let (weight, u, v) = self.weight.at(x, y)?;
@@ -281,19 +337,19 @@ impl Sums {
     }
 
     /// All the light, were the image a Gaussian, with its variance. `noise`: variance of a sky pixel, and pixels of the ring.
-    fn light(&self, pixels: &[(f64, f64, f64)], noise: [f64; 2]) -> Option<(f64, SplitVariance)> {
+    fn light(&self, pixels: &StarPixels, noise: [f64; 2]) -> Option<(f64, SplitVariance)> {
         let [a, b, c] = self.spread()?;
         let flux_dn = self.light * (a * c - b * b).sqrt();
-        let mut sums = Variances::<1>::default();
-        for (x, y, counts) in pixels {
-            let Some((share, [xx, xy, yy], ..)) = self.of_count((*x, *y)) else { continue };
-            sums.add(*counts, [flux_dn * (share + 0.5 * (a * xx + 2.0 * b * xy + c * yy))]);
+        let mut sums = Variances::<1>::beside(pixels.beside.len());
+        for (k, own) in pixels.pixels.iter().enumerate() {
+            let Some((share, [xx, xy, yy], ..)) = self.of_count((own.x, own.y)) else { continue };
+            sums.add(pixels, k, [flux_dn * (share + 0.5 * (a * xx + 2.0 * b * xy + c * yy))]);
         }
         (flux_dn.is_finite() && flux_dn > 0.0).then(|| (flux_dn, sums.of(0, noise)))
     }
 
     /// Second moments and skewness with their variances.
-    fn shape(&self, pixels: &[(f64, f64, f64)], noise: [f64; 2]) -> Option<SummedImage> {
+    fn shape(&self, pixels: &StarPixels, noise: [f64; 2]) -> Option<SummedImage> {
         // Of an image that is as wide as it should be: what its product with the weight leaves of ⟨u |u|²⟩ about its centre, in widths of the weight for the
         // image's own; and what a shift of the centre adds to it.
         let square = WIDER_FOR_SHAPE * WIDER_FOR_SHAPE;
@@ -304,13 +360,14 @@ impl Sums {
         // Q (1 − Q)⁻¹ = (1 − Q)⁻¹ − 1.
         let second_px2 = [area * (a - 1.0) - PIXEL_VARIANCE, area * b, area * (c - 1.0) - PIXEL_VARIANCE];
         let mut skewness = [0.0; 2];
-        let mut sums = Variances::<5>::default();
-        for (x, y, counts) in pixels {
+        let mut sums = Variances::<5>::beside(pixels.beside.len());
+        for (k, Pixel { x, y, counts, .. }) in pixels.pixels.iter().enumerate() {
             let Some((share, [xx, xy, yy], u, v)) = self.of_count((*x, *y)) else { continue };
             let radial = u * u + v * v;
             skewness = [skewness[0] + skew * share * counts * u * radial, skewness[1] + skew * share * counts * v * radial];
             sums.add(
-                *counts,
+                pixels,
+                k,
                 [
                     // (1 − Q)⁻¹ (u uᵀ − Q) (1 − Q)⁻¹
                     area * (a * (a * xx + b * xy) + b * (a * xy + b * yy)),
@@ -338,26 +395,31 @@ struct Variances<const N: usize> {
     square: [f64; N],
     lit: [f64; N],
     total: [f64; N],
-}
-
-impl<const N: usize> Default for Variances<N> {
-    fn default() -> Self {
-        Self { square: [0.0; N], lit: [0.0; N], total: [0.0; N] }
-    }
+    /// Of every other star what is left of its light may add.
+    beside: Vec<[f64; N]>,
 }
 
 impl<const N: usize> Variances<N> {
-    fn add(&mut self, counts: f64, own: [f64; N]) {
+    fn beside(others: usize) -> Self {
+        Self { square: [0.0; N], lit: [0.0; N], total: [0.0; N], beside: vec![[0.0; N]; others] }
+    }
+
+    fn add(&mut self, pixels: &StarPixels, pixel: usize, own: [f64; N]) {
+        let lit_dn = pixels.pixels[pixel].lit_dn.max(0.0);
         for (k, add) in own.into_iter().enumerate() {
             self.square[k] += add * add;
-            self.lit[k] += add * add * counts.max(0.0);
+            self.lit[k] += add * add * lit_dn;
             self.total[k] += add;
+        }
+        for (sums, left) in self.beside.iter_mut().zip(&pixels.beside) {
+            sums.iter_mut().zip(own).for_each(|(sum, add)| *sum += add * left[pixel]);
         }
     }
 
-    /// Of a number: the noise of the pixels, and of the mean of the ring that is taken off them all.
+    /// Of a number: the noise of the pixels, of the mean of the ring that is taken off them all, and of what is left of other stars.
     fn of(&self, k: usize, [noise2, ring]: [f64; 2]) -> SplitVariance {
-        SplitVariance { sky: noise2 * (self.square[k] + self.total[k] * self.total[k] / ring), light: self.lit[k] }
+        let left: f64 = self.beside.iter().map(|sums| sums[k] * sums[k]).sum();
+        SplitVariance { sky: noise2 * (self.square[k] + self.total[k] * self.total[k] / ring) + left, light: self.lit[k] }
     }
 }
 

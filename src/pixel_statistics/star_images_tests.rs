@@ -27,7 +27,7 @@ fn frame(centre: [f64; 2], flux_dn: f64, shape: impl Fn(f64, f64) -> f64) -> Fra
 
 fn image(frame: &Frame, at: [f64; 2], sigma_px: f64, noise_dn: f64) -> SummedImage {
     let stars = [StarDisc { x_px: at[0], y_px: at[1], radius_px: 5.0 }];
-    ImageFrame { frame, stars: &stars, bad: None, sigma_px, noise_dn }.star_images()[0].expect("an image")
+    ImageFrame { frame, stars: &stars, flux_dn: &[], bad: None, sigma_px, noise_dn }.star_images()[0].expect("an image")
 }
 
 fn gaussian(sxx: f64, sxy: f64, syy: f64) -> impl Fn(f64, f64) -> f64 {
@@ -141,11 +141,90 @@ fn a_star_at_the_edge_or_with_a_bad_pixel_is_left_out() {
     let frame = frame([24.0, 24.0], 1e4, moffat);
     let at = |x_px: f64, y_px: f64, bad: Option<&[bool]>| {
         let stars = [StarDisc { x_px, y_px, radius_px: 5.0 }];
-        ImageFrame { frame: &frame, stars: &stars, bad, sigma_px: 0.9, noise_dn: 1.0 }.star_images()[0]
+        ImageFrame { frame: &frame, stars: &stars, flux_dn: &[], bad, sigma_px: 0.9, noise_dn: 1.0 }.star_images()[0]
     };
     assert!(at(24.0, 24.0, None).is_some());
     assert!(at(4.0, 24.0, None).is_none());
     let mut bad = vec![false; SIDE * SIDE];
     bad[24 * SIDE + 25] = true;
     assert!(at(24.0, 24.0, Some(&bad)).is_none());
+}
+
+/// A star with a neighbour of a twentieth to a third of its light: light and shape over many noisy frames against those of the star alone, in the errors
+/// stated; and what the neighbour would have made of them.
+#[test]
+fn the_light_of_neighbours_is_taken_off() {
+    const STARS: u64 = 200;
+    const WIDTH: usize = 6 * SIDE;
+    let (gain, noise_dn, flux_dn) = (2.0, 4.0, 3e4);
+    // Six stars that stand alone tell the image; the last has a neighbour.
+    let place = |k: usize| [(SIDE * k) as f64 + 24.3 + 0.13 * k as f64, 23.9 + 0.17 * (k % 3) as f64];
+    for (share, apart) in [(0.05, [4.2, 0.0]), (0.1, [-3.5, 3.5]), (0.3, [0.0, 6.0])] {
+        let middle = place(5);
+        let beside = [middle[0] + apart[0], middle[1] + apart[1]];
+        let mut clean = vec![SKY_DN as f32; WIDTH * SIDE];
+        let lit = |at: [f64; 2], flux_dn: f64, clean: &mut [f32]| {
+            let shift = SIDE * (at[0] as usize / SIDE);
+            let own = frame([at[0] - shift as f64, at[1]], flux_dn, moffat);
+            for (k, dn) in own.pixels_dn.iter().enumerate() {
+                clean[k / SIDE * WIDTH + shift + k % SIDE] += dn - SKY_DN as f32;
+            }
+        };
+        (0..6).for_each(|k| lit(place(k), flux_dn, &mut clean));
+        let without = clean.clone();
+        lit(beside, share * flux_dn, &mut clean);
+        let stars: Vec<StarDisc> = (0..6).map(place).chain([beside]).map(|[x_px, y_px]| StarDisc { x_px, y_px, radius_px: 6.0 }).collect();
+        let sigma_dn = 0.03 * share * flux_dn;
+        let summed = |seed: u64, neighbour_dn: [f64; 2], clean: &[f32], has_noise: bool| -> SummedImage {
+            let mut rng = Pcg64Mcg::seed_from_u64(seed);
+            let noisy = |dn: &f32| {
+                let variance = noise_dn * noise_dn + (f64::from(*dn) - SKY_DN).max(0.0) / gain;
+                let step: f64 = StandardNormal.sample(&mut rng);
+                if has_noise { dn + (step * variance.sqrt()) as f32 } else { *dn }
+            };
+            let pixels_dn = clean.iter().map(noisy).collect();
+            let frame = Frame { width_px: WIDTH, height_px: SIDE, pixels_dn, saturation_dn: 1e9 };
+            let mut flux = vec![[flux_dn, 0.01 * flux_dn]; 6];
+            flux.push(neighbour_dn);
+            ImageFrame { frame: &frame, stars: &stars, flux_dn: &flux, bad: None, sigma_px: 0.9, noise_dn }.star_images()[5].unwrap()
+        };
+        let alone = summed(0, [0.0, sigma_dn], &without, false);
+        let numbers = |own: &SummedImage| [own.flux_dn, own.second_px2[0], own.second_px2[1], own.second_px2[2]];
+        // A neighbour that is held to be dark stays in the image.
+        let blended = summed(0, [0.0, sigma_dn], &clean, false);
+        let mut squares = [0.0; 4];
+        for seed in 0..STARS {
+            let mut rng = Pcg64Mcg::seed_from_u64(1000 + seed);
+            let step: f64 = StandardNormal.sample(&mut rng);
+            let own = summed(seed, [share * flux_dn + step * sigma_dn, sigma_dn], &clean, true);
+            let variances = [own.flux_variance, own.second_variance[0], own.second_variance[1], own.second_variance[2]];
+            for k in 0..4 {
+                squares[k] += ((numbers(&own)[k] - numbers(&alone)[k]) / variances[k].sigma(1.0 / gain)).powi(2);
+            }
+        }
+        let scatter = squares.map(|sum| (sum / STARS as f64).sqrt());
+        let errors = [alone.flux_variance, alone.second_variance[0], alone.second_variance[1], alone.second_variance[2]];
+        let off = (0..4).map(|k| (numbers(&blended)[k] - numbers(&alone)[k]).abs() / errors[k].sigma(1.0 / gain)).fold(0.0, f64::max);
+        println!(
+            "{share} of the light at {apart:?}: rms over the errors {scatter:.2?}; {off:.1} standard errors of the worst if it stayed"
+        );
+        assert!(scatter.iter().all(|own| (0.3..1.35).contains(own)), "{share} at {apart:?}: {scatter:?}");
+        assert!(off > 1.8, "{off}: the test could not fail");
+    }
+}
+
+/// A neighbour that is full, or too near, or as bright as the star: nothing is told.
+#[test]
+fn a_star_beside_too_much_light_is_left_out() {
+    let frame = frame([24.0, 24.0], 1e4, moffat);
+    let at = |distance_px: f64, flux_dn: [f64; 2]| {
+        let stars =
+            [StarDisc { x_px: 24.0, y_px: 24.0, radius_px: 5.0 }, StarDisc { x_px: 24.0 + distance_px, y_px: 24.0, radius_px: 5.0 }];
+        ImageFrame { frame: &frame, stars: &stars, flux_dn: &[[1e4, 1e2], flux_dn], bad: None, sigma_px: 0.9, noise_dn: 1.0 }.star_images()
+            [0]
+    };
+    assert!(at(4.0, [300.0, 30.0]).is_some());
+    assert!(at(2.0, [300.0, 30.0]).is_none());
+    assert!(at(4.0, [300.0, f64::INFINITY]).is_none());
+    assert!(at(2.8, [6e3, 30.0]).is_none());
 }

@@ -174,7 +174,7 @@ impl<'a> Bench<'a> {
 fn sums(frame: &Frame, stars: &[TestStar], looks: &ImageConditions) -> Vec<Option<SummedImage>> {
     let radius_px = REACH_SIGMAS * looks.psf_sigma_px.hypot(0.3);
     let discs: Vec<StarDisc> = stars.iter().map(|star| StarDisc { x_px: star.x_px, y_px: star.y_px, radius_px }).collect();
-    ImageFrame { frame, stars: &discs, bad: None, sigma_px: looks.psf_sigma_px, noise_dn: 1.0 }.star_images()
+    ImageFrame { frame, stars: &discs, flux_dn: &[], bad: None, sigma_px: looks.psf_sigma_px, noise_dn: 1.0 }.star_images()
 }
 
 fn change(less: &SummedImage, more: &SummedImage) -> ImageResponse {
