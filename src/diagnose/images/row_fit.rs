@@ -159,24 +159,35 @@ impl RowFit {
         Projected { rest: self.basis.take_out(&ranges, DVector::from_vec(white)), whole }
     }
 
-    /// What share of the scatter of the means of groups that share an error some directions take, and how many groups there are; nothing where the
-    /// directions do not lie in such means for the most part.
+    /// What share of the scatter of the means of groups that share an error some directions take, and the degrees of freedom of that scatter; nothing where
+    /// the directions do not lie in such means for the most part. A trail is seen in the size of a frame's images and in their elongation: the means of
+    /// all kinds in which a direction lies count, each in its own errors.
     pub(in crate::diagnose) fn share_of_means(&self, rows: &Rows, directions: &[DVector<f64>]) -> Option<(f64, usize)> {
-        let part = |direction: &DVector<f64>, range: &std::ops::Range<usize>, whitener: &Whitener| {
-            whitener.means(&direction.as_slice()[range.clone()])
-        };
+        /// Of all kinds that have a part of the directions in their means so large a part at least.
+        const MIN_PART: f64 = 0.05;
+        struct OfKind {
+            part: f64,
+            means: Vec<DVector<f64>>,
+            scatter: DVector<f64>,
+        }
         let of_kind = |(whitener, range): (&Whitener, std::ops::Range<usize>)| {
-            let means: Vec<DVector<f64>> = directions.iter().map(|direction| part(direction, &range, whitener)).collect();
-            let share = means.iter().map(DVector::norm_squared).sum::<f64>() / directions.len().max(1) as f64;
-            (share, means, whitener.means(&self.psi[range]))
+            let means: Vec<DVector<f64>> =
+                directions.iter().map(|direction| whitener.means(&direction.as_slice()[range.clone()])).collect();
+            let part = means.iter().map(DVector::norm_squared).sum::<f64>() / directions.len().max(1) as f64;
+            OfKind { part, means, scatter: whitener.means(&self.psi[range]) }
         };
-        let (share, means, scatter) = self.whiteners.iter().zip(rows.ranges()).map(of_kind).max_by(|a, b| a.0.total_cmp(&b.0))?;
-        if share < MOSTLY {
+        let mut kinds: Vec<OfKind> = self.whiteners.iter().zip(rows.ranges()).map(of_kind).collect();
+        kinds.retain(|own| own.part > MIN_PART);
+        if kinds.iter().map(|own| own.part).sum::<f64>() < MOSTLY {
             return None;
         }
+        let joined =
+            |of: &dyn Fn(&OfKind) -> &DVector<f64>| DVector::from_vec(kinds.iter().flat_map(|own| of(own).iter().copied()).collect());
+        let scatter = joined(&|own| &own.scatter);
         let mut taken = 0.0;
         let mut known: Vec<DVector<f64>> = Vec::new();
-        for mut own in means {
+        for direction in 0..directions.len() {
+            let mut own = joined(&|kind| &kind.means[direction]);
             for other in &known {
                 let along = other.dot(&own);
                 own.axpy(-along, other, 1.0);
@@ -188,7 +199,9 @@ impl RowFit {
                 known.push(own);
             }
         }
-        Some((taken / scatter.norm_squared().max(f64::MIN_POSITIVE), scatter.len()))
+        // One mean of each kind is that of all.
+        let dof = scatter.len().saturating_sub(kinds.len());
+        Some((taken / scatter.norm_squared().max(f64::MIN_POSITIVE), dof))
     }
 
     /// Fall of the cost of the residuals, kind by kind, to those of a fit under the same noise; and the sum of the squares of what changed. The cost is twice

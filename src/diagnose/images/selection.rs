@@ -18,8 +18,8 @@ use crate::statistics::significance::neg_ln_chi2_sf;
 pub(super) const AS_GOOD: f64 = 4.6;
 /// A column of which what is fitted leaves a smaller share is no question.
 const MIN_SHARE: f64 = 0.02;
-/// So many means tell their scatter.
-const MANY_GROUPS: usize = 60;
+/// Of so many degrees of freedom the scatter of means is told well.
+const MANY_MEANS: usize = 60;
 /// Of the scatter of few means so much is left at least: what an effect takes of it is known no better.
 const MIN_LEFT: f64 = 0.02;
 /// So many standard errors on the wrong side of zero are no size of an effect that has a sign.
@@ -89,9 +89,8 @@ pub(in crate::diagnose) fn answer(rows: &Rows, fit: &RowFit, index: usize) -> Op
 /// trace included, and bounds the score: the share of it that the effect takes has a Beta distribution.
 fn surprise(rank: usize, statistic: f64, means: Option<(f64, usize)>) -> f64 {
     let by_chi2 = neg_ln_chi2_sf(rank as f64, statistic);
-    let Some((share, groups)) = means.filter(|(_, groups)| *groups > rank + 2 && *groups < MANY_GROUPS) else { return by_chi2 };
-    // One mean is that of all.
-    let total = groups as f64 - 1.0;
+    let Some((share, dof)) = means.filter(|(_, dof)| *dof > rank + 1 && *dof < MANY_MEANS) else { return by_chi2 };
+    let total = dof as f64;
     let left = (1.0 - share).max(MIN_LEFT);
     let tail = beta_reg(0.5 * (total - rank as f64), 0.5 * rank as f64, left);
     if tail > 0.0 { -tail.ln() } else { by_chi2 }
@@ -176,7 +175,7 @@ mod tests {
             let whole: f64 = own.iter().map(|value| value * value).sum();
             let share = own[0] * own[0] / whole;
             let statistic = own[0] * own[0] / (whole / (GROUPS - 1) as f64);
-            by_scatter += usize::from(surprise(1, statistic, Some((share, GROUPS))) > -0.01_f64.ln());
+            by_scatter += usize::from(surprise(1, statistic, Some((share, GROUPS - 1))) > -0.01_f64.ln());
             by_chi2 += usize::from(surprise(1, statistic, None) > -0.01_f64.ln());
         }
         // Forty are due, ± 6.3.
@@ -187,7 +186,7 @@ mod tests {
     /// The fewer the means, the less of a surprise the same share of them is.
     #[test]
     fn more_means_are_a_larger_surprise() {
-        let of = |groups: usize| surprise(1, 100.0, Some((0.9, groups)));
-        assert!(of(6) < of(10) && of(10) < of(20) && of(20) < of(MANY_GROUPS + 1));
+        let of = |dof: usize| surprise(1, 100.0, Some((0.9, dof)));
+        assert!(of(5) < of(9) && of(9) < of(19) && of(19) < of(MANY_MEANS));
     }
 }
