@@ -172,7 +172,14 @@ fn question_of(column: &RenderedColumn, told: &[Told<'_>]) -> Option<Question> {
     }
     let (name, unit) = column.parameter;
     let parameters = vec![Parameter { name, unit, shown: Shown::Same }];
-    let columns = vec![values.into_iter().map(|value| value.unwrap_or(0.0)).collect()];
+    // A star that cannot be rendered is held to have what the others of the kind have on average: with nothing it would stand out.
+    let mut sums: BTreeMap<usize, (f64, f64)> = BTreeMap::new();
+    for (own, value) in told.iter().zip(&values).filter_map(|(own, value)| Some((own, (*value)?))) {
+        let sum = sums.entry(own.kind).or_default();
+        *sum = (sum.0 + value, sum.1 + 1.0);
+    }
+    let mean = |own: &Told<'_>| sums.get(&own.kind).map_or(0.0, |(sum, count)| sum / count);
+    let columns = vec![told.iter().zip(values).map(|(own, value)| value.unwrap_or_else(|| mean(own))).collect()];
     Some(Question { id: column.id, parameters, follows: column.follows, columns, rank: 1, sign: None, is_part: false, products_of: &[] })
 }
 
