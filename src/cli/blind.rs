@@ -41,7 +41,8 @@ enum Step {
 #[command(next_help_heading = heading::OUTPUT)]
 struct Which {
     /// The family: null, hard-null, ladder, natural, confuser, two, absorbed, off-library; of frames of pixels: pixel-null, pixel-ladder,
-    /// pixel-absorbed, pixel-off-library; of effects hidden in the pixels themselves: image-null, image-hard-null, image-ladder, image-two
+    /// pixel-absorbed, pixel-off-library; of effects hidden in the pixels themselves: image-null, image-hard-null, image-ladder, image-two,
+    /// image-several
     #[arg(long, value_parser = family, help_heading = heading::INPUT)]
     family: Family,
     /// The first index

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::images::kind::{IMAGE_KINDS, IMAGE_PAIRS};
+use super::images::kind::{IMAGE_GROUPS, IMAGE_KINDS, IMAGE_PAIRS};
 use super::kind::{ABSORBED, Kind, LIBRARY, OFF_LIBRARY};
 
 /// A family of recordings.
@@ -42,10 +42,12 @@ pub enum Family {
     ImageLadder,
     /// Such frames, two effects in the pixels.
     ImageTwo,
+    /// Such frames, four effects in the pixels, of which the diagnosis gives the same parameters.
+    ImageSeveral,
 }
 
 /// All families.
-pub const FAMILIES: [Family; 16] = [
+pub const FAMILIES: [Family; 17] = [
     Family::Null,
     Family::HardNull,
     Family::Ladder,
@@ -62,6 +64,7 @@ pub const FAMILIES: [Family; 16] = [
     Family::ImageHardNull,
     Family::ImageLadder,
     Family::ImageTwo,
+    Family::ImageSeveral,
 ];
 
 /// Multiples of the size that is just seen (5 standard errors) on the ladder.
@@ -203,6 +206,7 @@ impl Family {
             Self::ImageHardNull => "image-hard-null",
             Self::ImageLadder => "image-ladder",
             Self::ImageTwo => "image-two",
+            Self::ImageSeveral => "image-several",
         }
     }
 
@@ -221,7 +225,7 @@ impl Family {
     /// Whether what is hidden is hidden in the pixels themselves.
     #[must_use]
     pub fn is_of_images(self) -> bool {
-        matches!(self, Self::ImageNull | Self::ImageHardNull | Self::ImageLadder | Self::ImageTwo)
+        matches!(self, Self::ImageNull | Self::ImageHardNull | Self::ImageLadder | Self::ImageTwo | Self::ImageSeveral)
     }
 
     /// The family of a name.
@@ -248,6 +252,7 @@ impl Family {
             Self::ImageHardNull => IMAGE_TRAPS.len(),
             Self::ImageLadder => IMAGE_KINDS.len() * PIXEL_LADDER.len(),
             Self::ImageTwo => IMAGE_PAIRS.len() * 2,
+            Self::ImageSeveral => IMAGE_GROUPS.len() * 2,
         };
         cycle as u32
     }
@@ -259,7 +264,8 @@ impl Family {
         let of = |hidden: Vec<(Kind, f64)>| Plan { hidden, trap: None, beside: None, constant_rate: false };
         match self {
             // What is hidden in pixels has a plan of its own.
-            Self::Null | Self::PixelNull | Self::ImageNull | Self::ImageHardNull | Self::ImageLadder | Self::ImageTwo => of(Vec::new()),
+            Self::ImageNull | Self::ImageHardNull | Self::ImageLadder | Self::ImageTwo | Self::ImageSeveral => of(Vec::new()),
+            Self::Null | Self::PixelNull => of(Vec::new()),
             Self::HardNull => Plan { trap: Some(TRAPS[at % TRAPS.len()]), ..of(Vec::new()) },
             Self::Ladder => of(vec![(LIBRARY[at % LIBRARY.len()], JUST_SEEN * LADDER[at / LIBRARY.len() % LADDER.len()])]),
             Self::Natural => of(vec![([Kind::ProperMotionLeftOut, Kind::Aberration, Kind::Refraction][at % 3], 0.0)]),

@@ -81,14 +81,14 @@ pub struct ImageLadder {
     pub sized: usize,
 }
 
-/// Two effects together.
+/// Effects that are hidden together.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ImagePairScore {
     /// Their names.
     pub label: String,
-    /// Both named, and nothing else.
+    /// All named, and nothing else.
     pub exact: Rate,
-    /// Sum over the recordings of the cosines between what the two change in the stamps, without sign; 0 where they are not both reckoned by stamps.
+    /// Of two, the sum over the recordings of the cosines between what they change in the stamps, without sign; 0 where they are not both reckoned by stamps.
     #[serde(default)]
     pub cosines: f64,
     /// At least one named.
@@ -131,6 +131,9 @@ pub struct ImageScore {
     pub pool: ImagePool,
     /// Pairs.
     pub pairs: Vec<ImagePairScore>,
+    /// More than two at once.
+    #[serde(default)]
+    pub groups: Vec<ImagePairScore>,
     /// Pulls of amplitudes where truth and finding are in the same parameter; of all of them last.
     pub pulls: Vec<Pulls>,
     /// Sizes over their errors of effects that are not found, of plain nulls.
@@ -161,7 +164,8 @@ pub fn image_score(pairs: &[(Truth, Answer)]) -> ImageScore {
     score.nulls = [Family::ImageNull, Family::ImageHardNull].into_iter().flat_map(|family| nulls(&given, family)).collect();
     score.ladders = ladders(&given);
     score.pool = pool(&given);
-    score.pairs = together(&given);
+    score.pairs = together(&given, Family::ImageTwo);
+    score.groups = together(&given, Family::ImageSeveral);
     score.pulls = pulls(&given);
     score.absent = absent(&given);
     score.held_out = held_out_chi2(&given);
@@ -300,16 +304,12 @@ fn add(rung: &mut ImageRung, effect: &TrueEffect, answer: &Answer) {
     answer.findings.iter().filter(|finding| !is_right(&finding.id)).for_each(|finding| count(&mut rung.wrong, &finding.id));
 }
 
-fn together(given: &[Pair]) -> Vec<ImagePairScore> {
+fn together(given: &[Pair], family: Family) -> Vec<ImagePairScore> {
     let mut pairs: BTreeMap<String, ImagePairScore> = BTreeMap::new();
-    for (truth, answer) in given.iter().filter(|(truth, _)| truth.family == Family::ImageTwo) {
+    for (truth, answer) in given.iter().filter(|(truth, _)| truth.family == family) {
         let label = truth.effects.iter().map(|effect| effect.label.as_str()).collect::<Vec<_>>().join(" + ");
         let own = pairs.entry(label.clone()).or_insert_with(|| ImagePairScore { label, ..ImagePairScore::default() });
-        let is_named = |effect: &&TrueEffect| {
-            let right = right_names(effect);
-            answer.findings.iter().any(|finding| right.contains(&finding.id.as_str()))
-        };
-        let named = truth.effects.iter().filter(is_named).count();
+        let named = truth.effects.iter().filter(|effect| is_named(effect, answer)).count();
         let all_right: Vec<&str> = truth.effects.iter().flat_map(right_names).collect();
         let wrong: Vec<&str> = answer.findings.iter().map(|finding| finding.id.as_str()).filter(|id| !all_right.contains(id)).collect();
         own.exact.count(named == truth.effects.len() && wrong.is_empty());
@@ -322,10 +322,18 @@ fn together(given: &[Pair]) -> Vec<ImagePairScore> {
     pairs.into_values().collect()
 }
 
+/// Whether an effect is among the names given.
+fn is_named(effect: &TrueEffect, answer: &Answer) -> bool {
+    let right = right_names(effect);
+    answer.findings.iter().any(|finding| right.contains(&finding.id.as_str()))
+}
+
+/// Errors are those of a model that holds all that is there: of recordings in which something hidden is not named nothing is compared.
 fn pulls(given: &[Pair]) -> Vec<Pulls> {
     const FROM: f64 = 1.9;
     let mut all: BTreeMap<String, Vec<f64>> = BTreeMap::new();
-    for (truth, answer) in given.iter().filter(|(truth, _)| truth.family == Family::ImageLadder) {
+    let is_whole = |(truth, answer): &&Pair| truth.effects.iter().all(|effect| is_named(effect, answer));
+    for (truth, answer) in given.iter().filter(is_whole) {
         for effect in truth.effects.iter().filter(|effect| effect.multiple >= FROM) {
             let size = effect.parameters.first().map_or(0.0, |parameter| parameter.value);
             let comparable = PixelKind::labelled(&effect.label).is_some_and(|kind| HiddenImage::is_comparable(kind, size));

@@ -40,6 +40,7 @@ pub fn joined(parts: &[ImageScore]) -> Result<ImageScore, BlindError> {
     }
     sort_by_key(&mut all.ladders, |own| own.label.clone());
     sort_by_key(&mut all.pairs, |own| own.label.clone());
+    sort_by_key(&mut all.groups, |own| own.label.clone());
     for pulls in [&mut all.pulls, &mut all.absent] {
         sort_by_key(pulls, |own| (own.label == "all", own.label.clone()));
     }
@@ -80,13 +81,14 @@ fn add(all: &mut ImageScore, part: &ImageScore) {
     add_rate(&mut sum.in_set, own.in_set);
     add_rate(&mut sum.first_of_cut, own.first_of_cut);
     add_rate(&mut sum.first_of_unjudged, own.first_of_unjudged);
-    for own in &part.pairs {
-        let known = known_or_new(&mut all.pairs, own, |other| other.label == own.label);
-        let Some(known) = known else { continue };
-        add_rate(&mut known.exact, own.exact);
-        known.cosines += own.cosines;
-        add_rate(&mut known.one, own.one);
-        add_names(&mut known.wrong, &own.wrong);
+    for (all, part) in [(&mut all.pairs, &part.pairs), (&mut all.groups, &part.groups)] {
+        for own in part {
+            let Some(known) = known_or_new(all, own, |other| other.label == own.label) else { continue };
+            add_rate(&mut known.exact, own.exact);
+            known.cosines += own.cosines;
+            add_rate(&mut known.one, own.one);
+            add_names(&mut known.wrong, &own.wrong);
+        }
     }
     for (all, part) in [(&mut all.pulls, &part.pulls), (&mut all.absent, &part.absent)] {
         for own in part {
@@ -225,7 +227,8 @@ mod tests {
         let nulls = (0..4).map(|index| answered(Family::ImageNull, index));
         let hard = (0..9).step_by(4).map(|index| answered(Family::ImageHardNull, index));
         let two = (0..3).map(|index| answered(Family::ImageTwo, index));
-        let all: Vec<(Truth, Answer)> = ladder.chain(nulls).chain(hard).chain(two).collect();
+        let several = (0..3).map(|index| answered(Family::ImageSeveral, 7 * index));
+        let all: Vec<(Truth, Answer)> = ladder.chain(nulls).chain(hard).chain(two).chain(several).collect();
         let parts: Vec<ImageScore> = (0..3)
             .map(|part| image_score(&all.iter().enumerate().filter(|(k, _)| k % 3 == part).map(|(_, own)| own.clone()).collect::<Vec<_>>()))
             .collect();

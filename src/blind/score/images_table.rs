@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::Rate;
-use super::images::{ImageRung, ImageScore, Names};
+use super::images::{ImagePairScore, ImageRung, ImageScore, Names};
 use crate::statistics::order::sort_by_key;
 
 /// The page; `commit` is the program's.
@@ -15,6 +15,7 @@ pub fn image_markdown(score: &ImageScore, commit: &str) -> String {
     ladders(&mut page, score);
     pool(&mut page, score);
     pairs(&mut page, score);
+    groups(&mut page, score);
     pulls(&mut page, score);
     held_out(&mut page, score);
     page
@@ -146,6 +147,26 @@ fn pairs(page: &mut String, score: &ImageScore) {
     line(page, "");
 }
 
+fn groups(page: &mut String, score: &ImageScore) {
+    if score.groups.is_empty() {
+        return;
+    }
+    line(page, "## Several at once\n");
+    line(page, "Each is sized beside those before it.\n");
+    line(page, "| hidden | exactly these | at least one | wrong names |");
+    line(page, "|---|---|---|---|");
+    for group in &score.groups {
+        line(page, &format!("| {} | {} | {} | {} |", group.label, group.exact, group.one, names(&group.wrong)));
+    }
+    line(page, &format!("| all | {} | | |", of_all(&score.groups)));
+    line(page, "");
+}
+
+/// All that is hidden is named, and nothing else: of all recordings.
+fn of_all(groups: &[ImagePairScore]) -> Rate {
+    groups.iter().fold(Rate::default(), |sum, own| Rate { hits: sum.hits + own.exact.hits, of: sum.of + own.exact.of })
+}
+
 fn pairs_with_cosines(page: &mut String, score: &ImageScore) {
     line(
         page,
@@ -159,15 +180,15 @@ fn pairs_with_cosines(page: &mut String, score: &ImageScore) {
         let cosine = if mean > 0.0 { format!("{mean:.2}") } else { "–".to_owned() };
         line(page, &format!("| {} | {cosine} | {} | {} | {} |", pair.label, pair.exact, pair.one, names(&pair.wrong)));
     }
-    let all = score.pairs.iter().fold([0, 0], |sum, pair| [sum[0] + pair.exact.hits, sum[1] + pair.exact.of]);
-    line(page, &format!("| all | | {} | | |", Rate { hits: all[0], of: all[1] }));
+    line(page, &format!("| all | | {} | | |", of_all(&score.pairs)));
 }
 
 fn pulls(page: &mut String, score: &ImageScore) {
+    const FOUND: &str = "Of the recordings in which all that is hidden is named, be it one effect or several.\n";
     const ABSENT: &str = "Standard normal numbers are due where an effect has one shape and its parameter is linear. Of several shapes the largest is told, of a \
         variance the root; and zero is not the truth of a ratio, and of refraction and aberration, which the model has.\n";
     let tables = [
-        (&score.pulls, "(found − true)/σ, from 2 × on, where both are the same parameter", ""),
+        (&score.pulls, "(found − true)/σ, from 2 × on, where both are the same parameter", FOUND),
         (&score.absent, "found/σ of effects that are not found, of plain nulls", ABSENT),
     ];
     for (pulls, title, remark) in tables.into_iter().filter(|(pulls, ..)| !pulls.is_empty()) {

@@ -62,9 +62,11 @@ impl HiddenImage {
     pub fn is_comparable(kind: PixelKind, size: f64) -> bool {
         /// At which what the two differ by, two thirds of the square of the loss, is a fifteenth of the loss.
         const SMALL_LOSS: f64 = 0.1;
-        use PixelKind::{AmplifierStep, ColumnBanding, EvenOdd, Extinction, LostBits, Nonlinearity, Passband, Prnu, RowBanding, WrongGain};
+        use PixelKind::{AmplifierStep, CodeWidths, ColumnBanding, Crosstalk, DarkCurrent, EvenOdd, ExposureTime};
+        use PixelKind::{Extinction, LostBits, Nonlinearity, Passband, Prnu, RowBanding, WrongGain};
         match kind {
-            AmplifierStep | ColumnBanding | EvenOdd | Extinction | LostBits | Passband | Prnu | RowBanding | WrongGain => true,
+            AmplifierStep | CodeWidths | ColumnBanding | Crosstalk | DarkCurrent | EvenOdd | ExposureTime => true,
+            Extinction | LostBits | Passband | Prnu | RowBanding | WrongGain => true,
             Nonlinearity => size.abs() < SMALL_LOSS,
             _ => false,
         }

@@ -115,6 +115,18 @@ pub const IMAGE_PAIRS: [[PixelKind; 2]; 14] = [
     [DarkCurrent, Prnu],
 ];
 
+/// Four that are hidden together, each of which the diagnosis sizes by the parameter that is hidden: sizes and errors of several at once. No two of a
+/// group are known to be told apart badly, as a wrong gain is beside noise that a row shares.
+pub const IMAGE_GROUPS: [[PixelKind; 4]; 7] = [
+    [AmplifierStep, RowBanding, Passband, Prnu],
+    [EvenOdd, ColumnBanding, Extinction, Crosstalk],
+    [WrongGain, Passband, Extinction, EvenOdd],
+    [Prnu, ColumnBanding, AmplifierStep, Extinction],
+    [ExposureTime, RowBanding, EvenOdd, Passband],
+    [DarkCurrent, AmplifierStep, Passband, Crosstalk],
+    [Nonlinearity, ColumnBanding, Prnu, ExposureTime],
+];
+
 /// How the size of what is hidden is reckoned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]

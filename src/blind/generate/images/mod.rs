@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 pub use camera::{Conditions, ImageCamera, ImageWorld, SkyStar};
 pub use hidden::HiddenImage;
-pub use kind::{IMAGE_KINDS, IMAGE_PAIRS, PixelKind, Reckoned};
+pub use kind::{IMAGE_GROUPS, IMAGE_KINDS, IMAGE_PAIRS, PixelKind, Reckoned};
 pub use spread::PaintedProfile;
 
 use super::family::{Family, IMAGE_TRAPS, PIXEL_LADDER, Trap};
@@ -42,7 +42,7 @@ const PART_FRAMES: u32 = 1024;
 /// Trials to find the size of a signal-to-noise ratio, and the power of the ratio by which a size is changed.
 const MAX_TRIALS: usize = 12;
 const STEP_POWER: f64 = 0.7;
-/// Multiples of two that are hidden together.
+/// Multiples of what is hidden together.
 const TOGETHER: [f64; 2] = [4.0, 8.0];
 
 /// All that frames are painted from.
@@ -94,6 +94,10 @@ fn plan(family: Family, index: u32) -> (Vec<(PixelKind, f64)>, Option<Trap>) {
         Family::ImageTwo => {
             let multiple = TOGETHER[at / IMAGE_PAIRS.len() % TOGETHER.len()];
             (IMAGE_PAIRS[at % IMAGE_PAIRS.len()].map(|kind| (kind, multiple)).to_vec(), None)
+        }
+        Family::ImageSeveral => {
+            let multiple = TOGETHER[at / IMAGE_GROUPS.len() % TOGETHER.len()];
+            (IMAGE_GROUPS[at % IMAGE_GROUPS.len()].map(|kind| (kind, multiple)).to_vec(), None)
         }
         _ => (Vec::new(), None),
     }
