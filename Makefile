@@ -155,7 +155,7 @@ blind:
 # Effects in pixels. A shard has a folder of its own, so that several machines (or runs) can share the work; they are scored together.
 BLIND_IMAGES := outputs/blind-pixels
 BLIND_IMAGES_SEED ?= 1
-BLIND_IMAGES_SIZES ?= $(if $(BLIND_QUICK),image-null:6 image-hard-null:7 image-ladder:156 image-two:14,image-null:1000 image-hard-null:300 image-ladder:1560 image-two:280)
+BLIND_IMAGES_SIZES ?= $(if $(BLIND_QUICK),image-null:6 image-hard-null:7 image-ladder:156 image-two:14 image-several:14,image-null:1000 image-hard-null:300 image-ladder:780 image-two:140 image-several:420)
 BLIND_IMAGES_NULLS ?= 1000
 SHARD ?=
 SHARD_FOLDER = $(BLIND_IMAGES)$(if $(SHARD),/shard-$(subst /,-of-,$(SHARD)))
@@ -167,12 +167,14 @@ blind-pixels:
 	$(PEERS_PROGRAM) blind run --family $${part%:*} --to $${part#*:} $(SHARD_OPTION) --nulls $(BLIND_IMAGES_NULLS) -o $(SHARD_FOLDER) || exit 1; done
 	$(if $(SHARD),,$(MAKE) blind-pixels-score)
 
-# Of all shards that are there, the first folder receiving the page. PARTS: score-images.json of shards that were answered elsewhere.
+# Of all shards that are there. The page of a quick run does not take the place of the study's.
+BLIND_IMAGES_PAGE ?= $(if $(BLIND_QUICK),$(BLIND_IMAGES)/blind-pixels.md,docs/studies/blind-pixels.md)
+# The first folder receives the score. PARTS: score-images.json of shards that were answered elsewhere.
 PARTS ?=
 blind-pixels-score:
 	folders=$$(for folder in $(BLIND_IMAGES) $(BLIND_IMAGES)/shard-*; do [ -e $$folder/seal.json ] && echo $$folder; done); \
 	set -- $$folders; first=$${1:-$(BLIND_IMAGES)}; [ $$# = 0 ] || shift; \
-	$(PEERS_PROGRAM) blind score-images -o $$first $${1:+--also "$$@"} $(if $(PARTS),--parts $(PARTS)) --commit "$$(git rev-parse --short HEAD)" --page docs/studies/blind-pixels.md > /dev/null
+	$(PEERS_PROGRAM) blind score-images -o $$first $${1:+--also "$$@"} $(if $(PARTS),--parts $(PARTS)) --commit "$$(git rev-parse --short HEAD)" --page $(BLIND_IMAGES_PAGE) > /dev/null
 
 # Whether what is called held out is: nulls diagnosed so loosely that chance is proposed in most of them. Can be stopped and gone on with.
 HELD_OUT := outputs/held-out
