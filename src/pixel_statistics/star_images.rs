@@ -34,6 +34,8 @@ const NEAREST: f64 = 2.5;
 const IMAGE_ERROR: f64 = 0.2;
 /// Of the light under its weight so much may be that of other stars.
 const MAX_BESIDE: f64 = 0.15;
+/// Of the light that may be left of another star a pixel of the ring has no more than this, in standard deviations of the sky.
+const MAX_LEFT: f64 = 0.3;
 /// So many stars tell the mean image, of so large a signal-to-noise ratio.
 const MANY_ALONE: usize = 40;
 const MIN_SNR_ALONE: f64 = 30.0;
@@ -119,11 +121,12 @@ impl ImageFrame<'_> {
     fn mean_image(&self, near: &Neighbours) -> MeanImage {
         let weight_px = self.weight_px();
         let mut mean = MeanImage::new(weight_px, RING * weight_px);
+        let untold = MeanImage::new(weight_px, 0.0);
         let is_bright = |index: &usize| self.flux_dn.get(*index).is_some_and(|[flux, sigma]| *flux > MIN_SNR_ALONE * sigma);
         let is_alone = |index: &usize| self.nearest_px(*index, near, ALONE * weight_px).is_none();
         for index in (0..self.stars.len()).filter(is_bright).filter(is_alone).take(MANY_ALONE) {
             let at = [self.stars[index].x_px, self.stars[index].y_px];
-            let Some((level_dn, _)) = self.ring(index, near, RING * weight_px) else { continue };
+            let Some((level_dn, _)) = self.ring(index, near, &untold, RING * weight_px) else { continue };
             let usable = self.within(at, RING * weight_px).filter(|(x, y)| self.is_usable(*x, *y));
             let of = |(x, y): (usize, usize)| ((x as f64 - at[0]).hypot(y as f64 - at[1]), f64::from(self.frame.at(x, y)) - level_dn);
             mean.add(self.flux_dn[index][0], usable.map(of));
@@ -179,8 +182,9 @@ impl ImageFrame<'_> {
         let mut beside = Vec::new();
         for other in near.of_star(self.stars, index, REACH_OF_LIGHT * weight_px) {
             let [x_px, y_px] = [self.stars[other].x_px, self.stars[other].y_px];
-            let [flux_dn, sigma_dn] = self.flux_dn.get(other).copied().unwrap_or([0.0, f64::INFINITY]);
-            let added: Vec<f64> = pixels.iter().map(|own| flux_dn * mean.share((own.x - x_px).hypot(own.y - y_px))).collect();
+            let [flux_dn, sigma_dn] = self.light_of(other);
+            let added: Vec<f64> =
+                pixels.iter().map(|own| flux_dn * mean.share((own.x - x_px).hypot(own.y - y_px)).unwrap_or(0.0)).collect();
             let is_near = (x_px - found[0]).hypot(y_px - found[1]) < ALONE * weight_px;
             if is_near && !sigma_dn.is_finite() {
                 return None;
@@ -198,7 +202,7 @@ impl ImageFrame<'_> {
         if self.nearest_px(index, near, NEAREST * weight_px).is_some() {
             return None;
         }
-        let (level_dn, ring) = self.ring(index, near, RING * weight_px)?;
+        let (level_dn, ring) = self.ring(index, near, mean, RING * weight_px)?;
         let pixels = self.pixels(index, level_dn, near, mean)?;
         let mut centre = found;
         let shape_px = WIDER_FOR_SHAPE * weight_px;
@@ -230,23 +234,36 @@ impl ImageFrame<'_> {
         })
     }
 
-    /// Mean of a ring about a star, what other stars light left out; and its pixels.
-    fn ring(&self, index: usize, near: &Neighbours, from_px: f64) -> Option<(f64, f64)> {
+    /// Mean of a ring about a star, what other stars light taken off, or left out where it is much; and its pixels.
+    fn ring(&self, index: usize, near: &Neighbours, mean: &MeanImage, from_px: f64) -> Option<(f64, f64)> {
         let star = &self.stars[index];
         let to_px = from_px + RING_PX;
-        let others = near.of_star(self.stars, index, to_px);
+        let others: Vec<(&StarDisc, [f64; 2])> =
+            near.of_star(self.stars, index, to_px).into_iter().map(|other| (&self.stars[other], self.light_of(other))).collect();
         let (mut sum, mut count) = (0.0, 0_usize);
-        for (x, y) in self.within([star.x_px, star.y_px], to_px) {
-            let (at_x, at_y) = (x as f64, y as f64);
-            let square_px2 = star.distance_px2([at_x, at_y]);
-            let is_lit = |other: &usize| self.stars[*other].lights([at_x, at_y]);
-            if square_px2 < from_px * from_px || square_px2 > to_px * to_px || !self.is_usable(x, y) || others.iter().any(is_lit) {
+        'pixels: for (x, y) in self.within([star.x_px, star.y_px], to_px) {
+            let at = [x as f64, y as f64];
+            let square_px2 = star.distance_px2(at);
+            if square_px2 < from_px * from_px || square_px2 > to_px * to_px || !self.is_usable(x, y) {
                 continue;
             }
-            sum += f64::from(self.frame.at(x, y));
+            let mut counts = f64::from(self.frame.at(x, y));
+            for (other, [flux_dn, sigma_dn]) in others.iter().filter(|(other, _)| other.lights(at)) {
+                let added_dn = mean.share(other.distance_px2(at).sqrt()).map(|share| flux_dn * share);
+                match added_dn.filter(|added| sigma_dn.is_finite() && IMAGE_ERROR * added < MAX_LEFT * self.noise_dn) {
+                    Some(added_dn) => counts -= added_dn,
+                    None => continue 'pixels,
+                }
+            }
+            sum += counts;
             count += 1;
         }
         (count >= MIN_RING).then(|| (sum / count as f64, count as f64))
+    }
+
+    /// Light and its standard error, DN: infinite where nothing is known.
+    fn light_of(&self, index: usize) -> [f64; 2] {
+        self.flux_dn.get(index).copied().unwrap_or([0.0, f64::INFINITY])
     }
 }
 

@@ -228,3 +228,28 @@ fn a_star_beside_too_much_light_is_left_out() {
     assert!(at(4.0, [300.0, f64::INFINITY]).is_none());
     assert!(at(2.8, [6e3, 30.0]).is_none());
 }
+
+/// Discs of faint stars cover the ring: their light is taken off there, and the level is that of the sky.
+#[test]
+fn a_ring_that_faint_stars_light_tells_the_level() {
+    let place = |k: usize| {
+        let (sin, cos) = (std::f64::consts::TAU * k as f64 / 6.0).sin_cos();
+        [24.0 + 8.5 * cos, 24.0 + 8.5 * sin]
+    };
+    let faint_dn = 400.0;
+    let mut whole = frame([24.0, 24.0], 1e4, gaussian(0.8, 0.0, 0.8));
+    for k in 0..6 {
+        let own = frame(place(k), faint_dn, gaussian(0.8, 0.0, 0.8));
+        whole.pixels_dn.iter_mut().zip(own.pixels_dn).for_each(|(sum, dn)| *sum += dn - SKY_DN as f32);
+    }
+    let disc = |[x_px, y_px]: [f64; 2]| StarDisc { x_px, y_px, radius_px: 8.0 };
+    let stars: Vec<StarDisc> = [[24.0, 24.0]].into_iter().chain((0..6).map(place)).map(disc).collect();
+    let of = |faint: [f64; 2]| {
+        let flux_dn: Vec<[f64; 2]> = [[1e4, 1e2]].into_iter().chain([faint; 6]).collect();
+        ImageFrame { frame: &whole, stars: &stars, flux_dn: &flux_dn, bad: None, sigma_px: 0.9, noise_dn: 10.0 }.star_images()[0]
+    };
+    let told = of([faint_dn, 20.0]).expect("an image");
+    assert!((told.flux_dn / 1e4 - 1.0).abs() < 0.01, "{told:?}");
+    // Where their light is not known no pixel of the ring is left.
+    assert!(of([faint_dn, f64::INFINITY]).is_none());
+}

@@ -65,18 +65,21 @@ impl MeanImage {
         }
     }
 
-    /// Share of a star's light that a pixel at a distance has.
-    pub(super) fn share(&self, distance_px: f64) -> f64 {
+    /// Share of a star's light that a pixel at a distance has; nothing beyond where the image is told.
+    pub(super) fn share(&self, distance_px: f64) -> Option<f64> {
+        if distance_px >= self.rings.len() as f64 * BIN_PX {
+            return None;
+        }
         if self.stars < MIN_ALONE {
             let square = self.sigma_px * self.sigma_px;
-            return (-0.5 * distance_px * distance_px / square).exp() / (std::f64::consts::TAU * square);
+            return Some((-0.5 * distance_px * distance_px / square).exp() / (std::f64::consts::TAU * square));
         }
         let of =
             |ring: usize| self.rings.get(ring).map_or(0.0, |[counts, light]| if *light > 0.0 { (counts / light).max(0.0) } else { 0.0 });
         // Rings have their mean in their middle.
         let at = (distance_px / BIN_PX - 0.5).max(0.0);
         let (ring, part) = (at as usize, at.fract());
-        of(ring) * (1.0 - part) + of(ring + 1) * part
+        Some(of(ring) * (1.0 - part) + of(ring + 1) * part)
     }
 }
 
@@ -92,14 +95,14 @@ mod tests {
         for star in 0..40 {
             let at = [f64::from(star % 7) / 7.0, f64::from(star % 5) / 5.0];
             let distance = |k: i32| (f64::from(k % 17) - 8.0 - at[0]).hypot(f64::from(k / 17) - 8.0 - at[1]);
-            let before = mean.share(3.0);
+            let before = mean.share(3.0).unwrap();
             assert_eq!(star < 5, before == (-4.5_f64).exp() / std::f64::consts::TAU, "star {star}");
             mean.add(100.0, (0..17 * 17).map(|k| (distance(k), 100.0 * moffat(distance(k)))));
         }
         for distance in [1.5, 2.2, 3.0, 4.7, 6.1] {
-            let ratio = mean.share(distance) / moffat(distance);
+            let ratio = mean.share(distance).unwrap() / moffat(distance);
             assert!((ratio - 1.0).abs() < 0.04, "{distance} px: {ratio}");
         }
-        assert_eq!(mean.share(9.0), 0.0);
+        assert_eq!(mean.share(9.0), None);
     }
 }
