@@ -158,6 +158,7 @@ pub enum DetectError {
 }
 
 /// What is special about a detection.
+#[allow(clippy::struct_excessive_bools, reason = "each stands for itself")]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Flags {
     /// At least one pixel of the stamp is at or above saturation.

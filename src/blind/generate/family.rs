@@ -264,8 +264,13 @@ impl Family {
         let of = |hidden: Vec<(Kind, f64)>| Plan { hidden, trap: None, beside: None, constant_rate: false };
         match self {
             // What is hidden in pixels has a plan of its own.
-            Self::ImageNull | Self::ImageHardNull | Self::ImageLadder | Self::ImageTwo | Self::ImageSeveral => of(Vec::new()),
-            Self::Null | Self::PixelNull => of(Vec::new()),
+            Self::ImageNull
+            | Self::ImageHardNull
+            | Self::ImageLadder
+            | Self::ImageTwo
+            | Self::ImageSeveral
+            | Self::Null
+            | Self::PixelNull => of(Vec::new()),
             Self::HardNull => Plan { trap: Some(TRAPS[at % TRAPS.len()]), ..of(Vec::new()) },
             Self::Ladder => of(vec![(LIBRARY[at % LIBRARY.len()], JUST_SEEN * LADDER[at / LIBRARY.len() % LADDER.len()])]),
             Self::Natural => of(vec![([Kind::ProperMotionLeftOut, Kind::Aberration, Kind::Refraction][at % 3], 0.0)]),

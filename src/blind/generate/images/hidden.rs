@@ -65,8 +65,8 @@ impl HiddenImage {
         use PixelKind::{AmplifierStep, CodeWidths, ColumnBanding, Crosstalk, DarkCurrent, EvenOdd, ExposureTime};
         use PixelKind::{Extinction, LostBits, Nonlinearity, Passband, Prnu, RowBanding, WrongGain};
         match kind {
-            AmplifierStep | CodeWidths | ColumnBanding | Crosstalk | DarkCurrent | EvenOdd | ExposureTime => true,
-            Extinction | LostBits | Passband | Prnu | RowBanding | WrongGain => true,
+            AmplifierStep | CodeWidths | ColumnBanding | Crosstalk | DarkCurrent | EvenOdd | ExposureTime | Extinction | LostBits
+            | Passband | Prnu | RowBanding | WrongGain => true,
             Nonlinearity => size.abs() < SMALL_LOSS,
             _ => false,
         }
