@@ -155,10 +155,13 @@ fn chosen(scene: &Scene<'_>, stars: &FieldFit, search: &Search, most: usize) -> 
         let duplicate = |s: &Detection| own.radius_in_sigma(s.x_px - fit.model.x, s.y_px - fit.model.y) < 1.0;
         if !chosen.iter().any(|(_, star)| duplicate(star)) {
             let wider = stars.wider[i].unwrap_or_default();
-            chosen.push((
-                i,
-                detection(scene, fit, candidate, [stars.is_blended(i), stars.wider[i].is_some()], search.scatter).wider_by(wider),
-            ));
+            let flags = Flags {
+                saturated: candidate.full_radius_px > 0.0,
+                blended: stars.is_blended(i),
+                edge: fit.edge,
+                is_unresolved: stars.wider[i].is_some(),
+            };
+            chosen.push((i, detection(scene, fit, flags, search.scatter).wider_by(wider)));
         }
     }
     sort_by(&mut chosen, |(_, a), (_, b)| b.flux_dn.total_cmp(&a.flux_dn).then(a.y_px.total_cmp(&b.y_px)).then(a.x_px.total_cmp(&b.x_px)));
@@ -332,7 +335,7 @@ fn correlated(scene: &Scene<'_>, peak_dn: f64, x: f64, y: f64, scatter: f64) -> 
     1.0 + (scatter * scatter - 1.0) * share
 }
 
-fn detection(scene: &Scene<'_>, fit: &Fit, candidate: &Candidate, [blended, is_unresolved]: [bool; 2], scatter: f64) -> Detection {
+fn detection(scene: &Scene<'_>, fit: &Fit, flags: Flags, scatter: f64) -> Detection {
     let model = fit.model;
     let (x, y) = pixel_of(scene.frame, model.x, model.y);
     let chi2_per_dof = fit.chi2 / fit.dof as f64;
@@ -351,6 +354,6 @@ fn detection(scene: &Scene<'_>, fit: &Fit, candidate: &Candidate, [blended, is_u
         moments: None,
         chi2_per_dof,
         peak_dn: fit.peak_dn,
-        flags: Flags { saturated: candidate.full_radius_px > 0.0, blended, edge: fit.edge, is_unresolved },
+        flags,
     }
 }

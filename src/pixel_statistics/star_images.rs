@@ -30,8 +30,6 @@ const RING: f64 = REACH_OF_LIGHT + 0.2;
 const ALONE: f64 = 5.0;
 /// Of a star that is nearer than this too little is known to take it off.
 const NEAREST: f64 = 2.5;
-/// The light of another star is taken off by the mean image of the frame's stars, which is not quite its own: so much of it may be left.
-const IMAGE_ERROR: f64 = 0.2;
 /// Of the light under its weight so much may be that of other stars.
 const MAX_BESIDE: f64 = 0.15;
 /// Of the light that may be left of another star a pixel of the ring has no more than this, in standard deviations of the sky.
@@ -123,7 +121,7 @@ impl ImageFrame<'_> {
         let mut mean = MeanImage::new(weight_px, RING * weight_px);
         let untold = MeanImage::new(weight_px, 0.0);
         let is_bright = |index: &usize| self.flux_dn.get(*index).is_some_and(|[flux, sigma]| *flux > MIN_SNR_ALONE * sigma);
-        let is_alone = |index: &usize| self.nearest_px(*index, near, ALONE * weight_px).is_none();
+        let is_alone = |index: &usize| !self.has_another(*index, near, ALONE * weight_px);
         for index in (0..self.stars.len()).filter(is_bright).filter(is_alone).take(MANY_ALONE) {
             let at = [self.stars[index].x_px, self.stars[index].y_px];
             let Some((level_dn, _)) = self.ring(index, near, &untold, RING * weight_px) else { continue };
@@ -134,11 +132,11 @@ impl ImageFrame<'_> {
         mean
     }
 
-    /// The distance of the nearest other star, where it is below `within_px`.
-    fn nearest_px(&self, index: usize, near: &Neighbours, within_px: f64) -> Option<f64> {
+    /// Whether another star is so near.
+    fn has_another(&self, index: usize, near: &Neighbours, within_px: f64) -> bool {
         let star = &self.stars[index];
-        let distance = |other: usize| (self.stars[other].x_px - star.x_px).hypot(self.stars[other].y_px - star.y_px);
-        near.of_star(self.stars, index, within_px).into_iter().map(distance).filter(|distance| *distance < within_px).min_by(f64::total_cmp)
+        let is_near = |other: usize| (self.stars[other].x_px - star.x_px).hypot(self.stars[other].y_px - star.y_px) < within_px;
+        near.of_star(self.stars, index, within_px).into_iter().any(is_near)
     }
 
     fn weight_px(&self) -> f64 {
@@ -189,7 +187,7 @@ impl ImageFrame<'_> {
             if is_near && !sigma_dn.is_finite() {
                 return None;
             }
-            let error = if flux_dn > 0.0 && sigma_dn.is_finite() { (sigma_dn / flux_dn).hypot(IMAGE_ERROR) } else { 1.0 };
+            let error = if flux_dn > 0.0 && sigma_dn.is_finite() { (sigma_dn / flux_dn).hypot(mean.error()) } else { 1.0 };
             pixels.iter_mut().zip(&added).for_each(|(own, added)| own.counts -= added);
             beside.push(added.into_iter().map(|added| error * added).collect());
         }
@@ -199,7 +197,7 @@ impl ImageFrame<'_> {
     fn star_image(&self, index: usize, near: &Neighbours, mean: &MeanImage) -> Option<SummedImage> {
         let found = [self.stars[index].x_px, self.stars[index].y_px];
         let weight_px = self.weight_px();
-        if self.nearest_px(index, near, NEAREST * weight_px).is_some() {
+        if self.has_another(index, near, NEAREST * weight_px) {
             return None;
         }
         let (level_dn, ring) = self.ring(index, near, mean, RING * weight_px)?;
@@ -250,7 +248,7 @@ impl ImageFrame<'_> {
             let mut counts = f64::from(self.frame.at(x, y));
             for (other, [flux_dn, sigma_dn]) in others.iter().filter(|(other, _)| other.lights(at)) {
                 let added_dn = mean.share(other.distance_px2(at).sqrt()).map(|share| flux_dn * share);
-                match added_dn.filter(|added| sigma_dn.is_finite() && IMAGE_ERROR * added < MAX_LEFT * self.noise_dn) {
+                match added_dn.filter(|added| sigma_dn.is_finite() && mean.error() * added < MAX_LEFT * self.noise_dn) {
                     Some(added_dn) => counts -= added_dn,
                     None => continue 'pixels,
                 }

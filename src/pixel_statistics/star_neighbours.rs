@@ -6,6 +6,10 @@ use super::sky_frame::StarDisc;
 const BIN_PX: f64 = 0.25;
 /// So many stars that stand alone tell the image; else it is held to be a Gaussian.
 const MIN_ALONE: usize = 5;
+/// The mean image of a frame's stars is not quite that of each: so much of a star's light may be left where it is taken off; and where a Gaussian stands in,
+/// which has no wings.
+const IMAGE_ERROR: f64 = 0.2;
+const GAUSSIAN_ERROR: f64 = 0.5;
 
 /// Stars by the cells of a coarse grid.
 pub(super) struct Neighbours {
@@ -63,6 +67,11 @@ impl MeanImage {
                 *ring = [ring[0] + counts, ring[1] + flux_dn];
             }
         }
+    }
+
+    /// How far a star's light may differ from the image, relative to it.
+    pub(super) fn error(&self) -> f64 {
+        if self.stars < MIN_ALONE { GAUSSIAN_ERROR } else { IMAGE_ERROR }
     }
 
     /// Share of a star's light that a pixel at a distance has; nothing beyond where the image is told.

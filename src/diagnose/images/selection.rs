@@ -160,7 +160,9 @@ fn root(covariance: DMatrix<f64>) -> DMatrix<f64> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::rows::{Kind, Row, Shared};
     use super::*;
+    use crate::diagnose::channels::Channel;
 
     /// Means of eight groups whose scatter only they tell: the probability is even over draws, and that of χ² with the scatter found is not.
     #[test]
@@ -181,6 +183,59 @@ mod tests {
         // Forty are due, ± 6.3.
         assert!((20..=62).contains(&by_scatter), "{by_scatter}");
         assert!(!(20..=62).contains(&by_chi2), "{by_chi2}: the test could not fail");
+    }
+
+    /// Rows of three kinds whose frames scatter, and a question that is seen in the frames' means of all three; `size`: how much of it there is.
+    fn scattered(seed: u64, size: f64) -> Rows {
+        const FRAMES: usize = 12;
+        const STARS: usize = 15;
+        let mut rng = Pcg64Mcg::seed_from_u64(seed);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let pattern: Vec<f64> = (0..FRAMES).map(|frame| (1.7 * frame as f64).sin()).collect();
+        let mut column = Vec::new();
+        let mut kind = |name: &'static str, part: f64| {
+            let mut rows = Vec::new();
+            for (frame, own) in pattern.iter().enumerate() {
+                let shared = 2.0 * normal();
+                for star in 0..STARS {
+                    column.push(part * own);
+                    rows.push(Row { value: size * part * own + shared + normal(), sigma: 1.0, frame, star, point: None });
+                }
+            }
+            let common = vec![vec![1.0; rows.len()]];
+            Kind { channel: Channel::Shape, name, rows, per_frame: Vec::new(), common, shared: Shared::Frame, is_scaled: true }
+        };
+        let kinds = vec![kind("size", 1.0), kind("along x", 0.8), kind("along the diagonal", -0.6)];
+        let question = Question {
+            id: "trail",
+            parameters: Vec::new(),
+            follows: "rate",
+            columns: vec![column],
+            rank: 1,
+            sign: None,
+            is_part: false,
+            products_of: &[],
+        };
+        Rows { kinds, questions: vec![question], frames: FRAMES }
+    }
+
+    /// An effect in the means of several kinds: no more often a surprise than is said where it is not, and more of one than by χ², which the scatter that it
+    /// makes bounds, where it is.
+    #[test]
+    fn means_of_several_kinds_count_together() {
+        const DRAWS: u64 = 1500;
+        let of = |seed: u64, size: f64| {
+            let rows = scattered(seed, size);
+            let fit = fitted(&rows, &vec![true; rows.len()], &[], None);
+            answer(&rows, &fit, 0).unwrap()
+        };
+        let alarms = (0..DRAWS).filter(|seed| of(*seed, 0.0).surprise > -0.01_f64.ln()).count();
+        let strong = of(1, 20.0);
+        let by_chi2 = surprise(strong.rank, strong.statistic, None);
+        println!("{alarms} of {DRAWS} at 1 %; {:.1} by the scatter of the means, {by_chi2:.1} by χ²", strong.surprise);
+        // Fifteen are due, ± 3.9.
+        assert!((4..=28).contains(&alarms), "{alarms}");
+        assert!(strong.surprise > by_chi2 + 3.0, "{} {by_chi2}", strong.surprise);
     }
 
     /// The fewer the means, the less of a surprise the same share of them is.
