@@ -72,12 +72,15 @@ impl HiddenImage {
         }
     }
 
-    /// Its parameters as result files name them.
+    /// Its parameters as result files name them. `all`: what is hidden with it, which may change what a size is in counts.
     #[must_use]
-    pub fn parameters(&self, world: &ImageWorld) -> Vec<TrueParameter> {
+    pub(super) fn parameters(&self, world: &ImageWorld, all: Causes<'_>) -> Vec<TrueParameter> {
         use PixelKind as K;
         let (s, camera) = (self.size, &world.camera);
-        let gain = camera.gain_e_per_dn;
+        let gain = camera.gain_e_per_dn * (1.0 + all.size(K::WrongGain));
+        // Root mean square of the gains of two halves.
+        let step = 1.0 + all.size(K::AmplifierStep);
+        let halves = f64::midpoint(1.0, step * step).sqrt();
         let sigma_per_blur = camera.blur_px / (4.0 * camera.profile.sigma_px.hypot(camera.blur_px / 2.0));
         let list: Vec<(&str, f64, &str)> = match self.kind {
             K::Vignetting => vec![("loss_at_corner", s, "")],
@@ -105,7 +108,7 @@ impl HiddenImage {
             K::Compression => vec![("block_px", 8.0, "px"), ("quantiser_dn", s, "DN")],
             K::WrongGain => vec![("gain_ratio", 1.0 + s, "")],
             K::WrongReadNoise => vec![("read_noise_e", camera.read_noise_e + s, "e")],
-            K::DarkCurrent => vec![("dark_e_per_px_s", s, "e/s"), ("unequal_dn_per_s", s * charge::UNEQUAL_DARK / gain, "DN/s")],
+            K::DarkCurrent => vec![("dark_e_per_px_s", s, "e/s"), ("unequal_dn_per_s", halves * s * charge::UNEQUAL_DARK / gain, "DN/s")],
             K::AmplifierGlow => vec![("corner", self.number(0), ""), ("e_per_px_s", s, "e/s")],
             K::CosmicRays | K::Streaks => vec![("per_frame", s, "")],
             K::MotionSmear => vec![("length_px", s * longest_smear_px(world), "px")],

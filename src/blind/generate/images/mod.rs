@@ -124,7 +124,7 @@ pub(super) fn concealed_images(family: Family, index: u32, seed: u64, catalog: &
             id: kind.id().to_owned(),
             label: kind.label().to_owned(),
             in_library: true,
-            parameters: own.parameters(&world),
+            parameters: Vec::new(),
             snr,
             multiple,
             raw_rms_px: 0.0,
@@ -134,6 +134,9 @@ pub(super) fn concealed_images(family: Family, index: u32, seed: u64, catalog: &
             reckoned: Some(kind.reckoned()),
         });
         hidden.push(own);
+    }
+    for (effect, own) in effects.iter_mut().zip(&hidden) {
+        effect.parameters = own.parameters(&world, Causes(&hidden));
     }
     let pair_cos = match (&hidden[..], &noiseless) {
         ([a, b], Some(noiseless)) if [a, b].iter().all(|own| own.kind.reckoned() == Reckoned::Stamps) => Some(noiseless.cosine([a, b])),
