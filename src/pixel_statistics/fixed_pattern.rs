@@ -39,6 +39,8 @@ pub(super) struct PatternFrame {
     pub(super) level_dn: f64,
     /// Noise of a sky pixel, DN.
     pub(super) sigma_dn: f64,
+    /// Means over the sky of 1/V, L/V and L²/V: variance of a pixel V, DN², level L, DN.
+    over_variance: [f64; 3],
     /// Exposure, s, where known.
     pub(super) exposure_s: Option<f64>,
     width_px: usize,
@@ -59,7 +61,13 @@ impl PatternFrame {
         let levels: Vec<f64> = sky.blocks.iter().map(|block| block.level_dn).collect();
         let level_dn = crate::statistics::median(&levels)?;
         let mut values = vec![NOT_KEPT; sky.residual_dn.len()];
+        let (mut over_variance, mut pixels) = ([0.0; 3], 0.0);
         for block in &sky.blocks {
+            let own = block.pixels as f64;
+            pixels += own;
+            for (power, sum) in (0..).zip(&mut over_variance) {
+                *sum += own * block.level_dn.powi(power) / block.variance_dn2.max(1e-12);
+            }
             let by_sigma = STEPS / block.variance_dn2.sqrt().max(1e-6) as f32;
             for y in block.place[1] * BLOCK_PX..(block.place[1] + 1) * BLOCK_PX {
                 for x in block.place[0] * BLOCK_PX..(block.place[0] + 1) * BLOCK_PX {
@@ -73,7 +81,14 @@ impl PatternFrame {
                 }
             }
         }
-        Some(Self { frame, level_dn, sigma_dn, exposure_s, width_px: sky.width_px, values, bright_px })
+        let over_variance = over_variance.map(|sum| sum / pixels.max(1.0));
+        Some(Self { frame, level_dn, sigma_dn, over_variance, exposure_s, width_px: sky.width_px, values, bright_px })
+    }
+
+    /// Root of the mean square, in units of the noise at each place, of a pattern that is as large as the level above the bias, and of one of 1 DN.
+    fn of_patterns(&self, bias_dn: f64) -> [f64; 2] {
+        let [one, level, square] = self.over_variance;
+        [(square - 2.0 * bias_dn * level + bias_dn * bias_dn * one).max(0.0).sqrt(), one.sqrt()]
     }
 
     fn shares_pointing(&self, other: &Self) -> bool {
@@ -207,9 +222,13 @@ impl FixedPattern {
         // Seconds and frames are no one unit: where a single exposure is not known all count as frames.
         let are_timed = chosen.iter().all(|frame| frame.exposure_s.is_some());
         let time = |frame: &PatternFrame| frame.exposure_s.filter(|_| are_timed).unwrap_or(1.0);
-        // A pattern of light moves a pixel by share · (level − bias)/σ, one of exposure by DN · t/σ.
-        let weights: Vec<[f64; 2]> =
-            chosen.iter().map(|frame| [(frame.level_dn - bias_dn.unwrap_or(0.0)) / frame.sigma_dn, time(frame) / frame.sigma_dn]).collect();
+        // A pattern of light moves a pixel by share · (level − bias)/σ, one of exposure by DN · t/σ: sky and noise are another at the corners, and of halves
+        // that differ in their gains.
+        let weight = |frame: &&PatternFrame| {
+            let [by_light, by_count] = frame.of_patterns(bias_dn.unwrap_or(0.0));
+            [by_light, time(frame) * by_count]
+        };
+        let weights: Vec<[f64; 2]> = chosen.iter().map(weight).collect();
         let first = sums(&chosen, &weights, 0.0);
         let share = first.plain[0] / first.plain[1].max(1.0) / KEPT_BY_PLANE;
         // A pattern lets ordinary pixels lie farther out.

@@ -56,8 +56,8 @@ fn covariance(one: &[[f32; 2]], other: &[[f32; 2]]) -> Option<Estimate> {
     let rest: Vec<[f64; 4]> = all.iter().map(|(parity, own)| std::array::from_fn(|k| own[k] - mean[*parity][k])).collect();
     let product = |a: usize, b: usize| rest.iter().map(|own| own[a] * own[b]).sum::<f64>() / count;
     let kept = KEPT_BY_PLANE * (1.0 - 2.0 / count);
-    // Without offsets all four are independent: each product has the product of their variances.
-    let variance = 0.25 * (product(0, 0) * product(3, 3) + product(1, 1) * product(2, 2)) / count;
+    // Without offsets all four are independent: each product has the product of their variances, over the lines that a block's plane leaves independent.
+    let variance = 0.25 * (product(0, 0) * product(3, 3) + product(1, 1) * product(2, 2)) / (KEPT_BY_PLANE * count);
     (variance > 0.0).then(|| Estimate { value: 0.5 * (product(0, 3) + product(1, 2)) / kept, sigma: variance.sqrt() / kept })
 }
 
@@ -82,7 +82,7 @@ mod tests {
         let kept = KEPT_BY_PLANE * (1.0 - 2.0 / 512.0);
         assert!((found.value * kept - 0.5 * 0.09).abs() < 1e-6, "{found:?}");
         // All have the variance ½(0.3² + 0.5² + 1), and of two products that are independent the mean is taken.
-        assert!((found.sigma * kept - 0.67 / (2.0 * 512.0_f64).sqrt()).abs() < 1e-6, "{found:?}");
+        assert!((found.sigma * kept - 0.67 / (2.0 * KEPT_BY_PLANE * 512.0).sqrt()).abs() < 1e-6, "{found:?}");
         let mut cut = other;
         cut[..500].fill([f32::NAN, 0.0]);
         assert_eq!(covariance(&one, &cut), None);

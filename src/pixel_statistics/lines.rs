@@ -11,7 +11,7 @@ use super::sky_pixels::{BLOCK_PX, SkyPixels};
 /// A row (or column) half with fewer sky pixels says nothing.
 const MIN_HALF_PX: usize = 24;
 /// Of the variance of row offsets, the plane that was taken out of every block leaves this share.
-pub(super) const KEPT_BY_PLANE: f64 = 1.0 - 2.0 / BLOCK_PX as f64;
+pub(crate) const KEPT_BY_PLANE: f64 = 1.0 - 2.0 / BLOCK_PX as f64;
 
 /// Of alternating columns a block's plane takes this share: its slope follows them a little.
 const TAKEN_FROM_PARITY: f64 = 64.0 / (340.0 * BLOCK_PX as f64);
@@ -33,7 +33,7 @@ impl Estimate {
     }
 
     /// The mean of several, weighted by their standard errors; nothing of none.
-    pub(super) fn pooled(of: &[Self]) -> Option<Self> {
+    pub(crate) fn pooled(of: &[Self]) -> Option<Self> {
         let (mut sum, mut weight) = (0.0, 0.0);
         for one in of.iter().filter(|one| one.sigma > 0.0 && one.sigma.is_finite()) {
             sum += one.value / (one.sigma * one.sigma);
@@ -177,8 +177,9 @@ fn covariance(lines: &Halves) -> Option<Estimate> {
     let product = |a: usize, b: usize| rest.iter().map(|halves| halves[a] * halves[b]).sum::<f64>() / count;
     let lost = 1.0 - 2.0 / count;
     let value = product(0, 1) / (KEPT_BY_PLANE * lost);
-    // Without offsets the halves are independent: the variance of their product is the product of their variances.
-    let sigma = (product(0, 0) * product(1, 1) / count).sqrt() / (KEPT_BY_PLANE * lost);
+    // Without offsets the halves are independent: the variance of their product is the product of their variances. What the plane of a block leaves of its
+    // lines is so many fewer independent ones.
+    let sigma = (product(0, 0) * product(1, 1) / (KEPT_BY_PLANE * count)).sqrt() / (KEPT_BY_PLANE * lost);
     (sigma > 0.0).then_some(Estimate { value, sigma })
 }
 

@@ -56,6 +56,7 @@ pub(crate) use field_stop::{MIN_STOP_FRAMES, StopFrame};
 pub use fixed_pattern::{FixedPattern, PatternPair};
 pub(crate) use halos::{FrameHalo, HALO_CONTROLS, HALO_RADII_PX, halo_share};
 pub(crate) use line_pairs::LinePair;
+pub(crate) use lines::KEPT_BY_PLANE;
 pub use lines::{Estimate, FrameNoise, LineStatistics};
 pub use neighbours::NeighbourCorrelation;
 pub(crate) use partner_places::{CONTROLS, CopiesFrame, FoundStar, LOOKS, Partner, PartnerSum};
