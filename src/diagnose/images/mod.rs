@@ -20,6 +20,7 @@ mod light_lost;
 mod measured_detector;
 mod narrowing;
 mod noise;
+mod noise_transfer;
 mod patterns;
 mod profiles;
 mod proposed;

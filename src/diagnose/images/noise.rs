@@ -2,6 +2,7 @@
 //!
 //! Errors of these numbers are known from the noise itself, so they are taken at their word.
 
+use super::noise_transfer::transfer;
 use super::rows::{KNOWN_BEFOREHAND, Kind, Parameter, Question, Row, Rows, Shared, Shown};
 use crate::diagnose::causes::GAIN_NOISE;
 use crate::diagnose::channels::Channel;
@@ -9,7 +10,7 @@ use crate::effects::detector::brighter_fatter::BrighterFatter;
 use crate::effects::detector::{banding, bayer, dark_current, even_odd, prnu};
 use crate::effects::pixel::{PixelEffect, pass::PassHead};
 use crate::effects::{CentroidShift, ids};
-use crate::pixel_statistics::{Estimate, FrameNoise, LinePair, PatternPair, PixelStatistics, TransferPoint};
+use crate::pixel_statistics::{Estimate, FrameNoise, KEPT_BY_PLANE, LinePair, PatternPair, PixelStatistics};
 
 /// The numbers of the detector as the recording declares them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -35,38 +36,25 @@ impl From<&crate::recording::CameraInfo> for DeclaredDetector {
     }
 }
 
-/// Stars that are not found add to the scatter of the sky by this share of it, where neighbours do not tell,
-const CONFUSION: f64 = 0.01;
-/// and with this error at least where they do: clipping and smooth structure of the sky are of that order.
-const MIN_CONFUSION_ERROR: f64 = 0.003;
-/// Of the scatter by stars so much is shared by neighbouring pixels: exp(−1/(4(σ² + 1/12))) of images of σ = 0.65 px.
-const SHARED_BY_NEIGHBOURS: f64 = 0.6;
-/// Neighbours that share more of their noise do so for other reasons.
-const MAX_SHARED: f64 = 0.02;
-
-/// Levels that differ by less, over their mean, tell a gain and a read noise together alone.
-const MIN_SPREAD: f64 = 0.15;
-const DARK: &str = <dark_current::DarkCurrent as PixelEffect>::ID;
+pub(super) const DARK: &str = <dark_current::DarkCurrent as PixelEffect>::ID;
 const BANDING: &str = <banding::Banding as PixelEffect>::ID;
 const EVEN_ODD: &str = <even_odd::EvenOdd as CentroidShift>::ID;
 const BAYER: &str = <bayer::Bayer as CentroidShift>::ID;
-const PRNU: &str = <prnu::Prnu as PixelEffect>::ID;
-const ROWS: &str = "banding of rows";
-const COLUMNS: &str = "banding of columns";
-const SAME_ROWS: &str = "banding of rows that is the same in all frames";
-const SAME_COLUMNS: &str = "banding of columns that is the same in all frames";
-const BRIGHTER_FATTER: &str = <BrighterFatter as PassHead>::ID;
-/// Of the variance of the offsets of rows (or columns) so much is seen in the pixels of a block: its plane takes an eighth.
-const LINES_IN_BLOCK: f64 = 0.9;
+pub(super) const PRNU: &str = <prnu::Prnu as PixelEffect>::ID;
+pub(super) const ROWS: &str = "banding of rows";
+pub(super) const COLUMNS: &str = "banding of columns";
+pub(super) const SAME_ROWS: &str = "banding of rows that is the same in all frames";
+pub(super) const SAME_COLUMNS: &str = "banding of columns that is the same in all frames";
+pub(super) const BRIGHTER_FATTER: &str = <BrighterFatter as PassHead>::ID;
 
 /// One kind of numbers with the columns of what may make them.
-struct NoiseKind {
-    name: &'static str,
+pub(super) struct NoiseKind {
+    pub(super) name: &'static str,
     /// Frame, value, standard error.
-    numbers: Vec<(usize, f64, f64)>,
-    common: Vec<Vec<f64>>,
+    pub(super) numbers: Vec<(usize, f64, f64)>,
+    pub(super) common: Vec<Vec<f64>>,
     /// Of each effect (by its key, else its id) the parameter's number and the column.
-    columns: Vec<(&'static str, usize, Vec<f64>)>,
+    pub(super) columns: Vec<(&'static str, usize, Vec<f64>)>,
 }
 
 /// Adds the rows to those of stars. `place` gives a frame's place among all from its number.
@@ -109,15 +97,17 @@ pub(super) fn add_noise(rows: &mut Rows, pixels: &PixelStatistics, detector: &De
     }
 }
 
-/// How the σ of offsets of lines is told. A frame's own covariance of two halves holds half of the scatter of its draws in its error.
+/// How the σ of offsets of lines and of pixels is told. A frame's own covariance of two halves holds half of the scatter of its draws in its error.
 fn shown(key: &str, pixels: &PixelStatistics) -> Option<Shown> {
-    let [columns, rows] = pixels.sky.first()?.size_px.map(|lines| u32::try_from(lines).unwrap_or(u32::MAX));
+    // A block's plane leaves fewer lines independent.
+    let [columns, rows] = pixels.sky.first()?.size_px.map(|lines| (KEPT_BY_PLANE * lines as f64) as u32);
     let frames = u32::try_from(pixels.by_frame.len()).unwrap_or(u32::MAX);
     match key {
         ROWS => Some(Shown::RootOfDraws(rows.saturating_mul(frames).saturating_mul(2))),
         COLUMNS => Some(Shown::RootOfDraws(columns.saturating_mul(frames).saturating_mul(2))),
         SAME_ROWS => Some(Shown::RootOfSharedDraws(rows)),
         SAME_COLUMNS => Some(Shown::RootOfSharedDraws(columns)),
+        PRNU | DARK => Some(Shown::RootOfSharedDraws(u32::try_from(pixels.fixed_pattern.pixels).unwrap_or(u32::MAX))),
         _ => None,
     }
 }
@@ -234,17 +224,36 @@ fn parities(pixels: &PixelStatistics, bias_dn: Option<f64>) -> Option<NoiseKind>
         pixels.by_frame.iter().filter_map(|frame| frame.parity_dn.map(|parity| (frame, parity))).collect();
     let numbers: Vec<(usize, f64, f64)> =
         (0..3).flat_map(|which| told.iter().map(move |(frame, parity)| (frame.frame, parity[which].value, parity[which].sigma))).collect();
-    let column = |which: usize| -> Vec<f64> {
-        (0..3)
-            .flat_map(|own| told.iter().map(move |(frame, _)| if own == which { bias_dn.unwrap_or(0.0) - frame.level_dn } else { 0.0 }))
-            .collect()
+    let over_frames = |which: usize, of: &dyn Fn(&FrameNoise) -> f64| -> Vec<f64> {
+        (0..3).flat_map(|own| told.iter().map(move |(frame, _)| if own == which { of(frame) } else { 0.0 })).collect()
     };
-    (!numbers.is_empty()).then(|| NoiseKind {
+    let by_chance = parity_by_chance(pixels);
+    // The last two numbers are no measurements: they say that what is there by chance is 0 within its standard error.
+    let chance = |which: usize| -> Vec<f64> {
+        let known = [0, 1].map(|own| if own == which { 1.0 } else { 0.0 });
+        over_frames(which, &|_| by_chance[which]).into_iter().chain(known).collect()
+    };
+    let column = |which: usize| -> Vec<f64> {
+        over_frames(which, &|frame| bias_dn.unwrap_or(0.0) - frame.level_dn).into_iter().chain([0.0; 2]).collect()
+    };
+    let is_known = !numbers.is_empty();
+    let numbers = numbers.into_iter().chain([(KNOWN_BEFOREHAND, 0.0, 1.0); 2]).collect();
+    is_known.then(|| NoiseKind {
         name: "odd against even",
         numbers,
-        common: Vec::new(),
+        common: vec![chance(0), chance(1)],
         columns: vec![(EVEN_ODD, 0, column(0)), (BAYER, 0, column(0)), (BAYER, 1, column(1)), (BAYER, 2, column(2))],
     })
+}
+
+/// Half the difference, DN, that odd and even columns, and rows, have by chance, where lines are offset alike in all frames: it is the same in all.
+fn parity_by_chance(pixels: &PixelStatistics) -> [f64; 2] {
+    let Some(lines) = pixels.sky.first().map(|sky| sky.size_px) else { return [0.0; 2] };
+    let shared = |pick: fn(&LinePair) -> Option<Estimate>| {
+        Estimate::pooled(&pixels.line_pairs.iter().filter_map(pick).collect::<Vec<_>>()).map_or(0.0, |own| own.value.max(0.0))
+    };
+    let variance = [shared(|pair| pair.columns), shared(|pair| pair.rows)];
+    [0, 1].map(|which| (variance[which] / lines[which].max(1) as f64).sqrt())
 }
 
 /// Frame against frame.
@@ -265,83 +274,4 @@ pub(super) fn unasked_pattern(rows: &Rows, pixels: &PixelStatistics) -> Vec<(&'s
     let reason = "it needs frames of three different pointings, of one size, that are compared pixel by pixel";
     let is_asked = |id: &str| rows.questions.iter().any(|question| question.id == id);
     [PRNU, DARK].into_iter().filter(|id| !is_asked(id)).map(|id| (id, reason.to_owned())).collect()
-}
-
-/// Standard deviation of levels over their mean.
-fn spread(levels: impl Iterator<Item = f64> + Clone) -> f64 {
-    let count = levels.clone().count().max(1) as f64;
-    let mean = levels.clone().sum::<f64>() / count;
-    (levels.map(|level| (level - mean).powi(2)).sum::<f64>() / count).sqrt() / mean.abs().max(f64::MIN_POSITIVE)
-}
-
-/// The share of the sky's scatter that is of stars that were not found, with its error: white noise has none in common from pixel to pixel.
-fn confusion(pixels: &PixelStatistics) -> [f64; 2] {
-    let Some(neighbours) = &pixels.neighbours else { return [0.0, CONFUSION] };
-    let shared = 0.5 * (neighbours.column.value + neighbours.row.value);
-    if shared.abs() > MAX_SHARED {
-        return [0.0, CONFUSION];
-    }
-    let share = shared.max(0.0) / SHARED_BY_NEIGHBOURS;
-    let sigma = 0.5 * neighbours.column.sigma.hypot(neighbours.row.sigma) / SHARED_BY_NEIGHBOURS;
-    [share, (0.5 * share).hypot(sigma).hypot(MIN_CONFUSION_ERROR)]
-}
-
-/// Variance of the sky less what gain, bias and read noise as declared make of its level. Without a bias or a read noise the intercept is free.
-fn transfer(pixels: &PixelStatistics, detector: &DeclaredDetector) -> Option<NoiseKind> {
-    let gain = detector.gain_e_per_dn?;
-    let step = pixels.photon_transfer.as_ref()?.step_dn;
-    let bias = detector.bias_dn.unwrap_or(0.0);
-    let beside = detector.read_noise_e.map_or(0.0, |read_noise| (read_noise / gain).powi(2)) + step * step / 12.0;
-    let is_told = detector.bias_dn.is_some() && detector.read_noise_e.is_some();
-    // Of less noise the variance hangs on the place of the level between two codes, and of processed frames on what was done to them.
-    if pixels.altered_noise().is_some() {
-        return None;
-    }
-    let points: Vec<&TransferPoint> = pixels.transfer_points.iter().filter(|point| point.is_wider_than_rounding(step)).collect();
-    let number = |point: &&TransferPoint| {
-        let expected = (point.level_dn - bias) / gain + beside;
-        (point.frame, point.variance_dn2 - expected, point.sigma_dn2)
-    };
-    // The last number is no point: it says what the share of stars that were not found is, within its error.
-    let [share, error] = confusion(pixels);
-    let numbers = points.iter().map(number).chain([(KNOWN_BEFOREHAND, share, error)]).collect();
-    let with = |last: f64, of: &dyn Fn(&TransferPoint) -> f64| -> Vec<f64> { points.iter().map(|point| of(point)).chain([last]).collect() };
-    let one = with(0.0, &|_| 1.0);
-    // A gain larger by a share makes so much less of the photons.
-    let by_gain = with(0.0, &|point| -(point.level_dn - bias) / gain);
-    let by_lines = with(0.0, &|_| LINES_IN_BLOCK);
-    // Where a single exposure is not known all count as frames, as they do for the pattern.
-    let exposures: std::collections::BTreeMap<usize, f64> =
-        pixels.by_frame.iter().map(|frame| Some((frame.frame, frame.exposure_s?))).collect::<Option<_>>().unwrap_or_default();
-    // Unequal dark current is a part of the scatter of the pixels of a block, as it is of what two frames share.
-    let by_dark = with(0.0, &|point| exposures.get(&point.frame).map_or(1.0, |time| time * time));
-    let mut columns = vec![
-        (ROWS, 0, by_lines.clone()),
-        (COLUMNS, 0, by_lines.clone()),
-        (SAME_ROWS, 0, by_lines.clone()),
-        (SAME_COLUMNS, 0, by_lines),
-        (DARK, 0, by_dark),
-    ];
-    // At one level alone gain, read noise and bias are one number.
-    let is_gain_told = !is_told || spread(points.iter().map(|point| point.level_dn - bias)) > MIN_SPREAD;
-    if is_gain_told {
-        columns.push((GAIN_NOISE, 0, by_gain));
-    }
-    if let Some(full_dn) = detector.saturation_dn.map(|full| full - bias).filter(|full| detector.bias_dn.is_some() && *full > 0.0) {
-        // Of N electrons in a pixel of W a response N(1 − αN/W) leaves the variance N(1 − 4αN/W), and the level itself 1 − αN/W of it.
-        let by_response = with(0.0, &|point| -3.0 * (point.level_dn - bias).powi(2) / (gain * full_dn));
-        // Charge that is pushed into neighbours takes the part βN/W of the variance with it (Antilogus et al. 2014).
-        let by_neighbours = with(0.0, &|point| -(point.level_dn - bias).powi(2) / (gain * full_dn));
-        columns.extend([(ids::NONLINEARITY, 0, by_response), (BRIGHTER_FATTER, 0, by_neighbours)]);
-    }
-    if detector.bias_dn.is_some() {
-        columns.push((PRNU, 0, with(0.0, &|point| (point.level_dn - bias).powi(2))));
-    }
-    let mut common = vec![with(1.0, &|point| point.variance_dn2)];
-    if is_told {
-        columns.push((GAIN_NOISE, 1, one));
-    } else {
-        common.push(one);
-    }
-    (points.len() > 2).then_some(NoiseKind { name: "variance against level", numbers, common, columns })
 }

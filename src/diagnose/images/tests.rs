@@ -9,7 +9,7 @@ use super::judge::{Asked, Judged, Pixels, judge};
 use super::noise::DeclaredDetector;
 use crate::detect::Moments;
 use crate::effects::ImageContext;
-use crate::pixel_statistics::{Estimate, FrameNoise, LinePair, PixelStatistics};
+use crate::pixel_statistics::{Estimate, FrameNoise, LinePair, PixelStatistics, SkyMesh};
 
 pub(super) const FRAMES: usize = 12;
 const STARS: usize = 60;
@@ -360,4 +360,49 @@ fn columns_that_stay_are_told_by_pairs_of_frames() {
     assert_eq!(judged.rows.questions[judged.proposed[0].question].parameters[0].name, "column_sigma_dn");
     let [value, sigma] = size(&judged, "banding").unwrap();
     assert!((value / 0.0008 - 1.0).abs() < 0.2 && sigma < 0.00015, "{value} ± {sigma}");
+}
+
+/// Columns that are offset alike in all frames have a difference of odd and even ones by chance, the same in all: it is no even-odd, however often it is
+/// seen. Without such columns it is one.
+#[test]
+fn columns_that_stay_differ_by_parity_by_chance() {
+    const COLUMNS: usize = 400;
+    const OFFSET_DN: f64 = 0.2;
+    let of = |are_columns_offset: bool| {
+        let noise = |k: usize| (k as f64 * 2.399).sin() * 2.0_f64.sqrt();
+        let estimate = |value: f64, sigma: f64, k: usize| Estimate { value: value + sigma * noise(k), sigma };
+        let variance = if are_columns_offset { OFFSET_DN * OFFSET_DN } else { 0.0 };
+        // One and a half times what is usual by chance.
+        let parity_dn = 1.5 * OFFSET_DN / (COLUMNS as f64).sqrt();
+        let frame = |frame: usize| FrameNoise {
+            frame,
+            exposure_s: None,
+            level_dn: 200.0,
+            sigma_dn: 2.6,
+            row_variance_dn2: Some(estimate(0.0, 0.001, frame)),
+            column_variance_dn2: Some(estimate(variance, 0.001, frame + 50)),
+            parity_dn: Some([parity_dn, 0.0, 0.0].map(|value| estimate(value, 0.002, frame))),
+            middle_step_dn: None,
+        };
+        let pairs = (0..FRAMES).flat_map(|one| (one + 1..FRAMES).map(move |other| [one, other]));
+        let pair = |(k, frames): (usize, [usize; 2])| LinePair {
+            frames,
+            rows: Some(estimate(0.0, 0.001, k + 100)),
+            columns: Some(estimate(variance, 0.001, k + 300)),
+        };
+        let sky =
+            SkyMesh { frame: 0, exposure_s: None, level_dn: 200.0, noise_dn: 2.6, size_px: [COLUMNS; 2], shape: [0; 2], cells: Vec::new() };
+        let pixels = PixelStatistics {
+            by_frame: (0..FRAMES).map(frame).collect(),
+            line_pairs: pairs.enumerate().map(pair).collect(),
+            sky: vec![sky],
+            ..PixelStatistics::default()
+        };
+        let places = (0..FRAMES).map(|frame| (frame, frame)).collect();
+        let detector = DeclaredDetector::default();
+        let noise = Some(&Pixels { statistics: &pixels, detector: &detector, places: &places, views: &[] });
+        judge(&stars(3, nothing), noise, FRAMES, &asked(1e-3), &[]).unwrap()
+    };
+    assert_eq!(found(&of(true)), ["banding"]);
+    assert_eq!(found(&of(false)), ["even-odd"]);
 }
