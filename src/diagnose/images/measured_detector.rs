@@ -3,7 +3,7 @@
 //! Nothing is missing where nothing is declared: they are no findings, but numbers that the recording gives. The line of variance against level tells
 //! the gain; its intercept is one number for read noise and bias (`pixel_statistics/photon_transfer.rs`), so that one of them has to be known.
 
-use super::noise::DeclaredDetector;
+use super::noise_kind::DeclaredDetector;
 use crate::diagnose::causes::GAIN_NOISE;
 use crate::diagnose::diagnosis::{EffectState, EffectStatus, FoundParameter};
 use crate::pixel_statistics::{PhotonTransfer, PixelStatistics};

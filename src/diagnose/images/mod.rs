@@ -20,6 +20,7 @@ mod light_lost;
 mod measured_detector;
 mod narrowing;
 mod noise;
+mod noise_kind;
 mod noise_transfer;
 mod patterns;
 mod profiles;
@@ -50,7 +51,7 @@ mod zero_point_scatter;
 
 pub use expected_stars::StarMeasurement;
 pub use measured_detector::detector_numbers;
-pub use noise::DeclaredDetector;
+pub use noise_kind::DeclaredDetector;
 pub use rendered::StampCamera;
 pub use report::ImageMeasurements;
 pub(super) use report::add_images;

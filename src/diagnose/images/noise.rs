@@ -2,60 +2,19 @@
 //!
 //! Errors of these numbers are known from the noise itself, so they are taken at their word.
 
+use super::noise_kind::{BRIGHTER_FATTER, COLUMNS, DARK, DeclaredDetector, NoiseKind, PRNU, ROWS, SAME_COLUMNS, SAME_ROWS};
 use super::noise_transfer::transfer;
 use super::rows::{KNOWN_BEFOREHAND, Kind, Parameter, Question, Row, Rows, Shared, Shown};
 use crate::diagnose::causes::GAIN_NOISE;
 use crate::diagnose::channels::Channel;
-use crate::effects::detector::brighter_fatter::BrighterFatter;
-use crate::effects::detector::{banding, bayer, dark_current, even_odd, prnu};
-use crate::effects::pixel::{PixelEffect, pass::PassHead};
+use crate::effects::detector::{banding, bayer, even_odd};
+use crate::effects::pixel::PixelEffect;
 use crate::effects::{CentroidShift, ids};
 use crate::pixel_statistics::{Estimate, FrameNoise, KEPT_BY_PLANE, LinePair, PatternPair, PixelStatistics};
 
-/// The numbers of the detector as the recording declares them.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct DeclaredDetector {
-    /// Electrons per count.
-    pub gain_e_per_dn: Option<f64>,
-    /// Counts of no light.
-    pub bias_dn: Option<f64>,
-    /// Read noise.
-    pub read_noise_e: Option<f64>,
-    /// Counts of a full pixel.
-    pub saturation_dn: Option<f64>,
-}
-
-impl From<&crate::recording::CameraInfo> for DeclaredDetector {
-    fn from(camera: &crate::recording::CameraInfo) -> Self {
-        Self {
-            gain_e_per_dn: camera.gain_e_per_dn,
-            bias_dn: camera.bias_dn,
-            read_noise_e: camera.read_noise_e,
-            saturation_dn: camera.saturation_dn,
-        }
-    }
-}
-
-pub(super) const DARK: &str = <dark_current::DarkCurrent as PixelEffect>::ID;
 const BANDING: &str = <banding::Banding as PixelEffect>::ID;
 const EVEN_ODD: &str = <even_odd::EvenOdd as CentroidShift>::ID;
 const BAYER: &str = <bayer::Bayer as CentroidShift>::ID;
-pub(super) const PRNU: &str = <prnu::Prnu as PixelEffect>::ID;
-pub(super) const ROWS: &str = "banding of rows";
-pub(super) const COLUMNS: &str = "banding of columns";
-pub(super) const SAME_ROWS: &str = "banding of rows that is the same in all frames";
-pub(super) const SAME_COLUMNS: &str = "banding of columns that is the same in all frames";
-pub(super) const BRIGHTER_FATTER: &str = <BrighterFatter as PassHead>::ID;
-
-/// One kind of numbers with the columns of what may make them.
-pub(super) struct NoiseKind {
-    pub(super) name: &'static str,
-    /// Frame, value, standard error.
-    pub(super) numbers: Vec<(usize, f64, f64)>,
-    pub(super) common: Vec<Vec<f64>>,
-    /// Of each effect (by its key, else its id) the parameter's number and the column.
-    pub(super) columns: Vec<(&'static str, usize, Vec<f64>)>,
-}
 
 /// Adds the rows to those of stars. `place` gives a frame's place among all from its number.
 pub(super) fn add_noise(rows: &mut Rows, pixels: &PixelStatistics, detector: &DeclaredDetector, place: impl Fn(usize) -> usize) {

@@ -1,7 +1,6 @@
 //! Rows of the variance of sky pixels against their level, and what they tell: a wrong gain, a response that bends, and what else adds to the scatter.
 
-use super::noise::{BRIGHTER_FATTER, DeclaredDetector};
-use super::noise::{COLUMNS, DARK, NoiseKind, PRNU, ROWS, SAME_COLUMNS, SAME_ROWS};
+use super::noise_kind::{BRIGHTER_FATTER, COLUMNS, DARK, DeclaredDetector, NoiseKind, PRNU, ROWS, SAME_COLUMNS, SAME_ROWS};
 use super::rows::KNOWN_BEFOREHAND;
 use crate::diagnose::causes::GAIN_NOISE;
 use crate::effects::ids;

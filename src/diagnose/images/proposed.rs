@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::DMatrix;
 
-use super::noise::DeclaredDetector;
+use super::noise_kind::DeclaredDetector;
 use super::sky_view::SkyView;
 use super::turns::HeldOut;
 use crate::diagnose::channels::{Channel, ChannelMeasure};

@@ -12,7 +12,7 @@ use super::halo::{self, halo};
 use super::jitter::jitter;
 use super::judge::{Asked, ChannelState, Judged, Pixels, Proposed, judge};
 use super::measured_detector::measured_detector;
-use super::noise::DeclaredDetector;
+use super::noise_kind::DeclaredDetector;
 use super::profiles::shape_map;
 use super::rendered::StampCamera;
 use super::rows::{Parameter, Question};

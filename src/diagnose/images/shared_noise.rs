@@ -5,7 +5,7 @@
 //! nothing; of the noise so much counts as the photons make. Smoothing and stars that were not found act along rows and columns alike.
 
 use super::counted::{Counted, MAX_SURPRISE};
-use super::noise::DeclaredDetector;
+use super::noise_kind::DeclaredDetector;
 use crate::diagnose::causes::COMPRESSION;
 use crate::diagnose::channels::Channel;
 use crate::effects::CentroidShift;

@@ -10,7 +10,7 @@ use super::counted::Counted;
 use super::expected_stars::StarMeasurement;
 use super::frame_levels::{Air, TestedFrame};
 use super::judge::{Judged, Pixels, judge};
-use super::noise::DeclaredDetector;
+use super::noise_kind::DeclaredDetector;
 use super::single_frames::single_frames;
 use super::tests::{FRAMES, asked, nothing, stars};
 use crate::pixel_statistics::{FrameNoise, PixelStatistics};

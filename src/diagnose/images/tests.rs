@@ -6,7 +6,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::expected_stars::StarMeasurement;
 use super::judge::{Asked, Judged, Pixels, judge};
-use super::noise::DeclaredDetector;
+use super::noise_kind::DeclaredDetector;
 use crate::detect::Moments;
 use crate::effects::ImageContext;
 use crate::pixel_statistics::{Estimate, FrameNoise, LinePair, PixelStatistics, SkyMesh};

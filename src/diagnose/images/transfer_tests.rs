@@ -5,7 +5,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
 
 use super::judge::{Judged, Pixels, judge};
-use super::noise::DeclaredDetector;
+use super::noise_kind::DeclaredDetector;
 use super::tests::{Added, FRAMES, asked, found, nothing, size, stars};
 use crate::pixel_statistics::{Estimate, NeighbourCorrelation, PhotonTransfer, PixelStatistics, TransferPoint};
 

@@ -8,7 +8,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::super::expected_stars::StarMeasurement;
 use super::super::judge::{Judged, Pixels, judge};
-use super::super::noise::DeclaredDetector;
+use super::super::noise_kind::DeclaredDetector;
 use super::super::proposed::Proposed;
 use super::super::sky_view::SkyView;
 use super::super::tests::{Added, FRAMES, asked, found, nothing, size, stars};
