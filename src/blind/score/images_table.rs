@@ -26,9 +26,16 @@ fn line(page: &mut String, text: &str) {
 }
 
 fn names(names: &Names) -> String {
+    most_frequent(names, usize::MAX)
+}
+
+/// The most frequent of them, and how often there were others.
+fn most_frequent(names: &Names, most: usize) -> String {
     let mut all: Vec<(&String, &usize)> = names.iter().collect();
     sort_by_key(&mut all, |(_, count)| std::cmp::Reverse(**count));
-    let told: Vec<String> = all.into_iter().map(|(name, count)| format!("{name} {count}")).collect();
+    let others: usize = all.iter().skip(most).map(|(_, count)| **count).sum();
+    let told = all.into_iter().take(most).map(|(name, count)| format!("{name} {count}"));
+    let told: Vec<String> = told.chain((others > 0).then(|| format!("others {others}"))).collect();
     if told.is_empty() { "–".to_owned() } else { told.join(", ") }
 }
 
@@ -66,7 +73,14 @@ fn nulls(page: &mut String, score: &ImageScore) {
         let counts = &own.counts;
         line(
             page,
-            &format!("| {} | {} | {} | {} | {} |", counts.label, counts.named, counts.alarmed, names(&own.names), names(&own.unexplained)),
+            &format!(
+                "| {} | {} | {} | {} | {} |",
+                counts.label,
+                counts.named,
+                counts.alarmed,
+                names(&own.names),
+                most_frequent(&own.unexplained, 3)
+            ),
         );
     }
     line(page, "");

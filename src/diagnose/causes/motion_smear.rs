@@ -2,7 +2,7 @@
 //!
 //! A uniform motion by L during the exposure adds the variance of a box, L²/12, along its direction: L_i·L_j/12 to the second moments. The
 //! parameter is the square of the part of the declared way that the images are drawn out by: 1 where the camera turned as declared and nothing followed
-//! the sky. A steady motion of which no rates are known is told by the frames alone (`images/single_frames.rs`).
+//! the sky. A steady motion of which no rates are known is told by the frames alone (`images/frame_motion.rs`).
 
 use crate::effects::{ImageContext, ImageEffect, ImageResponse};
 

@@ -12,6 +12,7 @@ mod ends_and_rays;
 mod expected_stars;
 mod forward_selection;
 mod frame_levels;
+mod frame_motion;
 mod frame_widths;
 mod halo;
 mod jitter;

@@ -1,34 +1,23 @@
 //! What single frames show and others do not: an exposure that is not as declared, clouds, and a camera that moved.
 //!
 //! Every frame has a zero point of its own in the fit of the stars, and so the fit is not changed by a frame that is dimmer: here the zero points are held
-//! against each other. An exposure time that is wrong scales stars and sky alike; clouds take the light of stars alone. A uniform
-//! motion of length L widens images along its direction by L²/12 (the variance of a box), so that what it adds to their elongation it adds to their
-//! size: (xx + yy)/2 by L²/24, (xx − yy)/2 and xy by L²/24 times cosine and sine of twice its angle.
-
-use std::collections::BTreeMap;
+//! against each other. An exposure time that is wrong scales stars and sky alike; clouds take the light of stars alone.
 
 use super::counted::{Counted, MAX_SURPRISE};
 use super::frame_levels::{Air, Level, Steady, TestedFrame, levels};
+use super::frame_motion::moved;
 use super::judge::Judged;
-use super::rows::Kind;
-use super::stars::{DIAGONAL, ELONGATION, SIZE};
 use super::zero_point_scatter::scattered;
 use crate::diagnose::causes::{CLOUDS, EXPOSURE_TIME, MOTION_SMEAR, ZERO_POINT};
 use crate::diagnose::channels::Channel;
 use crate::pixel_statistics::PixelStatistics;
+use crate::statistics::mad_sigma;
 use crate::statistics::significance::neg_ln_chi2_sf;
-use crate::statistics::{mad_sigma, median};
 
 /// Fewer frames tell nothing of one among them.
 const MIN_FRAMES: usize = 5;
 /// Stars and sky differ by the same factor within this share of it.
 const SAME_SHARE: f64 = 0.25;
-/// Of what is added to the elongation by a motion so much at least is added to the size, and so much at most.
-const SMEAR_SLOPE: [f64; 2] = [0.4, 1.6];
-/// Both halves of the stars agree by so many standard deviations of the products of their means: blended images scatter far out.
-const AGREES: f64 = 8.0;
-/// Frames have stars on both sides, for what one half shows is held against the other.
-const MIN_STARS: usize = 5;
 
 /// All that single frames show; `bias_dn`: the counts of no light, `tested`: the frames that are tested, in the order of their places.
 pub(super) fn single_frames(
@@ -59,7 +48,7 @@ pub(super) fn single_frames(
     }
     // Where the declared rates tell it the frames by themselves need not.
     let is_told = judged.proposed.iter().any(|own| own.against.is_empty() && judged.rows.questions[own.question].id == MOTION_SMEAR);
-    all.extend(if is_told { None } else { smeared(judged) });
+    all.extend(if is_told { None } else { moved(judged) });
     all
 }
 
@@ -127,86 +116,4 @@ fn uneven(levels: &[Level], steady: Steady) -> Vec<Counted> {
         all.push(counted.or(alike));
     }
     all
-}
-
-/// Mean residuals of a kind's rows by frame, of the stars of each half: value and variance.
-fn means(judged: &Judged, name: &str) -> Option<BTreeMap<usize, [[f64; 2]; 2]>> {
-    let number = judged.rows.kinds.iter().position(|kind| kind.name == name)?;
-    let (kind, range): (&Kind, _) = (&judged.rows.kinds[number], judged.rows.ranges()[number].clone());
-    let mut sums: BTreeMap<usize, [[f64; 3]; 2]> = BTreeMap::new();
-    for (row, k) in kind.rows.iter().zip(range).filter(|(_, k)| judged.fit.take[*k]) {
-        let weight = judged.fit.noise[number].variance(row).recip();
-        let half = &mut sums.entry(row.frame).or_default()[(row.star.wrapping_mul(0x9e37_79b9) >> 9) % 2];
-        *half = [half[0] + weight * judged.fit.rest[k], half[1] + weight, half[2] + 1.0];
-    }
-    let is_told = |halves: &[[f64; 3]; 2]| halves.iter().all(|half| half[2] >= MIN_STARS as f64);
-    Some(
-        sums.into_iter()
-            .filter(|(_, halves)| is_told(halves))
-            .map(|(frame, halves)| (frame, halves.map(|[sum, weight, _]| [sum / weight, weight.recip()])))
-            .collect(),
-    )
-}
-
-/// Elongations that change from frame to frame and that both halves of the stars show alike.
-fn smeared(judged: &Judged) -> Option<Counted> {
-    let [size, along, diagonal] = [SIZE, ELONGATION, DIAGONAL].map(|name| means(judged, name));
-    let (size, along, diagonal) = (size?, along?, diagonal?);
-    let frames: Vec<usize> = along.keys().copied().filter(|frame| size.contains_key(frame) && diagonal.contains_key(frame)).collect();
-    if frames.len() < MIN_FRAMES {
-        return None;
-    }
-    // What all frames have in common is the image.
-    let centred = |own: &BTreeMap<usize, [[f64; 2]; 2]>| -> Vec<[[f64; 2]; 2]> {
-        let all: Vec<[[f64; 2]; 2]> = frames.iter().map(|frame| own[frame]).collect();
-        let middle = [0, 1].map(|half| median(&all.iter().map(|halves| halves[half][0]).collect::<Vec<_>>()).unwrap_or(0.0));
-        all.into_iter().map(|halves| [0, 1].map(|half| [halves[half][0] - middle[half], halves[half][1]])).collect()
-    };
-    let (size, along, diagonal) = (centred(&size), centred(&along), centred(&diagonal));
-    let joined = |[a, b]: [[f64; 2]; 2]| {
-        let weight = a[1].recip() + b[1].recip();
-        [(a[0] / a[1] + b[0] / b[1]) / weight, weight.recip()]
-    };
-    let mut statistic = 0.0;
-    let mut agreement = [0.0; 2];
-    let (mut sizes, mut lengths) = (Vec::new(), Vec::new());
-    for k in 0..frames.len() {
-        let ([s, s_variance], [e, e_variance], [d, d_variance]) = (joined(size[k]), joined(along[k]), joined(diagonal[k]));
-        statistic += e * e / e_variance + d * d / d_variance;
-        for halves in [along[k], diagonal[k]] {
-            let variance = halves[0][1] * halves[1][1];
-            agreement = [agreement[0] + halves[0][0] * halves[1][0] / variance.sqrt(), agreement[1] + 1.0];
-        }
-        let strength = (e * e + d * d - e_variance - d_variance).max(0.0).sqrt();
-        sizes.push([strength, s, s_variance.recip()]);
-        lengths.push((24.0 * strength).sqrt());
-    }
-    // The scatter of products of two normal numbers is one each.
-    let held_out_sigmas = agreement[0] / f64::sqrt(agreement[1]);
-    // Means take one from every number.
-    let degrees = 2.0 * (frames.len() as f64 - 1.0);
-    let surprise = neg_ln_chi2_sf(degrees, statistic).min(MAX_SURPRISE);
-    let slope = slope(&sizes);
-    let is_motion = held_out_sigmas > AGREES && slope > SMEAR_SLOPE[0] && slope < SMEAR_SLOPE[1];
-    let rms = (lengths.iter().map(|length| length * length).sum::<f64>() / lengths.len() as f64).sqrt();
-    let error = rms / (2.0 * statistic.max(1.0)).sqrt();
-    is_motion.then(|| {
-        Counted::of_stars(
-            MOTION_SMEAR,
-            Channel::Shape,
-            vec![("length_px", rms, error, "px")],
-            surprise,
-            "frame",
-            format!("Images are drawn out by {rms:.2} px (rms over the frames), in every frame along a direction of its own, and are wider by as much: the camera moved."),
-        )
-    })
-}
-
-/// Slope of a line through points (x, y, weight); 0 where all x are the same.
-fn slope(points: &[[f64; 3]]) -> f64 {
-    let sum = |of: &dyn Fn(&[f64; 3]) -> f64| points.iter().map(|point| point[2] * of(point)).sum::<f64>();
-    let weight = sum(&|_| 1.0);
-    let [x, y] = [sum(&|point| point[0]) / weight, sum(&|point| point[1]) / weight];
-    let square = sum(&|point| (point[0] - x).powi(2));
-    if square > 0.0 { sum(&|point| (point[0] - x) * (point[1] - y)) / square } else { 0.0 }
 }

@@ -1,6 +1,4 @@
-//! Single frames that differ: exposed otherwise, behind clouds, drawn out by a motion.
-
-use std::f64::consts::TAU;
+//! Single frames that differ: exposed otherwise, behind clouds.
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -159,33 +157,6 @@ fn extinction_is_no_cloud() {
         assert_eq!(told(&known), [], "seed {seed}");
         let unknown = told(&air(true));
         assert!(matches!(&unknown[..], [(id, _)] if id == "clouds"), "seed {seed}: {unknown:?}, the test could not fail");
-    }
-}
-
-/// Images drawn out by `length_px`, in every frame along another direction; no rates are known.
-fn moved(seed: u64, length_px: f64) -> Vec<(String, f64)> {
-    let mut stars = stars(seed, nothing);
-    for star in &mut stars {
-        star.image.trail_px = None;
-        let (sin, cos) = (TAU * 0.29 * star.frame as f64).sin_cos();
-        // Where all lengths are the same the images are wider by the same, and that is the image; what goes with the time is a focus.
-        let longer = length_px * (0.4 + 0.1 * ((5 * star.frame) % FRAMES) as f64);
-        let added = longer * longer / 12.0;
-        let moments = star.moments.as_mut().unwrap();
-        for (value, more) in moments.second_px2.iter_mut().zip([cos * cos, sin * cos, sin * sin]) {
-            *value += added * more;
-        }
-    }
-    let tested = timed(|_| Some(1.0));
-    found(single_frames(&judged(&stars, &PixelStatistics::default()), None, &air(true), None, &tested))
-}
-
-#[test]
-fn a_motion_is_told_by_its_frames() {
-    for seed in 30..33 {
-        assert_eq!(moved(seed, 0.0), [], "seed {seed}");
-        let smear = moved(seed, 1.5);
-        assert!(matches!(&smear[..], [(id, length)] if id == "motion-smear" && (length - 1.5).abs() < 0.2), "seed {seed}: {smear:?}");
     }
 }
 
