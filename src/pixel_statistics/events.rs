@@ -36,6 +36,8 @@ const CLEARLY: f64 = 3.5;
 const CLEARLY_IN_STAR: f64 = 5.0;
 /// Narrower images than this are as sharp as cosmic rays, px.
 pub(crate) const MIN_STAR_SIGMA_PX: f64 = 0.42;
+/// At most so many rays are lost since others fell on the same pixels in other frames.
+const BY_CHANCE: f64 = 0.05;
 /// Where more than this share of the stars are too sharp, it is the stars.
 const SHARP_STARS: f64 = 0.1;
 
@@ -88,12 +90,13 @@ pub(super) fn cosmic_rays(frames: &[RayFrame], patterns: &[PatternFrame], known:
             *seen.entry(index).or_default() += 1;
         }
     }
+    let by_chance = 1 + coincidences(seen.len() as f64 / (size_px[0] * size_px[1]) as f64);
     let mut count = 0;
     for (frame, own) in frames.iter().zip(&sharp) {
         // One track, one ray: of its pixels more than half show in this frame alone.
         let mut tracks: BTreeMap<u32, [usize; 2]> = BTreeMap::new();
         for one in own {
-            let is_alone = seen.get(&one.index).is_none_or(|frames| *frames < 2) && !is_hot(patterns, frame.number, one.index);
+            let is_alone = seen.get(&one.index).is_none_or(|frames| *frames <= by_chance) && !is_hot(patterns, frame.number, one.index);
             tracks.entry(one.group).or_default()[usize::from(is_alone)] += 1;
         }
         count += tracks.values().filter(|[known, alone]| alone > known).count();
@@ -108,6 +111,20 @@ pub(super) fn cosmic_rays(frames: &[RayFrame], patterns: &[PatternFrame], known:
         per_frame: count as f64 / searched,
         per_s: seconds.filter(|seconds| *seconds > 0.0).map(|seconds| count as f64 / seconds),
     })
+}
+
+/// In how many other frames a pixel of a ray may be too sharp as well, by chance: of many frames other rays fall there. More do so for less than
+/// [`BY_CHANCE`] of the rays. `share`: that of the pixels that are near one in any frame.
+fn coincidences(share: f64) -> usize {
+    let expected = -(-share.min(0.99)).ln_1p();
+    let (mut term, mut count) = ((-expected).exp(), 0);
+    let mut beyond = 1.0 - term;
+    while beyond > BY_CHANCE {
+        count += 1;
+        term *= expected / count as f64;
+        beyond -= term;
+    }
+    count
 }
 
 /// Whether a pixel stands out in frames beside its own.

@@ -173,6 +173,8 @@ fn rays_are_counted() {
         ("tracks", Night { length_px: 6, ray_sigmas: 30.0, ..plain.clone() }),
         ("beside hot and jumping pixels", Night { hot: 20, jumping: 20, frames: 16, ..plain.clone() }),
         ("under wings", Night { beta: Some(2.5), ray_sigmas: 15.0, ..plain.clone() }),
+        // Four rays of ten have another beside them in one of the other frames.
+        ("many small frames", Night { side: 128, frames: 120, rays: 6, stars: 10, ..plain.clone() }),
     ];
     for (name, night) in nights {
         let painted = (night.rays * night.frames) as f64;
