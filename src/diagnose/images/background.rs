@@ -15,7 +15,7 @@ use super::rows::{Kind, Parameter, Question, Row, Rows, Shared, Shown};
 use super::sky_columns::{Asked, asked};
 use super::sky_light::SkyLight;
 use super::sky_noise::{SkyNoise, least_fields, polynomials};
-use super::sky_view::glows;
+use super::sky_view::{SkyView, glows};
 use crate::diagnose::channels::Channel;
 
 /// Name of the rows.
@@ -75,17 +75,20 @@ impl Background {
     }
 }
 
-/// Adds the rows to those of stars and noise.
+/// Adds the rows to those of stars and noise. `matched`: all stars that are known, by which the fields are told apart.
 pub(super) fn add_background(
     rows: &mut Rows,
     &Pixels { statistics: pixels, detector, places, views }: &Pixels<'_>,
     stars: &[StarMeasurement],
+    matched: &[StarMeasurement],
 ) -> Background {
     let light = SkyLight::new(&pixels.sky, detector.bias_dn, places);
     if light.frames.is_empty() {
         return Background::not_looked_at("no frame has sky enough between its stars".to_owned());
     }
-    let fields = light.fields(stars);
+    let by_number: BTreeMap<usize, &SkyView> = views.iter().map(|view| (view.frame, view)).collect();
+    let moved = |[one, two]: [usize; 2]| by_number.get(&one)?.moved(by_number.get(&two)?);
+    let fields = light.fields(matched, &moved);
     let gain_e_per_dn = detector.gain_e_per_dn.or_else(|| pixels.photon_transfer.as_ref()?.gain_e_per_dn);
     let (mut questions, mut unasked) = asked(&light, gain_e_per_dn, detector.bias_dn.is_some());
     let (of_sky, why_not) = glows(&light, views, stars);

@@ -7,7 +7,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use super::background::Background;
 use super::proposed::Proposed;
 use super::row_fit::RowFit;
-use super::rows::{Question, Rows};
+use super::rows::{KNOWN_BEFOREHAND, Question, Rows};
 use super::selection::{AS_GOOD, columns, directions};
 use super::sky_columns::AMPLIFIER_GLOW;
 use super::turns::of_channel;
@@ -87,14 +87,19 @@ pub(super) fn by_fields(rows: &Rows, without: &RowFit, question: &Question, size
         own += without.response(rows, column) * *size;
     }
     let mut fields: BTreeMap<usize, [f64; 2]> = BTreeMap::new();
-    for ((row, of_effect), psi) in rows.rows().zip(own.iter()).zip(&without.psi) {
-        if *of_effect != 0.0 {
+    for (k, ((row, of_effect), psi)) in rows.rows().zip(own.iter()).zip(&without.psi).enumerate() {
+        // What is fitted beside it spreads a column over rows of other fields, and a prior is no field.
+        let is_own = row.frame != KNOWN_BEFOREHAND && question.columns.iter().any(|column| column[k] != 0.0);
+        if is_own && *of_effect != 0.0 {
             let sums = fields.entry(row.frame).or_default();
             *sums = [sums[0] + of_effect * psi, sums[1] + of_effect * of_effect];
         }
     }
     let (along, square) = fields.values().fold((0.0, 0.0), |sum, field| (sum.0 + field[0], sum.1 + field[1]));
     let (mean, count) = (along / square, fields.len() as f64);
+    if fields.len() < 2 {
+        return Some("one field alone shows it: whether others do is not known".to_owned());
+    }
     let scatter =
         fields.values().map(|field| (field[0] - mean * field[1]).powi(2)).sum::<f64>().sqrt() / square * (count / (count - 1.0)).sqrt();
     let p_value = StudentsT::new(0.0, 1.0, count - 1.0).ok().map(|law| 2.0 * law.sf((mean / scatter).abs()))?;

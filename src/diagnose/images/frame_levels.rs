@@ -79,7 +79,7 @@ pub(super) fn levels(
     let Some(kind) = judged.rows.kinds.iter().position(|kind| kind.channel == Channel::Flux) else { return Vec::new() };
     let sky_dn: BTreeMap<usize, f64> = pixels.iter().flat_map(|pixels| &pixels.by_frame).map(|own| (own.frame, own.level_dn)).collect();
     let magnitudes = |light: f64| -2.5 * light.log10();
-    let told: Vec<Level> = judged.fit.frame_levels[kind]
+    let told: Vec<Level> = judged.standing().frame_levels[kind]
         .iter()
         .filter_map(|(place, [stars, sigma])| {
             let TestedFrame { number: frame, exposure_s } = *tested.get(*place)?;

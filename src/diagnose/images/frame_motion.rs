@@ -84,12 +84,13 @@ pub(super) fn moved(judged: &Judged) -> Option<Counted> {
 
 /// The images of each frame that has enough of them.
 fn images(judged: &Judged) -> Option<Vec<Vec<Image>>> {
+    let fit = judged.standing();
     let mut of_moment: [BTreeMap<(usize, usize), Measured>; 3] = Default::default();
     for (own, name) in of_moment.iter_mut().zip([SIZE, ELONGATION, DIAGONAL]) {
         let number = judged.rows.kinds.iter().position(|kind| kind.name == name)?;
         let rows = judged.rows.kinds[number].rows.iter().zip(judged.rows.ranges()[number].clone());
-        let taken = rows.filter(|(row, k)| judged.fit.take[*k] && row.point.is_some());
-        *own = taken.map(|(row, k)| ((row.frame, row.star), [judged.fit.rest[k], judged.fit.noise[number].variance(row)])).collect();
+        let taken = rows.filter(|(row, k)| fit.take[*k] && row.point.is_some());
+        *own = taken.map(|(row, k)| ((row.frame, row.star), [fit.rest[k], fit.noise[number].variance(row)])).collect();
     }
     let [size, along, diagonal] = of_moment;
     let mut frames: BTreeMap<usize, Vec<Image>> = BTreeMap::new();

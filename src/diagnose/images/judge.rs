@@ -74,6 +74,8 @@ pub(in crate::diagnose) struct NotProposed {
 pub(in crate::diagnose) struct Judged {
     pub(in crate::diagnose) rows: Rows,
     pub(in crate::diagnose) fit: RowFit,
+    /// The fit without what is withheld, where anything is.
+    without_withheld: Option<RowFit>,
     pub(in crate::diagnose) proposed: Vec<Proposed>,
     pub(in crate::diagnose) others: Vec<NotProposed>,
     /// Effects that were not asked, and why.
@@ -89,6 +91,13 @@ pub(in crate::diagnose) struct Judged {
     pub(in crate::diagnose) profiles: Vec<ImageProfile>,
 }
 
+impl Judged {
+    /// The fit of what stands: what is withheld explains nothing.
+    pub(in crate::diagnose) fn standing(&self) -> &RowFit {
+        self.without_withheld.as_ref().unwrap_or(&self.fit)
+    }
+}
+
 /// Judges the stars and the noise of a recording, their frames numbered by their place among all; nothing where there are no numbers. `found`: the
 /// effects that the places have shown, which are there whatever is asked here.
 pub(in crate::diagnose) fn judge(
@@ -98,7 +107,8 @@ pub(in crate::diagnose) fn judge(
     asked: &Asked,
     found: &[String],
 ) -> Option<Judged> {
-    let (mut rows, mut unasked, stars) = rows_of_stars(stars, frames, asked.stamps.as_ref());
+    let matched = stars;
+    let (mut rows, mut unasked, stars) = rows_of_stars(matched, frames, asked.stamps.as_ref());
     if let Some(star) = stars.first() {
         take_size_out_of_flux(&mut rows, star.image.sigma_px);
     }
@@ -106,7 +116,7 @@ pub(in crate::diagnose) fn judge(
     if let Some(pixels) = pixels {
         add_noise(&mut rows, pixels.statistics, pixels.detector, |frame| pixels.place(frame));
         unasked.extend(unasked_pattern(&rows, pixels.statistics));
-        background = Some(add_background(&mut rows, pixels, &stars));
+        background = Some(add_background(&mut rows, pixels, &stars, matched));
     }
     for (id, reason) in background.iter().flat_map(|own| &own.unasked) {
         unasked.entry(id).or_insert_with(|| reason.clone());
@@ -158,7 +168,7 @@ pub(in crate::diagnose) fn judge(
     if let Some((own, state)) = looked_at.and_then(|own| Some((own, channels.remove(&Channel::Background)?))) {
         channels.insert(Channel::Background, own.with_uneven(state, &sizes_of(&rows, &accepted, &fit)));
     }
-    Some(Judged { rows, fit, proposed, others, unasked, channels, background, questions, threshold, profiles })
+    Some(Judged { rows, fit, without_withheld: left, proposed, others, unasked, channels, background, questions, threshold, profiles })
 }
 
 /// A selection and its proposals.

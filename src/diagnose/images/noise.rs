@@ -58,14 +58,17 @@ pub(super) fn add_noise(rows: &mut Rows, pixels: &PixelStatistics, detector: &De
 
 /// How the σ of offsets of lines and of pixels is told. A frame's own covariance of two halves holds half of the scatter of its draws in its error.
 fn shown(key: &str, pixels: &PixelStatistics) -> Option<Shown> {
-    // A block's plane leaves fewer lines independent.
-    let [columns, rows] = pixels.sky.first()?.size_px.map(|lines| (KEPT_BY_PLANE * lines as f64) as u32);
-    let frames = u32::try_from(pixels.by_frame.len()).unwrap_or(u32::MAX);
+    // A block's plane leaves fewer lines independent: of columns, of rows.
+    let lines = |which: usize| pixels.sky.first().map(|sky| (KEPT_BY_PLANE * sky.size_px[which] as f64) as u32);
+    let in_frames = |which: usize, pick: fn(&FrameNoise) -> Option<Estimate>| {
+        let frames = u32::try_from(pixels.by_frame.iter().filter_map(pick).count()).unwrap_or(u32::MAX);
+        lines(which).map(|lines| Shown::RootOfDraws(lines.saturating_mul(frames).saturating_mul(2)))
+    };
     match key {
-        ROWS => Some(Shown::RootOfDraws(rows.saturating_mul(frames).saturating_mul(2))),
-        COLUMNS => Some(Shown::RootOfDraws(columns.saturating_mul(frames).saturating_mul(2))),
-        SAME_ROWS => Some(Shown::RootOfSharedDraws(rows)),
-        SAME_COLUMNS => Some(Shown::RootOfSharedDraws(columns)),
+        ROWS => in_frames(1, |frame| frame.row_variance_dn2),
+        COLUMNS => in_frames(0, |frame| frame.column_variance_dn2),
+        SAME_ROWS => lines(1).map(Shown::RootOfSharedDraws),
+        SAME_COLUMNS => lines(0).map(Shown::RootOfSharedDraws),
         PRNU | DARK => Some(Shown::RootOfSharedDraws(u32::try_from(pixels.fixed_pattern.pixels).unwrap_or(u32::MAX))),
         _ => None,
     }

@@ -32,7 +32,8 @@ fn confusion(pixels: &PixelStatistics) -> [f64; 2] {
     let Some(neighbours) = &pixels.neighbours else { return [0.0, CONFUSION] };
     let shared = 0.5 * (neighbours.column.value + neighbours.row.value);
     if shared.abs() > MAX_SHARED {
-        return [0.0, CONFUSION];
+        // It may be of stars all the same.
+        return [0.0, CONFUSION.max(shared.abs() / SHARED_BY_NEIGHBOURS)];
     }
     let share = shared.max(0.0) / SHARED_BY_NEIGHBOURS;
     let sigma = 0.5 * neighbours.column.sigma.hypot(neighbours.row.sigma) / SHARED_BY_NEIGHBOURS;

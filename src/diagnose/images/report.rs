@@ -21,7 +21,7 @@ use super::single_frames::single_frames;
 use super::sky_view::SkyView;
 use super::stars::MIN_ROWS;
 use super::withheld::{against, is_gain_explained, withhold_shadows};
-use crate::diagnose::causes::{COMPRESSION, INTRAPIXEL_RESPONSE};
+use crate::diagnose::causes::{COMPRESSION, INTRAPIXEL_RESPONSE, MOTION_SMEAR};
 use crate::diagnose::channels::{ByChannel, Channel, ChannelReport, ChannelVerdict};
 use crate::diagnose::diagnosis::{ColumnSource, Diagnosis, EffectState, EffectStatus, Finding, FoundParameter, Limit, Signs};
 use crate::diagnose::options::DiagnoseOptions;
@@ -118,7 +118,11 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     let of_frame = |number: &usize| TestedFrame { number: *number, exposure_s: images.exposures_s.get(*number).copied().flatten() };
     let tested: Vec<TestedFrame> = places.keys().map(of_frame).collect();
     counted.extend(single_frames(&judged, images.pixels, &Air::of(&stars, images.looks_through_air), images.detector.bias_dn, &tested));
-    counted.extend(jitter(&judged, images.looks_through_air).into_iter().chain([intrapixel_response()]));
+    let has_moved = counted.iter().any(|own| own.found_id() == Some(MOTION_SMEAR));
+    let shaken = jitter(&judged, images.looks_through_air);
+    let shaken =
+        shaken.map(|own| if has_moved { own.withheld("the motion during the exposure widens the images of a frame as well") } else { own });
+    counted.extend(shaken.into_iter().chain([intrapixel_response()]));
     for (channel, state) in &judged.channels {
         // Rounded blocks explain what the noise shows, whatever it looks like, and what else changes the noise explains a gain that seems wrong.
         let is_explained = *channel == Channel::Noise && (is_compressed || is_gain_explained(diagnosis, &judged, &by_count));

@@ -31,7 +31,8 @@ pub(in crate::diagnose) struct RowFit {
     white: Vec<f64>,
     /// Residuals in the rows' units.
     pub(in crate::diagnose) rest: Vec<f64>,
-    /// Of every kind the parameters that frames have of their own: by the frame's place, with their standard errors.
+    /// Of every kind the parameters that frames have of their own: by the frame's place, with the standard error of what each differs by from the mean
+    /// of all. What all have in common (errors of the catalogue, where they see the same stars) is no part of it.
     pub(in crate::diagnose) frame_levels: Vec<std::collections::BTreeMap<usize, [f64; 2]>>,
     /// Sizes of the accepted columns, their covariance.
     pub(in crate::diagnose) size: DVector<f64>,
@@ -125,8 +126,11 @@ impl RowFit {
         let mut first = 0;
         let mut frame_levels = Vec::with_capacity(blocks.len());
         for (block, columns) in blocks.iter().zip(columns) {
-            let told = |k: usize| [solved.all[first + k], covariance[(first + k, first + k)].max(0.0).sqrt()];
-            frame_levels.push(block.frames(columns).map(|(k, frame)| (frame, told(k))).collect());
+            let own: Vec<(usize, usize)> = block.frames(columns).map(|(k, frame)| (first + k, frame)).collect();
+            let with_all = |k: usize| own.iter().map(|(other, _)| covariance[(k, *other)]).sum::<f64>() / own.len() as f64;
+            let of_mean = own.iter().map(|(k, _)| with_all(*k)).sum::<f64>() / own.len() as f64;
+            let told = |k: usize| [solved.all[k], (covariance[(k, k)] - 2.0 * with_all(k) + of_mean).max(0.0).sqrt()];
+            frame_levels.push(own.iter().map(|(k, frame)| (*frame, told(*k))).collect());
             first += block.own.ncols();
         }
         Self {

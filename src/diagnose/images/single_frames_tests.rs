@@ -11,6 +11,7 @@ use super::judge::{Judged, Pixels, judge};
 use super::noise_kind::DeclaredDetector;
 use super::single_frames::single_frames;
 use super::tests::{FRAMES, asked, nothing, stars};
+use crate::diagnose::channels::Channel;
 use crate::pixel_statistics::{FrameNoise, PixelStatistics};
 
 const BIAS_DN: f64 = 100.0;
@@ -75,6 +76,21 @@ fn a_frame_that_is_like_the_others_is_not_named() {
         // A sky alone that is brighter is no matter of the exposure.
         assert_eq!(told(seed, 1.0, 1.4), [], "seed {seed}");
     }
+}
+
+/// All frames see the same stars: the errors of the catalogue, 0.05 mag a star, are no part of what frames differ by.
+#[test]
+fn zero_points_differ_by_their_errors() {
+    let mut pulls = Vec::new();
+    for seed in 90..110 {
+        let judged = judged(&stars(seed, nothing), &skies(1.0));
+        let kind = judged.rows.kinds.iter().position(|kind| kind.channel == Channel::Flux).unwrap();
+        let levels: Vec<[f64; 2]> = judged.standing().frame_levels[kind].values().copied().collect();
+        let mean = levels.iter().map(|[level, _]| level).sum::<f64>() / levels.len() as f64;
+        pulls.extend(levels.iter().map(|[level, sigma]| (level - mean) / sigma));
+    }
+    let rms = (pulls.iter().map(|pull| pull * pull).sum::<f64>() / pulls.len() as f64).sqrt();
+    assert!(pulls.len() == 20 * FRAMES && (rms - 1.0).abs() < 0.2, "{rms}");
 }
 
 #[test]

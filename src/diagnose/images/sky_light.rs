@@ -28,7 +28,7 @@ const MAX_DIFFERENCE: f64 = 0.2;
 const NOISE_SIGMAS: f64 = 4.0;
 /// Frames whose common stars have moved by less (half-diagonals, the median) look at one field.
 const SAME_FIELD: f64 = 0.25;
-/// Fewer common stars say that the fields are different ones.
+/// Frames that have so many stars have as many in common where they look at one field.
 const MIN_COMMON: usize = 3;
 
 /// What is known of a frame, or of the joined frames of a field.
@@ -188,19 +188,25 @@ impl SkyLight {
         (light, joined)
     }
 
-    /// Of every frame the field that it looks at, told by the places of the stars in it.
-    pub(super) fn fields(&self, stars: &[StarMeasurement]) -> Vec<usize> {
+    /// Of every frame the field that it looks at, told by the places of the stars in it; of frames with too few stars by their attitudes. Frames of which
+    /// neither is known count as one field: what they share is then not held for the camera's. `moved`: how far two frames, by their numbers, are apart by
+    /// their attitudes, half-diagonals.
+    pub(super) fn fields(&self, stars: &[StarMeasurement], moved: &dyn Fn([usize; 2]) -> Option<f64>) -> Vec<usize> {
         let mut by_frame: BTreeMap<usize, BTreeMap<usize, [f64; 2]>> = BTreeMap::new();
         for star in stars {
             by_frame.entry(star.frame).or_default().insert(star.star, star.image.at);
         }
         let none = BTreeMap::new();
-        let mut first: Vec<usize> = Vec::new();
+        let mut first: Vec<&SkyFrame> = Vec::new();
         let mut field_of = Vec::with_capacity(self.frames.len());
         for frame in &self.frames {
             let own = by_frame.get(&frame.place).unwrap_or(&none);
-            let is_same = |other: &&usize| {
-                let other = by_frame.get(other).unwrap_or(&none);
+            let is_same = |other: &&&SkyFrame| {
+                let numbers = [frame.number, other.number];
+                let other = by_frame.get(&other.place).unwrap_or(&none);
+                if own.len().min(other.len()) < MIN_COMMON {
+                    return moved(numbers).is_none_or(|moved| moved < SAME_FIELD);
+                }
                 let mut moved: Vec<f64> =
                     own.iter().filter_map(|(star, at)| other.get(star).map(|was| (at[0] - was[0]).hypot(at[1] - was[1]))).collect();
                 moved.len() >= MIN_COMMON && median_in_place(&mut moved).is_some_and(|moved| moved < SAME_FIELD)
@@ -208,7 +214,7 @@ impl SkyLight {
             let known = first.iter().position(|other| is_same(&other));
             field_of.push(known.unwrap_or(first.len()));
             if known.is_none() {
-                first.push(frame.place);
+                first.push(frame);
             }
         }
         field_of

@@ -31,6 +31,19 @@ pub struct SkyView {
 }
 
 impl SkyView {
+    /// How far the middle of the mesh has moved, half-diagonals; nothing where the meshes are not alike.
+    pub(super) fn moved(&self, other: &Self) -> Option<f64> {
+        let angle = |a: &[f64; 3], b: &[f64; 3]| -> f64 {
+            let square: f64 = a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum();
+            2.0 * (0.5 * square.sqrt()).min(1.0).asin()
+        };
+        let (first, last) = (self.directions.first()?, self.directions.last()?);
+        let middle = self.directions.len() / 2;
+        let half = 0.5 * angle(first, last);
+        (self.directions.len() == other.directions.len() && half > 0.0)
+            .then(|| angle(&self.directions[middle], &other.directions[middle]) / half)
+    }
+
     fn has(&self, needs: Needs) -> bool {
         match needs {
             Needs::Nothing => true,

@@ -396,6 +396,12 @@ fn one_field_tells_nothing_of_the_camera() {
     let judged = judge(&of_one, noise, FRAMES, &asked(1e-3), &[]).unwrap();
     assert!(judged.proposed.is_empty() && !judged.channels.contains_key(&Channel::Background));
     assert!(judged.background.unwrap().why_not.unwrap().contains("fields are too few"));
+    // Two stars say nothing of the field, nor do none.
+    for known in [0, 2] {
+        let few: Vec<StarMeasurement> = stars(400, nothing).into_iter().filter(|star| star.star < known).collect();
+        let judged = judge(&few, noise, FRAMES, &asked(1e-3), &[]);
+        assert!(judged.is_none_or(|own| own.background.unwrap().why_not.unwrap().contains("fields are too few")), "{known}");
+    }
 }
 
 /// Solid angle of a pixel, and counts of a star of V = 0 as [`stars`] have them.
