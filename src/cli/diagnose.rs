@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use boresight::detect::LearntImage;
 use boresight::diagnose::{
     AnsweredDiagnosis, DeclaredDetector, DiagnoseError, DiagnoseOptions, Diagnosis, FORMAT, ImageMeasurements, MeasuredNoise, Step,
@@ -94,6 +94,10 @@ impl DiagnoseArgs {
             }
         };
         options.nulls = self.nulls.map_or(options.nulls, |nulls| nulls as usize);
+        if !(1..=1_000_000).contains(&options.nulls) {
+            let name = self.options.as_deref().unwrap_or(std::path::Path::new("")).display();
+            bail!("--options {name}: nulls = {}: give 1 to 1000000", options.nulls);
+        }
         options.alpha = self.alpha.unwrap_or(options.alpha);
         options.half_nights = self.half_nights.map_or(options.half_nights, |splits| splits as usize);
         options.seed = self.seed.unwrap_or(options.seed);
