@@ -119,10 +119,7 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     let tested: Vec<TestedFrame> = places.keys().map(of_frame).collect();
     counted.extend(single_frames(&judged, images.pixels, &Air::of(&stars, images.looks_through_air), images.detector.bias_dn, &tested));
     let has_moved = counted.iter().any(|own| own.found_id() == Some(MOTION_SMEAR));
-    let shaken = jitter(&judged, images.looks_through_air);
-    let shaken =
-        shaken.map(|own| if has_moved { own.withheld("the motion during the exposure widens the images of a frame as well") } else { own });
-    counted.extend(shaken.into_iter().chain([intrapixel_response()]));
+    counted.extend(shaken(&judged, images.looks_through_air, has_moved).into_iter().chain([intrapixel_response()]));
     for (channel, state) in &judged.channels {
         // Rounded blocks explain what the noise shows, whatever it looks like, and what else changes the noise explains a gain that seems wrong.
         let is_explained = *channel == Channel::Noise && (is_compressed || is_gain_explained(diagnosis, &judged, &by_count));
@@ -139,6 +136,12 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     diagnosis.verdict = diagnosis.channels.verdict();
     diagnosis.summary = wording::summary(diagnosis, diagnosis.left_p_value.unwrap_or(1.0));
     crate::diagnose::resolved::bound(diagnosis);
+}
+
+/// Frames whose images are wider than those of others; a motion that single frames show makes them so too.
+fn shaken(judged: &Judged, looks_through_air: bool, has_moved: bool) -> Option<Counted> {
+    let own = jitter(judged, looks_through_air)?;
+    Some(if has_moved { own.withheld("the motion during the exposure widens the images of a frame as well") } else { own })
 }
 
 /// What is counted in the pixels, and whether they were compressed.
