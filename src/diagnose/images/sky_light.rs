@@ -189,7 +189,7 @@ impl SkyLight {
     }
 
     /// Of every frame the field that it looks at, told by the places of the stars in it; of frames with too few stars by their attitudes. Frames of which
-    /// neither is known count as one field: what they share is then not held for the camera's. `moved`: how far two frames, by their numbers, are apart by
+    /// neither is known join the first field: what they share is then not held for the camera's. `moved`: how far two frames, by their numbers, are apart by
     /// their attitudes, half-diagonals.
     pub(super) fn fields(&self, stars: &[StarMeasurement], moved: &dyn Fn([usize; 2]) -> Option<f64>) -> Vec<usize> {
         let mut by_frame: BTreeMap<usize, BTreeMap<usize, [f64; 2]>> = BTreeMap::new();
@@ -205,7 +205,8 @@ impl SkyLight {
                 let numbers = [frame.number, other.number];
                 let other = by_frame.get(&other.place).unwrap_or(&none);
                 if own.len().min(other.len()) < MIN_COMMON {
-                    return moved(numbers).is_none_or(|moved| moved < SAME_FIELD);
+                    // A frame of which nothing is known joins the first field; one of which something is known does not join such a frame.
+                    return moved(numbers).map_or(own.len() < MIN_COMMON, |moved| moved < SAME_FIELD);
                 }
                 let mut moved: Vec<f64> =
                     own.iter().filter_map(|(star, at)| other.get(star).map(|was| (at[0] - was[0]).hypot(at[1] - was[1]))).collect();
