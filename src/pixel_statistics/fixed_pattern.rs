@@ -210,8 +210,9 @@ impl Sums {
 }
 
 impl FixedPattern {
-    /// Of the frames kept. `bias_dn`: the count of no light, where known.
-    pub(super) fn of(frames: &[PatternFrame], bias_dn: Option<f64>) -> Self {
+    /// Of the frames kept. `bias_dn`: the count of no light, where known. `are_timed`: whether the exposures of all frames of the recording are known, those
+    /// that are not kept among them. Seconds and frames are no one unit: where a single exposure is not known all count as frames.
+    pub(super) fn of(frames: &[PatternFrame], bias_dn: Option<f64>, are_timed: bool) -> Self {
         let chosen = if frames.is_empty() { Vec::new() } else { different(frames) };
         if chosen.len() < MIN_FRAMES {
             return Self { frames: chosen.len(), ..Self::default() };
@@ -219,8 +220,6 @@ impl FixedPattern {
         let count = chosen.len() as f64;
         let mean = |value: &dyn Fn(&PatternFrame) -> f64| chosen.iter().map(|frame| value(frame)).sum::<f64>() / count;
         let (level_dn, sigma_dn) = (mean(&|frame| frame.level_dn), mean(&|frame| frame.sigma_dn));
-        // Seconds and frames are no one unit: where a single exposure is not known all count as frames.
-        let are_timed = chosen.iter().all(|frame| frame.exposure_s.is_some());
         let time = |frame: &PatternFrame| frame.exposure_s.filter(|_| are_timed).unwrap_or(1.0);
         // A pattern of light moves a pixel by share · (level − bias)/σ, one of exposure by DN · t/σ: sky and noise are another at the corners, and of halves
         // that differ in their gains.

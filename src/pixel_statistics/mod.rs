@@ -249,6 +249,10 @@ pub struct PixelStatistics {
     pub means: PixelMeans,
 }
 
+fn are_timed(frames: &[FrameNoise]) -> bool {
+    frames.iter().all(|frame| frame.exposure_s.is_some())
+}
+
 impl PixelStatistics {
     /// Why the variance of the pixels is not as light and reading made it, where that is so: it tells no gain then.
     pub(crate) fn altered_noise(&self) -> Option<&'static str> {
@@ -262,13 +266,19 @@ impl PixelStatistics {
         is_shared.then_some("neighbouring pixels share their noise, as in frames that were demosaicked, smoothed or resampled")
     }
 
+    /// Whether the exposures of all frames are known.
+    pub(crate) fn are_timed(&self) -> bool {
+        are_timed(&self.by_frame)
+    }
+
     /// Of all frames, in their order.
     #[must_use]
     pub fn of(frames: Vec<FrameStatistics>, counts: Option<CountStatistics>, known: &KnownCamera) -> Self {
         let mut codes = counts.as_ref().map(|counts| counts.codes.statistics(1.0));
         let step_dn = codes.as_ref().and_then(|codes| codes.step_dn).map_or(0.0, f64::from);
         let compression = counts.map(|counts| counts.blocks.statistics(step_dn));
-        let by_frame = frames.iter().map(|frame| frame.noise).collect();
+        let by_frame: Vec<FrameNoise> = frames.iter().map(|frame| frame.noise).collect();
+        let are_timed = are_timed(&by_frame);
         let points: Vec<TransferPoint> = frames.iter().flat_map(|frame| frame.points.iter().copied()).collect();
         let photon_transfer = PhotonTransfer::fitted(&points, step_dn);
         let neighbours = NeighbourCorrelation::pooled(&frames.iter().filter_map(|frame| frame.neighbours).collect::<Vec<_>>());
@@ -291,7 +301,7 @@ impl PixelStatistics {
         let gain_e_per_dn = known.gain_e_per_dn.or_else(|| photon_transfer.as_ref()?.gain_e_per_dn);
         let of_rays = |sigma_px| events::cosmic_rays(&rays, &patterns, &RayConditions { sigma_px, gain_e_per_dn });
         let cosmic_rays = known.narrowest_star_px.and_then(of_rays);
-        let fixed_pattern = FixedPattern::of(&patterns, known.bias_dn);
+        let fixed_pattern = FixedPattern::of(&patterns, known.bias_dn, are_timed);
         if let Some(share) = fixed_pattern.share.filter(|share| share.deviation() > CLEARLY) {
             codes = codes.map(|codes| codes.beside_pattern(share.value));
         }

@@ -2,7 +2,9 @@
 //!
 //! Errors of these numbers are known from the noise itself, so they are taken at their word.
 
-use super::noise_kind::{BRIGHTER_FATTER, COLUMNS, DARK, DeclaredDetector, NoiseKind, PRNU, ROWS, SAME_COLUMNS, SAME_ROWS};
+use super::noise_kind::{
+    BRIGHTER_FATTER, COLUMNS, DARK, DARK_OF_FRAMES, DeclaredDetector, NoiseKind, PRNU, ROWS, SAME_COLUMNS, SAME_ROWS, dark_key,
+};
 use super::noise_transfer::transfer;
 use super::rows::{KNOWN_BEFOREHAND, Kind, Parameter, Question, Row, Rows, Shared, Shown};
 use crate::diagnose::causes::GAIN_NOISE;
@@ -10,7 +12,7 @@ use crate::diagnose::channels::Channel;
 use crate::effects::detector::{banding, bayer, even_odd};
 use crate::effects::pixel::PixelEffect;
 use crate::effects::{CentroidShift, ids};
-use crate::pixel_statistics::{Estimate, FrameNoise, KEPT_BY_PLANE, LinePair, PatternPair, PixelStatistics};
+use crate::pixel_statistics::{Estimate, FrameNoise, KEPT_BY_PLANE, LinePair, PixelStatistics};
 
 const BANDING: &str = <banding::Banding as PixelEffect>::ID;
 const EVEN_ODD: &str = <even_odd::EvenOdd as CentroidShift>::ID;
@@ -18,7 +20,7 @@ const BAYER: &str = <bayer::Bayer as CentroidShift>::ID;
 
 /// Adds the rows to those of stars. `place` gives a frame's place among all from its number.
 pub(super) fn add_noise(rows: &mut Rows, pixels: &PixelStatistics, detector: &DeclaredDetector, place: impl Fn(usize) -> usize) {
-    let kinds = [lines(pixels), parities(pixels, detector.bias_dn), pattern(&pixels.fixed_pattern.pairs), transfer(pixels, detector)];
+    let kinds = [lines(pixels), parities(pixels, detector.bias_dn), pattern(pixels), transfer(pixels, detector)];
     let all: Vec<NoiseKind> = kinds.into_iter().flatten().filter(|kind| !kind.numbers.is_empty()).collect();
     let before = rows.len();
     let count: usize = all.iter().map(|kind| kind.numbers.len()).sum();
@@ -69,7 +71,7 @@ fn shown(key: &str, pixels: &PixelStatistics) -> Option<Shown> {
         COLUMNS => in_frames(0, |frame| frame.column_variance_dn2),
         SAME_ROWS => lines(1).map(Shown::RootOfSharedDraws),
         SAME_COLUMNS => lines(0).map(Shown::RootOfSharedDraws),
-        PRNU | DARK => Some(Shown::RootOfSharedDraws(u32::try_from(pixels.fixed_pattern.pixels).unwrap_or(u32::MAX))),
+        PRNU | DARK | DARK_OF_FRAMES => Some(Shown::RootOfSharedDraws(u32::try_from(pixels.fixed_pattern.pixels).unwrap_or(u32::MAX))),
         _ => None,
     }
 }
@@ -141,6 +143,7 @@ const EFFECTS: &[Effect] = &[
     ),
     (PRNU, PRNU, &[parameter("relative", "", Shown::Root)], "fixed-pattern", Some(1.0)),
     (DARK, DARK, &[parameter("unequal_dn_per_s", "DN/s", Shown::Root)], "fixed-pattern", Some(1.0)),
+    (DARK_OF_FRAMES, DARK, &[parameter("unequal_dn_per_frame", "DN", Shown::Root)], "fixed-pattern", Some(1.0)),
     (
         GAIN_NOISE,
         GAIN_NOISE,
@@ -219,9 +222,10 @@ fn parity_by_chance(pixels: &PixelStatistics) -> [f64; 2] {
 }
 
 /// Frame against frame.
-fn pattern(pairs: &[PatternPair]) -> Option<NoiseKind> {
+fn pattern(pixels: &PixelStatistics) -> Option<NoiseKind> {
+    let pairs = &pixels.fixed_pattern.pairs;
     let numbers: Vec<_> = pairs.iter().map(|pair| (pair.frames[0], pair.covariance.value, pair.covariance.sigma)).collect();
-    let mut columns = vec![(DARK, 0, pairs.iter().map(|pair| pair.by_exposure).collect::<Vec<f64>>())];
+    let mut columns = vec![(dark_key(pixels), 0, pairs.iter().map(|pair| pair.by_exposure).collect::<Vec<f64>>())];
     if let Some(by_light) = pairs.iter().map(|pair| pair.by_light).collect::<Option<Vec<f64>>>() {
         columns.push((PRNU, 0, by_light));
     }

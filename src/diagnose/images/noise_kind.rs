@@ -3,14 +3,21 @@
 use crate::effects::detector::brighter_fatter::BrighterFatter;
 use crate::effects::detector::{dark_current, prnu};
 use crate::effects::pixel::{PixelEffect, pass::PassHead};
+use crate::pixel_statistics::PixelStatistics;
 
 pub(super) const DARK: &str = <dark_current::DarkCurrent as PixelEffect>::ID;
+pub(super) const DARK_OF_FRAMES: &str = "dark current of frames whose exposures are not all known";
 pub(super) const PRNU: &str = <prnu::Prnu as PixelEffect>::ID;
 pub(super) const ROWS: &str = "banding of rows";
 pub(super) const COLUMNS: &str = "banding of columns";
 pub(super) const SAME_ROWS: &str = "banding of rows that is the same in all frames";
 pub(super) const SAME_COLUMNS: &str = "banding of columns that is the same in all frames";
 pub(super) const BRIGHTER_FATTER: &str = <BrighterFatter as PassHead>::ID;
+
+/// Key of the unequal dark current: per second where all exposures are known, else per frame.
+pub(super) fn dark_key(pixels: &PixelStatistics) -> &'static str {
+    if pixels.are_timed() { DARK } else { DARK_OF_FRAMES }
+}
 
 /// The numbers of the detector as the recording declares them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -1,6 +1,6 @@
 //! Rows of the variance of sky pixels against their level, and what they tell: a wrong gain, a response that bends, and what else adds to the scatter.
 
-use super::noise_kind::{BRIGHTER_FATTER, COLUMNS, DARK, DeclaredDetector, NoiseKind, PRNU, ROWS, SAME_COLUMNS, SAME_ROWS};
+use super::noise_kind::{BRIGHTER_FATTER, COLUMNS, DeclaredDetector, NoiseKind, PRNU, ROWS, SAME_COLUMNS, SAME_ROWS, dark_key};
 use super::rows::KNOWN_BEFOREHAND;
 use crate::diagnose::causes::GAIN_NOISE;
 use crate::effects::ids;
@@ -65,8 +65,10 @@ pub(super) fn transfer(pixels: &PixelStatistics, detector: &DeclaredDetector) ->
     let by_gain = with(0.0, &|point| -(point.level_dn - bias) / gain);
     let by_lines = with(0.0, &|_| LINES_IN_BLOCK);
     // Where a single exposure is not known all count as frames, as they do for the pattern.
-    let exposures: std::collections::BTreeMap<usize, f64> =
-        pixels.by_frame.iter().map(|frame| Some((frame.frame, frame.exposure_s?))).collect::<Option<_>>().unwrap_or_default();
+    let exposures: std::collections::BTreeMap<usize, f64> = match pixels.are_timed() {
+        true => pixels.by_frame.iter().filter_map(|frame| Some((frame.frame, frame.exposure_s?))).collect(),
+        false => std::collections::BTreeMap::new(),
+    };
     // Unequal dark current is a part of the scatter of the pixels of a block, as it is of what two frames share.
     let by_dark = with(0.0, &|point| exposures.get(&point.frame).map_or(1.0, |time| time * time));
     let mut columns = vec![
@@ -74,7 +76,7 @@ pub(super) fn transfer(pixels: &PixelStatistics, detector: &DeclaredDetector) ->
         (COLUMNS, 0, by_lines.clone()),
         (SAME_ROWS, 0, by_lines.clone()),
         (SAME_COLUMNS, 0, by_lines),
-        (DARK, 0, by_dark),
+        (dark_key(pixels), 0, by_dark),
     ];
     // At one level alone gain, read noise and bias are one number.
     let is_gain_told = !is_told || spread(points.iter().map(|point| point.level_dn - bias)) > MIN_SPREAD;

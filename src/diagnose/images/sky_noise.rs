@@ -176,9 +176,11 @@ struct Term {
 
 impl Term {
     fn new(smooth: &[Smooth], m: usize, laws: &[Vec<f64>]) -> Self {
-        let numbers: Vec<(usize, f64)> = smooth.iter().enumerate().map(|(field, own)| (field, own.coefficients[m][0])).collect();
+        let told: Vec<(usize, [f64; 2])> =
+            smooth.iter().enumerate().filter_map(|(field, own)| Some((field, *own.coefficients.get(m)?))).collect();
+        let numbers: Vec<(usize, f64)> = told.iter().map(|(field, [value, _])| (*field, *value)).collect();
         let (rest, dof) = beyond(laws, &numbers);
-        Self { squares: rest.iter().zip(smooth).map(|(rest, own)| (rest * rest, own.coefficients[m][1])).collect(), dof }
+        Self { squares: rest.iter().zip(&told).map(|(rest, (_, [_, variance]))| (rest * rest, *variance)).collect(), dof }
     }
 
     /// χ² where the coefficients scatter by so much variance beside their own.
@@ -238,17 +240,20 @@ impl SkyNoise {
     fn of(light: &SkyLight, given_back: f64) -> Option<Self> {
         let fields = light.frames.len();
         let by_field: Vec<Vec<&Cell>> = (0..fields).map(|field| light.cells.iter().filter(|cell| cell.frame == field).collect()).collect();
-        let fewest = by_field.iter().map(Vec::len).min()?;
-        let degree = DEGREES.iter().find(|(cells, _)| fewest >= *cells).map(|(_, degree)| *degree)?;
-        let designs: Vec<DMatrix<f64>> =
-            by_field.iter().zip(&light.frames).map(|(cells, frame)| design(cells, frame.edge, degree)).collect();
+        // A field with fewer cells than the others takes no part in what the higher polynomials say.
+        let degrees: Vec<usize> = by_field.iter().map(|cells| degree_of(cells.len())).collect::<Option<_>>()?;
+        let is_told = |degree: usize| degrees.iter().filter(|own| **own >= degree).count() >= MIN_FIELDS.max(fields.div_ceil(2));
+        let degree = DEGREES.iter().map(|(_, degree)| *degree).find(|degree| is_told(*degree))?;
+        let design_of = |((cells, frame), own): ((&Vec<&Cell>, &SkyFrame), &usize)| design(cells, frame.edge, degree.min(*own));
+        let designs: Vec<DMatrix<f64>> = by_field.iter().zip(&light.frames).zip(&degrees).map(design_of).collect();
         let laws = laws(light);
         let fitted = |floors: &[f64]| -> Option<Vec<Smooth>> {
             by_field.iter().zip(&designs).zip(floors).map(|((cells, design), floor)| smooth(cells, design, *floor)).collect()
         };
         let (floors, rough) = roughness(&by_field, &fitted(&vec![0.0; fields])?, &laws);
         let smooth = fitted(&floors)?;
-        let terms: Vec<Term> = (0..smooth[0].coefficients.len()).map(|m| Term::new(&smooth, m, &laws)).collect();
+        let count = smooth.iter().map(|own| own.coefficients.len()).max()?;
+        let terms: Vec<Term> = (0..count).map(|m| Term::new(&smooth, m, &laws)).collect();
         let surprises: Vec<f64> = terms.iter().map(|term| neg_ln_chi2_sf(term.dof, term.chi2_beside(0.0))).collect();
         let together = neg_ln_chi2_sf(terms.iter().map(|term| term.dof).sum(), terms.iter().map(|term| term.chi2_beside(0.0)).sum());
         let variances = variances(&terms, degree, given_back);
@@ -360,6 +365,11 @@ fn ridged(matrix: DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
     const RIDGE: f64 = 1e-9;
     let ridge = matrix.diagonal().map(|own| RIDGE * own + f64::MIN_POSITIVE);
     (matrix + DMatrix::from_diagonal(&ridge)).cholesky()
+}
+
+/// Degree of the polynomials that so many cells tell.
+fn degree_of(cells: usize) -> Option<usize> {
+    DEGREES.iter().find(|(least, _)| cells >= *least).map(|(_, degree)| *degree)
 }
 
 /// A constant and the polynomials, over some cells.

@@ -9,7 +9,7 @@ use super::judge::{Asked, Judged, Pixels, judge};
 use super::noise_kind::DeclaredDetector;
 use crate::detect::Moments;
 use crate::effects::ImageContext;
-use crate::pixel_statistics::{Estimate, FrameNoise, LinePair, PixelStatistics, SkyMesh};
+use crate::pixel_statistics::{Estimate, FixedPattern, FrameNoise, LinePair, PatternPair, PixelStatistics, SkyMesh};
 
 pub(super) const FRAMES: usize = 12;
 const STARS: usize = 60;
@@ -405,4 +405,42 @@ fn columns_that_stay_differ_by_parity_by_chance() {
     };
     assert_eq!(found(&of(true)), ["banding"]);
     assert_eq!(found(&of(false)), ["even-odd"]);
+}
+
+/// Seconds and frames are no one unit: where a single exposure is not known the unequal dark current is told per frame.
+#[test]
+fn unequal_dark_current_is_told_in_the_unit_that_is_known() {
+    const UNEQUAL_DN2: f64 = 0.09;
+    let of = |are_timed: bool| {
+        let noise = |k: usize| (k as f64 * 2.399).sin() * 2.0_f64.sqrt();
+        let frame = |frame: usize| FrameNoise {
+            frame,
+            exposure_s: Some(0.5).filter(|_| are_timed || frame > 0),
+            level_dn: 200.0,
+            sigma_dn: 2.0,
+            row_variance_dn2: None,
+            column_variance_dn2: None,
+            parity_dn: None,
+            middle_step_dn: None,
+        };
+        let time = if are_timed { 0.5 } else { 1.0 };
+        let pairs = (1..FRAMES).flat_map(|one| (one + 1..FRAMES).map(move |other| [one, other]));
+        // Of 1 DN a pattern has the root mean square of ½ in units of the noise.
+        let pair = |(k, frames): (usize, [usize; 2])| {
+            let by_exposure = (0.5_f64 * time).powi(2);
+            let covariance = Estimate { value: UNEQUAL_DN2 * by_exposure + 0.001 * noise(k), sigma: 0.001 };
+            PatternPair { frames, covariance, by_light: None, by_exposure }
+        };
+        let fixed_pattern = FixedPattern { pixels: 40_000, pairs: pairs.enumerate().map(pair).collect(), ..FixedPattern::default() };
+        let pixels = PixelStatistics { by_frame: (0..FRAMES).map(frame).collect(), fixed_pattern, ..PixelStatistics::default() };
+        let places = (0..FRAMES).map(|frame| (frame, frame)).collect();
+        let detector = DeclaredDetector::default();
+        let noise = Some(&Pixels { statistics: &pixels, detector: &detector, places: &places, views: &[] });
+        let judged = judge(&stars(3, nothing), noise, FRAMES, &asked(1e-3), &[]).unwrap();
+        assert_eq!(found(&judged), ["dark-current"], "{:?}", judged.proposed);
+        let [value, sigma] = size(&judged, "dark-current").unwrap();
+        assert!((value - UNEQUAL_DN2).abs() < 4.0 * sigma && sigma < 0.1 * UNEQUAL_DN2, "{value} ± {sigma}");
+        judged.rows.questions[judged.proposed[0].question].parameters[0]
+    };
+    assert_eq!([of(true), of(false)].map(|own| (own.name, own.unit)), [("unequal_dn_per_s", "DN/s"), ("unequal_dn_per_frame", "DN")]);
 }
