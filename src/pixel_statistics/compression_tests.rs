@@ -1,31 +1,7 @@
 //! Tests of the traces of JPEG: a codec after ITU-T T.81 without its lossless stage, and skies that never met one.
 
 use super::*;
-
-/// SplitMix64 with Box–Muller.
-struct Random(u64, Option<f64>);
-
-impl Random {
-    fn new(seed: u64) -> Self {
-        Self(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x1234_5678_9abc_def0, None)
-    }
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / 9_007_199_254_740_992.0
-    }
-    fn normal(&mut self) -> f64 {
-        if let Some(kept) = self.1.take() {
-            return kept;
-        }
-        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
-        let (sin, cos) = (std::f64::consts::TAU * self.uniform()).sin_cos();
-        self.1 = Some(radius * sin);
-        radius * cos
-    }
-}
+use crate::pixel_statistics::test_random::Random;
 
 const SIDE: usize = 512;
 

@@ -39,6 +39,8 @@ mod stop_fit;
 mod streak_way;
 mod streaks;
 #[cfg(test)]
+mod test_random;
+#[cfg(test)]
 mod tests;
 
 use schemars::JsonSchema;

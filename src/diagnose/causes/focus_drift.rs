@@ -9,48 +9,85 @@ use crate::effects::{ImageContext, ImageEffect, ImageResponse};
 /// What a defocus of field and drift together is made of.
 const OF_FOCUS: &[&str] = &["psf-shape", "focus-drift"];
 
-/// A width that goes with the temperature.
-pub(super) struct FocusWithTemperature;
+/// What the focus moves with.
+pub(super) struct Drift {
+    follows: &'static str,
+    /// Slope and square, and what [`by_place`] gives.
+    parameters: [&'static [(&'static str, &'static str)]; 2],
+    needs: &'static str,
+    ordinary: (f64, &'static str),
+    rank: u8,
+    offset: fn(&ImageContext) -> Option<f64>,
+}
 
-impl ImageEffect for FocusWithTemperature {
+pub(super) static WITH_TEMPERATURE: Drift = Drift {
+    follows: "temperature",
+    parameters: [
+        &[("sigma_px_per_kelvin", "px/K"), ("sigma_px_per_kelvin2", "px/K2")],
+        &[("sigma_px_per_kelvin_at_corner", "px/K"), ("sigma_px_per_kelvin_x", "px/K"), ("sigma_px_per_kelvin_y", "px/K")],
+    ],
+    needs: "second moments of the images, and temperatures that differ",
+    ordinary: (0.01, "depth of focus over tens of kelvin"),
+    rank: 1,
+    offset: |image| image.temperature_offset_k,
+};
+
+pub(super) static WITH_TIME: Drift = Drift {
+    follows: "time",
+    parameters: [
+        &[("sigma_px_per_hour", "px/h"), ("sigma_px_per_hour2", "px/h2")],
+        &[("sigma_px_per_hour_at_corner", "px/h"), ("sigma_px_per_hour_x", "px/h"), ("sigma_px_per_hour_y", "px/h")],
+    ],
+    needs: "second moments of the images, and the times of the frames",
+    ordinary: (0.02, "a lens that cools through a night"),
+    rank: 2,
+    offset: |image| image.time_offset_h,
+};
+
+/// A width that goes with the drift.
+pub(super) struct FocusDrift(pub(super) &'static Drift);
+
+impl ImageEffect for FocusDrift {
     fn id(&self) -> &'static str {
         "focus-drift"
     }
     fn parameters(&self) -> &'static [(&'static str, &'static str)] {
-        &[("sigma_px_per_kelvin", "px/K"), ("sigma_px_per_kelvin2", "px/K2")]
+        self.0.parameters[0]
     }
     fn follows(&self) -> &'static str {
-        "temperature"
+        self.0.follows
     }
     /// Away from the best focus the slope alone.
     fn parts(&self) -> &'static [&'static [usize]] {
         &[&[0]]
     }
+    fn name_rank(&self) -> u8 {
+        self.0.rank
+    }
     fn needs(&self) -> &'static str {
-        "second moments of the images, and temperatures that differ"
+        self.0.needs
     }
     fn ordinary(&self) -> (f64, &'static str) {
-        (0.01, "depth of focus over tens of kelvin")
+        self.0.ordinary
     }
     fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
-        let kelvin = image.temperature_offset_k?;
-        let wider = |change: f64| ImageResponse::width(image.sigma_px, change);
-        Some(vec![wider(kelvin), wider(kelvin * kelvin)])
+        let drift = (self.0.offset)(image)?;
+        Some([drift, drift * drift].map(|change| ImageResponse::width(image.sigma_px, change)).to_vec())
     }
 }
 
-/// A width that goes with the temperature and the place: what a drift does to a curved or tilted focal surface.
-pub(super) struct FocusWithTemperatureBeyond;
+/// A width that goes with the drift and the place: what a drift does to a curved or tilted focal surface.
+pub(super) struct FocusDriftByPlace(pub(super) &'static Drift);
 
-impl ImageEffect for FocusWithTemperatureBeyond {
+impl ImageEffect for FocusDriftByPlace {
     fn id(&self) -> &'static str {
         "focus-drift"
     }
     fn parameters(&self) -> &'static [(&'static str, &'static str)] {
-        &[("sigma_px_per_kelvin_at_corner", "px/K"), ("sigma_px_per_kelvin_x", "px/K"), ("sigma_px_per_kelvin_y", "px/K")]
+        self.0.parameters[1]
     }
     fn follows(&self) -> &'static str {
-        "temperature"
+        self.0.follows
     }
     fn products_of(&self) -> &'static [&'static str] {
         OF_FOCUS
@@ -60,83 +97,16 @@ impl ImageEffect for FocusWithTemperatureBeyond {
         &[&[0], &[1, 2]]
     }
     fn name_rank(&self) -> u8 {
-        2
+        self.0.rank + 1
     }
     fn needs(&self) -> &'static str {
-        "second moments of the images, and temperatures that differ"
+        self.0.needs
     }
     fn ordinary(&self) -> (f64, &'static str) {
-        (0.01, "depth of focus over tens of kelvin")
+        self.0.ordinary
     }
     fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
-        Some(by_place(image, image.temperature_offset_k?))
-    }
-}
-
-/// A width that goes with the time.
-pub(super) struct FocusWithTime;
-
-impl ImageEffect for FocusWithTime {
-    fn id(&self) -> &'static str {
-        "focus-drift"
-    }
-    fn parameters(&self) -> &'static [(&'static str, &'static str)] {
-        &[("sigma_px_per_hour", "px/h"), ("sigma_px_per_hour2", "px/h2")]
-    }
-    fn follows(&self) -> &'static str {
-        "time"
-    }
-    /// Away from the best focus the slope alone.
-    fn parts(&self) -> &'static [&'static [usize]] {
-        &[&[0]]
-    }
-    fn name_rank(&self) -> u8 {
-        2
-    }
-    fn needs(&self) -> &'static str {
-        "second moments of the images, and the times of the frames"
-    }
-    fn ordinary(&self) -> (f64, &'static str) {
-        (0.02, "a lens that cools through a night")
-    }
-    fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
-        let hours = image.time_offset_h?;
-        let wider = |change: f64| ImageResponse::width(image.sigma_px, change);
-        Some(vec![wider(hours), wider(hours * hours)])
-    }
-}
-
-/// A width that goes with the time and the place: what a drift does to a curved or tilted focal surface.
-pub(super) struct FocusWithTimeBeyond;
-
-impl ImageEffect for FocusWithTimeBeyond {
-    fn id(&self) -> &'static str {
-        "focus-drift"
-    }
-    fn parameters(&self) -> &'static [(&'static str, &'static str)] {
-        &[("sigma_px_per_hour_at_corner", "px/h"), ("sigma_px_per_hour_x", "px/h"), ("sigma_px_per_hour_y", "px/h")]
-    }
-    fn follows(&self) -> &'static str {
-        "time"
-    }
-    fn products_of(&self) -> &'static [&'static str] {
-        OF_FOCUS
-    }
-    /// A curved focal surface, a tilted one.
-    fn parts(&self) -> &'static [&'static [usize]] {
-        &[&[0], &[1, 2]]
-    }
-    fn name_rank(&self) -> u8 {
-        3
-    }
-    fn needs(&self) -> &'static str {
-        "second moments of the images, and the times of the frames"
-    }
-    fn ordinary(&self) -> (f64, &'static str) {
-        (0.02, "a lens that cools through a night")
-    }
-    fn responses(&self, image: &ImageContext) -> Option<Vec<ImageResponse>> {
-        Some(by_place(image, image.time_offset_h?))
+        Some(by_place(image, (self.0.offset)(image)?))
     }
 }
 

@@ -18,10 +18,10 @@ pub(super) static IMAGE_CAUSES: &[&dyn ImageEffect] = &[
     &psf_shape::FieldOfFocus,
     &psf_shape::FieldOfFocusBeyond,
     &axial_colour::AxialColour,
-    &focus_drift::FocusWithTemperature,
-    &focus_drift::FocusWithTemperatureBeyond,
-    &focus_drift::FocusWithTime,
-    &focus_drift::FocusWithTimeBeyond,
+    &focus_drift::FocusDrift(&focus_drift::WITH_TEMPERATURE),
+    &focus_drift::FocusDriftByPlace(&focus_drift::WITH_TEMPERATURE),
+    &focus_drift::FocusDrift(&focus_drift::WITH_TIME),
+    &focus_drift::FocusDriftByPlace(&focus_drift::WITH_TIME),
     &motion_smear::MotionSmear,
 ];
 
