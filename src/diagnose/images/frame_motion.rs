@@ -55,21 +55,25 @@ pub(super) fn moved(judged: &Judged) -> Option<Counted> {
         frames.iter_mut().flatten().for_each(|image| image.moments[moment][0] -= middle);
     }
     let mut statistic = 0.0;
-    let (mut sizes, mut lengths) = (Vec::new(), Vec::new());
+    let (mut sizes, mut strengths, mut variance) = (Vec::new(), 0.0, 0.0);
     for images in &frames {
         let [[s, s_variance], [e, e_variance], [d, d_variance]] = [0, 1, 2].map(|moment| mean(images, moment));
         statistic += e * e / e_variance + d * d / d_variance;
         let strength = (e * e + d * d - e_variance - d_variance).max(0.0).sqrt();
         sizes.push([strength, s, s_variance.recip()]);
-        lengths.push((24.0 * strength).sqrt());
+        strengths += strength;
+        // Along the direction of the motion.
+        variance += 0.5 * (e_variance + d_variance);
     }
     // Means take one from every number.
     let degrees = 2.0 * (frames.len() as f64 - 1.0);
     let surprise = neg_ln_chi2_sf(degrees, statistic).min(MAX_SURPRISE);
     let slope = slope(&sizes);
     let is_motion = slope > SMEAR_SLOPE[0] && slope < SMEAR_SLOPE[1] && agreement(&frames) > AGREES;
-    let rms = (lengths.iter().map(|length| length * length).sum::<f64>() / lengths.len() as f64).sqrt();
-    let error = rms / (2.0 * statistic.max(1.0)).sqrt();
+    // Lengths are squared: 24 times the mean strength.
+    let count = frames.len() as f64;
+    let rms = (24.0 * strengths / count).sqrt();
+    let error = 12.0 * variance.sqrt() / count / rms.max(f64::MIN_POSITIVE);
     is_motion.then(|| {
         Counted::of_stars(
             MOTION_SMEAR,
@@ -174,14 +178,14 @@ mod tests {
     use super::super::tests::{FRAMES, asked, nothing, stars};
     use super::*;
 
-    /// Name and length that are told of stars without declared rates.
-    fn told(mut stars: Vec<StarMeasurement>) -> Option<(String, f64)> {
+    /// Name and length, with its error, that are told of stars without declared rates.
+    fn told(mut stars: Vec<StarMeasurement>) -> Option<(String, [f64; 2])> {
         for star in &mut stars {
             star.image.trail_px = None;
         }
         let judged = judge(&stars, None, FRAMES, &asked(1e-3), &[]).unwrap();
         let found = moved(&judged)?.reported().1?;
-        Some((found.id, found.parameters[0].value))
+        Some((found.id, [found.parameters[0].value, found.parameters[0].sigma]))
     }
 
     /// Adds a variance along a direction.
@@ -209,8 +213,27 @@ mod tests {
         for seed in 30..33 {
             assert_eq!(told(drawn_out(seed, 0.0)), None, "seed {seed}");
             let smear = told(drawn_out(seed, 1.5));
-            assert!(matches!(&smear, Some((id, length)) if id == "motion-smear" && (length - 1.5).abs() < 0.2), "seed {seed}: {smear:?}");
+            assert!(
+                matches!(&smear, Some((id, [length, _])) if id == "motion-smear" && (length - 1.5).abs() < 0.2),
+                "seed {seed}: {smear:?}"
+            );
         }
+    }
+
+    #[test]
+    fn lengths_scatter_by_their_errors() {
+        const SEEDS: f64 = 40.0;
+        let mean_square = (0..FRAMES).map(|k| (1.5 * (0.4 + 0.1 * k as f64)).powi(2)).sum::<f64>() / FRAMES as f64;
+        let pulls: Vec<f64> = (0..SEEDS as u64)
+            .map(|seed| {
+                let (_, [length, sigma]) = told(drawn_out(100 + seed, 1.5)).unwrap();
+                (length - mean_square.sqrt()) / sigma
+            })
+            .collect();
+        let mean = pulls.iter().sum::<f64>() / SEEDS;
+        let scatter = (pulls.iter().map(|pull| (pull - mean).powi(2)).sum::<f64>() / (SEEDS - 1.0)).sqrt();
+        println!("found/sigma of lengths: mean {mean:.2}, standard deviation {scatter:.2}");
+        assert!(mean.abs() < 0.6 && (0.7..1.3).contains(&scatter), "{mean} {scatter}: {pulls:?}");
     }
 
     /// Frames of stars of which every third has a companion that is not resolved and stands still in the sky; the camera turns from frame to frame.
