@@ -25,6 +25,9 @@ const CONCENTRATED: f64 = 0.5;
 /// and above this many times its share of the information.
 const DISPROPORTIONATE: f64 = 2.5;
 
+/// p-value of the mean against the scatter between frames, below which an effect stands beside something that is not explained.
+const BESIDE_OTHERS: f64 = 1e-3;
+
 /// What speaks against a name; empty if nothing does. `scan` holds the covariates' patterns beside the whole model.
 pub(super) fn vetoes(named: &Named, scan: &Scan, statistic: f64) -> Vec<String> {
     let mut found: Vec<String> = patterns::veto(named, scan, statistic).into_iter().collect();
@@ -37,10 +40,12 @@ pub(super) fn vetoes(named: &Named, scan: &Scan, statistic: f64) -> Vec<String> 
     found
 }
 
-/// Whether the frames (or stars) do not agree on it.
-pub(super) fn disagreement(signs: &WildBootstrap) -> Option<String> {
-    if let Some(p) = signs.between_frames.filter(|p| *p >= LEVEL) {
-        return Some(format!("its size scatters between frames, as errors that the stars of a frame share make it (p = {p:.2})"));
+/// Whether the frames (or stars) do not agree on it. `is_left`: whether something is left beside all that is found: it is then the best of many that follow
+/// errors which the stars of a frame share, and the scatter between frames has to speak more clearly.
+pub(super) fn disagreement(signs: &WildBootstrap, is_left: bool) -> Option<String> {
+    let level = if is_left { BESIDE_OTHERS } else { LEVEL };
+    if let Some(p) = signs.between_frames.filter(|p| *p >= level) {
+        return Some(format!("its size scatters between frames, as errors that the stars of a frame share make it (p = {p:.1e})"));
     }
     let p = signs.p_value.filter(|p| *p >= LEVEL)?;
     Some(format!("the {} do not agree on it (choosing a sign for each does as well in {:.1} % of the choices)", signs.units, 100.0 * p))
@@ -190,4 +195,17 @@ pub(super) fn concentration(
         found.push(format!("{:.0} % of the improvement lie in one star, at {right_ascension:.2}° {declination:+.2}°", 100.0 * share));
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_speak_more_clearly_where_something_is_left() {
+        let signs = |p| WildBootstrap { units: "parts of frames", effective: 30.0, p_value: Some(1e-4), between_frames: Some(p) };
+        assert_eq!(disagreement(&signs(5e-3), false), None);
+        assert!(disagreement(&signs(5e-3), true).is_some() && disagreement(&signs(0.02), false).is_some());
+        assert_eq!(disagreement(&signs(5e-4), true), None);
+    }
 }

@@ -24,6 +24,8 @@ const SHOWN_BY_STARS: f64 = 6.9;
 const SHOWN_BY_FIELDS: f64 = 6.9;
 /// What thin clouds over parts of the frames imitate must be there in every field, at this one: the stars of a frame lose light together.
 const SHOWN_BESIDE_CLOUDS: f64 = 4.6;
+/// Where clouds are found, at this p-value.
+const BESIDE_FOUND_CLOUDS: f64 = 1e-3;
 /// Names of what the sky alone shows stand where they leave no more than this share of it,
 const MAX_LEFT: f64 = 0.1;
 /// or no more than chance does, at this probability (as −ln).
@@ -75,12 +77,13 @@ fn is_of_sky_alone(rows: &Rows, question: &Question) -> bool {
 }
 
 /// What the sky alone shows, and extinction, must be there field by field: its size in each is measured, and their scatter judges the mean (a test of Student's, the
-/// fields weighted by what the effect does in them). A sky that happens to lean one way in most fields, and clouds, scatter from field to field.
-pub(super) fn by_fields(rows: &Rows, without: &RowFit, question: &Question, sizes: &[[f64; 2]]) -> Option<String> {
+/// fields weighted by what the effect does in them). A sky that happens to lean one way in most fields, and clouds, scatter from field to field. The p-value
+/// of that, where it is asked and there are fields for it, and what speaks against the effect.
+pub(super) fn by_fields(rows: &Rows, without: &RowFit, question: &Question, sizes: &[[f64; 2]]) -> (Option<f64>, Option<String>) {
     let least = match question.id {
         EXTINCTION => SHOWN_BESIDE_CLOUDS,
         _ if is_of_sky_alone(rows, question) => SHOWN_BY_FIELDS,
-        _ => return None,
+        _ => return (None, None),
     };
     let mut own = nalgebra::DVector::zeros(rows.len());
     for (column, [size, _]) in question.columns.iter().zip(sizes) {
@@ -98,12 +101,19 @@ pub(super) fn by_fields(rows: &Rows, without: &RowFit, question: &Question, size
     let (along, square) = fields.values().fold((0.0, 0.0), |sum, field| (sum.0 + field[0], sum.1 + field[1]));
     let (mean, count) = (along / square, fields.len() as f64);
     if fields.len() < 2 {
-        return Some("one field alone shows it: whether others do is not known".to_owned());
+        return (None, Some("one field alone shows it: whether others do is not known".to_owned()));
     }
     let scatter =
         fields.values().map(|field| (field[0] - mean * field[1]).powi(2)).sum::<f64>().sqrt() / square * (count / (count - 1.0)).sqrt();
-    let p_value = StudentsT::new(0.0, 1.0, count - 1.0).ok().map(|law| 2.0 * law.sf((mean / scatter).abs()))?;
-    (-p_value.ln() < least).then(|| format!("its size scatters from field to field: p = {p_value:.1e} over {count} fields"))
+    let p_value = StudentsT::new(0.0, 1.0, count - 1.0).ok().map(|law| 2.0 * law.sf((mean / scatter).abs()));
+    let does_scatter = |p: &f64| -p.ln() < least;
+    (p_value, p_value.filter(does_scatter).map(|p| format!("its size scatters from field to field: p = {p:.1e} over {count} fields")))
+}
+
+/// Clouds that are found have slopes over the frames of their own, which look like extinction in a few of them.
+pub(super) fn by_clouds(id: &str, between_fields: Option<f64>) -> Option<String> {
+    let p_value = between_fields.filter(|p| id == EXTINCTION && *p > BESIDE_FOUND_CLOUDS)?;
+    Some(format!("clouds over parts of the frames do the same: its size scatters from field to field (p = {p_value:.1e})"))
 }
 
 /// Names that only the sky speaks for are withheld where most of what it shows is left beside them: then the shape is another one.
@@ -188,6 +198,12 @@ pub(super) fn standing(rows: &Rows, (given, accepted): (&[usize], &[usize]), fit
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn extinction_stands_beside_clouds_where_every_field_shows_it() {
+        assert!(by_clouds(EXTINCTION, Some(5e-3)).is_some());
+        assert!(by_clouds(EXTINCTION, Some(1e-4)).is_none() && by_clouds(GAIN_NOISE, Some(5e-3)).is_none());
+    }
 
     #[test]
     fn a_line_of_the_noise_stands_only_where_it_leaves_little() {

@@ -45,6 +45,8 @@ pub(in crate::diagnose) struct Proposed {
     pub(in crate::diagnose) channels: BTreeMap<Channel, ChannelMeasure>,
     /// Effects that leave the same trace and explain about as much.
     pub(in crate::diagnose) alike: Vec<&'static str>,
+    /// p-value of its mean against its scatter from field to field, where that is asked.
+    pub(in crate::diagnose) between_fields: Option<f64>,
     /// Why it is withheld; none where it stands.
     pub(in crate::diagnose) against: Vec<String>,
 }

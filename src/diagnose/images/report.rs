@@ -108,6 +108,11 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     if is_compressed {
         withhold_shadows(diagnosis);
     }
+    let of_frame = |number: &usize| TestedFrame { number: *number, exposure_s: images.exposures_s.get(*number).copied().flatten() };
+    let tested: Vec<TestedFrame> = places.keys().map(of_frame).collect();
+    let of_single = single_frames(&judged, images.pixels, &Air::of(&stars, images.looks_through_air), images.detector.bias_dn, &tested);
+    by_count.ids.extend(of_single.iter().filter_map(Counted::found_id));
+    counted.extend(of_single);
     for proposed in &judged.proposed {
         add_proposed(diagnosis, &judged, proposed, &by_count);
     }
@@ -115,9 +120,6 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     if let Some(status) = images.pixels.and_then(|pixels| measured_detector(pixels, &images.detector)) {
         set_status(diagnosis, status);
     }
-    let of_frame = |number: &usize| TestedFrame { number: *number, exposure_s: images.exposures_s.get(*number).copied().flatten() };
-    let tested: Vec<TestedFrame> = places.keys().map(of_frame).collect();
-    counted.extend(single_frames(&judged, images.pixels, &Air::of(&stars, images.looks_through_air), images.detector.bias_dn, &tested));
     let has_moved = counted.iter().any(|own| own.found_id() == Some(MOTION_SMEAR));
     counted.extend(shaken(&judged, images.looks_through_air, has_moved).into_iter().chain([intrapixel_response()]));
     for (channel, state) in &judged.channels {

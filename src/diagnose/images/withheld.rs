@@ -1,8 +1,9 @@
 //! What is withheld beside other findings: they leave the same trace, and are the more usual cause.
 
+use super::confirmed::by_clouds;
 use super::counted::{COMPRESSED, FoundByCount};
 use super::judge::{Judged, Proposed};
-use crate::diagnose::causes::{COMPRESSION, GAIN_NOISE};
+use crate::diagnose::causes::{CLOUDS, COMPRESSION, GAIN_NOISE};
 use crate::diagnose::channels::{Channel, ChannelVerdict};
 use crate::diagnose::diagnosis::{Diagnosis, EffectState, Finding};
 use crate::effects::detector::amplifier_step::{AmplifierStep, is_gain_step};
@@ -60,7 +61,9 @@ fn beside_others(diagnosis: &Diagnosis, judged: &Judged, proposed: &Proposed, by
     let by_images = judged.proposed.iter().filter(|own| own.against.is_empty()).map(id);
     let by_places = diagnosis.findings.iter().map(|finding| finding.id.as_str());
     let there: Vec<&str> = by_places.chain(by_images).chain(by_count.ids.iter().copied()).collect();
+    let are_clouds = by_count.ids.contains(&CLOUDS);
     done_by_others(id(proposed), is_of_noise, &there)
+        .or_else(|| by_clouds(id(proposed), proposed.between_fields.filter(|_| are_clouds)))
         .or_else(|| by_two_gains(judged, proposed))
         .or_else(|| by_coupling(judged, proposed, by_count))
 }

@@ -87,7 +87,7 @@ impl<'a> Judged<'a> {
         }
         against.extend(concentration(evidence, validated.baseline.points, with_all, entries, k));
         against.extend(amplitude_veto(evidence, with_all, entries, k, &solved.fit));
-        against.extend(disagreement(&self.signs[k]));
+        against.extend(disagreement(&self.signs[k], patterns_left.is_some()));
         if let Some(p) = self.resimulated.as_ref().and_then(|anew| anew.own_p.get(k)).filter(|p| **p < DIFFERS) {
             let least = least_p(validated.screened.test.chance.nulls);
             against.push(format!("the recording simulated anew with it does not look the same ({})", told(*p, least)));
