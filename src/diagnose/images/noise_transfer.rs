@@ -65,10 +65,9 @@ pub(super) fn transfer(pixels: &PixelStatistics, detector: &DeclaredDetector) ->
     let by_gain = with(0.0, &|point| -(point.level_dn - bias) / gain);
     let by_lines = with(0.0, &|_| LINES_IN_BLOCK);
     // Where a single exposure is not known all count as frames, as they do for the pattern.
-    let exposures: std::collections::BTreeMap<usize, f64> = match pixels.are_timed() {
-        true => pixels.by_frame.iter().filter_map(|frame| Some((frame.frame, frame.exposure_s?))).collect(),
-        false => std::collections::BTreeMap::new(),
-    };
+    let are_timed = pixels.are_timed();
+    let exposures: std::collections::BTreeMap<usize, f64> =
+        pixels.by_frame.iter().filter(|_| are_timed).filter_map(|frame| Some((frame.frame, frame.exposure_s?))).collect();
     // Unequal dark current is a part of the scatter of the pixels of a block, as it is of what two frames share.
     let by_dark = with(0.0, &|point| exposures.get(&point.frame).map_or(1.0, |time| time * time));
     let mut columns = vec![
