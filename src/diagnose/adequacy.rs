@@ -40,8 +40,8 @@ pub(super) fn vetoes(named: &Named, scan: &Scan, statistic: f64) -> Vec<String> 
     found
 }
 
-/// Whether the frames (or stars) do not agree on it. `is_left`: whether something is left beside all that is found: it is then the best of many that follow
-/// errors which the stars of a frame share, and the scatter between frames has to speak more clearly.
+/// Whether the frames (or stars) do not agree on it. `is_left`: whether something stays unexplained beside all findings. The stars of a frame may share
+/// errors then, and the effect may be the one of many that follows them best by chance: the scatter between frames is judged more strictly.
 pub(super) fn disagreement(signs: &WildBootstrap, is_left: bool) -> Option<String> {
     let level = if is_left { BESIDE_OTHERS } else { LEVEL };
     if let Some(p) = signs.between_frames.filter(|p| *p >= level) {

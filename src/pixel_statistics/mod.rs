@@ -246,6 +246,9 @@ pub struct PixelStatistics {
     /// Rows and columns of frames of different pointings, frame against frame.
     #[serde(skip)]
     pub(crate) line_pairs: Vec<LinePair>,
+    /// Whether frames were left out of [`Self::by_frame`] later, and an exposure was not known among all.
+    #[serde(skip)]
+    pub(crate) is_untimed: bool,
     /// Means of rows, columns and pixels, for pictures.
     #[serde(skip)]
     pub means: PixelMeans,
@@ -268,9 +271,9 @@ impl PixelStatistics {
         is_shared.then_some("neighbouring pixels share their noise, as in frames that were demosaicked, smoothed or resampled")
     }
 
-    /// Whether the exposures of all frames are known.
+    /// Whether the exposures of all frames of the recording are known.
     pub(crate) fn are_timed(&self) -> bool {
-        are_timed(&self.by_frame)
+        !self.is_untimed && are_timed(&self.by_frame)
     }
 
     /// Of all frames, in their order.
@@ -324,6 +327,7 @@ impl PixelStatistics {
             elsewhere: Vec::new(),
             is_clipped,
             line_pairs,
+            is_untimed: false,
         };
         if all.altered_noise().is_none() {
             return all;

@@ -23,9 +23,9 @@ const SHOWN_BY_STARS: f64 = 6.9;
 /// What the sky alone shows must be there in every field, at this probability (as −ln).
 const SHOWN_BY_FIELDS: f64 = 6.9;
 /// What thin clouds over parts of the frames imitate must be there in every field, at this one: the stars of a frame lose light together.
-const SHOWN_BESIDE_CLOUDS: f64 = 4.6;
-/// Where clouds are found, at this p-value.
-const BESIDE_FOUND_CLOUDS: f64 = 1e-3;
+const EXTINCTION_BY_FIELDS: f64 = 4.6;
+/// Where clouds are found, at this one.
+const EXTINCTION_BESIDE_CLOUDS: f64 = 6.9;
 /// Names of what the sky alone shows stand where they leave no more than this share of it,
 const MAX_LEFT: f64 = 0.1;
 /// or no more than chance does, at this probability (as −ln).
@@ -81,7 +81,7 @@ fn is_of_sky_alone(rows: &Rows, question: &Question) -> bool {
 /// of that, where it is asked and there are fields for it, and what speaks against the effect.
 pub(super) fn by_fields(rows: &Rows, without: &RowFit, question: &Question, sizes: &[[f64; 2]]) -> (Option<f64>, Option<String>) {
     let least = match question.id {
-        EXTINCTION => SHOWN_BESIDE_CLOUDS,
+        EXTINCTION => EXTINCTION_BY_FIELDS,
         _ if is_of_sky_alone(rows, question) => SHOWN_BY_FIELDS,
         _ => return (None, None),
     };
@@ -112,7 +112,7 @@ pub(super) fn by_fields(rows: &Rows, without: &RowFit, question: &Question, size
 
 /// Clouds that are found have slopes over the frames of their own, which look like extinction in a few of them.
 pub(super) fn by_clouds(id: &str, between_fields: Option<f64>) -> Option<String> {
-    let p_value = between_fields.filter(|p| id == EXTINCTION && *p > BESIDE_FOUND_CLOUDS)?;
+    let p_value = between_fields.filter(|p| id == EXTINCTION && -p.ln() < EXTINCTION_BESIDE_CLOUDS)?;
     Some(format!("clouds over parts of the frames do the same: its size scatters from field to field (p = {p_value:.1e})"))
 }
 

@@ -196,6 +196,8 @@ fn spread(numbers: BTreeSet<usize>) -> Vec<usize> {
 /// those that are tested, and few of their pairs are of two of these.
 fn of_frames(pixels: &PixelStatistics, places: &BTreeMap<usize, usize>) -> PixelStatistics {
     let mut own = pixels.clone();
+    // The pattern of the pixels was measured in seconds or in frames by all of them.
+    own.is_untimed = !pixels.are_timed();
     own.by_frame.retain(|frame| places.contains_key(&frame.frame));
     own.sky.retain(|mesh| places.contains_key(&mesh.frame));
     own.transfer_points.retain(|point| places.contains_key(&point.frame));
@@ -388,7 +390,7 @@ fn add_others(diagnosis: &mut Diagnosis, judged: &Judged) {
 mod tests {
     use super::*;
     use crate::diagnose::images::judge::Pixels;
-    use crate::pixel_statistics::{Estimate, PatternPair};
+    use crate::pixel_statistics::{Estimate, FrameNoise, PatternPair};
 
     /// Of 32 frames that are compared pixel by pixel and 24 that are tested few are the same: all pairs count, each by a tested frame near it.
     #[test]
@@ -402,6 +404,20 @@ mod tests {
         statistics.fixed_pattern.pairs =
             (0..32).flat_map(|a| (a + 1..32).map(move |b| (a, b))).map(|(a, b)| pair([compared[a], compared[b]])).collect();
         assert_eq!(of_frames(&statistics, &places).fixed_pattern.pairs.len(), 496);
+        let noise = |frame: usize| FrameNoise {
+            frame,
+            exposure_s: Some(1.0).filter(|_| frame != 7),
+            level_dn: 200.0,
+            sigma_dn: 2.0,
+            row_variance_dn2: None,
+            column_variance_dn2: None,
+            parity_dn: None,
+            middle_step_dn: None,
+        };
+        // The one frame whose exposure is not known is none of those that are tested.
+        statistics.by_frame = (0..ALL).map(noise).collect();
+        let tested = of_frames(&statistics, &places);
+        assert!(tested.by_frame.iter().all(|frame| frame.exposure_s.is_some()) && !tested.are_timed());
         let detector = DeclaredDetector::default();
         let pixels = Pixels { statistics: &statistics, detector: &detector, places: &places, views: &[] };
         assert_eq!([0, 41, 82, 83, 999].map(|frame| pixels.place(frame)), [0, 1, 1, 2, 23]);
