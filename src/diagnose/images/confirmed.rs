@@ -77,9 +77,15 @@ fn is_of_sky_alone(rows: &Rows, question: &Question) -> bool {
 }
 
 /// What the sky alone shows, and extinction, must be there field by field: its size in each is measured, and their scatter judges the mean (a test of Student's, the
-/// fields weighted by what the effect does in them). A sky that happens to lean one way in most fields, and clouds, scatter from field to field. The p-value
-/// of that, where it is asked and there are fields for it, and what speaks against the effect.
-pub(super) fn by_fields(rows: &Rows, without: &RowFit, question: &Question, sizes: &[[f64; 2]]) -> (Option<f64>, Option<String>) {
+/// fields weighted by what the effect does in them). A sky that happens to lean one way in most fields, and clouds, scatter from field to field. Sizes are
+/// those of the fit plus what each field has left beside it: without the effect, stars that it changes by many standard deviations would be cut as outliers. The
+/// p-value of that, where it is asked and there are fields for it, and what speaks against the effect.
+pub(super) fn by_fields(
+    rows: &Rows,
+    [fit, without]: [&RowFit; 2],
+    question: &Question,
+    sizes: &[[f64; 2]],
+) -> (Option<f64>, Option<String>) {
     let least = match question.id {
         EXTINCTION => EXTINCTION_BY_FIELDS,
         _ if is_of_sky_alone(rows, question) => SHOWN_BY_FIELDS,
@@ -87,15 +93,15 @@ pub(super) fn by_fields(rows: &Rows, without: &RowFit, question: &Question, size
     };
     let mut own = nalgebra::DVector::zeros(rows.len());
     for (column, [size, _]) in question.columns.iter().zip(sizes) {
-        own += without.response(rows, column) * *size;
+        own += fit.response_beside(without, rows, column) * *size;
     }
     let mut fields: BTreeMap<usize, [f64; 2]> = BTreeMap::new();
-    for (k, ((row, of_effect), psi)) in rows.rows().zip(own.iter()).zip(&without.psi).enumerate() {
+    for (k, ((row, of_effect), psi)) in rows.rows().zip(own.iter()).zip(&fit.psi).enumerate() {
         // What is fitted beside it spreads a column over rows of other fields, and a prior is no field.
         let is_own = row.frame != KNOWN_BEFOREHAND && question.columns.iter().any(|column| column[k] != 0.0);
         if is_own && *of_effect != 0.0 {
             let sums = fields.entry(row.frame).or_default();
-            *sums = [sums[0] + of_effect * psi, sums[1] + of_effect * of_effect];
+            *sums = [sums[0] + of_effect * (of_effect + psi), sums[1] + of_effect * of_effect];
         }
     }
     let (along, square) = fields.values().fold((0.0, 0.0), |sum, field| (sum.0 + field[0], sum.1 + field[1]));

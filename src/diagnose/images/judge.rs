@@ -262,7 +262,7 @@ fn proposal(
     against.extend(disagreement(&channels));
     against.extend(confirmed::by_sky_alone(own, &channels));
     against.extend(implausible(own, &sizes));
-    let (between_fields, scatters) = confirmed::by_fields(rows, &without, own, &sizes);
+    let (between_fields, scatters) = confirmed::by_fields(rows, [fit, &without], own, &sizes);
     against.extend(scatters);
     against.extend(own.sign.filter(|sign| sign * fit.size[first] < 0.0).map(|_| "its size has the wrong sign".to_owned()));
     Some(Proposed {
