@@ -50,6 +50,9 @@ pub(super) fn finding(finding: &Finding, effect: &dyn AnyDisplacement, in_force:
     format!("{located}{what}: {}{known}. Modelling it lowers χ² by {:.0}. {held}{rendered}{set}", sizes.join(", "), finding.delta_chi2)
 }
 
+/// The remark of an effect that the turns have sized and not chosen.
+pub(super) const SIZED_ALONE: &str = "chosen by all frames, sized in every turn";
+
 /// A finding of brightness and shape in one or two sentences.
 pub(super) fn image_finding(finding: &Finding) -> String {
     let sizes: Vec<String> = finding.parameters.iter().map(quantity).collect();
@@ -67,11 +70,17 @@ pub(super) fn image_finding(finding: &Finding) -> String {
             Some(format!("{} {before:.2} → {after:.2}", channel.words()))
         })
         .collect();
-    let chosen = if finding.held_out_remark.is_some() { "Chosen by all frames and" } else { "Chosen and" };
+    let chosen = if finding.held_out_remark.as_deref() == Some(SIZED_ALONE) { "Chosen by all frames and" } else { "Chosen and" };
+    let confirmed = finding
+        .held_out_remark
+        .iter()
+        .filter(|remark| *remark != SIZED_ALONE)
+        .map(|remark| format!(". It is {remark}"))
+        .collect::<String>();
     let per_dof = if per_dof.is_empty() { String::new() } else { format!(" (per degree of freedom: {})", per_dof.join(", ")) };
     format!(
         "{} was left out: {}. Modelling it lowers χ² by {:.0} ({}). {chosen} sized anew in turns that leave {} out (chosen again in {times} of {turns}) it \
-         lowers χ² there by {:.0}{per_dof}.",
+         lowers χ² there by {:.0}{per_dof}{confirmed}.",
         finding.id,
         sizes.join(", "),
         finding.delta_chi2,

@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use super::expected_stars::StarMeasurement;
-use super::judge::Judged;
+use super::row_fit::RowFit;
+use super::rows::Rows;
 use crate::diagnose::channels::Channel;
 use crate::pixel_statistics::PixelStatistics;
 use crate::statistics::median;
@@ -16,8 +17,9 @@ pub(super) struct Steady {
     pub(super) has_clouds: bool,
 }
 
-/// The transparency of a clear night.
-const THROUGH_AIR: Steady = Steady { scatter_mag: 0.02, least_mag: 0.08, has_clouds: true };
+/// Scatter of the transparency of a clear night, magnitudes.
+pub(super) const CLEAR_NIGHT_MAG: f64 = 0.02;
+const THROUGH_AIR: Steady = Steady { scatter_mag: CLEAR_NIGHT_MAG, least_mag: 0.08, has_clouds: true };
 /// Where there is no air the shutter alone differs.
 const IN_SPACE: Steady = Steady { scatter_mag: 0.005, least_mag: 0.02, has_clouds: false };
 
@@ -37,7 +39,7 @@ pub(super) struct Level {
     pub(super) sigma: f64,
     /// The same of the sky.
     pub(super) sky: Option<f64>,
-    /// Mean air mass of its stars.
+    /// Mean air mass of its stars, as its zero point weighs them.
     pub(super) airmass: Option<f64>,
 }
 
@@ -46,19 +48,27 @@ pub(super) struct Level {
 pub(super) struct Air {
     /// Whether there is any.
     pub(super) is_there: bool,
-    /// Mean air mass of the stars of every frame, by its place among those that are tested; empty where it is not known.
-    pub(super) mass_of_frame: BTreeMap<usize, f64>,
+    /// Air mass of every image, by the place of its frame among those that are tested and the number of its star; empty where it is not known.
+    pub(super) mass: BTreeMap<(usize, usize), f64>,
 }
 
 impl Air {
     /// As the stars tell it.
     pub(super) fn of(stars: &[StarMeasurement], is_there: bool) -> Self {
+        let mass = stars.iter().filter_map(|star| Some(((star.frame, star.star), star.image.airmass?))).collect();
+        Self { is_there, mass }
+    }
+
+    /// Mean of every frame, weighted as a fit weighs its stars.
+    fn mass_of_frames(&self, rows: &Rows, fit: &RowFit, kind: usize) -> BTreeMap<usize, f64> {
         let mut sums: BTreeMap<usize, [f64; 2]> = BTreeMap::new();
-        for (frame, airmass) in stars.iter().filter_map(|star| Some((star.frame, star.image.airmass?))) {
-            let own = sums.entry(frame).or_default();
-            *own = [own[0] + airmass, own[1] + 1.0];
+        for (row, k) in rows.kinds[kind].rows.iter().zip(rows.ranges()[kind].clone()) {
+            let Some(mass) = self.mass.get(&(row.frame, row.star)).filter(|_| fit.take[k]) else { continue };
+            let weight = (fit.noise[kind].variance(row) + fit.noise[kind].shared).recip();
+            let own = sums.entry(row.frame).or_default();
+            *own = [own[0] + weight * mass, own[1] + weight];
         }
-        Self { is_there, mass_of_frame: sums.into_iter().map(|(frame, [sum, count])| (frame, sum / count)).collect() }
+        sums.into_iter().map(|(frame, [sum, weight])| (frame, sum / weight)).collect()
     }
 }
 
@@ -69,17 +79,19 @@ pub(super) struct TestedFrame {
     pub(super) exposure_s: Option<f64>,
 }
 
-/// Zero points of the frames, exposure times taken off. A frame of which that is not known has none: it may have been exposed in any way.
+/// Zero points of the frames in a fit, exposure times taken off. A frame of which that is not known has none: it may have been exposed in any way.
 pub(super) fn levels(
-    judged: &Judged,
+    rows: &Rows,
+    fit: &RowFit,
     pixels: Option<&PixelStatistics>,
-    (bias_dn, airmass): (Option<f64>, &BTreeMap<usize, f64>),
+    (bias_dn, air): (Option<f64>, &Air),
     tested: &[TestedFrame],
 ) -> Vec<Level> {
-    let Some(kind) = judged.rows.kinds.iter().position(|kind| kind.channel == Channel::Flux) else { return Vec::new() };
+    let Some(kind) = rows.kinds.iter().position(|kind| kind.channel == Channel::Flux) else { return Vec::new() };
     let sky_dn: BTreeMap<usize, f64> = pixels.iter().flat_map(|pixels| &pixels.by_frame).map(|own| (own.frame, own.level_dn)).collect();
+    let airmass = air.mass_of_frames(rows, fit, kind);
     let magnitudes = |light: f64| -2.5 * light.log10();
-    let told: Vec<Level> = judged.standing().frame_levels[kind]
+    let told: Vec<Level> = fit.frame_levels[kind]
         .iter()
         .filter_map(|(place, [stars, sigma])| {
             let TestedFrame { number: frame, exposure_s } = *tested.get(*place)?;

@@ -3,10 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::background::{Background, add_background};
+use super::bouguer_line;
 use super::channel_states::channel_states;
 use super::confirmed;
 use super::expected_stars::StarMeasurement;
 use super::forward_selection::select;
+use super::frame_levels::{Air, TestedFrame};
 use super::frame_widths::{Trend, trend};
 use super::light_lost::take_size_out_of_flux;
 use super::noise::{add_noise, unasked_pattern};
@@ -47,7 +49,7 @@ const DISAGREES: f64 = 3.3;
 
 /// What is asked.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::diagnose) struct Asked {
+pub(in crate::diagnose) struct Asked<'a> {
     pub(in crate::diagnose) nulls: usize,
     pub(in crate::diagnose) alpha: f64,
     pub(in crate::diagnose) seed: u64,
@@ -57,6 +59,8 @@ pub(in crate::diagnose) struct Asked {
     pub(in crate::diagnose) stamps: Option<StampCamera>,
     /// Whether the camera looks through air.
     pub(in crate::diagnose) looks_through_air: bool,
+    /// The frames, by their places; empty where no exposure time is known.
+    pub(in crate::diagnose) tested: &'a [TestedFrame],
 }
 
 /// An effect that was not proposed.
@@ -104,7 +108,7 @@ pub(in crate::diagnose) fn judge(
     stars: &[StarMeasurement],
     pixels: Option<&Pixels<'_>>,
     frames: usize,
-    asked: &Asked,
+    asked: &Asked<'_>,
     found: &[String],
 ) -> Option<Judged> {
     let matched = stars;
@@ -142,7 +146,17 @@ pub(in crate::diagnose) fn judge(
         (accepted, fit) = select(&rows, &all, &accepted, threshold);
     }
     let tried = accepted.clone();
-    let Proposal { accepted, fit, proposed, left: held_out } = propose(&rows, &given, (accepted, fit), trend.as_ref(), &by_chance);
+    let mut turns = held_out(&rows, &fit, (&accepted, &given), -TURN_P.ln());
+    if let Some(trend) = &trend {
+        sized_alone(&rows, &fit, (&accepted, &given), (trend.question, -TURN_P.ln()), &mut turns);
+    }
+    if asked.looks_through_air {
+        let air = Air::of(matched, true);
+        for (question, own) in accepted.iter().zip(&mut turns.effects).filter(|(_, own)| own.fails().is_some()) {
+            own.by_zero_points = bouguer_line::confirmed(&rows, (&accepted, &fit), *question, (&air, asked.tested));
+        }
+    }
+    let Proposal { accepted, fit, proposed, left: held_out } = propose(&rows, &given, (accepted, fit), turns, &by_chance);
     let mut proposed: Vec<Proposed> = proposed.into_iter().map(|own| beside(&rows, &nothing, &given, own)).collect();
     if let Some(trend) = &trend {
         as_surprising_as(trend, &mut proposed, &by_chance);
@@ -182,18 +196,15 @@ struct Proposal {
 
 /// The proposals of a selection. What makes frames and stars that took no part worse is not there: the others are fitted without it, and it is withheld
 /// as it was.
-fn propose(rows: &Rows, given: &[usize], (accepted, fit): (Vec<usize>, RowFit), trend: Option<&Trend>, by_chance: &[f64]) -> Proposal {
-    let mut turns = held_out(rows, &fit, (&accepted, given), -TURN_P.ln());
-    if let Some(trend) = trend {
-        sized_alone(rows, &fit, (&accepted, given), (trend.question, -TURN_P.ln()), &mut turns);
-    }
+fn propose(rows: &Rows, given: &[usize], (accepted, fit): (Vec<usize>, RowFit), turns: Turns, by_chance: &[f64]) -> Proposal {
     let Turns { effects: held, left } = turns;
     let of = |accepted: &[usize], fit: &RowFit, held: &[HeldOut]| -> Vec<Proposed> {
         let own = accepted.iter().enumerate().skip(given.len());
         own.filter_map(|(k, question)| proposal(rows, accepted, k, *question, fit, held[k].clone(), by_chance)).collect()
     };
     let mut proposed = of(&accepted, &fit, &held);
-    let is_worse: Vec<bool> = held.iter().enumerate().map(|(k, held)| k >= given.len() && held.delta_chi2 < 0.0).collect();
+    let is_worse: Vec<bool> =
+        held.iter().enumerate().map(|(k, held)| k >= given.len() && held.delta_chi2 < 0.0 && held.by_zero_points.is_none()).collect();
     if !is_worse.contains(&true) {
         return Proposal { accepted, fit, proposed, left };
     }

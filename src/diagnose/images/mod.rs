@@ -1,6 +1,7 @@
 //! What the images tell beside places: brightness, shape, noise and background, as one linear problem with one list of findings.
 
 mod background;
+mod bouguer_line;
 mod channel_reports;
 mod channel_states;
 mod confirmed;

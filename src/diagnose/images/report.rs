@@ -20,6 +20,7 @@ use super::shared_noise::{gain_by_memory, shared_noise};
 use super::single_frames::single_frames;
 use super::sky_view::SkyView;
 use super::stars::MIN_ROWS;
+use super::turns::HeldOut;
 use super::withheld::{against, is_gain_explained, withhold_shadows};
 use crate::diagnose::causes::{COMPRESSION, INTRAPIXEL_RESPONSE, MOTION_SMEAR};
 use crate::diagnose::channels::{ByChannel, Channel, ChannelReport, ChannelVerdict};
@@ -73,6 +74,8 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     let stars: Vec<StarMeasurement> = images.stars.iter().filter_map(place).collect();
     let of_places = images.pixels.map(|pixels| of_frames(pixels, &places));
     let frames = places.len();
+    let of_frame = |number: &usize| TestedFrame { number: *number, exposure_s: images.exposures_s.get(*number).copied().flatten() };
+    let tested: Vec<TestedFrame> = places.keys().map(of_frame).collect();
     let asked = Asked {
         nulls: options.nulls,
         alpha: options.alpha,
@@ -80,6 +83,7 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
         other_questions: diagnosis.effective_hypotheses,
         stamps: images.stamps,
         looks_through_air: images.looks_through_air,
+        tested: &tested,
     };
     let is_enough = stars.len() >= MIN_STARS;
     let pixels =
@@ -108,8 +112,6 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     if is_compressed {
         withhold_shadows(diagnosis);
     }
-    let of_frame = |number: &usize| TestedFrame { number: *number, exposure_s: images.exposures_s.get(*number).copied().flatten() };
-    let tested: Vec<TestedFrame> = places.keys().map(of_frame).collect();
     let of_single = single_frames(&judged, images.pixels, &Air::of(&stars, images.looks_through_air), images.detector.bias_dn, &tested);
     by_count.ids.extend(of_single.iter().filter_map(Counted::found_id));
     counted.extend(of_single);
@@ -313,7 +315,7 @@ fn add_proposed(diagnosis: &mut Diagnosis, judged: &Judged, proposed: &Proposed,
         held_out_delta_chi2: proposed.held_out.delta_chi2,
         held_out_expected: (proposed.statistic - 2.0 * proposed.rank as f64).max(0.0),
         held_out_score: proposed.held_out.score(),
-        held_out_remark: proposed.held_out.is_sized_alone.then(|| "chosen by all frames, sized in every turn".to_owned()),
+        held_out_remark: remark(&proposed.held_out),
         chosen_again: proposed.held_out.chosen,
         left_out: "thirds of the frames and of the stars".to_owned(),
         signs: Signs::default(),
@@ -329,6 +331,15 @@ fn add_proposed(diagnosis: &mut Diagnosis, judged: &Judged, proposed: &Proposed,
     };
     finding.sentence = wording::image_finding(&finding);
     diagnosis.findings.push(finding);
+}
+
+/// What took no part, where that is not what the turns left out of all.
+fn remark(held_out: &HeldOut) -> Option<String> {
+    let by_zero_points = |[slope, sigma]: [f64; 2]| {
+        format!("confirmed by the zero points of the frames, which follow the air mass by {slope:.3} ± {sigma:.3} mag")
+    };
+    let sized_alone = || held_out.is_sized_alone.then(|| wording::SIZED_ALONE.to_owned());
+    held_out.by_zero_points.map(by_zero_points).or_else(sized_alone)
 }
 
 /// Sets the status of an effect; what places found stands.

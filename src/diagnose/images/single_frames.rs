@@ -3,6 +3,7 @@
 //! Every frame has a zero point of its own in the fit of the stars, and so the fit is not changed by a frame that is dimmer: here the zero points are held
 //! against each other. An exposure time that is wrong scales stars and sky alike; clouds take the light of stars alone.
 
+use super::bouguer_line::{beside_the_others, extinction};
 use super::counted::{Counted, MAX_SURPRISE};
 use super::frame_levels::{Air, Level, Steady, TestedFrame, levels};
 use super::frame_motion::moved;
@@ -28,12 +29,14 @@ pub(super) fn single_frames(
     tested: &[TestedFrame],
 ) -> Vec<Counted> {
     let mut all: Vec<Counted> = Vec::new();
-    let levels = levels(judged, pixels, (bias_dn, &air.mass_of_frame), tested);
+    let levels = levels(&judged.rows, judged.standing(), pixels, (bias_dn, air), tested);
     if levels.len() >= MIN_FRAMES {
         let steady = Steady::under(air);
-        all.extend(uneven(&levels, steady));
+        // A frame that looks through more air is fainter than the others, and no other frame than they.
+        all.extend(uneven(&if air.is_there { beside_the_others(&levels) } else { levels.clone() }, steady));
         // Where none stands out all may scatter.
         let all_scatter = if all.iter().any(Counted::is_found) { None } else { scattered(&levels, steady) };
+        all.extend(if air.is_there { extinction(judged, &levels) } else { None });
         if let Some(own) = all_scatter.filter(Counted::is_found) {
             all.retain(|other| other.id() != own.id());
             all.push(own);

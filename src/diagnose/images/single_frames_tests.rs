@@ -7,7 +7,7 @@ use rand_pcg::Pcg64Mcg;
 use super::counted::Counted;
 use super::expected_stars::StarMeasurement;
 use super::frame_levels::{Air, TestedFrame};
-use super::judge::{Judged, Pixels, judge};
+use super::judge::{Asked, Judged, Pixels, judge};
 use super::noise_kind::DeclaredDetector;
 use super::single_frames::single_frames;
 use super::tests::{FRAMES, asked, nothing, stars};
@@ -166,13 +166,46 @@ fn extinction_is_no_cloud() {
         for star in &mut stars {
             star.flux_dn *= 10.0_f64.powf(-0.4 * MAG_PER_AIRMASS * mass(star.frame));
         }
+        let known = Air { mass: stars.iter().map(|star| ((star.frame, star.star), mass(star.frame))).collect(), is_there: true };
         let (judged, statistics) = (judged(&stars, &skies(1.0)), skies(1.0));
         let tested = timed(|_| Some(1.0));
         let told = |air: &Air| found(single_frames(&judged, Some(&statistics), air, Some(BIAS_DN), &tested));
-        let known = Air { is_there: true, mass_of_frame: (0..FRAMES).map(|frame| (frame, mass(frame))).collect() };
-        assert_eq!(told(&known), [], "seed {seed}");
+        let own = told(&known);
+        assert!(matches!(&own[..], [(id, slope)] if id == "extinction" && (slope - MAG_PER_AIRMASS).abs() < 0.06), "seed {seed}: {own:?}");
         let unknown = told(&air(true));
         assert!(matches!(&unknown[..], [(id, _)] if id == "clouds"), "seed {seed}: {unknown:?}, the test could not fail");
+    }
+}
+
+/// One low field shows extinction within it, and no frames that are left out can. The zero points of the others confirm it, and it is no clouds; where they
+/// do not follow the air mass it stays withheld, and the dim frame is one behind clouds.
+#[test]
+fn zero_points_confirm_what_one_low_field_shows() {
+    const MAG_PER_AIRMASS: f64 = 0.9;
+    const LOW: usize = 4;
+    let mass = |frame: usize| if frame == LOW { 2.4 } else { 1.0 + 0.04 * ((5 * frame) % FRAMES) as f64 };
+    for seed in 74..77 {
+        let told = |others_follow: bool| {
+            let mut stars = stars(seed, nothing);
+            for star in stars.iter_mut() {
+                let within = if star.frame == LOW { 0.5 * star.image.at[1] } else { 0.0 };
+                let of_frame = if others_follow || star.frame == LOW { mass(star.frame) } else { 1.0 };
+                star.image.airmass = Some(mass(star.frame) + within);
+                star.flux_dn *= 10.0_f64.powf(-0.4 * MAG_PER_AIRMASS * (of_frame - 1.0 + within));
+            }
+            let (tested, statistics) = (timed(|_| Some(1.0)), skies(1.0));
+            let judged = judge(&stars, None, FRAMES, &Asked { tested: &tested, ..asked(1e-3) }, &[]).unwrap();
+            let own = judged.proposed.iter().find(|own| judged.rows.questions[own.question].id == "extinction").expect("it is proposed");
+            let single = found(single_frames(&judged, Some(&statistics), &Air::of(&stars, true), Some(BIAS_DN), &tested));
+            (own.against.join("; "), own.held_out.by_zero_points, single)
+        };
+        let (against, by_zero_points, single) = told(true);
+        assert!(against.is_empty() && single.is_empty(), "seed {seed}: {against}, {single:?}");
+        let [slope, sigma] = by_zero_points.expect("no turn can confirm it: the test could not fail");
+        assert!((slope - MAG_PER_AIRMASS).abs() < 4.0 * sigma, "seed {seed}: {slope} ± {sigma}");
+        let (against, by_zero_points, single) = told(false);
+        assert!(by_zero_points.is_none() && against.contains("took no part"), "seed {seed}: {against}");
+        assert!(matches!(&single[..], [(id, mag)] if id == "clouds" && *mag > 0.5), "seed {seed}: {single:?}");
     }
 }
 

@@ -83,8 +83,8 @@ pub(super) fn stars(seed: u64, added: Added) -> Vec<StarMeasurement> {
     all
 }
 
-pub(super) fn asked(alpha: f64) -> Asked {
-    Asked { nulls: 200, alpha, seed: 1, other_questions: 0.0, stamps: None, looks_through_air: true }
+pub(super) fn asked(alpha: f64) -> Asked<'static> {
+    Asked { nulls: 200, alpha, seed: 1, other_questions: 0.0, stamps: None, looks_through_air: true, tested: &[] }
 }
 
 pub(super) fn found(judged: &Judged) -> Vec<&'static str> {

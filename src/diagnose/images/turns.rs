@@ -39,6 +39,8 @@ pub(in crate::diagnose) struct HeldOut {
     pub(in crate::diagnose) chosen: [usize; 2],
     /// Whether it was chosen by all rows, and every turn sized it.
     pub(in crate::diagnose) is_sized_alone: bool,
+    /// Size and standard error of an extinction by the zero points of the frames, which take no part in it, where they confirm it.
+    pub(in crate::diagnose) by_zero_points: Option<[f64; 2]>,
 }
 
 impl HeldOut {
@@ -67,6 +69,9 @@ impl HeldOut {
 
     /// Why the effect is not confirmed; nothing where it is.
     pub(in crate::diagnose) fn fails(&self) -> Option<String> {
+        if self.by_zero_points.is_some() {
+            return None;
+        }
         let [times, turns] = self.chosen;
         if !self.is_sized_alone && (times == 0 || (times as f64) < MIN_TURNS * turns as f64) {
             return Some(format!("it is chosen again in {times} of {turns} turns that leave frames and stars out"));
