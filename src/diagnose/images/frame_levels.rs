@@ -64,7 +64,7 @@ impl Air {
         let mut sums: BTreeMap<usize, [f64; 2]> = BTreeMap::new();
         for (row, k) in rows.kinds[kind].rows.iter().zip(rows.ranges()[kind].clone()) {
             let Some(mass) = self.mass.get(&(row.frame, row.star)).filter(|_| fit.take[k]) else { continue };
-            let weight = (fit.noise[kind].variance(row) + fit.noise[kind].shared).recip();
+            let weight = fit.weight(k) / (fit.noise[kind].variance(row) + fit.noise[kind].shared);
             let own = sums.entry(row.frame).or_default();
             *own = [own[0] + weight * mass, own[1] + weight];
         }

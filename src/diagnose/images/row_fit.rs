@@ -149,6 +149,11 @@ impl RowFit {
         }
     }
 
+    /// Weight of a row beside that of its error: far off it has little.
+    pub(in crate::diagnose) fn weight(&self, row: usize) -> f64 {
+        weight(self.white[row])
+    }
+
     /// A column whitened, and what is fitted taken out.
     pub(in crate::diagnose) fn project(&self, rows: &Rows, column: &[f64]) -> Projected {
         let ranges = rows.ranges();
