@@ -9,7 +9,6 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::counted::{Counted, MAX_SURPRISE};
 use super::frame_levels::{Air, CLEAR_NIGHT_MAG, Level, TestedFrame, levels};
-use super::judge::Judged;
 use super::row_fit::RowFit;
 use super::rows::Rows;
 use super::selection::columns;
@@ -103,11 +102,8 @@ pub(super) fn confirmed(
     (surprise > CONFIRMS && (slope - size).abs() < AGREES * sigma.hypot(error)).then_some([slope, error])
 }
 
-/// Extinction that the zero points show by themselves; nothing where the stars propose it within the frames.
-pub(super) fn extinction(judged: &Judged, levels: &[Level]) -> Option<Counted> {
-    if judged.proposed.iter().any(|own| judged.rows.questions[own.question].id == EXTINCTION) {
-        return None;
-    }
+/// Extinction that the zero points show by themselves.
+pub(super) fn extinction(levels: &[Level]) -> Option<Counted> {
     let BouguerLine { slope: [slope, sigma], surprise } = BouguerLine::of(levels)?;
     let sentence = format!(
         "The zero points of the frames follow the air mass by {slope:.3} ± {sigma:.3} mag: the light that the air takes was left out."

@@ -146,16 +146,7 @@ pub(in crate::diagnose) fn judge(
         (accepted, fit) = select(&rows, &all, &accepted, threshold);
     }
     let tried = accepted.clone();
-    let mut turns = held_out(&rows, &fit, (&accepted, &given), -TURN_P.ln());
-    if let Some(trend) = &trend {
-        sized_alone(&rows, &fit, (&accepted, &given), (trend.question, -TURN_P.ln()), &mut turns);
-    }
-    if asked.looks_through_air {
-        let air = Air::of(matched, true);
-        for (question, own) in accepted.iter().zip(&mut turns.effects).filter(|(_, own)| own.fails().is_some()) {
-            own.by_zero_points = bouguer_line::confirmed(&rows, (&accepted, &fit), *question, (&air, asked.tested));
-        }
-    }
+    let turns = in_turns(&rows, (&accepted, &given), &fit, trend.as_ref(), (matched, asked));
     let Proposal { accepted, fit, proposed, left: held_out } = propose(&rows, &given, (accepted, fit), turns, &by_chance);
     let mut proposed: Vec<Proposed> = proposed.into_iter().map(|own| beside(&rows, &nothing, &given, own)).collect();
     if let Some(trend) = &trend {
@@ -183,6 +174,27 @@ pub(in crate::diagnose) fn judge(
         channels.insert(Channel::Background, own.with_uneven(state, &sizes_of(&rows, &accepted, &fit)));
     }
     Some(Judged { rows, fit, without_withheld: left, proposed, others, unasked, channels, background, questions, threshold, profiles })
+}
+
+/// What the turns say of each of the effects that all rows have found, and the zero points of the frames of an extinction that no turn confirms.
+fn in_turns(
+    rows: &Rows,
+    (accepted, given): (&[usize], &[usize]),
+    fit: &RowFit,
+    trend: Option<&Trend>,
+    (stars, asked): (&[StarMeasurement], &Asked<'_>),
+) -> Turns {
+    let mut turns = held_out(rows, fit, (accepted, given), -TURN_P.ln());
+    if let Some(trend) = trend {
+        sized_alone(rows, fit, (accepted, given), (trend.question, -TURN_P.ln()), &mut turns);
+    }
+    if asked.looks_through_air {
+        let air = Air::of(stars, true);
+        for (question, own) in accepted.iter().zip(&mut turns.effects).filter(|(_, own)| own.fails().is_some()) {
+            own.by_zero_points = bouguer_line::confirmed(rows, (accepted, fit), *question, (&air, asked.tested));
+        }
+    }
+    turns
 }
 
 /// A selection and its proposals.

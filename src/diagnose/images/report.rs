@@ -74,8 +74,7 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     let stars: Vec<StarMeasurement> = images.stars.iter().filter_map(place).collect();
     let of_places = images.pixels.map(|pixels| of_frames(pixels, &places));
     let frames = places.len();
-    let of_frame = |number: &usize| TestedFrame { number: *number, exposure_s: images.exposures_s.get(*number).copied().flatten() };
-    let tested: Vec<TestedFrame> = places.keys().map(of_frame).collect();
+    let tested = tested(images, &places);
     let asked = Asked {
         nulls: options.nulls,
         alpha: options.alpha,
@@ -140,6 +139,12 @@ pub(in crate::diagnose) fn add_images(diagnosis: &mut Diagnosis, images: &ImageM
     diagnosis.verdict = diagnosis.channels.verdict();
     diagnosis.summary = wording::summary(diagnosis, diagnosis.left_p_value.unwrap_or(1.0));
     crate::diagnose::resolved::bound(diagnosis);
+}
+
+/// The frames by their places.
+fn tested(images: &ImageMeasurements<'_>, places: &BTreeMap<usize, usize>) -> Vec<TestedFrame> {
+    let exposure_s = |number: usize| images.exposures_s.get(number).copied().flatten();
+    places.keys().map(|number| TestedFrame { number: *number, exposure_s: exposure_s(*number) }).collect()
 }
 
 /// Frames whose images are wider than those of others; a motion that single frames show makes them so too.

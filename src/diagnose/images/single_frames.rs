@@ -9,7 +9,7 @@ use super::frame_levels::{Air, Level, Steady, TestedFrame, levels};
 use super::frame_motion::moved;
 use super::judge::Judged;
 use super::zero_point_scatter::scattered;
-use crate::diagnose::causes::{CLOUDS, EXPOSURE_TIME, MOTION_SMEAR, ZERO_POINT};
+use crate::diagnose::causes::{CLOUDS, EXPOSURE_TIME, EXTINCTION, MOTION_SMEAR, ZERO_POINT};
 use crate::diagnose::channels::Channel;
 use crate::pixel_statistics::PixelStatistics;
 use crate::statistics::mad_sigma;
@@ -36,7 +36,9 @@ pub(super) fn single_frames(
         all.extend(uneven(&if air.is_there { beside_the_others(&levels) } else { levels.clone() }, steady));
         // Where none stands out all may scatter.
         let all_scatter = if all.iter().any(Counted::is_found) { None } else { scattered(&levels, steady) };
-        all.extend(if air.is_there { extinction(judged, &levels) } else { None });
+        // Where the stars propose it within the frames they size it.
+        let is_proposed = judged.proposed.iter().any(|own| judged.rows.questions[own.question].id == EXTINCTION);
+        all.extend(if air.is_there && !is_proposed { extinction(&levels) } else { None });
         if let Some(own) = all_scatter.filter(Counted::is_found) {
             all.retain(|other| other.id() != own.id());
             all.push(own);
