@@ -71,12 +71,8 @@ pub(super) fn image_finding(finding: &Finding) -> String {
         })
         .collect();
     let chosen = if finding.held_out_remark.as_deref() == Some(SIZED_ALONE) { "Chosen by all frames and" } else { "Chosen and" };
-    let confirmed = finding
-        .held_out_remark
-        .iter()
-        .filter(|remark| *remark != SIZED_ALONE)
-        .map(|remark| format!(". It is {remark}"))
-        .collect::<String>();
+    let remark = finding.held_out_remark.as_deref().filter(|remark| *remark != SIZED_ALONE);
+    let confirmed = remark.map_or_else(String::new, |remark| format!(". It is {remark}"));
     let per_dof = if per_dof.is_empty() { String::new() } else { format!(" (per degree of freedom: {})", per_dof.join(", ")) };
     format!(
         "{} was left out: {}. Modelling it lowers χ² by {:.0} ({}). {chosen} sized anew in turns that leave {} out (chosen again in {times} of {turns}) it \

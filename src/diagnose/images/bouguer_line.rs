@@ -56,7 +56,7 @@ impl BouguerLine {
         let freedom = levels.len().checked_sub(PARABOLA + 1).filter(|own| *own >= MIN_FREEDOM)?;
         let weight = DVector::from_iterator(levels.len(), levels.iter().map(|level| level.sigma.hypot(CLEAR_NIGHT_MAG).recip()));
         let at = |k: usize| 2.0 * k as f64 / (levels.len() - 1) as f64 - 1.0;
-        let smooth = DMatrix::from_fn(levels.len(), PARABOLA, |row, power| at(row).powi(power as i32) * weight[row]);
+        let smooth = DMatrix::from_fn(levels.len(), PARABOLA, |row, power| [1.0, at(row), at(row) * at(row)][power] * weight[row]);
         let inverse = smooth.clone().svd(true, true);
         let beside = |values: DVector<f64>| -> Option<DVector<f64>> {
             let solved = inverse.solve(&values, 1e-12).ok()?;
@@ -214,7 +214,9 @@ mod tests {
     #[test]
     fn one_low_frame_has_the_error_of_what_is_known_of_air() {
         let mut levels = on_a_line(1, 0.0);
-        levels.iter_mut().for_each(|level| level.airmass = Some(1.1));
+        for level in &mut levels {
+            level.airmass = Some(1.1);
+        }
         levels[3].airmass = Some(2.1);
         levels[3].stars = 0.8;
         let own = beside_the_others(&levels)[3];

@@ -187,7 +187,7 @@ fn zero_points_confirm_what_one_low_field_shows() {
     for seed in 74..77 {
         let told = |others_follow: bool| {
             let mut stars = stars(seed, nothing);
-            for star in stars.iter_mut() {
+            for star in &mut stars {
                 let within = if star.frame == LOW { 0.5 * star.image.at[1] } else { 0.0 };
                 let of_frame = if others_follow || star.frame == LOW { mass(star.frame) } else { 1.0 };
                 star.image.airmass = Some(mass(star.frame) + within);
