@@ -12,13 +12,12 @@ use super::frame_levels::{Air, CLEAR_NIGHT_MAG, Level, TestedFrame, levels};
 use super::row_fit::RowFit;
 use super::rows::Rows;
 use super::selection::columns;
+use super::zero_point_scatter::{PARABOLA, beside, smooth};
 use crate::diagnose::causes::EXTINCTION;
 use crate::diagnose::channels::Channel;
 use crate::statistics::{mad_sigma, median, median_in_place};
 
-/// Coefficients beside the slope: a parabola in the number of the frame, of a lens that dews.
-const PARABOLA: usize = 3;
-/// Degrees of freedom at least.
+/// Degrees of freedom at least, beside a parabola in the number of the frame (a lens that dews) and the slope.
 const MIN_FREEDOM: usize = 4;
 /// Beside the parabola the air masses scatter by so much at least,
 const MIN_RMS_AIRMASS: f64 = 0.05;
@@ -55,16 +54,10 @@ impl BouguerLine {
         let airmass: Vec<f64> = levels.iter().map(|level| level.airmass).collect::<Option<_>>()?;
         let freedom = levels.len().checked_sub(PARABOLA + 1).filter(|own| *own >= MIN_FREEDOM)?;
         let weight = DVector::from_iterator(levels.len(), levels.iter().map(|level| level.sigma.hypot(CLEAR_NIGHT_MAG).recip()));
-        let at = |k: usize| 2.0 * k as f64 / (levels.len() - 1) as f64 - 1.0;
-        let smooth = DMatrix::from_fn(levels.len(), PARABOLA, |row, power| [1.0, at(row), at(row) * at(row)][power] * weight[row]);
-        let inverse = smooth.clone().svd(true, true);
-        let beside = |values: DVector<f64>| -> Option<DVector<f64>> {
-            let solved = inverse.solve(&values, 1e-12).ok()?;
-            Some(values - &smooth * solved)
-        };
-        let weighted = |of: &dyn Fn(usize) -> f64| DVector::from_fn(levels.len(), |k, _| of(k) * weight[k]);
-        let column = beside(weighted(&|k| airmass[k] - 1.0))?;
-        let value = beside(weighted(&|k| levels[k].stars))?;
+        let parabola = DMatrix::from_diagonal(&weight) * smooth(levels.len(), None);
+        let weighted = |of: &dyn Fn(usize) -> f64| (0..levels.len()).map(|k| of(k) * weight[k]).collect::<Vec<f64>>();
+        let column = DVector::from_vec(beside(&parabola, &weighted(&|k| airmass[k] - 1.0))?);
+        let value = DVector::from_vec(beside(&parabola, &weighted(&|k| levels[k].stars))?);
         let square = column.norm_squared();
         if square < MIN_RMS_AIRMASS.powi(2) * weight.norm_squared() {
             return None;
@@ -182,7 +175,6 @@ mod tests {
         }
         let rms = (squares / NIGHTS as f64).sqrt();
         // Errors are never smaller than stated; half of the slopes by chance are below zero, and 20 of the others are due at most, ± 4.5.
-        println!("{rms}, {by_chance}");
         assert!((0.75..1.1).contains(&rms), "{rms}");
         assert!((1..=34).contains(&by_chance), "{by_chance}");
     }

@@ -19,6 +19,7 @@ pub(super) struct Steady {
 
 /// Scatter of the transparency of a clear night, magnitudes.
 pub(super) const CLEAR_NIGHT_MAG: f64 = 0.02;
+/// Through air.
 const THROUGH_AIR: Steady = Steady { scatter_mag: CLEAR_NIGHT_MAG, least_mag: 0.08, has_clouds: true };
 /// Where there is no air the shutter alone differs.
 const IN_SPACE: Steady = Steady { scatter_mag: 0.005, least_mag: 0.02, has_clouds: false };

@@ -59,7 +59,7 @@ pub(in crate::diagnose) struct Asked<'a> {
     pub(in crate::diagnose) stamps: Option<StampCamera>,
     /// Whether the camera looks through air.
     pub(in crate::diagnose) looks_through_air: bool,
-    /// The frames, by their places; empty where no exposure time is known.
+    /// The frames by their places, with their exposure times where these are known; empty where nothing is known of them.
     pub(in crate::diagnose) tested: &'a [TestedFrame],
 }
 

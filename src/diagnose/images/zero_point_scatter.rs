@@ -14,7 +14,7 @@ use crate::statistics::significance::neg_ln_chi2_sf;
 /// Fewer frames tell no scatter beside a parabola.
 const MIN_FRAMES: usize = 8;
 /// Coefficients of the parabola.
-const PARABOLA: usize = 3;
+pub(super) const PARABOLA: usize = 3;
 /// Air masses that differ by less are the same.
 const MIN_AIRMASS: f64 = 0.01;
 /// The scatter of a shutter, and the least of one that is told, magnitudes.
@@ -76,7 +76,7 @@ pub(super) fn scattered(levels: &[Level], steady: Steady) -> Option<Counted> {
 }
 
 /// What is smooth: a parabola in the number of the frame, and the air mass where it is known and differs.
-fn smooth(frames: usize, airmass: Option<&[f64]>) -> nalgebra::DMatrix<f64> {
+pub(super) fn smooth(frames: usize, airmass: Option<&[f64]>) -> nalgebra::DMatrix<f64> {
     let at = |k: usize| 2.0 * k as f64 / (frames - 1) as f64 - 1.0;
     let powers = |at: f64| [1.0, at, at * at];
     let differs = |own: &&[f64]| own.iter().any(|other| (other - own[0]).abs() > MIN_AIRMASS);
@@ -88,7 +88,7 @@ fn smooth(frames: usize, airmass: Option<&[f64]>) -> nalgebra::DMatrix<f64> {
 }
 
 /// Deviations from what is smooth; nothing where there are too few.
-fn beside(smooth: &nalgebra::DMatrix<f64>, values: &[f64]) -> Option<Vec<f64>> {
+pub(super) fn beside(smooth: &nalgebra::DMatrix<f64>, values: &[f64]) -> Option<Vec<f64>> {
     let right = nalgebra::DVector::from_column_slice(values);
     let solved = smooth.clone().svd(true, true).solve(&right, 1e-12).ok()?;
     Some((right - smooth * solved).iter().copied().collect())
