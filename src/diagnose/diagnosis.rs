@@ -121,13 +121,15 @@ pub struct Finding {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub family_p_value_is: Option<Bound>,
     /// Fall of χ² on star images that took part neither in the choice of the effect nor in its size, summed over turns that leave parts of
-    /// the recording out, each turn choosing and sizing anew; turns that do not choose it add nothing. A finding has passed the test of it.
+    /// the recording out, each turn choosing and sizing anew; turns that do not choose it add nothing. A finding has passed the test of it, unless
+    /// `held_out_remark` says what confirms it instead.
     pub held_out_delta_chi2: f64,
     /// What was to be expected of an effect of the size found, the chance of each turn to choose it counted.
     pub held_out_expected: f64,
     /// How far that fall lies above its mean without the effect, standard deviations.
     pub held_out_score: f64,
-    /// What is said of a fall that is larger than the size lets expect, or of an effect that all frames chose.
+    /// What is said of a fall that is larger than the size lets expect, of an effect that all frames chose, or of one that frames left out cannot
+    /// test and something else confirms.
     pub held_out_remark: Option<String>,
     /// In how many of how many turns the rest of the recording chose the effect, or one that leaves the same trace.
     pub chosen_again: [usize; 2],

@@ -53,6 +53,9 @@ pub(super) fn finding(finding: &Finding, effect: &dyn AnyDisplacement, in_force:
 /// The remark of an effect that the turns have sized and not chosen.
 pub(super) const SIZED_ALONE: &str = "chosen by all frames, sized in every turn";
 
+/// How the remark of an extinction begins that the zero points of the frames confirm and no turn can.
+pub(super) const BY_ZERO_POINTS: &str = "confirmed by the zero points of the frames";
+
 /// A finding of brightness and shape in one or two sentences.
 pub(super) fn image_finding(finding: &Finding) -> String {
     let sizes: Vec<String> = finding.parameters.iter().map(quantity).collect();
@@ -70,19 +73,24 @@ pub(super) fn image_finding(finding: &Finding) -> String {
             Some(format!("{} {before:.2} → {after:.2}", channel.words()))
         })
         .collect();
-    let chosen = if finding.held_out_remark.as_deref() == Some(SIZED_ALONE) { "Chosen by all frames and" } else { "Chosen and" };
-    let remark = finding.held_out_remark.as_deref().filter(|remark| *remark != SIZED_ALONE);
-    let confirmed = remark.map_or_else(String::new, |remark| format!(". It is {remark}"));
     let per_dof = if per_dof.is_empty() { String::new() } else { format!(" (per degree of freedom: {})", per_dof.join(", ")) };
+    // A fall that rounds to nothing is printed without a sign.
+    let fall = finding.held_out_delta_chi2.round() + 0.0;
+    let (left_out, remark) = (&finding.left_out, finding.held_out_remark.as_deref());
+    let held_out = if let Some(remark) = remark.filter(|remark| remark.starts_with(BY_ZERO_POINTS)) {
+        format!("Turns that leave {left_out} out cannot test it: χ² falls by {fall:.0} there. It is {remark}")
+    } else {
+        let chosen = if remark == Some(SIZED_ALONE) { "Chosen by all frames and" } else { "Chosen and" };
+        format!(
+            "{chosen} sized anew in turns that leave {left_out} out (chosen again in {times} of {turns}) it lowers χ² there by {fall:.0}{per_dof}"
+        )
+    };
     format!(
-        "{} was left out: {}. Modelling it lowers χ² by {:.0} ({}). {chosen} sized anew in turns that leave {} out (chosen again in {times} of {turns}) it \
-         lowers χ² there by {:.0}{per_dof}{confirmed}.",
+        "{} was left out: {}. Modelling it lowers χ² by {:.0} ({}). {held_out}.",
         finding.id,
         sizes.join(", "),
         finding.delta_chi2,
-        decided.join(", "),
-        finding.left_out,
-        finding.held_out_delta_chi2
+        decided.join(", ")
     )
 }
 

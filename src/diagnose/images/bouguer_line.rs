@@ -202,6 +202,29 @@ mod tests {
         }
     }
 
+    /// Two frames behind clouds are no extinction, at random air masses nor at both ends of them; extinction of a clear night is.
+    #[test]
+    fn two_frames_behind_clouds_are_no_extinction() {
+        const NIGHTS: u64 = 2000;
+        let (mut by_chance, mut at_the_ends, mut clear) = (0, 0, 0);
+        for seed in 0..NIGHTS {
+            let depth_mag = 0.2 + 0.01 * (seed % 100) as f64;
+            let behind = |frames: [usize; 2]| {
+                let mut levels = on_a_line(seed, 0.0);
+                for frame in frames {
+                    levels[frame].stars += depth_mag;
+                }
+                extinction(&levels).is_some()
+            };
+            by_chance += usize::from(behind([3, 8]));
+            let airmass = |frame: &usize| on_a_line(seed, 0.0)[*frame].airmass.unwrap();
+            let by_airmass = |a: &usize, b: &usize| airmass(a).total_cmp(&airmass(b));
+            at_the_ends += usize::from(behind([(0..FRAMES).min_by(by_airmass).unwrap(), (0..FRAMES).max_by(by_airmass).unwrap()]));
+            clear += usize::from(extinction(&on_a_line(seed, 0.9)).is_some());
+        }
+        assert!(by_chance == 0 && at_the_ends == 0 && clear > 1600, "{by_chance} {at_the_ends} {clear}");
+    }
+
     /// Where all others stand equally high nobody knows what the air takes from the low one.
     #[test]
     fn one_low_frame_has_the_error_of_what_is_known_of_air() {

@@ -340,9 +340,8 @@ fn add_proposed(diagnosis: &mut Diagnosis, judged: &Judged, proposed: &Proposed,
 
 /// What took no part, where that is not what the turns left out of all.
 fn remark(held_out: &HeldOut) -> Option<String> {
-    let by_zero_points = |[slope, sigma]: [f64; 2]| {
-        format!("confirmed by the zero points of the frames, which follow the air mass by {slope:.3} ± {sigma:.3} mag")
-    };
+    let by_zero_points =
+        |[slope, sigma]: [f64; 2]| format!("{}, which follow the air mass by {slope:.3} ± {sigma:.3} mag", wording::BY_ZERO_POINTS);
     let sized_alone = || held_out.is_sized_alone.then(|| wording::SIZED_ALONE.to_owned());
     held_out.by_zero_points.map(by_zero_points).or_else(sized_alone)
 }
@@ -405,6 +404,8 @@ fn add_others(diagnosis: &mut Diagnosis, judged: &Judged) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnose::causes::EXTINCTION;
+    use crate::diagnose::images::counted::MAX_SURPRISE;
     use crate::diagnose::images::judge::Pixels;
     use crate::pixel_statistics::{Estimate, FrameNoise, PatternPair};
 
@@ -437,5 +438,21 @@ mod tests {
         let detector = DeclaredDetector::default();
         let pixels = Pixels { statistics: &statistics, detector: &detector, places: &places, views: &[] };
         assert_eq!([0, 41, 82, 83, 999].map(|frame| pixels.place(frame)), [0, 1, 1, 2, 23]);
+    }
+
+    /// What turns can not test does not read as a test that was passed.
+    #[test]
+    fn what_the_zero_points_confirm_is_said_to_be() {
+        let sizes = vec![("mag_per_airmass", 0.9, 0.05, "mag")];
+        let counted = Counted::of_stars(EXTINCTION, Channel::Flux, sizes, MAX_SURPRISE, "zenith", String::new());
+        let mut finding = counted.reported().1.unwrap();
+        (finding.held_out_delta_chi2, finding.left_out) = (-0.3, "thirds".to_owned());
+        let held_out = |by_zero_points| HeldOut { by_zero_points, ..HeldOut::default() };
+        finding.held_out_remark = remark(&held_out(Some([0.88, 0.04])));
+        let own = "Turns that leave thirds out cannot test it: χ² falls by 0 there. It is confirmed by the zero points of the frames, which follow the air \
+                   mass by 0.880 ± 0.040 mag.";
+        assert!(wording::image_finding(&finding).ends_with(own), "{}", wording::image_finding(&finding));
+        finding.held_out_remark = remark(&held_out(None));
+        assert!(wording::image_finding(&finding).ends_with("it lowers χ² there by 0."), "{}", wording::image_finding(&finding));
     }
 }
