@@ -13,7 +13,7 @@ use crate::statistics::significance::{deviations, neg_ln_chi2_sf};
 const WEAKLY: f64 = 0.1;
 /// so many standard errors.
 const SEEN: f64 = 5.0;
-/// Of an effect whose score has a smaller probability by chance it is not said that it was not found.
+/// Of an effect whose score has a smaller probability by chance it is not said that it was not found or would not show.
 const SIGNIFICANT: f64 = 1e-4;
 /// What another effect explains too has at least this cosine with it.
 const ALIKE: f64 = 0.5;
@@ -154,6 +154,7 @@ impl Statuses<'_> {
     /// What is said of an effect that was not found.
     fn judge(&self, status: &mut EffectStatus, entry: SelectedEffect, white: &[Whitened]) {
         let hypothesis = &self.context.evidence.hypotheses[entry.hypothesis];
+        let is_significant = status.p_value.is_some_and(|p| p < SIGNIFICANT);
         let of: Vec<&str> =
             self.found.iter().filter(|own| own.indistinguishable_from.contains(&status.id)).map(|own| own.id.as_str()).collect();
         if !of.is_empty() {
@@ -162,13 +163,16 @@ impl Statuses<'_> {
         } else if status.survival.is_some_and(|survival| survival < UNOBSERVABLE) {
             status.status = EffectState::NotObservable;
             "attitudes and camera parameters take it up".clone_into(&mut status.reason);
-        } else if status.survival.is_some_and(|survival| survival < WEAKLY) && !usual_shows(hypothesis, &self.stand, white) {
+        } else if !is_significant
+            && status.survival.is_some_and(|survival| survival < WEAKLY)
+            && !usual_shows(hypothesis, &self.stand, white)
+        {
             status.status = EffectState::NotObservable;
             "attitudes and camera parameters take up most of it, and of one of usual size the rest would not show"
                 .clone_into(&mut status.reason);
         } else if let Some(own) = self.withheld.iter().find(|own| own.entry.hypothesis == entry.hypothesis) {
             withhold(status, own.against.join("; "), own.held_out_delta_chi2);
-        } else if status.p_value.is_some_and(|p| p < SIGNIFICANT) {
+        } else if is_significant {
             withhold(status, self.not_proposed(entry), None);
         }
     }

@@ -425,6 +425,11 @@ fn refraction_keeps_its_name_however_stars_are_measured() {
         let refraction = refraction.unwrap_or_else(|| panic!("{how:?}: {}", object["summary"]));
         let [ratio, sigma] = [0, 1].map(|k| refraction["known_amplitude"][k].as_f64().unwrap());
         assert!((ratio - 1.0).abs() < 3.0 * sigma && sigma < 0.2, "{how:?}: {ratio} ± {sigma}");
+        // Of what is significant no name may stand; that nothing shows is not said of it. Aberration is one by every estimator, most of it taken up.
+        let effects = object["effects"].as_array().unwrap();
+        let aberration = effects.iter().find(|effect| effect["id"] == "stellar-aberration").unwrap();
+        assert!(aberration["p_value"].as_f64().unwrap() < 1e-4 && aberration["survival"].as_f64().unwrap() < 0.1, "{how:?}: {aberration}");
+        assert!(["found", "withheld"].contains(&aberration["status"].as_str().unwrap()), "{how:?}: {aberration}");
     }
 }
 
