@@ -7,6 +7,7 @@ import shutil
 import signal
 import stat
 import subprocess
+import threading
 import time
 from pathlib import Path
 
@@ -154,6 +155,29 @@ def test_an_interchange_that_stands_still_is_replaced_and_not_for_ever(work, ref
     err = driver.communicate()[1]
     assert driver.returncode == 1 and "error: no sign of work for 15 s, and no task ended 2 times in a row" in err, err
     assert len(stopped) == 2 and not (work / ".boresight-cluster").exists()
+
+
+def test_a_folder_that_others_remove_is_made_anew(tmp_path):
+    """A note is written while the last one beside it is removed, and its folder with it: that failed now and then, and a poisoned shard was tried twice."""
+    from boresight_cluster.store import Folder
+
+    failed = []
+
+    def notes(name: str) -> None:
+        store = Folder(tmp_path)
+        try:
+            for _ in range(300):
+                store.write(f"notes/failed/{name}.json", b"why")
+                store.remove(f"notes/failed/{name}.json")
+        except OSError as error:
+            failed.append(error)
+
+    threads = [threading.Thread(target=notes, args=(str(own),)) for own in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failed and not list(tmp_path.iterdir()), failed
 
 
 def test_poison_is_tried_once_and_named(work, reference):

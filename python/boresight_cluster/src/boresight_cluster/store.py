@@ -1,5 +1,6 @@
 """Where results go: a folder, or a bucket. An object is put if it is absent, whole or not at all, and never replaced by other bytes."""
 
+import contextlib
 import fcntl
 import hashlib
 import os
@@ -11,6 +12,8 @@ from .config import Cluster
 from .errors import ClusterError, NeverError
 
 CHUNK = 1 << 20
+# So often in a row a folder may be removed by others while a file is begun in it.
+MAX_REMOVED = 100
 # From here on an object of a bucket is sent in parts; it is then looked for before and not while it is put.
 MAX_ONE_PUT_BYTES = 64 << 20
 
@@ -67,7 +70,15 @@ class Folder:
         return sha256_of(chunks_of(self.path / name))
 
     def _partial(self, folder: Path) -> tuple[int, Path]:
-        """A locked file in the making. What a killed process left has a free lock and goes."""
+        """A locked file in the making."""
+        for _ in range(MAX_REMOVED):
+            # A folder that goes between two looks of `mkdir` is told to exist as something else.
+            with contextlib.suppress(FileNotFoundError, FileExistsError):
+                return self._partial_in(folder)
+        return self._partial_in(folder)
+
+    def _partial_in(self, folder: Path) -> tuple[int, Path]:
+        """The same, or an error if another process has just removed the folder, which was empty. What a killed process left has a free lock and goes."""
         folder.mkdir(parents=True, exist_ok=True)
         for left in folder.glob(".boresight-*.partial"):
             try:
@@ -131,7 +142,10 @@ class Folder:
     def remove(self, name: str) -> None:
         """Removes an object, and folders that are then empty."""
         path = self.path / name
-        path.unlink(missing_ok=True)
+        try:
+            path.unlink()
+        except FileNotFoundError:  # who removes the last object of a folder removes the folder
+            return
         for folder in path.parents:
             if folder == self.path:
                 break
