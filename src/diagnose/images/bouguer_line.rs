@@ -202,7 +202,7 @@ mod tests {
         }
     }
 
-    /// Two frames behind clouds are no extinction, at random air masses nor at both ends of them; extinction of a clear night is.
+    /// Two frames behind clouds are no extinction, neither at random air masses nor at both ends of them; extinction of a clear night is.
     #[test]
     fn two_frames_behind_clouds_are_no_extinction() {
         const NIGHTS: u64 = 2000;
